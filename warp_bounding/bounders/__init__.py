@@ -1,0 +1,34 @@
+"""Bounding volumes: one file a method. A new one is a file and a line in ``METHODS``."""
+
+from warp_bounding.bounders.aabb import Aabb
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.certificate import Certificate
+from warp_bounding.bounders.ellipsoid import Ellipsoid
+from warp_bounding.bounders.kdop import Kdop
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.obb import Obb
+from warp_bounding.bounders.oriented_ellipsoid import OrientedEllipsoid
+from warp_bounding.bounders.source import Data
+from warp_bounding.bounders.sphere import Sphere
+from warp_bounding.bounders.storage import load, save
+from warp_bounding.bounders.voxels import Voxels
+from warp_bounding.errors import BounderError
+
+__all__ = ["METHODS", "Bounder", "Certificate", "Data", "load", "method_class", "save"]
+
+METHODS: dict[str, type[Bounder]] = {
+    c.method: c for c in (Aabb, Obb, Sphere, Ellipsoid, OrientedEllipsoid, Kdop, Voxels, Mlp)
+}
+
+
+def method_class(method: str, query: str = "point") -> type[Bounder]:
+    """The class of a method that can hold a kind of query.
+
+    Raises:
+        BounderError: For an unknown method, or one that cannot hold the query.
+    """
+    if method not in METHODS:
+        raise BounderError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    if query != METHODS[method].query_kind:
+        raise BounderError(f"method {method} holds {METHODS[method].query_kind} queries, got query={query!r}")
+    return METHODS[method]

@@ -1,0 +1,94 @@
+"""Queries as they come (NumPy, torch, Warp) as one flat float32 ``wp.array`` on the bounder's device."""
+
+import sys
+
+import numpy as np
+import warp as wp
+
+from warp_bounding.errors import QueryError
+
+__all__ = ["flat_queries", "new_output"]
+
+
+def flat_queries(x, columns: int, device: wp.Device) -> tuple[wp.array, int, bool]:
+    """Check queries and view them as flat float32; what is on the device already is not copied.
+
+    Args:
+        x: ``(N, columns)`` NumPy array, nested sequence of numbers or torch tensor, float32 or float64, or ``wp.array`` of
+            ``vec_columns`` ``(N,)`` or float32 ``(N, columns)``.
+        columns: Numbers per query.
+        device: Where the queries are to be.
+
+    Returns:
+        The flat array (length ``N * columns``, at least 1), ``N``, and whether float64 was rounded.
+
+    Raises:
+        QueryError: For another shape, dtype or device.
+    """
+    torch = sys.modules.get("torch")
+    if isinstance(x, wp.array):
+        return _from_warp(x, columns, device)
+    if torch is not None and isinstance(x, torch.Tensor):
+        if x.dtype not in (torch.float32, torch.float64):
+            raise QueryError(f"queries must be float32 or float64, got a torch tensor of {x.dtype}")
+        _check_shape(tuple(x.shape), columns)
+        _check_device(wp.device_from_torch(x.device), device)
+        double = x.dtype == torch.float64
+        flat = x.detach().to(torch.float32).contiguous().reshape(-1)
+        return _at_least_one(wp.from_torch(flat, dtype=wp.float32, requires_grad=False), device), x.shape[0], double
+    try:
+        values = np.asarray(x)
+    except ValueError as error:
+        raise QueryError(f"queries must be an array of shape (N, {columns}), got a ragged sequence") from error
+    listed = not isinstance(x, np.ndarray)
+    if values.dtype not in (np.float32, np.float64) and not (listed and values.dtype.kind in "iuf"):
+        raise QueryError(f"queries must be float32 or float64, got {values.dtype}")
+    if values.size == 0 and listed:
+        values = values.reshape(0, columns)
+    _check_shape(values.shape, columns)
+    double = values.dtype != np.float32
+    with np.errstate(over="ignore"):
+        flat = np.ascontiguousarray(values, dtype=np.float32).reshape(-1)
+    return _at_least_one(wp.array(flat, dtype=wp.float32, device=device, copy=not device.is_cpu), device), len(values), double
+
+
+def _from_warp(x: wp.array, columns: int, device: wp.Device) -> tuple[wp.array, int, bool]:
+    _check_device(x.device, device)
+    scalar = getattr(x.dtype, "_wp_scalar_type_", x.dtype)
+    vector = getattr(x.dtype, "_shape_", ())  # () for scalars, (n,) for vectors
+    if scalar != wp.float32 or len(vector) > 1:
+        raise QueryError(f"queries must be float32 (a wp.array of vec{columns} or of float32), got {x.dtype.__name__}")
+    _check_shape((*x.shape, *vector), columns)
+    if not x.is_contiguous:
+        x = x.contiguous()
+    count = x.shape[0]
+    if count == 0:
+        return _at_least_one(wp.empty(0, dtype=wp.float32, device=device), device), 0, False
+    flat = wp.array(ptr=x.ptr, dtype=wp.float32, shape=(count * columns,), device=device, copy=False)
+    flat._source = x  # keeps the memory alive for as long as the view
+    return flat, count, False
+
+
+def _check_shape(shape: tuple[int, ...], columns: int) -> None:
+    if len(shape) != 2 or shape[1] != columns:
+        raise QueryError(f"queries must have shape (N, {columns}), got {shape}")
+
+
+def _check_device(given: wp.Device, expected: wp.Device) -> None:
+    if given != expected:
+        raise QueryError(f"queries must be on the bounder's device {expected}, got {given}; see bounder.to(device)")
+
+
+def _at_least_one(flat: wp.array, device: wp.Device) -> wp.array:
+    """Kernels may not be given null pointers."""
+    return flat if flat.size else wp.zeros(1, dtype=wp.float32, device=device)
+
+
+def new_output(out: wp.array | None, count: int, dtype, device: wp.Device) -> wp.array:
+    """``out`` checked, or a new array of ``count``."""
+    if out is None:
+        return wp.empty(count, dtype=dtype, device=device)
+    if not isinstance(out, wp.array) or out.dtype != dtype or out.shape != (count,) or not out.is_contiguous:
+        raise QueryError(f"out must be a contiguous wp.array of shape ({count},) and dtype {dtype.__name__}, got {out}")
+    _check_device(out.device, device)
+    return out

@@ -1,0 +1,238 @@
+"""The contract of a bounder, and everything that all methods share.
+
+A bounder maps a query to coordinates ``v`` (``Domain``), computes one float32 number ``f(v)`` and answers *maybe* iff
+``not (f < threshold)``. A method supplies:
+
+* ``source``: the native code of ``f`` (``Source``) and ``weights()``, the float32 numbers that it reads;
+* ``reference(v)``: the same ``f`` in plain NumPy float64, the twin that tests and proofs evaluate;
+* ``bound(lower, upper)``: a certified lower bound of the exact ``f`` over boxes of ``v``;
+* ``rounding_bound()``: ``E >= |f as any device computes it - exact f|`` wherever the domain test lets a query through;
+* ``fit(grid, domain, ...)``, where there is a closed form, or a trainer elsewhere.
+
+It is proven when ``threshold <= (least bound over the widened object) - E``; ``proof`` establishes that, for every
+method by the same code. A new method is one file with a subclass, and a line in the registry.
+"""
+
+from abc import ABC, abstractmethod
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import warp as wp
+
+from warp_bounding.bounders.arrays import flat_queries, new_output
+from warp_bounding.bounders.certificate import Certificate
+from warp_bounding.bounders.compaction import compact
+from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.launch import launch_blocks
+from warp_bounding.bounders.placement import Placement
+from warp_bounding.bounders.source import Data, Source, batch_kernel, point_func
+from warp_bounding.errors import BounderError
+
+__all__ = ["Bounder", "BoxBounds"]
+
+
+class BoxBounds(NamedTuple):
+    """What a method knows about ``f`` over N boxes.
+
+    Attributes:
+        lower: ``(N,)`` float64, certified lower bound.
+        axis: ``(N,)`` int, the axis along which halving the box helps the bound most.
+        point: ``(N, n)`` float64, a point of the box where ``f`` is likely to be least.
+    """
+
+    lower: np.ndarray
+    axis: np.ndarray
+    point: np.ndarray
+
+
+class Bounder(ABC):
+    """A conservative test: *maybe* (1) or certainly *no* (0). Never *no* where the truth is *yes*.
+
+    Attributes:
+        method: The name that ``method=`` takes.
+        query_kind: What is asked; ``"point"``.
+        domain: The box it was made for, and the map into it.
+        threshold: float32; the answer is *maybe* iff ``not (f < threshold)``.
+        certificate: What is proven of it, or ``None``.
+        info: How it was made: indicator digest and name, margin, resolution, seed, seconds, training record.
+        device: The Warp device that queries run on.
+    """
+
+    method: ClassVar[str]
+    closed_form: ClassVar[bool] = True  # ``bound`` is exact on a cell, so that one pass over the cells is the proof
+    query_kind = "point"
+
+    def __init__(self, domain: Domain, tensors: dict[str, np.ndarray], sizes: dict[str, Any], device: str | None = None):
+        """Args:
+            domain: See class.
+            tensors: float32 arrays (uint32 for bit fields) by role; copied, so that nothing can change them later.
+            sizes: JSON-ready structure that the tensors do not tell.
+            device: Warp device; the default device if ``None``.
+
+        Raises:
+            BounderError: If a tensor is not finite.
+        """
+        self.domain = domain
+        self.sizes = dict(sizes)
+        self.tensors = {name: np.array(value, order="C") for name, value in tensors.items()}
+        for name, value in self.tensors.items():
+            if value.dtype not in (np.float32, np.uint32):
+                raise BounderError(f"tensor {name} must be float32 or uint32, got {value.dtype}")
+            if value.dtype == np.float32 and not np.isfinite(value).all():
+                raise BounderError(f"tensor {name} holds a value that is not finite")
+            value.setflags(write=False)
+        self.threshold = np.float32(0.0)
+        self.certificate: Certificate | None = None
+        self.info: dict[str, Any] = {}
+        self._device = device
+        self._data: Data | None = None
+
+    # --- what a method supplies --------------------------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def source(self) -> Source:
+        """The native code of ``f``; equal for bounders of equal sizes."""
+
+    @abstractmethod
+    def weights(self) -> np.ndarray:
+        """``(K,)`` float32, the method's numbers in the order in which ``source`` reads them."""
+
+    def words(self) -> np.ndarray:
+        """``(W,)`` uint32, the method's bit field."""
+        return np.zeros(1, dtype=np.uint32)
+
+    @abstractmethod
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        """Exact ``f`` (up to float64 rounding) of ``(N, n)`` float64 coordinates ``v``; ``(N,)`` float64."""
+
+    @abstractmethod
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """Certified lower bounds of the exact ``f`` over boxes of ``v``, float64 rounding included.
+
+        Args:
+            lower: ``(N, n)`` float64.
+            upper: ``(N, n)`` float64.
+        """
+
+    @abstractmethod
+    def rounding_bound(self) -> float:
+        """``E``: bound of the error of ``f`` as any device computes it, for ``|v| <= domain.limit``."""
+
+    # --- where it runs -----------------------------------------------------------------------------------------------
+
+    @property
+    def ndim(self) -> int:
+        """Number of coordinates of a query point."""
+        return self.domain.ndim
+
+    @property
+    def device(self) -> wp.Device:
+        """The Warp device that queries run on."""
+        return wp.get_device(self._device)
+
+    def to(self, device: str) -> "Bounder":
+        """This bounder on another device; weights are copied, the certificate holds for both."""
+        twin = object.__new__(type(self))
+        twin.__dict__.update({k: v for k, v in self.__dict__.items() if k not in ("func",)})
+        twin._device, twin._data = device, None
+        return twin
+
+    def freeze(self, threshold: float, certificate: Certificate | None) -> "Bounder":
+        """Set threshold and certificate; the only way that they change."""
+        self.threshold = np.float32(threshold)
+        self.certificate = certificate
+        self._data = None
+        return self
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that a query reads at most: parameters and bit field."""
+        return 4 * (3 * self.ndim + 1) + sum(t.nbytes for t in self.tensors.values())
+
+    Data = Data
+
+    @cached_property
+    def func(self) -> wp.Function:
+        """``test(data: Data, q: vec_n) -> bool`` for your own kernels; q in the shape's own (object) coordinates."""
+        return point_func(self.source)
+
+    @property
+    def data(self) -> Data:
+        """The instance of ``Data`` that ``func`` takes, on this bounder's device."""
+        if self._data is None:
+            weights = np.asarray(self.weights(), dtype=np.float32)
+            parameters = np.zeros(self.source.start + len(weights), dtype=np.float32)
+            d, n = self.domain, self.ndim
+            parameters[: 3 * n + 1] = np.concatenate([d.center, d.scale, d.limit, [self.threshold]])
+            parameters[self.source.start :] = weights
+            data = Data()
+            data.parameters = wp.array(parameters, dtype=wp.float32, device=self.device)
+            data.words = wp.array(self.words(), dtype=wp.uint32, device=self.device)
+            self._data = data
+        return self._data
+
+    # --- asking it ---------------------------------------------------------------------------------------------------
+
+    def query(self, x, *, xform=None, scale=None, out: wp.array | None = None) -> wp.array:
+        """Test many points.
+
+        Args:
+            x: ``(N, n)`` NumPy array or torch tensor, float32 or float64, or ``wp.array`` of ``vec_n`` ``(N,)`` or float32 ``(N, n)``.
+                Torch tensors on the CPU and ``wp.array`` are read in place.
+            xform: Places the shape in the world: ``wp.transform``, 7 numbers or a homogeneous rigid matrix.
+            scale: Positive number, or one per spatial axis; applied before ``xform``.
+            out: ``(N,)`` uint8 to write to, instead of a new array.
+
+        Returns:
+            ``(N,)`` uint8 ``wp.array``: 1 = maybe, 0 = certainly not. NaN and infinity: maybe. Outside the domain: no.
+
+        Raises:
+            QueryError: For a wrong shape, dtype or device, or a placement that the certificate does not cover.
+        """
+        return self._batch(x, xform, scale, out, values=False)
+
+    def values(self, x, *, xform=None, scale=None) -> wp.array:
+        """``f`` itself, as the device computes it: ``(N,)`` float32; +inf where the answer is *maybe* without asking, -inf outside."""
+        return self._batch(x, xform, scale, None, values=True)
+
+    def candidates(self, x, *, xform=None, scale=None) -> tuple[wp.array, wp.array]:
+        """The points that may be inside, compacted on the device.
+
+        Args:
+            x: As for ``query``.
+            xform: As for ``query``.
+            scale: As for ``query``.
+
+        Returns:
+            ``(N,)`` int32 indices, ascending, of which the first ``n`` are valid, and ``n`` as a 1-element int32 array.
+            Nothing is read back to the host.
+        """
+        return compact(self.query(x, xform=xform, scale=scale))
+
+    def _batch(self, x, xform, scale, out, *, values: bool) -> wp.array:
+        device = self.device
+        queries, count, double = flat_queries(x, self.ndim, device)
+        placement = Placement.of(self.domain, xform, scale)
+        if placement is not None:
+            placement.check(self.domain, double=double)
+        kernel = batch_kernel(self.source, placement is not None, values)
+        out = new_output(out, count, wp.float32 if values else wp.uint8, device)
+        data = self.data
+        place = data.parameters if placement is None else wp.array(placement.values, dtype=wp.float32, device=device)
+        inputs = [queries, count, 0, data.parameters, data.words, place]
+        launch_blocks(kernel, count, inputs, [out], device, first_index=2)
+        return out
+
+    # --- keeping it --------------------------------------------------------------------------------------------------
+
+    def save(self, path) -> None:
+        """Write one ``.safetensors`` file: whole or not at all (see ``warp_bounding.bounders.storage``)."""
+        from warp_bounding.bounders.storage import save
+
+        save(self, path)
+
+    def __repr__(self) -> str:
+        proof = self.certificate.kind if self.certificate else "no certificate"
+        return f"<{self.method} bounder, {self.ndim}D {self.query_kind} queries, {self.nbytes} bytes, {proof}>"

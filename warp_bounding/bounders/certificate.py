@@ -1,0 +1,67 @@
+"""What is known about a bounder, as a document: what was proven, over which set, in which arithmetic, and what was not."""
+
+from dataclasses import asdict, dataclass, field, fields
+
+from warp_bounding.errors import FileFormatError
+
+__all__ = ["Certificate"]
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """A proof that a bounder has no false negative, or an honest account of why there is none.
+
+    Attributes:
+        kind: ``"proven"``; or, from ``certify`` only, ``"refuted"`` (a counterexample is given), ``"undecided"`` (time ran out) or
+            ``"inapplicable"`` (the shape cannot be the bounded one).
+        query: Kind of query, such as ``"point"``.
+        domain: ``[lower, upper]`` corners in object space.
+        threshold: The float32 number that ``f`` is compared with.
+        lower_bound: Certified lower bound of the exact ``f`` over every input the pipeline can make of a point of the object.
+        rounding_bound: E, largest error of ``f`` as any device computes it.
+        delta: Per axis, the input error that the proof covers, as a fraction of a cell.
+        boxes: Boxes that the proof examined.
+        seconds: Time that it took.
+        indicator: SHA-256 of the cells it was proven over.
+        cells: Number of occupied cells.
+        counterexample: Object coordinates of a point of the object that the bounder denies, or ``None``.
+        message: One sentence for people.
+    """
+
+    kind: str
+    query: str
+    domain: list[list[float]]
+    threshold: float
+    lower_bound: float
+    rounding_bound: float
+    delta: list[float]
+    boxes: int
+    seconds: float
+    indicator: str
+    cells: int
+    counterexample: list[float] | None = None
+    message: str = ""
+    arithmetic: str = field(
+        default="float32, round to nearest, any summation order, with or without fused multiply-add, subnormals kept or flushed"
+    )
+
+    @property
+    def proven(self) -> bool:
+        """Whether there is a proof."""
+        return self.kind == "proven"
+
+    def to_dict(self) -> dict:
+        """JSON-ready."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: dict) -> "Certificate":
+        """Inverse of ``to_dict``.
+
+        Raises:
+            FileFormatError: If a field is missing or unknown.
+        """
+        names = {f.name for f in fields(cls)}
+        if not isinstance(values, dict) or set(values) != names:
+            raise FileFormatError("the certificate's fields are not the ones this version knows")
+        return cls(**values)

@@ -1,0 +1,97 @@
+"""Compaction on the device: the ascending indices of the set entries of a mask, and their number, nothing read back.
+
+Three launches: count per block, scan the counts, write. Both passes over the mask are threaded on a CPU.
+"""
+
+import warp as wp
+
+from warp_bounding.bounders.launch import launch_blocks
+
+__all__ = ["compact"]
+
+CPU_BLOCK = 2048  # mask entries per CPU thread
+CUDA_BLOCK = 64
+
+
+@wp.func_native("""
+const int begin = block * size; const int end = begin + size < count ? begin + size : count;
+int sum = 0;
+for (int i = begin; i < end; ++i) sum += mask.data[i];
+counts.data[block] = sum;
+""")
+def _count_block(mask: wp.array(dtype=wp.uint8), count: int, size: int, block: int, counts: wp.array(dtype=wp.int32)): ...
+
+
+@wp.func_native("""
+const int begin = block * size; const int end = begin + size < count ? begin + size : count;
+int at = block > 0 ? ends.data[block - 1] : 0;
+const int last = ends.data[block];
+for (int i = begin; i < end && at < last; ++i) { indices.data[at] = i; at += mask.data[i]; }
+if (end == count) total.data[0] = last;
+""")
+def _write_block(
+    mask: wp.array(dtype=wp.uint8),
+    count: int,
+    size: int,
+    block: int,
+    ends: wp.array(dtype=wp.int32),
+    indices: wp.array(dtype=wp.int32),
+    total: wp.array(dtype=wp.int32),
+): ...
+
+
+@wp.kernel(enable_backward=False)
+def _count(
+    # inputs
+    mask: wp.array(dtype=wp.uint8),
+    count: int,
+    size: int,
+    first: int,
+    # outputs
+    counts: wp.array(dtype=wp.int32),
+):
+    _count_block(mask, count, size, first + wp.tid(), counts)
+
+
+@wp.kernel(enable_backward=False)
+def _write(
+    # inputs
+    mask: wp.array(dtype=wp.uint8),
+    count: int,
+    size: int,
+    first: int,
+    ends: wp.array(dtype=wp.int32),
+    # outputs
+    indices: wp.array(dtype=wp.int32),
+    total: wp.array(dtype=wp.int32),
+):
+    _write_block(mask, count, size, first + wp.tid(), ends, indices, total)
+
+
+def compact(mask: wp.array) -> tuple[wp.array, wp.array]:
+    """Indices of the ones in a mask of zeros and ones.
+
+    Args:
+        mask: ``(N,)`` uint8.
+
+    Returns:
+        ``(N,)`` int32, ascending indices in its first ``n`` entries, and ``n`` as a 1-element int32 array.
+    """
+    device, count = mask.device, mask.shape[0]
+    indices = wp.empty(count, dtype=wp.int32, device=device)
+    if count == 0:
+        return indices, wp.zeros(1, dtype=wp.int32, device=device)
+    total = wp.empty(1, dtype=wp.int32, device=device)
+    size = CPU_BLOCK if device.is_cpu else CUDA_BLOCK
+    blocks = -(-count // size)
+    counts = wp.empty(blocks, dtype=wp.int32, device=device)
+    _launch(_count, count, size, [mask, count, size, 0], [counts], device)
+    ends = wp.empty(blocks, dtype=wp.int32, device=device)
+    wp.utils.array_scan(counts, ends, inclusive=True)
+    _launch(_write, count, size, [mask, count, size, 0, ends], [indices, total], device)
+    return indices, total
+
+
+def _launch(kernel: wp.Kernel, count: int, size: int, inputs: list, outputs: list, device: wp.Device) -> None:
+    items = count if device.is_cpu else -(-count // size)  # one launch item a block on CUDA
+    launch_blocks(kernel, items, inputs, outputs, device, first_index=3, block=size)

@@ -1,0 +1,115 @@
+"""From object coordinates to the coordinates that a bounder computes with, and what rounding does on the way.
+
+A point ``x`` in object space becomes ``v = (x - center) * scale``, two float32 operations. ``center`` and ``scale``
+are float32 numbers, so the map itself is exact and only its evaluation rounds: relatively, by ``gamma(2)``. Input
+given in float64 is rounded to float32 first. ``delta`` is the ledger's input side: every ``v`` that the pipeline can
+make of a point of the object is within ``delta`` of the exact one, and proofs run over the object widened by it. It
+is chosen larger than the rounding of this map needs (a 4096th of a cell) so that a rigid transform and a scale, given
+at query time, fit in as well; ``Placement`` checks that they do.
+
+``|v| <= limit`` is the widened domain. Nothing outside it can be in the object, and no bounder is asked about it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from warp_bounding.arithmetic import UNIT32, gamma, round_up
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.grid import IndicatorGrid
+
+__all__ = ["Domain"]
+
+DELTA_SHARE = 1.0 / 4096.0  # of a cell: the input error that proofs allow for where rounding needs less
+DELTA_LARGEST_SHARE = 1.0 / 16.0  # of a cell: a shape that needs more is refused
+GROWTH = 1.0 + 1e-9  # covers the float64 evaluation of the bounds below, whose relative error is under 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class Domain:
+    """The box that a bounder was made for, and the map into it.
+
+    Attributes:
+        center: ``(n,)`` float32, object space.
+        scale: ``(n,)`` float32, per object unit; ``v`` runs over about [-1, 1].
+        limit: ``(n,)`` float32, largest ``|v|`` that is not certainly outside.
+        delta: ``(n,)`` float64, input error that the proofs cover, in units of ``v``.
+        time: Coordinate 0 is time: outside its range the answer is *maybe*.
+        lower: ``(n,)`` float64, lower corner of the domain in object space.
+        upper: ``(n,)`` float64, upper corner.
+    """
+
+    center: np.ndarray
+    scale: np.ndarray
+    limit: np.ndarray
+    delta: np.ndarray
+    time: bool
+    lower: np.ndarray
+    upper: np.ndarray
+
+    @classmethod
+    def of(cls, grid: IndicatorGrid) -> "Domain":
+        """The domain of a grid.
+
+        Raises:
+            IndicatorError: If float32 cannot resolve the grid's cells where the grid lies: the input error would
+                exceed a 16th of a cell.
+        """
+        lower, upper = grid.lower, grid.upper
+        center = ((lower + upper) / 2).astype(np.float32)
+        scale = (2 / (upper - lower)).astype(np.float32)
+        cell = scale / grid.cells_per_unit
+        extent = np.maximum(np.abs(lower - center), np.abs(upper - center)) * scale.astype(np.float64) * GROWTH
+        needed = rounding_of_map(extent) + UNIT32 * np.maximum(np.abs(lower), np.abs(upper)) * scale.astype(np.float64)
+        delta = np.maximum(DELTA_SHARE * cell, 4 * needed)
+        if (delta > DELTA_LARGEST_SHARE * cell).any():
+            axis = int(np.argmax(delta / cell))
+            raise IndicatorError(
+                f"{grid.name}: float32 cannot tell cells of {1 / grid.cells_per_unit[axis]:.3g} apart at coordinates up to "
+                f"{max(abs(lower[axis]), abs(upper[axis])):.3g} (axis {axis}); move the shape to its origin or use a lower resolution"
+            )
+        return cls(center, scale, round_up(extent + delta), delta, grid.time, lower, upper)
+
+    @property
+    def ndim(self) -> int:
+        """Number of coordinates."""
+        return len(self.center)
+
+    def to_local(self, x: np.ndarray) -> np.ndarray:
+        """``v`` of object coordinates ``(..., n)``, in float64."""
+        return (np.asarray(x, dtype=np.float64) - self.center) * self.scale.astype(np.float64)
+
+    def to_object(self, v: np.ndarray) -> np.ndarray:
+        """Object coordinates of ``v``, in float64."""
+        return np.asarray(v, dtype=np.float64) / self.scale.astype(np.float64) + self.center
+
+    def widened(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The boxes, in ``v``, that hold every input the pipeline can make from boxes in object space (P_delta).
+
+        Args:
+            lower: ``(N, n)`` float64, object space.
+            upper: ``(N, n)`` float64.
+
+        Returns:
+            Lower and upper corners ``(N, n)`` float64, cut at ``limit`` (the domain test lets nothing else through).
+        """
+        reach = self.delta * GROWTH + 1e-15 * (1 + np.abs(self.to_local(self.lower)))
+        limit = self.limit.astype(np.float64)
+        return np.maximum(self.to_local(lower) - reach, -limit), np.minimum(self.to_local(upper) + reach, limit)
+
+    def to_dict(self) -> dict:
+        """JSON-ready numbers; float32 values survive the trip exactly."""
+        arrays = {k: getattr(self, k) for k in ("center", "scale", "limit", "delta", "lower", "upper")}
+        return {k: [float(a) for a in v] for k, v in arrays.items()} | {"time": self.time}
+
+    @classmethod
+    def from_dict(cls, values: dict) -> "Domain":
+        """Inverse of ``to_dict``."""
+        single = {k: np.array(values[k], dtype=np.float32) for k in ("center", "scale", "limit")}
+        double = {k: np.array(values[k], dtype=np.float64) for k in ("delta", "lower", "upper")}
+        return cls(**single, **double, time=bool(values["time"]))
+
+
+def rounding_of_map(extent: np.ndarray) -> np.ndarray:
+    """Largest error of the evaluated ``(x - center) * scale`` for ``|v| <= extent``: two roundings, relative."""
+    return gamma(2) * extent

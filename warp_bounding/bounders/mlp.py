@@ -1,0 +1,242 @@
+"""``mlp``: a multi-layer perceptron (the paper's OurNN): sine or ReLU hidden layers, any widths, optional encoding.
+
+The network's output before the paper's sigmoid is ``f``; the threshold on it is set by a proof, not at a probability of
+one half. On a CPU the batch path puts a query in each SIMD lane, the function for other kernels puts a neuron there.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.network import ACTIVATIONS, Network
+from warp_bounding.bounders.source import Lanes, Source, literal
+from warp_bounding.errors import BounderError
+
+__all__ = ["Mlp", "MlpSource", "check_hidden", "encoding_tensors"]
+
+LARGEST_WIDTH = 1024
+ALIGN = 16  # floats: rows of the neuron-major copy are padded to it
+
+
+@dataclass(frozen=True)
+class MlpSource(Source):
+    """Native code of a network, for its sizes.
+
+    Numbers: per layer the query-major copy (blocks of ``J`` neurons: J biases, then K rows of J weights), then the neuron-major
+    one (bias row, then K rows, padded to ``ALIGN``), and the encoding's ``F`` biases and ``F x n`` weights before all.
+    """
+
+    hidden: tuple[int, ...]
+    activation: str
+    features: int  # sine features of the positional encoding
+
+    packed = True
+    width = {"avx512": 32, "other": 16}  # two registers a block: each weight that is loaded serves both
+
+    @property
+    def inputs(self) -> int:
+        """Numbers that enter the first layer."""
+        return self.ndim + self.features
+
+    @property
+    def layers(self) -> list[tuple[int, int]]:
+        """``(inputs, outputs)`` of each hidden layer."""
+        return list(zip((self.inputs, *self.hidden[:-1]), self.hidden, strict=True))
+
+    def activate(self, lanes: Lanes, target: str, z: str) -> str:
+        """C statement ``target = act(z)``."""
+        if self.activation == "sin":
+            return lanes.sine(target, z)
+        return f"{{ V z_ = {z}; {target} = z_ > 0.0f ? z_ : z_ * 0.0f; }}" if not lanes.vector else (
+            f"{{ V z_ = {z}; const V o_ = {{}}; {target} = z_ > o_ ? z_ : o_; }}"
+        )
+
+    def _encode(self, lanes: Lanes) -> list[str]:
+        n, count = self.ndim, self.features
+        lines = [f"V h0[{self.inputs}]; for (int k = 0; k < {n}; ++k) h0[k] = v[k];"]
+        if count:
+            terms = " + ".join(f"v[{k}] * w[{count} + j * {n} + {k}]" for k in range(n))
+            lines += [f"for (int j = 0; j < {count}; ++j) {{ V z = {terms} + w[j]; V s;", lanes.sine("s", "z"), f"h0[{n} + j] = s; }}"]
+        return lines
+
+    def body(self, lanes: Lanes) -> str:
+        """See ``Source.body``; one query per lane."""
+        lines = self._encode(lanes)
+        at = self.features * (self.ndim + 1)
+        for index, (k, h) in enumerate(self.layers):
+            last = index == len(self.layers) - 1
+            lines.append("V zero_ = {}; f = zero_;" if last and lanes.vector else "f = 0.0f;" if last else f"V h{index + 1}[{h}];")
+            output = at + h * (k + 1) + query_padding(h, k) + neuron_size(h, k)  # where the output layer stands, if this is the last
+            j = block_size(h)
+            for first, size, blocks in ((0, j, h // j), (h // j * j, h % j, 1)):
+                if size:
+                    lines += self._block(lanes, index, k, first, size, blocks, at + first * (k + 1), output if last else None)
+            at = output
+        lines.append(f"f = f + w[{at}];")
+        return "\n".join(lines)
+
+    def _block(self, lanes: Lanes, index: int, k: int, first: int, size: int, blocks: int, at: int, output: int | None) -> list[str]:
+        """A loop over blocks of neurons that share each input as it is loaded."""
+        rows = range(size)
+        lines = [f"for (int b = 0; b < {blocks}; ++b) {{ const float* p = w + {at} + b * {size * (k + 1)};"]
+        lines += [f"V s{r} = h{index}[0] * p[{size + r}] + p[{r}];" for r in rows]
+        lines += [f"for (int k = 1; k < {k}; ++k) {{ const V x = h{index}[k]; const float* c = p + {size} + k * {size};"]
+        lines += [f"s{r} += x * c[{r}];" for r in rows] + ["}"]
+        for r in rows:
+            lines.append(self.activate(lanes, f"s{r}", f"s{r}"))
+            neuron = f"{first} + b * {size} + {r}"
+            lines.append(f"h{index + 1}[{neuron}] = s{r};" if output is None else f"f += s{r} * w[{output + 1} + {neuron}];")
+        return [*lines, "}"]
+
+    def function_body(self) -> str:
+        """See ``Source.function_body``; neurons share the lanes, so that one query is fast by itself."""
+        vector = Lanes(vector=True)
+        lines = ["#if defined(__AVX512F__)", "constexpr int L = 16;", "#else", "constexpr int L = 8;", "#endif"]
+        lines += ["typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));"]
+        lines += ["typedef int I __attribute__((vector_size(4 * L)));", "float f = 0.0f;"]
+        n, count = self.ndim, self.features
+        lines.append(f"float h0[{self.inputs}]; for (int k = 0; k < {n}; ++k) h0[k] = v[k];")
+        if count:
+            terms = " + ".join(f"v[{k}] * w[{count} + j * {n} + {k}]" for k in range(n))
+            lines += [f"for (int j = 0; j < {count}; ++j) {{ typedef float V; V z = {terms} + w[j]; V s;"]
+            lines += [Lanes(vector=False).sine("s", "z"), f"h0[{n} + j] = s; }}"]
+        at = count * (n + 1)
+        for index, (k, h) in enumerate(self.layers):
+            at += h * (k + 1) + query_padding(h, k)
+            row = padded(h)
+            lines.append(f"float h{index + 1}[{row}]; {{ V a[{row} / L], b[{row} / L]; const float* p = w + {at};")
+            lines.append(f"for (int q = 0; q < {row} / L; ++q) {{ a[q] = *(const V*)(p + q * L); b[q] = a[q] * 0.0f; }}")
+            lines.append(f"int k = 0; for (; k + 1 < {k}; k += 2) {{ const float* c = p + {row} * (k + 1);")
+            lines.append(f"const float x = h{index}[k], y = h{index}[k + 1]; for (int q = 0; q < {row} / L; ++q) {{")
+            lines.append(f"a[q] += *(const V*)(c + q * L) * x; b[q] += *(const V*)(c + {row} + q * L) * y; }} }}")
+            lines.append(f"if (k < {k}) for (int q = 0; q < {row} / L; ++q) a[q] += *(const V*)(p + {row} * (k + 1) + q * L) * h{index}[k];")
+            lines.append(f"for (int q = 0; q < {row} / L; ++q) {{ V s; {self.activate(vector, 's', 'a[q] + b[q]')}")
+            lines.append(f"*(V*)(h{index + 1} + q * L) = s; }} }}")
+            at += neuron_size(h, k)
+        h = self.hidden[-1]
+        lines.append(f"for (int q = 0; q < {h}; ++q) f += h{len(self.hidden)}[q] * w[{at + 1} + q]; f += w[{at}];")
+        return "\n".join(lines)
+
+
+def block_size(neurons: int) -> int:
+    """Neurons that are summed at a time: the largest divisor up to 10, or 8 and a remainder."""
+    best = max(d for d in range(1, 11) if neurons % d == 0)
+    return best if best >= 5 else min(8, neurons)
+
+
+def padded(neurons: int) -> int:
+    """Length of a row of the neuron-major copy."""
+    return -(-neurons // ALIGN) * ALIGN
+
+
+def query_padding(neurons: int, inputs: int) -> int:
+    """Floats behind a layer's query-major copy that align what follows."""
+    return -(neurons * (inputs + 1)) % ALIGN
+
+
+def neuron_size(neurons: int, inputs: int) -> int:
+    """Floats of a layer's neuron-major copy."""
+    return padded(neurons) * (inputs + 1)
+
+
+def encoding_tensors(ndim: int, octaves: int) -> dict[str, np.ndarray]:
+    """The positional encoding of the supplement: sine and cosine of ``2^i pi v`` for each coordinate and octave.
+
+    Args:
+        ndim: Coordinates n.
+        octaves: Octaves; 4 give the supplement's 18 inputs in 2D.
+
+    Returns:
+        ``encoding.weight`` ``(2 n octaves, n)`` and ``encoding.bias``: the features are ``sin(weight v + bias)``.
+    """
+    frequency = np.float32(np.pi) * 2.0 ** np.arange(octaves)
+    weight = np.kron(np.kron(frequency[:, None], np.eye(ndim)), np.ones((2, 1)))
+    bias = np.tile([0.0, np.pi / 2], ndim * octaves)
+    return {"encoding.weight": weight.astype(np.float32), "encoding.bias": bias.astype(np.float32)}
+
+
+def check_hidden(hidden) -> tuple[int, ...]:
+    """Hidden widths as a tuple.
+
+    Raises:
+        BounderError: If there is none, or one is not a whole number from 1 to ``LARGEST_WIDTH``.
+    """
+    try:
+        widths = tuple(hidden)
+    except TypeError:
+        widths = (hidden,)
+    whole = all(isinstance(h, (int, np.integer)) and not isinstance(h, bool) and 1 <= h <= LARGEST_WIDTH for h in widths)
+    if not widths or not whole:
+        raise BounderError(f"hidden must be widths from 1 to {LARGEST_WIDTH}, such as (50, 50), got {hidden}")
+    return tuple(int(h) for h in widths)
+
+
+class Mlp(Bounder):
+    """A network; *maybe* where its output reaches the threshold.
+
+    Tensors: ``layers.i.weight`` ``(H, K)``, ``layers.i.bias`` ``(H,)``, the last layer with H = 1; ``encoding.weight`` and
+    ``encoding.bias`` where there is an encoding. Sizes: ``hidden``, ``activation``, ``octaves``.
+    """
+
+    method = "mlp"
+    closed_form = False
+
+    def __init__(self, domain: Domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
+        """See ``Bounder``; raises ``BounderError`` where tensors and sizes do not fit together."""
+        super().__init__(domain, tensors, sizes, device)
+        self.hidden = check_hidden(self.sizes.get("hidden", ()))
+        self.activation, octaves = self.sizes.get("activation"), self.sizes.get("octaves", 0)
+        if self.activation not in ACTIVATIONS:
+            raise BounderError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {self.activation}")
+        if not isinstance(octaves, int) or not 0 <= octaves <= 10:
+            raise BounderError(f"octaves must be a whole number from 0 to 10, got {octaves}")
+        self.features = 2 * domain.ndim * octaves
+        expected = {}
+        for i, (k, h) in enumerate(zip((domain.ndim + self.features, *self.hidden), (*self.hidden, 1), strict=True)):
+            expected |= {f"layers.{i}.weight": (h, k), f"layers.{i}.bias": (h,)}
+        if octaves:
+            expected |= {"encoding.weight": (self.features, domain.ndim), "encoding.bias": (self.features,)}
+        if {k: t.shape for k, t in self.tensors.items()} != expected:
+            raise BounderError(f"mlp: expected tensors {expected}, got { {k: t.shape for k, t in self.tensors.items()} }")
+        encoding = (self.tensors["encoding.weight"], self.tensors["encoding.bias"]) if octaves else None
+        self.network = Network(self._layers(), self.activation, encoding, domain.limit)
+
+    def _layers(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        return [(self.tensors[f"layers.{i}.weight"], self.tensors[f"layers.{i}.bias"]) for i in range(len(self.hidden) + 1)]
+
+    @property
+    def source(self) -> MlpSource:
+        """See ``Bounder``."""
+        return MlpSource(self.ndim, self.domain.time, self.hidden, self.activation, self.features)
+
+    def weights(self) -> np.ndarray:
+        """See ``Bounder``; the layout is described in ``MlpSource``."""
+        parts = []
+        if self.features:
+            parts += [self.tensors["encoding.bias"], self.tensors["encoding.weight"].reshape(-1)]
+        layers = self._layers()
+        for weight, bias in layers[:-1]:
+            h, k = weight.shape
+            j = block_size(h)
+            for first in [*range(0, h // j * j, j), *([h // j * j] if h % j else [])]:
+                rows = slice(first, min(first + j, h))
+                parts += [bias[rows], weight[rows].T.reshape(-1)]
+            parts.append(np.zeros(query_padding(h, k), np.float32))
+            rows = np.zeros((k + 1, padded(h)), np.float32)
+            rows[0, :h], rows[1:, :h] = bias, weight.T
+            parts.append(rows.reshape(-1))
+        return np.concatenate([*parts, layers[-1][1], layers[-1][0].reshape(-1)])
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        """See ``Bounder``."""
+        return self.network(v)
+
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """See ``Bounder``; linear relaxations (``network``)."""
+        return BoxBounds(*self.network.bound(lower, upper))
+
+    def rounding_bound(self) -> float:
+        """See ``Bounder``."""
+        return self.network.rounding

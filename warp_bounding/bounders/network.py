@@ -1,0 +1,174 @@
+"""A small network as numbers: layers, their exact evaluation, the rounding of any float32 evaluation, bounds over boxes.
+
+Hidden layer: ``h' = act(W h + b)``, act the sine or ReLU; the output is linear. An optional positional encoding puts
+fixed features ``[v, sin(F v + g)]`` before the first layer; it is a sine layer whose first rows pass ``v`` through.
+
+Bounds use one linear relaxation per neuron with the *same* slope on both sides, ``act(z) in s (z - m) + [c - e, c + e]``
+for ``|z - m| <= d`` (a zonotope's; Singh et al., *Fast and Effective Robustness Certification*, 2018). With equal slopes
+layers compose exactly: only the half-widths e remain. For the output they are carried back through the actual
+coefficients (backward substitution, as in CROWN, Zhang et al. 2018); for pre-activations behind the second hidden layer
+through absolute values. Any slope is sound; tightness alone depends on it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from warp_bounding.arithmetic import SINE_LIMIT, TINY, UNIT64, gamma, sine_error
+from warp_bounding.errors import BounderError
+
+__all__ = ["ACTIVATIONS", "Network"]
+
+ACTIVATIONS = ("sin", "relu")
+
+
+@dataclass(frozen=True)
+class Layer:
+    """``z = W h + b`` in float64, and what is applied to z: per neuron, ``linear`` rows pass through."""
+
+    weight: np.ndarray
+    bias: np.ndarray
+    activation: str
+    linear: int = 0  # this many leading rows are passed through
+
+
+class Network:
+    """Exact twin of a stored network; weights are float32 numbers held in float64.
+
+    Args:
+        layers: ``[(weight (H, K), bias (H,)), ...]``, the last one the scalar output.
+        activation: ``"sin"`` or ``"relu"``, of the hidden layers.
+        encoding: ``(weight (F, n), bias (F,))`` of the positional encoding, or ``None``.
+        limit: ``(n,)``, largest ``|v|`` that is ever asked for.
+
+    Raises:
+        BounderError: If an argument of a sine can leave the range in which the kernels' sine is certified.
+    """
+
+    def __init__(self, layers, activation: str, encoding, limit: np.ndarray):
+        self.limit = np.asarray(limit, dtype=np.float64)
+        stack = []
+        if encoding is not None:
+            n = len(self.limit)
+            weight = np.concatenate([np.eye(n), np.asarray(encoding[0], dtype=np.float64)])
+            bias = np.concatenate([np.zeros(n), np.asarray(encoding[1], dtype=np.float64)])
+            stack.append(Layer(weight, bias, "sin", linear=n))
+        for weight, bias in layers[:-1]:
+            stack.append(Layer(weight.astype(np.float64), bias.astype(np.float64), activation))
+        self.hidden = stack
+        self.output = Layer(layers[-1][0].astype(np.float64), layers[-1][1].astype(np.float64), "none")
+        self._measure()
+
+    def __call__(self, v: np.ndarray) -> np.ndarray:
+        """``f`` of ``(N, n)`` float64 coordinates, ``(N,)`` float64."""
+        h = np.asarray(v, dtype=np.float64)
+        for layer in self.hidden:
+            z = h @ layer.weight.T + layer.bias
+            h = np.sin(z) if layer.activation == "sin" else np.maximum(z, 0.0)
+            h[:, : layer.linear] = z[:, : layer.linear]
+        return (h @ self.output.weight.T + self.output.bias)[:, 0]
+
+    def _measure(self) -> None:
+        """Walk through the layers once: magnitudes, float32 rounding (E) and float64 rounding of the bounds."""
+        size, error = self.limit.copy(), np.zeros_like(self.limit)  # of h: largest absolute value; error of the computed h
+        self.padding = []  # per layer: float64 rounding of anything that `bound` computes there
+        operations = 16
+        for index, layer in enumerate([*self.hidden, self.output]):
+            terms = len(layer.weight[0])
+            weight = np.abs(layer.weight)
+            largest = weight @ size + np.abs(layer.bias)
+            computed = weight @ (size + error) + np.abs(layer.bias)
+            rounding = weight @ error + gamma(terms + 2) * computed + (2 * terms + 2) * TINY
+            operations += 4 * terms + 32
+            self.padding.append(gamma(operations, UNIT64) * (float(largest.max()) + 4.0))
+            if layer.activation == "none":
+                self.rounding = float(rounding[0]) * (1 + 1e-6)
+                break
+            argument = float((largest + rounding)[layer.linear :].max(initial=0.0))
+            if layer.activation == "sin":
+                if not argument <= SINE_LIMIT:
+                    where = "encoding" if layer.linear else f"hidden layer {index}"
+                    raise BounderError(f"{where}: arguments of the sine reach {argument:.3g}, it is certified up to {SINE_LIMIT}")
+                error = rounding + sine_error(argument)
+                size = np.ones_like(largest)
+            else:
+                error, size = rounding, largest
+            error[: layer.linear] = 0.0  # copied, not computed
+            size[: layer.linear] = self.limit[: layer.linear]
+        if not np.isfinite(self.rounding):
+            raise BounderError("the network's values can leave float32")
+
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Lower bounds of f over boxes.
+
+        Args:
+            lower: ``(N, n)`` float64.
+            upper: ``(N, n)`` float64.
+
+        Returns:
+            ``(N,)`` certified lower bounds (float64 rounding subtracted), ``(N,)`` axis whose halving should help most, and
+            ``(N, n)`` the corner where the linear part is least.
+        """
+        center, radius = (lower + upper) / 2, (upper - lower) / 2
+        mean, slope, spread, noise = center, None, None, 0.0
+        trace = []  # per hidden layer: |d z / d v_k| for each k, half-width of z, slope, spread
+        for index, layer in enumerate(self.hidden):
+            # h = mean + slope * (sum_k part_k (v_k - center_k) + noise) + e with |e| <= spread; noise is bounded entry by entry
+            z = mean @ layer.weight.T + layer.bias
+            if index == 0:
+                parts = list(layer.weight.T)
+            else:
+                parts = [(part * slope) @ layer.weight.T for part in parts]
+                noise = (slope * noise + spread) @ np.abs(layer.weight).T
+            rates = [np.abs(part) for part in parts]
+            width = sum(rate * radius[:, k, None] for k, rate in enumerate(rates)) + noise + self.padding[index]
+            slope, mean, spread = relax(z, width, layer.activation)
+            slope[:, : layer.linear], mean[:, : layer.linear], spread[:, : layer.linear] = 1.0, z[:, : layer.linear], 0.0
+            spread += self.padding[index]
+            trace.append((rates, width, slope, spread))
+        least = mean @ self.output.weight[0] + self.output.bias[0] - self.padding[-1]
+        # Backwards: what each neuron's relaxation costs the output, and whose fault it is.
+        coefficient = np.broadcast_to(self.output.weight[0], slope.shape)
+        score = np.zeros_like(radius)
+        for index, (rates, width, slope, spread) in reversed(list(enumerate(trace))):
+            loss = np.abs(coefficient) * spread
+            least -= loss.sum(axis=1)
+            share = loss / width
+            for k, rate in enumerate(rates):
+                score[:, k] += (share * rate).sum(axis=1)
+            coefficient = (coefficient * slope) @ self.hidden[index].weight
+        least -= (np.abs(coefficient) * radius).sum(axis=1)
+        return least, np.argmax(score * radius, axis=1), np.where(coefficient > 0, lower, upper)
+
+
+def relax(z: np.ndarray, width: np.ndarray, activation: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Linear relaxation of an activation, one slope on both sides.
+
+    ReLU: the chord. Sine, with ``x = z + t``, ``|t| <= d``: ``sin x = sin z cos t + cos z sin t``. The odd part lies within
+    ``d^3 / (9 sqrt 3)`` of ``t sin(d) / d``, because ``sin(t)/t + t^2/6`` does not decrease for t > 0 and ``t (d^2 - t^2) / 6``
+    is at most that; for ``d <= pi`` it lies on one side of it on t > 0, and cos t lies in ``[cos d, 1]``. Where this is worse
+    than ``[-1, 1]``, the latter is taken.
+
+    Args:
+        z: ``(N, H)``, centres.
+        width: ``(N, H)``, half-widths d > 0.
+        activation: ``"sin"`` or ``"relu"``.
+
+    Returns:
+        slope, mean, spread with ``act(x) in slope (x - z) + mean +- spread``; float64 rounding is the caller's.
+    """
+    if activation == "relu":
+        low, high = z - width, z + width
+        slope = np.clip(high / (2 * width), 0.0, 1.0)
+        spread = np.where((low < 0) & (high > 0), -slope * low / 2, 0.0)
+        return slope, slope * z + spread, spread
+    sine, cosine = np.sin(z), np.cos(z)
+    half = np.sin(width / 2)
+    drop = 2 * half * half  # 1 - cos d
+    odd = np.abs(cosine) * width**3 * (1 / (9 * np.sqrt(3.0)))
+    even = np.abs(sine) * drop / 2
+    spread = odd + even
+    wide = (width > np.pi) | (spread > 1)
+    slope = np.where(wide, 0.0, cosine * np.sin(width) / width)
+    mean = np.where(wide, 0.0, sine * (1 - drop / 2))
+    return slope, mean, np.where(wide, 1.0, spread)

@@ -1,0 +1,112 @@
+"""Ellipsoids ``|A v + b|^2 <= r^2``. What ``sphere``, ``ellipsoid`` and ``oriented-ellipsoid`` have in common.
+
+``f(v) = -|A v + b|^2`` is concave, so its minimum over a box is attained at a corner. The three methods minimise a
+size over a family (``enclosing``); their rounding is paid for in the threshold, which the proof sets.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from warp_bounding.arithmetic import TINY, UNIT64, gamma
+from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.enclosing import enclosing_ellipsoid
+from warp_bounding.bounders.source import Lanes, Source
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators.grid import IndicatorGrid
+
+__all__ = ["QuadricBounder", "QuadricSource"]
+
+MOST_CORNER_DIMENSIONS = 8  # up to here a box's corners are enumerated; beyond, rows are bounded one by one
+
+
+@dataclass(frozen=True)
+class QuadricSource(Source):
+    """Native code of the ellipsoid test; a diagonal A costs n products instead of n^2.
+
+    Numbers: ``b[n]``, then A's diagonal, or A in row order.
+    """
+
+    diagonal: bool
+
+    def body(self, lanes: Lanes) -> str:
+        """See ``Source.body``."""
+        n = self.ndim
+        lines = ["f = v[0] * 0.0f;"]
+        for i in range(n):
+            terms = f"v[{i}] * w[{n + i}]" if self.diagonal else " + ".join(f"v[{j}] * w[{n + i * n + j}]" for j in range(n))
+            lines.append(f"{{ const V y = {terms} + w[{i}]; f = f - y * y; }}")
+        return "\n".join(lines)
+
+
+class QuadricBounder(Bounder):
+    """Base of the ellipsoid methods: they differ in the family that they minimise over.
+
+    Tensors: ``matrix`` ``(n, n)``, or ``(n,)`` where diagonal, and ``offset`` ``(n,)``, in the coordinates ``v``.
+    """
+
+    family = "determinant"
+
+    @classmethod
+    def fit(cls, grid: IndicatorGrid, domain: Domain, *, device: str | None = None) -> "QuadricBounder":
+        """The smallest member of the family around a grid's occupied cells, found in object space."""
+        matrix, center = enclosing_ellipsoid(grid, cls.family)
+        local = matrix / domain.scale.astype(np.float64)
+        offset = -matrix @ (center - domain.center)
+        tensors = {"matrix": (local if cls.family == "determinant" else np.diag(local)).astype(np.float32)}
+        return cls(domain, tensors | {"offset": offset.astype(np.float32)}, {}, device)
+
+    def __init__(self, domain: Domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
+        """See ``Bounder``; raises ``BounderError`` where the tensors do not fit together."""
+        super().__init__(domain, tensors, sizes, device)
+        n = domain.ndim
+        expected = {"matrix": (n, n) if self.family == "determinant" else (n,), "offset": (n,)}
+        if {k: t.shape for k, t in self.tensors.items()} != expected:
+            found = {k: t.shape for k, t in self.tensors.items()}
+            raise BounderError(f"{self.method}: expected tensors {expected}, got {found}")
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """``(n, n)`` float64, A."""
+        matrix = self.tensors["matrix"].astype(np.float64)
+        return matrix if matrix.ndim == 2 else np.diag(matrix)
+
+    @property
+    def source(self) -> QuadricSource:
+        """See ``Bounder``."""
+        return QuadricSource(self.ndim, self.domain.time, self.tensors["matrix"].ndim == 1)
+
+    def weights(self) -> np.ndarray:
+        """See ``Bounder``."""
+        return np.concatenate([self.tensors["offset"], self.tensors["matrix"].reshape(-1)])
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        """See ``Bounder``."""
+        y = np.asarray(v, dtype=np.float64) @ self.matrix.T + self.tensors["offset"]
+        return -(y * y).sum(axis=1)
+
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """See ``Bounder``; exact up to float64 rounding where a box's corners can be enumerated."""
+        n, a, b = self.ndim, self.matrix, self.tensors["offset"].astype(np.float64)
+        center, half = (lower + upper) / 2, (upper - lower) / 2
+        if n <= MOST_CORNER_DIMENSIONS and self.family == "determinant":
+            least, point = np.full(len(lower), np.inf), lower.copy()
+            for corner in np.ndindex((2,) * n):
+                v = np.where(corner, upper, lower)
+                value = -((v @ a.T + b) ** 2).sum(axis=1)
+                point = np.where((value < least)[:, None], v, point)
+                least = np.minimum(least, value)
+        else:  # each row on its own; exact where A is diagonal
+            least = -((np.abs(center @ a.T + b) + half @ np.abs(a).T) ** 2).sum(axis=1)
+            point = np.where((center @ a.T + b) @ a > 0, upper, lower)
+        size = (np.abs(a) @ np.maximum(np.abs(lower), np.abs(upper)).max(axis=0) + np.abs(b)) ** 2
+        return BoxBounds(least - gamma(4 * n + 16, UNIT64) * size.sum(), np.argmax(half, axis=1), point)
+
+    def rounding_bound(self) -> float:
+        """See ``Bounder``: n rows of n products, n squares, their sum."""
+        n = self.ndim
+        row = np.abs(self.matrix) @ self.domain.limit.astype(np.float64) + np.abs(self.tensors["offset"])
+        error = gamma(n + 2) * row + (n + 2) * TINY
+        squares = (row + error) ** 2
+        return float(((2 * row + error) * error).sum() + gamma(n + 2) * squares.sum() + (2 * n + 2) * TINY)

@@ -1,0 +1,133 @@
+"""Slabs: intersections of pairs of parallel half-spaces. What ``aabb``, ``obb`` and ``kdop`` have in common.
+
+``f(v)`` is the least distance to a slab's faces, ``min_k min(a_k . v - low_k, high_k - a_k . v)``; it is concave, so its
+minimum over a box is exact in closed form. The faces are the supports of the object's cells (Ericson, *Real-Time
+Collision Detection*, ch. 4), widened so that rounding cannot cut anything off.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from warp_bounding.arithmetic import TINY, UNIT64, gamma, round_down, round_up
+from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.source import Lanes, Source
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators.grid import IndicatorGrid
+
+__all__ = ["SlabBounder", "SlabsSource"]
+
+
+@dataclass(frozen=True)
+class SlabsSource(Source):
+    """Native code of the slab test; ``diagonal`` slabs are the axes of ``v`` themselves and cost no product.
+
+    Numbers: ``low[k] high[k]``, then the ``k x n`` directions unless diagonal.
+    """
+
+    slabs: int
+    diagonal: bool
+
+    def body(self, lanes: Lanes) -> str:
+        """See ``Source.body``."""
+        n, k = self.ndim, self.slabs
+        lines = ["const V nearer = {};" if lanes.vector else "const V nearer = 0.0f;", "f = nearer + 3.0e38f;"]
+        for i in range(k):
+            terms = f"v[{i}]" if self.diagonal else " + ".join(f"v[{j}] * w[{2 * k + i * n + j}]" for j in range(n))
+            lines.append(f"{{ const V y = {terms}; const V a = y - w[{i}]; const V b = w[{k + i}] - y; ")
+            lines.append("const V c = a < b ? a : b; f = c < f ? c : f; }")
+        return "\n".join(lines)
+
+
+class SlabBounder(Bounder):
+    """Base of the slab methods: they differ in their directions only.
+
+    Tensors: ``directions`` ``(k, n)`` in the coordinates ``v`` (absent for ``aabb``), ``low`` and ``high`` ``(k,)``.
+    """
+
+    diagonal = False
+
+    @classmethod
+    def of_directions(cls, grid: IndicatorGrid, domain: Domain, directions: np.ndarray, device: str | None) -> "SlabBounder":
+        """Fit the faces to a grid's cells.
+
+        Args:
+            grid: The object.
+            domain: Its domain.
+            directions: ``(k, n)``, slab normals in object space.
+            device: Warp device.
+        """
+        if cls.diagonal:
+            local = np.eye(domain.ndim)
+            tensors = {}
+        else:
+            local = (directions / domain.scale.astype(np.float64)).astype(np.float32)
+            tensors = {"directions": local}
+            local = local.astype(np.float64)
+        cells = grid.boundary if len(grid.boundary) else grid.occupied
+        low, high = np.full(len(local), np.inf), np.full(len(local), -np.inf)
+        for start in range(0, len(cells), 1 << 16):
+            part = cells[start : start + (1 << 16)]
+            lower, upper = domain.widened(grid.position(part - 0.5), grid.position(part + 0.5))
+            center, half = (lower + upper) / 2 @ local.T, (upper - lower) / 2 @ np.abs(local).T
+            low, high = np.minimum(low, (center - half).min(axis=0)), np.maximum(high, (center + half).max(axis=0))
+        # Widened by twice the rounding bound, so that the proof finds a threshold of about zero.
+        room = 2 * _rounding(local, np.maximum(np.abs(low), np.abs(high)), domain, cls.diagonal)
+        tensors |= {"low": round_down(low - room), "high": round_up(high + room)}
+        return cls(domain, tensors, {}, device)
+
+    def __init__(self, domain: Domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
+        """See ``Bounder``; raises ``BounderError`` where the tensors do not fit together."""
+        super().__init__(domain, tensors, sizes, device)
+        names = {"low", "high"} if self.diagonal else {"directions", "low", "high"}
+        count = domain.ndim if self.diagonal else len(self.tensors.get("directions", ()))
+        shapes = {"low": (count,), "high": (count,), "directions": (count, domain.ndim)}
+        if set(self.tensors) != names or count == 0 or any(t.shape != shapes[k] for k, t in self.tensors.items()):
+            found = {k: t.shape for k, t in self.tensors.items()}
+            raise BounderError(f"{self.method}: expected tensors {sorted(names)} of k slabs in {domain.ndim}D, got {found}")
+
+    @property
+    def directions(self) -> np.ndarray:
+        """``(k, n)`` float64, slab normals in the coordinates ``v``."""
+        return np.eye(self.ndim) if self.diagonal else self.tensors["directions"].astype(np.float64)
+
+    @property
+    def source(self) -> SlabsSource:
+        """See ``Bounder``."""
+        return SlabsSource(self.ndim, self.domain.time, len(self.tensors["low"]), self.diagonal)
+
+    def weights(self) -> np.ndarray:
+        """See ``Bounder``."""
+        parts = [self.tensors["low"], self.tensors["high"]]
+        return np.concatenate(parts if self.diagonal else [*parts, self.tensors["directions"].reshape(-1)])
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        """See ``Bounder``."""
+        y = np.asarray(v, dtype=np.float64) @ self.directions.T
+        return np.minimum(y - self.tensors["low"], self.tensors["high"] - y).min(axis=1)
+
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """See ``Bounder``; exact up to float64 rounding."""
+        d = self.directions
+        low, high = self.tensors["low"].astype(np.float64), self.tensors["high"].astype(np.float64)
+        center, half = (lower + upper) / 2, (upper - lower) / 2
+        y, reach = center @ d.T, half @ np.abs(d).T
+        slack = np.concatenate([y - reach - low, high - y - reach], axis=1)
+        size = np.abs(lower).max(axis=0) + np.abs(upper).max(axis=0)
+        rounding = gamma(2 * self.ndim + 8, UNIT64) * float((size @ np.abs(d).T + np.abs(low) + np.abs(high)).max())
+        worst = np.argmin(slack, axis=1)
+        normal = np.concatenate([d, -d])[worst]
+        return BoxBounds(slack.min(axis=1) - rounding, np.argmax(half, axis=1), np.where(normal > 0, lower, upper))
+
+    def rounding_bound(self) -> float:
+        """See ``Bounder``."""
+        largest = np.maximum(np.abs(self.tensors["low"]), np.abs(self.tensors["high"])).astype(np.float64)
+        return _rounding(self.directions, largest, self.domain, self.diagonal)
+
+
+def _rounding(directions: np.ndarray, largest: np.ndarray, domain: Domain, diagonal: bool) -> float:
+    """Error of a face distance: the sum of n products (none if diagonal), then one subtraction."""
+    reach = np.abs(directions) @ domain.limit.astype(np.float64)
+    product = 0.0 if diagonal else gamma(domain.ndim + 1) * reach
+    return float((product + gamma(2) * (reach + product + largest)).max() + (domain.ndim + 2) * TINY)

@@ -1,0 +1,355 @@
+"""The native source of a bounding test, written once and compiled three ways.
+
+A method gives the C text that computes ``f`` from the coordinates ``v[0..n-1]`` (its ``body``), in terms of a type
+``V``. Around it this file puts what all methods share: reading queries, the test for NaN and infinity, the world-to-
+object map, the domain test and the comparison ``not (f < threshold)``.
+
+* CPU batch: ``V`` is a vector of queries, one per SIMD lane; a Warp thread works on a block of ``BLOCK`` queries.
+  Costly bodies first gather the queries that lie inside the domain, so that no lane works on one that does not.
+* CUDA batch: ``V`` is ``float``, one query per thread.
+* Function for other kernels: ``V`` is ``float``; a method may give a CPU body of its own that uses the lanes for
+  something else (a network: for its neurons).
+
+Nothing here decides what is conservative: the bodies' rounding is bounded in the methods' ``rounding_bound``.
+"""
+
+import hashlib
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import warp as wp
+
+from warp_bounding.arithmetic import SINE_COEFFICIENTS, SINE_INVERSE_PI, SINE_MAGIC, SINE_PI_HIGH, SINE_PI_LOW
+
+__all__ = ["BLOCK", "Data", "Lanes", "Source", "batch_kernel", "point_func", "point_type"]
+
+BLOCK = 512  # queries that one CPU thread of a batch kernel works on; CUDA: one
+
+
+@wp.struct
+class Data:
+    """What a bounder's function needs besides the query; pass it to your kernel as an argument.
+
+    Attributes:
+        parameters: Domain, threshold and the method's numbers (see ``Source``).
+        words: Bit field of ``voxels``; empty for other methods.
+    """
+
+    parameters: wp.array(dtype=wp.float32)
+    words: wp.array(dtype=wp.uint32)
+
+
+@dataclass(frozen=True)
+class Lanes:
+    """How to write the few things that differ between a vector of lanes and a single float."""
+
+    vector: bool
+
+    def sine(self, target: str, z: str) -> str:
+        """C statement ``target = sine(z)``: the operations of ``arithmetic.sine``."""
+        s1, s2, s3 = (literal(c) for c in SINE_COEFFICIENTS)
+        body = (
+            f"V q_ = z_ * {literal(SINE_INVERSE_PI)} + {literal(SINE_MAGIC)}; V n_ = q_ - {literal(SINE_MAGIC)}; "
+            f"V r_ = (z_ - n_ * {literal(SINE_PI_HIGH)}) - n_ * {literal(SINE_PI_LOW)}; V s_ = r_ * r_; "
+            f"V p_ = r_ + (r_ * s_) * ({s1} + s_ * ({s2} + s_ * {s3})); "
+        )
+        if self.vector:
+            sign = f"{target} = (V)((I)p_ ^ ((I)q_ << 31));"  # bit 0 of q_ is the parity of n_
+        else:
+            sign = (
+                "union { float f; unsigned int i; } a_, b_; a_.f = p_; b_.f = q_; "
+                f"a_.i ^= b_.i << 31; {target} = a_.f;"
+            )
+        return f"{{ V z_ = {z}; {body}{sign} }}"
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a method's native code depends on: sizes, never values. Equal sources share one compiled function.
+
+    ``parameters`` begin with ``center[n] scale[n] limit[n] threshold``; the method's numbers follow from ``start`` on.
+
+    Attributes:
+        ndim: Number of coordinates n.
+        time: Coordinate 0 is time.
+    """
+
+    ndim: int
+    time: bool
+
+    packed = False  # gather the queries inside the domain first: pays for costly bodies
+    width = {"avx512": 16, "other": 8}  # float lanes of the batch path
+
+    @property
+    def name(self) -> str:
+        """Prefix of generated function names."""
+        return type(self).__name__.removesuffix("Source").lower()
+
+    @property
+    def start(self) -> int:
+        """Index in ``parameters`` where the method's own numbers begin, a multiple of 16."""
+        return -(-(3 * self.ndim + 1) // 16) * 16
+
+    def body(self, lanes: Lanes) -> str:
+        """C statements that compute ``V f`` from ``V v[]``, ``const float* w`` (parameters + start) and ``words``."""
+        raise TypeError(f"{type(self).__name__} does not define body")
+
+    def function_body(self) -> str:
+        """C statements that declare and compute ``float f`` for one query on a CPU, from ``float v[]``."""
+        return "typedef float V; V f;\n" + self.body(Lanes(vector=False))
+
+
+def literal(value: float) -> str:
+    """A float32 constant, exactly."""
+    return f"{float(value).hex()}f"
+
+
+def point_type(ndim: int) -> Any:
+    """Warp's vector type for points in n dimensions."""
+    named = {2: wp.vec2, 3: wp.vec3, 4: wp.vec4}
+    return named[ndim] if ndim in named else _vector_type(ndim)
+
+
+@lru_cache(maxsize=None)
+def _vector_type(ndim: int) -> Any:
+    return wp.types.vector(length=ndim, dtype=wp.float32)
+
+
+_VECTOR_TYPES = """
+typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));
+typedef int I __attribute__((vector_size(4 * L)));
+"""
+
+_HEAD = """
+const float* center = parameters.data; const float* scale = center + {n}; const float* limit = center + {n2};
+const float threshold = center[{n3}]; const float* w = center + {start};
+"""
+
+_CPU = """
+#if !defined(__CUDA_ARCH__)
+#pragma clang fp contract(fast)
+#if defined(__AVX512F__)
+constexpr int L = {avx512};
+#else
+constexpr int L = {other};
+#endif
+""" + _VECTOR_TYPES
+
+
+def _locate(source: Source, placed: bool) -> str:
+    """C statements from ``V q[]`` to ``v[]`` and the masks ``finite`` (else: maybe) and ``inside`` (else: no); V vector or float."""
+    n = source.ndim
+    lines = ["auto finite = (q[0] - q[0]) == zero;"]  # false for NaN and for infinity
+    lines += [f"finite = finite & ((q[{k}] - q[{k}]) == zero);" for k in range(1, n)]
+    if placed:
+        lines += [f"const V d{k} = q[{k}] - place[{k}];" for k in range(n)]
+        rows = (" + ".join(f"d{j} * place[{n + n * k + j}]" for j in range(n)) for k in range(n))
+        lines += [f"const V x{k} = {row};" for k, row in enumerate(rows)]
+    else:
+        lines += [f"const V x{k} = q[{k}];" for k in range(n)]
+    lines += [f"v[{k}] = (x{k} - center[{k}]) * scale[{k}];" for k in range(n)]
+    lines += [f"auto inside{k} = (v[{k}] <= limit[{k}]) & (v[{k}] >= -limit[{k}]);" for k in range(n)]
+    lines += [f"auto inside = {' & '.join(f'inside{k}' for k in range(n))};"]
+    if source.time:  # outside its range of time the object may be anywhere
+        lines += ["finite = finite & inside0;"]
+    return "\n".join(lines)
+
+
+def _batch_snippet(source: Source, placed: bool, values: bool) -> str:
+    """The body of a batch function: one block of queries on a CPU, one query on CUDA."""
+    n = source.ndim
+    head = _HEAD.format(n=n, n2=2 * n, n3=3 * n, start=source.start)
+    place = "const float* place = placement.data;" if placed else ""
+    locate = _locate(source, placed)
+    yes, no, decide = ("1", "0", "!(f < threshold)")
+    if values:
+        yes, no, decide = ("INFINITY", "-INFINITY", "f")
+    read = f"for (int l = 0; l < L; ++l) {{ const int j = i + l < end ? i + l : end - 1; {_each(n, 'q[{k}][l] = x.data[j * {n} + {k}];')} }}"
+    cpu = [
+        _CPU.format(**source.width),
+        head,
+        place,
+        f"const int begin = block * {BLOCK}; const int end = begin + {BLOCK} < count ? begin + {BLOCK} : count;",
+        "const V zero = {};",
+    ]
+    if source.packed:
+        cpu += [
+            f"float held[{n}][{BLOCK} + L]; int where[{BLOCK} + L]; int kept = 0;",
+            "for (int i = begin; i < end; i += L) {",
+            f"V q[{n}], v[{n}];",
+            read,
+            locate,
+            "const I maybe = ~finite; const I go = inside & finite;",
+            "const int m = end - i < L ? end - i : L;",
+            "for (int l = 0; l < m; ++l) {",
+            f"out.data[i + l] = maybe[l] ? {yes} : {no}; where[kept] = i + l;",
+            _each(n, "held[{k}][kept] = v[{k}][l];"),
+            "kept -= go[l]; } }",
+            f"for (int l = kept; l < kept + L; ++l) {{ {_each(n, 'held[{k}][l] = 0.0f;')} }}",
+            "for (int g = 0; g < kept; g += L) {",
+            f"V v[{n}]; {_each(n, 'v[{k}] = *(const V*)(held[{k}] + g);')}",
+            "V f;",
+            source.body(Lanes(vector=True)),
+            "const int m = kept - g < L ? kept - g : L;",
+            f"for (int l = 0; l < m; ++l) out.data[where[g + l]] = {'f[l]' if values else '!(f[l] < threshold)'};",
+            "}",
+        ]
+    else:
+        cpu += [
+            "for (int i = begin; i < end; i += L) {",
+            f"V q[{n}], v[{n}];",
+            f"if (end - i >= L) {{ for (int l = 0; l < L; ++l) {{ {_each(n, 'q[{k}][l] = x.data[(i + l) * {n} + {k}];')} }} }} else {{ {read} }}",
+            locate,
+            "V f;",
+            source.body(Lanes(vector=True)),
+            "const int m = end - i < L ? end - i : L;",
+        ]
+        if values:
+            cpu += [
+                "const I maybe = ~finite;",
+                f"for (int l = 0; l < m; ++l) out.data[i + l] = maybe[l] ? {yes} : (inside[l] ? f[l] : {no}); }}",
+            ]
+        else:
+            cpu += [
+                "const I answer = ~finite | (inside & ~(f < threshold));",
+                "typedef unsigned char B __attribute__((vector_size(L), aligned(1), may_alias));",
+                "const B bytes = __builtin_convertvector(answer & 1, B);",
+                "if (m == L) { *(B*)(out.data + i) = bytes; } else { for (int l = 0; l < m; ++l) out.data[i + l] = bytes[l]; } }",
+            ]
+    cuda = [
+        "#else",
+        "typedef float V;",
+        head,
+        place,
+        "const int i = block; if (i >= count) return; const float zero = 0.0f;",
+        f"V q[{n}], v[{n}]; {_each(n, 'q[{k}] = x.data[i * {n} + {k}];')}",
+        locate,
+        f"if (!finite) {{ out.data[i] = {yes}; return; }}",
+        f"if (!inside) {{ out.data[i] = {no}; return; }}",
+        "V f;",
+        source.body(Lanes(vector=False)),
+        f"out.data[i] = {decide};",
+        "#endif",
+    ]
+    return "\n".join([*cpu, *cuda, ""])  # the last line break ends the directive
+
+
+def _each(n: int, statement: str) -> str:
+    """``statement`` once per coordinate."""
+    return " ".join(statement.format(k=k, n=n) for k in range(n))
+
+
+def _point_snippet(source: Source) -> str:
+    """The body of the function for other kernels: one query, returns bool."""
+    n = source.ndim
+    shared = [
+        _HEAD.format(n=n, n2=2 * n, n3=3 * n, start=source.start),
+        f"const float zero = 0.0f; float v[{n}];",
+        _locate(source, placed=False).replace("const V ", "const float "),
+        "if (!finite) return true;",
+        "if (!inside) return false;",
+    ]
+    return "\n".join(
+        [
+            *("#if !defined(__CUDA_ARCH__)", "#pragma clang fp contract(fast)", "#endif"),
+            *shared,
+            "#if !defined(__CUDA_ARCH__)",
+            source.function_body(),
+            "return !(f < threshold);",
+            "#else",
+            "typedef float V; V f;",
+            source.body(Lanes(vector=False)),
+            "return !(f < threshold);",
+            "#endif",
+            "",
+        ]
+    )
+
+
+class _Named:
+    """Warp's decorators for functions made in a factory: equal names would be overloads of one function to Warp.
+
+    Warp reads the return type of a native function only under a decorator that is spelled ``x.func_native(...)``.
+    """
+
+    def __init__(self, name: str):
+        self.name = name
+
+    def func_native(self, snippet: str):
+        """``wp.func_native`` under this name."""
+        return lambda function: wp.func_native(snippet)(self._rename(function, f"{self.name}_native"))
+
+    def func(self, function):
+        """``wp.func`` under this name."""
+        return wp.func(self._rename(function, self.name))
+
+    def kernel(self, function):
+        """``wp.kernel`` under this name, in a module of its own."""
+        return wp.kernel(self._rename(function, self.name), enable_backward=False, module="unique")
+
+    @staticmethod
+    def _rename(function, name: str):
+        function.__name__ = function.__qualname__ = name
+        return function
+
+
+def _unique(source: Source, role: str) -> str:
+    """A name that tells sources apart and stays the same from run to run, so that Warp finds its compiled kernels."""
+    return f"wb_{source.name}_{source.ndim}d_{hashlib.sha256(repr(source).encode()).hexdigest()[:8]}_{role}"
+
+
+@lru_cache(maxsize=None)
+def point_func(source: Source) -> wp.Function:
+    """The ``wp.Function`` ``test(data: Data, q: vec_n) -> bool`` for use in any kernel; q in object space."""
+    named = _Named(_unique(source, "test"))
+    vector = point_type(source.ndim)
+
+    @named.func_native(_point_snippet(source))
+    def native(parameters: wp.array(dtype=wp.float32), words: wp.array(dtype=wp.uint32), q: vector) -> bool: ...
+
+    @named.func
+    def test(data: Data, q: vector) -> bool:
+        return native(data.parameters, data.words, q)
+
+    return test
+
+
+@lru_cache(maxsize=None)
+def batch_kernel(source: Source, placed: bool, values: bool) -> wp.Kernel:
+    """The kernel that tests many queries: ``(x, count, first, parameters, words, placement, out)``, one block a thread.
+
+    Args:
+        source: The method's code.
+        placed: Whether a world-to-object map is applied.
+        values: Write ``f`` itself (float32; +inf where the answer is *maybe* without it, -inf outside) instead of 0 and 1.
+    """
+    named = _Named(_unique(source, f"batch{'_placed' * placed}{'_values' * values}"))
+    out_type = wp.float32 if values else wp.uint8
+
+    @named.func_native(_batch_snippet(source, placed, values))
+    def native(
+        x: wp.array(dtype=wp.float32),
+        count: int,
+        block: int,
+        parameters: wp.array(dtype=wp.float32),
+        words: wp.array(dtype=wp.uint32),
+        placement: wp.array(dtype=wp.float32),
+        out: wp.array(dtype=out_type),
+    ): ...
+
+    @named.kernel
+    def batch(
+        # inputs
+        x: wp.array(dtype=wp.float32),
+        count: int,
+        first: int,
+        parameters: wp.array(dtype=wp.float32),
+        words: wp.array(dtype=wp.uint32),
+        placement: wp.array(dtype=wp.float32),
+        # outputs
+        out: wp.array(dtype=out_type),
+    ):
+        native(x, count, first + wp.tid(), parameters, words, placement, out)
+
+    return batch

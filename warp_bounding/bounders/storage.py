@@ -1,0 +1,167 @@
+"""Bounders on disk: one ``.safetensors`` file, tensors by role, everything else as JSON in its metadata.
+
+The metadata holds one entry, ``warp_bounding``: a JSON object ``{"sha256": ..., "bounder": {...}}`` whose digest covers the
+tensors (names, types, shapes, bytes) and every other field. The digest detects damage; an author who computes it anew
+can still lie, and only ``certify`` finds that out. Files are written whole or not at all (write, then rename).
+"""
+
+import hashlib
+import json
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import safetensors
+import safetensors.numpy
+
+from warp_bounding.arithmetic import round_down
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.certificate import Certificate
+from warp_bounding.bounders.domain import Domain
+from warp_bounding.errors import BoundingError, FileFormatError
+from warp_bounding.version import __version__
+
+__all__ = ["FORMAT", "load", "save", "write_whole"]
+
+FORMAT = 1
+KEY = "warp_bounding"
+INFO_FIELDS = ("indicator", "name", "grid_shape", "margin", "resolution", "seed", "note", "training")
+
+
+def save(bounder: Bounder, path: str | os.PathLike) -> None:
+    """Write a bounder.
+
+    Args:
+        bounder: Any bounder.
+        path: File to write; an existing one is replaced only when the new one is complete.
+
+    Raises:
+        FileFormatError: If the file cannot be written.
+    """
+    document = {
+        "format": FORMAT,
+        "library": __version__,
+        "method": bounder.method,
+        "query": bounder.query_kind,
+        "dimension": bounder.ndim,
+        "space": "geometric",
+        "length": None,
+        "motion": "time" if bounder.domain.time else None,
+        "sizes": bounder.sizes,
+        "domain": bounder.domain.to_dict(),
+        "threshold": float(bounder.threshold),
+        "certificate": bounder.certificate.to_dict() if bounder.certificate else None,
+        **{field: bounder.info.get(field) for field in INFO_FIELDS},
+    }
+    entry = json.dumps({"sha256": _digest(bounder.tensors, document), "bounder": document}, allow_nan=False)
+    write_whole(path, safetensors.numpy.save(bounder.tensors, metadata={KEY: entry}))
+
+
+def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
+    """Read a bounder and check all of it.
+
+    Args:
+        path: A file that ``save`` wrote.
+        device: Warp device, such as ``"cpu"`` or ``"cuda:0"``; the default device if ``None``.
+
+    Returns:
+        The bounder, with its certificate as stored (``certify`` proves it anew).
+
+    Raises:
+        FileFormatError: If the file is missing, damaged, truncated, foreign, edited or newer than this library.
+    """
+    from warp_bounding.bounders import METHODS
+
+    path = Path(path)
+    tensors, entry = _read(path)
+    try:
+        wrapper = json.loads(entry)
+        document, digest = wrapper["bounder"], wrapper["sha256"]
+        version = document["format"]
+    except (ValueError, TypeError, KeyError) as error:
+        raise FileFormatError(f"{path}: the description inside is damaged") from error
+    if not isinstance(version, int) or version > FORMAT:
+        raise FileFormatError(f"{path}: format {version} is newer than this library knows ({FORMAT}); please update warp-bounding")
+    if digest != _digest(tensors, document):
+        raise FileFormatError(f"{path}: the content does not match its SHA-256; the file is damaged or was edited")
+    try:
+        method = METHODS[document["method"]]
+        bounder = method(Domain.from_dict(document["domain"]), tensors, document["sizes"], device)
+        threshold = document["threshold"]
+        certificate = Certificate.from_dict(document["certificate"]) if document["certificate"] else None
+        if document["query"] != method.query_kind or document["dimension"] != bounder.ndim:
+            raise FileFormatError(f"a {method.method} bounder of {bounder.ndim}D {method.query_kind} queries was expected")
+        if np.float32(threshold) != threshold:
+            raise FileFormatError(f"the threshold {threshold} is not a float32 number")
+        if certificate and certificate.proven:
+            _check_certificate(bounder, certificate, threshold)
+    except BoundingError as error:
+        raise FileFormatError(f"{path}: {error}") from error
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileFormatError(f"{path}: a field is missing or of the wrong type ({error})") from error
+    bounder.info = {field: document.get(field) for field in INFO_FIELDS} | {"library": document["library"]}
+    return bounder.freeze(threshold, certificate)
+
+
+def _check_certificate(bounder: Bounder, certificate: Certificate, threshold: float) -> None:
+    """The certificate must be about this threshold, and its numbers must add up with this network's rounding."""
+    if certificate.threshold != threshold:
+        raise FileFormatError(f"the certificate is about threshold {certificate.threshold}, the file has {threshold}")
+    error = bounder.rounding_bound()
+    if not threshold <= round_down(certificate.lower_bound - error):
+        raise FileFormatError(
+            f"the certificate does not add up: threshold {threshold:.6g} exceeds bound {certificate.lower_bound:.6g} less rounding {error:.2g}"
+        )
+
+
+def _read(path: Path) -> tuple[dict[str, np.ndarray], str]:
+    if not path.is_file():
+        raise FileFormatError(f"{path}: no such file")
+    try:
+        with safetensors.safe_open(str(path), framework="numpy") as file:
+            metadata = file.metadata() or {}
+            if KEY not in metadata:
+                raise FileFormatError(f"{path}: a safetensors file, but not one that holds a bounder")
+            return {name: file.get_tensor(name) for name in file.keys()}, metadata[KEY]  # noqa: SIM118 (not a dict)
+    except (safetensors.SafetensorError, OSError, ValueError, TypeError) as error:
+        if isinstance(error, FileFormatError):
+            raise
+        raise FileFormatError(f"{path}: not a complete safetensors file ({error})") from error
+
+
+def _digest(tensors: dict[str, np.ndarray], document: dict) -> str:
+    sha = hashlib.sha256(json.dumps(document, sort_keys=True, separators=(",", ":")).encode())
+    for name in sorted(tensors):
+        tensor = np.ascontiguousarray(tensors[name])
+        sha.update(f"|{name}|{tensor.dtype.str}|{tensor.shape}|".encode() + tensor.tobytes())
+    return sha.hexdigest()
+
+
+def write_whole(path: str | os.PathLike, content: bytes) -> None:
+    """Write a file so that a reader, a crash or a full disk never sees half of it.
+
+    Raises:
+        FileFormatError: If it cannot be written; an existing file is then untouched.
+    """
+    path = Path(path)
+    temporary = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
+            temporary = Path(file.name)
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.chmod(0o666 & ~_umask())
+        os.replace(temporary, path)
+    except OSError as error:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+        raise FileFormatError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

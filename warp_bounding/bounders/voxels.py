@@ -1,0 +1,136 @@
+"""``voxels``: the occupancy grid itself as a bit field, the O(1) classic; exact on its own grid, paid for in memory.
+
+A coordinate ``v`` becomes a cell coordinate ``t`` with a rounding error; a point within ``reach`` of a cell's border is
+tested against the cells on both sides, so that no rounding can push a point of the object into an empty cell. That
+widens the object by less than a thousandth of a cell, the proofs' ``delta`` included.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_up
+from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.bounders.domain import GROWTH, Domain
+from warp_bounding.bounders.source import Lanes, Source
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators.grid import IndicatorGrid
+
+__all__ = ["Voxels", "VoxelsSource"]
+
+
+@dataclass(frozen=True)
+class VoxelsSource(Source):
+    """Native code of the bit test. Numbers, per axis: factor and summand of ``t + 1/2``, and reach."""
+
+    shape: tuple[int, ...]
+
+    packed = True
+
+    def body(self, lanes: Lanes) -> str:
+        """See ``Source.body``."""
+        n = self.ndim
+        integer, convert = ("I", "__builtin_convertvector({}, I)") if lanes.vector else ("int", "(int)({})")
+        lines = []
+        for k, cells in enumerate(self.shape):
+            lines.append(f"const V t{k} = v[{k}] * w[{k}] + w[{n + k}];")
+            for name, sign in (("a", "-"), ("b", "+")):  # first and last cell that the point may lie in
+                lines.append(f"V {name}{k}f = t{k} {sign} w[{2 * n + k}];")
+                lines.append(f"{name}{k}f = {name}{k}f < 0.0f ? {name}{k}f * 0.0f : {name}{k}f;")
+                lines.append(f"{name}{k}f = {name}{k}f > {cells - 1}.0f ? {name}{k}f * 0.0f + {cells - 1}.0f : {name}{k}f;")
+                lines.append(f"const {integer} {name}{k} = {convert.format(f'{name}{k}f')};")
+        at = "[l]" if lanes.vector else ""
+        lines.append("for (int l = 0; l < L; ++l) { unsigned int found = 0;" if lanes.vector else "{ unsigned int found = 0;")
+        index = "0"
+        for k in range(n):
+            lines.append(f"for (int i{k} = a{k}{at}; i{k} <= b{k}{at}; ++i{k})")
+            index = f"({index}) * {self.shape[k]} + i{k}" if k else f"i{k}"
+        lines.append(f"{{ const int c = {index}; found |= words.data[c >> 5] >> (c & 31); }}")
+        lines.append(f"f{at} = (float)(found & 1u); }}")
+        return "\n".join(lines)
+
+
+class Voxels(Bounder):
+    """The occupied cells as bits, in array order.
+
+    Tensors: ``bits`` ``(ceil(cells / 32),)`` uint32, ``factor``, ``summand`` and ``reach`` ``(n,)`` float32. Sizes: ``shape``.
+    """
+
+    method = "voxels"
+
+    @classmethod
+    def fit(cls, grid: IndicatorGrid, domain: Domain, *, device: str | None = None) -> "Voxels":
+        """The bit field of a grid, on its own map."""
+        packed = np.packbits(grid.occupancy.reshape(-1), bitorder="little")
+        bits = np.pad(packed, (0, -len(packed) % 4)).view("<u4").astype(np.uint32)
+        scale, center = domain.scale.astype(np.float64), domain.center.astype(np.float64)
+        exact_factor = grid.cells_per_unit / scale
+        exact_summand = center * grid.cells_per_unit - grid.offset + 0.5
+        factor, summand = exact_factor.astype(np.float32), exact_summand.astype(np.float32)
+        limit = domain.limit.astype(np.float64)
+        size = np.abs(factor) * limit + np.abs(summand) + 1
+        rounding = gamma(4) * size + np.abs(factor - exact_factor) * limit + np.abs(summand - exact_summand) + 4 * TINY
+        reach = (rounding * 2 + exact_factor * domain.delta) * GROWTH + UNIT32
+        if (reach >= 0.5).any():
+            raise BounderError(f"voxels: float32 cannot resolve a grid of {grid.shape} cells")
+        tensors = {"bits": bits, "factor": factor, "summand": summand, "reach": round_up(reach)}
+        return cls(domain, tensors, {"shape": list(grid.shape)}, device)
+
+    def __init__(self, domain: Domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
+        """See ``Bounder``; raises ``BounderError`` where tensors and sizes do not fit together."""
+        super().__init__(domain, tensors, sizes, device)
+        shape = tuple(self.sizes.get("shape", ()))
+        if len(shape) != domain.ndim or not all(isinstance(r, int) and r > 0 for r in shape):
+            raise BounderError(f"voxels: expected {domain.ndim} grid sizes, got {shape}")
+        words = -(-int(np.prod([int(r) for r in shape], dtype=object)) // 32)
+        expected = {"bits": (words,)} | dict.fromkeys(("factor", "summand", "reach"), (domain.ndim,))
+        if {k: t.shape for k, t in self.tensors.items()} != expected:
+            raise BounderError(f"voxels: expected tensors {expected}, got { {k: t.shape for k, t in self.tensors.items()} }")
+        self.shape = shape
+
+    @property
+    def source(self) -> VoxelsSource:
+        """See ``Bounder``."""
+        return VoxelsSource(self.ndim, self.domain.time, self.shape)
+
+    def weights(self) -> np.ndarray:
+        """See ``Bounder``."""
+        return np.concatenate([self.tensors[k] for k in ("factor", "summand", "reach")])
+
+    def words(self) -> np.ndarray:
+        """See ``Bounder``."""
+        return self.tensors["bits"]
+
+    def _occupied(self, cell: np.ndarray) -> np.ndarray:
+        """Whether cells ``(N, n)`` int64 inside the grid are occupied."""
+        index = np.ravel_multi_index(tuple(cell.T), self.shape)
+        return (self.tensors["bits"][index >> 5] >> (index & 31).astype(np.uint32)) & 1 == 1
+
+    def _cells(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``t + 1/2`` in float64, and the reach."""
+        factor, summand, reach = (self.tensors[k].astype(np.float64) for k in ("factor", "summand", "reach"))
+        return np.asarray(v, dtype=np.float64) * factor + summand, reach
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        """See ``Bounder``; 1.0 where a cell within reach is occupied. Devices may differ within rounding of the reach."""
+        t, reach = self._cells(v)
+        last = np.array(self.shape) - 1
+        first, final = (np.clip(t + s * reach, 0, last).astype(np.int64) for s in (-1, 1))
+        found = np.zeros(len(t), dtype=bool)
+        for choice in np.ndindex((2,) * self.ndim):
+            found |= self._occupied(np.where(choice, final, first))
+        return found.astype(np.float64)
+
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """See ``Bounder``: 1 where *every* device finds one and the same occupied cell for all of the box, else 0."""
+        low, reach = self._cells(lower)
+        high, _ = self._cells(upper)
+        size = np.abs(self.tensors["factor"]) * self.domain.limit.astype(np.float64) + np.abs(self.tensors["summand"]) + 1
+        sure = reach - gamma(4) * size - 4 * TINY - 1e-12 * size  # what rounding leaves of the reach
+        cell = np.clip(np.floor((low + high) / 2), 0, np.array(self.shape) - 1).astype(np.int64)
+        holds = ((low >= cell - sure) & (high <= cell + 1 + sure)).all(axis=1)
+        return BoxBounds((holds & self._occupied(cell)).astype(np.float64), np.argmax(upper - lower, axis=1), (lower + upper) / 2)
+
+    def rounding_bound(self) -> float:
+        """See ``Bounder``; none: ``bound`` speaks of what devices compute."""
+        return 0.0

@@ -1,0 +1,11 @@
+"""What is bounded: occupancy grids, meshes, and the files that they come from.
+
+Importing this package needs NumPy only; trimesh, usd-core, Pillow, SciPy and Warp are imported when a file or a
+mesh asks for them.
+"""
+
+from warp_bounding.indicators.formats import load_indicator
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.mesh import IndicatorMesh
+
+__all__ = ["IndicatorGrid", "IndicatorMesh", "load_indicator"]

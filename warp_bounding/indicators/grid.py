@@ -1,0 +1,217 @@
+"""The indicator that every proof is about: a union of closed, axis-aligned, occupied cells in n dimensions.
+
+An axis of ``R`` cells maps an object coordinate ``x`` to the cell coordinate ``t = cells_per_unit * x - offset``;
+cell ``i`` is the closed interval ``|t - i| <= 1/2``. ``cells_per_unit`` has at most 24 significant bits, so the product
+with a float32 ``x`` is exact in float64; ``offset`` is a multiple of 1/2, and the faces of cells are too, so the one
+rounding of the difference never moves ``x`` out of a closed cell. Where the offset is an integer and the scale has at
+most 16 significant bits (voxelised meshes, and grids of up to 2^16 cells an axis), it moves ``x`` into none either:
+the question whether ``x`` lies in a cell is answered *exactly*. The unit grid of an image or a voxel file has ``cells_per_unit = R - 1`` and ``offset = 0``
+(the first and the last cell are centred on 0 and 1, and are whole; see the paper's data set), an axis of one cell is
+the unit interval itself.
+
+What this file does not do: reading files (``load_indicator``) and turning meshes into cells (``IndicatorMesh``).
+"""
+
+import hashlib
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from warp_bounding.errors import IndicatorError
+
+__all__ = ["IndicatorGrid"]
+
+MAX_CELLS = 2**31 - 1
+
+
+@dataclass(frozen=True, eq=False)
+class IndicatorGrid:
+    """An n-dimensional occupancy grid, placed in object space.
+
+    Attributes:
+        occupancy: ``(R_0, ..., R_{n-1})`` bool, read-only; coordinate k is array axis k.
+        cells_per_unit: ``(n,)`` float64, cells per unit of object length, each a positive float32.
+        offset: ``(n,)`` float64, multiples of 1/2.
+        name: What it was read from, for messages.
+        time: Coordinate 0 is time (an animated shape); a query outside its range has no certain answer.
+        margin: How far the object was dilated before it was divided into cells, object units.
+        resolution: The ``resolution`` that a mesh was voxelised with; ``None`` where the grid was given as one.
+        note: A restriction that a user should know, such as that an open mesh is bounded by its surface only.
+    """
+
+    occupancy: np.ndarray
+    cells_per_unit: np.ndarray = None
+    offset: np.ndarray = None
+    name: str = "array"
+    time: bool = False
+    margin: float = 0.0
+    resolution: int | None = None
+    note: str = field(default="", compare=False)
+
+    def __post_init__(self) -> None:
+        occupancy = np.array(self.occupancy, dtype=bool, order="C")  # our own copy: a proof must not change under us
+        if occupancy.ndim < 1 or occupancy.size == 0:
+            raise IndicatorError(f"{self.name}: expected an array with at least one cell, got shape {occupancy.shape}")
+        if occupancy.size > MAX_CELLS:
+            raise IndicatorError(f"{self.name}: expected at most {MAX_CELLS} cells, got {occupancy.size}")
+        count = int(occupancy.sum())
+        if count == 0:
+            raise IndicatorError(f"{self.name}: there is nothing to bound, all {occupancy.size} cells are empty")
+        if count == occupancy.size:
+            raise IndicatorError(f"{self.name}: there is nothing to leave out, all {count} cells are occupied")
+        occupancy.setflags(write=False)
+        shape = np.array(occupancy.shape)
+        unit_scale, unit_offset = np.where(shape > 1, shape - 1, 1), np.where(shape > 1, 0.0, 0.5)
+        scale = unit_scale if self.cells_per_unit is None else self.cells_per_unit
+        offset = unit_offset if self.offset is None else self.offset
+        scale, offset = (np.array(a, dtype=np.float64).reshape(-1) for a in (scale, offset))
+        if scale.shape != shape.shape or offset.shape != shape.shape:
+            raise IndicatorError(
+                f"{self.name}: the map needs {shape.size} scales and offsets, got {scale.size}, {offset.size}"
+            )
+        if not (np.isfinite(scale) & (scale > 0) & (scale.astype(np.float32) == scale)).all():
+            raise IndicatorError(f"{self.name}: cells_per_unit must be positive float32 numbers, got {scale.tolist()}")
+        if not (np.isfinite(offset) & (np.rint(2 * offset) == 2 * offset) & (np.abs(offset) < 2**22)).all():
+            raise IndicatorError(f"{self.name}: offset must hold multiples of 1/2 under 2^22, got {offset.tolist()}")
+        for name, value in (("occupancy", occupancy), ("cells_per_unit", scale), ("offset", offset)):
+            object.__setattr__(self, name, value)
+
+    # --- where it is -------------------------------------------------------------------------------------------------
+
+    @property
+    def ndim(self) -> int:
+        """Number of coordinates n of the indicator."""
+        return self.occupancy.ndim
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Cells along each axis."""
+        return self.occupancy.shape
+
+    @property
+    def lower(self) -> np.ndarray:
+        """``(n,)`` float64, the domain's lower corner in object space: where the first cells begin."""
+        return self.position(np.full(self.ndim, -0.5))
+
+    @property
+    def upper(self) -> np.ndarray:
+        """``(n,)`` float64, the domain's upper corner in object space: where the last cells end."""
+        return self.position(np.array(self.shape) - 0.5)
+
+    @property
+    def sample_lower(self) -> np.ndarray:
+        """``(n,)`` float64, where samplers begin: the first cell's centre (the paper's 0)."""
+        return self.position(np.where(np.array(self.shape) > 1, 0.0, -0.5))
+
+    @property
+    def sample_upper(self) -> np.ndarray:
+        """``(n,)`` float64, where samplers end: the last cell's centre (the paper's 1)."""
+        shape = np.array(self.shape)
+        return self.position(np.where(shape > 1, shape - 1.0, 0.5))
+
+    def position(self, t: np.ndarray) -> np.ndarray:
+        """Object coordinates of cell coordinates.
+
+        Args:
+            t: ``(..., n)``, cell coordinates; cell i spans [i - 1/2, i + 1/2].
+
+        Returns:
+            ``(..., n)`` float64, object space.
+        """
+        return (np.asarray(t, dtype=np.float64) + self.offset) / self.cells_per_unit
+
+    def cell_coordinate(self, x: np.ndarray) -> np.ndarray:
+        """Cell coordinates ``t`` of points, exact for float32 input.
+
+        Args:
+            x: ``(..., n)``, object space.
+
+        Returns:
+            ``(..., n)`` float64.
+        """
+        return np.asarray(x).astype(np.float64) * self.cells_per_unit - self.offset
+
+    # --- what it is --------------------------------------------------------------------------------------------------
+
+    def contains(self, x: np.ndarray) -> np.ndarray:
+        """The truth for points, in plain NumPy: is a closed occupied cell around them?
+
+        Args:
+            x: ``(N, n)``, object space. Points outside the domain, and NaN, are in no cell.
+
+        Returns:
+            ``(N,)`` bool.
+        """
+        with np.errstate(invalid="ignore", over="ignore"):
+            t = self.cell_coordinate(x)
+            first, last = np.ceil(t - 0.5), np.floor(t + 0.5)  # all cells i with |t - i| <= 1/2: one, or two on a face
+        found = np.zeros(len(t), dtype=bool)
+        for choice in np.ndindex((2,) * self.ndim):
+            cell = np.where(choice, last, first)
+            inside = ((cell >= 0) & (cell < self.shape)).all(axis=1)  # False for NaN
+            index = np.where(inside[:, None], cell, 0).astype(np.int64)
+            found |= inside & self.occupancy[tuple(index.T)]
+        return found
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the geometry: cells and map; the name and the way it was made do not enter."""
+        sha = hashlib.sha256(b"warp-bounding grid 1")
+        sha.update(np.array(self.shape, dtype="<i8").tobytes())
+        sha.update(np.packbits(self.occupancy).tobytes())
+        sha.update(self.cells_per_unit.astype("<f8").tobytes() + self.offset.astype("<f8").tobytes())
+        sha.update(bytes([self.time]))
+        return sha.hexdigest()
+
+    @cached_property
+    def occupied(self) -> np.ndarray:
+        """``(M, n)`` int64 indices of the occupied cells."""
+        return np.argwhere(self.occupancy)
+
+    @cached_property
+    def boundary(self) -> np.ndarray:
+        """``(B, n)`` int64 indices of occupied cells that touch an empty cell, at a corner at least.
+
+        Cells outside the grid count as occupied: nothing has to be separated from them.
+        """
+        interior = self.occupancy
+        for axis in range(self.ndim):
+            padded = np.pad(interior, [(int(k == axis),) * 2 for k in range(self.ndim)], constant_values=True)
+            below, above = (np.take(padded, range(s, s + self.shape[axis]), axis=axis) for s in (0, 2))
+            interior = below & interior & above
+        return np.argwhere(self.occupancy & ~interior)
+
+    # --- what can be made of it --------------------------------------------------------------------------------------
+
+    def to_grid(self, *, resolution: int | None = None, margin: float = 0.0) -> "IndicatorGrid":
+        """This grid, dilated: every cell within ``margin`` of an occupied cell becomes occupied.
+
+        Args:
+            resolution: Must be ``None``: a grid brings its own.
+            margin: Object units, at least 0; cells are added around the grid where the dilated object needs them.
+
+        Returns:
+            A grid whose cells cover the dilated object.
+
+        Raises:
+            IndicatorError: For a resolution, or a negative or non-finite margin.
+        """
+        from warp_bounding.indicators.dilation import dilate
+
+        if resolution is not None and resolution != self.resolution:
+            raise IndicatorError(
+                f"{self.name}: a grid brings its own resolution {self.shape}, got resolution={resolution}"
+            )
+        if not (np.isfinite(margin) and margin >= 0):
+            raise IndicatorError(f"margin must be finite and non-negative, got {margin}")
+        if margin == self.margin:
+            return self
+        if self.margin:
+            raise IndicatorError(f"{self.name}: the grid is dilated by {self.margin} already, got margin={margin}")
+        with np.errstate(over="ignore"):
+            radius = margin * self.cells_per_unit
+        occupancy, pad = dilate(self.occupancy, radius, static_axes=(0,) if self.time else ())
+        return replace(
+            self, occupancy=occupancy, cells_per_unit=self.cells_per_unit, offset=self.offset - pad, margin=margin
+        )

@@ -1,0 +1,197 @@
+"""The indicator of a triangle mesh: its surface, and its inside where the surface is closed.
+
+Every proof is about cells; ``to_grid`` makes them conservatively (``voxelization.py``), so a proof over the cells is a
+proof over the mesh. The mesh that counts is the one with these float32 vertices: what a file held in float64 is
+rounded once, when it is read.
+"""
+
+import hashlib
+import math
+import operator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.grid import IndicatorGrid
+
+__all__ = ["IndicatorMesh", "check_faces"]
+
+DEFAULT_RESOLUTION = 64
+MAX_RESOLUTION = 1024
+SCALE_BITS = 16  # significant bits of cells_per_unit: cell coordinates of float32 points are then exact in float64
+MAX_OFFSET = 2**22  # of a grid, in cells
+OPEN_NOTE = "open mesh: only its surface is bounded, not an inside"
+
+
+@dataclass(frozen=True, eq=False)
+class IndicatorMesh:
+    """A triangle mesh in object space.
+
+    Attributes:
+        vertices: ``(V, 3)`` float32, read-only, object units.
+        faces: ``(F, 3)`` int32, read-only, indices of vertices; faces without area are kept, and bounded.
+        name: What it was read from, for messages.
+        note: A restriction that a user should know, such as parts of a file that were not read.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    name: str = "mesh"
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        vertices, faces = np.asarray(self.vertices), np.asarray(self.faces)
+        if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "iuf":
+            got = f"{vertices.dtype} of shape {vertices.shape}"
+            raise IndicatorError(f"{self.name}: expected vertices as numbers of shape (V, 3), got {got}")
+        with np.errstate(over="ignore"):
+            vertices = np.array(vertices, dtype=np.float32, order="C") + np.float32(0)  # + 0: no negative zeros
+        bad = int((~np.isfinite(vertices)).any(axis=1).sum())
+        if bad:
+            raise IndicatorError(f"{self.name}: expected finite float32 vertices, got {bad} that are not")
+        check_faces(faces, len(vertices), self.name)
+        faces = np.array(faces, dtype=np.int32, order="C")
+        corner, *others = vertices.astype(np.float64)[faces].transpose(1, 0, 2)
+        normals = np.cross(others[0] - corner, others[1] - corner)
+        if not normals.any():
+            raise IndicatorError(f"{self.name}: expected a surface, got {len(faces)} faces without area")
+        vertices.setflags(write=False)
+        faces.setflags(write=False)
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "faces", faces)
+
+    @property
+    def ndim(self) -> int:
+        """Number of coordinates: 3."""
+        return 3
+
+    @cached_property
+    def bounds(self) -> np.ndarray:
+        """``(2, 3)`` float64, lower and upper corner of the faces, object units; vertices of no face do not count."""
+        used = self.vertices[self.faces.ravel()]
+        return np.stack([used.min(axis=0), used.max(axis=0)]).astype(np.float64)
+
+    @cached_property
+    def watertight(self) -> bool:
+        """Whether the surface is closed: once equal vertices are merged, every edge bounds an even number of faces.
+
+        Every mesh that trimesh calls watertight is; beyond those, solids that touch in an edge, and closed surfaces
+        with faces that collapsed to an edge.
+        """
+        _, merged = np.unique(self.vertices, axis=0, return_inverse=True)
+        faces = merged.reshape(-1)[self.faces].astype(np.int64)
+        edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+        edges = edges[edges[:, 0] != edges[:, 1]]
+        _, count = np.unique(edges[:, 0] * len(self.vertices) + edges[:, 1], return_counts=True)
+        return bool((count % 2 == 0).all())
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the geometry, vertices and faces; name and note do not enter."""
+        sha = hashlib.sha256(b"warp-bounding mesh 1")
+        sha.update(np.array([len(self.vertices), len(self.faces)], dtype="<i8").tobytes())
+        sha.update(self.vertices.astype("<f4").tobytes() + self.faces.astype("<i4").tobytes())
+        return sha.hexdigest()
+
+    def to_grid(self, *, resolution: int | None = None, margin: float = 0.0) -> IndicatorGrid:
+        """Divide the dilated mesh into cells, conservatively.
+
+        Every closed cell that meets the surface, the inside (of a closed surface) or their margin is occupied. The
+        cells are cubes; one empty cell lies around the dilated object on every side.
+
+        Args:
+            resolution: Cells along the longest axis of the dilated object, 2 to 1024; 64 by default.
+            margin: Object units, at least 0: the (Euclidean) distance by which the object is dilated.
+
+        Returns:
+            The grid, in the mesh's own coordinates, the same on every machine.
+
+        Raises:
+            IndicatorError: For an impossible resolution or margin, or a mesh too far away for its size.
+        """
+        from warp_bounding.indicators.voxelization import SLACK, fill_inside, surface_cells
+
+        resolution, margin = _checked_resolution(resolution), _checked_margin(margin)
+        scale = self._cells_per_unit(resolution, margin)
+        lower, upper = self.bounds * scale  # exact: 24 + 16 bits
+        # The cells that the surface cells' kernel may touch, all rounding included (2 * SLACK > SLACK), and one around.
+        reach = margin * scale + 0.5 + 2 * SLACK
+        first = np.ceil(lower - reach).astype(np.int64) - 1
+        last = np.floor(upper + reach).astype(np.int64) + 1
+        if np.abs(first).max() >= MAX_OFFSET:
+            raise IndicatorError(
+                f"{self.name}: expected a mesh within {MAX_OFFSET} cells of the origin, got "
+                f"{int(np.abs(first).max())} cells at resolution {resolution}; move it there"
+            )
+        used, faces = np.unique(self.faces, return_inverse=True)
+        in_cells = self.vertices[used].astype(np.float64) * scale - first
+        occupancy = surface_cells(in_cells, faces.reshape(-1, 3), tuple((last - first + 1).tolist()), margin * scale)
+        if self.watertight:
+            occupancy = fill_inside(occupancy)
+        return IndicatorGrid(
+            occupancy,
+            cells_per_unit=np.full(3, scale),
+            offset=first.astype(np.float64),
+            name=self.name,
+            margin=margin,
+            resolution=resolution,
+            note="; ".join(filter(None, [self.note, "" if self.watertight else OPEN_NOTE])),
+        )
+
+    def _cells_per_unit(self, resolution: int, margin: float) -> float:
+        """Round the scale down to few significant bits: cells are never smaller than asked for."""
+        extent = float((self.bounds[1] - self.bounds[0]).max()) + 2 * margin
+        mantissa, exponent = math.frexp(resolution / extent)
+        scale = math.ldexp(math.floor(math.ldexp(mantissa, SCALE_BITS)), exponent - SCALE_BITS)
+        limits = np.finfo(np.float32)
+        if not limits.tiny <= scale <= limits.max:
+            raise IndicatorError(
+                f"{self.name}: expected an object that float32 cells can divide, got extent {extent:g}"
+            )
+        return scale
+
+
+def check_faces(faces: np.ndarray, vertices: int, name: str) -> None:
+    """Refuse faces that are not triangles of existing vertices.
+
+    Args:
+        faces: Should be ``(F, 3)`` integers from 0 to ``vertices - 1``, with F of at least 1.
+        vertices: How many there are.
+        name: For messages.
+
+    Raises:
+        IndicatorError: Naming what was expected and what came.
+    """
+    if faces.size == 0:
+        raise IndicatorError(f"{name}: expected a mesh with faces, got none")
+    if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
+        got = f"{faces.dtype} of shape {faces.shape}"
+        raise IndicatorError(f"{name}: expected faces as integers of shape (F, 3), got {got}")
+    lowest, highest = int(faces.min()), int(faces.max())
+    if lowest < 0 or highest >= vertices:
+        wrong = lowest if lowest < 0 else highest
+        raise IndicatorError(f"{name}: expected faces of vertices 0 to {vertices - 1}, got vertex {wrong}")
+
+
+def _checked_resolution(resolution: int | None) -> int:
+    if resolution is None:
+        return DEFAULT_RESOLUTION
+    try:
+        value = operator.index(resolution)
+    except TypeError:
+        value = -1
+    if isinstance(resolution, bool | np.bool_) or not 2 <= value <= MAX_RESOLUTION:
+        raise IndicatorError(f"resolution must be an integer from 2 to {MAX_RESOLUTION}, got {resolution!r}")
+    return value
+
+
+def _checked_margin(margin: float) -> float:
+    try:
+        value = float(margin)
+    except (TypeError, ValueError):
+        value = math.nan
+    if not (math.isfinite(value) and value >= 0):
+        raise IndicatorError(f"margin must be finite and non-negative, got {margin!r}")
+    return value
