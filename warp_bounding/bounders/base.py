@@ -24,7 +24,7 @@ from warp_bounding.bounders.arrays import flat_queries, new_output
 from warp_bounding.bounders.certificate import Certificate
 from warp_bounding.bounders.compaction import compact
 from warp_bounding.bounders.domain import Domain
-from warp_bounding.bounders.launch import launch_blocks
+from warp_bounding.launch import launch_blocks
 from warp_bounding.bounders.placement import Placement
 from warp_bounding.bounders.source import Data, Source, batch_kernel, point_func
 from warp_bounding.errors import BounderError

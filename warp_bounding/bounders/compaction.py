@@ -5,7 +5,7 @@ Three launches: count per block, scan the counts, write. Both passes over the ma
 
 import warp as wp
 
-from warp_bounding.bounders.launch import launch_blocks
+from warp_bounding.launch import launch_blocks
 
 __all__ = ["compact"]
 

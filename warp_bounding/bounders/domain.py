@@ -60,7 +60,7 @@ class Domain:
         scale = (2 / (upper - lower)).astype(np.float32)
         cell = scale / grid.cells_per_unit
         extent = np.maximum(np.abs(lower - center), np.abs(upper - center)) * scale.astype(np.float64) * GROWTH
-        needed = rounding_of_map(extent) + UNIT32 * np.maximum(np.abs(lower), np.abs(upper)) * scale.astype(np.float64)
+        needed = input_rounding(center, scale, extent, lower, upper)
         delta = np.maximum(DELTA_SHARE * cell, 4 * needed)
         if (delta > DELTA_LARGEST_SHARE * cell).any():
             axis = int(np.argmax(delta / cell))
@@ -68,7 +68,7 @@ class Domain:
                 f"{grid.name}: float32 cannot tell cells of {1 / grid.cells_per_unit[axis]:.3g} apart at coordinates up to "
                 f"{max(abs(lower[axis]), abs(upper[axis])):.3g} (axis {axis}); move the shape to its origin or use a lower resolution"
             )
-        return cls(center, scale, round_up(extent + delta), delta, grid.time, lower, upper)
+        return cls(center, scale, round_up(extent + delta * (1 + 1e-6)), delta, grid.time, lower, upper)
 
     @property
     def ndim(self) -> int:
@@ -113,3 +113,9 @@ class Domain:
 def rounding_of_map(extent: np.ndarray) -> np.ndarray:
     """Largest error of the evaluated ``(x - center) * scale`` for ``|v| <= extent``: two roundings, relative."""
     return gamma(2) * extent
+
+
+def input_rounding(center, scale, extent, lower, upper) -> np.ndarray:
+    """Largest error of ``v`` for a point of the domain given in float64: its own rounding, then the map's."""
+    reach = np.maximum(np.abs(lower), np.abs(upper))
+    return rounding_of_map(extent) + UNIT32 * reach * scale.astype(np.float64) * (1 + gamma(2))

@@ -144,10 +144,10 @@ class Network:
 def relax(z: np.ndarray, width: np.ndarray, activation: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Linear relaxation of an activation, one slope on both sides.
 
-    ReLU: the chord. Sine, with ``x = z + t``, ``|t| <= d``: ``sin x = sin z cos t + cos z sin t``. The odd part lies within
-    ``d^3 / (9 sqrt 3)`` of ``t sin(d) / d``, because ``sin(t)/t + t^2/6`` does not decrease for t > 0 and ``t (d^2 - t^2) / 6``
-    is at most that; for ``d <= pi`` it lies on one side of it on t > 0, and cos t lies in ``[cos d, 1]``. Where this is worse
-    than ``[-1, 1]``, the latter is taken.
+    ReLU: the chord. Sine, with ``x = z + t``, ``|t| <= d``: ``sin x = sin z cos t + cos z sin t``. By Taylor, for all t >= 0,
+    ``1 - t^2/2 <= cos t <= 1`` and ``t - t^3/6 <= sin t <= t - t^3/6 + t^5/120``. So cos t lies within ``d^2/4`` of ``1 - d^2/4``,
+    and sin t within ``d^3 / (9 sqrt 3) + d^5 / 120`` of ``t (1 - d^2/6)``, as ``t (d^2 - t^2) / 6 <= d^3 / (9 sqrt 3)``. Where this is
+    worse than ``[-1, 1]``, the latter is taken.
 
     Args:
         z: ``(N, H)``, centres.
@@ -162,13 +162,9 @@ def relax(z: np.ndarray, width: np.ndarray, activation: str) -> tuple[np.ndarray
         slope = np.clip(high / (2 * width), 0.0, 1.0)
         spread = np.where((low < 0) & (high > 0), -slope * low / 2, 0.0)
         return slope, slope * z + spread, spread
-    sine, cosine = np.sin(z), np.cos(z)
-    half = np.sin(width / 2)
-    drop = 2 * half * half  # 1 - cos d
-    odd = np.abs(cosine) * width**3 * (1 / (9 * np.sqrt(3.0)))
-    even = np.abs(sine) * drop / 2
-    spread = odd + even
-    wide = (width > np.pi) | (spread > 1)
-    slope = np.where(wide, 0.0, cosine * np.sin(width) / width)
-    mean = np.where(wide, 0.0, sine * (1 - drop / 2))
-    return slope, mean, np.where(wide, 1.0, spread)
+    sine, cosine, square = np.sin(z), np.cos(z), width * width
+    spread = np.abs(cosine) * (width * square * (1 / (9 * np.sqrt(3.0)) + square / 120)) + np.abs(sine) * (square / 4)
+    slope, mean = cosine * (1 - square / 6), sine * (1 - square / 4)
+    wide = spread > 1
+    slope[wide], mean[wide], spread[wide] = 0.0, 0.0, 1.0
+    return slope, mean, spread

@@ -21,10 +21,9 @@ from typing import Any
 import warp as wp
 
 from warp_bounding.arithmetic import SINE_COEFFICIENTS, SINE_INVERSE_PI, SINE_MAGIC, SINE_PI_HIGH, SINE_PI_LOW
+from warp_bounding.launch import BLOCK
 
-__all__ = ["BLOCK", "Data", "Lanes", "Source", "batch_kernel", "point_func", "point_type"]
-
-BLOCK = 512  # queries that one CPU thread of a batch kernel works on; CUDA: one
+__all__ = ["Data", "Lanes", "Source", "batch_kernel", "point_func", "point_type"]
 
 
 @wp.struct

@@ -93,7 +93,8 @@ def _load_file(path: Path, time: bool | None) -> IndicatorGrid | IndicatorMesh:
     except (OSError, ValueError) as error:  # no permission, a name with a null byte, ...
         if isinstance(error, IndicatorError):
             raise
-        raise IndicatorError(f"{path}: cannot be read: {' '.join(str(error).split())}") from error
+        reason = getattr(error, "strerror", None) or str(error)
+        raise IndicatorError(f"{path}: cannot be read: {reason}") from error
 
 
 def _grid(array: np.ndarray, name: str, time: bool | None) -> IndicatorGrid:

@@ -3,9 +3,10 @@
 An axis of ``R`` cells maps an object coordinate ``x`` to the cell coordinate ``t = cells_per_unit * x - offset``;
 cell ``i`` is the closed interval ``|t - i| <= 1/2``. ``cells_per_unit`` has at most 24 significant bits, so the product
 with a float32 ``x`` is exact in float64; ``offset`` is a multiple of 1/2, and the faces of cells are too, so the one
-rounding of the difference never moves ``x`` out of a closed cell. Where the offset is an integer and the scale has at
-most 16 significant bits (voxelised meshes, and grids of up to 2^16 cells an axis), it moves ``x`` into none either:
-the question whether ``x`` lies in a cell is answered *exactly*. The unit grid of an image or a voxel file has ``cells_per_unit = R - 1`` and ``offset = 0``
+rounding of the difference never moves ``x`` out of a closed cell. On axes with an integer offset, a scale of at most 16
+significant bits and at most 2^12 cells (voxelised meshes; images and voxel files) it moves ``x`` into none either: the
+question whether ``x`` lies in a cell is answered *exactly*. The unit grid of an image or a voxel file has
+``cells_per_unit = R - 1`` and ``offset = 0``
 (the first and the last cell are centred on 0 and 1, and are whole; see the paper's data set), an axis of one cell is
 the unit interval itself.
 

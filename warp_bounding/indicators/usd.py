@@ -36,9 +36,15 @@ def read_usd(path: Path) -> IndicatorMesh:
             it, or a mesh is not one.
     """
     usd = import_optional("pxr.Usd", "usd-core", path)
+    tf = import_optional("pxr.Tf", "usd-core", path)
     geom = import_optional("pxr.UsdGeom", "usd-core", path)
+    utilities = import_optional("pxr.UsdUtils", "usd-core", path)
+    silence = utilities.CoalescingDiagnosticDelegate()  # while it lives, it keeps USD's warnings off standard error
     with reading(path, "a USD stage"):
-        stage = usd.Stage.Open(str(path))
+        try:
+            stage = usd.Stage.Open(str(path))
+        except tf.ErrorException as error:
+            raise ValueError(error.args[0].commentary) from error  # without the places in USD's own source
         problems = stage.GetCompositionErrors()
         if problems:
             first = " ".join(str(problems[0]).split())[:LONGEST_REASON]

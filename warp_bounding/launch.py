@@ -9,17 +9,18 @@ from functools import lru_cache
 
 import warp as wp
 
-from warp_bounding.bounders.source import BLOCK
+__all__ = ["BLOCK", "cpu_threads", "launch_blocks"]
 
-__all__ = ["cpu_threads", "launch_blocks"]
-
+BLOCK = 512  # queries that one CPU thread of a batch kernel works on; CUDA: one
 SMALLEST_SHARE = 16  # blocks per thread under which waking a thread costs more than it saves
 
 
 def cpu_threads() -> int:
     """Threads that batch launches use on a CPU: the cores this process may run on, or ``WARP_BOUNDING_THREADS``."""
     wanted = os.environ.get("WARP_BOUNDING_THREADS", "")
-    return max(1, int(wanted)) if wanted.isdigit() else len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if wanted.isdigit():
+        return max(1, int(wanted))
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @lru_cache(maxsize=None)
@@ -27,7 +28,9 @@ def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, thread_name_prefix="warp_bounding")
 
 
-def launch_blocks(kernel: wp.Kernel, count: int, inputs: list, outputs: list, device, *, first_index: int, block: int = BLOCK) -> None:
+def launch_blocks(
+    kernel: wp.Kernel, count: int, inputs: list, outputs: list, device, *, first_index: int, block: int = BLOCK
+) -> None:
     """Launch a kernel over the blocks of ``count`` items.
 
     Args:

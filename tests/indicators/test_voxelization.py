@@ -1,0 +1,210 @@
+"""Voxelisation is conservative, with no tolerance at all, and tight."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from warp_bounding.indicators import IndicatorMesh, load_indicator
+from warp_bounding.indicators.voxelization import fill_inside, surface_cells
+
+
+def turned(mesh):
+    """No face along an axis, no vertex on a round number."""
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(1.1, [1, 2, 3], [0.1, 0.2, 0.3]))
+    return mesh
+
+
+def open_box():
+    box = trimesh.creation.box(extents=(1, 1, 1))
+    return trimesh.Trimesh(box.vertices, box.faces[2:], process=False)
+
+
+SHAPES = {
+    "icosphere": lambda: trimesh.creation.icosphere(subdivisions=3),
+    "box": lambda: trimesh.creation.box(extents=(1, 2, 0.5)),
+    "turned box": lambda: turned(trimesh.creation.box(extents=(1, 2, 0.5))),
+    "torus": lambda: trimesh.creation.torus(1, 0.3),
+    "thin plate": lambda: turned(trimesh.creation.box(extents=(1, 1, 1e-4))),
+    "open box": open_box,
+    "turned open box": lambda: turned(open_box()),
+    "needle": lambda: trimesh.Trimesh([[0, 0, 0], [1, 2, 3], [1, 2, 3.00001]], [[0, 1, 2]], process=False),
+    "two spheres in one": lambda: trimesh.util.concatenate(
+        [trimesh.creation.icosphere(subdivisions=2), trimesh.creation.icosphere(subdivisions=2, radius=0.8)]
+    ),
+}
+
+
+def surface_points(mesh, rng, count):
+    """Dense samples of every triangle, in its inside, on its edges and at its corners: float32 rounded and not."""
+    corners = mesh.vertices[mesh.faces].astype(np.float64)
+    weights = rng.dirichlet(np.ones(3), size=(len(corners), count))
+    weights[:, :3] = np.eye(3)
+    weights[:, 3:6] = [[0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]]
+    weights[:, 6 : 6 + count // 4, 0] = 0
+    weights /= weights.sum(axis=-1, keepdims=True)
+    return np.einsum("fkc,fcx->fkx", weights, corners).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("resolution", [2, 7, 24])
+@pytest.mark.parametrize("margin", [0.0, 1e-3, 0.11, 0.9])
+def test_every_point_of_the_dilated_object_lies_in_an_occupied_cell(rng, name, resolution, margin):
+    mesh = load_indicator(SHAPES[name]())
+    grid = mesh.to_grid(resolution=resolution, margin=margin)
+    points = surface_points(mesh, rng, max(40, 20_000 // len(mesh.faces)))
+    # Samples are made in float64: the last bits may lie off the triangle, by less than the slack that cells are grown by.
+    assert grid.contains(points).all()
+    if margin:
+        direction = rng.normal(size=points.shape)
+        direction[::3] = rng.choice([-1.0, 0.0, 1.0], size=direction[::3].shape)  # along axes and diagonals
+        length = np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-9)
+        distance = margin * np.where(rng.random(len(points)) < 0.5, 1, rng.random(len(points)))[:, None]
+        assert grid.contains(points + direction / length * distance).all()
+
+
+@pytest.mark.parametrize("name", ["icosphere", "box", "turned box", "torus"])
+@pytest.mark.parametrize("margin", [0.0, 0.05])
+def test_the_inside_is_occupied(rng, name, margin):
+    solid = SHAPES[name]()
+    mesh = load_indicator(solid)
+    grid = mesh.to_grid(resolution=20, margin=margin)
+    points = rng.uniform(*mesh.bounds, (20_000, 3))
+    if name == "icosphere":
+        inside = (points @ solid.face_normals.T <= np.sum(
+            solid.triangles_center * solid.face_normals, axis=1
+        )).all(axis=1)  # fmt: skip
+    elif name == "torus":
+        ring = np.hypot(points[:, 0], points[:, 1]) - 1
+        inside = np.hypot(ring, points[:, 2]) < 0.3 * np.cos(np.pi / 8) ** 2 * 0.95
+    else:
+        planes = np.sum(solid.triangles_center * solid.face_normals, axis=1)
+        inside = (points @ solid.face_normals.T <= planes).all(axis=1)
+    assert inside.sum() > 1000
+    assert grid.contains(points[inside]).all()
+
+
+def distance_between_cell_and_triangle(cell, triangle):
+    """Slow and plain: quadratic programme by projections, to convergence."""
+    point = cell.astype(np.float64)
+    for _ in range(300):
+        on_cell = np.clip(point, cell - 0.5, cell + 0.5)
+        nearest = trimesh.triangles.closest_point(triangle[None], on_cell[None])[0]
+        if np.array_equal(nearest, point):
+            break
+        point = nearest
+    return np.linalg.norm(point - np.clip(point, cell - 0.5, cell + 0.5))
+
+
+@settings(deadline=None, max_examples=30)
+@given(seed=st.integers(0, 2**32 - 1), margin=st.sampled_from([0.0, 0.01, 0.7, 2.5]), round_to=st.sampled_from([None, 1, 2]))
+def test_cells_of_one_triangle_against_brute_force(seed, margin, round_to):
+    """Neither too few nor too many, also for corners on faces of cells and for triangles that are a line or a point."""
+    rng = np.random.default_rng(seed)
+    triangle = 5 + rng.uniform(-2, 2, (3, 3))
+    if round_to:
+        triangle = np.round(triangle * round_to) / round_to
+    shape = (11, 11, 11)
+    occupied = surface_cells(triangle, np.array([[0, 1, 2]]), shape, margin)
+    low = np.maximum(np.floor(triangle.min(axis=0) - margin).astype(int) - 1, 0)
+    high = np.minimum(np.ceil(triangle.max(axis=0) + margin).astype(int) + 2, shape)
+    for index in product(*(range(a, b) for a, b in zip(low, high, strict=True))):
+        gap = np.maximum(np.maximum(np.array(index) - 0.5 - triangle.max(axis=0), triangle.min(axis=0) - index - 0.5), 0)
+        if np.linalg.norm(gap) > margin + 1e-6:
+            assert not occupied[index]
+    for index in rng.permutation(np.argwhere(np.ones(np.subtract(high, low))))[:25] + low:
+        distance = distance_between_cell_and_triangle(index, triangle)
+        if distance <= margin - 1e-6 or distance == 0:
+            assert occupied[tuple(index)], (index, distance)
+        elif distance > margin + 1e-3:
+            assert not occupied[tuple(index)], (index, distance)
+
+
+@pytest.mark.parametrize("name", ["icosphere", "turned box", "torus", "turned open box", "thin plate"])
+@pytest.mark.parametrize("margin", [0.0, 0.07, 0.4])
+def test_no_surface_cell_is_far_from_the_mesh(rng, name, margin):
+    """A cell within d of the surface has its centre within half a diagonal and d; outer cells are checked closer."""
+    solid = SHAPES[name]()
+    mesh = load_indicator(solid)
+    grid = mesh.to_grid(resolution=16, margin=margin)
+    hollow = IndicatorMesh(mesh.vertices, np.concatenate([mesh.faces, mesh.faces[:1]]))  # odd: only its surface counts
+    shell = hollow.to_grid(resolution=16, margin=margin)
+    assert "open mesh" in shell.note
+    assert (grid.occupancy | ~shell.occupancy).all()
+    surface = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    cells = shell.occupied
+    size = 1 / grid.cells_per_unit[0]
+    # The distance of a cell is the least over a fine lattice of its points, up to the lattice's own spacing.
+    steps = np.linspace(-0.5, 0.5, 5)
+    lattice = np.array(list(product(steps, repeat=3)))
+    cells = cells[rng.permutation(len(cells))[:30]]
+    points = grid.position(cells[:, None] + lattice).reshape(-1, 3)
+    _, distance, _ = trimesh.proximity.closest_point_naive(surface, points) if len(mesh.faces) < 100 else (
+        trimesh.proximity.closest_point(surface, points)
+    )  # fmt: skip
+    nearest = distance.reshape(len(cells), -1).min(axis=1)
+    assert (nearest <= margin + size * np.sqrt(3) / 8 + 1e-6).all()
+
+
+@pytest.mark.parametrize("resolution", [16, 32, 64])
+@pytest.mark.parametrize("margin", [0.0, 0.25])
+def test_volume_of_a_sphere(resolution, margin):
+    grid = load_indicator(trimesh.creation.icosphere(subdivisions=4)).to_grid(resolution=resolution, margin=margin)
+    size = 1 / grid.cells_per_unit[0]
+    volume = grid.occupancy.sum() * size**3
+    radius = 1 + margin
+    # Cells that the sphere cuts reach out by 3/4 of a cell on average (half the mean width of a cube, 3/4 of its side).
+    assert 4 / 3 * np.pi * (radius * 0.998) ** 3 < volume < 4 / 3 * np.pi * (radius + size) ** 3
+
+
+def test_a_box_on_cell_faces_takes_the_cells_on_both_sides():
+    """Closed cells that touch the object in a face meet it."""
+    corners = np.array(list(product([1.5, 3.5], repeat=3)))
+    hull = trimesh.convex.convex_hull(corners)
+    cells = fill_inside(surface_cells(np.asarray(hull.vertices), hull.faces, (6, 6, 6), 0.0))
+    assert np.argwhere(cells).tolist() == [list(i) for i in product([1, 2, 3, 4], repeat=3)]
+
+
+def test_degenerate_triangles_are_covered_as_what_they_are():
+    vertices = np.array([[1, 1, 1], [8, 1, 1], [4, 1, 1], [5, 6, 7]], dtype=float)
+    line = surface_cells(vertices, np.array([[0, 1, 2]]), (10, 10, 10), 0.0)
+    assert np.argwhere(line).tolist() == [[i, 1, 1] for i in range(1, 9)]
+    point = surface_cells(vertices, np.array([[3, 3, 3]]), (10, 10, 10), 0.0)
+    assert np.argwhere(point).tolist() == [[5, 6, 7]]
+    ball = surface_cells(vertices, np.array([[3, 3, 3]]), (10, 10, 10), 0.5)
+    assert ball.sum() == 7  # the cell and its six neighbours, touched at the middle of a face
+    assert surface_cells(vertices, np.array([[3, 3, 3]]), (10, 10, 10), 0.4999).sum() == 1
+
+
+def test_margins_round_corners():
+    """The dilated object is round: a cube of cells would be more."""
+    cells = surface_cells(np.array([[10.0, 10, 10]] * 3), np.array([[0, 1, 2]]), (21, 21, 21), 8.0)
+    offset = np.maximum(np.abs(np.indices((21, 21, 21)) - 10) - 0.5, 0)
+    assert np.array_equal(cells, (offset**2).sum(axis=0) <= 64)
+
+
+def test_inside_of_nested_and_open_surfaces():
+    ring = load_indicator(trimesh.creation.torus(1, 0.3)).to_grid(resolution=32)
+    assert not ring.contains(np.zeros((1, 3)))[0]  # the hole is outside
+    nested = load_indicator(SHAPES["two spheres in one"]()).to_grid(resolution=32)
+    assert nested.contains(np.zeros((1, 3)))[0]  # a cavity is not reached from outside
+    opened = load_indicator(open_box()).to_grid(resolution=32)
+    assert not opened.contains(np.zeros((1, 3)))[0]
+
+
+@settings(deadline=None, max_examples=25)
+@given(scale=st.floats(-20, 20), shift=st.floats(-100, 100), resolution=st.integers(2, 40), margin=st.floats(0, 1))
+def test_any_size_and_place(scale, shift, resolution, margin):
+    """Sizes from a millionth to a million, up to 100 sizes away from the origin."""
+    size = 2.0**scale
+    solid = trimesh.creation.icosphere(subdivisions=1, radius=size)
+    mesh = IndicatorMesh(solid.vertices + shift * size, solid.faces)
+    grid = mesh.to_grid(resolution=resolution, margin=margin * size)
+    assert grid.contains(mesh.vertices).all()
+    for axis, sign in product(range(3), [-1, 1]):
+        reach = mesh.vertices[np.argmax(sign * mesh.vertices[:, axis])].astype(np.float64)
+        reach[axis] += sign * margin * size
+        assert grid.contains(reach[None])[0]

@@ -1,0 +1,60 @@
+"""Proven, tight, fast bounding volumes for simulation, as NVIDIA Warp functions.
+
+A bounder answers *maybe* or certainly *no* to "does this query touch that object?", and never says *no* where the truth is *yes*:
+
+    import warp_bounding as wb
+
+    shape = wb.load_indicator("bunny.obj")
+    bounder = wb.fit(shape, method="mlp", hidden=(50, 50), budget=60.0)
+    print(bounder.certificate.message)
+    mask = bounder.query(points)  # uint8, 1 = maybe
+
+Importing this module imports neither torch nor trimesh nor pyvista; each is imported where it is needed.
+"""
+
+from importlib import import_module
+
+from warp_bounding.version import __version__
+
+__all__ = [
+    "BounderError",
+    "BoundingError",
+    "FileFormatError",
+    "IndicatorError",
+    "QueryError",
+    "Bounder",
+    "Certificate",
+    "Data",
+    "IndicatorGrid",
+    "IndicatorMesh",
+    "METHODS",
+    "Rates",
+    "__version__",
+    "certify",
+    "evaluate",
+    "fit",
+    "load",
+    "load_indicator",
+]
+
+_HOMES = {
+    "warp_bounding.errors": ("BounderError", "BoundingError", "FileFormatError", "IndicatorError", "QueryError"),
+    "warp_bounding.bounders": ("Bounder", "Certificate", "Data", "METHODS", "load"),
+    "warp_bounding.indicators": ("IndicatorGrid", "IndicatorMesh", "load_indicator"),
+    "warp_bounding.proof": ("certify",),
+    "warp_bounding.evaluation": ("Rates", "evaluate"),
+    "warp_bounding.training": ("fit",),
+}
+_WHERE = {name: home for home, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str):
+    if name not in _WHERE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(_WHERE[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,87 @@
+"""How tight a bounder is: false positives and false negatives among random queries, as fractions of all of them."""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.errors import QueryError
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.queries import PointOracle, sample_points
+
+__all__ = ["PROTOCOLS", "Rates", "evaluate"]
+
+PROTOCOLS = ("exact", "sampled")
+CHUNK = 1_000_000
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Rates over all samples, in per cent, as in the paper.
+
+    Attributes:
+        fp_rate: False positives, per cent of all samples.
+        fn: False negatives, a count; a conservative bounder has none.
+        positives: Samples whose truth is *yes*, per cent.
+        samples: Number of samples.
+        protocol: ``"exact"`` or ``"sampled"``; for points they are the same.
+        seed: Of the samples.
+    """
+
+    fp_rate: float
+    fn: int
+    positives: float
+    samples: int
+    protocol: str
+    seed: int
+
+    def to_dict(self) -> dict:
+        """JSON-ready."""
+        return asdict(self)
+
+
+def evaluate(
+    bounder: Bounder,
+    shape,
+    samples: int = 1_000_000,
+    protocol: str = "exact",
+    *,
+    seed: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> Rates:
+    """Ask a bounder random queries of its kind and compare with the exact truth.
+
+    Args:
+        bounder: Any bounder.
+        shape: The ``IndicatorGrid`` or ``IndicatorMesh`` that it bounds; a mesh is voxelised as it was for the fit.
+        samples: Number of queries, uniform as in the paper (points: between the centres of the first and the last cells).
+        protocol: ``"exact"`` or ``"sampled"`` (the paper's way to find the truth; the same for points).
+        seed: Of the samples.
+        progress: Called with samples done and samples in all.
+
+    Returns:
+        The rates.
+
+    Raises:
+        QueryError: For an unknown protocol, fewer than one sample, or a shape of another dimension.
+    """
+    if protocol not in PROTOCOLS:
+        raise QueryError(f"protocol must be one of {', '.join(PROTOCOLS)}, got {protocol!r}")
+    if isinstance(samples, bool) or not isinstance(samples, (int, np.integer)) or samples < 1:
+        raise QueryError(f"samples must be a whole number of at least 1, got {samples}")
+    resolution = None if isinstance(shape, IndicatorGrid) else bounder.info.get("resolution")
+    grid = shape.to_grid(resolution=resolution, margin=bounder.info.get("margin") or 0.0)
+    if grid.ndim != bounder.ndim:
+        raise QueryError(f"the shape is {grid.ndim}D, the bounder {bounder.ndim}D")
+    rng, oracle = np.random.default_rng(seed), PointOracle(grid, device=bounder.device)
+    false_positive = false_negative = positive = 0
+    for start in range(0, samples, CHUNK):
+        x = sample_points(grid, min(CHUNK, samples - start), rng)
+        truth, maybe = oracle(x), bounder.query(x).numpy().astype(bool)
+        false_positive += int((maybe & ~truth).sum())
+        false_negative += int((truth & ~maybe).sum())
+        positive += int(truth.sum())
+        if progress:
+            progress(start + len(x), samples)
+    return Rates(100 * false_positive / samples, false_negative, 100 * positive / samples, int(samples), protocol, seed)

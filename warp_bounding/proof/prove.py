@@ -1,0 +1,248 @@
+"""The step from a bounder and a grid to a proven threshold, and back: proving from scratch what a file claims.
+
+``prove`` searches for the least value of ``f`` over P_delta, every float32 input that the pipeline can make of a point of
+the object, and sets ``threshold <= minimum - E``. ``certify`` takes threshold and shape as given and checks ``f >= threshold + E``
+cell by cell; it shares nothing with the search but the methods' bound rules.
+"""
+
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from warp_bounding.arithmetic import UNIT64, round_down
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.certificate import Certificate
+from warp_bounding.bounders.domain import input_rounding
+from warp_bounding.errors import BounderError, BoundingError
+from warp_bounding.indicators.blocks import full_blocks
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.launch import cpu_threads
+from warp_bounding.proof.search import Search, halve, minimum
+
+__all__ = ["certify", "positive_boxes", "prove"]
+
+CHUNK = 4096  # cells that `certify` takes at a time
+NARROWEST = 1e-9  # boxes of this width in v are not halved any more
+
+
+def positive_boxes(bounder: Bounder, grid: IndicatorGrid) -> tuple[np.ndarray, np.ndarray]:
+    """P_delta as boxes of ``v``: one per cell for closed forms, few large ones where a search halves them itself.
+
+    Returns:
+        Lower and upper corners ``(N, n)`` float64.
+    """
+    first, last = (grid.occupied, grid.occupied + 1) if bounder.closed_form else full_blocks(grid)
+    return bounder.domain.widened(grid.position(first - 0.5), grid.position(last - 0.5))
+
+
+def prove(
+    bounder: Bounder,
+    grid: IndicatorGrid,
+    *,
+    eps: float = 1e-3,
+    seconds: float = float("inf"),
+    points: np.ndarray | None = None,
+    progress: Callable[[int, int, float], None] | None = None,
+) -> Search:
+    """Set a bounder's threshold by proof and give it its certificate.
+
+    Args:
+        bounder: Changed in place (``freeze``).
+        grid: The object that it bounds.
+        eps: Largest gap, in ``f``, between the proven minimum and the least value found.
+        seconds: Time for the search; a shorter one costs tightness, never soundness.
+        points: ``(P, n)`` concrete low points to begin with, coordinates ``v``.
+        progress: See ``minimum``.
+
+    Returns:
+        The search, with its lowest points.
+
+    Raises:
+        BounderError: If no threshold separates anything (the proven minimum is not finite).
+    """
+    started = time.perf_counter()
+    lower, upper = positive_boxes(bounder, grid)
+    if bounder.closed_form:
+        parts = [bounder.bound(lower[i : i + CHUNK], upper[i : i + CHUNK]).lower.min() for i in range(0, len(lower), CHUNK)]
+        least = float(min(parts))
+        search = Search(least, least, np.empty((0, grid.ndim)), len(lower), time.perf_counter() - started, True)
+    else:
+        search = minimum(bounder, lower, upper, eps=eps, seconds=seconds, points=points, progress=progress)
+    error = bounder.rounding_bound()
+    threshold = float(round_down(_minus(search.lower_bound, error)))
+    if not np.isfinite(threshold):
+        raise BounderError(f"{bounder.method}: the proof found no finite minimum")
+    cells = len(grid.occupied)
+    message = (
+        f"Proven: no point of the object, all {cells} occupied cells, is ever answered with no. "
+        f"f >= {search.lower_bound:.6g} on them, float32 rounding changes it by at most {error:.2g}, the threshold is {threshold:.6g}."
+    )
+    certificate = _certificate(bounder, grid, "proven", threshold, search.lower_bound, search.boxes, search.seconds, message)
+    bounder.freeze(threshold, certificate)
+    return search
+
+
+def certify(bounder: Bounder, shape, *, seconds: float = 300.0, progress: Callable[[int, int], None] | None = None) -> Certificate:
+    """Prove from scratch that a bounder has no false negative on a shape. Raises nothing for a bounder that does; tells the truth.
+
+    Args:
+        bounder: Its threshold and weights are taken as they are, its own certificate is not looked at.
+        shape: An ``IndicatorGrid`` or ``IndicatorMesh``; voxelised with the bounder's own resolution and margin.
+        seconds: Time allowed.
+        progress: Called with cells done and cells in all.
+
+    Returns:
+        A certificate of kind ``"proven"``, ``"refuted"`` (with a counterexample), ``"undecided"`` or ``"inapplicable"``.
+    """
+    started = time.perf_counter()
+    try:
+        grid = _as_grid(bounder, shape)
+    except BoundingError as error:
+        return _inapplicable(bounder, shape, str(error))
+    if grid.ndim != bounder.ndim or grid.time != bounder.domain.time:
+        kinds = [f"{n}D" + (", animated" if t else "") for n, t in ((grid.ndim, grid.time), (bounder.ndim, bounder.domain.time))]
+        return _inapplicable(bounder, shape, f"the shape is {kinds[0]}, the bounder {kinds[1]}")
+    domain, threshold, error = bounder.domain, float(bounder.threshold), bounder.rounding_bound()
+    limit = domain.limit.astype(np.float64)
+    needed = input_rounding(domain.center, domain.scale, limit, domain.lower, domain.upper)
+    if (needed > domain.delta).any():
+        return _inapplicable(bounder, shape, "the domain's delta does not cover the rounding of its own map")
+    target = _plus(threshold, error)
+    cells, least, boxes, done = grid.occupied, np.inf, 0, 0
+
+    def result(kind: str, message: str, bound: float, counterexample=None) -> Certificate:
+        spent = time.perf_counter() - started
+        return _certificate(bounder, grid, kind, threshold, bound, boxes, spent, message, counterexample)
+
+    outside = ((grid.position(cells - 0.5) < domain.lower) | (grid.position(cells + 0.5) > domain.upper)).any(axis=1)
+    if outside.any():
+        point = _denied(bounder, grid, grid.position(cells[outside]))
+        text = "the shape reaches outside the domain that the bounder was made for"
+        return result("refuted" if point is not None else "undecided", text, threshold, point)
+    starts = range(0, len(cells), CHUNK)
+    with ThreadPoolExecutor(cpu_threads()) as pool, threadpool_limits(1, "blas"):
+        check = partial(_check_cells, bounder, grid, target, started + seconds)
+        tasks = [pool.submit(check, cells[start : start + CHUNK]) for start in starts]
+        for task in tasks:
+            part = task.result()
+            least, boxes, done = min(least, part.least), boxes + part.boxes, done + part.cells
+            if progress:
+                progress(done, len(cells))
+            if part.suspects is not None or part.late:
+                pool.shutdown(cancel_futures=True)
+                break
+    if part.late:
+        return result("undecided", f"no decision within {seconds:g} s", least)
+    if part.suspects is not None:
+        point = _denied(bounder, grid, part.suspects)
+        if point is not None:
+            return result("refuted", "a point of the object is answered with no", least, point)
+        return result("undecided", "f comes closer to the threshold than the proof's margins for rounding allow", least)
+    return result("proven", f"Proven from scratch: all {len(cells)} occupied cells of {grid.name} are answered with maybe.", least)
+
+
+class _Checked(NamedTuple):
+    """Outcome of some cells: least bound, boxes, cells that hold, points (object space) that break the proof, whether time ran out."""
+
+    least: float
+    boxes: int
+    cells: int
+    suspects: np.ndarray | None = None
+    late: bool = False
+
+
+def _check_cells(bounder: Bounder, grid: IndicatorGrid, target: float, deadline: float, cells: np.ndarray) -> _Checked:
+    """Check ``f >= target`` over all that the pipeline can make of the points of some cells."""
+    first, last = grid.position(cells - 0.5), grid.position(cells + 0.5)
+    low, high = bounder.domain.widened(first, last)
+    owner = np.arange(len(cells))
+    least, boxes = np.inf, 0
+    while len(low):
+        bounds = bounder.bound(low, high)
+        boxes += len(low)
+        proven = bounds.lower >= target
+        least = min(least, float(bounds.lower[proven].min(initial=np.inf)))
+        low, high, owner, failed = low[~proven], high[~proven], owner[~proven], bounds.lower[~proven]
+        if not len(low):
+            break
+        suspects = np.concatenate([bounds.point[~proven], (low + high) / 2])
+        below = bounder.reference(suspects) < target
+        if below.any() or (high - low).max(axis=1).min() < NARROWEST:
+            cell = np.tile(owner, 2)[below]
+            inside = np.clip(bounder.domain.to_object(suspects[below]), first[cell], last[cell])  # P_delta is a little wider
+            return _Checked(float(failed.min()), boxes, 0, inside)
+        if time.perf_counter() > deadline:
+            return _Checked(float(failed.min()), boxes, 0, late=True)
+        low, high = halve(low, high, bounds.axis[~proven])
+        owner = np.tile(owner, 2)
+    return _Checked(least, boxes, len(cells))
+
+
+def _as_grid(bounder: Bounder, shape) -> IndicatorGrid:
+    """The shape's cells, made as they were for the fit."""
+    margin = bounder.info.get("margin") or 0.0
+    resolution = None if isinstance(shape, IndicatorGrid) else bounder.info.get("resolution")
+    return shape.to_grid(resolution=resolution, margin=margin)
+
+
+def _denied(bounder: Bounder, grid: IndicatorGrid, x: np.ndarray) -> np.ndarray | None:
+    """The first of these points, as float32, that lies in the object and that the deployed bounder answers with no."""
+    x = np.asarray(x, dtype=np.float64).astype(np.float32)
+    x = x[grid.contains(x)]
+    if not len(x):
+        return None
+    missed = np.flatnonzero(bounder.query(x).numpy() == 0)
+    return x[missed[0]] if len(missed) else None
+
+
+def _minus(a: float, b: float) -> float:
+    """``a - b`` rounded down, whatever the last bit does."""
+    return float(np.nextafter(a - b, -np.inf))
+
+
+def _plus(a: float, b: float) -> float:
+    """``a + b`` rounded up."""
+    return float(np.nextafter(a + b, np.inf)) + UNIT64 * abs(a)
+
+
+def _certificate(bounder, grid, kind, threshold, least, boxes, seconds, message, counterexample=None) -> Certificate:
+    domain = bounder.domain
+    cell = domain.scale / grid.cells_per_unit
+    return Certificate(
+        kind=kind,
+        query=bounder.query_kind,
+        domain=[domain.lower.tolist(), domain.upper.tolist()],
+        threshold=float(np.float32(threshold)),
+        lower_bound=float(least),
+        rounding_bound=bounder.rounding_bound(),
+        delta=(domain.delta / cell).tolist(),
+        boxes=int(boxes),
+        seconds=round(float(seconds), 3),
+        indicator=grid.digest,
+        cells=len(grid.occupied),
+        counterexample=None if counterexample is None else [float(c) for c in counterexample],
+        message=message,
+    )
+
+
+def _inapplicable(bounder: Bounder, shape, reason: str) -> Certificate:
+    domain = bounder.domain
+    return Certificate(
+        kind="inapplicable",
+        query=bounder.query_kind,
+        domain=[domain.lower.tolist(), domain.upper.tolist()],
+        threshold=float(bounder.threshold),
+        lower_bound=0.0,
+        rounding_bound=bounder.rounding_bound(),
+        delta=[],
+        boxes=0,
+        seconds=0.0,
+        indicator=getattr(shape, "digest", ""),
+        cells=0,
+        message=reason,
+    )

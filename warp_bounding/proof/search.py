@@ -1,0 +1,151 @@
+"""Branch and bound: the least value of a bounder's ``f`` over a union of boxes, certified from below.
+
+Every box gets a certified lower bound from the method (``Bounder.bound``) and a few concrete points. Boxes whose bound
+is not more than ``eps`` under the least value found are closed, the others halved. What is returned is sound whenever the
+search ends: the least bound over all closed *and* open boxes. Boxes wait on a stack of chunks, so that memory grows with
+depth, not with the number of boxes.
+"""
+
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.launch import cpu_threads
+
+__all__ = ["Search", "minimum"]
+
+CHUNK = 1024  # boxes that are bounded at a time, so that their intermediate arrays stay in the cache
+WORST = 2048  # low points that are kept, for training
+
+
+@dataclass(frozen=True)
+class Search:
+    """Result of a search.
+
+    Attributes:
+        lower_bound: Certified: ``f >= lower_bound`` on every box.
+        upper_bound: Least value found at a concrete point.
+        worst: ``(K, n)`` float64, the lowest concrete points, lowest first.
+        boxes: Boxes that were bounded.
+        seconds: Wall time.
+        complete: Whether the two bounds agree within ``eps``.
+    """
+
+    lower_bound: float
+    upper_bound: float
+    worst: np.ndarray
+    boxes: int
+    seconds: float
+    complete: bool
+
+
+def minimum(
+    bounder: Bounder,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    *,
+    eps: float,
+    seconds: float = float("inf"),
+    points: np.ndarray | None = None,
+    progress: Callable[[int, int, float], None] | None = None,
+) -> Search:
+    """Certified minimum of ``f`` over boxes.
+
+    Args:
+        bounder: Whose ``f``.
+        lower: ``(N, n)`` float64 lower corners, coordinates ``v``.
+        upper: ``(N, n)`` float64 upper corners.
+        eps: Gap between bound and found value at which a box is closed; at least 0.
+        seconds: Time after which the search ends with what it has; the given boxes are bounded once in any case.
+        points: ``(P, n)`` concrete points in the boxes to begin with; good ones save most of the work.
+        progress: Called now and then with boxes done, boxes waiting, gap.
+
+    Returns:
+        The result; sound also where it is not complete.
+    """
+    started = time.perf_counter()
+    low_points = np.empty((0, lower.shape[1])) if points is None else np.asarray(points, dtype=np.float64)
+    low_values = bounder.reference(low_points) if len(low_points) else np.empty(0)
+    best = float(low_values.min(initial=np.inf))
+    closed, done = np.inf, 0
+
+    def examine(chunk):
+        low, high, _ = chunk
+        bounds = bounder.bound(low, high)
+        tried = np.concatenate([bounds.point, (low + high) / 2])
+        return bounds, tried, bounder.reference(tried)
+
+    def advance(chunks):
+        """Bound some chunks; their halves that stay open, in chunks, the lowest bounds last."""
+        nonlocal closed, done, best, low_points, low_values
+        kept = []
+        for low, high, bound in chunks:
+            open_ = bound < best - eps
+            closed = min(closed, bound[~open_].min(initial=np.inf))
+            if open_.any():
+                kept.append((low[open_], high[open_], bound[open_]))
+        results = list(pool.map(examine, kept))
+        for (low, _, _), (_, tried, values) in zip(kept, results, strict=True):
+            done += len(low)
+            low_points, low_values = _lowest(low_points, low_values, tried, values)
+            best = min(best, float(values.min()))
+        halves = []
+        for (low, high, parent), (bounds, _, _) in zip(kept, results, strict=True):
+            bound = np.maximum(bounds.lower, parent)  # a half is no worse than the whole
+            open_ = bound < best - eps
+            closed = min(closed, bound[~open_].min(initial=np.inf))
+            halves.append((*halve(low[open_], high[open_], bounds.axis[open_]), np.tile(bound[open_], 2)))
+        return _chunks(*(np.concatenate(part) for part in zip(*halves, strict=True))) if halves else []
+
+    threads = cpu_threads()
+    with ThreadPoolExecutor(threads) as pool, threadpool_limits(1, "blas"):  # our threads share the cores already
+        stack = advance(_chunks(lower, upper, np.full(len(lower), -np.inf)))
+        while stack and time.perf_counter() - started < seconds:
+            batch, stack = stack[-threads:], stack[:-threads]
+            stack += advance(batch)
+            if progress:
+                waiting = sum(len(chunk[0]) for chunk in stack)
+                progress(done, waiting, best - min(closed, min((chunk[2].min() for chunk in stack), default=np.inf)))
+    remaining = min((float(bound.min()) for _, _, bound in stack), default=np.inf)
+    return Search(
+        lower_bound=min(closed, remaining),
+        upper_bound=best,
+        worst=low_points,
+        boxes=done,
+        seconds=time.perf_counter() - started,
+        complete=not stack,
+    )
+
+
+def _chunks(low: np.ndarray, high: np.ndarray, bound: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Boxes in chunks of ``CHUNK``, those with the lowest bounds in the last."""
+    order = np.argsort(-bound, kind="stable")
+    low, high, bound = low[order], high[order], bound[order]
+    return [(low[i : i + CHUNK], high[i : i + CHUNK], bound[i : i + CHUNK]) for i in range(0, len(low), CHUNK)]
+
+
+def halve(low: np.ndarray, high: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Both halves of each box: ``(2N, n)`` lower and upper corners."""
+    row = np.arange(len(low))
+    middle = (low[row, axis] + high[row, axis]) / 2
+    left_high, right_low = high.copy(), low.copy()
+    left_high[row, axis] = middle
+    right_low[row, axis] = middle
+    return np.concatenate([low, right_low]), np.concatenate([left_high, high])
+
+
+def _lowest(points: np.ndarray, values: np.ndarray, more: np.ndarray, more_values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The lowest ``WORST`` of two sets of points, sorted."""
+    if len(values) >= WORST:
+        better = more_values < values[-1]
+        more, more_values = more[better], more_values[better]
+        if not len(more):
+            return points, values
+    points, values = np.concatenate([points, more]), np.concatenate([values, more_values])
+    order = np.argsort(values, kind="stable")[:WORST]
+    return points[order], values[order]
