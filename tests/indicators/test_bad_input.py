@@ -263,7 +263,7 @@ BAD_MESHES = {
 @pytest.mark.parametrize("case", BAD_MESHES)
 def test_bad_mesh(case):
     vertices, faces, word = BAD_MESHES[case]
-    with pytest.raises(IndicatorError, match="part.stl: expected") as caught:
+    with pytest.raises(IndicatorError, match=r"part\.stl: expected") as caught:
         IndicatorMesh(np.array(vertices), np.array(faces), name="part.stl")
     assert word in str(caught.value)
 
@@ -301,7 +301,9 @@ def test_mesh_too_far_away():
         load_indicator(far).to_grid()
 
 
-@pytest.mark.parametrize(("margin", "words"), [(-1, "non-negative"), (np.nan, "finite"), (1e300, "suffice"), (1e9, "suffice")])
+@pytest.mark.parametrize(
+    ("margin", "words"), [(-1, "non-negative"), (np.nan, "finite"), (1e300, "suffice"), (1e9, "suffice")]
+)
 def test_bad_margin_of_a_grid(margin, words):
     with pytest.raises(IndicatorError, match=words):
         IndicatorGrid(ARRAY).to_grid(margin=margin)

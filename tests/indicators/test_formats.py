@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from binvox_writer import write_binvox
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -51,12 +50,12 @@ def test_png_transparent_colour(tmp_path):
     assert load_indicator(tmp_path / "c.png").occupancy.tolist() == [[True, False], [True, True]]
 
 
-def test_binvox_round_trip(tmp_path, blob):
+def test_binvox_round_trip(tmp_path, blob, write_binvox):
     write_binvox(tmp_path / "a.binvox", blob)
     assert np.array_equal(load_indicator(tmp_path / "a.binvox").occupancy, blob)
 
 
-def test_binvox_runs_longer_than_a_byte(tmp_path):
+def test_binvox_runs_longer_than_a_byte(tmp_path, write_binvox):
     occupancy = np.zeros((10, 10, 10), dtype=bool)
     occupancy[3:] = True
     write_binvox(tmp_path / "a.binvox", occupancy)
@@ -72,7 +71,7 @@ def test_binvox_order_is_x_z_y(tmp_path):
 
 @settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30)
 @given(shape=st.lists(st.integers(1, 9), min_size=3, max_size=3), seed=st.integers(0, 2**32 - 1))
-def test_binvox_round_trip_of_any_shape(tmp_path, shape, seed):
+def test_binvox_round_trip_of_any_shape(tmp_path, write_binvox, shape, seed):
     occupancy = np.random.default_rng(seed).random(shape) < 0.5
     if occupancy.all() or not occupancy.any():
         return
@@ -121,7 +120,9 @@ def test_npz_single_or_named(tmp_path, blob):
     assert np.array_equal(load_indicator(tmp_path / "many.npz").occupancy, blob)
 
 
-@pytest.mark.parametrize(("ndim", "time", "expected"), [(4, None, True), (4, False, False), (3, None, False), (3, True, True)])
+@pytest.mark.parametrize(
+    ("ndim", "time", "expected"), [(4, None, True), (4, False, False), (3, None, False), (3, True, True)]
+)
 def test_time(ndim, time, expected):
     array = np.arange(2**ndim).reshape((2,) * ndim) < 3
     assert load_indicator(array, time=time).time is expected
@@ -163,7 +164,9 @@ def test_obj_with_polygons_and_negative_indices(tmp_path):
 def test_scenes_keep_every_part_in_its_place(tmp_path):
     scene = trimesh.Scene()
     scene.add_geometry(BOX, geom_name="box")
-    scene.add_geometry(trimesh.creation.icosphere(subdivisions=1), transform=trimesh.transformations.translation_matrix([10, 0, 0]))
+    scene.add_geometry(
+        trimesh.creation.icosphere(subdivisions=1), transform=trimesh.transformations.translation_matrix([10, 0, 0])
+    )
     scene.export(tmp_path / "s.glb")
     for mesh in load_indicator(tmp_path / "s.glb"), load_indicator(scene):
         assert np.allclose(mesh.bounds, [[-0.5, -1, -1.5], [11, 1, 1.5]])

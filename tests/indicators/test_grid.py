@@ -27,7 +27,9 @@ def fraction_contains(grid, point):
 
 def near_faces(grid, rng, count):
     """Float32 points on faces, a few units in the last place off them, and around zero."""
-    t = np.round(rng.uniform(-1, np.array(grid.shape), (count, grid.ndim))) + rng.choice([-0.5, 0, 0.5], (count, grid.ndim))
+    t = np.round(rng.uniform(-1, np.array(grid.shape), (count, grid.ndim))) + rng.choice(
+        [-0.5, 0, 0.5], (count, grid.ndim)
+    )
     x = grid.position(t).astype(np.float32)
     bits = np.abs(x).view(np.int32) + rng.integers(-2, 3, x.shape, dtype=np.int32)
     x = np.copysign(np.maximum(bits, 0).view(np.float32), x)
@@ -59,7 +61,9 @@ def test_membership_is_exact(rng, shape, options):
 
 
 @settings(deadline=None)
-@given(x=F32, bits=st.integers(2**15, 2**24 - 1), exponent=st.integers(-40, 10), twice=st.integers(-(2**23) + 1, 2**23 - 1))
+@given(
+    x=F32, bits=st.integers(2**15, 2**24 - 1), exponent=st.integers(-40, 10), twice=st.integers(-(2**23) + 1, 2**23 - 1)
+)
 @example(x=-1e-45, bits=2**23, exponent=-23, twice=1)
 def test_no_rounding_moves_a_point_out_of_its_cell(x, bits, exponent, twice):
     """For every map that a grid may have, also where the cell coordinate has to be rounded."""
@@ -170,7 +174,7 @@ def test_margin_dilates_and_moves_the_map(rng):
     assert wide.margin == margin
     assert grid.to_grid(margin=0.0) is grid
     assert wide.to_grid(margin=margin) is wide
-    with pytest.raises(IndicatorError, match="dilated by 0.3 already"):
+    with pytest.raises(IndicatorError, match=r"dilated by 0\.3 already"):
         wide.to_grid(margin=0.4)
     inside = grid.position(grid.occupied.repeat(100, axis=0) + rng.uniform(-0.5, 0.5, (100 * len(grid.occupied), 3)))
     direction = rng.normal(size=inside.shape)

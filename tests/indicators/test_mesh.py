@@ -88,10 +88,15 @@ def test_the_grid_around_a_mesh(resolution, margin):
 def test_the_grid_is_the_same_every_time_whatever_the_order_of_faces(rng):
     mesh = load_indicator(trimesh.creation.icosphere(subdivisions=2))
     digest = mesh.to_grid(resolution=20, margin=0.05).digest
-    assert load_indicator(trimesh.creation.icosphere(subdivisions=2)).to_grid(resolution=20, margin=0.05).digest == digest
+    assert (
+        load_indicator(trimesh.creation.icosphere(subdivisions=2)).to_grid(resolution=20, margin=0.05).digest == digest
+    )
     shuffled = IndicatorMesh(mesh.vertices, rng.permutation(mesh.faces))
     assert shuffled.to_grid(resolution=20, margin=0.05).digest == digest
-    assert mesh.to_grid(resolution=np.int64(20), margin=np.float32(0.05)).shape == mesh.to_grid(resolution=20, margin=0.05).shape
+    assert (
+        mesh.to_grid(resolution=np.int64(20), margin=np.float32(0.05)).shape
+        == mesh.to_grid(resolution=20, margin=0.05).shape
+    )
 
 
 def test_open_meshes_say_so():

@@ -52,7 +52,7 @@ def test_orientation(tmp_path, left, mirror):
                     uniform token[] xformOpOrder = ["xformOp:scale"]"""
     mesh = load(tmp_path, f'def Mesh "m" {{{QUAD}\n{orientation}\n{transform}\n}}')
     a, b, c = mesh.vertices[mesh.faces[0]]
-    # A right-handed face looks towards +z, a left-handed one to -z; a mirror turns the order of corners, not the outside.
+    # A right-handed face looks towards +z, a left-handed one to -z; a mirror changes neither.
     assert np.cross(b - a, c - a)[2] * (-1 if left else 1) > 0
 
 
@@ -84,8 +84,10 @@ def test_what_is_left_out_is_noted(tmp_path):
 
 
 def test_animation_is_noted(tmp_path):
-    text = QUAD + "point3f[] points.timeSamples = {1: [(0,0,0), (1,0,0), (1,1,0), (0,1,0), (2,0,0)], " + (
-        "2: [(9,0,0), (1,0,0), (1,1,0), (0,1,0), (2,0,0)]}"
+    text = (
+        QUAD
+        + "point3f[] points.timeSamples = {1: [(0,0,0), (1,0,0), (1,1,0), (0,1,0), (2,0,0)], "
+        + ("2: [(9,0,0), (1,0,0), (1,1,0), (0,1,0), (2,0,0)]}")
     )
     mesh = load(tmp_path, f'def Mesh "m" {{{text}\n}}')
     assert "animated" in mesh.note

@@ -50,13 +50,13 @@ def surface_points(mesh, rng, count):
 
 
 @pytest.mark.parametrize("name", SHAPES)
-@pytest.mark.parametrize("resolution", [2, 7, 24])
-@pytest.mark.parametrize("margin", [0.0, 1e-3, 0.11, 0.9])
+@pytest.mark.parametrize("resolution", [3, 24])
+@pytest.mark.parametrize("margin", [0.0, 0.11, 0.9])
 def test_every_point_of_the_dilated_object_lies_in_an_occupied_cell(rng, name, resolution, margin):
     mesh = load_indicator(SHAPES[name]())
     grid = mesh.to_grid(resolution=resolution, margin=margin)
     points = surface_points(mesh, rng, max(40, 20_000 // len(mesh.faces)))
-    # Samples are made in float64: the last bits may lie off the triangle, by less than the slack that cells are grown by.
+    # Samples are rounded to float64, so they may lie off the triangle, by less than the slack of the cells.
     assert grid.contains(points).all()
     if margin:
         direction = rng.normal(size=points.shape)
@@ -87,40 +87,46 @@ def test_the_inside_is_occupied(rng, name, margin):
     assert grid.contains(points[inside]).all()
 
 
-def distance_between_cell_and_triangle(cell, triangle):
-    """Slow and plain: quadratic programme by projections, to convergence."""
-    point = cell.astype(np.float64)
-    for _ in range(300):
-        on_cell = np.clip(point, cell - 0.5, cell + 0.5)
-        nearest = trimesh.triangles.closest_point(triangle[None], on_cell[None])[0]
-        if np.array_equal(nearest, point):
-            break
-        point = nearest
-    return np.linalg.norm(point - np.clip(point, cell - 0.5, cell + 0.5))
+def lattice_of(triangle, steps):
+    """Points of a triangle, corners included; every other point of it is within its longest edge / steps of one."""
+    i, j = (a.ravel() for a in np.mgrid[: steps + 1, : steps + 1])
+    weights = np.stack([i, j, steps - i - j], axis=1)[i + j <= steps] / steps
+    return weights @ triangle
 
 
-@settings(deadline=None, max_examples=30)
-@given(seed=st.integers(0, 2**32 - 1), margin=st.sampled_from([0.0, 0.01, 0.7, 2.5]), round_to=st.sampled_from([None, 1, 2]))
+@settings(deadline=None, max_examples=40)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    margin=st.sampled_from([0.0, 0.01, 0.7, 2.5]),
+    round_to=st.sampled_from([None, 1, 2]),
+)
 def test_cells_of_one_triangle_against_brute_force(seed, margin, round_to):
     """Neither too few nor too many, also for corners on faces of cells and for triangles that are a line or a point."""
-    rng = np.random.default_rng(seed)
-    triangle = 5 + rng.uniform(-2, 2, (3, 3))
+    triangle = 5 + np.random.default_rng(seed).uniform(-2, 2, (3, 3))
     if round_to:
         triangle = np.round(triangle * round_to) / round_to
+    steps = 40
     shape = (11, 11, 11)
-    occupied = surface_cells(triangle, np.array([[0, 1, 2]]), shape, margin)
-    low = np.maximum(np.floor(triangle.min(axis=0) - margin).astype(int) - 1, 0)
-    high = np.minimum(np.ceil(triangle.max(axis=0) + margin).astype(int) + 2, shape)
-    for index in product(*(range(a, b) for a, b in zip(low, high, strict=True))):
-        gap = np.maximum(np.maximum(np.array(index) - 0.5 - triangle.max(axis=0), triangle.min(axis=0) - index - 0.5), 0)
-        if np.linalg.norm(gap) > margin + 1e-6:
-            assert not occupied[index]
-    for index in rng.permutation(np.argwhere(np.ones(np.subtract(high, low))))[:25] + low:
-        distance = distance_between_cell_and_triangle(index, triangle)
-        if distance <= margin - 1e-6 or distance == 0:
-            assert occupied[tuple(index)], (index, distance)
-        elif distance > margin + 1e-3:
-            assert not occupied[tuple(index)], (index, distance)
+    occupied = surface_cells(triangle, np.array([[0, 1, 2]]), shape, margin).reshape(-1)
+    cells = np.indices(shape).reshape(3, -1).T
+    distance = np.full(len(cells), np.inf)
+    for point in lattice_of(triangle, steps):  # upper bounds of the distance between cell and triangle
+        gap = np.maximum(np.abs(cells - point) - 0.5, 0)
+        distance = np.minimum(distance, np.sqrt((gap**2).sum(axis=1)))
+    spacing = np.linalg.norm(triangle - np.roll(triangle, 1, axis=0), axis=1).max() / steps
+    assert occupied[distance <= margin].all()
+    assert (distance[occupied] <= margin + spacing + 1e-6).all()
+
+
+def test_slack_outweighs_rounding(rng):
+    """An edge through the corner of cells touches all eight, exactly; in float64, only the slack can tell."""
+    for _ in range(200):
+        corner = np.full(3, 4.5)
+        along = (rng.uniform(-1, 1, 3).astype(np.float32) / np.float32(3)).astype(np.float64)
+        start, end = corner - 3 * along, corner + rng.integers(1, 8) * along  # exact: 24 bits and small factors
+        triangle = np.array([start, end, rng.uniform(0, 9, 3)])
+        occupied = surface_cells(triangle, np.array([[0, 1, 2]]), (10, 10, 10), 0.0)
+        assert occupied[4:6, 4:6, 4:6].all()
 
 
 @pytest.mark.parametrize("name", ["icosphere", "turned box", "torus", "turned open box", "thin plate"])
@@ -140,7 +146,7 @@ def test_no_surface_cell_is_far_from_the_mesh(rng, name, margin):
     # The distance of a cell is the least over a fine lattice of its points, up to the lattice's own spacing.
     steps = np.linspace(-0.5, 0.5, 5)
     lattice = np.array(list(product(steps, repeat=3)))
-    cells = cells[rng.permutation(len(cells))[:30]]
+    cells = cells[rng.permutation(len(cells))[:15]]
     points = grid.position(cells[:, None] + lattice).reshape(-1, 3)
     _, distance, _ = trimesh.proximity.closest_point_naive(surface, points) if len(mesh.faces) < 100 else (
         trimesh.proximity.closest_point(surface, points)

@@ -22,7 +22,7 @@ from warp_bounding.bounders.domain import Domain
 from warp_bounding.errors import BoundingError, FileFormatError
 from warp_bounding.version import __version__
 
-__all__ = ["FORMAT", "load", "save", "write_whole"]
+__all__ = ["FORMAT", "check_writable", "load", "save", "write_whole"]
 
 FORMAT = 1
 KEY = "warp_bounding"
@@ -159,6 +159,22 @@ def write_whole(path: str | os.PathLike, content: bytes) -> None:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
         raise FileFormatError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+
+def check_writable(path: str | os.PathLike) -> None:
+    """Find out before long work whether its result can be written at the end; changes nothing.
+
+    Raises:
+        FileFormatError: If the path is a folder, or cannot be written to.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise FileFormatError(f"{path}: is a folder, expected a file name")
+    folder = path.parent
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    if not folder.is_dir() or not os.access(folder, os.W_OK):
+        raise FileFormatError(f"{path}: {folder} is not a folder that can be written to")
 
 
 def _umask() -> int:

@@ -39,7 +39,7 @@ def read_usd(path: Path) -> IndicatorMesh:
     tf = import_optional("pxr.Tf", "usd-core", path)
     geom = import_optional("pxr.UsdGeom", "usd-core", path)
     utilities = import_optional("pxr.UsdUtils", "usd-core", path)
-    silence = utilities.CoalescingDiagnosticDelegate()  # while it lives, it keeps USD's warnings off standard error
+    _silence = utilities.CoalescingDiagnosticDelegate()  # while it lives, USD's warnings stay off standard error
     with reading(path, "a USD stage"):
         try:
             stage = usd.Stage.Open(str(path))

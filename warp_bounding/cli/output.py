@@ -1,0 +1,70 @@
+"""What commands print: people read standard error's progress and standard output's text, programs read ``--json``."""
+
+import contextlib
+import json
+from collections.abc import Iterator
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from warp_bounding.bounders import Bounder, Certificate
+
+__all__ = ["BounderFile", "Device", "Json", "bar", "certificate_summary", "console", "print_json", "quiet_warp"]
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output, and nothing else there.")]
+Device = Annotated[str, typer.Option(help="Warp device: cpu, cuda:0, ...")]
+BounderFile = Annotated[str, typer.Argument(metavar="FILE", help="A bounder that `fit` wrote (.safetensors).")]
+
+
+def console(as_json: bool) -> Console:
+    """Where text for people goes: standard output, or standard error where that belongs to JSON."""
+    return Console(stderr=as_json, highlight=False, soft_wrap=True)
+
+
+def print_json(value: dict[str, Any]) -> None:
+    """One JSON object on standard output."""
+    print(json.dumps(value, allow_nan=False))
+
+
+def quiet_warp(device: str | None = None) -> None:
+    """Keep Warp's own messages off standard output, and check the device.
+
+    Raises:
+        QueryError: If there is no such device.
+    """
+    import warp as wp
+
+    from warp_bounding.errors import QueryError
+
+    wp.config.log_level = getattr(wp, "LOG_ERROR", 40)
+    wp.config.quiet = True
+    wp.init()
+    if device is not None:
+        try:
+            wp.get_device(device)
+        except (ValueError, RuntimeError) as error:
+            names = ", ".join(str(d) for d in wp.get_devices())
+            raise QueryError(f"device must be one of {names}, got {device!r}") from error
+
+
+@contextlib.contextmanager
+def bar(description: str) -> Iterator[Any]:
+    """A progress bar on standard error; yields ``update(done, total, note="")``, with done in any unit."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=28),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}"),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(description, total=1.0, note="")
+        yield lambda done, total=1.0, note="": progress.update(task, completed=done / total if total else 0, note=note)
+
+
+def certificate_summary(bounder: Bounder, certificate: Certificate) -> dict[str, Any]:
+    """The keys that ``--json`` promises of a certificate, and the rest of it."""
+    return certificate.to_dict() | {"proven": certificate.proven, "method": bounder.method}

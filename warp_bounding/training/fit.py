@@ -1,0 +1,201 @@
+"""``fit``: from a shape to a proven bounder, in a given time.
+
+Closed forms are fitted and proven at once. A network is trained with the prover in the loop: now and then branch and
+bound looks for the least value of f on the object, what it finds goes into training, and the last part of the budget
+is the proof itself, which sets the threshold.
+"""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import torch
+
+from warp_bounding.bounders import Bounder, method_class
+from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.mlp import Mlp, check_hidden
+from warp_bounding.bounders.network import ACTIVATIONS
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators import IndicatorGrid, load_indicator
+from warp_bounding.proof import Search, minimum, positive_boxes, prove
+from warp_bounding.queries import PointOracle, check_query, sample_points
+from warp_bounding.training.clock import Clock
+from warp_bounding.training.loop import Trainer
+from warp_bounding.training.paper import PaperTrainer
+from warp_bounding.training.team import single_threaded_torch
+
+__all__ = ["fit"]
+
+SPACES = ("geometric", "parametric")
+TRAINERS = {"default": Trainer, "paper": PaperTrainer}
+SEARCHES = (0.5, 0.7, 0.85, 0.95)  # used fractions at which the prover looks for counterexamples
+SEARCH_SHARE = 0.03  # of the budget, each
+PROOF_SHARE = 0.05  # of the budget, reserved for the proof before a search has told what it takes
+LARGEST_PROOF_SHARE = 0.25
+PROOF_COST = 1e-4  # share of all queries that a search may cost in false positives by ending early
+COST_SAMPLES = 200_000
+
+Progress = Callable[[float, float, str], None]
+
+
+def fit(
+    shape,
+    query: str = "point",
+    method: str = "mlp",
+    *,
+    hidden: tuple[int, ...] = (50, 50),
+    activation: str = "sin",
+    budget: float = 60.0,
+    seed: int = 0,
+    margin: float = 0.0,
+    resolution: int | None = None,
+    length: float = 1.0,
+    space: str = "geometric",
+    octaves: int = 0,
+    k: int | None = None,
+    steps: int | None = None,
+    recipe: str = "default",
+    device: str | None = None,
+    progress: Progress | None = None,
+) -> Bounder:
+    """Fit a bounder to a shape and prove it.
+
+    Args:
+        shape: What ``load_indicator`` returns, or anything that it takes.
+        query: Kind of query; ``"point"``.
+        method: ``aabb``, ``obb``, ``sphere``, ``ellipsoid``, ``oriented-ellipsoid``, ``kdop``, ``voxels`` or ``mlp``.
+        hidden: Hidden widths, mlp.
+        activation: ``"sin"`` or ``"relu"``, mlp.
+        budget: Seconds for training and proof, mlp.
+        seed: Of everything random.
+        margin: The object is dilated by this length first, object (world) units.
+        resolution: Cells along a mesh's longest axis; 64 if ``None``. Grids bring their own.
+        length: Of a ray, object units; points have none.
+        space: ``"geometric"`` or ``"parametric"``; the same for points.
+        octaves: Octaves of positional encoding, mlp; 0 for none, 4 as in the paper's supplement.
+        k: Half-spaces, kdop.
+        steps: Training steps instead of seconds: the result is then repeatable to the bit on the same machine.
+        recipe: ``"default"``, or ``"paper"`` for the paper's schedule.
+        device: Warp device of the bounder; the default device if ``None``.
+        progress: Called with done, total and a note. Ctrl-C ends training; the best network so far is then proven.
+
+    Returns:
+        The bounder, proven, with ``certificate`` and ``info``.
+
+    Raises:
+        IndicatorError: If the shape cannot be read or bounded.
+        QueryError: For an unknown kind of query.
+        BounderError: For an unknown method, or an option that makes no sense.
+    """
+    check_query(query)
+    kind = method_class(method, query)
+    _check_options(budget, steps, seed, length, space, recipe)
+    if method == "mlp":
+        hidden = check_hidden(hidden)
+        if activation not in ACTIVATIONS:
+            raise BounderError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {activation!r}")
+    started = time.perf_counter()
+    grid = load_indicator(shape).to_grid(resolution=resolution, margin=margin)
+    domain = Domain.of(grid)
+    record: dict = {}
+    if method == "mlp":
+        bounder, record = _fit_network(grid, domain, hidden, activation, octaves, budget, steps, seed, recipe, device, progress)
+    else:
+        bounder = kind.fit(grid, domain, device=device, **({"k": k} if method == "kdop" else {}))
+        prove(bounder, grid)
+    bounder.info = {
+        "indicator": grid.digest,
+        "name": grid.name,
+        "grid_shape": list(grid.shape),
+        "margin": grid.margin,
+        "resolution": grid.resolution,
+        "seed": int(seed),
+        "note": grid.note,
+        "training": record | {"seconds": round(time.perf_counter() - started, 3)},
+    }
+    return bounder
+
+
+def _check_options(budget, steps, seed, length, space, recipe) -> None:
+    def number(value) -> bool:
+        return isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and np.isfinite(value)
+
+    if not number(budget) or budget <= 0:
+        raise BounderError(f"budget must be a positive number of seconds, got {budget}")
+    if steps is not None and (isinstance(steps, bool) or not isinstance(steps, (int, np.integer)) or steps < 1):
+        raise BounderError(f"steps must be a whole number of at least 1, got {steps}")
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**63:
+        raise BounderError(f"seed must be a whole number from 0 to 2^63 - 1, got {seed}")
+    if not number(length) or length <= 0:
+        raise BounderError(f"length must be positive, got {length}")
+    if space not in SPACES:
+        raise BounderError(f"space must be one of {', '.join(SPACES)}, got {space!r}")
+    if recipe not in TRAINERS:
+        raise BounderError(f"recipe must be one of {', '.join(TRAINERS)}, got {recipe!r}")
+
+
+def _fit_network(
+    grid: IndicatorGrid, domain: Domain, hidden, activation, octaves, budget, steps, seed, recipe, device, progress
+) -> tuple[Mlp, dict]:
+    """Train, search, prove. Returns the bounder and a record of how it went."""
+    clock = Clock(budget, steps)
+    clock.reserved = PROOF_SHARE * budget
+    sizes = {"hidden": list(hidden), "activation": activation, "octaves": octaves}
+    trainer = TRAINERS[recipe](grid, domain, hidden, activation, octaves, seed)
+    waiting, boxes, interrupted = list(SEARCHES), 0, False
+
+    def build(flat: torch.Tensor | None = None) -> Mlp:
+        return Mlp(domain, trainer.network.tensors(flat), sizes, device)
+
+    def counterexamples(_, used: float) -> None:
+        """Let the prover look at the network as it is; its lowest points become training samples."""
+        nonlocal boxes
+        if not waiting or used < waiting[0]:
+            return
+        waiting.pop(0)
+        bounder = build()
+        seconds = SEARCH_SHARE * budget if clock.timed else float("inf")
+        search = _search(bounder, grid, trainer.worst_points(), seconds)
+        boxes += search.boxes
+        trainer.add(search.worst)
+        if clock.timed:  # the last proof will take about as long, on a network that is a little harder
+            clock.reserved = min(max(2 * search.seconds, 0.01 * budget), LARGEST_PROOF_SHARE * budget)
+
+    def report(used: float, note: str) -> None:
+        if progress:
+            progress(min(used, 1.0) * 0.97, 1.0, note)
+
+    with single_threaded_torch():
+        try:
+            trainer.run(clock, counterexamples=counterexamples, progress=report)
+        except KeyboardInterrupt:
+            interrupted = True
+        bounder = build(trainer.best())
+    if progress:
+        progress(0.97, 1.0, "proof")
+    seconds = max(budget - clock.seconds, 0.02 * budget) if clock.timed else float("inf")
+    points = trainer.worst_points()
+    search = prove(bounder, grid, eps=_tolerance(bounder, grid, points), seconds=seconds, points=points)
+    return bounder, {
+        "recipe": recipe,
+        "steps": clock.count,
+        "interrupted": interrupted,
+        "boxes_in_training": boxes,
+        "gap": search.upper_bound - search.lower_bound,
+    }
+
+
+def _search(bounder: Mlp, grid: IndicatorGrid, points: np.ndarray, seconds: float) -> Search:
+    """The prover's search, for its counterexamples."""
+    lower, upper = positive_boxes(bounder, grid)
+    return minimum(bounder, lower, upper, eps=_tolerance(bounder, grid, points), seconds=seconds, points=points)
+
+
+def _tolerance(bounder: Mlp, grid: IndicatorGrid, points: np.ndarray) -> float:
+    """How far below the least known value a threshold may lie before it costs ``PROOF_COST`` in false positives."""
+    x = sample_points(grid, COST_SAMPLES, np.random.default_rng(0))
+    values = bounder.values(x).numpy()[~PointOracle(grid, device=bounder.device)(x)]
+    least = float(bounder.reference(points).min())
+    below = np.sort(values[values < least])[::-1]
+    count = int(PROOF_COST * COST_SAMPLES)
+    return max(least - float(below[count]), 1e-6) if len(below) > count else 1e-3

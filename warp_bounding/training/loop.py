@@ -1,0 +1,287 @@
+"""The default recipe: what the paper's asymmetric loss becomes when seconds count and the threshold is the minimum.
+
+The figure of merit is the volume of negatives above the *least* value on the object, a worst case over a continuous set.
+Hence: a positive's weight grows geometrically against a negative's (the paper's schedule grows it linearly and waits for
+zero false negatives); the negatives' loss turns into a ramp, which gives up on what cannot be separated instead of
+bending everything for it; positives come from a pool of the worst ones found, which walk down f inside their cells; half
+of a batch is drawn from samples that carry gradient, with weights that keep the mean unbiased. All schedules are functions
+of the used fraction of the budget. Points that a proof's search finds enter the pool (``counterexamples``).
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+
+from warp_bounding.bounders.domain import Domain
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.launch import cpu_threads
+from warp_bounding.training.clock import Clock
+from warp_bounding.training.network import Evaluator, TrainableNetwork
+from warp_bounding.training.samples import Samples
+from warp_bounding.training.soap import Soap
+from warp_bounding.training.team import Team
+
+__all__ = ["Recipe", "Trainer"]
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Constants of the default recipe, found on the paper's shapes; none depends on the shape.
+
+    A schedule "a -> b over [s, e]" goes geometrically from a to b while the used fraction goes from s to e.
+    """
+
+    batch: int = 2048  # negatives, and as many positives, a step
+    active: float = 0.75  # share of them drawn from the samples that carry gradient
+    refresh: int = 100  # steps between two refreshes of the samples
+    pool: int = 32768  # fresh negatives, and fresh positives, at a refresh
+    vertices: int = 131072  # corners of boundary cells at a refresh, all of them where possible
+    hard: int = 4096  # the worst positives, kept from refresh to refresh
+    moves: int = 2  # steps down f that they take
+    explore: int = 16384  # fresh positives that walk down before they compete for the hard pool
+    explore_moves: int = 4
+    saturation: float = 4.0  # |f| beyond which a softplus carries almost no gradient
+    weight: float = 3000.0  # of positives against negatives, 1 -> weight over [0, ramp]
+    ramp: float = 0.83
+    sharpness: float = 0.5  # width of the positives' softplus, 1 -> sharpness over [0, ramp]
+    boost: float = 10.0  # weight of the worst positives, 1 -> boost over [0.6, 0.95]
+    boosted: int = 1024  # their number
+    give_up: float = 3.0  # width of the negatives' ramp, 40 -> give_up over [0.3, 0.95]
+    rate: float = 2e-2  # learning rate, cosine to rate_end of it
+    rate_end: float = 1e-3
+    warm_up: float = 0.01
+    beta1: float = 0.95
+    beta2: float = 0.95
+    first_gain: float = 20.0  # initial weights: uniform in +-gain / sqrt(inputs)
+    later_gain: float = 3.0
+    first_gain_relu: float = 3.0
+    later_gain_relu: float = 1.7
+    chunk: int = 1024  # columns that a thread evaluates at a time
+
+
+def schedule(end: float, used: float, start: float, stop: float, begin: float = 1.0) -> float:
+    """Geometric from ``begin`` to ``end`` while ``used`` goes from ``start`` to ``stop``."""
+    return begin * (end / begin) ** min(1.0, max(0.0, (used - start) / (stop - start)))
+
+
+class Trainer:
+    """A network in training.
+
+    Args:
+        grid: The object.
+        domain: Its domain.
+        hidden: Hidden widths.
+        activation: ``"sin"`` or ``"relu"``.
+        octaves: Of the positional encoding.
+        seed: Of everything random.
+        recipe: Constants.
+
+    Attributes:
+        network: The parameters as they are now.
+        false_positives: Estimated share of false positives, of all uniform samples, at the last refresh.
+        false_negatives: Share of the worst positives that the paper's threshold of 0 would deny.
+    """
+
+    def __init__(
+        self,
+        grid: IndicatorGrid,
+        domain: Domain,
+        hidden: tuple[int, ...],
+        activation: str,
+        octaves: int = 0,
+        seed: int = 0,
+        recipe: Recipe | None = None,
+    ):
+        self.recipe = recipe or Recipe()
+        self.generator = torch.Generator().manual_seed(seed)
+        self.samples = Samples(grid, domain, self.generator)
+        self.network = TrainableNetwork(grid.ndim, hidden, activation, octaves)
+        sine = activation == "sin" and not octaves
+        gains = ("first_gain", "later_gain") if sine else ("first_gain_relu", "later_gain_relu")
+        self.network.initialise(*(getattr(self.recipe, g) for g in gains), self.generator)
+        # An axis of few cells carries less detail than its range in v would suggest.
+        cells = torch.tensor(grid.shape, dtype=torch.float32)
+        self.network.layers[0][:, : grid.ndim] *= cells / cells.max()
+        self.false_positives = self.false_negatives = 1.0
+        self._cells = self._offsets = torch.empty(grid.ndim, 0)
+        self._best = (math.inf, self.network.flat.clone())
+        self._batches: list[tuple] = []
+
+    def run(
+        self,
+        clock: Clock,
+        *,
+        counterexamples: Callable[["Trainer", float], None] | None = None,
+        progress: Callable[[float, str], None] | None = None,
+    ) -> None:
+        """Train until the clock's budget is used up, or an interrupt.
+
+        Args:
+            clock: The budget; its count of steps goes on.
+            counterexamples: Called at every refresh with this trainer and the used fraction; may call ``add``.
+            progress: Called at every refresh with the used fraction and a note on rates.
+        """
+        recipe, threads = self.recipe, cpu_threads()
+        team = Team(threads)
+        workers = [Evaluator(self.network, recipe.chunk) for _ in range(threads)]
+        optimiser = Soap(self.network.layers, recipe.beta1, recipe.beta2)
+        step = 0
+        try:
+            while (used := clock.fraction()) < 1:
+                if step % recipe.refresh == 0:
+                    if counterexamples:
+                        counterexamples(self, used)
+                    self._refresh(team, workers, used)
+                    if progress:
+                        rates = f"FP {100 * self.false_positives:.1f} %, FN at 0: {100 * self.false_negatives:.1f} % of the worst"
+                        progress(used, rates)
+                self._gradient(team, workers, step % recipe.refresh, used)
+                for worker in workers[1:]:
+                    workers[0].gradient.add_(worker.gradient)
+                warm = min(1.0, (used + 1e-3) / recipe.warm_up)
+                cosine = recipe.rate_end + (1 - recipe.rate_end) * 0.5 * (1 + math.cos(math.pi * min(used, 1.0)))
+                optimiser.step(workers[0].gradients, recipe.rate * warm * cosine)
+                step += 1
+                clock.count += 1
+            self._refresh(team, workers, 1.0)
+        finally:
+            team.close()
+
+    def add(self, v) -> None:
+        """Add positives found elsewhere, ``(N, n)`` float64 coordinates ``v``, to the hard pool."""
+        cells, offsets = self.samples.locate(v)
+        self._cells, self._offsets = torch.cat([cells, self._cells], 1), torch.cat([offsets, self._offsets], 1)
+
+    def best(self) -> torch.Tensor:
+        """The parameters with the fewest estimated false positives so far, flat."""
+        return self._best[1]
+
+    def worst_points(self):
+        """``(K, n)`` float64, the worst positives known, coordinates ``v``: where a proof's search may begin."""
+        hard = self.samples.to_local(self._cells + self._offsets)
+        return torch.cat([hard, self.samples.vertices], 1).T.double().numpy()
+
+    # --- one refresh -------------------------------------------------------------------------------------------------
+
+    def _refresh(self, team: Team, workers: list[Evaluator], used: float) -> None:
+        """Draw new samples, renew the hard pool, estimate the rates, plan the batches until the next refresh."""
+        recipe, samples, network = self.recipe, self.samples, self.network
+        negative = network.encode(samples.negatives(recipe.pool))
+        cells, offsets = samples.positives(recipe.pool)
+        fresh = samples.to_local(cells + offsets)
+        walked_cells, walked = samples.positives(recipe.explore)
+        walked = self._descend(team, workers, walked_cells, walked, recipe.explore_moves)
+        cells = torch.cat([walked_cells, self._cells, cells], 1)
+        offsets = torch.cat([walked, self._offsets, offsets], 1)
+        values = self._evaluate(team, workers, network.encode(samples.to_local(cells + offsets)))
+        worst = values.topk(min(recipe.hard, len(values)), largest=False)[1]
+        self._cells = cells[:, worst]
+        self._offsets = self._descend(team, workers, self._cells, offsets[:, worst], recipe.moves)
+        vertices = samples.vertices
+        if vertices.shape[1] > recipe.vertices:
+            pick = torch.randint(vertices.shape[1], (recipe.vertices,), generator=self.generator)
+            vertices = vertices.index_select(1, pick)
+        hard = samples.to_local(self._cells + self._offsets)
+        positive = network.encode(torch.cat([vertices, fresh, hard], 1))
+        values = self._evaluate(team, workers, torch.cat([negative, positive], 1))
+        below, above = values[: negative.shape[1]], values[negative.shape[1] :]
+        self._estimate(below, above)
+
+        near = below > -recipe.saturation
+        chosen, weights = _stratified(near, recipe, self.generator)
+        negatives = (negative, chosen, weights / recipe.pool)  # a volume
+        level = above.kthvalue(min(recipe.boosted, len(above)))[0]
+        boost = 1 + (schedule(recipe.boost, used, 0.6, 0.95) - 1) * (above <= level).float()
+        chosen, weights = _stratified(above <= torch.clamp(level, min=recipe.saturation), recipe, self.generator)
+        positives = (positive, chosen, weights / len(above), boost)  # a mean
+        self._batches = [negatives, positives]
+
+    def _estimate(self, below: torch.Tensor, above: torch.Tensor) -> None:
+        """False positives at the least value known on the object; remember the parameters with the fewest."""
+        self.false_positives = float((below >= above.min()).sum()) / self.recipe.pool
+        hard = above[-self._cells.shape[1] :]
+        self.false_negatives = float((hard < 0).float().mean())
+        if self.false_positives <= self._best[0]:
+            self._best = (self.false_positives, self.network.flat.clone())
+
+    def _evaluate(self, team: Team, workers: list[Evaluator], x: torch.Tensor) -> torch.Tensor:
+        values = torch.empty(x.shape[1])
+
+        def job(index: int) -> None:
+            part = slice(*(x.shape[1] * k // team.size for k in (index, index + 1)))
+            workers[index].evaluate(x[:, part], values[part])
+
+        team.run(job)
+        return values
+
+    def _descend(self, team: Team, workers: list[Evaluator], cells, offsets, moves: int) -> torch.Tensor:
+        """Offsets after some steps down f, inside their cells."""
+        offsets, size, network = offsets.clone(), self.samples.cell_size, self.network
+
+        def job(index: int) -> None:
+            first, last = (cells.shape[1] * k // team.size for k in (index, index + 1))
+            for start in range(first, last, self.recipe.chunk):
+                part = slice(start, min(start + self.recipe.chunk, last))
+                for move in range(moves):
+                    v = self.samples.to_local(cells[:, part] + offsets[:, part])
+                    slope = workers[index].input_gradient(network.encode(v))
+                    slope = network.decode_gradient(slope, v) * size
+                    slope /= slope.abs().amax(0, keepdim=True) + 1e-12
+                    offsets[:, part] = (offsets[:, part] - 0.4 * 0.8**move * slope).clamp_(-0.5, 0.5)
+
+        team.run(job)
+        return offsets
+
+    # --- one step ----------------------------------------------------------------------------------------------------
+
+    def _gradient(self, team: Team, workers: list[Evaluator], row: int, used: float) -> None:
+        """Gradient of the loss on the planned batch ``row``, summed over the workers' ``gradient``."""
+        recipe = self.recipe
+        weight = schedule(recipe.weight, used, 0.0, recipe.ramp)
+        width = schedule(recipe.sharpness, used, 0.0, recipe.ramp)
+        ramp = schedule(recipe.give_up, used, 0.3, 0.95, begin=40.0)
+        (negative, negative_rows, negative_weight), (positive, positive_rows, positive_weight, boost) = self._batches
+
+        def job(index: int) -> None:
+            worker = workers[index]
+            worker.gradient.zero_()
+            first, last = (recipe.batch * k // team.size for k in (index, index + 1))
+            for start in range(first, last, recipe.chunk):
+                part = slice(start, min(start + recipe.chunk, last))
+                x = negative.index_select(1, negative_rows[row, part])
+                f = worker.forward(x, keep=True)
+                signal = torch.sigmoid(f)
+                if ramp < 30:
+                    signal -= torch.sigmoid(f - ramp)
+                worker.backward(x, signal.mul_(negative_weight[part]).mul_(weight**-0.5))
+                columns = positive_rows[row, part]
+                x = positive.index_select(1, columns)
+                f = worker.forward(x, keep=True)
+                signal = torch.sigmoid(f.div_(-width)).mul_(positive_weight[part]).mul_(boost[columns])
+                worker.backward(x, signal.mul_(-(weight**0.5)))
+
+        team.run(job)
+
+
+def _stratified(active: torch.Tensor, recipe: Recipe, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+    """Batches drawn from two strata.
+
+    Args:
+        active: ``(N,)`` bool, the samples that carry gradient.
+        recipe: Batch size, number of batches, share of active ones.
+        generator: Source of randomness.
+
+    Returns:
+        ``(refresh, batch)`` indices, and ``(batch,)`` weights under which a batch's sum estimates the sum over all samples.
+    """
+    strata = [active.nonzero()[:, 0], (~active).nonzero()[:, 0]]
+    counts = [int(recipe.batch * recipe.active), recipe.batch - int(recipe.batch * recipe.active)]
+    if len(strata[0]) <= 16 or not len(strata[1]):  # one stratum is (almost) empty: draw from all
+        strata, counts = [torch.arange(len(active))], [recipe.batch]
+    columns, weights = [], []
+    for indices, count in zip(strata, counts, strict=True):
+        columns.append(indices[torch.randint(len(indices), (recipe.refresh, count), generator=generator)])
+        weights.append(torch.full((count,), len(indices) / count))
+    return torch.cat(columns, 1), torch.cat(weights)
