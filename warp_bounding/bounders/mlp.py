@@ -17,7 +17,7 @@ from warp_bounding.errors import BounderError
 __all__ = ["Mlp", "MlpSource", "check_hidden", "encoding_tensors"]
 
 LARGEST_WIDTH = 1024
-ALIGN = 16  # floats: rows of the neuron-major copy are padded to it
+ALIGN = 8  # floats, one vector: rows of the neuron-major copy are padded to it
 
 
 @dataclass(frozen=True)
@@ -93,9 +93,8 @@ class MlpSource(Source):
     def function_body(self) -> str:
         """See ``Source.function_body``; neurons share the lanes, so that one query is fast by itself."""
         vector = Lanes(vector=True)
-        lines = ["#if defined(__AVX512F__)", "constexpr int L = 16;", "#else", "constexpr int L = 8;", "#endif"]
-        lines += ["typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));"]
-        lines += ["typedef int I __attribute__((vector_size(4 * L)));", "float f = 0.0f;"]
+        lines = [f"constexpr int L = {ALIGN}; typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));"]
+        lines += ["typedef int I __attribute__((vector_size(4 * L)));"]
         n, count = self.ndim, self.features
         lines.append(f"float h0[{self.inputs}]; for (int k = 0; k < {n}; ++k) h0[k] = v[k];")
         if count:
@@ -115,8 +114,10 @@ class MlpSource(Source):
             lines.append(f"for (int q = 0; q < {row} / L; ++q) {{ V s; {self.activate(vector, 's', 'a[q] + b[q]')}")
             lines.append(f"*(V*)(h{index + 1} + q * L) = s; }} }}")
             at += neuron_size(h, k)
-        h = self.hidden[-1]
-        lines.append(f"for (int q = 0; q < {h}; ++q) f += h{len(self.hidden)}[q] * w[{at + 1} + q]; f += w[{at}];")
+        last, row = f"h{len(self.hidden)}", padded(self.hidden[-1])  # neurons behind the last are 0, and so are their weights
+        lines.append(f"V sum = *(const V*){last} * *(const V*)(w + {at + 1});")
+        lines.append(f"for (int q = 1; q < {row} / L; ++q) sum += *(const V*)({last} + q * L) * *(const V*)(w + {at + 1} + q * L);")
+        lines.append(f"float f = ((sum[0] + sum[4]) + (sum[2] + sum[6])) + ((sum[1] + sum[5]) + (sum[3] + sum[7])) + w[{at}];")
         return "\n".join(lines)
 
 
@@ -227,7 +228,8 @@ class Mlp(Bounder):
             rows = np.zeros((k + 1, padded(h)), np.float32)
             rows[0, :h], rows[1:, :h] = bias, weight.T
             parts.append(rows.reshape(-1))
-        return np.concatenate([*parts, layers[-1][1], layers[-1][0].reshape(-1)])
+        rest = np.zeros(padded(self.hidden[-1]) - self.hidden[-1], np.float32)
+        return np.concatenate([*parts, layers[-1][1], layers[-1][0].reshape(-1), rest])
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         """See ``Bounder``."""

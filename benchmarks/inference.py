@@ -1,0 +1,159 @@
+"""Speed of batch queries against torch, in one process, as ratios: `python benchmarks/inference.py [--json]`.
+
+Each round times every contestant once, in turn; ratios are taken within a round, so that a machine whose speed drifts does
+not matter, and their median is printed. All points lie in the domain: none is answered without asking the network.
+Contestants: torch eager on one (N, 3) tensor; torch eager in chunks, the best of several sizes; ours. Same cores, same
+data, results compared first.
+"""
+
+import argparse
+import json
+import statistics
+import time
+
+import numpy as np
+import torch
+import warp as wp
+from rich.console import Console
+from rich.table import Table
+
+from warp_bounding.bounders import METHODS
+from warp_bounding.bounders.domain import Domain
+from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.launch import cpu_threads
+from warp_bounding.training.network import TrainableNetwork
+
+CHUNKS = (2048, 4096, 8192, 16384, 32768, 65536)
+BEST_OF_CHUNKS = 5  # timings a chunk size gets to show that it is the best
+HIDDEN = (50, 50)
+
+
+class Sine(torch.nn.Module):
+    """The paper's activation."""
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return torch.sin(x)
+
+
+def ball(cells: int = 32) -> IndicatorGrid:
+    """A voxelised ball in the unit cube."""
+    axis = np.linspace(-1, 1, cells)
+    return IndicatorGrid(sum(np.meshgrid(axis**2, axis**2, axis**2)) < 0.6, name="ball")
+
+
+def network(domain: Domain, activation: str):
+    """A bounder with random weights of the usual size, and the same network as a torch module in object coordinates."""
+    trained = TrainableNetwork(3, HIDDEN, activation)
+    trained.initialise(20.0 if activation == "sin" else 3.0, 3.0, torch.Generator().manual_seed(0))
+    sizes = {"hidden": list(HIDDEN), "activation": activation, "octaves": 0}
+    bounder = METHODS["mlp"](domain, trained.tensors(), sizes, "cpu").freeze(0.0, None)
+    modules = []
+    for index, layer in enumerate(trained.layers):
+        linear = torch.nn.Linear(layer.shape[1] - 1, layer.shape[0])
+        with torch.no_grad():
+            weight, bias = layer[:, :-1].clone(), layer[:, -1].clone()
+            if index == 0:  # v = (x - center) * scale goes into the first layer: torch pays nothing for the map
+                weight, bias = weight * torch.from_numpy(domain.scale), bias - weight @ torch.from_numpy(domain.scale * domain.center)
+            linear.weight.copy_(weight)
+            linear.bias.copy_(bias)
+        modules += [linear, Sine() if activation == "sin" else torch.nn.ReLU()]
+    return bounder, torch.nn.Sequential(*modules[:-1])
+
+
+def clock(function) -> float:
+    """Seconds of one call."""
+    start = time.perf_counter()
+    function()
+    return time.perf_counter() - start
+
+
+def race(contestants: dict, rounds: int) -> dict[str, list[float]]:
+    """Times of every contestant in every round, after one warm-up."""
+    for function in contestants.values():
+        function()
+    times = {name: [] for name in contestants}
+    for _ in range(rounds):
+        for name, function in contestants.items():
+            times[name].append(clock(function))
+    return times
+
+
+def chunked(function, x: torch.Tensor, size: int):
+    """``function`` over chunks of rows."""
+    return lambda: [function(part) for part in x.split(size)]
+
+
+def main() -> None:
+    """Run and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--points", type=int, default=1_000_000)
+    parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    arguments = parser.parse_args()
+    wp.config.quiet = True
+    torch.set_num_threads(cpu_threads())
+    torch.set_grad_enabled(False)
+
+    domain = Domain.of(ball())
+    points = np.random.default_rng(0).random((arguments.points, 3), dtype=np.float32)
+    x, array = torch.from_numpy(points), wp.array(points, dtype=wp.vec3, device="cpu")
+    out = wp.empty(arguments.points, dtype=wp.uint8, device="cpu")
+    rows = []
+    for activation in ("sin", "relu"):
+        bounder, module = network(domain, activation)
+        error = np.abs(bounder.values(array).numpy() - module(x)[:, 0].numpy()).max()
+        assert error < 1e-2, f"the two networks differ by {error}"
+        best = min(CHUNKS, key=lambda size: min(clock(chunked(module, x, size)) for _ in range(BEST_OF_CHUNKS)))
+        contestants = {
+            "torch": lambda m=module: m(x),
+            f"torch, chunks of {best}": chunked(module, x, best),
+            "ours": lambda b=bounder: b.query(array, out=out),
+        }
+        rows.append((f"mlp 3-50-50-1 {activation}", race(contestants, arguments.rounds)))
+    box = METHODS["aabb"].fit(ball(), domain, device="cpu")
+    low, high = torch.tensor([0.11] * 3), torch.tensor([0.89] * 3)
+
+    def expression(p: torch.Tensor) -> torch.Tensor:
+        return ((p >= low) & (p <= high)).all(dim=1)
+
+    best = min(CHUNKS, key=lambda size: min(clock(chunked(expression, x, size)) for _ in range(BEST_OF_CHUNKS)))
+    contestants = {
+        "torch": lambda: expression(x),
+        f"torch, chunks of {best}": chunked(expression, x, best),
+        "ours": lambda: box.query(array, out=out),
+    }
+    rows.append(("aabb", race(contestants, arguments.rounds)))
+    report(rows, arguments)
+
+
+def report(rows, arguments) -> None:
+    """Nanoseconds a point, and how many times faster ours is within a round."""
+    results = []
+    for name, times in rows:
+        ours = times["ours"]
+        for contestant, values in times.items():
+            ratios = [a / b for a, b in zip(values, ours, strict=True)]
+            results.append(
+                {
+                    "test": name,
+                    "contestant": contestant,
+                    "ns_per_point": round(statistics.median(values) / arguments.points * 1e9, 2),
+                    "times_ours": round(statistics.median(ratios), 2),
+                    "times_ours_range": [round(min(ratios), 2), round(max(ratios), 2)],
+                }
+            )
+    if arguments.json:
+        print(json.dumps({"points": arguments.points, "threads": cpu_threads(), "torch": torch.__version__, "results": results}))
+        return
+    table = Table(title=f"{arguments.points:,} points, {cpu_threads()} threads, median of {arguments.rounds} rounds")
+    for column in ("test", "contestant", "ns / point", "time / ours", "range"):
+        table.add_column(column, justify="left" if column in ("test", "contestant") else "right")
+    for row in results:
+        low, high = row["times_ours_range"]
+        ratio = f"{row['times_ours']:.2f}"
+        table.add_row(row["test"], row["contestant"], f"{row['ns_per_point']:.1f}", ratio, f"{low:.2f} - {high:.2f}")
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
