@@ -16,6 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 __all__ = [
+    "LARGEST",
     "SINE_LIMIT",
     "TINY",
     "UNIT32",
@@ -29,6 +30,7 @@ __all__ = [
 
 UNIT32 = 2.0**-24  # largest relative rounding error of float32, round to nearest
 UNIT64 = 2.0**-53
+LARGEST = 2.0**120  # sums of absolute values stay under it, so that no partial sum overflows in any order
 TINY = 2.0**-126  # largest absolute error of a float32 operation whose result is subnormal (flushed to zero)
 
 # Sine. PI_HIGH has 8 significant bits, so n * PI_HIGH is exact for |n| < 2^16; PI_LOW is the float32 nearest the rest.
@@ -52,7 +54,8 @@ def gamma(count: int, unit: float = UNIT32) -> float:
 def round_down(value) -> np.ndarray:
     """Largest float32 that is not above ``value`` (elementwise)."""
     value = np.asarray(value, dtype=np.float64)
-    nearest = value.astype(np.float32)
+    with np.errstate(over="ignore"):
+        nearest = value.astype(np.float32)
     return np.where(nearest.astype(np.float64) > value, np.nextafter(nearest, np.float32(-np.inf)), nearest)
 
 

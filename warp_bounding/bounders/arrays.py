@@ -9,6 +9,8 @@ from warp_bounding.errors import QueryError
 
 __all__ = ["flat_queries", "new_output"]
 
+MOST_NUMBERS = 2**31 - 2**16  # kernels count in 32 bits, in blocks
+
 
 def flat_queries(x, columns: int, device: wp.Device) -> tuple[wp.array, int, bool]:
     """Check queries and view them as flat float32; what is on the device already is not copied.
@@ -43,12 +45,12 @@ def flat_queries(x, columns: int, device: wp.Device) -> tuple[wp.array, int, boo
     listed = not isinstance(x, np.ndarray)
     if values.dtype not in (np.float32, np.float64) and not (listed and values.dtype.kind in "iuf"):
         raise QueryError(f"queries must be float32 or float64, got {values.dtype}")
-    if values.size == 0 and listed:
+    if values.shape == (0,) and listed:
         values = values.reshape(0, columns)
     _check_shape(values.shape, columns)
     double = values.dtype != np.float32
     with np.errstate(over="ignore"):
-        flat = np.ascontiguousarray(values, dtype=np.float32).reshape(-1)
+        flat = np.require(values, np.float32, ["C", "A"]).reshape(-1)
     return _at_least_one(wp.array(flat, dtype=wp.float32, device=device, copy=not device.is_cpu), device), len(values), double
 
 
@@ -72,6 +74,8 @@ def _from_warp(x: wp.array, columns: int, device: wp.Device) -> tuple[wp.array, 
 def _check_shape(shape: tuple[int, ...], columns: int) -> None:
     if len(shape) != 2 or shape[1] != columns:
         raise QueryError(f"queries must have shape (N, {columns}), got {shape}")
+    if shape[0] * columns > MOST_NUMBERS:
+        raise QueryError(f"queries must be at most {MOST_NUMBERS // columns} at a time, got {shape[0]}")
 
 
 def _check_device(given: wp.Device, expected: wp.Device) -> None:

@@ -20,6 +20,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import warp as wp
 
+from warp_bounding.arithmetic import UNIT32
 from warp_bounding.bounders.arrays import flat_queries, new_output
 from warp_bounding.bounders.certificate import Certificate
 from warp_bounding.bounders.compaction import compact
@@ -29,7 +30,20 @@ from warp_bounding.bounders.placement import Placement
 from warp_bounding.bounders.source import Data, Source, batch_kernel, point_func
 from warp_bounding.errors import BounderError
 
-__all__ = ["Bounder", "BoxBounds"]
+__all__ = ["Bounder", "BoxBounds", "checked_device"]
+
+
+def checked_device(device: str | None) -> wp.Device:
+    """The Warp device of this name; the default device if ``None``.
+
+    Raises:
+        BounderError: If there is none.
+    """
+    try:
+        return wp.get_device(device)
+    except (ValueError, RuntimeError) as error:
+        names = ", ".join(str(d) for d in wp.get_devices())
+        raise BounderError(f"device must be one of {names}, got {device!r}") from error
 
 
 class BoxBounds(NamedTuple):
@@ -39,11 +53,13 @@ class BoxBounds(NamedTuple):
         lower: ``(N,)`` float64, certified lower bound.
         axis: ``(N,)`` int, the axis along which halving the box helps the bound most.
         point: ``(N, n)`` float64, a point of the box where ``f`` is likely to be least.
+        value: ``(N,)`` float64, ``f`` there.
     """
 
     lower: np.ndarray
     axis: np.ndarray
     point: np.ndarray
+    value: np.ndarray
 
 
 class Bounder(ABC):
@@ -62,6 +78,7 @@ class Bounder(ABC):
     method: ClassVar[str]
     closed_form: ClassVar[bool] = True  # ``bound`` is exact on a cell, so that one pass over the cells is the proof
     query_kind = "point"
+    bit_fields: ClassVar[tuple[str, ...]] = ()  # tensors that are uint32
 
     def __init__(self, domain: Domain, tensors: dict[str, np.ndarray], sizes: dict[str, Any], device: str | None = None):
         """Args:
@@ -71,14 +88,16 @@ class Bounder(ABC):
             device: Warp device; the default device if ``None``.
 
         Raises:
-            BounderError: If a tensor is not finite.
+            BounderError: If a tensor is not finite or of the wrong type, or there is no such device.
         """
+        checked_device(device)
         self.domain = domain
         self.sizes = dict(sizes)
         self.tensors = {name: np.array(value, order="C") for name, value in tensors.items()}
         for name, value in self.tensors.items():
-            if value.dtype not in (np.float32, np.uint32):
-                raise BounderError(f"tensor {name} must be float32 or uint32, got {value.dtype}")
+            expected = np.uint32 if name in self.bit_fields else np.float32
+            if value.dtype != expected:
+                raise BounderError(f"tensor {name} must be {expected.__name__}, got {value.dtype}")
             if value.dtype == np.float32 and not np.isfinite(value).all():
                 raise BounderError(f"tensor {name} holds a value that is not finite")
             value.setflags(write=False)
@@ -133,7 +152,12 @@ class Bounder(ABC):
         return wp.get_device(self._device)
 
     def to(self, device: str) -> "Bounder":
-        """This bounder on another device; weights are copied, the certificate holds for both."""
+        """This bounder on another device; weights are copied, the certificate holds for both.
+
+        Raises:
+            BounderError: If there is no such device.
+        """
+        checked_device(device)
         twin = object.__new__(type(self))
         twin.__dict__.update({k: v for k, v in self.__dict__.items() if k not in ("func",)})
         twin._device, twin._data = device, None
@@ -145,6 +169,15 @@ class Bounder(ABC):
         self.certificate = certificate
         self._data = None
         return self
+
+    def check_range(self) -> None:
+        """Refuse numbers whose sums could overflow float32; the rounding bound is at least ``UNIT32`` times the largest sum.
+
+        Raises:
+            BounderError: If they could.
+        """
+        if not self.rounding_bound() < UNIT32 * 2.0**60:
+            raise BounderError(f"{self.method}: numbers are so large that float32 sums may overflow")
 
     @property
     def nbytes(self) -> int:

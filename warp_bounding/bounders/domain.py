@@ -7,14 +7,15 @@ make of a point of the object is within ``delta`` of the exact one, and proofs r
 is chosen larger than the rounding of this map needs (a 4096th of a cell) so that a rigid transform and a scale, given
 at query time, fit in as well; ``Placement`` checks that they do.
 
-``|v| <= limit`` is the widened domain. Nothing outside it can be in the object, and no bounder is asked about it.
+``|v| <= limit`` is the widened domain. Nothing outside it can be in the object, and no bounder is asked about it. On
+the axis of time, where the answer outside is *maybe*, the limit lies inside the range instead, by twice the rounding.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from warp_bounding.arithmetic import UNIT32, gamma, round_up
+from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_down, round_up
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.grid import IndicatorGrid
 
@@ -22,6 +23,7 @@ __all__ = ["Domain"]
 
 DELTA_SHARE = 1.0 / 4096.0  # of a cell: the input error that proofs allow for where rounding needs less
 DELTA_LARGEST_SHARE = 1.0 / 16.0  # of a cell: a shape that needs more is refused
+EXTENTS = (2.0**-60, 2.0**60)  # object units, of a domain: products with its scale then stay far from float32's ends
 GROWTH = 1.0 + 1e-9  # covers the float64 evaluation of the bounds below, whose relative error is under 1e-14
 
 
@@ -32,7 +34,7 @@ class Domain:
     Attributes:
         center: ``(n,)`` float32, object space.
         scale: ``(n,)`` float32, per object unit; ``v`` runs over about [-1, 1].
-        limit: ``(n,)`` float32, largest ``|v|`` that is not certainly outside.
+        limit: ``(n,)`` float32, largest ``|v|`` that is not certainly outside; of time, that is certainly not outside.
         delta: ``(n,)`` float64, input error that the proofs cover, in units of ``v``.
         time: Coordinate 0 is time: outside its range the answer is *maybe*.
         lower: ``(n,)`` float64, lower corner of the domain in object space.
@@ -52,10 +54,13 @@ class Domain:
         """The domain of a grid.
 
         Raises:
-            IndicatorError: If float32 cannot resolve the grid's cells where the grid lies: the input error would
-                exceed a 16th of a cell.
+            IndicatorError: If float32 cannot resolve the grid's cells where the grid lies (the input error would
+                exceed a 16th of a cell), or the grid is too large or too small for float32 arithmetic.
         """
         lower, upper = grid.lower, grid.upper
+        if not ((upper - lower >= EXTENTS[0]) & (upper - lower <= EXTENTS[1])).all():
+            found = ", ".join(f"{e:.3g}" for e in upper - lower)
+            raise IndicatorError(f"{grid.name}: expected extents from {EXTENTS[0]:.3g} to {EXTENTS[1]:.3g}, got {found}; choose other units")
         center = ((lower + upper) / 2).astype(np.float32)
         scale = (2 / (upper - lower)).astype(np.float32)
         cell = scale / grid.cells_per_unit
@@ -68,7 +73,28 @@ class Domain:
                 f"{grid.name}: float32 cannot tell cells of {1 / grid.cells_per_unit[axis]:.3g} apart at coordinates up to "
                 f"{max(abs(lower[axis]), abs(upper[axis])):.3g} (axis {axis}); move the shape to its origin or use a lower resolution"
             )
-        return cls(center, scale, round_up(extent + delta * (1 + 1e-6)), delta, grid.time, lower, upper)
+        limit = round_up(extent + delta * (1 + 1e-6))
+        if grid.time:
+            inner = min(upper[0] - center[0], center[0] - lower[0]) * float(scale[0])
+            limit[0] = round_down(inner - 2 * needed[0])
+        return cls(center, scale, limit, delta, grid.time, lower, upper)
+
+    def fault(self) -> str | None:
+        """What is wrong with these numbers, in a few words; ``None`` if every claim of this class holds for them."""
+        arrays = [self.center, self.scale, self.limit, self.delta, self.lower, self.upper]
+        if not all(a.shape == (self.ndim,) and np.isfinite(a).all() for a in arrays) or self.ndim == 0:
+            return "the domain's numbers are not finite or not one per axis"
+        extents = self.upper - self.lower
+        if not ((extents >= EXTENTS[0]) & (extents <= EXTENTS[1]) & (self.scale > 0)).all():
+            return "the domain's extents or scale are impossible"
+        low, high = -self.to_local(self.lower), self.to_local(self.upper)
+        needed = input_rounding(self.center, self.scale, np.maximum(low, high) * GROWTH, self.lower, self.upper)
+        if not (needed <= self.delta).all():
+            return "the domain's delta does not cover the rounding of its own map"
+        covered = self.limit >= np.maximum(low, high) * (1 + 1e-12) + self.delta
+        if self.time:
+            covered[0] = 0 < self.limit[0] <= np.minimum(low, high)[0] - needed[0]
+        return None if covered.all() else "the domain's limit does not fit its corners"
 
     @property
     def ndim(self) -> int:
@@ -104,10 +130,15 @@ class Domain:
 
     @classmethod
     def from_dict(cls, values: dict) -> "Domain":
-        """Inverse of ``to_dict``."""
-        single = {k: np.array(values[k], dtype=np.float32) for k in ("center", "scale", "limit")}
+        """Inverse of ``to_dict``; raises ``ValueError`` for numbers that are not a domain's (``fault``)."""
+        with np.errstate(over="ignore"):
+            single = {k: np.array(values[k], dtype=np.float32) for k in ("center", "scale", "limit")}
         double = {k: np.array(values[k], dtype=np.float64) for k in ("delta", "lower", "upper")}
-        return cls(**single, **double, time=bool(values["time"]))
+        domain = cls(**single, **double, time=bool(values["time"]))
+        fault = domain.fault()
+        if fault:
+            raise ValueError(fault)
+        return domain
 
 
 def rounding_of_map(extent: np.ndarray) -> np.ndarray:
@@ -118,4 +149,5 @@ def rounding_of_map(extent: np.ndarray) -> np.ndarray:
 def input_rounding(center, scale, extent, lower, upper) -> np.ndarray:
     """Largest error of ``v`` for a point of the domain given in float64: its own rounding, then the map's."""
     reach = np.maximum(np.abs(lower), np.abs(upper))
-    return rounding_of_map(extent) + UNIT32 * reach * scale.astype(np.float64) * (1 + gamma(2))
+    flushed = 2 * TINY * scale.astype(np.float64) + TINY  # the input or the difference set to zero; the product
+    return rounding_of_map(extent) + UNIT32 * reach * scale.astype(np.float64) * (1 + gamma(2)) + flushed

@@ -14,9 +14,11 @@ from warp_bounding.bounders.network import ACTIVATIONS, Network
 from warp_bounding.bounders.source import Lanes, Source, literal
 from warp_bounding.errors import BounderError
 
-__all__ = ["Mlp", "MlpSource", "check_hidden", "encoding_tensors"]
+__all__ = ["Mlp", "MlpSource", "check_hidden", "check_octaves", "encoding_tensors"]
 
 LARGEST_WIDTH = 1024
+MOST_LAYERS = 8  # hidden; a CPU thread's stack holds LARGEST_WIDTH * MOST_LAYERS * 128 bytes with ease
+MOST_OCTAVES = 10
 ALIGN = 8  # floats, one vector: rows of the neuron-major copy are padded to it
 
 
@@ -162,16 +164,27 @@ def check_hidden(hidden) -> tuple[int, ...]:
     """Hidden widths as a tuple.
 
     Raises:
-        BounderError: If there is none, or one is not a whole number from 1 to ``LARGEST_WIDTH``.
+        BounderError: If there is none, too many, or one is not a whole number from 1 to ``LARGEST_WIDTH``.
     """
     try:
         widths = tuple(hidden)
     except TypeError:
         widths = (hidden,)
     whole = all(isinstance(h, (int, np.integer)) and not isinstance(h, bool) and 1 <= h <= LARGEST_WIDTH for h in widths)
-    if not widths or not whole:
-        raise BounderError(f"hidden must be widths from 1 to {LARGEST_WIDTH}, such as (50, 50), got {hidden}")
+    if not 1 <= len(widths) <= MOST_LAYERS or not whole:
+        raise BounderError(f"hidden must be 1 to {MOST_LAYERS} widths from 1 to {LARGEST_WIDTH}, such as (50, 50), got {hidden}")
     return tuple(int(h) for h in widths)
+
+
+def check_octaves(octaves) -> int:
+    """Octaves of positional encoding.
+
+    Raises:
+        BounderError: If that is not a whole number from 0 to ``MOST_OCTAVES``.
+    """
+    if not isinstance(octaves, (int, np.integer)) or isinstance(octaves, bool) or not 0 <= octaves <= MOST_OCTAVES:
+        raise BounderError(f"octaves must be a whole number from 0 to {MOST_OCTAVES}, got {octaves}")
+    return int(octaves)
 
 
 class Mlp(Bounder):
@@ -188,11 +201,9 @@ class Mlp(Bounder):
         """See ``Bounder``; raises ``BounderError`` where tensors and sizes do not fit together."""
         super().__init__(domain, tensors, sizes, device)
         self.hidden = check_hidden(self.sizes.get("hidden", ()))
-        self.activation, octaves = self.sizes.get("activation"), self.sizes.get("octaves", 0)
+        self.activation, octaves = self.sizes.get("activation"), check_octaves(self.sizes.get("octaves", 0))
         if self.activation not in ACTIVATIONS:
             raise BounderError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {self.activation}")
-        if not isinstance(octaves, int) or not 0 <= octaves <= 10:
-            raise BounderError(f"octaves must be a whole number from 0 to 10, got {octaves}")
         self.features = 2 * domain.ndim * octaves
         expected = {}
         for i, (k, h) in enumerate(zip((domain.ndim + self.features, *self.hidden), (*self.hidden, 1), strict=True)):

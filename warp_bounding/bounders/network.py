@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from warp_bounding.arithmetic import SINE_LIMIT, TINY, UNIT64, gamma, sine_error
+from warp_bounding.arithmetic import LARGEST, SINE_LIMIT, TINY, UNIT64, gamma, sine_error
+from warp_bounding.bounders.network_kernel import SINE_SLACK, NetworkSizes, bound_boxes
 from warp_bounding.errors import BounderError
 
 __all__ = ["ACTIVATIONS", "Network"]
@@ -58,6 +59,9 @@ class Network:
         self.hidden = stack
         self.output = Layer(layers[-1][0].astype(np.float64), layers[-1][1].astype(np.float64), "none")
         self._measure()
+        layers = tuple((x.weight.shape[1], x.weight.shape[0], x.activation, x.linear) for x in self.hidden)
+        self._sizes = NetworkSizes(len(self.limit), layers)
+        self._packed = np.concatenate([part for x in [*self.hidden, self.output] for part in (x.bias, x.weight.reshape(-1))])
 
     def __call__(self, v: np.ndarray) -> np.ndarray:
         """``f`` of ``(N, n)`` float64 coordinates, ``(N,)`` float64."""
@@ -72,15 +76,19 @@ class Network:
         """Walk through the layers once: magnitudes, float32 rounding (E) and float64 rounding of the bounds."""
         size, error = self.limit.copy(), np.zeros_like(self.limit)  # of h: largest absolute value; error of the computed h
         self.padding = []  # per layer: float64 rounding of anything that `bound` computes there
-        operations = 16
+        operations, chain = 16, self.limit.copy()  # chain: sums of absolute terms, activations of slope 1 in between
         for index, layer in enumerate([*self.hidden, self.output]):
             terms = len(layer.weight[0])
             weight = np.abs(layer.weight)
             largest = weight @ size + np.abs(layer.bias)
             computed = weight @ (size + error) + np.abs(layer.bias)
-            rounding = weight @ error + gamma(terms + 2) * computed + (2 * terms + 2) * TINY
+            flushed = (2 * terms + 2 + (size + error).sum() + weight.sum(axis=1)) * TINY  # a factor or a result set to zero
+            rounding = weight @ error + gamma(terms + 2) * computed + flushed
+            if not ((computed + rounding) < LARGEST).all():
+                raise BounderError(f"values of layer {index} can reach {float(computed.max()):.3g}, float32 sums may overflow")
             operations += 4 * terms + 32
-            self.padding.append(gamma(operations, UNIT64) * (float(largest.max()) + 4.0))
+            chain = weight @ chain + largest + 1.0
+            self.padding.append(gamma(operations, UNIT64) * (float(chain.max()) + 4.0))
             if layer.activation == "none":
                 self.rounding = float(rounding[0]) * (1 + 1e-6)
                 break
@@ -95,11 +103,22 @@ class Network:
                 error, size = rounding, largest
             error[: layer.linear] = 0.0  # copied, not computed
             size[: layer.linear] = self.limit[: layer.linear]
-        if not np.isfinite(self.rounding):
-            raise BounderError("the network's values can leave float32")
 
-    def bound(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Lower bounds of f over boxes.
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Lower bounds of f over boxes, by the fused kernel (``bound_plain`` is its twin).
+
+        Args:
+            lower: ``(N, n)`` float64.
+            upper: ``(N, n)`` float64.
+
+        Returns:
+            ``(N,)`` certified lower bounds (float64 rounding subtracted), ``(N,)`` axis whose halving should help most,
+            ``(N, n)`` the corner where the linear part is least, ``(N,)`` f there.
+        """
+        return bound_boxes(self._sizes, self._packed, np.array(self.padding), lower, upper)
+
+    def bound_plain(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Lower bounds of f over boxes, in NumPy.
 
         Args:
             lower: ``(N, n)`` float64.
@@ -119,7 +138,7 @@ class Network:
                 parts = list(layer.weight.T)
             else:
                 parts = [(part * slope) @ layer.weight.T for part in parts]
-                noise = (slope * noise + spread) @ np.abs(layer.weight).T
+                noise = (np.abs(slope) * noise + spread) @ np.abs(layer.weight).T
             rates = [np.abs(part) for part in parts]
             width = sum(rate * radius[:, k, None] for k, rate in enumerate(rates)) + noise + self.padding[index]
             slope, mean, spread = relax(z, width, layer.activation)
@@ -163,7 +182,7 @@ def relax(z: np.ndarray, width: np.ndarray, activation: str) -> tuple[np.ndarray
         spread = np.where((low < 0) & (high > 0), -slope * low / 2, 0.0)
         return slope, slope * z + spread, spread
     sine, cosine, square = np.sin(z), np.cos(z), width * width
-    spread = np.abs(cosine) * (width * square * (1 / (9 * np.sqrt(3.0)) + square / 120)) + np.abs(sine) * (square / 4)
+    spread = np.abs(cosine) * (width * square * (1 / (9 * np.sqrt(3.0)) + square / 120)) + np.abs(sine) * (square / 4) + 4 * SINE_SLACK
     slope, mean = cosine * (1 - square / 6), sine * (1 - square / 4)
     wide = spread > 1
     slope[wide], mean[wide], spread[wide] = 0.0, 0.0, 1.0

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from warp_bounding.arithmetic import UNIT32, gamma
+from warp_bounding.arithmetic import LARGEST, TINY, UNIT32, UNIT64, gamma
 from warp_bounding.bounders.domain import GROWTH, Domain, rounding_of_map
 from warp_bounding.errors import QueryError
 
@@ -50,7 +50,10 @@ class Placement:
             return None
         first = int(domain.time)
         spatial = domain.ndim - first
-        factors = np.ones(spatial) if scale is None else np.asarray(scale, dtype=np.float64).reshape(-1)
+        try:
+            factors = np.ones(spatial) if scale is None else np.asarray(scale, dtype=np.float64).reshape(-1)
+        except (TypeError, ValueError) as error:
+            raise QueryError(f"scale must be a positive number or {spatial} of them, got {scale!r}") from error
         if factors.size == 1:
             factors = np.repeat(factors, spatial)
         if factors.shape != (spatial,) or not (np.isfinite(factors) & (factors > 0)).all():
@@ -62,8 +65,10 @@ class Placement:
         translation[first:] = position
         if np.linalg.cond(forward) > 1e6:
             raise QueryError("xform must be a rigid transform, got a matrix that is singular or nearly so")
-        matrix = np.linalg.inv(forward)
-        values = np.concatenate([translation, matrix.reshape(-1)]).astype(np.float32)
+        matrix = np.eye(domain.ndim)
+        matrix[first:, first:] = np.linalg.inv(rotation) / factors[:, None]
+        with np.errstate(over="ignore"):
+            values = np.concatenate([translation, matrix.reshape(-1)]).astype(np.float32)
         if not np.isfinite(values).all():
             raise QueryError("xform and scale must fit float32")
         return cls(values, matrix, translation)
@@ -84,9 +89,12 @@ class Placement:
         away = np.abs(np.linalg.inv(self.matrix)) @ reach  # largest |q - translation| of a point of the domain
         world = np.abs(self.translation) + away
         rounded = np.abs(self.translation - self.values[:n]) + (UNIT32 * world if double else 0.0)
-        moved = np.abs(self.matrix) @ (gamma(n + 3) * (away + rounded) + rounded)
-        needed = (moved * scale * (1 + 4 * UNIT32) + rounding_of_map(domain.limit.astype(np.float64))) * GROWTH
-        if (needed > domain.delta).any():
+        size = np.abs(self.matrix)
+        moved = size @ (gamma(n + 3) * (away + rounded) + rounded)
+        moved += (64 * UNIT64 * size.max(axis=1) + 2 * TINY) * (away + rounded).sum()  # the inverse; an entry that is subnormal
+        moved += (n + 2) * TINY * (1 + size.sum(axis=1))  # other results that are
+        needed = (moved * scale * (1 + 4 * UNIT32) + rounding_of_map(domain.limit.astype(np.float64)) + TINY) * GROWTH
+        if not (needed <= domain.delta).all() or not (world < LARGEST).all():
             axis = int(np.argmax(needed / domain.delta))
             raise QueryError(
                 f"xform and scale move a point by a rounding error of up to {needed[axis]:.2g} along axis {axis}, the certificate "

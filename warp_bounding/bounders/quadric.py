@@ -65,6 +65,7 @@ class QuadricBounder(Bounder):
         if {k: t.shape for k, t in self.tensors.items()} != expected:
             found = {k: t.shape for k, t in self.tensors.items()}
             raise BounderError(f"{self.method}: expected tensors {expected}, got {found}")
+        self.check_range()
 
     @property
     def matrix(self) -> np.ndarray:
@@ -101,12 +102,14 @@ class QuadricBounder(Bounder):
             least = -((np.abs(center @ a.T + b) + half @ np.abs(a).T) ** 2).sum(axis=1)
             point = np.where((center @ a.T + b) @ a > 0, upper, lower)
         size = (np.abs(a) @ np.maximum(np.abs(lower), np.abs(upper)).max(axis=0) + np.abs(b)) ** 2
-        return BoxBounds(least - gamma(4 * n + 16, UNIT64) * size.sum(), np.argmax(half, axis=1), point)
+        rounding = gamma(4 * n + 16, UNIT64) * size.sum()
+        return BoxBounds(least - rounding, np.argmax(half, axis=1), point, self.reference(point))
 
     def rounding_bound(self) -> float:
         """See ``Bounder``: n rows of n products, n squares, their sum."""
         n = self.ndim
         row = np.abs(self.matrix) @ self.domain.limit.astype(np.float64) + np.abs(self.tensors["offset"])
-        error = gamma(n + 2) * row + (n + 2) * TINY
+        flushed = (2 * n + 2 + np.abs(self.matrix).sum(axis=1) + self.domain.limit.sum()) * TINY  # a factor or a result set to zero
+        error = gamma(n + 2) * row + flushed
         squares = (row + error) ** 2
-        return float(((2 * row + error) * error).sum() + gamma(n + 2) * squares.sum() + (2 * n + 2) * TINY)
+        return float(((2 * row + error) * error).sum() + gamma(n + 2) * squares.sum() + (2 * n + 2 + 2 * row.sum()) * TINY)

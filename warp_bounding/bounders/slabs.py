@@ -65,7 +65,7 @@ class SlabBounder(Bounder):
             local = (directions / domain.scale.astype(np.float64)).astype(np.float32)
             tensors = {"directions": local}
             local = local.astype(np.float64)
-        cells = grid.boundary if len(grid.boundary) else grid.occupied
+        cells = _ends(grid.occupancy)
         low, high = np.full(len(local), np.inf), np.full(len(local), -np.inf)
         for start in range(0, len(cells), 1 << 16):
             part = cells[start : start + (1 << 16)]
@@ -86,6 +86,7 @@ class SlabBounder(Bounder):
         if set(self.tensors) != names or count == 0 or any(t.shape != shapes[k] for k, t in self.tensors.items()):
             found = {k: t.shape for k, t in self.tensors.items()}
             raise BounderError(f"{self.method}: expected tensors {sorted(names)} of k slabs in {domain.ndim}D, got {found}")
+        self.check_range()
 
     @property
     def directions(self) -> np.ndarray:
@@ -118,7 +119,8 @@ class SlabBounder(Bounder):
         rounding = gamma(2 * self.ndim + 8, UNIT64) * float((size @ np.abs(d).T + np.abs(low) + np.abs(high)).max())
         worst = np.argmin(slack, axis=1)
         normal = np.concatenate([d, -d])[worst]
-        return BoxBounds(slack.min(axis=1) - rounding, np.argmax(half, axis=1), np.where(normal > 0, lower, upper))
+        point = np.where(normal > 0, lower, upper)
+        return BoxBounds(slack.min(axis=1) - rounding, np.argmax(half, axis=1), point, self.reference(point))
 
     def rounding_bound(self) -> float:
         """See ``Bounder``."""
@@ -126,8 +128,16 @@ class SlabBounder(Bounder):
         return _rounding(self.directions, largest, self.domain, self.diagonal)
 
 
+def _ends(occupancy: np.ndarray) -> np.ndarray:
+    """First and last occupied cells of every grid line along the last axis: a linear function is extreme on one of them."""
+    first = occupancy & (np.cumsum(occupancy, axis=-1) == 1)
+    last = occupancy & (np.cumsum(occupancy[..., ::-1], axis=-1)[..., ::-1] == 1)
+    return np.argwhere(first | last)
+
+
 def _rounding(directions: np.ndarray, largest: np.ndarray, domain: Domain, diagonal: bool) -> float:
     """Error of a face distance: the sum of n products (none if diagonal), then one subtraction."""
     reach = np.abs(directions) @ domain.limit.astype(np.float64)
     product = 0.0 if diagonal else gamma(domain.ndim + 1) * reach
-    return float((product + gamma(2) * (reach + product + largest)).max() + (domain.ndim + 2) * TINY)
+    flushed = (2 * domain.ndim + 2 + np.abs(directions).sum(axis=1) + domain.limit.sum()) * TINY  # a factor or a result set to zero
+    return float((product + gamma(2) * (reach + product + largest) + flushed).max())

@@ -24,7 +24,7 @@ import warp as wp
 from warp_bounding.arithmetic import SINE_COEFFICIENTS, SINE_INVERSE_PI, SINE_MAGIC, SINE_PI_HIGH, SINE_PI_LOW
 from warp_bounding.launch import BLOCK
 
-__all__ = ["Data", "Lanes", "Source", "batch_kernel", "point_func", "point_type"]
+__all__ = ["Data", "Lanes", "Source", "batch_kernel", "named", "point_func", "point_type", "unique_name"]
 
 
 @wp.struct
@@ -296,7 +296,7 @@ def _options() -> dict[str, str]:
     return {"cpu_compiler_flags": f"{flags} -mprefer-vector-width=512"}
 
 
-class _Named:
+class named:  # noqa: N801 (used like a function: `@named(name).kernel`)
     """Warp's decorators for functions made in a factory: equal names would be overloads of one function to Warp.
 
     Warp reads the return type of a native function only under a decorator that is spelled ``x.func_native(...)``.
@@ -323,7 +323,7 @@ class _Named:
         return function
 
 
-def _unique(source: Source, role: str) -> str:
+def unique_name(source: Any, role: str) -> str:
     """A name that tells sources apart and stays the same from run to run, so that Warp finds its compiled kernels."""
     return f"wb_{source.name}_{source.ndim}d_{hashlib.sha256(repr(source).encode()).hexdigest()[:8]}_{role}"
 
@@ -331,13 +331,13 @@ def _unique(source: Source, role: str) -> str:
 @lru_cache(maxsize=None)
 def point_func(source: Source) -> wp.Function:
     """The ``wp.Function`` ``test(data: Data, q: vec_n) -> bool`` for use in any kernel; q in object space."""
-    named = _Named(_unique(source, "test"))
+    name = named(unique_name(source, "test"))
     vector = point_type(source.ndim)
 
-    @named.func_native(_point_snippet(source))
+    @name.func_native(_point_snippet(source))
     def native(parameters: wp.array(dtype=wp.float32), words: wp.array(dtype=wp.uint32), q: vector) -> bool: ...
 
-    @named.func
+    @name.func
     def test(data: Data, q: vector) -> bool:
         return native(data.parameters, data.words, q)
 
@@ -353,10 +353,10 @@ def batch_kernel(source: Source, placed: bool, values: bool) -> wp.Kernel:
         placed: Whether a world-to-object map is applied.
         values: Write ``f`` itself (float32; +inf where the answer is *maybe* without it, -inf outside) instead of 0 and 1.
     """
-    named = _Named(_unique(source, f"batch{'_placed' * placed}{'_values' * values}"))
+    name = named(unique_name(source, f"batch{'_placed' * placed}{'_values' * values}"))
     out_type = wp.float32 if values else wp.uint8
 
-    @named.func_native(_batch_snippet(source, placed, values))
+    @name.func_native(_batch_snippet(source, placed, values))
     def native(
         x: wp.array(dtype=wp.float32),
         count: int,
@@ -367,7 +367,7 @@ def batch_kernel(source: Source, placed: bool, values: bool) -> wp.Kernel:
         out: wp.array(dtype=out_type),
     ): ...
 
-    @named.kernel
+    @name.kernel
     def batch(
         # inputs
         x: wp.array(dtype=wp.float32),

@@ -79,11 +79,11 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
         wrapper = json.loads(entry)
         document, digest = wrapper["bounder"], wrapper["sha256"]
         version = document["format"]
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise FileFormatError(f"{path}: the description inside is damaged") from error
     if not isinstance(version, int) or version > FORMAT:
         raise FileFormatError(f"{path}: format {version} is newer than this library knows ({FORMAT}); please update warp-bounding")
-    if digest != _digest(tensors, document):
+    if digest != _digest(tensors, document) or json.dumps(wrapper) != entry:  # the text too: 1.0 and 1.00 are one number
         raise FileFormatError(f"{path}: the content does not match its SHA-256; the file is damaged or was edited")
     try:
         method = METHODS[document["method"]]
@@ -94,6 +94,7 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
             raise FileFormatError(f"a {method.method} bounder of {bounder.ndim}D {method.query_kind} queries was expected")
         if np.float32(threshold) != threshold:
             raise FileFormatError(f"the threshold {threshold} is not a float32 number")
+        _check_info(document)
         if certificate and certificate.proven:
             _check_certificate(bounder, certificate, threshold)
     except BoundingError as error:
@@ -113,6 +114,15 @@ def _check_certificate(bounder: Bounder, certificate: Certificate, threshold: fl
         raise FileFormatError(
             f"the certificate does not add up: threshold {threshold:.6g} exceeds bound {certificate.lower_bound:.6g} less rounding {error:.2g}"
         )
+
+
+def _check_info(document: dict) -> None:
+    """Margin and resolution are used again, to make the same cells of a mesh."""
+    margin, resolution = document.get("margin"), document.get("resolution")
+    if margin is not None and not (isinstance(margin, int | float) and 0 <= margin < float("inf")):
+        raise FileFormatError(f"the margin {margin!r} is not a length")
+    if resolution is not None and not isinstance(resolution, int):
+        raise FileFormatError(f"the resolution {resolution!r} is not a whole number")
 
 
 def _read(path: Path) -> tuple[dict[str, np.ndarray], str]:

@@ -57,6 +57,7 @@ class Voxels(Bounder):
     """
 
     method = "voxels"
+    bit_fields = ("bits",)
 
     @classmethod
     def fit(cls, grid: IndicatorGrid, domain: Domain, *, device: str | None = None) -> "Voxels":
@@ -69,7 +70,7 @@ class Voxels(Bounder):
         factor, summand = exact_factor.astype(np.float32), exact_summand.astype(np.float32)
         limit = domain.limit.astype(np.float64)
         size = np.abs(factor) * limit + np.abs(summand) + 1
-        rounding = gamma(4) * size + np.abs(factor - exact_factor) * limit + np.abs(summand - exact_summand) + 4 * TINY
+        rounding = gamma(4) * size + np.abs(factor - exact_factor) * limit + np.abs(summand - exact_summand) + (4 + np.abs(factor) + limit) * TINY
         reach = (rounding * 2 + exact_factor * domain.delta) * GROWTH + UNIT32
         if (reach >= 0.5).any():
             raise BounderError(f"voxels: float32 cannot resolve a grid of {grid.shape} cells")
@@ -87,6 +88,9 @@ class Voxels(Bounder):
         if {k: t.shape for k, t in self.tensors.items()} != expected:
             raise BounderError(f"voxels: expected tensors {expected}, got { {k: t.shape for k, t in self.tensors.items()} }")
         self.shape = shape
+        size = np.abs(self.tensors["factor"]) * domain.limit.astype(np.float64) + np.abs(self.tensors["summand"])
+        if not (size + np.abs(self.tensors["reach"]) < 2.0**60).all():
+            raise BounderError("voxels: numbers are so large that float32 sums may overflow")
 
     @property
     def source(self) -> VoxelsSource:
@@ -126,10 +130,11 @@ class Voxels(Bounder):
         low, reach = self._cells(lower)
         high, _ = self._cells(upper)
         size = np.abs(self.tensors["factor"]) * self.domain.limit.astype(np.float64) + np.abs(self.tensors["summand"]) + 1
-        sure = reach - gamma(4) * size - 4 * TINY - 1e-12 * size  # what rounding leaves of the reach
+        sure = reach - gamma(4) * size - (4 + size) * TINY - 1e-12 * size  # what rounding leaves of the reach
         cell = np.clip(np.floor((low + high) / 2), 0, np.array(self.shape) - 1).astype(np.int64)
         holds = ((low >= cell - sure) & (high <= cell + 1 + sure)).all(axis=1)
-        return BoxBounds((holds & self._occupied(cell)).astype(np.float64), np.argmax(upper - lower, axis=1), (lower + upper) / 2)
+        found, center = (holds & self._occupied(cell)).astype(np.float64), (lower + upper) / 2
+        return BoxBounds(found, np.argmax(upper - lower, axis=1), center, self.reference(center))
 
     def rounding_bound(self) -> float:
         """See ``Bounder``; none: ``bound`` speaks of what devices compute."""

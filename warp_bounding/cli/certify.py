@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from warp_bounding.cli.output import BounderFile, Json, bar, certificate_summary, console, print_json, quiet_warp
+from warp_bounding.errors import BoundingError
 
 __all__ = ["command"]
 
@@ -20,6 +21,8 @@ def command(
     from warp_bounding.indicators import load_indicator
     from warp_bounding.proof import certify
 
+    if not budget > 0:
+        raise BoundingError(f"budget must be a positive number of seconds, got {budget}")
     quiet_warp()
     bounder = load(file, device="cpu")
     indicator = load_indicator(shape)

@@ -47,6 +47,8 @@ def command(
         widths = tuple(int(w) for w in hidden.split(","))
     except ValueError:
         raise BounderError(f"hidden must be widths such as 50,50, got {hidden!r}") from None
+    if samples < 1:
+        raise BounderError(f"samples must be at least 1, got {samples}")
     check_writable(output)
     indicator = load_indicator(shape)
     started = time.perf_counter()

@@ -7,7 +7,7 @@ import numpy as np
 
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.errors import QueryError
-from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators import IndicatorGrid, load_indicator
 from warp_bounding.queries import PointOracle, sample_points
 
 __all__ = ["PROTOCOLS", "Rates", "evaluate"]
@@ -54,7 +54,7 @@ def evaluate(
 
     Args:
         bounder: Any bounder.
-        shape: The ``IndicatorGrid`` or ``IndicatorMesh`` that it bounds; a mesh is voxelised as it was for the fit.
+        shape: The ``IndicatorGrid`` or ``IndicatorMesh`` that it bounds, or anything that ``load_indicator`` takes; a mesh is voxelised as it was for the fit.
         samples: Number of queries, uniform as in the paper (points: between the centres of the first and the last cells).
         protocol: ``"exact"`` or ``"sampled"`` (the paper's way to find the truth; the same for points).
         seed: Of the samples.
@@ -70,6 +70,7 @@ def evaluate(
         raise QueryError(f"protocol must be one of {', '.join(PROTOCOLS)}, got {protocol!r}")
     if isinstance(samples, bool) or not isinstance(samples, (int, np.integer)) or samples < 1:
         raise QueryError(f"samples must be a whole number of at least 1, got {samples}")
+    shape = load_indicator(shape)
     resolution = None if isinstance(shape, IndicatorGrid) else bounder.info.get("resolution")
     grid = shape.to_grid(resolution=resolution, margin=bounder.info.get("margin") or 0.0)
     if grid.ndim != bounder.ndim:

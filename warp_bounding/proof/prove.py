@@ -7,26 +7,23 @@ cell by cell; it shares nothing with the search but the methods' bound rules.
 
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from warp_bounding.arithmetic import UNIT64, round_down
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.certificate import Certificate
-from warp_bounding.bounders.domain import input_rounding
 from warp_bounding.errors import BounderError, BoundingError
+from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.blocks import full_blocks
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.launch import cpu_threads
 from warp_bounding.proof.search import Search, halve, minimum
 
 __all__ = ["certify", "positive_boxes", "prove"]
 
-CHUNK = 4096  # cells that `certify` takes at a time
+CHUNK = 16384  # cells that `certify` takes at a time
+SUSPECTS = 1024  # low points that are tried as counterexamples
 NARROWEST = 1e-9  # boxes of this width in v are not halved any more
 
 
@@ -63,9 +60,13 @@ def prove(
         The search, with its lowest points.
 
     Raises:
-        BounderError: If no threshold separates anything (the proven minimum is not finite).
+        BounderError: If the bounder was made for another domain, or no threshold separates anything (the proven minimum is
+            not finite).
     """
     started = time.perf_counter()
+    reason = _mismatch(bounder, grid) or bounder.domain.fault()
+    if reason or len(_outside(bounder, grid)):
+        raise BounderError(f"{bounder.method}: {reason or 'the shape reaches outside the domain that the bounder was made for'}")
     lower, upper = positive_boxes(bounder, grid)
     if bounder.closed_form:
         parts = [bounder.bound(lower[i : i + CHUNK], upper[i : i + CHUNK]).lower.min() for i in range(0, len(lower), CHUNK)]
@@ -92,7 +93,8 @@ def certify(bounder: Bounder, shape, *, seconds: float = 300.0, progress: Callab
 
     Args:
         bounder: Its threshold and weights are taken as they are, its own certificate is not looked at.
-        shape: An ``IndicatorGrid`` or ``IndicatorMesh``; voxelised with the bounder's own resolution and margin.
+        shape: An ``IndicatorGrid`` or ``IndicatorMesh``, or anything that ``load_indicator`` takes; voxelised with the bounder's
+            own resolution and margin.
         seconds: Time allowed.
         progress: Called with cells done and cells in all.
 
@@ -104,38 +106,29 @@ def certify(bounder: Bounder, shape, *, seconds: float = 300.0, progress: Callab
         grid = _as_grid(bounder, shape)
     except BoundingError as error:
         return _inapplicable(bounder, shape, str(error))
-    if grid.ndim != bounder.ndim or grid.time != bounder.domain.time:
-        kinds = [f"{n}D" + (", animated" if t else "") for n, t in ((grid.ndim, grid.time), (bounder.ndim, bounder.domain.time))]
-        return _inapplicable(bounder, shape, f"the shape is {kinds[0]}, the bounder {kinds[1]}")
-    domain, threshold, error = bounder.domain, float(bounder.threshold), bounder.rounding_bound()
-    limit = domain.limit.astype(np.float64)
-    needed = input_rounding(domain.center, domain.scale, limit, domain.lower, domain.upper)
-    if (needed > domain.delta).any():
-        return _inapplicable(bounder, shape, "the domain's delta does not cover the rounding of its own map")
+    reason = _mismatch(bounder, grid) or bounder.domain.fault()
+    if reason:
+        return _inapplicable(bounder, shape, reason)
+    threshold, error = float(bounder.threshold), bounder.rounding_bound()
     target = _plus(threshold, error)
-    cells, least, boxes, done = grid.occupied, np.inf, 0, 0
+    cells, least, boxes = grid.occupied, np.inf, 0
 
     def result(kind: str, message: str, bound: float, counterexample=None) -> Certificate:
         spent = time.perf_counter() - started
         return _certificate(bounder, grid, kind, threshold, bound, boxes, spent, message, counterexample)
 
-    outside = ((grid.position(cells - 0.5) < domain.lower) | (grid.position(cells + 0.5) > domain.upper)).any(axis=1)
-    if outside.any():
-        point = _denied(bounder, grid, grid.position(cells[outside]))
+    outside = _outside(bounder, grid)
+    if len(outside):
+        point = _denied(bounder, grid, grid.position(outside))
         text = "the shape reaches outside the domain that the bounder was made for"
         return result("refuted" if point is not None else "undecided", text, threshold, point)
-    starts = range(0, len(cells), CHUNK)
-    with ThreadPoolExecutor(cpu_threads()) as pool, threadpool_limits(1, "blas"):
-        check = partial(_check_cells, bounder, grid, target, started + seconds)
-        tasks = [pool.submit(check, cells[start : start + CHUNK]) for start in starts]
-        for task in tasks:
-            part = task.result()
-            least, boxes, done = min(least, part.least), boxes + part.boxes, done + part.cells
-            if progress:
-                progress(done, len(cells))
-            if part.suspects is not None or part.late:
-                pool.shutdown(cancel_futures=True)
-                break
+    for start in range(0, len(cells), CHUNK):
+        part = _check_cells(bounder, grid, target, started + seconds, cells[start : start + CHUNK])
+        least, boxes = min(least, part.least), boxes + part.boxes
+        if part.suspects is not None or part.late:
+            break
+        if progress:
+            progress(min(start + CHUNK, len(cells)), len(cells))
     if part.late:
         return result("undecided", f"no decision within {seconds:g} s", least)
     if part.suspects is not None:
@@ -147,11 +140,10 @@ def certify(bounder: Bounder, shape, *, seconds: float = 300.0, progress: Callab
 
 
 class _Checked(NamedTuple):
-    """Outcome of some cells: least bound, boxes, cells that hold, points (object space) that break the proof, whether time ran out."""
+    """Outcome of some cells: least bound, boxes, points (object space) that break the proof, whether time ran out."""
 
     least: float
     boxes: int
-    cells: int
     suspects: np.ndarray | None = None
     late: bool = False
 
@@ -160,34 +152,52 @@ def _check_cells(bounder: Bounder, grid: IndicatorGrid, target: float, deadline:
     """Check ``f >= target`` over all that the pipeline can make of the points of some cells."""
     first, last = grid.position(cells - 0.5), grid.position(cells + 0.5)
     low, high = bounder.domain.widened(first, last)
-    owner = np.arange(len(cells))
-    least, boxes = np.inf, 0
-    while len(low):
+    stack, least, boxes = [(low, high, np.arange(len(cells)))], np.inf, 0
+    while stack:  # in chunks, so that memory grows with depth, not with the number of boxes
+        low, high, owner = stack.pop()
+        if len(low) > CHUNK:
+            stack += [(low[part], high[part], owner[part]) for part in (slice(CHUNK, None), slice(CHUNK))]
+            continue
         bounds = bounder.bound(low, high)
         boxes += len(low)
         proven = bounds.lower >= target
         least = min(least, float(bounds.lower[proven].min(initial=np.inf)))
         low, high, owner, failed = low[~proven], high[~proven], owner[~proven], bounds.lower[~proven]
         if not len(low):
-            break
-        suspects = np.concatenate([bounds.point[~proven], (low + high) / 2])
-        below = bounder.reference(suspects) < target
+            continue
+        below = bounds.value[~proven] < target
         if below.any() or (high - low).max(axis=1).min() < NARROWEST:
-            cell = np.tile(owner, 2)[below]
-            inside = np.clip(bounder.domain.to_object(suspects[below]), first[cell], last[cell])  # P_delta is a little wider
-            return _Checked(float(failed.min()), boxes, 0, inside)
+            suspects, cell = np.concatenate([bounds.point[~proven], (low + high) / 2]), np.tile(owner, 2)
+            lowest = np.argsort(bounder.reference(suspects))[:SUSPECTS]
+            suspects, cell = suspects[lowest], cell[lowest]
+            inside = np.clip(bounder.domain.to_object(suspects), first[cell], last[cell])  # P_delta is a little wider
+            return _Checked(float(failed.min()), boxes, inside)
         if time.perf_counter() > deadline:
-            return _Checked(float(failed.min()), boxes, 0, late=True)
+            return _Checked(float(failed.min()), boxes, late=True)
         low, high = halve(low, high, bounds.axis[~proven])
-        owner = np.tile(owner, 2)
-    return _Checked(least, boxes, len(cells))
+        stack.append((low, high, np.tile(owner, 2)))
+    return _Checked(least, boxes)
 
 
 def _as_grid(bounder: Bounder, shape) -> IndicatorGrid:
     """The shape's cells, made as they were for the fit."""
-    margin = bounder.info.get("margin") or 0.0
+    shape, margin = load_indicator(shape), bounder.info.get("margin") or 0.0
     resolution = None if isinstance(shape, IndicatorGrid) else bounder.info.get("resolution")
     return shape.to_grid(resolution=resolution, margin=margin)
+
+
+def _mismatch(bounder: Bounder, grid: IndicatorGrid) -> str | None:
+    """Why a grid's points cannot be this bounder's queries, or ``None``."""
+    if grid.ndim == bounder.ndim and grid.time == bounder.domain.time:
+        return None
+    kinds = [f"{n}D" + (", animated" if t else "") for n, t in ((grid.ndim, grid.time), (bounder.ndim, bounder.domain.time))]
+    return f"the shape is {kinds[0]}, the bounder {kinds[1]}"
+
+
+def _outside(bounder: Bounder, grid: IndicatorGrid) -> np.ndarray:
+    """The occupied cells that reach outside the bounder's domain."""
+    domain, cells = bounder.domain, grid.occupied
+    return cells[((grid.position(cells - 0.5) < domain.lower) | (grid.position(cells + 0.5) > domain.upper)).any(axis=1)]
 
 
 def _denied(bounder: Bounder, grid: IndicatorGrid, x: np.ndarray) -> np.ndarray | None:

@@ -8,18 +8,15 @@ depth, not with the number of boxes.
 
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from warp_bounding.bounders.base import Bounder
-from warp_bounding.launch import cpu_threads
 
 __all__ = ["Search", "minimum"]
 
-CHUNK = 1024  # boxes that are bounded at a time, so that their intermediate arrays stay in the cache
+CHUNK = 32768  # boxes that are bounded at a time
 WORST = 2048  # low points that are kept, for training
 
 
@@ -33,7 +30,7 @@ class Search:
         worst: ``(K, n)`` float64, the lowest concrete points, lowest first.
         boxes: Boxes that were bounded.
         seconds: Wall time.
-        complete: Whether the two bounds agree within ``eps``.
+        complete: Whether the two bounds agree within ``eps``, or as nearly as float64 can tell.
     """
 
     lower_bound: float
@@ -60,7 +57,8 @@ def minimum(
         bounder: Whose ``f``.
         lower: ``(N, n)`` float64 lower corners, coordinates ``v``.
         upper: ``(N, n)`` float64 upper corners.
-        eps: Gap between bound and found value at which a box is closed; at least 0.
+        eps: Gap between bound and found value at which a box is closed; at least 0. It is not taken smaller than what the
+            bounds of single points resolve, or the search would not end.
         seconds: Time after which the search ends with what it has; the given boxes are bounded once in any case.
         points: ``(P, n)`` concrete points in the boxes to begin with; good ones save most of the work.
         progress: Called now and then with boxes done, boxes waiting, gap.
@@ -73,44 +71,31 @@ def minimum(
     low_values = bounder.reference(low_points) if len(low_points) else np.empty(0)
     best = float(low_values.min(initial=np.inf))
     closed, done = np.inf, 0
+    probe = (lower[:CHUNK] + upper[:CHUNK]) / 2
+    eps = max(eps, 4 * float((bounder.reference(probe) - bounder.bound(probe, probe).lower).max()))
 
-    def examine(chunk):
-        low, high, _ = chunk
-        bounds = bounder.bound(low, high)
-        tried = np.concatenate([bounds.point, (low + high) / 2])
-        return bounds, tried, bounder.reference(tried)
-
-    def advance(chunks):
-        """Bound some chunks; their halves that stay open, in chunks, the lowest bounds last."""
+    def advance(chunk):
+        """Bound a chunk; its halves that stay open, in chunks, those with the lowest bounds last."""
         nonlocal closed, done, best, low_points, low_values
-        kept = []
-        for low, high, bound in chunks:
-            open_ = bound < best - eps
-            closed = min(closed, bound[~open_].min(initial=np.inf))
-            if open_.any():
-                kept.append((low[open_], high[open_], bound[open_]))
-        results = list(pool.map(examine, kept))
-        for (low, _, _), (_, tried, values) in zip(kept, results, strict=True):
-            done += len(low)
-            low_points, low_values = _lowest(low_points, low_values, tried, values)
-            best = min(best, float(values.min()))
-        halves = []
-        for (low, high, parent), (bounds, _, _) in zip(kept, results, strict=True):
-            bound = np.maximum(bounds.lower, parent)  # a half is no worse than the whole
-            open_ = bound < best - eps
-            closed = min(closed, bound[~open_].min(initial=np.inf))
-            halves.append((*halve(low[open_], high[open_], bounds.axis[open_]), np.tile(bound[open_], 2)))
-        return _chunks(*(np.concatenate(part) for part in zip(*halves, strict=True))) if halves else []
+        low, high, parent = chunk
+        open_ = parent < best - eps
+        closed = min(closed, parent[~open_].min(initial=np.inf))
+        low, high, parent = low[open_], high[open_], parent[open_]
+        bounds = bounder.bound(low, high)
+        done += len(low)
+        low_points, low_values = _lowest(low_points, low_values, bounds.point, bounds.value)
+        best = min(best, float(bounds.value.min(initial=np.inf)))
+        bound = np.maximum(bounds.lower, parent)  # a half is no worse than the whole
+        open_ = bound < best - eps
+        closed = min(closed, bound[~open_].min(initial=np.inf))
+        return _chunks(*halve(low[open_], high[open_], bounds.axis[open_]), np.tile(bound[open_], 2))
 
-    threads = cpu_threads()
-    with ThreadPoolExecutor(threads) as pool, threadpool_limits(1, "blas"):  # our threads share the cores already
-        stack = advance(_chunks(lower, upper, np.full(len(lower), -np.inf)))
-        while stack and time.perf_counter() - started < seconds:
-            batch, stack = stack[-threads:], stack[:-threads]
-            stack += advance(batch)
-            if progress:
-                waiting = sum(len(chunk[0]) for chunk in stack)
-                progress(done, waiting, best - min(closed, min((chunk[2].min() for chunk in stack), default=np.inf)))
+    stack = [part for chunk in _chunks(lower, upper, np.full(len(lower), -np.inf)) for part in advance(chunk)]
+    while stack and time.perf_counter() - started < seconds:
+        stack += advance(stack.pop())
+        if progress:
+            waiting = sum(len(chunk[0]) for chunk in stack)
+            progress(done, waiting, best - min(closed, min((chunk[2].min() for chunk in stack), default=np.inf)))
     remaining = min((float(bound.min()) for _, _, bound in stack), default=np.inf)
     return Search(
         lower_bound=min(closed, remaining),

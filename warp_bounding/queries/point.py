@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 import warp as wp
 
+from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.launch import BLOCK, launch_blocks
 
@@ -112,8 +113,13 @@ class PointOracle:
 
         Returns:
             ``(N,)`` bool.
+
+        Raises:
+            QueryError: For another shape.
         """
         x = np.ascontiguousarray(x, dtype=np.float32)
+        if x.ndim != 2 or x.shape[1] != self.ndim:
+            raise QueryError(f"points must have shape (N, {self.ndim}), got {x.shape}")
         out = wp.empty(len(x), dtype=wp.uint8, device=self.device)
         if len(x):
             flat = wp.array(x.reshape(-1), dtype=wp.float32, device=self.device, copy=not self.device.is_cpu)

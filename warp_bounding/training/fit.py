@@ -12,8 +12,9 @@ import numpy as np
 import torch
 
 from warp_bounding.bounders import Bounder, method_class
+from warp_bounding.bounders.base import checked_device
 from warp_bounding.bounders.domain import Domain
-from warp_bounding.bounders.mlp import Mlp, check_hidden
+from warp_bounding.bounders.mlp import Mlp, check_hidden, check_octaves
 from warp_bounding.bounders.network import ACTIVATIONS
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorGrid, load_indicator
@@ -89,9 +90,10 @@ def fit(
     """
     check_query(query)
     kind = method_class(method, query)
-    _check_options(budget, steps, seed, length, space, recipe)
+    _check_options(budget, steps, seed, margin, length, space, recipe)
+    checked_device(device)
     if method == "mlp":
-        hidden = check_hidden(hidden)
+        hidden, octaves = check_hidden(hidden), check_octaves(octaves)
         if activation not in ACTIVATIONS:
             raise BounderError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {activation!r}")
     started = time.perf_counter()
@@ -116,7 +118,7 @@ def fit(
     return bounder
 
 
-def _check_options(budget, steps, seed, length, space, recipe) -> None:
+def _check_options(budget, steps, seed, margin, length, space, recipe) -> None:
     def number(value) -> bool:
         return isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and np.isfinite(value)
 
@@ -126,6 +128,8 @@ def _check_options(budget, steps, seed, length, space, recipe) -> None:
         raise BounderError(f"steps must be a whole number of at least 1, got {steps}")
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**63:
         raise BounderError(f"seed must be a whole number from 0 to 2^63 - 1, got {seed}")
+    if not number(margin) or margin < 0:
+        raise BounderError(f"margin must be a length of at least 0, got {margin}")
     if not number(length) or length <= 0:
         raise BounderError(f"length must be positive, got {length}")
     if space not in SPACES:

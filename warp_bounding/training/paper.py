@@ -71,9 +71,9 @@ class PaperTrainer(Trainer):
                     clean = clean + 1 if missed == 0 else 0
                 if progress and iteration % paper.note_every == 0:
                     progress(clock.fraction(), f"stage {stage}, FN {missed} in a batch")
-            self._best = (float("inf"), self.network.flat.clone())
             self._refresh(team, workers, 1.0)
         finally:
+            self._best = (float("inf"), self.network.flat.clone())  # the last, after an interrupt too
             team.close()
 
     def _iterate(self, team: Team, workers: list[Evaluator], optimiser: torch.optim.Optimizer, stage: int) -> int:

@@ -15,6 +15,7 @@ from warp_bounding.indicators.grid import IndicatorGrid
 __all__ = ["Samples"]
 
 BOUNDARY_SHARE = 2 / 3  # of the positives: in cells that touch an empty one
+FEWEST_NEGATIVES = 64
 FACE_SHARE = 0.6  # of their coordinates: on a face of the cell
 
 
@@ -57,8 +58,11 @@ class Samples:
         return self.to_local(t), self._table[(cell * self._stride).sum(0)]
 
     def negatives(self, count: int) -> torch.Tensor:
-        """``v`` of the negatives among ``count`` uniform points."""
+        """``v`` of the negatives among ``count`` uniform points; where that is none, of a few in the empty cells."""
         v, truth = self.uniform(count)
+        if truth.all():
+            cells = self._pick(_columns(np.argwhere(~self.grid.occupancy)), FEWEST_NEGATIVES)
+            return self.to_local(cells + torch.rand(cells.shape, generator=self.generator) - 0.5)
         return v[:, ~truth]
 
     def positives(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
