@@ -56,7 +56,7 @@ def round_down(value) -> np.ndarray:
     value = np.asarray(value, dtype=np.float64)
     with np.errstate(over="ignore"):
         nearest = value.astype(np.float32)
-    return np.where(nearest.astype(np.float64) > value, np.nextafter(nearest, np.float32(-np.inf)), nearest)
+        return np.where(nearest.astype(np.float64) > value, np.nextafter(nearest, np.float32(-np.inf)), nearest)
 
 
 def round_up(value) -> np.ndarray:

@@ -17,7 +17,8 @@ from warp_bounding.errors import BounderError
 __all__ = ["Mlp", "MlpSource", "check_hidden", "check_octaves", "encoding_tensors"]
 
 LARGEST_WIDTH = 1024
-MOST_LAYERS = 8  # hidden; a CPU thread's stack holds LARGEST_WIDTH * MOST_LAYERS * 128 bytes with ease
+MOST_LAYERS = 8  # hidden
+MOST_NEURONS = 2048  # in all: proofs hold some 64 (2 n + 7) bytes for each on a thread's stack, 2 MB in 4D
 MOST_OCTAVES = 10
 ALIGN = 8  # floats, one vector: rows of the neuron-major copy are padded to it
 
@@ -171,8 +172,9 @@ def check_hidden(hidden) -> tuple[int, ...]:
     except TypeError:
         widths = (hidden,)
     whole = all(isinstance(h, (int, np.integer)) and not isinstance(h, bool) and 1 <= h <= LARGEST_WIDTH for h in widths)
-    if not 1 <= len(widths) <= MOST_LAYERS or not whole:
-        raise BounderError(f"hidden must be 1 to {MOST_LAYERS} widths from 1 to {LARGEST_WIDTH}, such as (50, 50), got {hidden}")
+    if not 1 <= len(widths) <= MOST_LAYERS or not whole or sum(widths) > MOST_NEURONS:
+        limits = f"1 to {MOST_LAYERS} widths from 1 to {LARGEST_WIDTH}, {MOST_NEURONS} in all"
+        raise BounderError(f"hidden must be {limits}, such as (50, 50), got {hidden}")
     return tuple(int(h) for h in widths)
 
 

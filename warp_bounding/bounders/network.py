@@ -61,7 +61,8 @@ class Network:
         self._measure()
         layers = tuple((x.weight.shape[1], x.weight.shape[0], x.activation, x.linear) for x in self.hidden)
         self._sizes = NetworkSizes(len(self.limit), layers)
-        self._packed = np.concatenate([part for x in [*self.hidden, self.output] for part in (x.bias, x.weight.reshape(-1))])
+        parts = [part for x in self.hidden for part in (x.bias, x.weight.reshape(-1), np.abs(x.weight).reshape(-1))]
+        self._packed = np.concatenate([*parts, self.output.bias, self.output.weight[0]])
 
     def __call__(self, v: np.ndarray) -> np.ndarray:
         """``f`` of ``(N, n)`` float64 coordinates, ``(N,)`` float64."""

@@ -109,16 +109,15 @@ def _body(sizes: NetworkSizes) -> str:
             lines += _neuron(sizes, index, "j", n)
             lines.append("}")
         else:
-            for first, rows, blocks in ((0, ROWS, neurons // ROWS), (neurons // ROWS * ROWS, neurons % ROWS, 1)):
-                if rows == 0:
-                    continue
-                lines.append(f"for (int t = 0; t < {blocks}; ++t) {{ const int j = {first} + t * {rows}; const double* x = weight + j * {inputs};")
+            for first, rows, blocks in _blocks(neurons):
+                lines.append(f"for (int t = 0; t < {blocks}; ++t) {{ const int j = {first} + t * {rows};")
+                lines.append(f"const double* x = weight + j * {inputs}; const double* ax = x + {neurons * inputs};")
                 for r in range(rows):
                     lines.append(f"V z{r} = zero + b[j + {r}], o{r} = zero; V {', '.join(f'g{r}_{k} = zero' for k in each)};")
                 lines.append(f"for (int i = 0; i < {inputs}; ++i) {{ const V m = mean{a - 1}[i], e = noise{a - 1}[i];")
                 lines.append(" ".join(f"const V p{k} = part{a - 1}_{k}[i];" for k in each))
                 for r in range(rows):
-                    lines.append(f"{{ const double y = x[{r * inputs} + i]; z{r} += m * y; o{r} += e * (y < 0 ? -y : y);")
+                    lines.append(f"{{ const double y = x[{r * inputs} + i]; z{r} += m * y; o{r} += e * ax[{r * inputs} + i];")
                     lines.append(" ".join(f"g{r}_{k} += p{k} * y;" for k in each) + " }")
                 lines.append("}")
                 for r in range(rows):
@@ -127,7 +126,7 @@ def _body(sizes: NetworkSizes) -> str:
                     lines.append("}")
                 lines.append("}")
         lines.append("}")
-        at += neurons * (inputs + 1)
+        at += neurons * (2 * inputs + 1)
     last, count = len(sizes.layers) - 1, sizes.layers[-1][1]
     lines.append(f"V back{last}[{count}]; least = zero + (w[{at}] - padding[{last + 1}]);")
     lines.append(f"for (int j = 0; j < {count}; ++j) {{ const double x = w[{at + 1} + j]; back{last}[j] = zero + x; least += mean{last}[j] * x; }}")
@@ -148,13 +147,24 @@ def _body(sizes: NetworkSizes) -> str:
         lines.append(f"score[{k}] *= radius[{k}]; h[{k}] = gradient[{k}] > zero ? low[{k}] : high[{k}]; }}")
     source = "h"
     for index, (inputs, neurons, activation, linear) in enumerate(sizes.layers):  # f at the corner that looks lowest
-        lines.append(f"V y{index}[{neurons}]; for (int j = 0; j < {neurons}; ++j) {{ const double* b = w + {offsets[index]};")
-        lines.append(f"const double* x = b + {neurons} + j * {inputs}; V z = zero + b[j];")
-        lines.append(f"for (int i = 0; i < {inputs}; ++i) z += {source}[i] * x[i];")
-        lines.append(f"y{index}[j] = j < {linear} ? z : act_{activation}(z); }}")
+        lines.append(f"V y{index}[{neurons}]; {{ const double* b = w + {offsets[index]};")
+        for first, rows, blocks in _blocks(neurons):
+            lines.append(f"for (int t = 0; t < {blocks}; ++t) {{ const int j = {first} + t * {rows};")
+            lines.append(f"const double* x = b + {neurons} + j * {inputs}; V {', '.join(f'z{r} = zero + b[j + {r}]' for r in range(rows))};")
+            lines.append(f"for (int i = 0; i < {inputs}; ++i) {{ const V m = {source}[i];")
+            lines.append(" ".join(f"z{r} += m * x[{r * inputs} + i];" for r in range(rows)) + " }")
+            lines += [f"y{index}[j + {r}] = j + {r} < {linear} ? z{r} : act_{activation}(z{r});" for r in range(rows)]
+            lines.append("}")
+        lines.append("}")
         source = f"y{index}"
     lines.append(f"value = zero + w[{at}]; for (int j = 0; j < {count}; ++j) value += {source}[j] * w[{at + 1} + j];")
     return "\n".join(lines)
+
+
+def _blocks(neurons: int) -> list[tuple[int, int, int]]:
+    """``(first, rows, repetitions)`` of blocks of ``ROWS`` neurons, and the rest."""
+    blocks = [(0, ROWS, neurons // ROWS), (neurons // ROWS * ROWS, neurons % ROWS, 1)]
+    return [block for block in blocks if block[1] and block[2]]
 
 
 def _neuron(sizes: NetworkSizes, index: int, j: str, n: int) -> list[str]:
@@ -260,7 +270,8 @@ def bound_boxes(sizes: NetworkSizes, weights: np.ndarray, padding: np.ndarray, l
 
     Args:
         sizes: Of the hidden layers.
-        weights: float64: per hidden layer biases ``(H,)`` and weights ``(H, K)`` in row order, then the output's bias and weights.
+        weights: float64: per hidden layer biases ``(H,)``, weights ``(H, K)`` in row order and their absolute values, then the output's
+            bias and weights.
         padding: float64, one number a layer, the output last: rounding that is set aside there.
         lower: ``(N, n)`` float64.
         upper: ``(N, n)`` float64.

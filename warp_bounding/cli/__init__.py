@@ -48,6 +48,8 @@ def main(arguments: list[str] | None = None) -> None:
         status = _app()(args=arguments, standalone_mode=False)
         sys.exit(status if isinstance(status, int) else 0)
     except usage_error as error:
+        if not error.format_message():  # the help was asked for by giving no command
+            sys.exit(2)
         context = getattr(error, "ctx", None)
         where = context.command_path if context else "warp-bounding"
         _fail(f"{error.format_message()} (see '{where} --help')")

@@ -2,6 +2,8 @@
 
 import contextlib
 import json
+import os
+import sys
 from collections.abc import Iterator
 from typing import Annotated, Any
 
@@ -40,13 +42,28 @@ def quiet_warp(device: str | None = None) -> None:
 
     wp.config.log_level = getattr(wp, "LOG_ERROR", 40)
     wp.config.quiet = True
-    wp.init()
+    with _silent_errors():  # a machine without a GPU is no news
+        wp.init()
     if device is not None:
         try:
             wp.get_device(device)
         except (ValueError, RuntimeError) as error:
             names = ", ".join(str(d) for d in wp.get_devices())
             raise QueryError(f"device must be one of {names}, got {device!r}") from error
+
+
+@contextlib.contextmanager
+def _silent_errors() -> Iterator[None]:
+    """Discard what native code writes to standard error."""
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 @contextlib.contextmanager

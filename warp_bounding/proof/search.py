@@ -2,10 +2,12 @@
 
 Every box gets a certified lower bound from the method (``Bounder.bound``) and a few concrete points. Boxes whose bound
 is not more than ``eps`` under the least value found are closed, the others halved. What is returned is sound whenever the
-search ends: the least bound over all closed *and* open boxes. Boxes wait on a stack of chunks, so that memory grows with
-depth, not with the number of boxes.
+search ends: the least bound over all closed *and* open boxes. Boxes wait in chunks, and the chunk with the lowest bound comes
+first, so that a search that is stopped early has raised its bound as far as it could; when too many wait, the newest chunk
+comes first instead, whose halves close soon, and memory stays bounded.
 """
 
+import heapq
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,6 +19,7 @@ from warp_bounding.bounders.base import Bounder
 __all__ = ["Search", "minimum"]
 
 CHUNK = 32768  # boxes that are bounded at a time
+MOST_WAITING = 6_000_000  # boxes (about 0.5 GB in 4D) above which the search goes deep instead of low
 WORST = 2048  # low points that are kept, for training
 
 
@@ -75,7 +78,7 @@ def minimum(
     eps = max(eps, 4 * float((bounder.reference(probe) - bounder.bound(probe, probe).lower).max()))
 
     def advance(chunk):
-        """Bound a chunk; its halves that stay open, in chunks, those with the lowest bounds last."""
+        """Bound a chunk; its halves that stay open, in chunks."""
         nonlocal closed, done, best, low_points, low_values
         low, high, parent = chunk
         open_ = parent < best - eps
@@ -90,26 +93,66 @@ def minimum(
         closed = min(closed, bound[~open_].min(initial=np.inf))
         return _chunks(*halve(low[open_], high[open_], bounds.axis[open_]), np.tile(bound[open_], 2))
 
-    stack = [part for chunk in _chunks(lower, upper, np.full(len(lower), -np.inf)) for part in advance(chunk)]
-    while stack and time.perf_counter() - started < seconds:
-        stack += advance(stack.pop())
+    waiting = _Waiting()
+    for chunk in _chunks(lower, upper, np.full(len(lower), -np.inf)):
+        waiting.add(advance(chunk))
+    while len(waiting) and time.perf_counter() - started < seconds:
+        waiting.add(advance(waiting.next()))
         if progress:
-            waiting = sum(len(chunk[0]) for chunk in stack)
-            progress(done, waiting, best - min(closed, min((chunk[2].min() for chunk in stack), default=np.inf)))
-    remaining = min((float(bound.min()) for _, _, bound in stack), default=np.inf)
+            progress(done, waiting.boxes, best - min(closed, waiting.least()))
     return Search(
-        lower_bound=min(closed, remaining),
+        lower_bound=min(closed, waiting.least()),
         upper_bound=best,
         worst=low_points,
         boxes=done,
         seconds=time.perf_counter() - started,
-        complete=not stack,
+        complete=len(waiting) == 0,
     )
 
 
+class _Waiting:
+    """Chunks of boxes, the one with the lowest bound first."""
+
+    def __init__(self):
+        self._chunks: dict[int, tuple] = {}
+        self._heap: list[tuple[float, int]] = []
+        self._serial = 0
+        self.boxes = 0
+
+    def __len__(self) -> int:
+        return len(self._chunks)
+
+    def add(self, chunks: list[tuple]) -> None:
+        """Let chunks wait."""
+        for chunk in chunks:
+            self._serial += 1
+            self._chunks[self._serial] = chunk
+            heapq.heappush(self._heap, (float(chunk[2].min()), self._serial))
+            self.boxes += len(chunk[2])
+
+    def next(self) -> tuple:
+        """Take out the chunk whose turn it is."""
+        if self.boxes > MOST_WAITING:
+            serial = max(self._chunks)
+        else:
+            serial = self._lowest()[1]
+        chunk = self._chunks.pop(serial)
+        self.boxes -= len(chunk[2])
+        return chunk
+
+    def least(self) -> float:
+        """Lowest bound of all that wait, infinity if nothing does."""
+        return self._lowest()[0] if self._chunks else np.inf
+
+    def _lowest(self) -> tuple[float, int]:
+        while self._heap[0][1] not in self._chunks:  # taken out of turn
+            heapq.heappop(self._heap)
+        return self._heap[0]
+
+
 def _chunks(low: np.ndarray, high: np.ndarray, bound: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Boxes in chunks of ``CHUNK``, those with the lowest bounds in the last."""
-    order = np.argsort(-bound, kind="stable")
+    """Boxes in chunks of ``CHUNK``, those with the lowest bounds in the first."""
+    order = np.argsort(bound, kind="stable")
     low, high, bound = low[order], high[order], bound[order]
     return [(low[i : i + CHUNK], high[i : i + CHUNK], bound[i : i + CHUNK]) for i in range(0, len(low), CHUNK)]
 

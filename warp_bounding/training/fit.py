@@ -29,10 +29,10 @@ __all__ = ["fit"]
 
 SPACES = ("geometric", "parametric")
 TRAINERS = {"default": Trainer, "paper": PaperTrainer}
-SEARCHES = (0.5, 0.7, 0.85, 0.95)  # used fractions at which the prover looks for counterexamples
-SEARCH_SHARE = 0.03  # of the budget, each
-PROOF_SHARE = 0.05  # of the budget, reserved for the proof before a search has told what it takes
-LARGEST_PROOF_SHARE = 0.25
+SEARCHES = (0.5, 0.7, 0.9)  # used fractions at which the prover looks for counterexamples
+SEARCH_SHARE = 0.02  # of the budget, each
+PROOF_SHARE = 0.03  # of the budget, reserved for the proof before a search has told what it takes
+LONG_PROOF_SHARE = 0.12  # reserved where the last search did not end in its time
 PROOF_COST = 1e-4  # share of all queries that a search may cost in false positives by ending early
 COST_SAMPLES = 200_000
 
@@ -163,7 +163,8 @@ def _fit_network(
         boxes += search.boxes
         trainer.add(search.worst)
         if clock.timed:  # the last proof will take about as long, on a network that is a little harder
-            clock.reserved = min(max(2 * search.seconds, 0.01 * budget), LARGEST_PROOF_SHARE * budget)
+            expected = 2 * search.seconds if search.complete else LONG_PROOF_SHARE * budget
+            clock.reserved = min(max(expected, 0.01 * budget), LONG_PROOF_SHARE * budget)
 
     def report(used: float, note: str) -> None:
         if progress:
@@ -185,7 +186,7 @@ def _fit_network(
         "steps": clock.count,
         "interrupted": interrupted,
         "boxes_in_training": boxes,
-        "gap": search.upper_bound - search.lower_bound,
+        "gap": float(search.upper_bound - search.lower_bound),
     }
 
 
