@@ -107,7 +107,7 @@ def _rigid(xform, spatial: int) -> tuple[np.ndarray, np.ndarray]:
     if xform is None:
         return np.eye(spatial), np.zeros(spatial)
     try:
-        values = np.array(xform, dtype=np.float64)
+        values = np.array(xform, dtype=np.float64).reshape(getattr(type(xform), "_shape_", np.shape(xform)))  # Warp matrices come flat
     except (TypeError, ValueError) as error:
         raise QueryError(f"xform must be a transform or a matrix of numbers, got {type(xform).__name__}") from error
     if not np.isfinite(values).all():

@@ -97,11 +97,11 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
         _check_info(document)
         if certificate and certificate.proven:
             _check_certificate(bounder, certificate, threshold)
+        bounder.info = {field: document.get(field) for field in INFO_FIELDS} | {"library": document["library"]}
     except BoundingError as error:
         raise FileFormatError(f"{path}: {error}") from error
     except (KeyError, TypeError, ValueError) as error:
         raise FileFormatError(f"{path}: a field is missing or of the wrong type ({error})") from error
-    bounder.info = {field: document.get(field) for field in INFO_FIELDS} | {"library": document["library"]}
     return bounder.freeze(threshold, certificate)
 
 

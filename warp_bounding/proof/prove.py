@@ -24,6 +24,7 @@ __all__ = ["certify", "positive_boxes", "prove"]
 
 CHUNK = 16384  # cells that `certify` takes at a time
 SUSPECTS = 1024  # low points that are tried as counterexamples
+PULL = 1e-4  # towards the cell's centre, of points that may break the proof
 NARROWEST = 1e-9  # boxes of this width in v are not halved any more
 
 
@@ -171,6 +172,8 @@ def _check_cells(bounder: Bounder, grid: IndicatorGrid, target: float, deadline:
             lowest = np.argsort(bounder.reference(suspects))[:SUSPECTS]
             suspects, cell = suspects[lowest], cell[lowest]
             inside = np.clip(bounder.domain.to_object(suspects), first[cell], last[cell])  # P_delta is a little wider
+            inner = inside + PULL * ((first[cell] + last[cell]) / 2 - inside)  # a corner's float32 neighbour may lie outside
+            inside = np.concatenate([inside, inner])
             return _Checked(float(failed.min()), boxes, inside)
         if time.perf_counter() > deadline:
             return _Checked(float(failed.min()), boxes, late=True)
