@@ -17,6 +17,7 @@ import warp as wp
 from rich.console import Console
 from rich.table import Table
 
+import warp_bounding as wb
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.domain import Domain
 from warp_bounding.indicators import IndicatorGrid
@@ -58,6 +59,20 @@ def network(domain: Domain, activation: str):
             linear.bias.copy_(bias)
         modules += [linear, Sine() if activation == "sin" else torch.nn.ReLU()]
     return bounder, torch.nn.Sequential(*modules[:-1])
+
+
+def in_kernel(bounder, points: wp.array, out: wp.array):
+    """A launch of somebody's own kernel that calls the bounder's function; Warp runs it on one core."""
+    test = bounder.func
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def ask(data: wb.Data, q: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.uint8)):
+        i = wp.tid()
+        out[i] = wp.uint8(0)
+        if test(data, q[i]):
+            out[i] = wp.uint8(1)
+
+    return lambda: wp.launch(ask, dim=len(points), inputs=[bounder.data, points], outputs=[out], device="cpu")
 
 
 def clock(function) -> float:
@@ -108,6 +123,7 @@ def main() -> None:
             "torch": lambda m=module: m(x),
             f"torch, chunks of {best}": chunked(module, x, best),
             "ours": lambda b=bounder: b.query(array, out=out),
+            "ours, func in a kernel, one core": in_kernel(bounder, array, out),
         }
         rows.append((f"mlp 3-50-50-1 {activation}", race(contestants, arguments.rounds)))
     box = METHODS["aabb"].fit(ball(), domain, device="cpu")
@@ -121,6 +137,7 @@ def main() -> None:
         "torch": lambda: expression(x),
         f"torch, chunks of {best}": chunked(expression, x, best),
         "ours": lambda: box.query(array, out=out),
+        "ours, func in a kernel, one core": in_kernel(box, array, out),
     }
     rows.append(("aabb", race(contestants, arguments.rounds)))
     report(rows, arguments)

@@ -54,12 +54,14 @@ class BoxBounds(NamedTuple):
         axis: ``(N,)`` int, the axis along which halving the box helps the bound most.
         point: ``(N, n)`` float64, a point of the box where ``f`` is likely to be least.
         value: ``(N,)`` float64, ``f`` there.
+        next_axis: ``(N,)`` int, the axis to halve after ``axis``, or ``None`` where the method does not know.
     """
 
     lower: np.ndarray
     axis: np.ndarray
     point: np.ndarray
     value: np.ndarray
+    next_axis: np.ndarray | None = None
 
 
 class Bounder(ABC):

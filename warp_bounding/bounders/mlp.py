@@ -250,7 +250,8 @@ class Mlp(Bounder):
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """See ``Bounder``; linear relaxations (``network``)."""
-        return BoxBounds(*self.network.bound(lower, upper))
+        least, axes, point, value = self.network.bound(lower, upper)
+        return BoxBounds(least, axes[0], point, value, axes[1])
 
     def rounding_bound(self) -> float:
         """See ``Bounder``."""

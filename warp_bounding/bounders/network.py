@@ -113,8 +113,8 @@ class Network:
             upper: ``(N, n)`` float64.
 
         Returns:
-            ``(N,)`` certified lower bounds (float64 rounding subtracted), ``(N,)`` axis whose halving should help most,
-            ``(N, n)`` the corner where the linear part is least, ``(N,)`` f there.
+            ``(N,)`` certified lower bounds (float64 rounding subtracted), ``(2, N)`` axes whose halving should help most, now
+            and after that, ``(N, n)`` the corner where the linear part is least, ``(N,)`` f there.
         """
         return bound_boxes(self._sizes, self._packed, np.array(self.padding), lower, upper)
 

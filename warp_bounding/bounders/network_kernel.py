@@ -21,6 +21,7 @@ __all__ = ["SINE_SLACK", "NetworkSizes", "bound_boxes"]
 # 30 roundings of terms under 2; all under 1e-14. Mean, slope and spread carry it at most 4 times.
 SINE_SLACK = 1e-13
 BLOCK = 64  # boxes that one CPU thread of the kernel works on; CUDA: one
+HALVED = 0.3  # a relaxation's cost falls with the square of a box's width, or nearly so
 ROWS = 4  # neurons that share each input as it is loaded
 
 
@@ -188,10 +189,14 @@ def _snippet(sizes: NetworkSizes) -> str:
     vector_flip = "const I sign = (I)q << 63;"
     scalar_flip = "const bool odd = ((long long)n) & 1;"
     pick = "\n".join(f"if (score[{k}]{{at}} > most) {{{{ most = score[{k}]{{at}}; best = {k}; }}}}" for k in range(1, n))
+    after = f"(k == best ? {_constant(HALVED)} : 1.0)"  # what halving the best axis leaves of its score
+    again = f"double left[{n}]; {' '.join(f'left[{k}] = score[{k}]{{at}};' for k in range(n))}"
+    again += f" int second = 0; double next = -1.0; for (int k = 0; k < {n}; ++k) {{{{ const double x = left[k] * {after};"
+    again += " if (x > next) {{ next = x; second = k; }} }}"
     write = "\n".join(f"point.data[{{o}} * {n} + {k}] = gradient[{k}]{{at}} > 0.0 ? low[{k}]{{at}} : high[{k}]{{at}};" for k in range(n))
     store = (
         "{{ int best = 0; double most = score[0]{at}; (void)most;\n" + pick + "\n"
-        "least_out.data[{o}] = least{at}; value_out.data[{o}] = value{at}; axis.data[{o}] = best;\n" + write + " }}"
+        "least_out.data[{o}] = least{at}; value_out.data[{o}] = value{at}; axis.data[{o}] = best; " + again + " axis.data[count + {o}] = second;\n" + write + " }}"
     )
     inputs = "const double* w = weights.data; const double* padding = paddings.data;"
     body = _body(sizes)
@@ -278,7 +283,7 @@ def bound_boxes(sizes: NetworkSizes, weights: np.ndarray, padding: np.ndarray, l
         device: Warp device.
 
     Returns:
-        Lower bounds ``(N,)``, axes ``(N,)`` int32, points ``(N, n)`` and f there ``(N,)``.
+        Lower bounds ``(N,)``, axes ``(2, N)`` int32 (to halve, and to halve next), points ``(N, n)`` and f there ``(N,)``.
     """
     count, n = lower.shape
     device = wp.get_device(device)
@@ -288,9 +293,9 @@ def bound_boxes(sizes: NetworkSizes, weights: np.ndarray, padding: np.ndarray, l
 
     held = [np.ascontiguousarray(a, dtype=np.float64) for a in (lower, upper)]  # kept alive until the results are here
     outputs = [wp.empty(count, dtype=wp.float64, device=device) for _ in range(2)]
-    outputs += [wp.empty(count, dtype=wp.int32, device=device), wp.empty(count * n, dtype=wp.float64, device=device)]
+    outputs += [wp.empty(2 * count, dtype=wp.int32, device=device), wp.empty(count * n, dtype=wp.float64, device=device)]
     if count:
         inputs = [give(held[0]), give(held[1]), count, 0, give(weights), give(padding)]
         launch_blocks(_kernel(sizes), count, inputs, outputs, device, first_index=3, block=BLOCK)
     least, value, axis, point = (o.numpy() for o in outputs)
-    return least, axis, point.reshape(count, n), value
+    return least, axis.reshape(2, count), point.reshape(count, n), value

@@ -39,29 +39,39 @@ def __getattr__(name: str):
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
+INTERRUPTED = 130  # what the parser makes of Ctrl-C
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit with its status."""
+    try:
+        status = _run(arguments)
+    except KeyboardInterrupt:
+        status = INTERRUPTED
+    except BoundingError as error:
+        print(f"warp-bounding: {' '.join(str(error).split())}", file=sys.stderr)
+        status = 2
+    if status == INTERRUPTED:
+        print("interrupted", file=sys.stderr)
+        status = 1
+    sys.exit(status)
+
+
+def _run(arguments: list[str] | None) -> int:
+    """Exit status of a command; an error of the parser becomes an error of ours."""
     import typer
 
     usage_error = typer.BadParameter.__base__  # the parser's UsageError, wherever typer takes its parser from
     try:
         status = _app()(args=arguments, standalone_mode=False)
-        sys.exit(status if isinstance(status, int) else 0)
+        return status if isinstance(status, int) else 0
     except usage_error as error:
-        if not error.format_message():  # the help was asked for by giving no command
-            sys.exit(2)
+        if not error.format_message():  # no command: the help has been printed
+            return 2
         context = getattr(error, "ctx", None)
         where = context.command_path if context else "warp-bounding"
-        _fail(f"{error.format_message()} (see '{where} --help')")
+        raise BoundingError(f"{error.format_message()} (see '{where} --help')") from error
     except typer.Exit as error:
-        sys.exit(error.exit_code)
-    except (typer.Abort, KeyboardInterrupt):
-        print("interrupted", file=sys.stderr)
-        sys.exit(1)
-    except BoundingError as error:
-        _fail(str(error))
-
-
-def _fail(message: str) -> None:
-    print(f"warp-bounding: {' '.join(message.split())}", file=sys.stderr)
-    sys.exit(2)
+        return error.exit_code
+    except typer.Abort:
+        return INTERRUPTED

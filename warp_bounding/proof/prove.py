@@ -44,6 +44,7 @@ def prove(
     *,
     eps: float = 1e-3,
     seconds: float = float("inf"),
+    boxes: float = float("inf"),
     points: np.ndarray | None = None,
     progress: Callable[[int, int, float], None] | None = None,
 ) -> Search:
@@ -54,6 +55,7 @@ def prove(
         grid: The object that it bounds.
         eps: Largest gap, in ``f``, between the proven minimum and the least value found.
         seconds: Time for the search; a shorter one costs tightness, never soundness.
+        boxes: Number of boxes for the search, likewise.
         points: ``(P, n)`` concrete low points to begin with, coordinates ``v``.
         progress: See ``minimum``.
 
@@ -74,7 +76,7 @@ def prove(
         least = float(min(parts))
         search = Search(least, least, np.empty((0, grid.ndim)), len(lower), time.perf_counter() - started, True)
     else:
-        search = minimum(bounder, lower, upper, eps=eps, seconds=seconds, points=points, progress=progress)
+        search = minimum(bounder, lower, upper, eps=eps, seconds=seconds, boxes=boxes, points=points, progress=progress)
     error = bounder.rounding_bound()
     threshold = float(round_down(_minus(search.lower_bound, error)))
     if not np.isfinite(threshold):

@@ -20,6 +20,7 @@ __all__ = ["Search", "minimum"]
 
 CHUNK = 32768  # boxes that are bounded at a time
 MOST_WAITING = 6_000_000  # boxes (about 0.5 GB in 4D) above which the search goes deep instead of low
+QUARTER = 1.7  # times too loose is a bound that one halving is not expected to mend
 WORST = 2048  # low points that are kept, for training
 
 
@@ -51,6 +52,7 @@ def minimum(
     *,
     eps: float,
     seconds: float = float("inf"),
+    boxes: float = float("inf"),
     points: np.ndarray | None = None,
     progress: Callable[[int, int, float], None] | None = None,
 ) -> Search:
@@ -63,6 +65,7 @@ def minimum(
         eps: Gap between bound and found value at which a box is closed; at least 0. It is not taken smaller than what the
             bounds of single points resolve, or the search would not end.
         seconds: Time after which the search ends with what it has; the given boxes are bounded once in any case.
+        boxes: Number of boxes after which it ends likewise, the same on every machine.
         points: ``(P, n)`` concrete points in the boxes to begin with; good ones save most of the work.
         progress: Called now and then with boxes done, boxes waiting, gap.
 
@@ -91,12 +94,21 @@ def minimum(
         bound = np.maximum(bounds.lower, parent)  # a half is no worse than the whole
         open_ = bound < best - eps
         closed = min(closed, bound[~open_].min(initial=np.inf))
-        return _chunks(*halve(low[open_], high[open_], bounds.axis[open_]), np.tile(bound[open_], 2))
+        # Where the bound is much looser than it may be, its halves would only be halved again: quarter at once.
+        loose = open_ & (bounds.value - bound > QUARTER * (bounds.value - best + eps))
+        loose &= bounds.next_axis is not None
+        once, parts = open_ & ~loose, []
+        if once.any():
+            parts.append((*halve(low[once], high[once], bounds.axis[once]), np.tile(bound[once], 2)))
+        if loose.any():
+            halves = halve(low[loose], high[loose], bounds.axis[loose])
+            parts.append((*halve(*halves, np.tile(bounds.next_axis[loose], 2)), np.tile(bound[loose], 4)))
+        return _chunks(*(np.concatenate(part) for part in zip(*parts, strict=True))) if parts else []
 
     waiting = _Waiting()
     for chunk in _chunks(lower, upper, np.full(len(lower), -np.inf)):
         waiting.add(advance(chunk))
-    while len(waiting) and time.perf_counter() - started < seconds:
+    while len(waiting) and done < boxes and time.perf_counter() - started < seconds:
         waiting.add(advance(waiting.next()))
         if progress:
             progress(done, waiting.boxes, best - min(closed, waiting.least()))

@@ -32,7 +32,8 @@ TRAINERS = {"default": Trainer, "paper": PaperTrainer}
 SEARCHES = (0.5, 0.7, 0.9)  # used fractions at which the prover looks for counterexamples
 SEARCH_SHARE = 0.02  # of the budget, each
 PROOF_SHARE = 0.03  # of the budget, reserved for the proof before a search has told what it takes
-LONG_PROOF_SHARE = 0.12  # reserved where the last search did not end in its time
+LONG_PROOF_SHARE = 0.2  # reserved where the last search did not end in its time
+SEARCH_BOXES, PROOF_BOXES = 1_000_000, 20_000_000  # what takes the place of time where the budget is in steps
 PROOF_COST = 1e-4  # share of all queries that a search may cost in false positives by ending early
 COST_SAMPLES = 200_000
 
@@ -158,8 +159,8 @@ def _fit_network(
             return
         waiting.pop(0)
         bounder = build()
-        seconds = SEARCH_SHARE * budget if clock.timed else float("inf")
-        search = _search(bounder, grid, trainer.worst_points(), seconds)
+        limit = {"seconds": SEARCH_SHARE * budget} if clock.timed else {"boxes": SEARCH_BOXES}
+        search = _search(bounder, grid, trainer.worst_points(), limit)
         boxes += search.boxes
         trainer.add(search.worst)
         if clock.timed:  # the last proof will take about as long, on a network that is a little harder
@@ -178,9 +179,9 @@ def _fit_network(
         bounder = build(trainer.best())
     if progress:
         progress(0.97, 1.0, "proof")
-    seconds = max(budget - clock.seconds, 0.02 * budget) if clock.timed else float("inf")
+    limit = {"seconds": max(budget - clock.seconds, 0.02 * budget)} if clock.timed else {"boxes": PROOF_BOXES}
     points = trainer.worst_points()
-    search = prove(bounder, grid, eps=_tolerance(bounder, grid, points), seconds=seconds, points=points)
+    search = prove(bounder, grid, eps=_tolerance(bounder, grid, points), points=points, **limit)
     return bounder, {
         "recipe": recipe,
         "steps": clock.count,
@@ -190,10 +191,10 @@ def _fit_network(
     }
 
 
-def _search(bounder: Mlp, grid: IndicatorGrid, points: np.ndarray, seconds: float) -> Search:
+def _search(bounder: Mlp, grid: IndicatorGrid, points: np.ndarray, limit: dict[str, float]) -> Search:
     """The prover's search, for its counterexamples."""
     lower, upper = positive_boxes(bounder, grid)
-    return minimum(bounder, lower, upper, eps=_tolerance(bounder, grid, points), seconds=seconds, points=points)
+    return minimum(bounder, lower, upper, eps=_tolerance(bounder, grid, points), points=points, **limit)
 
 
 def _tolerance(bounder: Mlp, grid: IndicatorGrid, points: np.ndarray) -> float:
