@@ -1,0 +1,35 @@
+"""The CUDA branches of the native sources compile, also where there is no CUDA device to run them on."""
+
+import sys
+
+import pytest
+import warp as wp
+from bounding_shapes import random_bounder, random_mlp, shape
+
+from warp_bounding.bounders import METHODS
+from warp_bounding.bounders.network_kernel import _kernel as bound_kernel
+from warp_bounding.bounders.source import batch_kernel
+
+ARCHITECTURE = 86
+
+pytestmark = [
+    pytest.mark.skipif(not hasattr(wp, "compile_aot_module"), reason="this Warp cannot compile ahead of time"),
+    pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA compiler on macOS"),
+]
+
+
+def check_compiles(kernel, folder):
+    wp.compile_aot_module(kernel.module, device=None, arch=ARCHITECTURE, module_dir=folder)
+    assert [*folder.rglob("*.ptx"), *folder.rglob("*.cubin")]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_batch_kernels_compile(method, tmp_path):
+    check_compiles(batch_kernel(random_bounder(method, "blob").source, True, False), tmp_path)
+
+
+@pytest.mark.parametrize("activation", ["sin", "relu"])
+def test_kernels_of_networks_compile(activation, tmp_path):
+    network = random_mlp(shape("blob"), (8,), activation, 1)
+    check_compiles(batch_kernel(network.source, False, True), tmp_path)
+    check_compiles(bound_kernel(network.network._sizes), tmp_path)

@@ -1,0 +1,281 @@
+"""Files come back as they were, or not at all."""
+
+import json
+import os
+import shutil
+
+import numpy as np
+import pytest
+import safetensors.numpy
+from bounding_shapes import domain_points, fitted, random_mlp, shape
+
+import warp_bounding as wb
+from warp_bounding.bounders import METHODS, storage
+from warp_bounding.errors import FileFormatError
+
+
+@pytest.fixture
+def saved(tmp_path):
+    path = tmp_path / "box.safetensors"
+    fitted("aabb", "c").save(path)
+    return path
+
+
+def rewrite(path, change, tensors=None):
+    """Edit the document as an author who knows the format would: with a digest that fits."""
+    held = tensors or safetensors.numpy.load_file(path)
+    with safetensors.safe_open(path, framework="numpy") as file:
+        document = json.loads(file.metadata()[storage.KEY])["bounder"]
+    change(document)
+    entry = json.dumps({"sha256": storage._digest(held, document), "bounder": document})
+    path.write_bytes(safetensors.numpy.save(held, metadata={storage.KEY: entry}))
+
+
+def check_refused(path, *words):
+    with pytest.raises(FileFormatError) as error:
+        wb.load(path, device="cpu")
+    assert str(path) in str(error.value)
+    assert all(word in str(error.value) for word in words)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", ["c", "mesh", "animated"])
+def test_round_trip(method, name, device, tmp_path, rng):
+    bounder, path = fitted(method, name), tmp_path / "deep" / "b.safetensors"
+    bounder.save(path)
+    twin = wb.load(path, device=device)
+    x = domain_points(shape(name), 20_000, rng)
+    assert (twin.query(x).numpy() == bounder.to(device).query(x).numpy()).all()
+    assert twin.values(x).numpy().tobytes() == bounder.to(device).values(x).numpy().tobytes()
+    assert twin.certificate == bounder.certificate
+    assert twin.threshold == bounder.threshold
+    assert type(twin) is type(bounder)
+    assert twin.nbytes == bounder.nbytes
+    assert all(twin.info[k] == v for k, v in bounder.info.items())
+    assert twin.info["library"] == wb.__version__
+    assert twin.domain.to_dict() == bounder.domain.to_dict()
+    again = tmp_path / "again.safetensors"
+    bounder.save(again)
+    assert again.read_bytes() == path.read_bytes()
+
+
+def test_what_is_not_proven_is_kept_too(tmp_path):
+    bounder, path = random_mlp(shape("c"), octaves=1), tmp_path / "b.safetensors"
+    bounder.freeze(0.25, None).save(path)
+    twin = wb.load(path, device="cpu")
+    assert twin.certificate is None
+    assert twin.threshold == np.float32(0.25)
+    assert twin.features == 4
+
+
+@pytest.mark.parametrize("flip", [0x01, 0x20, 0x80])
+def test_every_flipped_byte_is_noticed(saved, flip):
+    content = bytearray(saved.read_bytes())
+    for position in range(len(content)):
+        content[position] ^= flip
+        saved.write_bytes(content)
+        with pytest.raises(FileFormatError):
+            wb.load(saved, device="cpu")
+        content[position] ^= flip
+    saved.write_bytes(content)
+    assert wb.load(saved, device="cpu").certificate.proven
+
+
+def test_flipped_bytes_of_a_network_are_noticed(tmp_path, rng):
+    path = tmp_path / "b.safetensors"
+    fitted("mlp", "blob").save(path)
+    content = bytearray(path.read_bytes())
+    for position in rng.permutation(len(content))[:300]:
+        old = content[position]
+        content[position] = (old + int(rng.integers(1, 256))) % 256
+        path.write_bytes(content)
+        check_refused(path)
+        content[position] = old
+
+
+def test_every_shorter_or_longer_file_is_noticed(saved):
+    content = saved.read_bytes()
+    for length in [*range(64), *range(64, len(content), 17), len(content) - 1]:
+        saved.write_bytes(content[:length])
+        check_refused(saved)
+    saved.write_bytes(content + b"\0")
+    check_refused(saved)
+
+
+def test_numbers_written_differently_are_an_edit(saved):
+    """1.0 and 1.00 are the same number, so the digest of what was read could not tell."""
+    held = safetensors.numpy.load_file(saved)
+    with safetensors.safe_open(saved, framework="numpy") as file:
+        entry = file.metadata()[storage.KEY]
+    saved.write_bytes(
+        safetensors.numpy.save(held, metadata={storage.KEY: entry.replace('"margin": 0.0', '"margin": 0.00')})
+    )
+    check_refused(saved, "SHA-256")
+
+
+def test_foreign_files_are_refused(tmp_path, saved):
+    path = tmp_path / "foreign.safetensors"
+    check_refused(path, "no such file")
+    check_refused(tmp_path, "no such file")
+    for content in (b"", b"prose", b"\0" * 100, b"\xff" * 100, b"PK\3\4", (1 << 62).to_bytes(8, "little") + b"{}"):
+        path.write_bytes(content)
+        check_refused(path)
+    safetensors.numpy.save_file({"w": np.zeros(3, np.float32)}, path)
+    check_refused(path, "not one that holds a bounder")
+    for entry in (
+        "prose",
+        "[]",
+        "{}",
+        "null",
+        '{"sha256": 1, "bounder": []}',
+        '{"sha256": 1, "bounder": {}}',
+        "[" * 100_000,
+    ):
+        safetensors.numpy.save_file({"w": np.zeros(3, np.float32)}, path, metadata={storage.KEY: entry})
+        check_refused(path)
+
+
+def test_newer_files_are_refused(saved):
+    for version in (storage.FORMAT + 1, "2", None, 1.5):
+        rewrite(saved, lambda d, v=version: d.update(format=v))
+        check_refused(saved, "newer")
+
+
+EDITS = {
+    "threshold": lambda d: d.update(threshold=d["threshold"] + 0.5),
+    "threshold nan": lambda d: d.update(threshold=float("nan")),
+    "threshold double": lambda d: d.update(threshold=0.1),
+    "threshold text": lambda d: d.update(threshold="low"),
+    "both thresholds": lambda d: (d.update(threshold=0.5), d["certificate"].update(threshold=0.5)),
+    "lower bound": lambda d: d["certificate"].update(lower_bound=-1.0),
+    "lower bound nan": lambda d: d["certificate"].update(lower_bound=float("nan")),
+    "lower bound text": lambda d: d["certificate"].update(lower_bound="high"),
+    "certificate field": lambda d: d["certificate"].update(more=1),
+    "certificate list": lambda d: d.update(certificate=[1]),
+    "method": lambda d: d.update(method="mlp"),
+    "method unknown": lambda d: d.update(method="magic"),
+    "method list": lambda d: d.update(method=["aabb"]),
+    "query": lambda d: d.update(query="ray"),
+    "dimension": lambda d: d.update(dimension=3),
+    "no domain": lambda d: d.pop("domain"),
+    "domain text": lambda d: d.update(domain="here"),
+    "limit": lambda d: d["domain"].update(limit=[0.5, 0.5]),
+    "limit nan": lambda d: d["domain"].update(limit=[float("nan")] * 2),
+    "scale": lambda d: d["domain"].update(scale=[-s for s in d["domain"]["scale"]]),
+    "scale huge": lambda d: d["domain"].update(scale=[1e300, 1e300]),
+    "delta": lambda d: d["domain"].update(delta=[0.0, 0.0]),
+    "delta short": lambda d: d["domain"].update(delta=[1e-3]),
+    "three dimensions": lambda d: d["domain"].update(center=[0.5] * 3),
+    "sizes": lambda d: d.update(sizes=7),
+    "margin": lambda d: d.update(margin="wide"),
+    "margin nan": lambda d: d.update(margin=float("nan")),
+    "resolution": lambda d: d.update(resolution="fine"),
+    "no library": lambda d: d.pop("library"),
+}
+
+
+@pytest.mark.parametrize("edit", EDITS)
+def test_edits_that_do_not_add_up_are_refused(saved, edit):
+    rewrite(saved, EDITS[edit])
+    check_refused(saved)
+
+
+TENSORS = {
+    "nan": lambda t: t["low"].__setitem__(0, np.nan),
+    "inf": lambda t: t["high"].__setitem__(1, np.inf),
+    "huge": lambda t: t["high"].__setitem__(1, 3e38),
+    "missing": lambda t: t.pop("low"),
+    "more": lambda t: t.update(extra=np.zeros(2, np.float32)),
+    "shape": lambda t: t.update(low=np.zeros((2, 1), np.float32)),
+    "double": lambda t: t.update(low=t["low"].astype(np.float64)),
+    "integers": lambda t: t.update(low=t["low"].astype(np.uint32)),
+}
+
+
+@pytest.mark.parametrize("edit", TENSORS)
+def test_wrong_tensors_are_refused(saved, edit):
+    tensors = {name: value.copy() for name, value in safetensors.numpy.load_file(saved).items()}
+    with np.errstate(invalid="ignore"):
+        TENSORS[edit](tensors)
+    rewrite(saved, lambda d: None, tensors)
+    check_refused(saved)
+
+
+def test_bits_that_are_no_integers_are_refused(tmp_path):
+    path = tmp_path / "b.safetensors"
+    fitted("voxels", "c").save(path)
+    tensors = safetensors.numpy.load_file(path)
+    rewrite(path, lambda d: None, tensors | {"bits": tensors["bits"].astype(np.float32)})
+    check_refused(path, "uint32")
+
+
+def test_nan_weights_are_refused(tmp_path):
+    path = tmp_path / "b.safetensors"
+    fitted("mlp", "c").save(path)
+    tensors = {name: value.copy() for name, value in safetensors.numpy.load_file(path).items()}
+    tensors["layers.0.weight"][0, 0] = np.nan
+    rewrite(path, lambda d: None, tensors)
+    check_refused(path, "finite")
+
+
+def test_a_lie_with_a_fitting_digest_loads_but_is_not_certified(saved):
+    """The digest detects damage; only ``certify`` detects a lie."""
+
+    def lie(document):
+        document["threshold"] = document["certificate"]["threshold"] = 0.25
+        document["certificate"]["lower_bound"] = 0.5
+
+    rewrite(saved, lie)
+    liar = wb.load(saved, device="cpu")
+    assert liar.certificate.proven
+    assert wb.certify(liar, shape("c")).kind == "refuted"
+
+
+def test_a_file_is_replaced_whole_or_not_at_all(saved, monkeypatch):
+    before, other = saved.read_bytes(), fitted("kdop", "c")
+    for name in ("replace", "fsync"):
+        with monkeypatch.context() as patch:
+
+            def fail(*_):
+                raise OSError(28, "No space left on device")
+
+            patch.setattr(os, name, fail)
+            with pytest.raises(FileFormatError, match="No space left"):
+                other.save(saved)
+        assert saved.read_bytes() == before
+        assert [p.name for p in saved.parent.iterdir()] == [saved.name]
+    other.save(saved)
+    assert wb.load(saved, device="cpu").method == "kdop"
+    assert [p.name for p in saved.parent.iterdir()] == [saved.name]
+
+
+def test_places_that_cannot_be_written(saved, tmp_path):
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    for path in (saved / "below.safetensors", folder, tmp_path / ("x" * 300)):
+        with pytest.raises(FileFormatError):
+            fitted("aabb", "c").save(path)
+    for path in (saved / "below.safetensors", folder):
+        with pytest.raises(FileFormatError):
+            storage.check_writable(path)
+    storage.check_writable(tmp_path / "new" / "deep" / "b.safetensors")
+    assert not (tmp_path / "new").exists()
+    assert not list(folder.iterdir())
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_without_permission(tmp_path):
+    folder = tmp_path / "closed"
+    folder.mkdir()
+    folder.chmod(0o500)
+    with pytest.raises(FileFormatError):
+        fitted("aabb", "c").save(folder / "b.safetensors")
+    with pytest.raises(FileFormatError):
+        storage.check_writable(folder / "b.safetensors")
+    folder.chmod(0o700)
+    shutil.rmtree(folder)
+
+
+def test_an_unknown_device(saved):
+    with pytest.raises(wb.BoundingError, match="device must be one of"):
+        wb.load(saved, device="cuda:99")

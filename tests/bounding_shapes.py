@@ -1,0 +1,123 @@
+"""Small shapes of every kind, points where bounders fail first, and one way to make a bounder of any method."""
+
+from functools import cache
+
+import numpy as np
+
+import warp_bounding as wb
+from warp_bounding.bounders import METHODS
+from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.mlp import Mlp, encoding_tensors
+from warp_bounding.indicators import IndicatorGrid
+
+HIDDEN = (8,)  # of every fitted network: each new size costs a compilation
+
+
+def _blob(shape, seed, share=0.35, **options) -> IndicatorGrid:
+    occupancy = np.random.default_rng(seed).random(shape) < share
+    occupancy.flat[:2] = True, False
+    return IndicatorGrid(occupancy, **options)
+
+
+def _c() -> IndicatorGrid:
+    occupancy = np.zeros((12, 12), bool)
+    occupancy[2:10, 2:10] = True
+    occupancy[4:8, 4:] = False
+    return IndicatorGrid(occupancy)
+
+
+def _star() -> IndicatorGrid:
+    t = np.abs(np.stack(np.meshgrid(*[np.linspace(-1, 1, 11)] * 3, indexing="ij")))
+    return IndicatorGrid(np.sqrt(t).sum(axis=0) < 1.3)
+
+
+def _animated() -> IndicatorGrid:
+    occupancy = np.zeros((5, 7, 6, 8), bool)
+    for step in range(5):
+        occupancy[step, 1 + step // 2 : 3 + step // 2, 1:4, step : step + 3] = True
+    return IndicatorGrid(occupancy, time=True)
+
+
+def _half() -> IndicatorGrid:
+    occupancy = np.zeros((10, 4, 4), bool)
+    occupancy[:5] = True  # reaches the border: most of it touches no empty cell
+    return IndicatorGrid(occupancy)
+
+
+def _single() -> IndicatorGrid:
+    occupancy = np.zeros((5, 1, 3), bool)  # an axis of one cell
+    occupancy[2, 0, 1] = True
+    return IndicatorGrid(occupancy)
+
+
+SHAPES = {
+    "line": lambda: IndicatorGrid(np.array([0, 1, 1, 0, 0, 1, 0, 0, 0], bool)),
+    "c": _c,
+    "blob": lambda: _blob((8, 9, 7), 1),
+    "star": _star,
+    "half": _half,
+    "single": _single,
+    "anisotropic": lambda: _blob((2, 33, 5), 2, cells_per_unit=[0.5, 1024.0, 3.0], offset=[0.0, -7.0, 0.5]),
+    "mesh": lambda: _blob((9, 8, 7), 3, cells_per_unit=[39.53125] * 3, offset=[-390.0, 0.0, -22.0]),
+    "animated": _animated,
+    "five": lambda: _blob((4, 3, 4, 2, 3), 4),
+}
+
+
+@cache
+def shape(name: str) -> IndicatorGrid:
+    return SHAPES[name]()
+
+
+@cache
+def fitted(method: str, name: str) -> wb.Bounder:
+    """A proven bounder on the CPU, through the public door; never change it."""
+    return wb.fit(shape(name), method=method, hidden=HIDDEN, steps=3, device="cpu")
+
+
+def random_mlp(grid, hidden=HIDDEN, activation="sin", octaves=0, seed=0, device="cpu", gain=4.0) -> Mlp:
+    """A network with random weights, steep enough to be hard to bound; not proven."""
+    rng, domain = np.random.default_rng(seed), Domain.of(grid)
+    inputs = grid.ndim * (1 + 2 * octaves)
+    tensors = dict(encoding_tensors(grid.ndim, octaves)) if octaves else {}
+    for index, (k, h) in enumerate(zip((inputs, *hidden), (*hidden, 1), strict=True)):
+        scale = (gain if index == 0 else 1.5) / np.sqrt(k)
+        tensors[f"layers.{index}.weight"] = (rng.normal(size=(h, k)) * scale).astype(np.float32)
+        tensors[f"layers.{index}.bias"] = rng.normal(size=h).astype(np.float32)
+    return Mlp(domain, tensors, {"hidden": list(hidden), "activation": activation, "octaves": octaves}, device)
+
+
+def random_bounder(method: str, name: str, device: str = "cpu"):
+    """Like ``fitted``, but a network keeps its random weights."""
+    grid = shape(name)
+    return (
+        random_mlp(grid, device=device)
+        if method == "mlp"
+        else METHODS[method].fit(grid, Domain.of(grid), device=device)
+    )
+
+
+def device_coordinates(bounder, x: np.ndarray) -> np.ndarray:
+    """``v`` as every device computes it from float32 points: a difference, then a product."""
+    d = bounder.domain
+    return ((x - d.center) * d.scale).astype(np.float64)
+
+
+def domain_points(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Uniform float32 points of the domain, and a little around it."""
+    size = grid.upper - grid.lower
+    return (grid.lower - 0.02 * size + rng.random((count, grid.ndim)) * 1.04 * size).astype(np.float32)
+
+
+def object_points(grid: IndicatorGrid, rng: np.random.Generator, count: int = 4000) -> np.ndarray:
+    """Points of the object, float32, all of them: random ones, and corners, faces and centres nudged both ways."""
+    cells = grid.occupied[rng.integers(len(grid.occupied), size=count)]
+    kind = rng.integers(3, size=count)[:, None]
+    offset = rng.uniform(-0.5, 0.5, (count, grid.ndim))
+    snapped = np.where(rng.random(offset.shape) < 0.6, np.copysign(0.5, offset), offset)
+    offset = np.where(kind == 0, offset, np.where(kind == 1, snapped, rng.choice([-0.5, 0.0, 0.5], offset.shape)))
+    x = grid.position(cells + offset).astype(np.float32)
+    near = [np.nextafter(x, np.float32(s * np.inf)) for s in (-1, 1)]
+    mixed = np.where(rng.random(x.shape) < 0.5, *near)
+    x = np.concatenate([x, *near, mixed, grid.position(grid.occupied).astype(np.float32)])
+    return x[grid.contains(x)]

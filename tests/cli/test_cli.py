@@ -1,0 +1,216 @@
+"""The command line: exit status, one JSON object or text, one clear line for what is wrong."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bounding_shapes import HIDDEN, shape
+
+from warp_bounding.cli import main
+
+ROOT = Path(__file__).parents[2]
+WIDTHS = ",".join(map(str, HIDDEN))
+CERTIFICATE_KEYS = {"kind", "query", "threshold", "lower_bound", "rounding_bound", "boxes", "seconds"}
+
+
+@pytest.fixture
+def files(tmp_path):
+    np.save(tmp_path / "c.npy", shape("c").occupancy)
+    np.save(tmp_path / "other.npy", ~shape("c").occupancy)
+    np.save(tmp_path / "blob.npy", shape("blob").occupancy)
+    return tmp_path
+
+
+def run(capsys, *arguments):
+    """Status, standard output and standard error of a command in this process."""
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as stop:
+        main([str(a) for a in arguments])
+    out, err = capsys.readouterr()
+    return stop.value.code, out, err
+
+
+def command(*arguments, module=True):
+    """The same in a process of its own."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "200"}
+    return subprocess.run(
+        [sys.executable, "-m", "warp_bounding", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        env=environment,
+        timeout=120,
+        check=False,
+    )
+
+
+def fit(capsys, files, *options, name="b", source="c.npy", method="aabb"):
+    path = files / f"{name}.safetensors"
+    return path, run(capsys, "fit", files / source, "-o", path, "--method", method, "--samples", 20_000, *options)
+
+
+def check_bad(status, out, err):
+    assert status == 2
+    assert out == ""
+    assert len(err.strip().splitlines()) == 1, err
+    assert err.startswith("warp-bounding: ")
+    assert "Traceback" not in err
+
+
+def test_processes_fit_certify_another_shape_and_damage(files):
+    path = files / "b.safetensors"
+    done = command("fit", files / "c.npy", "-o", path, "--hidden", WIDTHS, "--steps", 5, "--samples", 20_000, "--json")
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert {"fp_rate", "fn", "samples", "fit_seconds", "certificate", "path"} <= set(result)
+    assert set(result["certificate"]) >= CERTIFICATE_KEYS
+    assert (result["fn"], result["certificate"]["kind"], result["path"]) == (0, "proven", str(path))
+    assert "Traceback" not in done.stderr
+    good = command("certify", path, files / "c.npy", "--json")
+    assert good.returncode == 0
+    assert json.loads(good.stdout)["certificate"]["kind"] == "proven"
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    damaged = command("certify", path, files / "c.npy", "--json")
+    check_bad(damaged.returncode, damaged.stdout, damaged.stderr)
+
+
+@pytest.mark.parametrize("arguments", [("--help",), ("fit", "--help")])
+def test_processes_give_help(arguments):
+    done = command(*arguments)
+    assert done.returncode == 0
+    assert "Usage" in done.stdout
+    assert done.stderr == ""
+
+
+def test_certify(files, capsys):
+    path, (status, out, _) = fit(capsys, files)
+    assert status == 0
+    assert "false positives" in out
+    status, out, _ = run(capsys, "certify", path, files / "c.npy")
+    assert status == 0
+    assert "proven" in out
+    status, out, _ = run(capsys, "certify", path, files / "other.npy", "--json")
+    result = json.loads(out)
+    assert status == 1
+    assert result["certificate"]["kind"] == "refuted"
+    assert result["same_indicator"] is False
+    assert len(result["certificate"]["counterexample"]) == 2
+    status, out, _ = run(capsys, "certify", path, files / "blob.npy")
+    assert status == 1
+    assert "inapplicable" in out
+
+
+@pytest.mark.parametrize("method", ["aabb", "voxels", "mlp"])
+def test_json_is_one_object_and_nothing_else(files, capsys, method):
+    path, (status, out, err) = fit(capsys, files, "--json", "--hidden", WIDTHS, "--steps", 3, method=method)
+    assert status == 0
+    assert len(out.strip().splitlines()) == 1
+    fitted = json.loads(out)
+    assert set(fitted["certificate"]) >= CERTIFICATE_KEYS
+    status, out, _ = run(capsys, "evaluate", path, files / "c.npy", "--samples", 20_000, "--json")
+    rates = json.loads(out)
+    assert status == 0
+    assert len(out.strip().splitlines()) == 1
+    assert {"fp_rate", "fn", "samples", "path", "certificate"} <= set(rates)
+    assert (rates["fp_rate"], rates["fn"], rates["samples"]) == (fitted["fp_rate"], 0, 20_000)
+    status, out, err = run(capsys, "info", path, "--json")
+    info = json.loads(out)
+    assert status == 0
+    assert err == ""
+    assert (info["method"], info["dimension"], info["query"]) == (method, 2, "point")
+    assert info["certificate"] == fitted["certificate"]
+
+
+def test_text_for_people(files, capsys):
+    path, _ = fit(capsys, files, "--hidden", WIDTHS, "--steps", 3, method="mlp")
+    status, out, err = run(capsys, "info", path)
+    assert status == 0
+    assert err == ""
+    assert all(word in out for word in ("mlp", "proven", "threshold", "arithmetic", "not proven"))
+    status, out, _ = run(capsys, "evaluate", path, files / "c.npy", "--samples", 5000)
+    assert status == 0
+    assert "0 false negatives" in out
+
+
+def test_evaluate_finds_a_false_negative(files, capsys):
+    path, _ = fit(capsys, files)
+    assert run(capsys, "evaluate", path, files / "other.npy", "--samples", 5000)[0] == 1
+
+
+def test_info_of_what_is_not_proven(files, capsys):
+    from bounding_shapes import random_mlp
+
+    path = files / "b.safetensors"
+    random_mlp(shape("c")).save(path)
+    status, out, _ = run(capsys, "info", path)
+    assert status == 1
+    assert "none" in out
+    status, out, _ = run(capsys, "info", path, "--json")
+    assert status == 1
+    assert json.loads(out)["certificate"] is None
+
+
+def test_fits_are_repeatable(files, capsys):
+    paths = [fit(capsys, files, "--hidden", WIDTHS, "--steps", 4, "--seed", 3, name=n, method="mlp")[0] for n in "ab"]
+    from safetensors.numpy import load_file
+
+    first, second = (load_file(path) for path in paths)
+    assert all(first[k].tobytes() == second[k].tobytes() for k in first)
+
+
+BAD = {
+    "nothing known": ["dance"],
+    "no such option": ["fit", "{c}", "-o", "{out}", "--speed", "9"],
+    "no output": ["fit", "{c}"],
+    "no shape": ["fit"],
+    "unknown method": ["fit", "{c}", "-o", "{out}", "--method", "magic"],
+    "unknown query": ["fit", "{c}", "-o", "{out}", "--query", "ray"],
+    "missing shape": ["fit", "{dir}/none.npy", "-o", "{out}"],
+    "hidden 0": ["fit", "{c}", "-o", "{out}", "--hidden", "0"],
+    "hidden words": ["fit", "{c}", "-o", "{out}", "--hidden", "wide"],
+    "hidden nothing": ["fit", "{c}", "-o", "{out}", "--hidden", ""],
+    "budget 0": ["fit", "{c}", "-o", "{out}", "--budget", "0"],
+    "budget words": ["fit", "{c}", "-o", "{out}", "--budget", "long"],
+    "budget nan": ["fit", "{c}", "-o", "{out}", "--budget", "nan"],
+    "seed": ["fit", "{c}", "-o", "{out}", "--seed", "-1"],
+    "steps": ["fit", "{c}", "-o", "{out}", "--steps", "0"],
+    "samples": ["fit", "{c}", "-o", "{out}", "--method", "aabb", "--samples", "0"],
+    "margin": ["fit", "{c}", "-o", "{out}", "--method", "aabb", "--margin", "-1"],
+    "octaves": ["fit", "{c}", "-o", "{out}", "--octaves", "-1"],
+    "activation": ["fit", "{c}", "-o", "{out}", "--activation", "tanh"],
+    "recipe": ["fit", "{c}", "-o", "{out}", "--recipe", "soup"],
+    "k": ["fit", "{c}", "-o", "{out}", "--method", "kdop", "--k", "5"],
+    "device": ["fit", "{c}", "-o", "{out}", "--method", "aabb", "--device", "cuda:99"],
+    "output is a folder": ["fit", "{c}", "-o", "{dir}", "--method", "aabb"],
+    "output below a file": ["fit", "{c}", "-o", "{c}/b.safetensors", "--method", "aabb"],
+    "empty shape": ["fit", "{empty}", "-o", "{out}", "--method", "aabb"],
+    "certify nothing": ["certify", "{dir}/none.safetensors", "{c}"],
+    "certify a shape": ["certify", "{c}", "{c}"],
+    "certify without shape": ["certify", "{out}"],
+    "certify a missing shape": ["certify", "{out}", "{dir}/none.npy"],
+    "certify in no time": ["certify", "{out}", "{c}", "--budget", "0"],
+    "evaluate nothing": ["evaluate", "{dir}/none.safetensors", "{c}"],
+    "evaluate no samples": ["evaluate", "{out}", "{c}", "--samples", "0"],
+    "evaluate protocol": ["evaluate", "{out}", "{c}", "--protocol", "guess"],
+    "evaluate dimension": ["evaluate", "{out}", "{blob}"],
+    "info nothing": ["info", "{dir}/none.safetensors"],
+    "demo": ["demo", "dancing"],
+    "demo particles": ["demo", "particles", "--particles", "0"],
+}
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_bad_usage(files, capsys, bad):
+    out, _ = fit(capsys, files, name="out")
+    before = out.read_bytes()
+    np.save(files / "empty.npy", np.zeros((3, 3)))
+    names = {"c": files / "c.npy", "blob": files / "blob.npy", "empty": files / "empty.npy", "dir": files, "out": out}
+    listing = sorted(p.name for p in files.iterdir())
+    check_bad(*run(capsys, *(word.format(**names) for word in BAD[bad])))
+    assert out.read_bytes() == before
+    assert sorted(p.name for p in files.iterdir()) == listing

@@ -1,0 +1,61 @@
+"""Rates are counts of what oracle and bounder say, over the promised samples."""
+
+import numpy as np
+import pytest
+from bounding_shapes import fitted, random_bounder, shape
+
+import warp_bounding as wb
+from warp_bounding.bounders import METHODS
+from warp_bounding.errors import QueryError
+from warp_bounding.queries import sample_points
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_rates_are_what_a_count_gives(method, device):
+    bounder, grid = fitted(method, "star").to(device), shape("star")
+    rates = wb.evaluate(bounder, grid, samples=30_000, seed=5)
+    x = sample_points(grid, 30_000, np.random.default_rng(5))
+    truth, maybe = grid.contains(x), bounder.query(x).numpy().astype(bool)
+    assert rates.fn == 0
+    assert rates.fp_rate == 100 * (maybe & ~truth).sum() / 30_000
+    assert rates.positives == 100 * truth.sum() / 30_000
+    assert (rates.samples, rates.protocol, rates.seed) == (30_000, "exact", 5)
+    assert rates.to_dict()["fp_rate"] == rates.fp_rate
+
+
+def test_false_negatives_are_counted():
+    bounder = random_bounder("aabb", "star")
+    bounder.freeze(0.3, None)
+    assert wb.evaluate(bounder, shape("star"), samples=20_000).fn > 0
+
+
+def test_samples_are_repeatable_and_protocols_agree_for_points():
+    bounder, grid = fitted("sphere", "blob"), shape("blob")
+    first = wb.evaluate(bounder, grid, samples=5000, seed=3)
+    assert first == wb.evaluate(bounder, grid, samples=5000, seed=3)
+    assert first.fp_rate == wb.evaluate(bounder, grid, samples=5000, seed=3, protocol="sampled").fp_rate
+    assert first != wb.evaluate(bounder, grid, samples=5000, seed=4)
+
+
+def test_progress_and_chunks(monkeypatch):
+    from warp_bounding.evaluation import rates
+
+    bounder, grid, seen = fitted("aabb", "c"), shape("c"), []
+    monkeypatch.setattr(rates, "CHUNK", 1000)
+    wb.evaluate(bounder, grid, samples=2500, progress=lambda *a: seen.append(a))
+    assert seen == [(1000, 2500), (2000, 2500), (2500, 2500)]
+
+
+@pytest.mark.parametrize(
+    "options", [{"samples": 0}, {"samples": -1}, {"samples": 1.5}, {"samples": True}, {"protocol": "guess"}], ids=str
+)
+def test_wrong_options(options):
+    with pytest.raises(QueryError):
+        wb.evaluate(fitted("aabb", "c"), shape("c"), **options)
+
+
+def test_a_shape_of_another_dimension():
+    with pytest.raises(QueryError, match="3D"):
+        wb.evaluate(fitted("aabb", "c"), shape("blob"))
+    with pytest.raises(wb.IndicatorError):
+        wb.evaluate(fitted("aabb", "c"), "nowhere.npy")

@@ -1,0 +1,143 @@
+"""The package as a whole: light to import, documented, its parts in order, its README in force."""
+
+import ast
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import warp_bounding as wb
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "warp_bounding"
+HEAVY = ("torch", "trimesh", "pyvista", "matplotlib", "scipy", "typer", "PIL", "pxr")
+BOTTOM = ("errors", "version", "arithmetic", "launch")
+# What each part may import, besides itself and the bottom.
+BELOW = {
+    "indicators": (),
+    "queries": ("indicators",),
+    "bounders": ("queries", "indicators"),
+    "proof": ("bounders", "queries", "indicators"),
+    "training": ("proof", "bounders", "queries", "indicators"),
+    "evaluation": ("proof", "bounders", "queries", "indicators"),
+    "cli": ("training", "evaluation", "proof", "bounders", "queries", "indicators"),
+    "arithmetic": (),
+    "errors": (),
+    "launch": (),
+    "version": (),
+    "__main__": ("cli",),
+}
+
+
+def python(code: str) -> str:
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=environment, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip().splitlines()[-1]
+
+
+def test_importing_is_light():
+    listed = f"import sys; print([m for m in {HEAVY} if m in sys.modules])"
+    assert python("import warp_bounding;" + listed) == "[]"
+    assert python("import warp_bounding; dir(warp_bounding);" + listed) == "[]"
+
+
+def test_loading_and_asking_is_light(tmp_path):
+    from bounding_shapes import fitted
+
+    path = tmp_path / "b.safetensors"
+    fitted("mlp", "blob").save(path)
+    code = (
+        f"import warp_bounding as wb, numpy as np, sys; b = wb.load({str(path)!r}, device='cpu'); "
+        "n = int(b.query(np.full((5, 3), np.nan, np.float32)).numpy().sum()); "
+        f"print(n, [m for m in {HEAVY} if m in sys.modules])"
+    )
+    assert python(code) == "5 []"
+
+
+def test_public_names_exist_and_are_documented():
+    assert set(dir(wb)) == set(wb.__all__)
+    for name in wb.__all__:
+        thing = getattr(wb, name)
+        if name not in ("__version__", "METHODS"):
+            assert thing.__doc__, name
+            assert not thing.__doc__.startswith(f"{name}("), f"{name} has only what dataclass writes"
+    for method, kind in wb.METHODS.items():
+        assert kind.method == method
+        assert kind.__doc__
+    with pytest.raises(AttributeError, match="nothing_of_the_kind"):
+        _ = wb.nothing_of_the_kind
+
+
+def modules():
+    for path in sorted(PACKAGE.rglob("*.py")):
+        yield path, ast.parse(path.read_text())
+
+
+def imported(tree: ast.AST) -> set[str]:
+    """First parts below ``warp_bounding`` of everything that a file imports, inside functions too."""
+    names = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports are absolute"
+            names |= (
+                {node.module} if node.module != "warp_bounding" else {f"warp_bounding.{a.name}" for a in node.names}
+            )
+        elif isinstance(node, ast.Import):
+            names |= {a.name for a in node.names}
+    return {name.split(".")[1] for name in names if name.startswith("warp_bounding.")}
+
+
+def test_imports_run_downwards():
+    for path, tree in modules():
+        part = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+        if part == "__init__":
+            continue
+        allowed = {part, *BELOW[part], *BOTTOM}
+        if part in BOTTOM:
+            allowed = set(BOTTOM)
+        assert imported(tree) <= allowed, f"{path.relative_to(ROOT)} imports {imported(tree) - allowed}"
+
+
+def test_torch_lives_in_training_only():
+    for path, tree in modules():
+        names = {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
+        names |= {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)}
+        if any(name.split(".")[0] == "torch" for name in names):
+            assert path.relative_to(PACKAGE).parts[0] == "training", path
+
+
+def test_every_module_says_what_it_is_and_what_it_gives():
+    for path, tree in modules():
+        assert ast.get_docstring(tree), path
+        names = [
+            t.id
+            for n in tree.body
+            if isinstance(n, (ast.Assign, ast.AnnAssign))
+            for t in (n.targets if isinstance(n, ast.Assign) else [n.target])
+            if isinstance(t, ast.Name)
+        ]
+        assert "__all__" in names, path
+
+
+def test_versions_agree():
+    assert re.fullmatch(r"\d+\.\d+\.\d+.*", wb.__version__)
+    assert wb.__version__ in (ROOT / "CHANGELOG.md").read_text() or "Unreleased" in (ROOT / "CHANGELOG.md").read_text()
+    assert (PACKAGE / "py.typed").exists()
+
+
+@pytest.mark.skipif(not (ROOT / "README.md").exists(), reason="there is no README.md yet")
+def test_the_readme_compiles_and_names_what_exists():
+    text = (ROOT / "README.md").read_text()
+    blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    assert blocks
+    for block in blocks:
+        tree = compile(block, "README.md", "exec", ast.PyCF_ONLY_AST)
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "wb":
+                assert hasattr(wb, node.attr), f"README.md uses wb.{node.attr}"

@@ -1,0 +1,150 @@
+"""The parts of training against plain twins: gradients, optimiser, samples, clock, team."""
+
+import numpy as np
+import pytest
+from bounding_shapes import SHAPES, shape
+
+torch = pytest.importorskip("torch", reason="torch is not installed")
+
+from warp_bounding.bounders.domain import Domain  # noqa: E402
+from warp_bounding.bounders.mlp import Mlp  # noqa: E402
+from warp_bounding.training.clock import Clock  # noqa: E402
+from warp_bounding.training.network import Evaluator, TrainableNetwork  # noqa: E402
+from warp_bounding.training.samples import Samples  # noqa: E402
+from warp_bounding.training.soap import Soap  # noqa: E402
+from warp_bounding.training.team import Team, single_threaded_torch  # noqa: E402
+
+NETWORKS = [((7,), "sin", 0), ((6, 5), "relu", 0), ((6, 5, 4), "sin", 1)]
+
+
+def generator(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def network_of(hidden, activation, octaves):
+    network = TrainableNetwork(3, hidden, activation, octaves)
+    network.initialise(3.0, 1.5, generator())
+    return network
+
+
+def autograd(network, v, flat):
+    """The same network, written plainly."""
+    h = v
+    if network.encoding:
+        h = torch.cat(
+            [h, torch.sin(network.encoding["encoding.weight"] @ v + network.encoding["encoding.bias"][:, None])]
+        )
+    layers = network.split(flat)
+    for layer in layers[:-1]:
+        z = layer[:, :-1] @ h + layer[:, -1:]
+        h = torch.sin(z) if network.activation == "sin" else torch.relu(z)
+    return (layers[-1][:, :-1] @ h + layers[-1][:, -1:])[0]
+
+
+@pytest.mark.parametrize(("hidden", "activation", "octaves"), NETWORKS)
+def test_gradients_are_autograds(hidden, activation, octaves):
+    network = network_of(hidden, activation, octaves)
+    v = torch.rand(3, 50, generator=generator(1)) * 2 - 1
+    weight = torch.rand(50, generator=generator(2))
+    flat, variable = network.flat.clone().requires_grad_(), v.clone().requires_grad_()
+    f = autograd(network, variable, flat)
+    (f * weight).sum().backward()
+    per_sample = torch.autograd.grad(autograd(network, variable, flat).sum(), variable)[0]
+    with torch.no_grad():
+        worker, x = Evaluator(network, 16), network.encode(v)
+        assert torch.allclose(worker.forward(x, keep=True), f, atol=1e-5)
+        worker.backward(x, weight.clone())
+        assert torch.allclose(worker.gradient, flat.grad, atol=1e-4, rtol=1e-4)
+        assert torch.allclose(network.decode_gradient(worker.input_gradient(x), v), per_sample, atol=1e-4, rtol=1e-4)
+        out = torch.empty(50)
+        worker.evaluate(x, out)
+        assert torch.allclose(out, f, atol=1e-5)
+
+
+@pytest.mark.parametrize(("hidden", "activation", "octaves"), NETWORKS)
+def test_the_bounder_is_the_trained_network(hidden, activation, octaves):
+    network, domain = network_of(hidden, activation, octaves), Domain.of(shape("blob"))
+    mlp = Mlp(domain, network.tensors(), {"hidden": list(hidden), "activation": activation, "octaves": octaves}, "cpu")
+    v = torch.rand(3, 200, generator=generator(1)) * 2 - 1
+    f = autograd(network, v, network.flat).numpy()
+    assert np.abs(mlp.reference(v.T.numpy()) - f).max() < 1e-4
+    network.flat.zero_()  # weights are copied: an optimiser's step would void the proof
+    assert np.abs(mlp.reference(v.T.numpy()) - f).max() < 1e-4
+
+
+def test_soap_decreases_a_quadratic():
+    target = torch.randn(6, 9, generator=generator(1))
+    steep = torch.diag(torch.logspace(-1, 1, 9))
+    weights = [torch.zeros(6, 9), torch.zeros(1, 7)]
+    soap, losses = Soap(weights, 0.9, 0.95), []
+    for _ in range(300):
+        rest = weights[0] - target
+        losses.append(float((rest @ steep).square().sum() + (weights[1] - 3).square().sum()))
+        soap.step([2 * rest @ steep @ steep, 2 * (weights[1] - 3)], 0.05)
+    assert losses[-1] < 1e-3 * losses[0]
+    assert all(torch.isfinite(w).all() for w in weights)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_samples_are_what_they_are_called(name):
+    grid = shape(name)
+    domain = Domain.of(grid)
+    samples = Samples(grid, domain, generator())
+
+    def cell_of(v):
+        return grid.cell_coordinate(domain.to_object(v.T.double().numpy()))
+
+    cells, offsets = samples.positives(2000)
+    assert grid.occupancy[tuple(cells.long().numpy())].all()
+    assert offsets.abs().max() <= 0.5
+    t = cell_of(samples.to_local(cells + offsets))
+    assert np.abs(t - (cells + offsets).T.numpy()).max() < 1e-3
+    v, truth = samples.uniform(2000)
+    t = cell_of(v)
+    clear = (np.abs(t - np.floor(t) - 0.5) > 1e-3).all(axis=1)
+    index = np.clip(np.rint(t), 0, np.array(grid.shape) - 1).astype(int)
+    assert (grid.occupancy[tuple(index.T)] == truth.numpy())[clear].all()
+    back, rest = samples.locate(samples.to_local(cells + 0.9 * offsets).T.double().numpy())
+    assert (back == cells).all()
+    assert (rest - 0.9 * offsets).abs().max() < 1e-3
+    assert samples.locate(np.full((3, grid.ndim), 5.0))[0].shape[1] == 0
+
+
+def test_clocks():
+    steps = Clock(1.0, 4)
+    assert not steps.timed
+    for expected in (0, 0.25, 0.5, 0.75, 1.0):
+        assert steps.fraction() == expected
+        steps.count += 1
+    timed = Clock(1e6)
+    assert timed.timed
+    assert timed.fraction() < 0.01
+    assert Clock(1e-9).fraction() >= 1
+
+
+@pytest.mark.parametrize("size", [1, 2, 4])
+def test_teams(size):
+    team, seen = Team(size), []
+    try:
+        team.run(seen.append)
+        assert sorted(seen) == list(range(size))
+
+        def fail(index):
+            if index == size - 1:
+                raise RuntimeError("one of us")
+
+        with pytest.raises(RuntimeError, match="one of us"):
+            team.run(fail)
+        team.run(seen.append)
+        assert len(seen) == 2 * size
+    finally:
+        team.close()
+
+
+def test_torch_is_left_as_it_was():
+    threads = torch.get_num_threads()
+    with single_threaded_torch():
+        assert torch.get_num_threads() == 1
+        assert not torch.is_grad_enabled()
+    assert torch.get_num_threads() == threads
+    assert torch.is_grad_enabled()
