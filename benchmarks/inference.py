@@ -33,6 +33,7 @@ class Sine(torch.nn.Module):
     """The paper's activation."""
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Elementwise sine."""
         return torch.sin(x)
 
 
@@ -54,7 +55,10 @@ def network(domain: Domain, activation: str):
         with torch.no_grad():
             weight, bias = layer[:, :-1].clone(), layer[:, -1].clone()
             if index == 0:  # v = (x - center) * scale goes into the first layer: torch pays nothing for the map
-                weight, bias = weight * torch.from_numpy(domain.scale), bias - weight @ torch.from_numpy(domain.scale * domain.center)
+                weight, bias = (
+                    weight * torch.from_numpy(domain.scale),
+                    bias - weight @ torch.from_numpy(domain.scale * domain.center),
+                )
             linear.weight.copy_(weight)
             linear.bias.copy_(bias)
         modules += [linear, Sine() if activation == "sin" else torch.nn.ReLU()]
@@ -160,7 +164,11 @@ def report(rows, arguments) -> None:
                 }
             )
     if arguments.json:
-        print(json.dumps({"points": arguments.points, "threads": cpu_threads(), "torch": torch.__version__, "results": results}))
+        print(
+            json.dumps(
+                {"points": arguments.points, "threads": cpu_threads(), "torch": torch.__version__, "results": results}
+            )
+        )
         return
     table = Table(title=f"{arguments.points:,} points, {cpu_threads()} threads, median of {arguments.rounds} rounds")
     for column in ("test", "contestant", "ns / point", "time / ours", "range"):

@@ -25,7 +25,17 @@ PAPER = {2: 3.2, 3: 4.2, 4: 10.9}
 PATTERNS = {2: "2D/*.png", 3: "3D/*.binvox", 4: "4D/*.npy"}
 SAMPLES = 1_000_000
 FIELDS = (
-    *("dimension", "shape", "fp_rate", "fn", "fp_cost_of_proof", "certificate", "fit_seconds", "proof_seconds", "proof_boxes"),
+    *(
+        "dimension",
+        "shape",
+        "fp_rate",
+        "fn",
+        "fp_cost_of_proof",
+        "certificate",
+        "fit_seconds",
+        "proof_seconds",
+        "proof_boxes",
+    ),
     *("certify_seconds", "steps", "budget", "seed", "threads", "versions"),
 )
 
@@ -42,7 +52,9 @@ def measure(path: Path, dimension: int, budget: float, seed: int, folder: Path) 
     proof = wb.certify(bounder, shape)
     x = sample_points(shape, SAMPLES, np.random.default_rng(1))
     truth, maybe, values = PointOracle(shape, "cpu")(x), bounder.query(x).numpy() == 1, bounder.values(x).numpy()
-    found = fitted.certificate.lower_bound + fitted.info["training"]["gap"]  # the least value that was seen, without any proof
+    found = (
+        fitted.certificate.lower_bound + fitted.info["training"]["gap"]
+    )  # the least value that was seen, without any proof
     training = fitted.info["training"]
     return {
         "dimension": dimension,
@@ -100,7 +112,9 @@ def summarise(table: Path, page: Path, command: str) -> None:
     """A Markdown page of all rows and the means, the paper's beside them."""
     rows = list(csv.DictReader(table.open()))
     lines = ["# Points: proven networks on the paper's shapes", "", f"`{command}`", "", rows[0]["versions"], ""]
-    lines += ["| | shapes | FP %, mean | paper | FN | proven | FP cost of the proof, worst | proof s, worst | fit s, worst |"]
+    lines += [
+        "| | shapes | FP %, mean | paper | FN | proven | FP cost of the proof, worst | proof s, worst | fit s, worst |"
+    ]
     lines += ["|---|---|---|---|---|---|---|---|---|"]
     for dimension in (2, 3, 4):
         part = [r for r in rows if int(r["dimension"]) == dimension]
@@ -113,8 +127,22 @@ def summarise(table: Path, page: Path, command: str) -> None:
                 f"| {dimension}D | {len(part)} | **{mean:.2f}** | {PAPER[dimension]} | {missed} | {proven} of {len(part)} | "
                 f"{worst['fp_cost_of_proof']:.3f} | {worst['proof_seconds']:.2f} | {worst['fit_seconds']:.0f} |"
             )
-    lines += ["", "| dimension | shape | FP % | FN | certificate | steps | proof boxes | proof s | certify s |", "|---|---|---|---|---|---|---|---|---|"]
-    names = ("dimension", "shape", "fp_rate", "fn", "certificate", "steps", "proof_boxes", "proof_seconds", "certify_seconds")
+    lines += [
+        "",
+        "| dimension | shape | FP % | FN | certificate | steps | proof boxes | proof s | certify s |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    names = (
+        "dimension",
+        "shape",
+        "fp_rate",
+        "fn",
+        "certificate",
+        "steps",
+        "proof_boxes",
+        "proof_seconds",
+        "certify_seconds",
+    )
     lines += ["| " + " | ".join(row[n] for n in names) + " |" for row in rows]
     page.write_text("\n".join(lines) + "\n")
     print("\n".join(lines))

@@ -17,17 +17,17 @@ from importlib import import_module
 from warp_bounding.version import __version__
 
 __all__ = [
+    "METHODS",
+    "Bounder",
     "BounderError",
     "BoundingError",
-    "FileFormatError",
-    "IndicatorError",
-    "QueryError",
-    "Bounder",
     "Certificate",
     "Data",
+    "FileFormatError",
+    "IndicatorError",
     "IndicatorGrid",
     "IndicatorMesh",
-    "METHODS",
+    "QueryError",
     "Rates",
     "__version__",
     "certify",

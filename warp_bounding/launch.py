@@ -5,7 +5,8 @@ Only launches whose outputs are disjoint and that use no tiles are threaded; mod
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
+from functools import cache
+from itertools import pairwise
 
 import warp as wp
 
@@ -23,7 +24,7 @@ def cpu_threads() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-@lru_cache(maxsize=None)
+@cache
 def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, thread_name_prefix="warp_bounding")
 
@@ -54,9 +55,11 @@ def launch_blocks(
         return
     edges = [blocks * t // threads for t in range(threads + 1)]
     commands = []
-    for begin, end in zip(edges, edges[1:], strict=False):
+    for begin, end in pairwise(edges):
         inputs = [*inputs[:first_index], begin, *inputs[first_index + 1 :]]
-        commands.append(wp.launch(kernel, dim=end - begin, inputs=inputs, outputs=outputs, device=device, record_cmd=True))
+        commands.append(
+            wp.launch(kernel, dim=end - begin, inputs=inputs, outputs=outputs, device=device, record_cmd=True)
+        )
     waiting = [_pool(threads - 1).submit(command.launch) for command in commands[1:]]
     commands[0].launch()
     for future in waiting:

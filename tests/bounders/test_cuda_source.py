@@ -7,8 +7,8 @@ import warp as wp
 from bounding_shapes import random_bounder, random_mlp, shape
 
 from warp_bounding.bounders import METHODS
+from warp_bounding.bounders.functions import batch_kernel
 from warp_bounding.bounders.network_kernel import _kernel as bound_kernel
-from warp_bounding.bounders.source import batch_kernel
 
 ARCHITECTURE = 86
 

@@ -8,7 +8,7 @@ import warp as wp
 from bounding_shapes import SHAPES, device_coordinates, domain_points, object_points, random_bounder, random_mlp, shape
 
 from warp_bounding.bounders import METHODS
-from warp_bounding.bounders.source import Data, point_type
+from warp_bounding.bounders.functions import Data, point_type
 
 COUNTS = (1, 3, 511, 512, 513, 2049)
 NETWORKS = {  # hidden, activation, octaves; widths below, on and above multiples of the lanes

@@ -4,11 +4,11 @@ from warp_bounding.bounders.aabb import Aabb
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.certificate import Certificate
 from warp_bounding.bounders.ellipsoid import Ellipsoid
+from warp_bounding.bounders.functions import Data
 from warp_bounding.bounders.kdop import Kdop
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.obb import Obb
 from warp_bounding.bounders.oriented_ellipsoid import OrientedEllipsoid
-from warp_bounding.bounders.source import Data
 from warp_bounding.bounders.sphere import Sphere
 from warp_bounding.bounders.storage import load, save
 from warp_bounding.bounders.voxels import Voxels

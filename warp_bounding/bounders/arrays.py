@@ -51,7 +51,11 @@ def flat_queries(x, columns: int, device: wp.Device) -> tuple[wp.array, int, boo
     double = values.dtype != np.float32
     with np.errstate(over="ignore"):
         flat = np.require(values, np.float32, ["C", "A"]).reshape(-1)
-    return _at_least_one(wp.array(flat, dtype=wp.float32, device=device, copy=not device.is_cpu), device), len(values), double
+    return (
+        _at_least_one(wp.array(flat, dtype=wp.float32, device=device, copy=not device.is_cpu), device),
+        len(values),
+        double,
+    )
 
 
 def _from_warp(x: wp.array, columns: int, device: wp.Device) -> tuple[wp.array, int, bool]:

@@ -25,10 +25,11 @@ from warp_bounding.bounders.arrays import flat_queries, new_output
 from warp_bounding.bounders.certificate import Certificate
 from warp_bounding.bounders.compaction import compact
 from warp_bounding.bounders.domain import Domain
-from warp_bounding.launch import launch_blocks
+from warp_bounding.bounders.functions import Data, batch_kernel, point_func
 from warp_bounding.bounders.placement import Placement
-from warp_bounding.bounders.source import Data, Source, batch_kernel, point_func
+from warp_bounding.bounders.source import Source
 from warp_bounding.errors import BounderError
+from warp_bounding.launch import launch_blocks
 
 __all__ = ["Bounder", "BoxBounds", "checked_device"]
 
@@ -82,8 +83,12 @@ class Bounder(ABC):
     query_kind = "point"
     bit_fields: ClassVar[tuple[str, ...]] = ()  # tensors that are uint32
 
-    def __init__(self, domain: Domain, tensors: dict[str, np.ndarray], sizes: dict[str, Any], device: str | None = None):
-        """Args:
+    def __init__(
+        self, domain: Domain, tensors: dict[str, np.ndarray], sizes: dict[str, Any], device: str | None = None
+    ):
+        """Copy and check what a bounder is made of.
+
+        Args:
             domain: See class.
             tensors: float32 arrays (uint32 for bit fields) by role; copied, so that nothing can change them later.
             sizes: JSON-ready structure that the tensors do not tell.

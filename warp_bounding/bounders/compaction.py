@@ -19,7 +19,9 @@ int sum = 0;
 for (int i = begin; i < end; ++i) sum += mask.data[i];
 counts.data[block] = sum;
 """)
-def _count_block(mask: wp.array(dtype=wp.uint8), count: int, size: int, block: int, counts: wp.array(dtype=wp.int32)): ...
+def _count_block(
+    mask: wp.array(dtype=wp.uint8), count: int, size: int, block: int, counts: wp.array(dtype=wp.int32)
+): ...
 
 
 @wp.func_native("""

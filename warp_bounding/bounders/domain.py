@@ -60,7 +60,9 @@ class Domain:
         lower, upper = grid.lower, grid.upper
         if not ((upper - lower >= EXTENTS[0]) & (upper - lower <= EXTENTS[1])).all():
             found = ", ".join(f"{e:.3g}" for e in upper - lower)
-            raise IndicatorError(f"{grid.name}: expected extents from {EXTENTS[0]:.3g} to {EXTENTS[1]:.3g}, got {found}; choose other units")
+            raise IndicatorError(
+                f"{grid.name}: expected extents from {EXTENTS[0]:.3g} to {EXTENTS[1]:.3g}, got {found}; choose other units"
+            )
         center = ((lower + upper) / 2).astype(np.float32)
         scale = (2 / (upper - lower)).astype(np.float32)
         cell = scale / grid.cells_per_unit

@@ -51,7 +51,9 @@ def kdop_directions(ndim: int, k: int | None = None) -> np.ndarray:
         BounderError: If ``k`` is not offered in this dimension.
     """
     axes = np.eye(ndim)
-    edges = np.array([axes[a] + s * axes[b] for a, b in combinations(range(ndim), 2) for s in (1, -1)]).reshape(-1, ndim)
+    edges = np.array([axes[a] + s * axes[b] for a, b in combinations(range(ndim), 2) for s in (1, -1)]).reshape(
+        -1, ndim
+    )
     if k is None or k == 4 * ndim:
         more = edges if ndim == 2 else 1 - axes if ndim > 2 else axes[:0]
     elif ndim == 3 and k in (6, 14, 18, 26):

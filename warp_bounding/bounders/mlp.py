@@ -5,13 +5,14 @@ one half. On a CPU the batch path puts a query in each SIMD lane, the function f
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.domain import Domain
 from warp_bounding.bounders.network import ACTIVATIONS, Network
-from warp_bounding.bounders.source import Lanes, Source, literal
+from warp_bounding.bounders.source import Lanes, Source
 from warp_bounding.errors import BounderError
 
 __all__ = ["Mlp", "MlpSource", "check_hidden", "check_octaves", "encoding_tensors"]
@@ -36,7 +37,10 @@ class MlpSource(Source):
     features: int  # sine features of the positional encoding
 
     packed = True
-    width = {"avx512": 32, "other": 16}  # two registers a block: each weight that is loaded serves both
+    width: ClassVar[dict[str, int]] = {
+        "avx512": 32,
+        "other": 16,
+    }  # two registers a block: each weight that is loaded serves both
 
     @property
     def inputs(self) -> int:
@@ -52,8 +56,10 @@ class MlpSource(Source):
         """C statement ``target = act(z)``."""
         if self.activation == "sin":
             return lanes.sine(target, z)
-        return f"{{ V z_ = {z}; {target} = z_ > 0.0f ? z_ : z_ * 0.0f; }}" if not lanes.vector else (
-            f"{{ V z_ = {z}; const V o_ = {{}}; {target} = z_ > o_ ? z_ : o_; }}"
+        return (
+            f"{{ V z_ = {z}; {target} = z_ > 0.0f ? z_ : z_ * 0.0f; }}"
+            if not lanes.vector
+            else (f"{{ V z_ = {z}; const V o_ = {{}}; {target} = z_ > o_ ? z_ : o_; }}")
         )
 
     def _encode(self, lanes: Lanes) -> list[str]:
@@ -61,7 +67,11 @@ class MlpSource(Source):
         lines = [f"V h0[{self.inputs}]; for (int k = 0; k < {n}; ++k) h0[k] = v[k];"]
         if count:
             terms = " + ".join(f"v[{k}] * w[{count} + j * {n} + {k}]" for k in range(n))
-            lines += [f"for (int j = 0; j < {count}; ++j) {{ V z = {terms} + w[j]; V s;", lanes.sine("s", "z"), f"h0[{n} + j] = s; }}"]
+            lines += [
+                f"for (int j = 0; j < {count}; ++j) {{ V z = {terms} + w[j]; V s;",
+                lanes.sine("s", "z"),
+                f"h0[{n} + j] = s; }}",
+            ]
         return lines
 
     def body(self, lanes: Lanes) -> str:
@@ -70,33 +80,51 @@ class MlpSource(Source):
         at = self.features * (self.ndim + 1)
         for index, (k, h) in enumerate(self.layers):
             last = index == len(self.layers) - 1
-            lines.append("V zero_ = {}; f = zero_;" if last and lanes.vector else "f = 0.0f;" if last else f"V h{index + 1}[{h}];")
-            output = at + h * (k + 1) + query_padding(h, k) + neuron_size(h, k)  # where the output layer stands, if this is the last
+            lines.append(
+                "V zero_ = {}; f = zero_;"
+                if last and lanes.vector
+                else "f = 0.0f;"
+                if last
+                else f"V h{index + 1}[{h}];"
+            )
+            output = (
+                at + h * (k + 1) + query_padding(h, k) + neuron_size(h, k)
+            )  # where the output layer stands, if this is the last
             j = block_size(h)
             for first, size, blocks in ((0, j, h // j), (h // j * j, h % j, 1)):
                 if size:
-                    lines += self._block(lanes, index, k, first, size, blocks, at + first * (k + 1), output if last else None)
+                    lines += self._block(
+                        lanes, index, k, first, size, blocks, at + first * (k + 1), output if last else None
+                    )
             at = output
         lines.append(f"f = f + w[{at}];")
         return "\n".join(lines)
 
-    def _block(self, lanes: Lanes, index: int, k: int, first: int, size: int, blocks: int, at: int, output: int | None) -> list[str]:
+    def _block(
+        self, lanes: Lanes, index: int, k: int, first: int, size: int, blocks: int, at: int, output: int | None
+    ) -> list[str]:
         """A loop over blocks of neurons that share each input as it is loaded."""
         rows = range(size)
         lines = [f"for (int b = 0; b < {blocks}; ++b) {{ const float* p = w + {at} + b * {size * (k + 1)};"]
         lines += [f"V s{r} = h{index}[0] * p[{size + r}] + p[{r}];" for r in rows]
-        lines += [f"for (int k = 1; k < {k}; ++k) {{ const V x = h{index}[k]; const float* c = p + {size} + k * {size};"]
+        lines += [
+            f"for (int k = 1; k < {k}; ++k) {{ const V x = h{index}[k]; const float* c = p + {size} + k * {size};"
+        ]
         lines += [f"s{r} += x * c[{r}];" for r in rows] + ["}"]
         for r in rows:
             lines.append(self.activate(lanes, f"s{r}", f"s{r}"))
             neuron = f"{first} + b * {size} + {r}"
-            lines.append(f"h{index + 1}[{neuron}] = s{r};" if output is None else f"f += s{r} * w[{output + 1} + {neuron}];")
+            lines.append(
+                f"h{index + 1}[{neuron}] = s{r};" if output is None else f"f += s{r} * w[{output + 1} + {neuron}];"
+            )
         return [*lines, "}"]
 
     def function_body(self) -> str:
         """See ``Source.function_body``; neurons share the lanes, so that one query is fast by itself."""
         vector = Lanes(vector=True)
-        lines = [f"constexpr int L = {ALIGN}; typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));"]
+        lines = [
+            f"constexpr int L = {ALIGN}; typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));"
+        ]
         lines += ["typedef int I __attribute__((vector_size(4 * L)));"]
         n, count = self.ndim, self.features
         lines.append(f"float h0[{self.inputs}]; for (int k = 0; k < {n}; ++k) h0[k] = v[k];")
@@ -109,18 +137,29 @@ class MlpSource(Source):
             at += h * (k + 1) + query_padding(h, k)
             row = padded(h)
             lines.append(f"float h{index + 1}[{row}]; {{ V a[{row} / L], b[{row} / L]; const float* p = w + {at};")
-            lines.append(f"for (int q = 0; q < {row} / L; ++q) {{ a[q] = *(const V*)(p + q * L); b[q] = a[q] * 0.0f; }}")
+            lines.append(
+                f"for (int q = 0; q < {row} / L; ++q) {{ a[q] = *(const V*)(p + q * L); b[q] = a[q] * 0.0f; }}"
+            )
             lines.append(f"int k = 0; for (; k + 1 < {k}; k += 2) {{ const float* c = p + {row} * (k + 1);")
             lines.append(f"const float x = h{index}[k], y = h{index}[k + 1]; for (int q = 0; q < {row} / L; ++q) {{")
             lines.append(f"a[q] += *(const V*)(c + q * L) * x; b[q] += *(const V*)(c + {row} + q * L) * y; }} }}")
-            lines.append(f"if (k < {k}) for (int q = 0; q < {row} / L; ++q) a[q] += *(const V*)(p + {row} * (k + 1) + q * L) * h{index}[k];")
+            lines.append(
+                f"if (k < {k}) for (int q = 0; q < {row} / L; ++q) a[q] += *(const V*)(p + {row} * (k + 1) + q * L) * h{index}[k];"
+            )
             lines.append(f"for (int q = 0; q < {row} / L; ++q) {{ V s; {self.activate(vector, 's', 'a[q] + b[q]')}")
             lines.append(f"*(V*)(h{index + 1} + q * L) = s; }} }}")
             at += neuron_size(h, k)
-        last, row = f"h{len(self.hidden)}", padded(self.hidden[-1])  # neurons behind the last are 0, and so are their weights
+        last, row = (
+            f"h{len(self.hidden)}",
+            padded(self.hidden[-1]),
+        )  # neurons behind the last are 0, and so are their weights
         lines.append(f"V sum = *(const V*){last} * *(const V*)(w + {at + 1});")
-        lines.append(f"for (int q = 1; q < {row} / L; ++q) sum += *(const V*)({last} + q * L) * *(const V*)(w + {at + 1} + q * L);")
-        lines.append(f"float f = ((sum[0] + sum[4]) + (sum[2] + sum[6])) + ((sum[1] + sum[5]) + (sum[3] + sum[7])) + w[{at}];")
+        lines.append(
+            f"for (int q = 1; q < {row} / L; ++q) sum += *(const V*)({last} + q * L) * *(const V*)(w + {at + 1} + q * L);"
+        )
+        lines.append(
+            f"float f = ((sum[0] + sum[4]) + (sum[2] + sum[6])) + ((sum[1] + sum[5]) + (sum[3] + sum[7])) + w[{at}];"
+        )
         return "\n".join(lines)
 
 
@@ -171,7 +210,9 @@ def check_hidden(hidden) -> tuple[int, ...]:
         widths = tuple(hidden)
     except TypeError:
         widths = (hidden,)
-    whole = all(isinstance(h, (int, np.integer)) and not isinstance(h, bool) and 1 <= h <= LARGEST_WIDTH for h in widths)
+    whole = all(
+        isinstance(h, (int, np.integer)) and not isinstance(h, bool) and 1 <= h <= LARGEST_WIDTH for h in widths
+    )
     if not 1 <= len(widths) <= MOST_LAYERS or not whole or sum(widths) > MOST_NEURONS:
         limits = f"1 to {MOST_LAYERS} widths from 1 to {LARGEST_WIDTH}, {MOST_NEURONS} in all"
         raise BounderError(f"hidden must be {limits}, such as (50, 50), got {hidden}")
@@ -213,12 +254,16 @@ class Mlp(Bounder):
         if octaves:
             expected |= {"encoding.weight": (self.features, domain.ndim), "encoding.bias": (self.features,)}
         if {k: t.shape for k, t in self.tensors.items()} != expected:
-            raise BounderError(f"mlp: expected tensors {expected}, got { {k: t.shape for k, t in self.tensors.items()} }")
+            raise BounderError(
+                f"mlp: expected tensors {expected}, got { {k: t.shape for k, t in self.tensors.items()} }"
+            )
         encoding = (self.tensors["encoding.weight"], self.tensors["encoding.bias"]) if octaves else None
         self.network = Network(self._layers(), self.activation, encoding, domain.limit)
 
     def _layers(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        return [(self.tensors[f"layers.{i}.weight"], self.tensors[f"layers.{i}.bias"]) for i in range(len(self.hidden) + 1)]
+        return [
+            (self.tensors[f"layers.{i}.weight"], self.tensors[f"layers.{i}.bias"]) for i in range(len(self.hidden) + 1)
+        ]
 
     @property
     def source(self) -> MlpSource:

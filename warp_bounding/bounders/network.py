@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from warp_bounding.arithmetic import LARGEST, SINE_LIMIT, TINY, UNIT64, gamma, sine_error
-from warp_bounding.bounders.network_kernel import SINE_SLACK, NetworkSizes, bound_boxes
+from warp_bounding.bounders.network_kernel import bound_boxes
+from warp_bounding.bounders.network_source import SINE_SLACK, NetworkSizes
 from warp_bounding.errors import BounderError
 
 __all__ = ["ACTIVATIONS", "Network"]
@@ -75,7 +76,10 @@ class Network:
 
     def _measure(self) -> None:
         """Walk through the layers once: magnitudes, float32 rounding (E) and float64 rounding of the bounds."""
-        size, error = self.limit.copy(), np.zeros_like(self.limit)  # of h: largest absolute value; error of the computed h
+        size, error = (
+            self.limit.copy(),
+            np.zeros_like(self.limit),
+        )  # of h: largest absolute value; error of the computed h
         self.padding = []  # per layer: float64 rounding of anything that `bound` computes there
         operations, chain = 16, self.limit.copy()  # chain: sums of absolute terms, activations of slope 1 in between
         for index, layer in enumerate([*self.hidden, self.output]):
@@ -83,10 +87,14 @@ class Network:
             weight = np.abs(layer.weight)
             largest = weight @ size + np.abs(layer.bias)
             computed = weight @ (size + error) + np.abs(layer.bias)
-            flushed = (2 * terms + 2 + (size + error).sum() + weight.sum(axis=1)) * TINY  # a factor or a result set to zero
+            flushed = (
+                2 * terms + 2 + (size + error).sum() + weight.sum(axis=1)
+            ) * TINY  # a factor or a result set to zero
             rounding = weight @ error + gamma(terms + 2) * computed + flushed
             if not ((computed + rounding) < LARGEST).all():
-                raise BounderError(f"values of layer {index} can reach {float(computed.max()):.3g}, float32 sums may overflow")
+                raise BounderError(
+                    f"values of layer {index} can reach {float(computed.max()):.3g}, float32 sums may overflow"
+                )
             operations += 4 * terms + 32
             chain = weight @ chain + largest + 1.0
             self.padding.append(gamma(operations, UNIT64) * (float(chain.max()) + 4.0))
@@ -97,7 +105,9 @@ class Network:
             if layer.activation == "sin":
                 if not argument <= SINE_LIMIT:
                     where = "encoding" if layer.linear else f"hidden layer {index}"
-                    raise BounderError(f"{where}: arguments of the sine reach {argument:.3g}, it is certified up to {SINE_LIMIT}")
+                    raise BounderError(
+                        f"{where}: arguments of the sine reach {argument:.3g}, it is certified up to {SINE_LIMIT}"
+                    )
                 error = rounding + sine_error(argument)
                 size = np.ones_like(largest)
             else:
@@ -143,7 +153,11 @@ class Network:
             rates = [np.abs(part) for part in parts]
             width = sum(rate * radius[:, k, None] for k, rate in enumerate(rates)) + noise + self.padding[index]
             slope, mean, spread = relax(z, width, layer.activation)
-            slope[:, : layer.linear], mean[:, : layer.linear], spread[:, : layer.linear] = 1.0, z[:, : layer.linear], 0.0
+            slope[:, : layer.linear], mean[:, : layer.linear], spread[:, : layer.linear] = (
+                1.0,
+                z[:, : layer.linear],
+                0.0,
+            )
             spread += self.padding[index]
             trace.append((rates, width, slope, spread))
         least = mean @ self.output.weight[0] + self.output.bias[0] - self.padding[-1]
@@ -183,7 +197,11 @@ def relax(z: np.ndarray, width: np.ndarray, activation: str) -> tuple[np.ndarray
         spread = np.where((low < 0) & (high > 0), -slope * low / 2, 0.0)
         return slope, slope * z + spread, spread
     sine, cosine, square = np.sin(z), np.cos(z), width * width
-    spread = np.abs(cosine) * (width * square * (1 / (9 * np.sqrt(3.0)) + square / 120)) + np.abs(sine) * (square / 4) + 4 * SINE_SLACK
+    spread = (
+        np.abs(cosine) * (width * square * (1 / (9 * np.sqrt(3.0)) + square / 120))
+        + np.abs(sine) * (square / 4)
+        + 4 * SINE_SLACK
+    )
     slope, mean = cosine * (1 - square / 6), sine * (1 - square / 4)
     wide = spread > 1
     slope[wide], mean[wide], spread[wide] = 0.0, 0.0, 1.0

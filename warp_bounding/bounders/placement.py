@@ -15,6 +15,8 @@ from warp_bounding.errors import QueryError
 
 __all__ = ["Placement"]
 
+UNIT_TOLERANCE = 1e-5  # of a quaternion's norm; it is normalised here, which Warp's own transforms do not do
+
 
 @dataclass(frozen=True)
 class Placement:
@@ -91,7 +93,9 @@ class Placement:
         rounded = np.abs(self.translation - self.values[:n]) + (UNIT32 * world if double else 0.0)
         size = np.abs(self.matrix)
         moved = size @ (gamma(n + 3) * (away + rounded) + rounded)
-        moved += (64 * UNIT64 * size.max(axis=1) + 2 * TINY) * (away + rounded).sum()  # the inverse; an entry that is subnormal
+        moved += (64 * UNIT64 * size.max(axis=1) + 2 * TINY) * (
+            away + rounded
+        ).sum()  # the inverse; an entry that is subnormal
         moved += (n + 2) * TINY * (1 + size.sum(axis=1))  # other results that are
         needed = (moved * scale * (1 + 4 * UNIT32) + rounding_of_map(domain.limit.astype(np.float64)) + TINY) * GROWTH
         if not (needed <= domain.delta).all() or not (world < LARGEST).all():
@@ -107,7 +111,9 @@ def _rigid(xform, spatial: int) -> tuple[np.ndarray, np.ndarray]:
     if xform is None:
         return np.eye(spatial), np.zeros(spatial)
     try:
-        values = np.array(xform, dtype=np.float64).reshape(getattr(type(xform), "_shape_", np.shape(xform)))  # Warp matrices come flat
+        values = np.array(xform, dtype=np.float64).reshape(
+            getattr(type(xform), "_shape_", np.shape(xform))
+        )  # Warp matrices come flat
     except (TypeError, ValueError) as error:
         raise QueryError(f"xform must be a transform or a matrix of numbers, got {type(xform).__name__}") from error
     if not np.isfinite(values).all():
@@ -115,7 +121,7 @@ def _rigid(xform, spatial: int) -> tuple[np.ndarray, np.ndarray]:
     if values.shape == (7,) and spatial == 3:
         position, (x, y, z, w) = values[:3], values[3:]
         norm = float(np.sqrt(x * x + y * y + z * z + w * w))
-        if abs(norm - 1) > 1e-3:
+        if abs(norm - 1) > UNIT_TOLERANCE:
             raise QueryError(f"xform must hold a unit quaternion, got one of length {norm:.6g}")
         x, y, z, w = (c / norm for c in (x, y, z, w))
         rotation = [

@@ -35,7 +35,11 @@ class QuadricSource(Source):
         n = self.ndim
         lines = ["f = v[0] * 0.0f;"]
         for i in range(n):
-            terms = f"v[{i}] * w[{n + i}]" if self.diagonal else " + ".join(f"v[{j}] * w[{n + i * n + j}]" for j in range(n))
+            terms = (
+                f"v[{i}] * w[{n + i}]"
+                if self.diagonal
+                else " + ".join(f"v[{j}] * w[{n + i * n + j}]" for j in range(n))
+            )
             lines.append(f"{{ const V y = {terms} + w[{i}]; f = f - y * y; }}")
         return "\n".join(lines)
 
@@ -109,7 +113,11 @@ class QuadricBounder(Bounder):
         """See ``Bounder``: n rows of n products, n squares, their sum."""
         n = self.ndim
         row = np.abs(self.matrix) @ self.domain.limit.astype(np.float64) + np.abs(self.tensors["offset"])
-        flushed = (2 * n + 2 + np.abs(self.matrix).sum(axis=1) + self.domain.limit.sum()) * TINY  # a factor or a result set to zero
+        flushed = (
+            2 * n + 2 + np.abs(self.matrix).sum(axis=1) + self.domain.limit.sum()
+        ) * TINY  # a factor or a result set to zero
         error = gamma(n + 2) * row + flushed
         squares = (row + error) ** 2
-        return float(((2 * row + error) * error).sum() + gamma(n + 2) * squares.sum() + (2 * n + 2 + 2 * row.sum()) * TINY)
+        return float(
+            ((2 * row + error) * error).sum() + gamma(n + 2) * squares.sum() + (2 * n + 2 + 2 * row.sum()) * TINY
+        )

@@ -49,7 +49,9 @@ class SlabBounder(Bounder):
     diagonal = False
 
     @classmethod
-    def of_directions(cls, grid: IndicatorGrid, domain: Domain, directions: np.ndarray, device: str | None) -> "SlabBounder":
+    def of_directions(
+        cls, grid: IndicatorGrid, domain: Domain, directions: np.ndarray, device: str | None
+    ) -> "SlabBounder":
         """Fit the faces to a grid's cells.
 
         Args:
@@ -85,7 +87,9 @@ class SlabBounder(Bounder):
         shapes = {"low": (count,), "high": (count,), "directions": (count, domain.ndim)}
         if set(self.tensors) != names or count == 0 or any(t.shape != shapes[k] for k, t in self.tensors.items()):
             found = {k: t.shape for k, t in self.tensors.items()}
-            raise BounderError(f"{self.method}: expected tensors {sorted(names)} of k slabs in {domain.ndim}D, got {found}")
+            raise BounderError(
+                f"{self.method}: expected tensors {sorted(names)} of k slabs in {domain.ndim}D, got {found}"
+            )
         self.check_range()
 
     @property
@@ -139,5 +143,7 @@ def _rounding(directions: np.ndarray, largest: np.ndarray, domain: Domain, diago
     """Error of a face distance: the sum of n products (none if diagonal), then one subtraction."""
     reach = np.abs(directions) @ domain.limit.astype(np.float64)
     product = 0.0 if diagonal else gamma(domain.ndim + 1) * reach
-    flushed = (2 * domain.ndim + 2 + np.abs(directions).sum(axis=1) + domain.limit.sum()) * TINY  # a factor or a result set to zero
+    flushed = (
+        2 * domain.ndim + 2 + np.abs(directions).sum(axis=1) + domain.limit.sum()
+    ) * TINY  # a factor or a result set to zero
     return float((product + gamma(2) * (reach + product + largest) + flushed).max())

@@ -13,31 +13,13 @@ object map, the domain test and the comparison ``not (f < threshold)``.
 Nothing here decides what is conservative: the bodies' rounding is bounded in the methods' ``rounding_bound``.
 """
 
-import hashlib
-import platform
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
-
-import warp as wp
+from typing import ClassVar
 
 from warp_bounding.arithmetic import SINE_COEFFICIENTS, SINE_INVERSE_PI, SINE_MAGIC, SINE_PI_HIGH, SINE_PI_LOW
 from warp_bounding.launch import BLOCK
 
-__all__ = ["Data", "Lanes", "Source", "batch_kernel", "named", "point_func", "point_type", "unique_name"]
-
-
-@wp.struct
-class Data:
-    """What a bounder's function needs besides the query; pass it to your kernel as an argument.
-
-    Attributes:
-        parameters: Domain, threshold and the method's numbers (see ``Source``).
-        words: Bit field of ``voxels``; empty for other methods.
-    """
-
-    parameters: wp.array(dtype=wp.float32)
-    words: wp.array(dtype=wp.uint32)
+__all__ = ["Lanes", "Source", "batch_snippet", "literal", "point_snippet"]
 
 
 @dataclass(frozen=True)
@@ -47,7 +29,7 @@ class Lanes:
     vector: bool
 
     def sine(self, target: str, z: str) -> str:
-        """C statement ``target = sine(z)``: the operations of ``arithmetic.sine``."""
+        """Write a C statement that sets ``target`` to the sine of ``z``, by the operations of ``arithmetic.sine``."""
         s1, s2, s3 = (literal(c) for c in SINE_COEFFICIENTS)
         body = (
             f"V q_ = z_ * {literal(SINE_INVERSE_PI)} + {literal(SINE_MAGIC)}; V n_ = q_ - {literal(SINE_MAGIC)}; "
@@ -78,8 +60,8 @@ class Source:
     ndim: int
     time: bool
 
-    packed = False  # gather the queries inside the domain first: pays for costly bodies
-    width = {"avx512": 16, "other": 8}  # float lanes of the batch path
+    packed: ClassVar[bool] = False  # gather the queries inside the domain first: pays for costly bodies
+    width: ClassVar[dict[str, int]] = {"avx512": 16, "other": 8}  # float lanes of the batch path
 
     @property
     def name(self) -> str:
@@ -105,17 +87,6 @@ def literal(value: float) -> str:
     return f"{float(value).hex()}f"
 
 
-def point_type(ndim: int) -> Any:
-    """Warp's vector type for points in n dimensions."""
-    named = {2: wp.vec2, 3: wp.vec3, 4: wp.vec4}
-    return named[ndim] if ndim in named else _vector_type(ndim)
-
-
-@lru_cache(maxsize=None)
-def _vector_type(ndim: int) -> Any:
-    return wp.types.vector(length=ndim, dtype=wp.float32)
-
-
 _VECTOR_TYPES = """
 typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));
 typedef int I __attribute__((vector_size(4 * L)));
@@ -126,7 +97,8 @@ const float* center = parameters.data; const float* scale = center + {n}; const 
 const float threshold = center[{n3}]; const float* w = center + {start};
 """
 
-_CPU = """
+_CPU = (
+    """
 #if !defined(__CUDA_ARCH__)
 #pragma clang fp contract(fast)
 #if defined(__AVX512F__)
@@ -134,7 +106,9 @@ constexpr int L = {avx512};
 #else
 constexpr int L = {other};
 #endif
-""" + _VECTOR_TYPES
+"""
+    + _VECTOR_TYPES
+)
 
 
 def _locate(source: Source, placed: bool) -> str:
@@ -156,7 +130,7 @@ def _locate(source: Source, placed: bool) -> str:
     return "\n".join(lines)
 
 
-def _batch_snippet(source: Source, placed: bool, values: bool) -> str:
+def batch_snippet(source: Source, placed: bool, values: bool) -> str:
     """The body of a batch function: one block of queries on a CPU, one query on CUDA."""
     n = source.ndim
     head = _HEAD.format(n=n, n2=2 * n, n3=3 * n, start=source.start)
@@ -261,7 +235,7 @@ def _each(n: int, statement: str) -> str:
     return " ".join(statement.format(k=k, n=n) for k in range(n))
 
 
-def _point_snippet(source: Source) -> str:
+def point_snippet(source: Source) -> str:
     """The body of the function for other kernels: one query, returns bool."""
     n = source.ndim
     shared = [
@@ -286,99 +260,3 @@ def _point_snippet(source: Source) -> str:
             "",
         ]
     )
-
-
-def _options() -> dict[str, str]:
-    """Let the compiler use 512-bit registers where there are any: it prefers 256 on processors whose clock they lower."""
-    flags = getattr(wp.config, "cpu_compiler_flags", None)
-    if flags is None or platform.machine() not in ("x86_64", "AMD64"):
-        return {}
-    return {"cpu_compiler_flags": f"{flags} -mprefer-vector-width=512"}
-
-
-class named:  # noqa: N801 (used like a function: `@named(name).kernel`)
-    """Warp's decorators for functions made in a factory: equal names would be overloads of one function to Warp.
-
-    Warp reads the return type of a native function only under a decorator that is spelled ``x.func_native(...)``.
-    """
-
-    def __init__(self, name: str):
-        self.name = name
-
-    def func_native(self, snippet: str):
-        """``wp.func_native`` under this name."""
-        return lambda function: wp.func_native(snippet)(self._rename(function, f"{self.name}_native"))
-
-    def func(self, function):
-        """``wp.func`` under this name."""
-        return wp.func(self._rename(function, self.name))
-
-    def kernel(self, function):
-        """``wp.kernel`` under this name, in a module of its own."""
-        return wp.kernel(self._rename(function, self.name), enable_backward=False, module="unique", module_options=_options())
-
-    @staticmethod
-    def _rename(function, name: str):
-        function.__name__ = function.__qualname__ = name
-        return function
-
-
-def unique_name(source: Any, role: str) -> str:
-    """A name that tells sources apart and stays the same from run to run, so that Warp finds its compiled kernels."""
-    return f"wb_{source.name}_{source.ndim}d_{hashlib.sha256(repr(source).encode()).hexdigest()[:8]}_{role}"
-
-
-@lru_cache(maxsize=None)
-def point_func(source: Source) -> wp.Function:
-    """The ``wp.Function`` ``test(data: Data, q: vec_n) -> bool`` for use in any kernel; q in object space."""
-    name = named(unique_name(source, "test"))
-    vector = point_type(source.ndim)
-
-    @name.func_native(_point_snippet(source))
-    def native(parameters: wp.array(dtype=wp.float32), words: wp.array(dtype=wp.uint32), q: vector) -> bool: ...
-
-    @name.func
-    def test(data: Data, q: vector) -> bool:
-        return native(data.parameters, data.words, q)
-
-    return test
-
-
-@lru_cache(maxsize=None)
-def batch_kernel(source: Source, placed: bool, values: bool) -> wp.Kernel:
-    """The kernel that tests many queries: ``(x, count, first, parameters, words, placement, out)``, one block a thread.
-
-    Args:
-        source: The method's code.
-        placed: Whether a world-to-object map is applied.
-        values: Write ``f`` itself (float32; +inf where the answer is *maybe* without it, -inf outside) instead of 0 and 1.
-    """
-    name = named(unique_name(source, f"batch{'_placed' * placed}{'_values' * values}"))
-    out_type = wp.float32 if values else wp.uint8
-
-    @name.func_native(_batch_snippet(source, placed, values))
-    def native(
-        x: wp.array(dtype=wp.float32),
-        count: int,
-        block: int,
-        parameters: wp.array(dtype=wp.float32),
-        words: wp.array(dtype=wp.uint32),
-        placement: wp.array(dtype=wp.float32),
-        out: wp.array(dtype=out_type),
-    ): ...
-
-    @name.kernel
-    def batch(
-        # inputs
-        x: wp.array(dtype=wp.float32),
-        count: int,
-        first: int,
-        parameters: wp.array(dtype=wp.float32),
-        words: wp.array(dtype=wp.uint32),
-        placement: wp.array(dtype=wp.float32),
-        # outputs
-        out: wp.array(dtype=out_type),
-    ):
-        native(x, count, first + wp.tid(), parameters, words, placement, out)
-
-    return batch

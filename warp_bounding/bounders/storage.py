@@ -82,8 +82,12 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise FileFormatError(f"{path}: the description inside is damaged") from error
     if not isinstance(version, int) or version > FORMAT:
-        raise FileFormatError(f"{path}: format {version} is newer than this library knows ({FORMAT}); please update warp-bounding")
-    if digest != _digest(tensors, document) or json.dumps(wrapper) != entry:  # the text too: 1.0 and 1.00 are one number
+        raise FileFormatError(
+            f"{path}: format {version} is newer than this library knows ({FORMAT}); please update warp-bounding"
+        )
+    if (
+        digest != _digest(tensors, document) or json.dumps(wrapper) != entry
+    ):  # the text too: 1.0 and 1.00 are one number
         raise FileFormatError(f"{path}: the content does not match its SHA-256; the file is damaged or was edited")
     try:
         method = METHODS[document["method"]]
@@ -91,7 +95,9 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
         threshold = document["threshold"]
         certificate = Certificate.from_dict(document["certificate"]) if document["certificate"] else None
         if document["query"] != method.query_kind or document["dimension"] != bounder.ndim:
-            raise FileFormatError(f"a {method.method} bounder of {bounder.ndim}D {method.query_kind} queries was expected")
+            raise FileFormatError(
+                f"a {method.method} bounder of {bounder.ndim}D {method.query_kind} queries was expected"
+            )
         if np.float32(threshold) != threshold:
             raise FileFormatError(f"the threshold {threshold} is not a float32 number")
         _check_info(document)

@@ -37,10 +37,14 @@ class VoxelsSource(Source):
             for name, sign in (("a", "-"), ("b", "+")):  # first and last cell that the point may lie in
                 lines.append(f"V {name}{k}f = t{k} {sign} w[{2 * n + k}];")
                 lines.append(f"{name}{k}f = {name}{k}f < 0.0f ? {name}{k}f * 0.0f : {name}{k}f;")
-                lines.append(f"{name}{k}f = {name}{k}f > {cells - 1}.0f ? {name}{k}f * 0.0f + {cells - 1}.0f : {name}{k}f;")
+                lines.append(
+                    f"{name}{k}f = {name}{k}f > {cells - 1}.0f ? {name}{k}f * 0.0f + {cells - 1}.0f : {name}{k}f;"
+                )
                 lines.append(f"const {integer} {name}{k} = {convert.format(f'{name}{k}f')};")
         at = "[l]" if lanes.vector else ""
-        lines.append("for (int l = 0; l < L; ++l) { unsigned int found = 0;" if lanes.vector else "{ unsigned int found = 0;")
+        lines.append(
+            "for (int l = 0; l < L; ++l) { unsigned int found = 0;" if lanes.vector else "{ unsigned int found = 0;"
+        )
         index = "0"
         for k in range(n):
             lines.append(f"for (int i{k} = a{k}{at}; i{k} <= b{k}{at}; ++i{k})")
@@ -70,7 +74,12 @@ class Voxels(Bounder):
         factor, summand = exact_factor.astype(np.float32), exact_summand.astype(np.float32)
         limit = domain.limit.astype(np.float64)
         size = np.abs(factor) * limit + np.abs(summand) + 1
-        rounding = gamma(4) * size + np.abs(factor - exact_factor) * limit + np.abs(summand - exact_summand) + (4 + np.abs(factor) + limit) * TINY
+        rounding = (
+            gamma(4) * size
+            + np.abs(factor - exact_factor) * limit
+            + np.abs(summand - exact_summand)
+            + (4 + np.abs(factor) + limit) * TINY
+        )
         reach = (rounding * 2 + exact_factor * domain.delta) * GROWTH + UNIT32
         if (reach >= 0.5).any():
             raise BounderError(f"voxels: float32 cannot resolve a grid of {grid.shape} cells")
@@ -86,7 +95,9 @@ class Voxels(Bounder):
         words = -(-int(np.prod([int(r) for r in shape], dtype=object)) // 32)
         expected = {"bits": (words,)} | dict.fromkeys(("factor", "summand", "reach"), (domain.ndim,))
         if {k: t.shape for k, t in self.tensors.items()} != expected:
-            raise BounderError(f"voxels: expected tensors {expected}, got { {k: t.shape for k, t in self.tensors.items()} }")
+            raise BounderError(
+                f"voxels: expected tensors {expected}, got { {k: t.shape for k, t in self.tensors.items()} }"
+            )
         self.shape = shape
         size = np.abs(self.tensors["factor"]) * domain.limit.astype(np.float64) + np.abs(self.tensors["summand"])
         if not (size + np.abs(self.tensors["reach"]) < 2.0**60).all():
@@ -129,7 +140,9 @@ class Voxels(Bounder):
         """See ``Bounder``: 1 where *every* device finds one and the same occupied cell for all of the box, else 0."""
         low, reach = self._cells(lower)
         high, _ = self._cells(upper)
-        size = np.abs(self.tensors["factor"]) * self.domain.limit.astype(np.float64) + np.abs(self.tensors["summand"]) + 1
+        size = (
+            np.abs(self.tensors["factor"]) * self.domain.limit.astype(np.float64) + np.abs(self.tensors["summand"]) + 1
+        )
         sure = reach - gamma(4) * size - (4 + size) * TINY - 1e-12 * size  # what rounding leaves of the reach
         cell = np.clip(np.floor((low + high) / 2), 0, np.array(self.shape) - 1).astype(np.int64)
         holds = ((low >= cell - sure) & (high <= cell + 1 + sure)).all(axis=1)

@@ -31,7 +31,9 @@ def command(
     same = certificate.indicator == bounder.info.get("indicator")
     if json:
         summary = certificate_summary(bounder, certificate)
-        print_json({"path": file, "shape": shape, "proven": certificate.proven, "same_indicator": same, "certificate": summary})
+        print_json(
+            {"path": file, "shape": shape, "proven": certificate.proven, "same_indicator": same, "certificate": summary}
+        )
     else:
         out = console(False)
         out.print(f"{certificate.kind}: {certificate.message}")

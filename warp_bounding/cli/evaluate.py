@@ -42,5 +42,7 @@ def command(
         print_json({"path": file, "shape": shape, "method": bounder.method, **rates.to_dict(), "certificate": summary})
     else:
         text = f"{bounder.method}: {rates.fp_rate:.3f} % false positives, {rates.fn} false negatives"
-        console(False).print(f"{text}, {rates.positives:.3f} % positives in {rates.samples:,} samples ({rates.protocol})")
+        console(False).print(
+            f"{text}, {rates.positives:.3f} % positives in {rates.samples:,} samples ({rates.protocol})"
+        )
     return 0 if rates.fn == 0 else 1

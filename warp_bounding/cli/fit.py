@@ -21,13 +21,17 @@ def command(
     k: Annotated[int | None, typer.Option(help="Half-spaces, kdop.")] = None,
     budget: Annotated[float, typer.Option(help="Seconds for training and proof.")] = 60.0,
     steps: Annotated[int | None, typer.Option(help="Training steps instead of seconds: repeatable to the bit.")] = None,
-    recipe: Annotated[str, typer.Option(help="Training recipe: default, or paper for the paper's schedule.")] = "default",
+    recipe: Annotated[
+        str, typer.Option(help="Training recipe: default, or paper for the paper's schedule.")
+    ] = "default",
     seed: Annotated[int, typer.Option(help="Random seed.")] = 0,
     margin: Annotated[float, typer.Option(help="Dilate the object by this length first, object units.")] = 0.0,
     resolution: Annotated[int | None, typer.Option(help="Cells along a mesh's longest axis (64).")] = None,
     length: Annotated[float, typer.Option(help="Length of a ray; points have none.")] = 1.0,
     space: Annotated[str, typer.Option(help="geometric or parametric; the same for points.")] = "geometric",
-    samples: Annotated[int, typer.Option(help="Random queries that the false-positive rate is measured on.")] = 1_000_000,
+    samples: Annotated[
+        int, typer.Option(help="Random queries that the false-positive rate is measured on.")
+    ] = 1_000_000,
     device: Device = "cpu",
     json: Json = False,
 ) -> int:
@@ -93,7 +97,9 @@ def command(
         )
     else:
         out = console(False)
-        out.print(f"{bounder.method}: {rates.fp_rate:.2f} % false positives, {rates.fn} false negatives in {rates.samples:,} samples")
+        out.print(
+            f"{bounder.method}: {rates.fp_rate:.2f} % false positives, {rates.fn} false negatives in {rates.samples:,} samples"
+        )
         out.print(certificate.message)
         note = bounder.info.get("note")
         out.print(f"{seconds:.1f} s; written to {output}" + (f"; {note}" if note else ""))

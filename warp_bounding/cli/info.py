@@ -15,7 +15,10 @@ def command(file: BounderFile, json: Json = False) -> int:
     bounder = load(file, device="cpu")
     certificate, info = bounder.certificate, bounder.info
     if json:
-        fields = {k: info.get(k) for k in ("name", "indicator", "grid_shape", "margin", "resolution", "seed", "note", "library")}
+        fields = {
+            k: info.get(k)
+            for k in ("name", "indicator", "grid_shape", "margin", "resolution", "seed", "note", "library")
+        }
         summary = certificate_summary(bounder, certificate) if certificate else None
         sizes = bounder.sizes if bounder.method != "voxels" else {}
         print_json(

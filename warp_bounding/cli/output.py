@@ -78,7 +78,9 @@ def bar(description: str) -> Iterator[Any]:
         TextColumn("{task.fields[note]}"),
     )
     err = Console(stderr=True)
-    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as progress:  # no blank lines in logs
+    with Progress(
+        *columns, console=err, transient=True, disable=not err.is_terminal
+    ) as progress:  # no blank lines in logs
         task = progress.add_task(description, total=1.0, note="")
         yield lambda done, total=1.0, note="": progress.update(task, completed=done / total if total else 0, note=note)
 

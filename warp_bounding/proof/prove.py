@@ -69,10 +69,14 @@ def prove(
     started = time.perf_counter()
     reason = _mismatch(bounder, grid) or bounder.domain.fault()
     if reason or len(_outside(bounder, grid)):
-        raise BounderError(f"{bounder.method}: {reason or 'the shape reaches outside the domain that the bounder was made for'}")
+        raise BounderError(
+            f"{bounder.method}: {reason or 'the shape reaches outside the domain that the bounder was made for'}"
+        )
     lower, upper = positive_boxes(bounder, grid)
     if bounder.closed_form:
-        parts = [bounder.bound(lower[i : i + CHUNK], upper[i : i + CHUNK]).lower.min() for i in range(0, len(lower), CHUNK)]
+        parts = [
+            bounder.bound(lower[i : i + CHUNK], upper[i : i + CHUNK]).lower.min() for i in range(0, len(lower), CHUNK)
+        ]
         least = float(min(parts))
         search = Search(least, least, np.empty((0, grid.ndim)), len(lower), time.perf_counter() - started, True)
     else:
@@ -81,17 +85,21 @@ def prove(
     threshold = float(round_down(_minus(search.lower_bound, error)))
     if not np.isfinite(threshold):
         raise BounderError(f"{bounder.method}: the proof found no finite minimum")
-    cells = len(grid.occupied)
+    cells, dilated = len(grid.occupied), f" dilated by {grid.margin:g}" if grid.margin else ""
     message = (
-        f"Proven: no point of the object, all {cells} occupied cells, is ever answered with no. "
+        f"Proven: no point of the object{dilated}, all {cells} occupied cells, is ever answered with no. "
         f"f >= {search.lower_bound:.6g} on them, float32 rounding changes it by at most {error:.2g}, the threshold is {threshold:.6g}."
     )
-    certificate = _certificate(bounder, grid, "proven", threshold, search.lower_bound, search.boxes, search.seconds, message)
+    certificate = _certificate(
+        bounder, grid, "proven", threshold, search.lower_bound, search.boxes, search.seconds, message
+    )
     bounder.freeze(threshold, certificate)
     return search
 
 
-def certify(bounder: Bounder, shape, *, seconds: float = 300.0, progress: Callable[[int, int], None] | None = None) -> Certificate:
+def certify(
+    bounder: Bounder, shape, *, seconds: float = 300.0, progress: Callable[[int, int], None] | None = None
+) -> Certificate:
     """Prove from scratch that a bounder has no false negative on a shape. Raises nothing for a bounder that does; tells the truth.
 
     Args:
@@ -139,7 +147,12 @@ def certify(bounder: Bounder, shape, *, seconds: float = 300.0, progress: Callab
         if point is not None:
             return result("refuted", "a point of the object is answered with no", least, point)
         return result("undecided", "f comes closer to the threshold than the proof's margins for rounding allow", least)
-    return result("proven", f"Proven from scratch: all {len(cells)} occupied cells of {grid.name} are answered with maybe.", least)
+    dilated = f" dilated by {grid.margin:g}" if grid.margin else ""
+    return result(
+        "proven",
+        f"Proven from scratch: all {len(cells)} occupied cells of {grid.name}{dilated} are answered with maybe.",
+        least,
+    )
 
 
 class _Checked(NamedTuple):
@@ -174,7 +187,9 @@ def _check_cells(bounder: Bounder, grid: IndicatorGrid, target: float, deadline:
             lowest = np.argsort(bounder.reference(suspects))[:SUSPECTS]
             suspects, cell = suspects[lowest], cell[lowest]
             inside = np.clip(bounder.domain.to_object(suspects), first[cell], last[cell])  # P_delta is a little wider
-            inner = inside + PULL * ((first[cell] + last[cell]) / 2 - inside)  # a corner's float32 neighbour may lie outside
+            inner = inside + PULL * (
+                (first[cell] + last[cell]) / 2 - inside
+            )  # a corner's float32 neighbour may lie outside
             inside = np.concatenate([inside, inner])
             return _Checked(float(failed.min()), boxes, inside)
         if time.perf_counter() > deadline:
@@ -195,14 +210,18 @@ def _mismatch(bounder: Bounder, grid: IndicatorGrid) -> str | None:
     """Why a grid's points cannot be this bounder's queries, or ``None``."""
     if grid.ndim == bounder.ndim and grid.time == bounder.domain.time:
         return None
-    kinds = [f"{n}D" + (", animated" if t else "") for n, t in ((grid.ndim, grid.time), (bounder.ndim, bounder.domain.time))]
+    kinds = [
+        f"{n}D" + (", animated" if t else "") for n, t in ((grid.ndim, grid.time), (bounder.ndim, bounder.domain.time))
+    ]
     return f"the shape is {kinds[0]}, the bounder {kinds[1]}"
 
 
 def _outside(bounder: Bounder, grid: IndicatorGrid) -> np.ndarray:
     """The occupied cells that reach outside the bounder's domain."""
     domain, cells = bounder.domain, grid.occupied
-    return cells[((grid.position(cells - 0.5) < domain.lower) | (grid.position(cells + 0.5) > domain.upper)).any(axis=1)]
+    return cells[
+        ((grid.position(cells - 0.5) < domain.lower) | (grid.position(cells + 0.5) > domain.upper)).any(axis=1)
+    ]
 
 
 def _denied(bounder: Bounder, grid: IndicatorGrid, x: np.ndarray) -> np.ndarray | None:

@@ -144,10 +144,7 @@ class _Waiting:
 
     def next(self) -> tuple:
         """Take out the chunk whose turn it is."""
-        if self.boxes > MOST_WAITING:
-            serial = max(self._chunks)
-        else:
-            serial = self._lowest()[1]
+        serial = max(self._chunks) if self.boxes > MOST_WAITING else self._lowest()[1]
         chunk = self._chunks.pop(serial)
         self.boxes -= len(chunk[2])
         return chunk
@@ -179,7 +176,9 @@ def halve(low: np.ndarray, high: np.ndarray, axis: np.ndarray) -> tuple[np.ndarr
     return np.concatenate([low, right_low]), np.concatenate([left_high, high])
 
 
-def _lowest(points: np.ndarray, values: np.ndarray, more: np.ndarray, more_values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _lowest(
+    points: np.ndarray, values: np.ndarray, more: np.ndarray, more_values: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """The lowest ``WORST`` of two sets of points, sorted."""
     if len(values) >= WORST:
         better = more_values < values[-1]

@@ -4,7 +4,7 @@ The oracle decides in float64, where the cell coordinate of a float32 point is e
 the face between two cells belongs to both.
 """
 
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 import warp as wp
@@ -61,7 +61,7 @@ for (int i = begin; i < end; ++i) {{
 """
 
 
-@lru_cache(maxsize=None)
+@cache
 def _kernel(ndim: int) -> wp.Kernel:
     @wp.func_native(_snippet(ndim))
     def contains(

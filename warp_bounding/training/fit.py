@@ -102,7 +102,9 @@ def fit(
     domain = Domain.of(grid)
     record: dict = {}
     if method == "mlp":
-        bounder, record = _fit_network(grid, domain, hidden, activation, octaves, budget, steps, seed, recipe, device, progress)
+        bounder, record = _fit_network(
+            grid, domain, hidden, activation, octaves, budget, steps, seed, recipe, device, progress
+        )
     else:
         bounder = kind.fit(grid, domain, device=device, **({"k": k} if method == "kdop" else {}))
         prove(bounder, grid)

@@ -54,7 +54,9 @@ class TrainableNetwork:
         out = torch.ones(self.sizes[0] + 1, v.shape[1])
         out[: self.ndim] = v
         if self.encoding:
-            out[self.ndim : -1] = torch.sin(self.encoding["encoding.weight"] @ v + self.encoding["encoding.bias"][:, None])
+            out[self.ndim : -1] = torch.sin(
+                self.encoding["encoding.weight"] @ v + self.encoding["encoding.bias"][:, None]
+            )
         return out
 
     def decode_gradient(self, gradient: torch.Tensor, v: torch.Tensor) -> torch.Tensor:

@@ -81,7 +81,9 @@ class PaperTrainer(Trainer):
         paper, network = self.paper, self.network
         v, truth = self.samples.uniform(paper.batch)
         x = network.encode(v)
-        weights = torch.where(truth, paper.positive_weight(stage), paper.negative_weight(network.ndim, stage)) / paper.batch
+        weights = (
+            torch.where(truth, paper.positive_weight(stage), paper.negative_weight(network.ndim, stage)) / paper.batch
+        )
         target, missed = truth.float(), [0] * team.size
 
         def job(index: int) -> None:
@@ -98,6 +100,8 @@ class PaperTrainer(Trainer):
         team.run(job)
         flat = network.flat
         decay = paper.regularisation * min(1.0, stage / paper.stable)
-        flat.grad = sum((worker.gradient for worker in workers), torch.zeros_like(flat)) + decay * (torch.sign(flat) + 2 * flat)
+        flat.grad = sum((worker.gradient for worker in workers), torch.zeros_like(flat)) + decay * (
+            torch.sign(flat) + 2 * flat
+        )
         optimiser.step()
         return sum(missed)

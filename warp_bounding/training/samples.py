@@ -30,7 +30,10 @@ class Samples:
 
     def __init__(self, grid: IndicatorGrid, domain: Domain, generator: torch.Generator):
         self.grid, self.generator, self.ndim = grid, generator, grid.ndim
-        origin, unit = domain.to_local(grid.position(np.zeros(grid.ndim))), domain.to_local(grid.position(np.ones(grid.ndim)))
+        origin, unit = (
+            domain.to_local(grid.position(np.zeros(grid.ndim))),
+            domain.to_local(grid.position(np.ones(grid.ndim))),
+        )
         self._origin, self._unit = (torch.from_numpy(a.astype(np.float32))[:, None] for a in (origin, unit - origin))
         shape = np.array(grid.shape)
         self._first = torch.from_numpy(np.where(shape > 1, 0.0, -0.5).astype(np.float32))[:, None]

@@ -70,7 +70,9 @@ def _eigenvectors(factor: torch.Tensor) -> torch.Tensor:
     return torch.linalg.eigh(factor.double())[1].flip(1).float().contiguous()
 
 
-def _refine(factor: torch.Tensor, basis: torch.Tensor, square: torch.Tensor, axis: int) -> tuple[torch.Tensor, torch.Tensor]:
+def _refine(
+    factor: torch.Tensor, basis: torch.Tensor, square: torch.Tensor, axis: int
+) -> tuple[torch.Tensor, torch.Tensor]:
     """One step of orthogonal iteration, the second moment's order following the eigenvalues'."""
     order = ((basis.T @ factor) * basis.T).sum(1).argsort(descending=True)
     return torch.linalg.qr(factor @ basis[:, order])[0].contiguous(), square.index_select(axis, order)

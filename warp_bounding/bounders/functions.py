@@ -1,0 +1,134 @@
+"""Warp functions and kernels around native source: made once for each source, whatever the values in it."""
+
+import hashlib
+import platform
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from warp_bounding.bounders.source import Source, batch_snippet, point_snippet
+
+__all__ = ["Data", "batch_kernel", "named", "point_func", "point_type", "unique_name"]
+
+
+@wp.struct
+class Data:
+    """What a bounder's function needs besides the query; pass it to your kernel as an argument.
+
+    Attributes:
+        parameters: Domain, threshold and the method's numbers (see ``Source``).
+        words: Bit field of ``voxels``; empty for other methods.
+    """
+
+    parameters: wp.array(dtype=wp.float32)
+    words: wp.array(dtype=wp.uint32)
+
+
+def point_type(ndim: int) -> Any:
+    """Warp's vector type for points in n dimensions."""
+    named = {2: wp.vec2, 3: wp.vec3, 4: wp.vec4}
+    return named[ndim] if ndim in named else _vector_type(ndim)
+
+
+@cache
+def _vector_type(ndim: int) -> Any:
+    return wp.types.vector(length=ndim, dtype=wp.float32)
+
+
+def _options() -> dict[str, str]:
+    """Let the compiler use 512-bit registers where there are any: it prefers 256 on processors whose clock they lower."""
+    flags = getattr(wp.config, "cpu_compiler_flags", None)
+    if flags is None or platform.machine() not in ("x86_64", "AMD64"):
+        return {}
+    return {"cpu_compiler_flags": f"{flags} -mprefer-vector-width=512"}
+
+
+class named:  # noqa: N801 (used like a function: `@named(name).kernel`)
+    """Warp's decorators for functions made in a factory: equal names would be overloads of one function to Warp.
+
+    Warp reads the return type of a native function only under a decorator that is spelled ``x.func_native(...)``.
+    """
+
+    def __init__(self, name: str):
+        self.name = name
+
+    def func_native(self, snippet: str):
+        """``wp.func_native`` under this name."""
+        return lambda function: wp.func_native(snippet)(self._rename(function, f"{self.name}_native"))
+
+    def func(self, function):
+        """``wp.func`` under this name."""
+        return wp.func(self._rename(function, self.name))
+
+    def kernel(self, function):
+        """``wp.kernel`` under this name, in a module of its own."""
+        return wp.kernel(
+            self._rename(function, self.name), enable_backward=False, module="unique", module_options=_options()
+        )
+
+    @staticmethod
+    def _rename(function, name: str):
+        function.__name__ = function.__qualname__ = name
+        return function
+
+
+def unique_name(source: Any, role: str) -> str:
+    """A name that tells sources apart and stays the same from run to run, so that Warp finds its compiled kernels."""
+    return f"wb_{source.name}_{source.ndim}d_{hashlib.sha256(repr(source).encode()).hexdigest()[:8]}_{role}"
+
+
+@cache
+def point_func(source: Source) -> wp.Function:
+    """The ``wp.Function`` ``test(data: Data, q: vec_n) -> bool`` for use in any kernel; q in object space."""
+    name = named(unique_name(source, "test"))
+    vector = point_type(source.ndim)
+
+    @name.func_native(point_snippet(source))
+    def native(parameters: wp.array(dtype=wp.float32), words: wp.array(dtype=wp.uint32), q: vector) -> bool: ...
+
+    @name.func
+    def test(data: Data, q: vector) -> bool:
+        return native(data.parameters, data.words, q)
+
+    return test
+
+
+@cache
+def batch_kernel(source: Source, placed: bool, values: bool) -> wp.Kernel:
+    """The kernel that tests many queries: ``(x, count, first, parameters, words, placement, out)``, one block a thread.
+
+    Args:
+        source: The method's code.
+        placed: Whether a world-to-object map is applied.
+        values: Write ``f`` itself (float32; +inf where the answer is *maybe* without it, -inf outside) instead of 0 and 1.
+    """
+    name = named(unique_name(source, f"batch{'_placed' * placed}{'_values' * values}"))
+    out_type = wp.float32 if values else wp.uint8
+
+    @name.func_native(batch_snippet(source, placed, values))
+    def native(
+        x: wp.array(dtype=wp.float32),
+        count: int,
+        block: int,
+        parameters: wp.array(dtype=wp.float32),
+        words: wp.array(dtype=wp.uint32),
+        placement: wp.array(dtype=wp.float32),
+        out: wp.array(dtype=out_type),
+    ): ...
+
+    @name.kernel
+    def batch(
+        # inputs
+        x: wp.array(dtype=wp.float32),
+        count: int,
+        first: int,
+        parameters: wp.array(dtype=wp.float32),
+        words: wp.array(dtype=wp.uint32),
+        placement: wp.array(dtype=wp.float32),
+        # outputs
+        out: wp.array(dtype=out_type),
+    ):
+        native(x, count, first + wp.tid(), parameters, words, placement, out)
+
+    return batch
