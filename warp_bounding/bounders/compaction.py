@@ -9,7 +9,7 @@ from warp_bounding.launch import launch_blocks
 
 __all__ = ["compact"]
 
-CPU_BLOCK = 2048  # mask entries per CPU thread
+CPU_BLOCK = 16384  # mask entries per CPU thread
 CUDA_BLOCK = 64
 
 
