@@ -110,7 +110,7 @@ def main() -> None:
 
 def summarise(table: Path, page: Path, command: str) -> None:
     """A Markdown page of all rows and the means, the paper's beside them."""
-    rows = list(csv.DictReader(table.open()))
+    rows = sorted(csv.DictReader(table.open()), key=lambda r: (int(r["dimension"]), r["shape"]))
     lines = ["# Points: proven networks on the paper's shapes", "", f"`{command}`", "", rows[0]["versions"], ""]
     lines += [
         "| | shapes | FP %, mean | paper | FN | proven | FP cost of the proof, worst | proof s, worst | fit s, worst |"
