@@ -14,7 +14,7 @@ import warp_bounding as wb
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "warp_bounding"
 HEAVY = ("torch", "trimesh", "pyvista", "matplotlib", "scipy", "typer", "PIL", "pxr")
-BOTTOM = ("errors", "version", "arithmetic", "launch")
+BOTTOM = ("errors", "version", "arithmetic", "launch", "native")
 # What each part may import, besides itself and the bottom.
 BELOW = {
     "indicators": (),
@@ -27,6 +27,7 @@ BELOW = {
     "arithmetic": (),
     "errors": (),
     "launch": (),
+    "native": (),
     "version": (),
     "__main__": ("cli",),
 }

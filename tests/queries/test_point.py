@@ -5,7 +5,8 @@ import pytest
 from bounding_shapes import SHAPES, domain_points, object_points, shape
 
 from warp_bounding.errors import QueryError
-from warp_bounding.queries import PointOracle, check_query, sample_points
+from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.queries import PointOracle, check_query, point, sample_points
 
 
 def hard_points(grid, rng):
@@ -70,3 +71,13 @@ def test_kinds_of_queries():
     assert check_query("point") == "point"
     with pytest.raises(QueryError, match="'ray'"):
         check_query("ray")
+
+
+def test_kernels_of_several_dimensions_do_not_mix(rng):
+    point._kernel.cache_clear()
+    kernels = [point._kernel(n) for n in (3, 2, 1)]  # all made before the first is compiled
+    assert len({kernel.key for kernel in kernels}) == 3
+    for n in (3, 2, 1):
+        grid = IndicatorGrid(rng.random((5,) * n) < 0.4)
+        x = rng.random((1000, n), dtype=np.float32)
+        np.testing.assert_array_equal(PointOracle(grid, "cpu")(x), grid.contains(x))

@@ -5,9 +5,9 @@ from functools import cache
 import numpy as np
 import warp as wp
 
-from warp_bounding.bounders.functions import named, unique_name
 from warp_bounding.bounders.network_source import BLOCK, NetworkSizes, snippet
 from warp_bounding.launch import launch_blocks
+from warp_bounding.native import named, unique_name
 
 __all__ = ["bound_boxes"]
 

@@ -12,6 +12,7 @@ import warp as wp
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.launch import BLOCK, launch_blocks
+from warp_bounding.native import named
 
 __all__ = ["PointOracle", "sample_points"]
 
@@ -63,7 +64,9 @@ for (int i = begin; i < end; ++i) {{
 
 @cache
 def _kernel(ndim: int) -> wp.Kernel:
-    @wp.func_native(_snippet(ndim))
+    name = named(f"wb_point_oracle_{ndim}d")
+
+    @name.func_native(_snippet(ndim))
     def contains(
         x: wp.array(dtype=wp.float32),
         count: int,
@@ -73,7 +76,7 @@ def _kernel(ndim: int) -> wp.Kernel:
         out: wp.array(dtype=wp.uint8),
     ): ...
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @name.kernel
     def point_oracle(
         # inputs
         x: wp.array(dtype=wp.float32),

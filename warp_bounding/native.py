@@ -1,0 +1,51 @@
+"""Warp's decorators for functions and kernels that a factory makes around native source, one for each size."""
+
+import hashlib
+import platform
+from typing import Any
+
+import warp as wp
+
+__all__ = ["named", "unique_name"]
+
+
+def _options() -> dict[str, str]:
+    """Let the compiler use 512-bit registers where there are any: it prefers 256 on processors whose clock they lower."""
+    flags = getattr(wp.config, "cpu_compiler_flags", None)
+    if flags is None or platform.machine() not in ("x86_64", "AMD64"):
+        return {}
+    return {"cpu_compiler_flags": f"{flags} -mprefer-vector-width=512"}
+
+
+class named:  # noqa: N801 (used like a function: `@named(name).kernel`)
+    """Warp's decorators for functions made in a factory: equal names would be overloads of one function to Warp.
+
+    Warp reads the return type of a native function only under a decorator that is spelled ``x.func_native(...)``.
+    """
+
+    def __init__(self, name: str):
+        self.name = name
+
+    def func_native(self, snippet: str):
+        """``wp.func_native`` under this name."""
+        return lambda function: wp.func_native(snippet)(self._rename(function, f"{self.name}_native"))
+
+    def func(self, function):
+        """``wp.func`` under this name."""
+        return wp.func(self._rename(function, self.name))
+
+    def kernel(self, function):
+        """``wp.kernel`` under this name, in a module of its own."""
+        return wp.kernel(
+            self._rename(function, self.name), enable_backward=False, module="unique", module_options=_options()
+        )
+
+    @staticmethod
+    def _rename(function, name: str):
+        function.__name__ = function.__qualname__ = name
+        return function
+
+
+def unique_name(source: Any, role: str) -> str:
+    """A name that tells sources apart and stays the same from run to run, so that Warp finds its compiled kernels."""
+    return f"wb_{source.name}_{source.ndim}d_{hashlib.sha256(repr(source).encode()).hexdigest()[:8]}_{role}"
