@@ -14,14 +14,14 @@ from warp_bounding.bounders.storage import load, save
 from warp_bounding.bounders.voxels import Voxels
 from warp_bounding.errors import BounderError
 
-__all__ = ["METHODS", "Bounder", "Certificate", "Data", "load", "method_class", "save"]
+__all__ = ["METHODS", "Bounder", "Certificate", "Data", "load", "method_class", "save", "supports"]
 
 METHODS: dict[str, type[Bounder]] = {
     c.method: c for c in (Aabb, Obb, Sphere, Ellipsoid, OrientedEllipsoid, Kdop, Voxels, Mlp)
 }
 
 
-def method_class(method: str, query: str = "point") -> type[Bounder]:
+def method_class(method: str, query: str = "point", ndim: int = 3, space: str = "geometric") -> type[Bounder]:
     """The class of a method that can hold a kind of query.
 
     Raises:
@@ -29,6 +29,12 @@ def method_class(method: str, query: str = "point") -> type[Bounder]:
     """
     if method not in METHODS:
         raise BounderError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
-    if query != METHODS[method].query_kind:
-        raise BounderError(f"method {method} holds {METHODS[method].query_kind} queries, got query={query!r}")
+    if not METHODS[method].supports(query, ndim, space):
+        where = " in parametric space" if space == "parametric" else ""
+        raise BounderError(f"method {method} does not bound {query} queries of {ndim}D objects{where}")
     return METHODS[method]
+
+
+def supports(method: str, query: str, ndim: int, space: str = "geometric") -> bool:
+    """Whether a method can bound a kind of query of an n-dimensional object, in a space; ``False`` for unknown methods."""
+    return method in METHODS and METHODS[method].supports(query, ndim, space)

@@ -27,11 +27,15 @@ from warp_bounding.bounders.compaction import compact
 from warp_bounding.bounders.domain import Domain
 from warp_bounding.bounders.functions import Data, batch_kernel, point_func
 from warp_bounding.bounders.placement import Placement
+from warp_bounding.bounders.regions import RegionDomain
 from warp_bounding.bounders.source import Source
 from warp_bounding.errors import BounderError
+from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.launch import launch_blocks
 
 __all__ = ["Bounder", "BoxBounds", "checked_device"]
+
+CELLS_AT_A_TIME = 16384
 
 
 def checked_device(device: str | None) -> wp.Device:
@@ -70,7 +74,7 @@ class Bounder(ABC):
 
     Attributes:
         method: The name that ``method=`` takes.
-        query_kind: What is asked; ``"point"``.
+        query_kind: What is asked: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``.
         domain: The box it was made for, and the map into it.
         threshold: float32; the answer is *maybe* iff ``not (f < threshold)``.
         certificate: What is proven of it, or ``None``.
@@ -80,11 +84,15 @@ class Bounder(ABC):
 
     method: ClassVar[str]
     closed_form: ClassVar[bool] = True  # ``bound`` is exact on a cell, so that one pass over the cells is the proof
-    query_kind = "point"
+    conservative: ClassVar[bool] = True  # false: kept to show what goes wrong; it never holds a certificate
     bit_fields: ClassVar[tuple[str, ...]] = ()  # tensors that are uint32
 
     def __init__(
-        self, domain: Domain, tensors: dict[str, np.ndarray], sizes: dict[str, Any], device: str | None = None
+        self,
+        domain: Domain | RegionDomain,
+        tensors: dict[str, np.ndarray],
+        sizes: dict[str, Any],
+        device: str | None = None,
     ):
         """Copy and check what a bounder is made of.
 
@@ -144,14 +152,53 @@ class Bounder(ABC):
 
     @abstractmethod
     def rounding_bound(self) -> float:
-        """``E``: bound of the error of ``f`` as any device computes it, for ``|v| <= domain.limit``."""
+        """``E``: bound of the error of ``f`` as any device computes it, for ``|v| <= domain.limit``.
+
+        Regions tested against a volume: the computed ``f(v)`` is at least the largest value of the volume's exact f on the
+        region ``v``, less E.
+        """
+
+    @property
+    def volume(self) -> "Bounder | None":
+        """The volume, as a bounder of points, where a region is tested against one; ``None`` where f is a function of v."""
+        return None
+
+    def least(self, grid: IndicatorGrid) -> tuple[float, int]:
+        """Certified least ``f`` over all v that the pipeline can make of a positive query, in closed form.
+
+        Args:
+            grid: The object, inside the domain.
+
+        Returns:
+            The lower bound (float64 rounding included) and the number of boxes that were looked at.
+        """
+        if self.volume is not None:
+            return self.volume.least(grid)
+        if self.query_kind != "point":
+            raise BounderError(f"{self.method}: there is no closed form for {self.query_kind} queries")
+        least, cells = np.inf, grid.occupied
+        for start in range(0, len(cells), CELLS_AT_A_TIME):
+            part = cells[start : start + CELLS_AT_A_TIME]
+            boxes = self.domain.widened(grid.position(part - 0.5), grid.position(part + 0.5))
+            least = min(least, float(self.bound(*boxes).lower.min()))
+        return least, len(cells)
 
     # --- where it runs -----------------------------------------------------------------------------------------------
 
+    @classmethod
+    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
+        """Whether the method can bound this kind of query of an n-dimensional object, in this space."""
+        return query == "point"
+
     @property
     def ndim(self) -> int:
-        """Number of coordinates of a query point."""
-        return self.domain.ndim
+        """Dimension n of the object."""
+        return self.domain.space_ndim
+
+    @property
+    def query_kind(self) -> str:
+        """What is asked."""
+        return self.domain.query
 
     @property
     def device(self) -> wp.Device:
@@ -189,13 +236,14 @@ class Bounder(ABC):
     @property
     def nbytes(self) -> int:
         """Memory that a query reads at most: parameters and bit field."""
-        return 4 * (3 * self.ndim + 1) + sum(t.nbytes for t in self.tensors.values())
+        header = len(self.domain.header) + 1 + len(self.domain.extra)
+        return 4 * header + sum(t.nbytes for t in self.tensors.values())
 
     Data = Data
 
     @cached_property
     def func(self) -> wp.Function:
-        """``test(data: Data, q: vec_n) -> bool`` for your own kernels; q in the shape's own (object) coordinates."""
+        """``test(data, q)`` for your own kernels, or ``test(data, a, b)`` for regions; see ``point_func``."""
         return point_func(self.source)
 
     @property
@@ -204,8 +252,8 @@ class Bounder(ABC):
         if self._data is None:
             weights = np.asarray(self.weights(), dtype=np.float32)
             parameters = np.zeros(self.source.start + len(weights), dtype=np.float32)
-            d, n = self.domain, self.ndim
-            parameters[: 3 * n + 1] = np.concatenate([d.center, d.scale, d.limit, [self.threshold]])
+            header = np.concatenate([self.domain.header, [self.threshold], self.domain.extra])
+            parameters[: len(header)] = header
             parameters[self.source.start :] = weights
             data = Data()
             data.parameters = wp.array(parameters, dtype=wp.float32, device=self.device)
@@ -216,17 +264,19 @@ class Bounder(ABC):
     # --- asking it ---------------------------------------------------------------------------------------------------
 
     def query(self, x, *, xform=None, scale=None, out: wp.array | None = None) -> wp.array:
-        """Test many points.
+        """Test many queries.
 
         Args:
-            x: ``(N, n)`` NumPy array or torch tensor, float32 or float64, or ``wp.array`` of ``vec_n`` ``(N,)`` or float32 ``(N, n)``.
-                Torch tensors on the CPU and ``wp.array`` are read in place.
+            x: ``(N, m)`` NumPy array or torch tensor, float32 or float64, or ``wp.array`` of ``vec_m`` ``(N,)`` or float32 ``(N, m)``.
+                Points: m = n. Regions, m = 2 n: a ray's origin and direction, a plane's normal and point, a box's lower
+                and upper corner. Torch tensors on the CPU and ``wp.array`` are read in place.
             xform: Places the shape in the world: ``wp.transform``, 7 numbers or a homogeneous rigid matrix.
             scale: Positive number, or one per spatial axis; applied before ``xform``.
             out: ``(N,)`` uint8 to write to, instead of a new array.
 
         Returns:
-            ``(N,)`` uint8 ``wp.array``: 1 = maybe, 0 = certainly not. NaN and infinity: maybe. Outside the domain: no.
+            ``(N,)`` uint8 ``wp.array``: 1 = maybe, 0 = certainly not. NaN, infinity, a direction of no length, a box upside
+            down: maybe. Outside the domain: no.
 
         Raises:
             QueryError: For a wrong shape, dtype or device, or a placement that the certificate does not cover.
@@ -238,7 +288,7 @@ class Bounder(ABC):
         return self._batch(x, xform, scale, None, values=True)
 
     def candidates(self, x, *, xform=None, scale=None) -> tuple[wp.array, wp.array]:
-        """The points that may be inside, compacted on the device.
+        """The queries that may meet the object, compacted on the device.
 
         Args:
             x: As for ``query``.
@@ -253,7 +303,7 @@ class Bounder(ABC):
 
     def _batch(self, x, xform, scale, out, *, values: bool) -> wp.array:
         device = self.device
-        queries, count, double = flat_queries(x, self.ndim, device)
+        queries, count, double = flat_queries(x, self.domain.columns, device)
         placement = Placement.of(self.domain, xform, scale)
         if placement is not None:
             placement.check(self.domain, double=double)

@@ -49,9 +49,17 @@ class Domain:
     lower: np.ndarray
     upper: np.ndarray
 
+    query = "point"
+    space = "geometric"
+    length = None
+
     @classmethod
-    def of(cls, grid: IndicatorGrid) -> "Domain":
+    def of(cls, grid: IndicatorGrid, *, room: np.ndarray | float = 0.0) -> "Domain":
         """The domain of a grid.
+
+        Args:
+            grid: The object.
+            room: ``(n,)``, units of ``v``: ``delta`` is at least this.
 
         Raises:
             IndicatorError: If float32 cannot resolve the grid's cells where the grid lies (the input error would
@@ -68,7 +76,7 @@ class Domain:
         cell = scale / grid.cells_per_unit
         extent = np.maximum(np.abs(lower - center), np.abs(upper - center)) * scale.astype(np.float64) * GROWTH
         needed = input_rounding(center, scale, extent, lower, upper)
-        delta = np.maximum(DELTA_SHARE * cell, 4 * needed)
+        delta = np.maximum(np.maximum(DELTA_SHARE * cell, 4 * needed), room)
         if (delta > DELTA_LARGEST_SHARE * cell).any():
             axis = int(np.argmax(delta / cell))
             raise IndicatorError(
@@ -102,6 +110,31 @@ class Domain:
     def ndim(self) -> int:
         """Number of coordinates."""
         return len(self.center)
+
+    @property
+    def space_ndim(self) -> int:
+        """Dimension of the indicator."""
+        return len(self.center)
+
+    @property
+    def columns(self) -> int:
+        """Numbers of a query."""
+        return len(self.center)
+
+    @property
+    def base(self) -> "Domain":
+        """The domain of points: this one."""
+        return self
+
+    @property
+    def header(self) -> np.ndarray:
+        """float32 numbers in front of the threshold in a kernel's ``parameters``."""
+        return np.concatenate([self.center, self.scale, self.limit])
+
+    @property
+    def extra(self) -> np.ndarray:
+        """Numbers behind it: none."""
+        return np.zeros(0, np.float32)
 
     def to_local(self, x: np.ndarray) -> np.ndarray:
         """``v`` of object coordinates ``(..., n)``, in float64."""

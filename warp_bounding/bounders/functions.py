@@ -37,9 +37,25 @@ def _vector_type(ndim: int) -> Any:
 
 @cache
 def point_func(source: Source) -> wp.Function:
-    """The ``wp.Function`` ``test(data: Data, q: vec_n) -> bool`` for use in any kernel; q in object space."""
+    """The ``wp.Function`` for use in any kernel, object space.
+
+    Points: ``test(data: Data, q: vec_n) -> bool``. Regions: ``test(data: Data, a: vec_n, b: vec_n) -> bool`` with a ray's
+    origin and direction, a plane's normal and point, a box's lower and upper corner.
+    """
     name = named(unique_name(source, "test"))
     vector = point_type(source.ndim)
+    if source.query != "point":
+
+        @name.func_native(point_snippet(source))
+        def native_region(
+            parameters: wp.array(dtype=wp.float32), words: wp.array(dtype=wp.uint32), a: vector, b: vector
+        ) -> bool: ...
+
+        @name.func
+        def test_region(data: Data, a: vector, b: vector) -> bool:
+            return native_region(data.parameters, data.words, a, b)
+
+        return test_region
 
     @name.func_native(point_snippet(source))
     def native(parameters: wp.array(dtype=wp.float32), words: wp.array(dtype=wp.uint32), q: vector) -> bool: ...

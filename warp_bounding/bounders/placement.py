@@ -50,6 +50,8 @@ class Placement:
         """
         if xform is None and scale is None:
             return None
+        if domain.query != "point":
+            raise QueryError(f"xform and scale place point queries so far, give {domain.query} queries in object space")
         first = int(domain.time)
         spatial = domain.ndim - first
         try:

@@ -32,7 +32,7 @@ class QuadricSource(Source):
 
     def body(self, lanes: Lanes) -> str:
         """See ``Source.body``."""
-        n = self.ndim
+        n = self.coordinates
         lines = ["f = v[0] * 0.0f;"]
         for i in range(n):
             terms = (
@@ -80,7 +80,10 @@ class QuadricBounder(Bounder):
     @property
     def source(self) -> QuadricSource:
         """See ``Bounder``."""
-        return QuadricSource(self.ndim, self.domain.time, self.tensors["matrix"].ndim == 1)
+        diagonal = self.tensors["matrix"].ndim == 1
+        return QuadricSource(
+            self.ndim, self.domain.time, diagonal, query=self.query_kind, space=self.domain.space
+        )
 
     def weights(self) -> np.ndarray:
         """See ``Bounder``."""
@@ -93,7 +96,7 @@ class QuadricBounder(Bounder):
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """See ``Bounder``; exact up to float64 rounding where a box's corners can be enumerated."""
-        n, a, b = self.ndim, self.matrix, self.tensors["offset"].astype(np.float64)
+        n, a, b = self.domain.ndim, self.matrix, self.tensors["offset"].astype(np.float64)
         center, half = (lower + upper) / 2, (upper - lower) / 2
         if n <= MOST_CORNER_DIMENSIONS and self.family == "determinant":
             least, point = np.full(len(lower), np.inf), lower.copy()
@@ -111,7 +114,7 @@ class QuadricBounder(Bounder):
 
     def rounding_bound(self) -> float:
         """See ``Bounder``: n rows of n products, n squares, their sum."""
-        n = self.ndim
+        n = self.domain.ndim
         row = np.abs(self.matrix) @ self.domain.limit.astype(np.float64) + np.abs(self.tensors["offset"])
         flushed = (
             2 * n + 2 + np.abs(self.matrix).sum(axis=1) + self.domain.limit.sum()

@@ -31,7 +31,7 @@ class SlabsSource(Source):
 
     def body(self, lanes: Lanes) -> str:
         """See ``Source.body``."""
-        n, k = self.ndim, self.slabs
+        n, k = self.coordinates, self.slabs
         lines = ["const V nearer = {};" if lanes.vector else "const V nearer = 0.0f;", "f = nearer + 3.0e38f;"]
         for i in range(k):
             terms = f"v[{i}]" if self.diagonal else " + ".join(f"v[{j}] * w[{2 * k + i * n + j}]" for j in range(n))
@@ -95,12 +95,19 @@ class SlabBounder(Bounder):
     @property
     def directions(self) -> np.ndarray:
         """``(k, n)`` float64, slab normals in the coordinates ``v``."""
-        return np.eye(self.ndim) if self.diagonal else self.tensors["directions"].astype(np.float64)
+        return np.eye(self.domain.ndim) if self.diagonal else self.tensors["directions"].astype(np.float64)
 
     @property
     def source(self) -> SlabsSource:
         """See ``Bounder``."""
-        return SlabsSource(self.ndim, self.domain.time, len(self.tensors["low"]), self.diagonal)
+        return SlabsSource(
+            self.ndim,
+            self.domain.time,
+            len(self.tensors["low"]),
+            self.diagonal,
+            query=self.query_kind,
+            space=self.domain.space,
+        )
 
     def weights(self) -> np.ndarray:
         """See ``Bounder``."""
@@ -120,7 +127,7 @@ class SlabBounder(Bounder):
         y, reach = center @ d.T, half @ np.abs(d).T
         slack = np.concatenate([y - reach - low, high - y - reach], axis=1)
         size = np.abs(lower).max(axis=0) + np.abs(upper).max(axis=0)
-        rounding = gamma(2 * self.ndim + 8, UNIT64) * float((size @ np.abs(d).T + np.abs(low) + np.abs(high)).max())
+        rounding = gamma(2 * self.domain.ndim + 8, UNIT64) * float((size @ np.abs(d).T + np.abs(low) + np.abs(high)).max())
         worst = np.argmin(slack, axis=1)
         normal = np.concatenate([d, -d])[worst]
         point = np.where(normal > 0, lower, upper)

@@ -13,10 +13,11 @@ object map, the domain test and the comparison ``not (f < threshold)``.
 Nothing here decides what is conservative: the bodies' rounding is bounded in the methods' ``rounding_bound``.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from warp_bounding.arithmetic import SINE_COEFFICIENTS, SINE_INVERSE_PI, SINE_MAGIC, SINE_PI_HIGH, SINE_PI_LOW
+from warp_bounding.bounders.locate import extra_count, locate
 from warp_bounding.launch import BLOCK
 
 __all__ = ["Lanes", "Source", "batch_snippet", "literal", "point_snippet"]
@@ -50,15 +51,20 @@ class Lanes:
 class Source:
     """What a method's native code depends on: sizes, never values. Equal sources share one compiled function.
 
-    ``parameters`` begin with ``center[n] scale[n] limit[n] threshold``; the method's numbers follow from ``start`` on.
+    ``parameters`` begin with ``center[n] scale[n] limit[n] threshold`` and what ``locate`` needs besides; the method's
+    numbers follow from ``start`` on.
 
     Attributes:
-        ndim: Number of coordinates n.
+        ndim: Dimension n of the indicator.
         time: Coordinate 0 is time.
+        query: Kind of query.
+        space: ``"geometric"``, or ``"parametric"``: the numbers of a query are the coordinates of a point to be bounded.
     """
 
     ndim: int
     time: bool
+    query: str = field(default="point", kw_only=True)
+    space: str = field(default="geometric", kw_only=True)
 
     packed: ClassVar[bool] = False  # gather the queries inside the domain first: pays for costly bodies
     width: ClassVar[dict[str, int]] = {"avx512": 16, "other": 8}  # float lanes of the batch path
@@ -71,7 +77,22 @@ class Source:
     @property
     def start(self) -> int:
         """Index in ``parameters`` where the method's own numbers begin, a multiple of 16."""
-        return -(-(3 * self.ndim + 1) // 16) * 16
+        return -(-(3 * self.ndim + 1 + extra_count(self.query, self.ndim)) // 16) * 16
+
+    @property
+    def columns(self) -> int:
+        """Numbers of a query."""
+        return self.ndim if self.query == "point" else 2 * self.ndim
+
+    @property
+    def coordinates(self) -> int:
+        """Numbers ``v`` that the body computes with: n, 2 n, or n + 1 (a plane's normal and offset)."""
+        return self.ndim + 1 if self.query == "plane" and self.space == "geometric" else self.columns
+
+    @property
+    def tested_as_point(self) -> bool:
+        """Whether ``v`` is one point of the space that is bounded, rather than a region in it."""
+        return self.query == "point" or self.space == "parametric"
 
     def body(self, lanes: Lanes) -> str:
         """C statements that compute ``V f`` from ``V v[]``, ``const float* w`` (parameters + start) and ``words``."""
@@ -94,7 +115,7 @@ typedef int I __attribute__((vector_size(4 * L)));
 
 _HEAD = """
 const float* center = parameters.data; const float* scale = center + {n}; const float* limit = center + {n2};
-const float threshold = center[{n3}]; const float* w = center + {start};
+const float threshold = center[{n3}]; const float* extra = center + {n3} + 1; const float* w = center + {start};
 """
 
 _CPU = (
@@ -114,6 +135,8 @@ constexpr int L = {other};
 def _locate(source: Source, placed: bool) -> str:
     """C statements from ``V q[]`` to ``v[]`` and the masks ``finite`` (else: maybe) and ``inside`` (else: no); V vector or float."""
     n = source.ndim
+    if source.query != "point":
+        return locate(source.query, source.space, n, source.time)
     lines = ["auto finite = (q[0] - q[0]) == zero;"]  # false for NaN and for infinity
     lines += [f"finite = finite & ((q[{k}] - q[{k}]) == zero);" for k in range(1, n)]
     if placed:
@@ -132,7 +155,7 @@ def _locate(source: Source, placed: bool) -> str:
 
 def batch_snippet(source: Source, placed: bool, values: bool) -> str:
     """The body of a batch function: one block of queries on a CPU, one query on CUDA."""
-    n = source.ndim
+    n, m, columns = source.ndim, source.coordinates, source.columns
     head = _HEAD.format(n=n, n2=2 * n, n3=3 * n, start=source.start)
     place = "const float* place = placement.data;" if placed else ""
     locate = _locate(source, placed)
@@ -144,11 +167,12 @@ def batch_snippet(source: Source, placed: bool, values: bool) -> str:
         head,
         place,
         f"const int begin = block * {BLOCK}; const int end = begin + {BLOCK} < count ? begin + {BLOCK} : count;",
-        "const V zero = {}; typedef unsigned char B __attribute__((vector_size(L), aligned(1), may_alias));",
+        "const V zero = {}; auto root = [](V x) { return __builtin_elementwise_sqrt(x); };",
+        "typedef unsigned char B __attribute__((vector_size(L), aligned(1), may_alias));",
     ]
     if source.packed:
         cpu += [
-            f"float held[{n}][{BLOCK} + L]; int where[{BLOCK} + L]; int kept = 0;",
+            f"float held[{m}][{BLOCK} + L]; int where[{BLOCK} + L]; int kept = 0;",
             "for (int i = begin; i < end; i += L) {",
             _read(source),
             locate,
@@ -158,13 +182,13 @@ def batch_snippet(source: Source, placed: bool, values: bool) -> str:
             else "const B maybe = __builtin_convertvector(~finite & 1, B); for (int l = 0; l < L; ++l) going -= go[l];\n"
             "if (m == L) { *(B*)(out.data + i) = maybe; } else { for (int l = 0; l < m; ++l) out.data[i + l] = maybe[l]; }",
             "if (going == L && m == L) {",  # all inside: no need to look at them one by one
-            f"for (int l = 0; l < L; ++l) where[kept + l] = i + l; {_each(n, '*(V*)(held[{k}] + kept) = v[{k}];')} kept += L;",
+            f"for (int l = 0; l < L; ++l) where[kept + l] = i + l; {_each(m, '*(V*)(held[{k}] + kept) = v[{k}];')} kept += L;",
             "} else if (going) { for (int l = 0; l < m; ++l) { where[kept] = i + l;",
-            _each(n, "held[{k}][kept] = v[{k}][l];"),
+            _each(m, "held[{k}][kept] = v[{k}][l];"),
             "kept -= go[l]; } } }",
-            f"for (int l = kept; l < kept + L; ++l) {{ {_each(n, 'held[{k}][l] = 0.0f;')} }}",
+            f"for (int l = kept; l < kept + L; ++l) {{ {_each(m, 'held[{k}][l] = 0.0f;')} }}",
             "for (int g = 0; g < kept; g += L) {",
-            f"V v[{n}]; {_each(n, 'v[{k}] = *(const V*)(held[{k}] + g);')}",
+            f"V v[{m}]; {_each(m, 'v[{k}] = *(const V*)(held[{k}] + g);')}",
             "V f;",
             source.body(Lanes(vector=True)),
             "const int m = kept - g < L ? kept - g : L;",
@@ -193,8 +217,8 @@ def batch_snippet(source: Source, placed: bool, values: bool) -> str:
         "typedef float V;",
         head,
         place,
-        "const int i = block; if (i >= count) return; const float zero = 0.0f;",
-        f"V q[{n}], v[{n}]; {_each(n, 'q[{k}] = x.data[(long long)i * {n} + {k}];')}",
+        "const int i = block; if (i >= count) return; const float zero = 0.0f; auto root = [](float x) { return sqrtf(x); };",
+        f"V q[{columns}], v[{m}]; {_each(columns, 'q[{k}] = x.data[(long long)i * {n} + {k}];')}",
         locate,
         f"if (!finite) {{ out.data[i] = {yes}; return; }}",
         f"if (!inside) {{ out.data[i] = {no}; return; }}",
@@ -211,8 +235,8 @@ def _read(source: Source) -> str:
 
     Rows of n numbers become n vectors by shuffles: number k of query l stands at ``l n + k``, in the vector of that over L.
     """
-    n = source.ndim
-    lines = [f"V q[{n}], v[{n}]; if (end - i >= L) {{ const float* rows = x.data + (long long)i * {n};"]
+    n = source.columns
+    lines = [f"V q[{n}], v[{source.coordinates}]; if (end - i >= L) {{ const float* rows = x.data + (long long)i * {n};"]
     lines += [f"const V r{b} = *(const V*)(rows + {b} * L);" for b in range(n)]
     for directive, lanes in (("#if defined(__AVX512F__)", source.width["avx512"]), ("#else", source.width["other"])):
         lines.append(directive)
@@ -236,18 +260,24 @@ def _each(n: int, statement: str) -> str:
 
 
 def point_snippet(source: Source) -> str:
-    """The body of the function for other kernels: one query, returns bool."""
+    """The body of the function for other kernels: one query ``q``, or two vectors ``a`` and ``b`` of a region; returns bool."""
     n = source.ndim
+    region = source.query != "point"
+    numbers = ", ".join([f"a[{k}]" for k in range(n)] + [f"b[{k}]" for k in range(n)])
     shared = [
         _HEAD.format(n=n, n2=2 * n, n3=3 * n, start=source.start),
-        f"const float zero = 0.0f; float v[{n}];",
-        _locate(source, placed=False).replace("const V ", "const float "),
-        "if (!finite) return true;",
-        "if (!inside) return false;",
+        f"float v[{source.coordinates}]; bool asked, held; {{ typedef float V; const float zero = 0.0f;",
+        f"const float q[{2 * n}] = {{{numbers}}};" if region else "",
+        _locate(source, placed=False),
+        "asked = finite; held = inside; }",
+        "if (!asked) return true;",
+        "if (!held) return false;",
     ]
     return "\n".join(
         [
-            *("#if !defined(__CUDA_ARCH__)", "#pragma clang fp contract(fast)", "#endif"),
+            *("#if !defined(__CUDA_ARCH__)", "#pragma clang fp contract(fast)"),
+            "auto root = [](float x) { return __builtin_sqrtf(x); };",
+            *("#else", "auto root = [](float x) { return sqrtf(x); };", "#endif"),
             *shared,
             "#if !defined(__CUDA_ARCH__)",
             source.function_body(),

@@ -18,7 +18,7 @@ import safetensors.numpy
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.certificate import Certificate
-from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.regions import RegionDomain
 from warp_bounding.errors import BoundingError, FileFormatError
 from warp_bounding.version import __version__
 
@@ -45,8 +45,8 @@ def save(bounder: Bounder, path: str | os.PathLike) -> None:
         "method": bounder.method,
         "query": bounder.query_kind,
         "dimension": bounder.ndim,
-        "space": "geometric",
-        "length": None,
+        "space": bounder.domain.space,
+        "length": bounder.domain.length,
         "motion": "time" if bounder.domain.time else None,
         "sizes": bounder.sizes,
         "domain": bounder.domain.to_dict(),
@@ -91,13 +91,14 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
         raise FileFormatError(f"{path}: the content does not match its SHA-256; the file is damaged or was edited")
     try:
         method = METHODS[document["method"]]
-        bounder = method(Domain.from_dict(document["domain"]), tensors, document["sizes"], device)
+        bounder = method(RegionDomain.from_dict(document["domain"]), tensors, document["sizes"], device)
         threshold = document["threshold"]
         certificate = Certificate.from_dict(document["certificate"]) if document["certificate"] else None
-        if document["query"] != method.query_kind or document["dimension"] != bounder.ndim:
-            raise FileFormatError(
-                f"a {method.method} bounder of {bounder.ndim}D {method.query_kind} queries was expected"
-            )
+        described = [document[k] for k in ("query", "dimension", "space", "length")]
+        if described != [bounder.query_kind, bounder.ndim, bounder.domain.space, bounder.domain.length]:
+            raise FileFormatError("query, dimension, space and length are not those of the domain inside")
+        if not method.supports(bounder.query_kind, bounder.ndim, bounder.domain.space):
+            raise FileFormatError(f"{method.method} does not bound {bounder.query_kind} queries in {bounder.ndim}D")
         if np.float32(threshold) != threshold:
             raise FileFormatError(f"the threshold {threshold} is not a float32 number")
         _check_info(document)

@@ -1,0 +1,293 @@
+"""Ray queries: 2n numbers, an origin o and a direction d in object space: the segment o + t d / |d|, 0 <= t <= length.
+
+The kernel walks the slabs of cells across the segment's steepest axis. Inside a slab every other coordinate moves by at
+most one cell, so a few cells are looked at; the Chebyshev distance of a cell to the nearest occupied one says how many
+slabs hold nothing and are jumped over. Which cells are looked at is rounded outwards; an occupied one is then *certainly*
+met, certainly not, or too close to say, by the parameters at which the segment passes the cell's faces. These are
+differences and quotients of exactly known numbers, so their relative error is a few roundings, and zeros are exact: an
+axis-parallel ray along a face is decided in the kernel. What is too close goes to integers on the host, where the end of
+the segment is compared as t^2 |d|^2 <= length^2: no root is ever taken.
+"""
+
+from fractions import Fraction
+from functools import cache
+
+import numpy as np
+import warp as wp
+
+from warp_bounding.errors import QueryError
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.native import named
+from warp_bounding.queries.directions import sample_directions
+from warp_bounding.queries.point import sample_points
+from warp_bounding.queries.region import (
+    RELATIVE_ERROR,
+    RegionOracle,
+    cell_coordinates,
+    integers,
+    loop_snippet,
+    rational_map,
+    valid,
+)
+
+__all__ = ["RayOracle", "empty_distance", "ray_truth", "sample_rays"]
+
+FARTHEST = 32  # cells that one jump may cover: more would cost more passes over the grid than it saves
+
+
+def sample_rays(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Rays as the paper draws them: origin uniform in [0, 1]^n, direction by uniform spherical angles.
+
+    Args:
+        grid: The object; 0 and 1 are the centres of its first and last cells.
+        count: Number of rays N.
+        rng: Source of randomness.
+
+    Returns:
+        ``(N, 2n)`` float32, object space: origin, direction of length 1 up to rounding.
+    """
+    return np.concatenate([sample_points(grid, count, rng), sample_directions(grid.ndim, count, rng)], axis=1)
+
+
+def ray_truth(grid: IndicatorGrid, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None) -> np.ndarray:
+    """The truth for rays in integers, against every cell: slow, and plainly right.
+
+    Args:
+        grid: The object.
+        q: ``(N, 2n)`` float32, object space.
+        length: Of the segments, object units.
+        cells: ``(M, n)`` cells to look at; all occupied cells if ``None``.
+
+    Returns:
+        ``(N,)`` bool.
+    """
+    n = grid.ndim
+    cells = (grid.occupied if cells is None else cells).astype(object)
+    truth = valid("ray", q)
+    for index in np.flatnonzero(truth):
+        d = [Fraction(float(v)) for v in q[index, n:]]
+        origin, origin_unit = integers([*rational_map(grid, q[index, :n]), Fraction(1, 2)])
+        half = origin.pop()
+        velocity, velocity_unit = integers([v * Fraction(float(s)) for v, s in zip(d, grid.cells_per_unit, strict=True)])
+        common = 1  # the parameters are numerators over this one
+        for v in velocity:
+            common *= abs(v) or 1
+        start, end, fits = np.zeros(len(cells), dtype=object), None, np.ones(len(cells), dtype=bool)
+        for k, v in enumerate(velocity):
+            near, far = ((2 * cells[:, k] + side) * half - origin[k] for side in (-1, 1))
+            if v == 0:
+                fits &= ((near <= 0) & (far >= 0)).astype(bool)
+                continue
+            share = common // v
+            a, b = (near * share, far * share) if v > 0 else (far * share, near * share)
+            start, end = np.maximum(start, a), b if end is None else np.minimum(end, b)
+        # u = start / common * velocity_unit / origin_unit, and u |d| <= length
+        limit = Fraction(length) ** 2 / sum(v * v for v in d) * Fraction(origin_unit, velocity_unit) ** 2 * common**2
+        inside = (start <= end) & (start * start * limit.denominator <= limit.numerator)
+        truth[index] = (fits & inside.astype(bool)).any()
+    return truth
+
+
+def empty_distance(occupancy: np.ndarray) -> np.ndarray:
+    """How far, in cells along the farthest axis, the nearest occupied cell is.
+
+    Args:
+        occupancy: Bool grid with an occupied cell.
+
+    Returns:
+        uint8 of the same shape: 0 in occupied cells, at most ``FARTHEST``.
+    """
+    distance = np.zeros(occupancy.shape, dtype=np.uint8)
+    covered = occupancy
+    for _ in range(FARTHEST):
+        if covered.all():
+            break
+        distance += ~covered
+        for axis in range(covered.ndim):
+            wider = np.swapaxes(covered.copy(), 0, axis)
+            before = np.swapaxes(covered, 0, axis)
+            wider[1:] |= before[:-1]
+            wider[:-1] |= before[1:]
+            covered = np.swapaxes(wider, 0, axis)
+    return distance
+
+
+_BODY = """
+double v[N], inverse[N], ratio[N];
+Coordinate o[N];
+int size[N], stride[N], first[N], last[N], cell[N];
+double square = 0.0, fastest = 0.0, largest = 0.0;
+int steepest = 0;
+for (int k = N - 1, step = 1; k >= 0; --k) {
+    o[k] = Coordinate(q[k], map.data[k], map.data[N + k]);
+    v[k] = (double)q[N + k] * map.data[k];
+    square += (double)q[N + k] * (double)q[N + k];
+    size[k] = (int)map.data[2 * N + k];
+    stride[k] = step;
+    step *= size[k];
+    if (fabs(v[k]) > fastest) fastest = fabs(v[k]), steepest = k;
+    if (fabs(o[k].t) + size[k] > largest) largest = fabs(o[k].t) + size[k];
+}
+if (!(fastest > 0.0)) break;
+{   // the steepest axis comes first
+    const Coordinate c = o[0]; o[0] = o[steepest]; o[steepest] = c;
+    const double w = v[0]; v[0] = v[steepest]; v[steepest] = w;
+    int s = size[0]; size[0] = size[steepest]; size[steepest] = s;
+    s = stride[0]; stride[0] = stride[steepest]; stride[steepest] = s;
+}
+// the parameter w is the distance along the steepest axis, in cells
+const double w_length = length * fastest / sqrt(square);
+double w_first = 0.0, w_last = w_length + w_length * rho;
+bool outside = false;
+for (int k = 0; k < N; ++k) {
+    if (v[k] == 0.0) {
+        outside |= !(o[k].hi >= 0.0 && o[k].lo < size[k]);
+        first[k] = o[k].lo > 0.0 && o[k].lo < size[k] ? (int)o[k].lo : 0;
+        last[k] = o[k].hi >= 0.0 && o[k].hi < size[k] ? (int)o[k].hi : size[k] - 1;
+        inverse[k] = ratio[k] = 0.0;
+        continue;
+    }
+    inverse[k] = fastest / v[k];
+    ratio[k] = v[k] / fastest;
+    const double u0 = o[k].to(-0.5) * inverse[k], u1 = o[k].to(size[k] - 0.5) * inverse[k];
+    const double a = v[k] > 0.0 ? u0 : u1, b = v[k] > 0.0 ? u1 : u0;
+    w_first = fmax(w_first, a - fabs(a) * rho);
+    w_last = fmin(w_last, b + fabs(b) * rho);
+}
+if (outside || !(w_first <= w_last)) break;
+if (!(largest < 0x1p36)) { answer = 2; break; }
+// positions y = t + w ratio of w in [w_first, w_last] are wrong by under 20 roundings of 2 * largest
+const double slack = 0x1p-44 * (largest + 1.0);
+const int sign = v[0] > 0.0 ? 1 : -1;
+const double y_first = o[0].t + sign * w_first, y_last = o[0].t + sign * w_last;
+const double i_first = sign > 0 ? ceil(y_first - slack - 0.5) : floor(y_first + slack + 0.5);
+const double i_last = sign > 0 ? floor(y_last + slack + 0.5) : ceil(y_last - slack - 0.5);
+const int begin_slab = i_first < 0.0 ? 0 : i_first > size[0] - 1 ? size[0] - 1 : (int)i_first;
+const int end_slab = i_last < 0.0 ? 0 : i_last > size[0] - 1 ? size[0] - 1 : (int)i_last;
+const double certain_length = w_length - w_length * rho;
+for (int left = (end_slab - begin_slab) * sign, slab = begin_slab; left >= 0 && answer != 1; ) {
+    const double w_middle = ((double)slab - o[0].t) * sign;
+    int index = slab * stride[0];
+    for (int k = 1; k < N; ++k) {
+        const double y = floor(o[k].t + w_middle * ratio[k] + 0.5);
+        index += (y < 0.0 ? 0 : y > size[k] - 1 ? size[k] - 1 : (int)y) * stride[k];
+    }
+    // y moves by <= j + 1/2 cells until slab j ahead is left, so cells farther than j + 1 are not touched
+    const int jump = distance.data[index] - 1;
+    if (jump > 0) { left -= jump; slab += sign * jump; continue; }
+    const double w0 = fmax(w_first, w_middle - 0.5), w1 = fmin(w_last, w_middle + 0.5);
+    bool none = false;
+    for (int k = 1; k < N; ++k) {
+        if (v[k] != 0.0) {
+            const double y0 = o[k].t + w0 * ratio[k], y1 = o[k].t + w1 * ratio[k];
+            const double lo = ceil(fmin(y0, y1) - slack - 0.5), hi = floor(fmax(y0, y1) + slack + 0.5);
+            none |= !(hi >= 0.0 && lo < size[k]);
+            first[k] = lo > 0.0 && lo < size[k] ? (int)lo : 0;
+            last[k] = hi >= 0.0 && hi < size[k] ? (int)hi : size[k] - 1;
+        }
+        cell[k] = first[k];
+    }
+    cell[0] = slab;
+    while (!none) {
+        int at = 0;
+        for (int k = 0; k < N; ++k) at += cell[k] * stride[k];
+        if (distance.data[at] == 0) {
+            double a_sure = 0.0, b_sure = certain_length, a_most = 0.0, b_most = w_length + w_length * rho;
+            for (int k = 0; k < N; ++k) {
+                if (v[k] == 0.0) continue;
+                const double u0 = o[k].to(cell[k] - 0.5) * inverse[k], u1 = o[k].to(cell[k] + 0.5) * inverse[k];
+                const double a = v[k] > 0.0 ? u0 : u1, b = v[k] > 0.0 ? u1 : u0;
+                a_sure = fmax(a_sure, a + fabs(a) * rho), a_most = fmax(a_most, a - fabs(a) * rho);
+                b_sure = fmin(b_sure, b - fabs(b) * rho), b_most = fmin(b_most, b + fabs(b) * rho);
+            }
+            if (a_sure <= b_sure) { answer = 1; break; }
+            if (a_most <= b_most) answer = 2;
+        }
+        int k = 1;
+        for (; k < N; ++k) {
+            if (++cell[k] <= last[k]) break;
+            cell[k] = first[k];
+        }
+        none = k >= N;
+    }
+    left -= 1; slab += sign;
+}
+"""
+
+
+@cache
+def _kernel(ndim: int) -> wp.Kernel:
+    name = named(f"wb_ray_oracle_{ndim}d")
+
+    @name.func_native(loop_snippet(ndim, _BODY))
+    def meets(
+        x: wp.array(dtype=wp.float32),
+        count: int,
+        block: int,
+        map: wp.array(dtype=wp.float64),
+        distance: wp.array(dtype=wp.uint8),
+        length: wp.float64,
+        out: wp.array(dtype=wp.uint8),
+    ): ...
+
+    @name.kernel
+    def ray_oracle(
+        # inputs
+        x: wp.array(dtype=wp.float32),
+        count: int,
+        first: int,
+        map: wp.array(dtype=wp.float64),
+        distance: wp.array(dtype=wp.uint8),
+        length: wp.float64,
+        # outputs
+        out: wp.array(dtype=wp.uint8),
+    ):
+        meets(x, count, first + wp.tid(), map, distance, length, out)
+
+    return ray_oracle
+
+
+class RayOracle(RegionOracle):
+    """The exact truth for many rays, as a Warp kernel; ``ray_truth`` is its plain twin.
+
+    Args:
+        grid: The object.
+        device: Warp device; the default device if ``None``.
+        length: Of the segments, object units, finite and not negative.
+
+    Raises:
+        QueryError: For another length.
+    """
+
+    kind = "ray"
+
+    def __init__(self, grid: IndicatorGrid, device: str | None = None, length: float = 1.0):
+        super().__init__(grid, device)
+        if not 0 <= length < np.inf:
+            raise QueryError(f"length must be finite and non-negative, got {length}")
+        self.length = float(length)
+        self._distance = self._array(empty_distance(grid.occupancy), wp.uint8)
+
+    def _kernel_answers(self, q: np.ndarray) -> np.ndarray:
+        return self._launch(_kernel(self.ndim), q, [self._distance, wp.float64(self.length)])
+
+    def _decide(self, q: np.ndarray) -> bool:
+        return bool(ray_truth(self.grid, q[None], self.length, self._near(q))[0])
+
+    def _near(self, q: np.ndarray) -> np.ndarray:
+        """The occupied cells that the whole line meets or nearly meets: the kernel's widened test, without its walk."""
+        cells, n = self.grid.occupied, self.ndim
+        t, rest = cell_coordinates(self.grid, q[:n])
+        velocity = q[n:].astype(np.float64) * self.grid.cells_per_unit
+        start, end = np.zeros(len(cells)), np.full(len(cells), np.inf)
+        for k in range(n):
+            near, far = ((cells[:, k] + side) - t[k] - rest[k] for side in (-0.5, 0.5))
+            if velocity[k] == 0:
+                start = np.where((near <= 0) & (far >= 0), start, np.inf)
+                end = np.where(np.isinf(start), -1.0, end)
+                continue
+            a, b = (near, far) if velocity[k] > 0 else (far, near)
+            a, b = a / velocity[k], b / velocity[k]
+            start = np.maximum(start, a - np.abs(a) * RELATIVE_ERROR)
+            end = np.minimum(end, b + np.abs(b) * RELATIVE_ERROR)
+        return cells[start <= end]
