@@ -9,6 +9,7 @@ from itertools import combinations, product
 import numpy as np
 
 from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.inverse import MOST_VERTEX_DIMENSIONS
 from warp_bounding.bounders.slabs import SlabBounder
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -20,6 +21,11 @@ class Kdop(SlabBounder):
     """k-DOP with fixed normals in object space."""
 
     method = "kdop"
+
+    @classmethod
+    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
+        """See ``Bounder``; planes are tested against the vertices, whose number grows quickly."""
+        return super().supports(query, ndim, space) and (query != "plane" or ndim <= MOST_VERTEX_DIMENSIONS)
 
     @classmethod
     def fit(cls, grid: IndicatorGrid, domain: Domain, *, k: int | None = None, device: str | None = None) -> "Kdop":
@@ -34,7 +40,7 @@ class Kdop(SlabBounder):
         Raises:
             BounderError: If ``k`` is not offered in this dimension.
         """
-        return cls.of_directions(grid, domain, kdop_directions(domain.ndim, k), device)
+        return cls.of_directions(grid, domain, kdop_directions(grid.ndim, k), device)
 
 
 def kdop_directions(ndim: int, k: int | None = None) -> np.ndarray:

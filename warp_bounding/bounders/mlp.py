@@ -1,21 +1,27 @@
 """``mlp``: a multi-layer perceptron (the paper's OurNN): sine or ReLU hidden layers, any widths, optional encoding.
 
-The network's output before the paper's sigmoid is ``f``; the threshold on it is set by a proof, not at a probability of
-one half. On a CPU the batch path puts a query in each SIMD lane, the function for other kernels puts a neuron there.
+Points, rays and boxes: the network's output before the paper's sigmoid is ``f``; the threshold on it is set by a proof
+or a search, not at a probability of one half. A ray's network may be given its moments too (Pluecker coordinates).
+
+Planes ``m . y = c``: a connected object meets all planes of normal m whose c lies between two supports of its hull, so
+the network has two outputs of m alone, ``H`` and ``G``, and ``f = min(H(m) - c, G(m) + c)``: a learned support function.
+
+On a CPU the batch path puts a query in each SIMD lane, the function for other kernels puts a neuron there.
 """
 
 from dataclasses import dataclass
+from itertools import combinations
 from typing import ClassVar
 
 import numpy as np
 
+from warp_bounding.arithmetic import TINY, gamma
 from warp_bounding.bounders.base import Bounder, BoxBounds
-from warp_bounding.bounders.domain import Domain
 from warp_bounding.bounders.network import ACTIVATIONS, Network
 from warp_bounding.bounders.source import Lanes, Source
 from warp_bounding.errors import BounderError
 
-__all__ = ["Mlp", "MlpSource", "check_hidden", "check_octaves", "encoding_tensors"]
+__all__ = ["Mlp", "MlpSource", "check_hidden", "check_octaves", "encoding_tensors", "moment_pairs"]
 
 LARGEST_WIDTH = 1024
 MOST_LAYERS = 8  # hidden
@@ -34,7 +40,8 @@ class MlpSource(Source):
 
     hidden: tuple[int, ...]
     activation: str
-    features: int  # sine features of the positional encoding
+    features: int = 0  # sine features of the positional encoding
+    moments: bool = False  # a ray's moments follow its coordinates
 
     packed = True
     width: ClassVar[dict[str, int]] = {
@@ -43,9 +50,19 @@ class MlpSource(Source):
     }  # two registers a block: each weight that is loaded serves both
 
     @property
+    def raw(self) -> int:
+        """Coordinates that enter the first layer: all, or a plane's normal."""
+        return self.ndim if self.supports else self.coordinates
+
+    @property
+    def supports(self) -> bool:
+        """Whether there are two outputs, a plane's supports."""
+        return self.query == "plane"
+
+    @property
     def inputs(self) -> int:
         """Numbers that enter the first layer."""
-        return self.ndim + self.features
+        return self.raw + self.features + len(moment_pairs(self.ndim)) * self.moments
 
     @property
     def layers(self) -> list[tuple[int, int]]:
@@ -63,8 +80,8 @@ class MlpSource(Source):
         )
 
     def _encode(self, lanes: Lanes) -> list[str]:
-        n, count = self.ndim, self.features
-        lines = [f"V h0[{self.inputs}]; for (int k = 0; k < {n}; ++k) h0[k] = v[k];"]
+        n, count = self.raw, self.features
+        lines = [f"V h0[{self.inputs}]; for (int k = 0; k < {n}; ++k) h0[k] = v[k];", *self._moments()]
         if count:
             terms = " + ".join(f"v[{k}] * w[{count} + j * {n} + {k}]" for k in range(n))
             lines += [
@@ -77,13 +94,13 @@ class MlpSource(Source):
     def body(self, lanes: Lanes) -> str:
         """See ``Source.body``; one query per lane."""
         lines = self._encode(lanes)
-        at = self.features * (self.ndim + 1)
+        at = self.features * (self.raw + 1)
         for index, (k, h) in enumerate(self.layers):
             last = index == len(self.layers) - 1
             lines.append(
-                "V zero_ = {}; f = zero_;"
+                "V zero_ = {}; f = zero_; V other = zero_; (void)other;"
                 if last and lanes.vector
-                else "f = 0.0f;"
+                else "f = 0.0f; V other = 0.0f; (void)other;"
                 if last
                 else f"V h{index + 1}[{h}];"
             )
@@ -98,7 +115,23 @@ class MlpSource(Source):
                     )
             at = output
         lines.append(f"f = f + w[{at}];")
+        if self.supports:
+            lines.append(f"f = f - v[{self.ndim}]; other = other + w[{self._second(at)}] + v[{self.ndim}]; f = other < f ? other : f;")
         return "\n".join(lines)
+
+    def _moments(self) -> list[str]:
+        """``a_i w_j - a_j w_i`` behind the coordinates."""
+        if not self.moments:
+            return []
+        n, first = self.ndim, self.raw
+        return [
+            f"h0[{first + index}] = v[{i}] * v[{n + j}] - v[{j}] * v[{n + i}];"
+            for index, (i, j) in enumerate(moment_pairs(n))
+        ]
+
+    def _second(self, at: int) -> int:
+        """Where the second output stands, given where the first does."""
+        return at + 1 + padded(self.hidden[-1])
 
     def _block(
         self, lanes: Lanes, index: int, k: int, first: int, size: int, blocks: int, at: int, output: int | None
@@ -117,6 +150,8 @@ class MlpSource(Source):
             lines.append(
                 f"h{index + 1}[{neuron}] = s{r};" if output is None else f"f += s{r} * w[{output + 1} + {neuron}];"
             )
+            if output is not None and self.supports:
+                lines.append(f"other += s{r} * w[{self._second(output) + 1} + {neuron}];")
         return [*lines, "}"]
 
     def function_body(self) -> str:
@@ -126,8 +161,9 @@ class MlpSource(Source):
             f"constexpr int L = {ALIGN}; typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));"
         ]
         lines += ["typedef int I __attribute__((vector_size(4 * L)));"]
-        n, count = self.ndim, self.features
+        n, count = self.raw, self.features
         lines.append(f"float h0[{self.inputs}]; for (int k = 0; k < {n}; ++k) h0[k] = v[k];")
+        lines += self._moments()
         if count:
             terms = " + ".join(f"v[{k}] * w[{count} + j * {n} + {k}]" for k in range(n))
             lines += [f"for (int j = 0; j < {count}; ++j) {{ typedef float V; V z = {terms} + w[j]; V s;"]
@@ -153,14 +189,22 @@ class MlpSource(Source):
             f"h{len(self.hidden)}",
             padded(self.hidden[-1]),
         )  # neurons behind the last are 0, and so are their weights
-        lines.append(f"V sum = *(const V*){last} * *(const V*)(w + {at + 1});")
-        lines.append(
-            f"for (int q = 1; q < {row} / L; ++q) sum += *(const V*)({last} + q * L) * *(const V*)(w + {at + 1} + q * L);"
-        )
-        lines.append(
-            f"float f = ((sum[0] + sum[4]) + (sum[2] + sum[6])) + ((sum[1] + sum[5]) + (sum[3] + sum[7])) + w[{at}];"
-        )
+        for name, start in (("f", at), ("other", self._second(at)))[: 1 + self.supports]:
+            lines.append(f"float {name}; {{ V sum = *(const V*){last} * *(const V*)(w + {start + 1});")
+            lines.append(
+                f"for (int q = 1; q < {row} / L; ++q) sum += *(const V*)({last} + q * L) * *(const V*)(w + {start + 1} + q * L);"
+            )
+            lines.append(
+                f"{name} = ((sum[0] + sum[4]) + (sum[2] + sum[6])) + ((sum[1] + sum[5]) + (sum[3] + sum[7])) + w[{start}]; }}"
+            )
+        if self.supports:
+            lines.append(f"f = f - v[{n}]; other = other + v[{n}]; f = other < f ? other : f;")
         return "\n".join(lines)
+
+
+def moment_pairs(ndim: int) -> list[tuple[int, int]]:
+    """``(i, j)`` of a ray's moments ``a_i w_j - a_j w_i`` (Pluecker coordinates): n (n - 1) / 2 of them."""
+    return list(combinations(range(ndim), 2))
 
 
 def block_size(neurons: int) -> int:
@@ -233,50 +277,88 @@ def check_octaves(octaves) -> int:
 class Mlp(Bounder):
     """A network; *maybe* where its output reaches the threshold.
 
-    Tensors: ``layers.i.weight`` ``(H, K)``, ``layers.i.bias`` ``(H,)``, the last layer with H = 1; ``encoding.weight`` and
-    ``encoding.bias`` where there is an encoding. Sizes: ``hidden``, ``activation``, ``octaves``.
+    Tensors: ``layers.i.weight`` ``(H, K)``, ``layers.i.bias`` ``(H,)``, the last layer with H = 1, or 2 for planes;
+    ``encoding.weight`` and ``encoding.bias`` where there is an encoding. Sizes: ``hidden``, ``activation``, ``octaves``,
+    ``moments``.
     """
 
     method = "mlp"
     closed_form = False
 
-    def __init__(self, domain: Domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
+    @classmethod
+    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
+        """See ``Bounder``: everything, from its own coordinates."""
+        return space == "geometric" and (query == "point" or ndim >= 2)
+
+    def __init__(self, domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
         """See ``Bounder``; raises ``BounderError`` where tensors and sizes do not fit together."""
         super().__init__(domain, tensors, sizes, device)
         self.hidden = check_hidden(self.sizes.get("hidden", ()))
         self.activation, octaves = self.sizes.get("activation"), check_octaves(self.sizes.get("octaves", 0))
+        moments = self.sizes.get("moments", False)
         if self.activation not in ACTIVATIONS:
             raise BounderError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {self.activation}")
-        self.features = 2 * domain.ndim * octaves
+        if not isinstance(moments, bool) or (moments and domain.query != "ray"):
+            raise BounderError(f"moments are a ray's, got moments={moments} for {domain.query} queries")
+        if moments and octaves:
+            raise BounderError(f"moments and octaves of a positional encoding exclude each other, got octaves={octaves}")
+        self.moments = moments
+        raw = domain.space_ndim if domain.query == "plane" else domain.ndim
+        self.features = 2 * raw * octaves
+        outputs = 2 if domain.query == "plane" else 1
         expected = {}
-        for i, (k, h) in enumerate(zip((domain.ndim + self.features, *self.hidden), (*self.hidden, 1), strict=True)):
+        for i, (k, h) in enumerate(zip((self.source.inputs, *self.hidden), (*self.hidden, outputs), strict=True)):
             expected |= {f"layers.{i}.weight": (h, k), f"layers.{i}.bias": (h,)}
         if octaves:
-            expected |= {"encoding.weight": (self.features, domain.ndim), "encoding.bias": (self.features,)}
+            expected |= {"encoding.weight": (self.features, raw), "encoding.bias": (self.features,)}
         if {k: t.shape for k, t in self.tensors.items()} != expected:
             raise BounderError(
-                f"mlp: expected tensors {expected}, got { {k: t.shape for k, t in self.tensors.items()} }"
+                f"{self.method}: expected tensors {expected}, got { {k: t.shape for k, t in self.tensors.items()} }"
             )
         encoding = (self.tensors["encoding.weight"], self.tensors["encoding.bias"]) if octaves else None
-        self.network = Network(self._layers(), self.activation, encoding, domain.limit)
+        limit, error = self._input_sizes(raw)
+        self.networks = [Network(self._layers(o), self.activation, encoding, limit, error) for o in range(outputs)]
 
-    def _layers(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        return [
+    def _input_sizes(self, raw: int) -> tuple[np.ndarray, np.ndarray]:
+        """Largest size of the network's inputs, and what computing them rounds: moments are two products and a difference."""
+        limit = self.domain.limit.astype(np.float64)
+        if not self.moments:
+            return limit[:raw], np.zeros(raw)
+        n = self.ndim
+        size = np.array([limit[i] * limit[n + j] + limit[j] * limit[n + i] for i, j in moment_pairs(n)])
+        return np.concatenate([limit, size]), np.concatenate([np.zeros(raw), gamma(3) * size + 6 * TINY])
+
+    def _layers(self, output: int = 0) -> list[tuple[np.ndarray, np.ndarray]]:
+        layers = [
             (self.tensors[f"layers.{i}.weight"], self.tensors[f"layers.{i}.bias"]) for i in range(len(self.hidden) + 1)
         ]
+        weight, bias = layers[-1]
+        return [*layers[:-1], (weight[output : output + 1], bias[output : output + 1])]
+
+    @property
+    def network(self) -> Network:
+        """The network of the first output."""
+        return self.networks[0]
 
     @property
     def source(self) -> MlpSource:
         """See ``Bounder``."""
-        return MlpSource(self.ndim, self.domain.time, self.hidden, self.activation, self.features)
+        return MlpSource(
+            self.ndim,
+            self.domain.time,
+            self.hidden,
+            self.activation,
+            self.features,
+            self.moments,
+            query=self.query_kind,
+        )
 
     def weights(self) -> np.ndarray:
         """See ``Bounder``; the layout is described in ``MlpSource``."""
         parts = []
         if self.features:
             parts += [self.tensors["encoding.bias"], self.tensors["encoding.weight"].reshape(-1)]
-        layers = self._layers()
-        for weight, bias in layers[:-1]:
+        for weight, bias in self._layers()[:-1]:
             h, k = weight.shape
             j = block_size(h)
             for first in [*range(0, h // j * j, j), *([h // j * j] if h % j else [])]:
@@ -287,17 +369,39 @@ class Mlp(Bounder):
             rows[0, :h], rows[1:, :h] = bias, weight.T
             parts.append(rows.reshape(-1))
         rest = np.zeros(padded(self.hidden[-1]) - self.hidden[-1], np.float32)
-        return np.concatenate([*parts, layers[-1][1], layers[-1][0].reshape(-1), rest])
+        for output in range(len(self.networks)):
+            weight, bias = self._layers(output)[-1]
+            parts += [bias, weight.reshape(-1), rest]
+        return np.concatenate(parts)
+
+    def inputs(self, v: np.ndarray) -> np.ndarray:
+        """The network's inputs ``(N, K)`` for coordinates ``(N, domain.ndim)``, float64, before the positional encoding."""
+        v = np.asarray(v, dtype=np.float64)
+        if self.query_kind == "plane":
+            return v[:, : self.ndim]
+        if not self.moments:
+            return v
+        n = self.ndim
+        return np.column_stack([v, *(v[:, i] * v[:, n + j] - v[:, j] * v[:, n + i] for i, j in moment_pairs(n))])
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         """See ``Bounder``."""
-        return self.network(v)
+        v = np.asarray(v, dtype=np.float64)
+        values = [network(self.inputs(v)) for network in self.networks]
+        if self.query_kind != "plane":
+            return values[0]
+        return np.minimum(values[0] - v[:, -1], values[1] + v[:, -1])
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """See ``Bounder``; linear relaxations (``network``)."""
-        least, axes, point, value = self.network.bound(lower, upper)
+        if self.moments or self.query_kind == "plane":
+            raise BounderError(f"{self.method}: boxes of {self.query_kind} coordinates are not bounded one by one")
+        least, axes, point, value, _ = self.network.bound(lower, upper)
         return BoxBounds(least, axes[0], point, value, axes[1])
 
     def rounding_bound(self) -> float:
         """See ``Bounder``."""
-        return self.network.rounding
+        if self.query_kind != "plane":
+            return self.network.rounding
+        offset = float(self.domain.limit[-1])
+        return max(n.rounding + gamma(2) * (n.largest + n.rounding + offset) for n in self.networks) + 2 * TINY

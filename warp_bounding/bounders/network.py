@@ -42,13 +42,19 @@ class Network:
         activation: ``"sin"`` or ``"relu"``, of the hidden layers.
         encoding: ``(weight (F, n), bias (F,))`` of the positional encoding, or ``None``.
         limit: ``(n,)``, largest ``|v|`` that is ever asked for.
+        error: ``(n,)``, what computing an input rounds; 0 if ``None``.
+
+    Attributes:
+        rounding: E, error of any float32 evaluation.
+        largest: Bound of ``|f|``.
 
     Raises:
         BounderError: If an argument of a sine can leave the range in which the kernels' sine is certified.
     """
 
-    def __init__(self, layers, activation: str, encoding, limit: np.ndarray):
+    def __init__(self, layers, activation: str, encoding, limit: np.ndarray, error: np.ndarray | None = None):
         self.limit = np.asarray(limit, dtype=np.float64)
+        self._input_error = np.zeros_like(self.limit) if error is None else np.asarray(error, dtype=np.float64)
         stack = []
         if encoding is not None:
             n = len(self.limit)
@@ -78,7 +84,7 @@ class Network:
         """Walk through the layers once: magnitudes, float32 rounding (E) and float64 rounding of the bounds."""
         size, error = (
             self.limit.copy(),
-            np.zeros_like(self.limit),
+            self._input_error.copy(),
         )  # of h: largest absolute value; error of the computed h
         self.padding = []  # per layer: float64 rounding of anything that `bound` computes there
         operations, chain = 16, self.limit.copy()  # chain: sums of absolute terms, activations of slope 1 in between
@@ -99,7 +105,7 @@ class Network:
             chain = weight @ chain + largest + 1.0
             self.padding.append(gamma(operations, UNIT64) * (float(chain.max()) + 4.0))
             if layer.activation == "none":
-                self.rounding = float(rounding[0]) * (1 + 1e-6)
+                self.rounding, self.largest = float(rounding[0]) * (1 + 1e-6), float(largest[0]) * (1 + 1e-6)
                 break
             argument = float((largest + rounding)[layer.linear :].max(initial=0.0))
             if layer.activation == "sin":
@@ -115,7 +121,7 @@ class Network:
             error[: layer.linear] = 0.0  # copied, not computed
             size[: layer.linear] = self.limit[: layer.linear]
 
-    def bound(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, ...]:
         """Lower bounds of f over boxes, by the fused kernel (``bound_plain`` is its twin).
 
         Args:
@@ -124,7 +130,8 @@ class Network:
 
         Returns:
             ``(N,)`` certified lower bounds (float64 rounding subtracted), ``(2, N)`` axes whose halving should help most, now
-            and after that, ``(N, n)`` the corner where the linear part is least, ``(N,)`` f there.
+            and after that, ``(N, n)`` the corner where the linear part is least, ``(N,)`` f there, and ``(N, n)`` the slopes of
+            that linear part: ``f >= least + sum_k |slope_k| radius_k + slope . (v - center)`` on the box.
         """
         return bound_boxes(self._sizes, self._packed, np.array(self.padding), lower, upper)
 

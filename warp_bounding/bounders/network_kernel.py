@@ -28,6 +28,7 @@ def _kernel(sizes: NetworkSizes) -> wp.Kernel:
         value_out: wp.array(dtype=wp.float64),
         axis: wp.array(dtype=wp.int32),
         point: wp.array(dtype=wp.float64),
+        gradient_out: wp.array(dtype=wp.float64),
     ): ...
 
     @name.kernel
@@ -44,8 +45,11 @@ def _kernel(sizes: NetworkSizes) -> wp.Kernel:
         value_out: wp.array(dtype=wp.float64),
         axis: wp.array(dtype=wp.int32),
         point: wp.array(dtype=wp.float64),
+        gradient_out: wp.array(dtype=wp.float64),
     ):
-        bound_block(lower, upper, count, first + wp.tid(), weights, paddings, least_out, value_out, axis, point)
+        bound_block(
+            lower, upper, count, first + wp.tid(), weights, paddings, least_out, value_out, axis, point, gradient_out
+        )
 
     return boxes
 
@@ -65,7 +69,8 @@ def bound_boxes(
         device: Warp device.
 
     Returns:
-        Lower bounds ``(N,)``, axes ``(2, N)`` int32 (to halve, and to halve next), points ``(N, n)`` and f there ``(N,)``.
+        Lower bounds ``(N,)``, axes ``(2, N)`` int32 (to halve, and to halve next), points ``(N, n)``, f there ``(N,)``, and the
+        slopes ``(N, n)`` of the linear function that the bound is the least value of.
     """
     count, n = lower.shape
     device = wp.get_device(device)
@@ -83,9 +88,10 @@ def bound_boxes(
     outputs += [
         wp.empty(2 * count, dtype=wp.int32, device=device),
         wp.empty(count * n, dtype=wp.float64, device=device),
+        wp.empty(count * n, dtype=wp.float64, device=device),
     ]
     if count:
         inputs = [give(held[0]), give(held[1]), count, 0, give(weights), give(padding)]
         launch_blocks(_kernel(sizes), count, inputs, outputs, device, first_index=3, block=BLOCK)
-    least, value, axis, point = (o.numpy() for o in outputs)
-    return least, axis.reshape(2, count), point.reshape(count, n), value
+    least, value, axis, point, gradient = (o.numpy() for o in outputs)
+    return least, axis.reshape(2, count), point.reshape(count, n), value, gradient.reshape(count, n)

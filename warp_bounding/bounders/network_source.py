@@ -226,7 +226,8 @@ def snippet(sizes: NetworkSizes) -> str:
     )
     store = (
         "{{ int best = 0; double most = score[0]{at}; (void)most;\n" + pick + "\n"
-        "least_out.data[{o}] = least{at}; value_out.data[{o}] = value{at}; axis.data[{o}] = best; "
+        + " ".join(f"gradient_out.data[{{o}} * {n} + {k}] = gradient[{k}]{{at}};" for k in range(n))
+        + "least_out.data[{o}] = least{at}; value_out.data[{o}] = value{at}; axis.data[{o}] = best; "
         + again
         + " axis.data[count + {o}] = second;\n"
         + write

@@ -2,16 +2,20 @@
 
 ``f(v)`` is the least distance to a slab's faces, ``min_k min(a_k . v - low_k, high_k - a_k . v)``; it is concave, so its
 minimum over a box is exact in closed form. The faces are the supports of the object's cells (Ericson, *Real-Time
-Collision Detection*, ch. 4), widened so that rounding cannot cut anything off.
+Collision Detection*, ch. 4), widened so that rounding cannot cut anything off. Rays, planes and boxes are tested against the
+same slabs (``slab_regions``).
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from warp_bounding.arithmetic import TINY, UNIT64, gamma, round_down, round_up
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.regions import RegionDomain
+from warp_bounding.bounders.slab_regions import SlabBox, SlabPlane, SlabRay, Slabs, slab_region
 from warp_bounding.bounders.source import Lanes, Source
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -23,14 +27,19 @@ __all__ = ["SlabBounder", "SlabsSource"]
 class SlabsSource(Source):
     """Native code of the slab test; ``diagonal`` slabs are the axes of ``v`` themselves and cost no product.
 
-    Numbers: ``low[k] high[k]``, then the ``k x n`` directions unless diagonal.
+    Numbers: ``low[k] high[k]``, then the ``k x n`` directions unless diagonal; of regions, see ``slab_regions``.
     """
 
     slabs: int
     diagonal: bool
+    corners: int = 0
 
     def body(self, lanes: Lanes) -> str:
         """See ``Source.body``."""
+        if not self.tested_as_point:
+            region = {"ray": SlabRay, "plane": SlabPlane, "box": SlabBox}[self.query]
+            lines = region.body(self.ndim, self.slabs, self.corners, self.diagonal)
+            return "\n".join(["const V none = {};" if lanes.vector else "const V none = 0.0f;", *lines])
         n, k = self.coordinates, self.slabs
         lines = ["const V nearer = {};" if lanes.vector else "const V nearer = 0.0f;", "f = nearer + 3.0e38f;"]
         for i in range(k):
@@ -43,23 +52,29 @@ class SlabsSource(Source):
 class SlabBounder(Bounder):
     """Base of the slab methods: they differ in their directions only.
 
-    Tensors: ``directions`` ``(k, n)`` in the coordinates ``v`` (absent for ``aabb``), ``low`` and ``high`` ``(k,)``.
+    Tensors: ``directions`` ``(k, n)`` in the coordinates of points (absent for ``aabb``), ``low`` and ``high`` ``(k,)``.
     """
 
     diagonal = False
 
     @classmethod
+    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
+        """See ``Bounder``."""
+        return query == "point" or (space == "geometric" and query in ("ray", "plane", "box") and ndim >= 2)
+
+    @classmethod
     def of_directions(
-        cls, grid: IndicatorGrid, domain: Domain, directions: np.ndarray, device: str | None
+        cls, grid: IndicatorGrid, domain: Domain | RegionDomain, directions: np.ndarray, device: str | None
     ) -> "SlabBounder":
         """Fit the faces to a grid's cells.
 
         Args:
             grid: The object.
-            domain: Its domain.
+            domain: Its domain; that of a region tested against the slabs has their numbers too.
             directions: ``(k, n)``, slab normals in object space.
             device: Warp device.
         """
+        whole, domain = domain, domain.base
         if cls.diagonal:
             local = np.eye(domain.ndim)
             tensors = {}
@@ -77,50 +92,93 @@ class SlabBounder(Bounder):
         # Widened by twice the rounding bound, so that the proof finds a threshold of about zero.
         room = 2 * _rounding(local, np.maximum(np.abs(low), np.abs(high)), domain, cls.diagonal)
         tensors |= {"low": round_down(low - room), "high": round_up(high + room)}
-        return cls(domain, tensors, {}, device)
+        return cls(whole, tensors, {}, device)
 
-    def __init__(self, domain: Domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
+    def __init__(
+        self, domain: Domain | RegionDomain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None
+    ):
         """See ``Bounder``; raises ``BounderError`` where the tensors do not fit together."""
         super().__init__(domain, tensors, sizes, device)
+        n = self.dimensions
         names = {"low", "high"} if self.diagonal else {"directions", "low", "high"}
-        count = domain.ndim if self.diagonal else len(self.tensors.get("directions", ()))
-        shapes = {"low": (count,), "high": (count,), "directions": (count, domain.ndim)}
+        count = n if self.diagonal else len(self.tensors.get("directions", ()))
+        shapes = {"low": (count,), "high": (count,), "directions": (count, n)}
         if set(self.tensors) != names or count == 0 or any(t.shape != shapes[k] for k, t in self.tensors.items()):
             found = {k: t.shape for k, t in self.tensors.items()}
             raise BounderError(
-                f"{self.method}: expected tensors {sorted(names)} of k slabs in {domain.ndim}D, got {found}"
+                f"{self.method}: expected tensors {sorted(names)} of k slabs in {n}D, got {found}"
             )
+        if self._region is not None:
+            self.volume.check_range()
         self.check_range()
 
     @property
+    def dimensions(self) -> int:
+        """Number n of coordinates of the points that the slabs hold."""
+        return self.domain.ndim if self.volume_domain is None else self.volume_domain.ndim
+
+    @property
+    def volume_domain(self) -> Domain | None:
+        """The domain of points, where regions are tested against the slabs."""
+        tested = self.query_kind != "point" and self.domain.space == "geometric"
+        return self.domain.base if tested else None
+
+    @cached_property
+    def volume(self) -> "SlabBounder | None":
+        """See ``Bounder``."""
+        domain = self.volume_domain
+        return None if domain is None else type(self)(domain, self.tensors, self.sizes, self._device)
+
+    @cached_property
+    def _region(self) -> SlabRay | SlabPlane | SlabBox | None:
+        if self.volume_domain is None:
+            return None
+        low, high = self.tensors["low"].astype(np.float64), self.tensors["high"].astype(np.float64)
+        if (low > high).any():
+            raise BounderError(f"{self.method}: a slab's low face is above its high face")
+        return slab_region(Slabs(self.directions, low, high, self.diagonal), self.domain)
+
+    @property
     def directions(self) -> np.ndarray:
-        """``(k, n)`` float64, slab normals in the coordinates ``v``."""
-        return np.eye(self.domain.ndim) if self.diagonal else self.tensors["directions"].astype(np.float64)
+        """``(k, n)`` float64, slab normals in the coordinates of points."""
+        return np.eye(self.dimensions) if self.diagonal else self.tensors["directions"].astype(np.float64)
 
     @property
     def source(self) -> SlabsSource:
         """See ``Bounder``."""
+        count, corners = (self._region.count, self._region.corners) if self._region else (len(self.tensors["low"]), 0)
         return SlabsSource(
             self.ndim,
             self.domain.time,
-            len(self.tensors["low"]),
+            count,
             self.diagonal,
+            corners,
             query=self.query_kind,
             space=self.domain.space,
         )
 
     def weights(self) -> np.ndarray:
         """See ``Bounder``."""
+        if self._region:
+            return self._region.weights
         parts = [self.tensors["low"], self.tensors["high"]]
         return np.concatenate(parts if self.diagonal else [*parts, self.tensors["directions"].reshape(-1)])
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        """See ``Bounder``."""
+        """See ``Bounder``; for regions, f is at least 0 where they meet the slabs' intersection and below where they miss it."""
+        if self._region:
+            return self._region.reference(np.asarray(v, dtype=np.float64))
         y = np.asarray(v, dtype=np.float64) @ self.directions.T
         return np.minimum(y - self.tensors["low"], self.tensors["high"] - y).min(axis=1)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        """See ``Bounder``; exact up to float64 rounding."""
+        """See ``Bounder``; exact up to float64 rounding.
+
+        Raises:
+            BounderError: For regions that are tested against the slabs.
+        """
+        if self._region:
+            raise BounderError(f"{self.method}: {self.query_kind} queries are proven by their volume")
         d = self.directions
         low, high = self.tensors["low"].astype(np.float64), self.tensors["high"].astype(np.float64)
         center, half = (lower + upper) / 2, (upper - lower) / 2
@@ -133,8 +191,30 @@ class SlabBounder(Bounder):
         point = np.where(normal > 0, lower, upper)
         return BoxBounds(slack.min(axis=1) - rounding, np.argmax(half, axis=1), point, self.reference(point))
 
+    def least(self, grid: IndicatorGrid) -> tuple[float, int]:
+        """See ``Bounder``; zero for regions.
+
+        Raises:
+            BounderError: If the slabs do not hold all of the object.
+        """
+        least, count = super().least(grid)
+        if self._region is None:
+            return least, count
+        if least < 0:
+            raise BounderError(f"{self.method}: the slabs do not hold all of the object")
+        return 0.0, count
+
+    @property
+    def nbytes(self) -> int:
+        """See ``Bounder``: what a region's test reads follows from the tensors, but it is this that is read."""
+        if self._region is None:
+            return super().nbytes
+        return 4 * (len(self.domain.header) + 1 + len(self.domain.extra) + len(self._region.weights))
+
     def rounding_bound(self) -> float:
         """See ``Bounder``."""
+        if self._region:
+            return self._region.error
         largest = np.maximum(np.abs(self.tensors["low"]), np.abs(self.tensors["high"])).astype(np.float64)
         return _rounding(self.directions, largest, self.domain, self.diagonal)
 

@@ -4,6 +4,7 @@ Per axis the closed cells that meet the box are a range of integers, found exact
 then counts the occupied cells of the block with 2^n look-ups (Crow 1984). Nothing is ever undecided.
 """
 
+from fractions import Fraction
 from functools import cache
 from math import ceil, floor
 
@@ -49,7 +50,7 @@ def box_truth(grid: IndicatorGrid, q: np.ndarray) -> np.ndarray:
     Returns:
         ``(N,)`` bool.
     """
-    n, half = grid.ndim, 0.5
+    n, half = grid.ndim, Fraction(1, 2)
     truth = valid("box", q)
     for index in np.flatnonzero(truth):
         lower, upper = rational_map(grid, q[index, :n]), rational_map(grid, q[index, n:])

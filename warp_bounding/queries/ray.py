@@ -68,7 +68,9 @@ def ray_truth(grid: IndicatorGrid, q: np.ndarray, length: float = 1.0, cells: np
         d = [Fraction(float(v)) for v in q[index, n:]]
         origin, origin_unit = integers([*rational_map(grid, q[index, :n]), Fraction(1, 2)])
         half = origin.pop()
-        velocity, velocity_unit = integers([v * Fraction(float(s)) for v, s in zip(d, grid.cells_per_unit, strict=True)])
+        velocity, velocity_unit = integers(
+            [v * Fraction(float(s)) for v, s in zip(d, grid.cells_per_unit, strict=True)]
+        )
         common = 1  # the parameters are numerators over this one
         for v in velocity:
             common *= abs(v) or 1
@@ -113,6 +115,8 @@ def empty_distance(occupancy: np.ndarray) -> np.ndarray:
 
 
 _BODY = """
+const auto larger = [](double a, double b) { return a > b ? a : b; };
+const auto smaller = [](double a, double b) { return a < b ? a : b; };
 double v[N], inverse[N], ratio[N];
 Coordinate o[N];
 int size[N], stride[N], first[N], last[N], cell[N];
@@ -151,8 +155,8 @@ for (int k = 0; k < N; ++k) {
     ratio[k] = v[k] / fastest;
     const double u0 = o[k].to(-0.5) * inverse[k], u1 = o[k].to(size[k] - 0.5) * inverse[k];
     const double a = v[k] > 0.0 ? u0 : u1, b = v[k] > 0.0 ? u1 : u0;
-    w_first = fmax(w_first, a - fabs(a) * rho);
-    w_last = fmin(w_last, b + fabs(b) * rho);
+    w_first = larger(w_first, a - fabs(a) * rho);
+    w_last = smaller(w_last, b + fabs(b) * rho);
 }
 if (outside || !(w_first <= w_last)) break;
 if (!(largest < 0x1p36)) { answer = 2; break; }
@@ -175,12 +179,12 @@ for (int left = (end_slab - begin_slab) * sign, slab = begin_slab; left >= 0 && 
     // y moves by <= j + 1/2 cells until slab j ahead is left, so cells farther than j + 1 are not touched
     const int jump = distance.data[index] - 1;
     if (jump > 0) { left -= jump; slab += sign * jump; continue; }
-    const double w0 = fmax(w_first, w_middle - 0.5), w1 = fmin(w_last, w_middle + 0.5);
+    const double w0 = larger(w_first, w_middle - 0.5), w1 = smaller(w_last, w_middle + 0.5);
     bool none = false;
     for (int k = 1; k < N; ++k) {
         if (v[k] != 0.0) {
             const double y0 = o[k].t + w0 * ratio[k], y1 = o[k].t + w1 * ratio[k];
-            const double lo = ceil(fmin(y0, y1) - slack - 0.5), hi = floor(fmax(y0, y1) + slack + 0.5);
+            const double lo = ceil(smaller(y0, y1) - slack - 0.5), hi = floor(larger(y0, y1) + slack + 0.5);
             none |= !(hi >= 0.0 && lo < size[k]);
             first[k] = lo > 0.0 && lo < size[k] ? (int)lo : 0;
             last[k] = hi >= 0.0 && hi < size[k] ? (int)hi : size[k] - 1;
@@ -197,8 +201,8 @@ for (int left = (end_slab - begin_slab) * sign, slab = begin_slab; left >= 0 && 
                 if (v[k] == 0.0) continue;
                 const double u0 = o[k].to(cell[k] - 0.5) * inverse[k], u1 = o[k].to(cell[k] + 0.5) * inverse[k];
                 const double a = v[k] > 0.0 ? u0 : u1, b = v[k] > 0.0 ? u1 : u0;
-                a_sure = fmax(a_sure, a + fabs(a) * rho), a_most = fmax(a_most, a - fabs(a) * rho);
-                b_sure = fmin(b_sure, b - fabs(b) * rho), b_most = fmin(b_most, b + fabs(b) * rho);
+                a_sure = larger(a_sure, a + fabs(a) * rho), a_most = larger(a_most, a - fabs(a) * rho);
+                b_sure = smaller(b_sure, b - fabs(b) * rho), b_most = smaller(b_most, b + fabs(b) * rho);
             }
             if (a_sure <= b_sure) { answer = 1; break; }
             if (a_most <= b_most) answer = 2;

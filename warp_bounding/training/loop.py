@@ -14,12 +14,11 @@ from dataclasses import dataclass
 
 import torch
 
-from warp_bounding.bounders.domain import Domain
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.launch import cpu_threads
 from warp_bounding.training.clock import Clock
 from warp_bounding.training.network import Evaluator, TrainableNetwork
-from warp_bounding.training.samples import Samples
+from warp_bounding.training.samples import Samples, samples_of
 from warp_bounding.training.soap import Soap
 from warp_bounding.training.team import Team
 
@@ -61,6 +60,9 @@ class Recipe:
     chunk: int = 1024  # columns that a thread evaluates at a time
 
 
+RECIPES = {"point": Recipe(), "ray": Recipe(), "box": Recipe()}
+
+
 def schedule(end: float, used: float, start: float, stop: float, begin: float = 1.0) -> float:
     """Geometric from ``begin`` to ``end`` while ``used`` goes from ``start`` to ``stop``."""
     return begin * (end / begin) ** min(1.0, max(0.0, (used - start) / (stop - start)))
@@ -70,13 +72,12 @@ class Trainer:
     """A network in training.
 
     Args:
-        grid: The object.
-        domain: Its domain.
+        samples: Of the kind of query; their generator is the source of everything random.
         hidden: Hidden widths.
         activation: ``"sin"`` or ``"relu"``.
         octaves: Of the positional encoding.
-        seed: Of everything random.
-        recipe: Constants.
+        moments: A ray's moments as further inputs, see ``TrainableNetwork``.
+        recipe: Constants; those of the kind of query if ``None``.
 
     Attributes:
         network: The parameters as they are now.
@@ -86,26 +87,26 @@ class Trainer:
 
     def __init__(
         self,
-        grid: IndicatorGrid,
-        domain: Domain,
+        samples: Samples,
         hidden: tuple[int, ...],
         activation: str,
         octaves: int = 0,
-        seed: int = 0,
+        moments: bool = False,
         recipe: Recipe | None = None,
     ):
-        self.recipe = recipe or Recipe()
-        self.generator = torch.Generator().manual_seed(seed)
-        self.samples = Samples(grid, domain, self.generator)
-        self.network = TrainableNetwork(grid.ndim, hidden, activation, octaves)
+        if isinstance(samples, IndicatorGrid):  # the former order: grid, domain, hidden, activation, octaves, seed
+            samples = samples_of(samples, hidden, recipe or 0)
+            hidden, activation, octaves, moments, recipe = activation, octaves, moments, False, None
+        self.recipe = recipe or RECIPES[samples.query]
+        self.samples, self.generator = samples, samples.generator
+        self.network = TrainableNetwork(samples.ndim, hidden, activation, octaves, moments)
         sine = activation == "sin" and not octaves
         gains = ("first_gain", "later_gain") if sine else ("first_gain_relu", "later_gain_relu")
         self.network.initialise(*(getattr(self.recipe, g) for g in gains), self.generator)
         # An axis of few cells carries less detail than its range in v would suggest.
-        cells = torch.tensor(grid.shape, dtype=torch.float32)
-        self.network.layers[0][:, : grid.ndim] *= cells / cells.max()
+        self.network.layers[0][:, : samples.ndim] *= samples.detail.T
         self.false_positives = self.false_negatives = 1.0
-        self._cells = self._offsets = torch.empty(grid.ndim, 0)
+        self._hard: torch.Tensor | None = None  # states
         self._best = (math.inf, self.network.flat.clone())
         self._batches: list[tuple] = []
 
@@ -150,17 +151,24 @@ class Trainer:
             team.close()
 
     def add(self, v) -> None:
-        """Add positives found elsewhere, ``(N, n)`` float64 coordinates ``v``, to the hard pool."""
-        cells, offsets = self.samples.locate(v)
-        self._cells, self._offsets = torch.cat([cells, self._cells], 1), torch.cat([offsets, self._offsets], 1)
+        """Add positives found elsewhere, ``(N, ndim)`` float64 coordinates ``v``, to the hard pool."""
+        self.add_states(self.samples.locate(v))
+
+    def add_states(self, state: torch.Tensor) -> None:
+        """Add positives found elsewhere, as states ``(S, N)``, to the hard pool."""
+        self._hard = state if self._hard is None else torch.cat([state, self._hard], 1)
+
+    def hard_states(self) -> torch.Tensor:
+        """``(S, K)``, the worst positives known; none before the first refresh."""
+        return self.samples.positives(0) if self._hard is None else self._hard
 
     def best(self) -> torch.Tensor:
         """The parameters with the fewest estimated false positives so far, flat."""
         return self._best[1]
 
     def worst_points(self):
-        """``(K, n)`` float64, the worst positives known, coordinates ``v``: where a proof's search may begin."""
-        hard = self.samples.to_local(self._cells + self._offsets)
+        """``(K, ndim)`` float64, the worst positives known, coordinates ``v``: where a proof's search may begin."""
+        hard = self.samples.coordinates(self.hard_states())
         return torch.cat([hard, self.samples.vertices], 1).T.double().numpy()
 
     # --- one refresh -------------------------------------------------------------------------------------------------
@@ -169,22 +177,18 @@ class Trainer:
         """Draw new samples, renew the hard pool, estimate the rates, plan the batches until the next refresh."""
         recipe, samples, network = self.recipe, self.samples, self.network
         negative = network.encode(samples.negatives(recipe.pool))
-        cells, offsets = samples.positives(recipe.pool)
-        fresh = samples.to_local(cells + offsets)
-        walked_cells, walked = samples.positives(recipe.explore)
-        walked = self._descend(team, workers, walked_cells, walked, recipe.explore_moves)
-        cells = torch.cat([walked_cells, self._cells, cells], 1)
-        offsets = torch.cat([walked, self._offsets, offsets], 1)
-        values = self._evaluate(team, workers, network.encode(samples.to_local(cells + offsets)))
+        state = samples.positives(recipe.pool)
+        fresh = samples.coordinates(state)
+        walked = self._descend(team, workers, samples.positives(recipe.explore), recipe.explore_moves)
+        state = torch.cat([walked, self.hard_states(), state], 1)
+        values = self._evaluate(team, workers, network.encode(samples.coordinates(state)))
         worst = values.topk(min(recipe.hard, len(values)), largest=False)[1]
-        self._cells = cells[:, worst]
-        self._offsets = self._descend(team, workers, self._cells, offsets[:, worst], recipe.moves)
+        self._hard = self._descend(team, workers, state[:, worst], recipe.moves)
         vertices = samples.vertices
         if vertices.shape[1] > recipe.vertices:
             pick = torch.randint(vertices.shape[1], (recipe.vertices,), generator=self.generator)
             vertices = vertices.index_select(1, pick)
-        hard = samples.to_local(self._cells + self._offsets)
-        positive = network.encode(torch.cat([vertices, fresh, hard], 1))
+        positive = network.encode(torch.cat([vertices, fresh, samples.coordinates(self._hard)], 1))
         values = self._evaluate(team, workers, torch.cat([negative, positive], 1))
         below, above = values[: negative.shape[1]], values[negative.shape[1] :]
         self._estimate(below, above)
@@ -201,7 +205,7 @@ class Trainer:
     def _estimate(self, below: torch.Tensor, above: torch.Tensor) -> None:
         """False positives at the least value known on the object; remember the parameters with the fewest."""
         self.false_positives = float((below >= above.min()).sum()) / self.recipe.pool
-        hard = above[-self._cells.shape[1] :]
+        hard = above[-self._hard.shape[1] :]
         self.false_negatives = float((hard < 0).float().mean())
         if self.false_positives <= self._best[0]:
             self._best = (self.false_positives, self.network.flat.clone())
@@ -216,23 +220,23 @@ class Trainer:
         team.run(job)
         return values
 
-    def _descend(self, team: Team, workers: list[Evaluator], cells, offsets, moves: int) -> torch.Tensor:
-        """Offsets after some steps down f, inside their cells."""
-        offsets, size, network = offsets.clone(), self.samples.cell_size, self.network
+    def _descend(self, team: Team, workers: list[Evaluator], state: torch.Tensor, moves: int) -> torch.Tensor:
+        """States after some steps down f."""
+        state, samples, network = state.clone(), self.samples, self.network
 
         def job(index: int) -> None:
-            first, last = (cells.shape[1] * k // team.size for k in (index, index + 1))
+            first, last = (state.shape[1] * k // team.size for k in (index, index + 1))
             for start in range(first, last, self.recipe.chunk):
                 part = slice(start, min(start + self.recipe.chunk, last))
+                columns = state[:, part]
                 for move in range(moves):
-                    v = self.samples.to_local(cells[:, part] + offsets[:, part])
-                    slope = workers[index].input_gradient(network.encode(v))
-                    slope = network.decode_gradient(slope, v) * size
-                    slope /= slope.abs().amax(0, keepdim=True) + 1e-12
-                    offsets[:, part] = (offsets[:, part] - 0.4 * 0.8**move * slope).clamp_(-0.5, 0.5)
+                    v = samples.coordinates(columns)
+                    slope = network.decode_gradient(workers[index].input_gradient(network.encode(v)), v)
+                    columns = samples.move(columns, slope, 0.4 * 0.8**move)
+                state[:, part] = columns
 
         team.run(job)
-        return offsets
+        return state
 
     # --- one step ----------------------------------------------------------------------------------------------------
 

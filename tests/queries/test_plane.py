@@ -1,0 +1,158 @@
+"""The plane oracle is the rational twin, and hulls lose no corner."""
+
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from bounding_shapes import object_points, shape
+from region_queries import SHAPES, lattice_points, odd_queries, one_cell, small_vectors, sparse_grid
+
+from warp_bounding.errors import QueryError
+from warp_bounding.queries import PlaneOracle, sample_planes
+from warp_bounding.queries.components import components, connected_labels, hull_corners
+from warp_bounding.queries.directions import sample_directions
+from warp_bounding.queries.plane import plane_truth
+
+
+def planes_of_all_kinds(grid, count, rng):
+    n, scale = grid.ndim, np.float32(grid.cells_per_unit)
+    plain = sample_planes(grid, count, rng)
+    snapped = np.concatenate([small_vectors(n, count, rng) * scale, lattice_points(grid, count, rng)], axis=1)
+    through = np.concatenate([sample_directions(n, count, rng) * scale, lattice_points(grid, count, rng)], axis=1)
+    return np.concatenate(
+        [plain, snapped, through, odd_queries(grid, plain, rng), odd_queries(grid, snapped, rng)], dtype=np.float32
+    )
+
+
+@pytest.mark.parametrize("name", [*SHAPES, "star"])
+def test_oracle_is_the_rational_truth(name, device, rng):
+    grid = shape(name)
+    q = planes_of_all_kinds(grid, 150, rng)
+    truth = plane_truth(grid, q)
+    np.testing.assert_array_equal(PlaneOracle(grid, device)(q), truth)
+    assert truth.any()
+    assert not truth.all()
+
+
+@pytest.mark.parametrize("cells", [(40, 25, 30), (120, 40), (7, 9, 8, 11)])
+def test_planes_between_components_miss(cells, device, rng):
+    grid = sparse_grid(cells, 6)
+    q = planes_of_all_kinds(grid, 300, rng)
+    truth = plane_truth(grid, q)
+    np.testing.assert_array_equal(PlaneOracle(grid, device)(q), truth)
+    assert 100 < truth.sum() < len(q) - 100
+
+
+@pytest.mark.parametrize("n", [2, 3, 4])
+def test_planes_touch_faces_and_corners(n, device, rng):
+    """Supporting planes of one cell, through its own corner: at it, and one float outside of it."""
+    grid, oracle = one_cell(n), PlaneOracle(one_cell(n), device)
+    normal = np.abs(sample_directions(n, 500, rng)) + np.float32(1e-3)
+    normal[:n] = np.eye(n)
+    normal[n : n + 50] = rng.integers(1, 4, (50, n))
+    corner = np.full_like(normal, 0.625)
+    outside = np.where(normal > 0, np.nextafter(corner, np.float32(1)), corner)
+    touching, missing = (np.concatenate([normal, point], axis=1) for point in (corner, outside))
+    assert oracle(touching).all()
+    assert oracle.undecided == 0
+    assert not oracle(missing).any()
+    assert plane_truth(grid, touching[:100]).all()
+    assert not plane_truth(grid, missing[:100]).any()
+
+
+def test_supporting_planes_of_a_shape_are_decided_by_the_kernel(device, rng):
+    grid, oracle = shape("star"), PlaneOracle(shape("star"), device)
+    corners = components(grid.occupancy)[0].corners
+    normal = sample_directions(3, 2000, rng)
+    extreme = corners[(normal.astype(np.float64) @ corners.T).argmax(axis=1)]
+    point = grid.position(extreme - 0.5).astype(np.float32)
+    q = np.concatenate([normal, point], axis=1)
+    truth = plane_truth(grid, q[:200])
+    np.testing.assert_array_equal(oracle(q)[:200], truth)
+    assert oracle.undecided < 20
+
+
+def test_invalid_planes_meet_nothing(device):
+    q = np.float32([[0, 0, 0.5, 0.5], [np.nan, 1, 0.5, 0.5], [1, 0, np.inf, 0.5], [np.inf, 1, 0.5, 0.5]])
+    assert not PlaneOracle(one_cell(2), device)(q).any()
+
+
+@pytest.mark.parametrize("count", [0, 1, 511, 513])
+def test_any_number_of_planes(count, device, rng):
+    grid = shape("c")
+    q = sample_planes(grid, count, rng)
+    np.testing.assert_array_equal(PlaneOracle(grid, device)(q), plane_truth(grid, q))
+
+
+@pytest.mark.parametrize("q", [np.zeros(6), np.zeros((4, 3)), np.zeros((1, 4, 6))])
+def test_oracle_refuses_other_shapes(q):
+    with pytest.raises(QueryError, match=r"\(N, 6\)"):
+        PlaneOracle(shape("blob"), "cpu")(q)
+
+
+# --- components and hulls --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("share", [0.01, 0.1, 0.3, 0.7])
+@pytest.mark.parametrize("cells", [(200,), (40, 50), (12, 15, 13), (6, 7, 5, 6)])
+def test_labels_are_scipys(cells, share, rng):
+    ndimage = pytest.importorskip("scipy.ndimage")
+    occupancy = rng.random(cells) < share
+    occupancy.flat[0] = True
+    labels = connected_labels(occupancy)
+    theirs = ndimage.label(occupancy, np.ones((3,) * occupancy.ndim))[0][occupancy]
+    pairs = {*zip(labels.tolist(), theirs.tolist(), strict=True)}
+    assert len(pairs) == len({*labels.tolist()}) == len({*theirs.tolist()})
+
+
+def ball(ndim, size):
+    t = np.stack(np.meshgrid(*[np.arange(size) - (size - 1) / 2] * ndim, indexing="ij"))
+    return np.argwhere((t * t).sum(axis=0) < (size / 2) ** 2)
+
+
+def all_corners(cells):
+    return np.unique((cells[:, None] + list(np.ndindex((2,) * cells.shape[1]))).reshape(-1, cells.shape[1]), axis=0)
+
+
+@pytest.mark.parametrize(("ndim", "size"), [(1, 9), (2, 40), (3, 16), (4, 9), (5, 4)])
+@pytest.mark.parametrize("scipy", [True, False])
+def test_hull_corners_support_in_every_direction(ndim, size, scipy, rng, monkeypatch):
+    if not scipy:
+        monkeypatch.setitem(sys.modules, "scipy.spatial", None)
+    cells = ball(ndim, size)
+    cells = cells[rng.random(len(cells)) < 0.8]
+    corners, kept = all_corners(cells), hull_corners(cells)
+    directions = rng.integers(-9, 10, (3000, ndim))  # integers: exact, and many ties
+    np.testing.assert_array_equal((directions @ kept.T).max(axis=1), (directions @ corners.T).max(axis=1))
+    assert {*map(tuple, kept.tolist())} <= {*map(tuple, corners.tolist())}
+    assert ndim == 1 or len(kept) < len(corners)
+
+
+def test_a_hull_that_lost_a_corner_is_mended(rng, monkeypatch):
+    """Corners that Qhull drops stay unless integers say that they are inside."""
+    spatial = pytest.importorskip("scipy.spatial")
+    cells, honest = ball(3, 14), spatial.ConvexHull
+    corners = all_corners(cells)
+    monkeypatch.setattr(spatial, "ConvexHull", lambda x: SimpleNamespace(simplices=honest(x[::3]).simplices * 3))
+    kept = hull_corners(cells)
+    directions = rng.integers(-9, 10, (3000, 3))
+    np.testing.assert_array_equal((directions @ kept.T).max(axis=1), (directions @ corners.T).max(axis=1))
+
+
+def test_truth_needs_no_scipy(device, rng, monkeypatch):
+    grid = shape("star")
+    q = planes_of_all_kinds(grid, 300, rng)
+    expected = PlaneOracle(grid, device)(q)
+    monkeypatch.setitem(sys.modules, "scipy.spatial", None)
+    np.testing.assert_array_equal(PlaneOracle(grid, device)(q), expected)
+
+
+def test_planes_near_the_object_count_with_any_length_of_normal(device, rng):
+    grid, oracle = shape("blob"), PlaneOracle(shape("blob"), device)
+    q = sample_planes(grid, 500, rng)
+    q[:, 3:] = object_points(grid, rng, 2000)[:500]
+    for power in (-100, 0, 90):
+        scaled = q.copy()
+        scaled[:, :3] *= np.float32(2.0) ** power
+        assert oracle(scaled).all()

@@ -1,0 +1,96 @@
+"""The unit sphere in n dimensions as patches: cells of the faces of a cube, seen from its centre.
+
+A unit vector of a patch is ``f y``, where y is a mean of the patch's unit vertices ``u_i`` and ``1 <= f <= outer``; so a
+convex function is largest, over the patch, at some ``u_i`` or ``outer u_i``.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+__all__ = ["DirectionPatches"]
+
+NARROWEST = 1e-6  # edge length, on a cube of edge 2, under which patches are not split
+SHRUNK = 1 - 1e-12  # covers the rounding of cosines
+
+
+@dataclass(frozen=True)
+class DirectionPatches:
+    """N patches.
+
+    Attributes:
+        axis: ``(N,)`` int, the axis on which the face of the cube lies.
+        sign: ``(N,)`` 1.0 or -1.0, its side.
+        lower: ``(N, n - 1)``, the cell on it.
+        upper: ``(N, n - 1)``.
+    """
+
+    axis: np.ndarray
+    sign: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+
+    @classmethod
+    def cover(cls, ndim: int, edge: int) -> "DirectionPatches":
+        """The whole sphere, ``edge`` patches along each edge of a face."""
+        cells = np.array(list(np.ndindex((edge,) * (ndim - 1))), dtype=np.float64).reshape(-1, ndim - 1)
+        lower, upper = -1 + 2 * cells / edge, -1 + 2 * (cells + 1) / edge
+        faces = [(axis, sign) for axis in range(ndim) for sign in (1.0, -1.0)]
+        axis, sign = (np.repeat(column, len(cells)) for column in zip(*faces, strict=True))
+        return cls(axis, sign, np.tile(lower, (len(faces), 1)), np.tile(upper, (len(faces), 1)))
+
+    def __len__(self) -> int:
+        return len(self.axis)
+
+    @property
+    def ndim(self) -> int:
+        """Dimension n."""
+        return self.lower.shape[1] + 1
+
+    @property
+    def finest(self) -> bool:
+        """Whether there is nothing left to split."""
+        return self.ndim == 1 or float((self.upper - self.lower).max(initial=0.0)) < NARROWEST
+
+    def _on_sphere(self, cell: np.ndarray) -> np.ndarray:
+        others = np.array([[k for k in range(self.ndim) if k != axis] for axis in range(self.ndim)], dtype=np.int64)
+        full = np.empty((len(self), self.ndim))
+        row = np.arange(len(self))
+        full[row, self.axis] = self.sign
+        full[row[:, None], others[self.axis].reshape(len(self), -1)] = cell
+        return full / np.linalg.norm(full, axis=1, keepdims=True)
+
+    @property
+    def centers(self) -> np.ndarray:
+        """``(N, n)`` unit vectors."""
+        return self._on_sphere((self.lower + self.upper) / 2)
+
+    def _corners(self) -> np.ndarray:
+        """``(N, 2^(n-1), n)`` unit vectors."""
+        choices = np.ndindex((2,) * (self.ndim - 1))
+        return np.stack([self._on_sphere(np.where(c, self.upper, self.lower)) for c in choices], axis=1)
+
+    @property
+    def outer(self) -> np.ndarray:
+        """``(N,)``, at least 1."""
+        nearest = np.einsum("nvk,nk->nv", self._corners(), self.centers).min(axis=1)
+        return 1 / (nearest * SHRUNK)
+
+    def vertices(self, slack: float) -> np.ndarray:
+        """``(N, 2^n, n)``: ``u_i (1 - slack)`` and ``outer u_i (1 + slack)`` in turn; they hold vectors of length 1 +- slack."""
+        u, outer = self._corners(), self.outer[:, None, None]
+        return np.stack([u * (1 - slack), u * outer * (1 + slack)], axis=2).reshape(len(self), -1, self.ndim)
+
+    def take(self, which: np.ndarray) -> "DirectionPatches":
+        """Some of them."""
+        return DirectionPatches(self.axis[which], self.sign[which], self.lower[which], self.upper[which])
+
+    def split(self) -> "DirectionPatches":
+        """Each in ``2^(n-1)`` parts."""
+        middle, parts = (self.lower + self.upper) / 2, []
+        for choice in np.ndindex((2,) * (self.ndim - 1)):
+            lower, upper = np.where(choice, middle, self.lower), np.where(choice, self.upper, middle)
+            parts.append((lower, upper))
+        count = len(parts)
+        lower, upper = (np.concatenate(side) for side in zip(*parts, strict=True))
+        return DirectionPatches(np.tile(self.axis, count), np.tile(self.sign, count), lower, upper)

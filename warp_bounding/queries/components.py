@@ -1,0 +1,173 @@
+"""Connected components of a grid's closed cells, and few corners that have the same convex hull.
+
+Closed cells are connected through corners too (3^n - 1 neighbours). The hull of a component is the hull of its cells'
+corners, which are integers. Dropped are corners strictly between two others on an axis-parallel line, and those that
+Qhull (Barber, Dobkin, Huhdanpaa 1996) finds inside: each of the latter only after *integer* arithmetic has found it in a
+simplex of corners that stay, so no rounding in Qhull can lose an extreme corner. Without SciPy, more corners stay.
+"""
+
+from dataclasses import dataclass
+from math import factorial
+
+import numpy as np
+
+__all__ = ["Component", "components", "connected_labels", "hull_corners"]
+
+FEW_CORNERS = 48  # under which a hull is dearer to compute than it saves
+PAIRS_AT_ONCE = 1 << 20  # corners times simplices that are held in memory
+
+
+@dataclass(frozen=True)
+class Component:
+    """A connected component.
+
+    Attributes:
+        lower: ``(n,)`` int64, its first cells.
+        upper: ``(n,)`` int64, its last cells.
+        corners: ``(V, n)`` int64; corner j is at cell coordinates j - 1/2. Their hull is the component's hull.
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    corners: np.ndarray
+
+
+def connected_labels(occupancy: np.ndarray) -> np.ndarray:
+    """Number the connected components of a bool grid, through faces, edges and corners.
+
+    Args:
+        occupancy: ``(R_0, ..., R_{n-1})`` bool.
+
+    Returns:
+        ``(M,)`` int64: for each occupied cell, in the order of ``np.argwhere``, the number of its component.
+    """
+    empty = occupancy.size
+    where = np.flatnonzero(occupancy)
+    labels = where.copy()
+    parent = np.arange(empty + 1)
+    while True:
+        least = np.full(occupancy.size, empty)
+        least[where] = labels
+        least = least.reshape(occupancy.shape)
+        for axis in range(occupancy.ndim):
+            wider = least.copy()
+            target, source = np.swapaxes(wider, 0, axis), np.swapaxes(least, 0, axis)
+            np.minimum(target[1:], source[:-1], out=target[1:])
+            np.minimum(target[:-1], source[1:], out=target[:-1])
+            least = wider
+        seen = least.reshape(-1)[where]
+        if (seen == labels).all():
+            return np.unique(labels, return_inverse=True)[1].reshape(-1)
+        np.minimum.at(parent, labels, seen)  # every root learns the least label beside its component
+        while (parent[parent] != parent).any():
+            parent = parent[parent]
+        labels = parent[labels]
+
+
+def _line_ends(cells: np.ndarray) -> np.ndarray:
+    """``(P, n)`` corners of cells that are the first or the last on each of the n axis-parallel lines through them."""
+    n, lower = cells.shape[1], cells.min(axis=0)
+    corner = np.zeros(cells.max(axis=0) - lower + 2, dtype=bool)
+    for shift in np.ndindex((2,) * n):
+        corner[tuple((cells - lower + shift).T)] = True
+    extreme = corner.copy()
+    for axis in range(n):
+        up = np.cumsum(corner, axis=axis, dtype=np.int32)
+        extreme &= (up == 1) | (up == np.take(up, [-1], axis=axis))
+    return np.argwhere(extreme) + lower
+
+
+def _determinant(a: np.ndarray) -> np.ndarray:
+    """Of integer matrices ``(..., k, k)``, exactly."""
+    if a.shape[-1] == 1:
+        return a[..., 0, 0]
+    columns = range(a.shape[-1])
+    return sum((-1) ** j * a[..., 0, j] * _determinant(np.delete(a[..., 1:, :], j, axis=-1)) for j in columns)
+
+
+def _cofactors(a: np.ndarray) -> np.ndarray:
+    """Of integer matrices ``(F, n, n)``, exactly: ``a @ cofactors.T = det I``."""
+    n = a.shape[-1]
+    if n == 1:
+        return np.ones_like(a)
+    minors = [
+        [(-1) ** (i + j) * _determinant(np.delete(np.delete(a, i, axis=1), j, axis=2)) for j in range(n)]
+        for i in range(n)
+    ]
+    return np.moveaxis(np.array(minors), 2, 0)
+
+
+def _in_simplices(points: np.ndarray, apex: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Which integer points certainly lie in a simplex of the apex and one of the facets ``(F, n, n)``."""
+    edges = facets - apex
+    cofactors = _cofactors(edges)
+    determinant = (edges[:, 0] * cofactors[:, 0]).sum(axis=1)
+    keep = determinant != 0
+    cofactors, determinant = cofactors[keep], determinant[keep]
+    cofactors *= np.sign(determinant)[:, None, None]
+    determinant = np.abs(determinant)
+    inside = np.zeros(len(points), dtype=bool)
+    if len(determinant) == 0:
+        return inside
+    guess = np.moveaxis(cofactors / determinant[:, None, None], 0, 2)  # (n, n, F) floats, to choose the facet only
+    step = max(1, PAIRS_AT_ONCE // len(determinant))
+    for begin in range(0, len(points), step):
+        d = points[begin : begin + step] - apex
+        worst, total = np.full((len(d), len(determinant)), np.inf), 1.0
+        for row in guess:
+            weight = d @ row
+            np.minimum(worst, weight, out=worst)
+            total = total - weight
+        best = np.minimum(worst, total).argmax(axis=1)
+        weights = (cofactors[best] * d[:, None, :]).sum(axis=2)  # integers: barycentric coordinates times determinant
+        inside[begin : begin + step] = (weights >= 0).all(axis=1) & (weights.sum(axis=1) <= determinant[best])
+    return inside
+
+
+def hull_corners(cells: np.ndarray) -> np.ndarray:
+    """Corners of cells among which are all vertices of the cells' convex hull, and few others.
+
+    Args:
+        cells: ``(M, n)`` int64.
+
+    Returns:
+        ``(V, n)`` int64.
+    """
+    corners = _line_ends(cells)
+    n, size = corners.shape[1], int(np.ptp(corners, axis=0).max())
+    if n < 2 or len(corners) <= FEW_CORNERS or n * factorial(n) * size**n >= 2**62:  # the last: 64 bits must do
+        return corners
+    try:
+        from scipy.spatial import ConvexHull, QhullError
+    except ImportError:
+        return corners
+    try:
+        hull = ConvexHull(corners)
+    except QhullError:
+        return corners
+    kept = np.zeros(len(corners), dtype=bool)
+    kept[hull.simplices.reshape(-1)] = True
+    apex = hull.simplices[0, 0]
+    facets = hull.simplices[(hull.simplices != apex).all(axis=1)]
+    kept[~kept] = ~_in_simplices(corners[~kept], corners[apex], corners[facets])
+    return corners[kept]
+
+
+def components(occupancy: np.ndarray) -> list[Component]:
+    """The connected components of a grid's closed cells, the largest first.
+
+    Args:
+        occupancy: ``(R_0, ..., R_{n-1})`` bool.
+
+    Returns:
+        One ``Component`` each.
+    """
+    labels, cells = connected_labels(occupancy), np.argwhere(occupancy)
+    order = np.argsort(labels, kind="stable")
+    groups = np.split(cells[order], np.flatnonzero(np.diff(labels[order])) + 1)
+    found, sides = [], np.array(list(np.ndindex((2,) * occupancy.ndim)))
+    for group in sorted(groups, key=len, reverse=True):
+        lower, upper = group.min(axis=0), group.max(axis=0)
+        box = len(group) == np.prod(upper - lower + 1)
+        found.append(Component(lower, upper, lower + sides * (upper - lower + 1) if box else hull_corners(group)))
+    return found

@@ -1,0 +1,210 @@
+"""Plane queries: 2n numbers, a normal (of any length but zero) and a point in object space: a whole hyperplane.
+
+A plane meets a connected closed set exactly if it meets its convex hull: if the signed distances of the hull's vertices
+do not all have one sign (DESIGN section 5). So the kernel asks each connected component of the closed cells: first its
+bounding box, then the least and the greatest ``normal . (vertex - point)`` of its ``hull_corners``, in float64 with an
+error bound. Planes along the axes compare one coordinate, exactly; of the others those closer to a sign change than the
+bound are looked at again corner by corner (a plane through its own point, a corner, is then decided), and what is left
+goes to integers on the host. Many small components are slower, not wrong.
+"""
+
+from fractions import Fraction
+from functools import cache
+
+import numpy as np
+import warp as wp
+
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.native import named
+from warp_bounding.queries.components import components
+from warp_bounding.queries.directions import sample_directions
+from warp_bounding.queries.point import sample_points
+from warp_bounding.queries.region import (
+    RELATIVE_ERROR,
+    RegionOracle,
+    cell_coordinates,
+    integers,
+    loop_snippet,
+    rational_map,
+    valid,
+)
+
+__all__ = ["PlaneOracle", "plane_truth", "sample_planes"]
+
+LANES = 8  # hull corners that one vector instruction takes
+
+
+def sample_planes(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Planes as the paper draws them: normal by uniform spherical angles, point uniform in [0, 1]^n.
+
+    Args:
+        grid: The object; 0 and 1 are the centres of its first and last cells.
+        count: Number of planes N.
+        rng: Source of randomness.
+
+    Returns:
+        ``(N, 2n)`` float32, object space: normal of length 1 up to rounding, point.
+    """
+    return np.concatenate([sample_directions(grid.ndim, count, rng), sample_points(grid, count, rng)], axis=1)
+
+
+def plane_truth(grid: IndicatorGrid, q: np.ndarray, cells: np.ndarray | None = None) -> np.ndarray:
+    """The truth for planes in integers, against every cell: slow, and plainly right.
+
+    Args:
+        grid: The object.
+        q: ``(N, 2n)`` float32, object space.
+        cells: ``(M, n)`` cells to look at; all occupied cells if ``None``.
+
+    Returns:
+        ``(N,)`` bool.
+    """
+    n = grid.ndim
+    cells = (grid.occupied if cells is None else cells).astype(object)
+    truth = valid("plane", q)
+    for index in np.flatnonzero(truth):
+        scales = [Fraction(float(s)) for s in grid.cells_per_unit]
+        normal, _ = integers([Fraction(float(v)) / s for v, s in zip(q[index, :n], scales, strict=True)])
+        point, unit = integers([*rational_map(grid, q[index, n:]), Fraction(1, 2)])
+        middle = 2 * (sum(m * (cells[:, k] * unit - point[k]) for k, m in enumerate(normal)))
+        reach = sum(abs(m) for m in normal) * unit  # of a cell: 2 * 1/2 * |normal|_1
+        truth[index] = (abs(middle) <= reach).any()
+    return truth
+
+
+_BODY = f"""
+Coordinate p[N];
+double m[N], offset = 0.0, magnitude = 0.0;
+int slanted = 0, axis = 0;
+for (int k = 0; k < N; ++k) {{
+    p[k] = Coordinate(q[N + k], map.data[k], map.data[N + k]);
+    m[k] = (double)q[k] / map.data[k];
+    if (m[k] != 0.0) slanted += 1, axis = k;
+    offset += m[k] * p[k].t;
+    magnitude += fabs(m[k]) * (fabs(p[k].t) + map.data[2 * N + k] + 1.0);
+}}
+if (slanted == 0) break;
+const double error = magnitude * rho;
+for (int c = 0; c < components && answer != 1; ++c) {{
+    const double* lower = bounds.data + (size_t)c * (2 * N); const double* upper = lower + N;
+    if (slanted == 1) {{  // the component is connected: its cells leave no gap along an axis
+        if (p[axis].to(lower[axis]) <= 0.0 && p[axis].to(upper[axis]) >= 0.0) answer = 1;
+        continue;
+    }}
+    double middle = -offset, reach = 0.0;
+    for (int k = 0; k < N; ++k) {{
+        middle += m[k] * (0.5 * (lower[k] + upper[k]));
+        reach += fabs(m[k]) * (0.5 * (upper[k] - lower[k]));
+    }}
+    if (fabs(middle) > reach + error) continue;
+    double low[{LANES}], high[{LANES}];
+    for (int j = 0; j < {LANES}; ++j) low[j] = 1.0e300, high[j] = -1.0e300;
+    for (int g = groups.data[c]; g < groups.data[c + 1]; ++g) {{
+        const double* corner = corners.data + (size_t)g * (N * {LANES});
+        double d[{LANES}];
+        for (int j = 0; j < {LANES}; ++j) d[j] = -offset;
+        for (int k = 0; k < N; ++k) for (int j = 0; j < {LANES}; ++j) d[j] += m[k] * corner[k * {LANES} + j];
+        for (int j = 0; j < {LANES}; ++j) {{
+            low[j] = d[j] < low[j] ? d[j] : low[j];
+            high[j] = d[j] > high[j] ? d[j] : high[j];
+        }}
+    }}
+    double least = low[0], greatest = high[0];
+    for (int j = 1; j < {LANES}; ++j) {{
+        least = low[j] < least ? low[j] : least;
+        greatest = high[j] > greatest ? high[j] : greatest;
+    }}
+    if (least > error || greatest < -error) continue;
+    if (least <= -error && greatest >= error) {{ answer = 1; break; }}
+    // again, with an error bound for each corner that vanishes where the corner is the plane's own point
+    bool below = false, above = false, perhaps_below = false, perhaps_above = false;
+    for (int g = groups.data[c]; g < groups.data[c + 1]; ++g) for (int j = 0; j < {LANES}; ++j) {{
+        double d = 0.0, bound = 0.0;
+        for (int k = 0; k < N; ++k) {{
+            const double term = m[k] * p[k].to(corners.data[((size_t)g * N + k) * {LANES} + j]);
+            d += term;
+            bound += fabs(term) * rho;
+        }}
+        below |= d <= -bound, above |= d >= bound, perhaps_below |= d <= bound, perhaps_above |= d >= -bound;
+    }}
+    if (below && above) answer = 1;
+    else if (perhaps_below && perhaps_above) answer = 2;
+}}
+"""
+
+
+@cache
+def _kernel(ndim: int) -> wp.Kernel:
+    name = named(f"wb_plane_oracle_{ndim}d")
+
+    @name.func_native(loop_snippet(ndim, _BODY))
+    def meets(
+        x: wp.array(dtype=wp.float32),
+        count: int,
+        block: int,
+        map: wp.array(dtype=wp.float64),
+        components: int,
+        bounds: wp.array(dtype=wp.float64),
+        groups: wp.array(dtype=wp.int32),
+        corners: wp.array(dtype=wp.float64),
+        out: wp.array(dtype=wp.uint8),
+    ): ...
+
+    @name.kernel
+    def plane_oracle(
+        # inputs
+        x: wp.array(dtype=wp.float32),
+        count: int,
+        first: int,
+        map: wp.array(dtype=wp.float64),
+        components: int,
+        bounds: wp.array(dtype=wp.float64),
+        groups: wp.array(dtype=wp.int32),
+        corners: wp.array(dtype=wp.float64),
+        # outputs
+        out: wp.array(dtype=wp.uint8),
+    ):
+        meets(x, count, first + wp.tid(), map, components, bounds, groups, corners, out)
+
+    return plane_oracle
+
+
+class PlaneOracle(RegionOracle):
+    """The exact truth for many planes, as a Warp kernel; ``plane_truth`` is its plain twin.
+
+    Args:
+        grid: The object.
+        device: Warp device; the default device if ``None``.
+    """
+
+    kind = "plane"
+
+    def __init__(self, grid: IndicatorGrid, device: str | None = None):
+        super().__init__(grid, device)
+        parts = components(grid.occupancy)
+        lanes = []
+        for part in parts:
+            corners = np.concatenate([part.corners, part.corners[[0] * (-len(part.corners) % LANES)]])
+            lanes.append(np.moveaxis(corners.reshape(-1, LANES, self.ndim), 1, 2) - 0.5)
+        groups = np.cumsum([0, *(len(part) for part in lanes)])
+        bounds = np.stack([np.stack([part.lower - 0.5, part.upper + 0.5]) for part in parts])
+        self._inputs = [
+            len(parts),
+            self._array(bounds, wp.float64),
+            self._array(groups.astype(np.int32), wp.int32),
+            self._array(np.concatenate(lanes), wp.float64),
+        ]
+
+    def _kernel_answers(self, q: np.ndarray) -> np.ndarray:
+        return self._launch(_kernel(self.ndim), q, self._inputs)
+
+    def _decide(self, q: np.ndarray) -> bool:
+        return bool(plane_truth(self.grid, q[None], self._near(q))[0])
+
+    def _near(self, q: np.ndarray) -> np.ndarray:
+        """The occupied cells that the plane meets or nearly meets, by the kernel's error bound."""
+        cells, n = self.grid.occupied, self.ndim
+        t, _ = cell_coordinates(self.grid, q[n:])
+        m = q[:n].astype(np.float64) / self.grid.cells_per_unit
+        error = RELATIVE_ERROR * (np.abs(m) * (np.abs(t) + np.array(self.grid.shape) + 1)).sum()
+        return cells[np.abs(cells @ m - t @ m) <= np.abs(m).sum() / 2 + error]

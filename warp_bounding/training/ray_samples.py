@@ -1,0 +1,119 @@
+"""Samples of rays: a positive is a point p of the object, and the share t of the ray that lies before it.
+
+``v = (a, w)``: origin and displacement over the whole length, in local space, so a = p - t w. The origin stays in the
+domain, which bounds t. Hard for a network is what barely touches: p on a cell's edge or corner with the ray passing
+outside, p on a face where the ray ends as it arrives or begins as it leaves. A third of the positives are other rays
+through the object, and the protocol's own directions are half of all.
+"""
+
+import math
+
+import numpy as np
+import torch
+
+from warp_bounding.bounders.domain import Domain
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.training.region_samples import RegionSamples
+from warp_bounding.training.samples import columns
+
+__all__ = ["RaySamples"]
+
+TOUCHING_SHARE = 2 / 3  # of the positives: rays that touch their cell from outside
+FACE_SHARE = 0.65  # of the coordinates of p: on a face of the cell
+END_SHARES = (0.2, 0.5)  # of the other rays: begin at p; end there (up to here)
+REACH = 3.0  # t and the direction move by so many cells where p moves by one
+LEAST = 1e-12
+
+
+class RaySamples(RegionSamples):
+    """Random rays; see ``Samples``. A state: cell, offset (n rows each), t (1), unit direction in object space (n)."""
+
+    query = "ray"
+
+    def __init__(self, grid: IndicatorGrid, domain: Domain, generator: torch.Generator):
+        super().__init__(grid, domain, generator)
+        self._stretch = torch.from_numpy(np.asarray(domain.stretch, dtype=np.float32))[:, None]
+        self._cells_long = (self._stretch / self.cells.unit).abs()  # cells that a ray along each axis crosses
+
+    def positives(self, count: int) -> torch.Tensor:
+        """See ``Samples``."""
+        near = int(count * TOUCHING_SHARE)
+        cells, offset, side = self.cells.draw_touching(near, FACE_SHARE)
+        direction = self.directions(count)
+        touching, through = direction[:, :near], direction[:, near:]
+        away = side * touching
+        leaves, arrives = (away >= 0).all(0), (away <= 0).all(0)
+        t = torch.where(leaves, 0.0, torch.where(arrives, 1.0, self.cells.rand(near)))
+        other_cells, other_offset = self.cells.draw(count - near)
+        kind = self.cells.rand(count - near)
+        other = self.cells.rand(count - near)
+        other = torch.where(kind < END_SHARES[0], 0.0, torch.where(kind < END_SHARES[1], 1.0, other))
+        passing = torch.cat([~leaves & ~arrives, kind >= END_SHARES[1]])
+        cells, offset = torch.cat([cells, other_cells], 1), torch.cat([offset, other_offset], 1)
+        direction = torch.cat([touching, through], 1)
+        t = torch.cat([t, other])
+        longest = self._longest(self.cells.to_local(cells + offset), direction)
+        t = torch.where(passing, t * longest, torch.minimum(t, longest))
+        return torch.cat([cells, offset, t[None], direction])
+
+    def directions(self, count: int) -> torch.Tensor:
+        """``(n, count)`` unit vectors: half by uniform spherical angles as in the protocol, half uniform on the sphere."""
+        n = self.grid.ndim
+        by_angles = count // 2 if n > 1 else 0
+        normal = torch.randn(n, count - by_angles, generator=self.generator)
+        normal /= normal.square().sum(0).sqrt().clamp_(min=LEAST)
+        if not by_angles:
+            return normal
+        angle = self.cells.rand(n - 1, by_angles) * math.pi
+        angle[-1] *= 2
+        direction = torch.ones(n, by_angles)
+        for k in range(n - 1):
+            direction[k] *= torch.cos(angle[k])
+            direction[k + 1 :] *= torch.sin(angle[k])
+        both = torch.cat([direction, normal], 1)
+        return both.index_select(1, torch.randperm(count, generator=self.generator))
+
+    def coordinates(self, state: torch.Tensor) -> torch.Tensor:
+        """See ``Samples``."""
+        n = self.grid.ndim
+        w = state[2 * n + 1 :] * self._stretch
+        return torch.cat([self.point(state) - state[2 * n] * w, w])
+
+    def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
+        """See ``Samples``. Components that would leave their range are left out before the step's length is set."""
+        n = self.grid.ndim
+        cell, offset, t, direction = state[:n], state[n : 2 * n], state[2 * n], state[2 * n + 1 :]
+        w = direction * self._stretch
+        by_origin, by_w = slope[:n], slope[n:]
+        long = (direction * self._cells_long).square().sum(0).sqrt_()  # the ray, in cells
+        g_offset = by_origin * self.cells.unit
+        g_offset = torch.where((offset.abs() >= 0.5) & (g_offset * offset < 0), 0.0, g_offset)
+        reach_t, reach_d = REACH / long, REACH / self._cells_long.max()
+        g_t = -(by_origin * w).sum(0) * reach_t
+        longest = self._longest(self.point(state), direction)
+        g_t = torch.where(((t <= 0) & (g_t > 0)) | ((t >= longest) & (g_t < 0)), 0.0, g_t)
+        g_d = (by_w - t * by_origin) * self._stretch
+        g_d = (g_d - (g_d * direction).sum(0) * direction) * reach_d
+        largest = torch.maximum(torch.maximum(g_offset.abs().amax(0), g_d.abs().amax(0)), g_t.abs())
+        step = step / (largest + LEAST)
+        offset = (offset - step * g_offset).clamp_(-0.5, 0.5)
+        direction = direction - step * reach_d * g_d
+        direction /= direction.square().sum(0).sqrt_()
+        longest = self._longest(self.cells.to_local(cell + offset), direction)
+        t = torch.minimum((t - step * reach_t * g_t).clamp_(min=0), longest)
+        return torch.cat([cell, offset, t[None], direction])
+
+    def _longest(self, p: torch.Tensor, direction: torch.Tensor) -> torch.Tensor:
+        """``(N,)`` the largest t <= 1 with p - t w in the domain."""
+        w = direction * self._stretch
+        room = torch.where(w > 0, p - self.cells.lower, self.cells.upper - p).clamp_(min=0)
+        return (room / w.abs().clamp_(min=LEAST)).amin(0).clamp_(max=1.0)
+
+    def state_of(self, v: np.ndarray, t: np.ndarray) -> torch.Tensor:
+        """States of rays ``v`` ``(N, 2n)`` that pass the object at a known share ``t`` ``(N,)``; others are dropped."""
+        n = self.grid.ndim
+        a, w = v[:, :n], v[:, n:]
+        cell, offset = self.cells.locate(a + t[:, None] * w)
+        if cell.shape[1] != len(v):
+            raise ValueError(f"expected rays through the object at t, {len(v) - cell.shape[1]} of {len(v)} are not")
+        return torch.cat([cell, offset, columns(t[:, None]), columns(w) / self._stretch])
