@@ -134,7 +134,12 @@ def test_a_hull_that_lost_a_corner_is_mended(rng, monkeypatch):
     spatial = pytest.importorskip("scipy.spatial")
     cells, honest = ball(3, 14), spatial.ConvexHull
     corners = all_corners(cells)
-    monkeypatch.setattr(spatial, "ConvexHull", lambda x: SimpleNamespace(simplices=honest(x[::3]).simplices * 3))
+
+    def careless(points):
+        hull = honest(points[::3])
+        return SimpleNamespace(simplices=hull.simplices * 3, neighbors=hull.neighbors)
+
+    monkeypatch.setattr(spatial, "ConvexHull", careless)
     kept = hull_corners(cells)
     directions = rng.integers(-9, 10, (3000, 3))
     np.testing.assert_array_equal((directions @ kept.T).max(axis=1), (directions @ corners.T).max(axis=1))

@@ -12,7 +12,7 @@ class Certificate:
     """A proof that a bounder has no false negative, or an honest account of why there is none.
 
     Attributes:
-        kind: ``"proven"``; or, from ``certify`` only, ``"refuted"`` (a counterexample is given), ``"undecided"`` (time ran out) or
+        kind: ``"proven"``; ``"statistical"`` where no proof exists; or, from ``certify`` only, ``"refuted"`` (a counterexample is given), ``"undecided"`` (time ran out) or
             ``"inapplicable"`` (the shape cannot be the bounded one).
         query: Kind of query, such as ``"point"``.
         domain: ``[lower, upper]`` corners in object space.
@@ -26,6 +26,12 @@ class Certificate:
         cells: Number of occupied cells.
         counterexample: Object coordinates of a point of the object that the bounder denies, or ``None``.
         message: One sentence for people.
+        arithmetic: What ``rounding_bound`` covers.
+        samples: Statistical: fresh positives that were asked, none of them missed.
+        fn_rate_bound: Statistical: upper confidence bound of the rate of false negatives among such positives.
+        confidence: Of that bound.
+        worst_margin: Statistical: how far the least f of these positives lies above the threshold.
+        restarts: Statistical: thresholds before this one that missed a positive.
     """
 
     kind: str
@@ -44,6 +50,11 @@ class Certificate:
     arithmetic: str = field(
         default="float32, round to nearest, any summation order, with or without fused multiply-add, subnormals kept or flushed"
     )
+    samples: int = 0
+    fn_rate_bound: float | None = None
+    confidence: float | None = None
+    worst_margin: float | None = None
+    restarts: int = 0
 
     @property
     def proven(self) -> bool:
@@ -62,6 +73,7 @@ class Certificate:
             FileFormatError: If a field is missing or unknown.
         """
         names = {f.name for f in fields(cls)}
-        if not isinstance(values, dict) or set(values) != names:
+        since = {"samples", "fn_rate_bound", "confidence", "worst_margin", "restarts"}  # not in files of format 1
+        if not isinstance(values, dict) or not names - since <= set(values) <= names:
             raise FileFormatError("the certificate's fields are not the ones this version knows")
         return cls(**values)

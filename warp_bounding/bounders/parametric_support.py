@@ -21,17 +21,48 @@ import numpy as np
 
 from warp_bounding.arithmetic import TINY, UNIT64, gamma
 from warp_bounding.bounders.direction_patches import DirectionPatches
-from warp_bounding.bounders.enclosing import extreme_corners
+from warp_bounding.bounders.domain import Domain
 from warp_bounding.bounders.regions import RegionDomain, direction_rounding
+from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.hull import hull_corners
 
-__all__ = ["ParametricSupport"]
+__all__ = ["ObjectSupport", "ParametricSupport"]
 
 ROUNDS = 24  # of the search for m; its step halves in each
 CHUNK = 1 << 22  # numbers of an intermediate array
 TOLERANCE = 2e-3  # of the branch and bound over directions, relative to the functional's size
 MOST_PATCHES = 60_000  # alive at once, a functional
 PATCHES = {1: 1, 2: 16, 3: 8, 4: 6}  # per edge of a cube's face, where patches are not split further
+
+
+class ObjectSupport:
+    """The support of an object widened by ``delta``, from above.
+
+    Args:
+        grid: The object.
+        base: Its domain of points.
+
+    Attributes:
+        points: ``(C, n)`` float64, local space: every vertex of the object's hull, and some more.
+        delta: ``(n,)``, the object is widened by this on every axis.
+    """
+
+    def __init__(self, grid: IndicatorGrid, base: Domain):
+        corners = grid.position(hull_corners(grid.occupancy))
+        lower, upper = base.widened(corners, corners)
+        self.points, self.delta = (lower + upper) / 2, base.delta * (1 + 1e-6) + 1e-14
+
+    def __call__(self, m: np.ndarray) -> np.ndarray:
+        """``h(m)`` of ``(..., n)`` vectors; rounding of this evaluation included."""
+        flat = m.reshape(-1, m.shape[-1])
+        best = np.empty(len(flat))
+        size = max(1, CHUNK // len(self.points))
+        for start in range(0, len(flat), size):
+            best[start : start + size] = (flat[start : start + size] @ self.points.T).max(axis=1)
+        largest = np.abs(flat) @ (np.abs(self.points).max(axis=0) + self.delta)
+        best += np.abs(flat) @ self.delta + gamma(2 * flat.shape[1] + 8, UNIT64) * largest
+        return best.reshape(m.shape[:-1])
 
 
 class ParametricSupport:
@@ -42,8 +73,7 @@ class ParametricSupport:
         domain: Of a kind of region, ``space="parametric"``.
 
     Attributes:
-        points: ``(C, n)`` float64, local space: every vertex of the hull of S, and some more.
-        delta: ``(n,)``, S is widened by this on every axis.
+        object_support: ``h``, see ``ObjectSupport``.
         limit: ``(n,)``, half-widths of D.
         stretch: ``(n,)``, w is this times a unit vector, or the plane's normal in local space is u over this.
         slack: A direction's length is within this of 1.
@@ -51,25 +81,14 @@ class ParametricSupport:
 
     def __init__(self, grid: IndicatorGrid, domain: RegionDomain):
         if domain.query == "point" or domain.space != "parametric":
-            raise ValueError(f"expected regions in parametric space, got {domain.query}, {domain.space}")
+            raise BounderError(f"expected regions in parametric space, got {domain.query}, {domain.space}")
         base = domain.base
         self.domain, self.query, self.ndim = domain, domain.query, base.ndim
-        corners = extreme_corners(grid)
-        lower, upper = base.widened(corners, corners)
-        self.points = (lower + upper) / 2
-        self.delta = base.delta * (1 + 1e-6) + 1e-14
+        self.object_support = ObjectSupport(grid, base)
+        self.points, self.delta = self.object_support.points, self.object_support.delta
         self.limit = base.limit.astype(np.float64)
         self.stretch = (domain.stretch if domain.query == "ray" else base.scale).astype(np.float64)
         self.slack = 2 * direction_rounding(self.ndim)
-
-    def object_support(self, m: np.ndarray) -> np.ndarray:
-        """``h(m)``, the support of the widened S, of ``(..., n)`` vectors."""
-        flat = m.reshape(-1, self.ndim)
-        best = np.empty(len(flat))
-        size = max(1, CHUNK // len(self.points))
-        for start in range(0, len(flat), size):
-            best[start : start + size] = (flat[start : start + size] @ self.points.T).max(axis=1)
-        return (best + np.abs(flat) @ self.delta).reshape(m.shape[:-1])
 
     @cached_property
     def reach(self) -> np.ndarray:

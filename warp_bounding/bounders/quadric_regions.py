@@ -57,15 +57,21 @@ class QuadricRay:
     def __init__(self, matrix: np.ndarray, offset: np.ndarray, diagonal: bool, domain: RegionDomain):
         n = len(offset)
         limit = domain.limit.astype(np.float64)
-        origin, origin_error = row_sizes(matrix, offset, limit[:n])
-        speed, speed_error = row_sizes(matrix, np.zeros(n), limit[n:])
-        size = origin + speed
-        # The computed origin and speed are a segment within these errors of the exact one. On it, t minimises |z|^2 up to
-        # ``late``: quotient and sums make t |speed| wrong by a few roundings of |origin|, which enters squared.
-        error = origin_error + speed_error + gamma(3) * (size + origin_error + speed_error) + 4 * TINY
-        late = gamma(4 * n + 16) * np.linalg.norm(size) + 8 * n * (1 + np.linalg.norm(size)) ** 2 * TINY / SHORTEST
-        short = 2 * np.linalg.norm(size) * SHORTEST * 2 + 4 * SMALLEST
-        self.error = squares_error(size, error) + float(late**2 + short)
+        size, error = row_sizes(matrix, offset, limit[:n])
+        fastest, _ = row_sizes(matrix, np.zeros(n), limit[n:])
+        if not fastest.sum() < 2.0**40:
+            raise BounderError(f"a ray of length {domain.length:g} is so long that float32 products may overflow")
+        # At a point a + t w in the domain, t |w| is at most twice the limit: so is what the speed's rounding moves it by, however
+        # long the ray is. The computed origin and speed are a segment on which t is then ``late``: quotient and sums make t |speed|
+        # wrong by a few roundings of |origin|, and that enters squared.
+        largest = np.linalg.norm(size)
+        flushed = 8 * (n + 1) ** 2 * (1 + largest + fastest.sum() + np.abs(matrix).sum()) ** 2 * TINY
+        moved = np.linalg.norm(error + 2 * gamma(n + 2) * size) + flushed
+        late = gamma(4 * n + 16) * (largest + moved) + flushed / SHORTEST
+        near = largest + moved + late + 2 * SHORTEST  # of the point that is found, where another is at ``largest``
+        most = ((near - late) ** 2 + late**2) ** 0.5
+        most = (most + gamma(4) * 3 * (near + largest) + flushed) ** 2 * (1 + gamma(n + 3))
+        self.error = float((most - largest**2) * (1 + 1e-9) + 1e-12 * most)
         self.matrix, self.offset = matrix, offset
 
     @staticmethod
@@ -74,7 +80,11 @@ class QuadricRay:
         lines = []
         for i in range(n):
             lines.append(f"const V y{i} = {row('v[{}]', n, i, diagonal)} + w[{i}];")
-            moved = f"v[{n + i}] * w[{n + i}]" if diagonal else " + ".join(f"v[{n + j}] * w[{n + i * n + j}]" for j in range(n))
+            moved = (
+                f"v[{n + i}] * w[{n + i}]"
+                if diagonal
+                else " + ".join(f"v[{n + j}] * w[{n + i * n + j}]" for j in range(n))
+            )
             lines.append(f"const V s{i} = {moved};")
         lines.append(f"const V along = -({' + '.join(f'y{i} * s{i}' for i in range(n))});")
         lines.append(f"V length = {' + '.join(f's{i} * s{i}' for i in range(n))};")
@@ -114,7 +124,9 @@ class QuadricPlane:
         size = np.abs(middle).sum() + float(domain.limit[-1])
         wrong = moved + gamma(n + 3) * size + 4 * (n + 1) * (1 + size) * TINY
         tilted = (np.abs(numbers - inverse.T) + error.T).sum(axis=1)
-        tilted = tilted + gamma(n + 2) * np.abs(numbers).sum(axis=1) + 4 * (n + 1) * (1 + np.abs(numbers).sum(axis=1)) * TINY
+        tilted = (
+            tilted + gamma(n + 2) * np.abs(numbers).sum(axis=1) + 4 * (n + 1) * (1 + np.abs(numbers).sum(axis=1)) * TINY
+        )
         # m = A^T (B^T m) has an entry 1, so B^T m cannot be shorter than one over A's longest column.
         shortest = 1 / np.linalg.norm(matrix, axis=0).max()
         ratio = np.linalg.norm(tilted) / shortest + gamma(n + 4) + 8 * n * TINY / shortest**2

@@ -60,17 +60,19 @@ class SlabRay:
         largest = size @ limit[:n] + size @ limit[n:] + np.maximum(np.abs(slabs.low), np.abs(slabs.high))
         if not (largest < 2.0**40).all():
             raise BounderError("numbers are so large that float32 quotients may overflow")
-        rounding = 0.0 if slabs.diagonal else gamma(n + 2) * largest + 4 * (n + 1) * (1 + largest) * TINY
+        # At a point a + t w of P in the domain, |a| and t |w| are at most the limit and twice that, however long the ray is.
+        flushed = 8 * (n + 1) * (1 + largest) * TINY
+        rounding = 0.0 if slabs.diagonal else gamma(n + 2) * 3 * (size @ limit[:n]) + flushed
         room = (rounding + 2 * ROOM) * (1 + 1e-9)
         # The next float32 besides: where low is so large that float64 loses ROOM, float32 numbers are farther apart than ROOM.
         low = np.nextafter(round_down(slabs.low - room), np.float32(-np.inf))
         high = np.nextafter(round_up(slabs.high + room), np.float32(np.inf))
         parts = [low, high, slabs.directions.reshape(-1)]
         self.weights = np.concatenate(parts[:2] if slabs.diagonal else parts).astype(np.float32)
-        self.count, self.corners, self.slabs = len(slabs.low), 0, slabs
+        self.count, self.slabs = len(slabs.low), slabs
 
     @staticmethod
-    def body(n: int, count: int, corners: int, diagonal: bool) -> list[str]:
+    def body(n: int, count: int, diagonal: bool) -> list[str]:
         """C statements that compute f."""
         lines = ["V enter = none, leave = none + 1.0f;"]
         for i in range(count):
@@ -105,7 +107,7 @@ def _clip(low: str, high: str, y: str, s: str) -> str:
 
 
 class SlabPlane:
-    """Support of P; numbers: middle and edges' halves (the halves alone if diagonal), or the vertices. f is a distance."""
+    """Support of P; numbers: middle and edges' halves (the halves alone if diagonal), or the number of vertices and those. f is a distance."""
 
     def __init__(self, slabs: Slabs, domain: RegionDomain):
         n, reach = domain.space_ndim, float(domain.limit[-1])
@@ -119,26 +121,24 @@ class SlabPlane:
             size = np.abs(numbers.astype(np.float64)).sum() + reach
             moved = (np.abs(numbers - exact) + away).sum()
             self.weights = np.concatenate([numbers[0], np.diag(numbers[1:])]) if slabs.diagonal else numbers.reshape(-1)
-            self.corners = 0
+            self.corners = False
         else:
             numbers, away = polytope_vertices(slabs.directions, slabs.low, slabs.high)
             size, moved = np.abs(numbers.astype(np.float64)).sum(axis=1).max() + reach, away.sum(axis=1).max()
-            self.weights, self.corners = numbers.reshape(-1), len(numbers)
+            self.weights, self.corners = np.concatenate([[np.float32(len(numbers))], numbers.reshape(-1)]), True
         self.numbers, self.count = numbers.astype(np.float64), len(slabs.low)
         # Entries of m are at most 1. Products and sums of up to n + 1 rows, in any order, and two subtractions.
         self.error = float((moved + gamma(2 * n + 5) * size) * (1 + 1e-9) + 8 * (n + 1) ** 2 * (1 + size) * TINY)
 
     @staticmethod
-    def body(n: int, count: int, corners: int, diagonal: bool) -> list[str]:
+    def body(n: int, count: int, diagonal: bool) -> list[str]:
         """C statements that compute f."""
-        if corners:
-            lines = [f"V most = {row(n, 0, 0)}, least = most;"]
-            for i in range(1, corners):
-                lines.append(
-                    f"{{ const V y = {row(n, 0, i * n)}; most = y > most ? y : most; least = y < least ? y : least; }}"
-                )
+        if count > n:
             return [
-                *lines,
+                "const int corners = (int)w[0]; V most = none - 3.0e38f, least = none + 3.0e38f;",
+                f"for (int i = 0; i < corners; ++i) {{ const float* at = w + 1 + i * {n};",
+                f"const V y = {' + '.join(f'v[{j}] * at[{j}]' for j in range(n))};",
+                "most = y > most ? y : most; least = y < least ? y : least; }",
                 f"most = most - v[{n}]; least = v[{n}] - least; f = most < least ? most : least;",
             ]
         lines = [f"V off = v[{n}] - ({row(n, 0, 0)}); off = off < none ? -off : off; V reach = none;"]
@@ -158,8 +158,6 @@ class SlabPlane:
 class SlabBox:
     """Intervals on directions; numbers: low, high, directions unless diagonal. f is the least overlap."""
 
-    corners = 0
-
     def __init__(self, slabs: Slabs, domain: RegionDomain):
         n = domain.space_ndim
         tested = slabs if slabs.diagonal or len(slabs.low) != n else _separating(slabs)
@@ -168,24 +166,30 @@ class SlabBox:
         # The middle and the half of the box round once, products and sums as ever; |middle| + half <= limit.
         product = 0.0 if slabs.diagonal else gamma(n + 3) * reach + 8 * (n + 1) * (1 + reach) * TINY
         self.error = float((product + gamma(3) * (reach + product + largest) + 4 * TINY).max() * (1 + 1e-9))
-        parts = [tested.low, tested.high] if slabs.diagonal else [tested.low, tested.high, tested.directions.reshape(-1)]
+        parts = (
+            [tested.low, tested.high] if slabs.diagonal else [tested.low, tested.high, tested.directions.reshape(-1)]
+        )
         self.weights = np.concatenate(parts).astype(np.float32)
         self.count, self.slabs = len(tested.low), tested
 
     @staticmethod
-    def body(n: int, count: int, corners: int, diagonal: bool) -> list[str]:
+    def body(n: int, count: int, diagonal: bool) -> list[str]:
         """C statements that compute f."""
         lines = ["f = none + 3.0e38f;"]
         if not diagonal:
             for j in range(n):
-                lines.append(f"const V m{j} = (v[{j}] + v[{n + j}]) * 0.5f; const V h{j} = (v[{n + j}] - v[{j}]) * 0.5f;")
+                lines.append(
+                    f"const V m{j} = (v[{j}] + v[{n + j}]) * 0.5f; const V h{j} = (v[{n + j}] - v[{j}]) * 0.5f;"
+                )
         for i in range(count):
             at = 2 * count + i * n
             middle = " + ".join(f"m{j} * w[{at + j}]" for j in range(n))
             half = " + ".join(f"h{j} * (w[{at + j}] < 0.0f ? -w[{at + j}] : w[{at + j}])" for j in range(n))
             ends = f"v[{i}], b = v[{n + i}]" if diagonal else "y - r, b = y + r"
             lines.append(f"{{ {'' if diagonal else f'const V y = {middle}; const V r = {half};'} const V a = {ends};")
-            lines.append(f"const V c = b - w[{i}], d = w[{count + i}] - a; const V e = c < d ? c : d; f = e < f ? e : f; }}")
+            lines.append(
+                f"const V c = b - w[{i}], d = w[{count + i}] - a; const V e = c < d ? c : d; f = e < f ? e : f; }}"
+            )
         return lines
 
     def reference(self, v: np.ndarray) -> np.ndarray:
@@ -220,5 +224,8 @@ def _separating(slabs: Slabs) -> Slabs:
     low = round_down(np.minimum(first, last).sum(axis=1) - room).astype(np.float64)
     high = round_up(np.maximum(first, last).sum(axis=1) + room).astype(np.float64)
     return Slabs(
-        np.concatenate([slabs.directions, more]), np.concatenate([slabs.low, low]), np.concatenate([slabs.high, high]), False
+        np.concatenate([slabs.directions, more]),
+        np.concatenate([slabs.low, low]),
+        np.concatenate([slabs.high, high]),
+        False,
     )

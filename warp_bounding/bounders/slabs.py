@@ -32,14 +32,13 @@ class SlabsSource(Source):
 
     slabs: int
     diagonal: bool
-    corners: int = 0
 
     def body(self, lanes: Lanes) -> str:
         """See ``Source.body``."""
         if not self.tested_as_point:
             region = {"ray": SlabRay, "plane": SlabPlane, "box": SlabBox}[self.query]
-            lines = region.body(self.ndim, self.slabs, self.corners, self.diagonal)
-            return "\n".join(["const V none = {};" if lanes.vector else "const V none = 0.0f;", *lines])
+            lines = region.body(self.ndim, self.slabs, self.diagonal)
+            return "\n".join(["{ const V none = {};" if lanes.vector else "{ const V none = 0.0f;", *lines, "}"])
         n, k = self.coordinates, self.slabs
         lines = ["const V nearer = {};" if lanes.vector else "const V nearer = 0.0f;", "f = nearer + 3.0e38f;"]
         for i in range(k):
@@ -105,9 +104,7 @@ class SlabBounder(Bounder):
         shapes = {"low": (count,), "high": (count,), "directions": (count, n)}
         if set(self.tensors) != names or count == 0 or any(t.shape != shapes[k] for k, t in self.tensors.items()):
             found = {k: t.shape for k, t in self.tensors.items()}
-            raise BounderError(
-                f"{self.method}: expected tensors {sorted(names)} of k slabs in {n}D, got {found}"
-            )
+            raise BounderError(f"{self.method}: expected tensors {sorted(names)} of k slabs in {n}D, got {found}")
         if self._region is not None:
             self.volume.check_range()
         self.check_range()
@@ -146,13 +143,12 @@ class SlabBounder(Bounder):
     @property
     def source(self) -> SlabsSource:
         """See ``Bounder``."""
-        count, corners = (self._region.count, self._region.corners) if self._region else (len(self.tensors["low"]), 0)
+        count = self._region.count if self._region else len(self.tensors["low"])
         return SlabsSource(
             self.ndim,
             self.domain.time,
             count,
             self.diagonal,
-            corners,
             query=self.query_kind,
             space=self.domain.space,
         )
@@ -185,7 +181,9 @@ class SlabBounder(Bounder):
         y, reach = center @ d.T, half @ np.abs(d).T
         slack = np.concatenate([y - reach - low, high - y - reach], axis=1)
         size = np.abs(lower).max(axis=0) + np.abs(upper).max(axis=0)
-        rounding = gamma(2 * self.domain.ndim + 8, UNIT64) * float((size @ np.abs(d).T + np.abs(low) + np.abs(high)).max())
+        rounding = gamma(2 * self.domain.ndim + 8, UNIT64) * float(
+            (size @ np.abs(d).T + np.abs(low) + np.abs(high)).max()
+        )
         worst = np.argmin(slack, axis=1)
         normal = np.concatenate([d, -d])[worst]
         point = np.where(normal > 0, lower, upper)

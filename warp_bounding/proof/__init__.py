@@ -1,6 +1,17 @@
 """Proofs: branch and bound over every input that can come from the object, and proving anew what a file claims."""
 
-from warp_bounding.proof.prove import certify, positive_boxes, prove
+from warp_bounding.proof.prove import certify, positive_boxes, provable, prove
 from warp_bounding.proof.search import Search, minimum
+from warp_bounding.proof.statistics import attest, fn_rate_bound, try_positives
 
-__all__ = ["Search", "certify", "minimum", "positive_boxes", "prove"]
+__all__ = [
+    "Search",
+    "attest",
+    "certify",
+    "fn_rate_bound",
+    "minimum",
+    "positive_boxes",
+    "provable",
+    "prove",
+    "try_positives",
+]

@@ -1,12 +1,15 @@
 """The step from a bounder and a grid to a proven threshold, and back: proving from scratch what a file claims.
 
-``prove`` searches for the least value of ``f`` over P_delta, every float32 input that the pipeline can make of a point of
-the object, and sets ``threshold <= minimum - E``. ``certify`` takes threshold and shape as given and checks ``f >= threshold + E``
-cell by cell; it shares nothing with the search but the methods' bound rules.
+``prove`` finds the least value of ``f`` over P_delta, every float32 input that the pipeline can make of a query that meets
+the object, and sets ``threshold <= minimum - E``: in closed form, or by branch and bound (networks: over the object for
+points, over all normals for planes). ``certify`` takes threshold and shape as given and checks ``f >= threshold + E``, for
+points cell by cell; it shares nothing with the search but the methods' bound rules. Networks of rays and boxes have no
+proof yet: ``certify`` puts fresh positives to them instead (``statistics``).
 """
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,14 +21,22 @@ from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.blocks import full_blocks
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.proof.document import document
+from warp_bounding.proof.planes import SupportGap
 from warp_bounding.proof.search import Search, halve, minimum
+from warp_bounding.proof.statistics import CONFIDENCE, POSITIVES, fn_rate_bound, try_positives
 
-__all__ = ["certify", "positive_boxes", "prove"]
+__all__ = ["certify", "positive_boxes", "provable", "prove"]
 
 CHUNK = 16384  # cells that `certify` takes at a time
 SUSPECTS = 1024  # low points that are tried as counterexamples
 PULL = 1e-4  # towards the cell's centre, of points that may break the proof
 NARROWEST = 1e-9  # boxes of this width in v are not halved any more
+
+
+def provable(bounder: Bounder) -> bool:
+    """Whether there is a proof for the bounder's method and kind of query."""
+    return bounder.conservative and (bounder.closed_form or bounder.query_kind in ("point", "plane"))
 
 
 def positive_boxes(bounder: Bounder, grid: IndicatorGrid) -> tuple[np.ndarray, np.ndarray]:
@@ -72,25 +83,29 @@ def prove(
         raise BounderError(
             f"{bounder.method}: {reason or 'the shape reaches outside the domain that the bounder was made for'}"
         )
-    lower, upper = positive_boxes(bounder, grid)
+    if not provable(bounder):
+        raise BounderError(f"{bounder.method}: {bounder.query_kind} queries have no proof yet")
     if bounder.closed_form:
-        parts = [
-            bounder.bound(lower[i : i + CHUNK], upper[i : i + CHUNK]).lower.min() for i in range(0, len(lower), CHUNK)
-        ]
-        least = float(min(parts))
-        search = Search(least, least, np.empty((0, grid.ndim)), len(lower), time.perf_counter() - started, True)
+        least, looked_at = bounder.least(grid)
+        search = Search(least, least, np.empty((0, grid.ndim)), looked_at, time.perf_counter() - started, True)
     else:
-        search = minimum(bounder, lower, upper, eps=eps, seconds=seconds, boxes=boxes, points=points, progress=progress)
+        limits = {"eps": eps, "seconds": seconds, "boxes": boxes, "points": points, "progress": progress}
+        if bounder.query_kind == "plane":
+            gap = SupportGap(bounder, grid)
+            search = minimum(gap, *gap.boxes(), **limits)
+        else:
+            search = minimum(bounder, *positive_boxes(bounder, grid), **limits)
     error = bounder.rounding_bound()
     threshold = float(round_down(_minus(search.lower_bound, error)))
     if not np.isfinite(threshold):
         raise BounderError(f"{bounder.method}: the proof found no finite minimum")
     cells, dilated = len(grid.occupied), f" dilated by {grid.margin:g}" if grid.margin else ""
+    met = "no point of" if bounder.query_kind == "point" else f"no {bounder.query_kind} that meets"
     message = (
-        f"Proven: no point of the object{dilated}, all {cells} occupied cells, is ever answered with no. "
+        f"Proven: {met} the object{dilated}, all {cells} occupied cells, is ever answered with no. "
         f"f >= {search.lower_bound:.6g} on them, float32 rounding changes it by at most {error:.2g}, the threshold is {threshold:.6g}."
     )
-    certificate = _certificate(
+    certificate = document(
         bounder, grid, "proven", threshold, search.lower_bound, search.boxes, search.seconds, message
     )
     bounder.freeze(threshold, certificate)
@@ -126,13 +141,15 @@ def certify(
 
     def result(kind: str, message: str, bound: float, counterexample=None) -> Certificate:
         spent = time.perf_counter() - started
-        return _certificate(bounder, grid, kind, threshold, bound, boxes, spent, message, counterexample)
+        return document(bounder, grid, kind, threshold, bound, boxes, spent, message, counterexample)
 
     outside = _outside(bounder, grid)
     if len(outside):
-        point = _denied(bounder, grid, grid.position(outside))
+        point = _denied(bounder, grid, grid.position(outside)) if bounder.query_kind == "point" else None
         text = "the shape reaches outside the domain that the bounder was made for"
         return result("refuted" if point is not None else "undecided", text, threshold, point)
+    if bounder.query_kind != "point":
+        return _certify_regions(bounder, grid, target, seconds, result)
     for start in range(0, len(cells), CHUNK):
         part = _check_cells(bounder, grid, target, started + seconds, cells[start : start + CHUNK])
         least, boxes = min(least, part.least), boxes + part.boxes
@@ -153,6 +170,41 @@ def certify(
         f"Proven from scratch: all {len(cells)} occupied cells of {grid.name}{dilated} are answered with maybe.",
         least,
     )
+
+
+def _certify_regions(bounder: Bounder, grid: IndicatorGrid, target: float, seconds: float, result) -> Certificate:
+    """``certify`` for rays, planes and boxes."""
+    if not provable(bounder):
+        done, lowest, missed = try_positives(bounder, grid, POSITIVES, int(grid.digest[:8], 16))
+        if missed is not None:
+            return result("refuted", "a query that meets the object is answered with no", lowest, missed)
+        rate = fn_rate_bound(done)
+        text = (
+            f"Statistical, not proven: {done:,} fresh positives, none answered with no; at {CONFIDENCE:.0%} confidence fewer "
+            f"than {rate:.2g} of such queries are missed."
+        )
+        margin = lowest - float(bounder.threshold)
+        certificate = result("statistical", text, lowest)
+        return replace(certificate, samples=done, fn_rate_bound=rate, confidence=CONFIDENCE, worst_margin=margin)
+    if bounder.closed_form:
+        least, complete = bounder.least(grid)[0], True
+    else:
+        gap = SupportGap(bounder, grid)
+        found = float(gap.reference(gap.boxes()[0]).min())
+        search = minimum(gap, *gap.boxes(), eps=max(1e-4, 0.25 * (found - target)), seconds=seconds)
+        while search.lower_bound < target <= search.upper_bound and search.complete and search.seconds < seconds:
+            eps = 0.5 * (search.upper_bound - target)
+            if eps < NARROWEST:
+                break
+            search = minimum(gap, *gap.boxes(), eps=eps, seconds=seconds, points=search.worst)
+        least, complete = search.lower_bound, search.complete
+    if least >= target:
+        return result("proven", f"Proven from scratch: every {bounder.query_kind} that meets {grid.name} is answered with maybe.", least)
+    _, _, missed = try_positives(bounder, grid, POSITIVES, 1)
+    if missed is not None:
+        return result("refuted", "a query that meets the object is answered with no", least, missed)
+    text = "f comes closer to the threshold than the proof allows" if complete else f"no decision within {seconds:g} s"
+    return result("undecided", text, least)
 
 
 class _Checked(NamedTuple):
@@ -218,7 +270,7 @@ def _mismatch(bounder: Bounder, grid: IndicatorGrid) -> str | None:
 
 def _outside(bounder: Bounder, grid: IndicatorGrid) -> np.ndarray:
     """The occupied cells that reach outside the bounder's domain."""
-    domain, cells = bounder.domain, grid.occupied
+    domain, cells = bounder.domain.base, grid.occupied
     return cells[
         ((grid.position(cells - 0.5) < domain.lower) | (grid.position(cells + 0.5) > domain.upper)).any(axis=1)
     ]
@@ -244,39 +296,6 @@ def _plus(a: float, b: float) -> float:
     return float(np.nextafter(a + b, np.inf)) + UNIT64 * abs(a)
 
 
-def _certificate(bounder, grid, kind, threshold, least, boxes, seconds, message, counterexample=None) -> Certificate:
-    domain = bounder.domain
-    cell = domain.scale / grid.cells_per_unit
-    return Certificate(
-        kind=kind,
-        query=bounder.query_kind,
-        domain=[domain.lower.tolist(), domain.upper.tolist()],
-        threshold=float(np.float32(threshold)),
-        lower_bound=float(least),
-        rounding_bound=bounder.rounding_bound(),
-        delta=(domain.delta / cell).tolist(),
-        boxes=int(boxes),
-        seconds=round(float(seconds), 3),
-        indicator=grid.digest,
-        cells=len(grid.occupied),
-        counterexample=None if counterexample is None else [float(c) for c in counterexample],
-        message=message,
-    )
-
-
 def _inapplicable(bounder: Bounder, shape, reason: str) -> Certificate:
-    domain = bounder.domain
-    return Certificate(
-        kind="inapplicable",
-        query=bounder.query_kind,
-        domain=[domain.lower.tolist(), domain.upper.tolist()],
-        threshold=float(bounder.threshold),
-        lower_bound=0.0,
-        rounding_bound=bounder.rounding_bound(),
-        delta=[],
-        boxes=0,
-        seconds=0.0,
-        indicator=getattr(shape, "digest", ""),
-        cells=0,
-        message=reason,
-    )
+    certificate = document(bounder, None, "inapplicable", float(bounder.threshold), 0.0, 0, 0.0, reason)
+    return replace(certificate, indicator=getattr(shape, "digest", ""))

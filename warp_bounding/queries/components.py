@@ -14,7 +14,8 @@ import numpy as np
 __all__ = ["Component", "components", "connected_labels", "hull_corners"]
 
 FEW_CORNERS = 48  # under which a hull is dearer to compute than it saves
-PAIRS_AT_ONCE = 1 << 20  # corners times simplices that are held in memory
+WALKS = 8  # searches for one corner, from as many facets: flat facets of Qhull's triangulation end some of them
+LONGEST_WALK = 200  # facets that the search for one corner visits before the corner is kept for lack of a proof
 
 
 @dataclass(frozen=True)
@@ -43,10 +44,10 @@ def connected_labels(occupancy: np.ndarray) -> np.ndarray:
     """
     empty = occupancy.size
     where = np.flatnonzero(occupancy)
-    labels = where.copy()
-    parent = np.arange(empty + 1)
+    labels = where.astype(np.int32)  # a grid has less than 2^31 cells
+    parent = np.arange(empty + 1, dtype=np.int32)
     while True:
-        least = np.full(occupancy.size, empty)
+        least = np.full(empty, empty, dtype=np.int32)
         least[where] = labels
         least = least.reshape(occupancy.shape)
         for axis in range(occupancy.ndim):
@@ -97,30 +98,34 @@ def _cofactors(a: np.ndarray) -> np.ndarray:
     return np.moveaxis(np.array(minors), 2, 0)
 
 
-def _in_simplices(points: np.ndarray, apex: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """Which integer points certainly lie in a simplex of the apex and one of the facets ``(F, n, n)``."""
+def _in_simplices(points: np.ndarray, apex: np.ndarray, facets: np.ndarray, neighbors: np.ndarray, start: np.ndarray):
+    """Which integer points certainly lie in a simplex of the apex and one of the facets.
+
+    Args:
+        points: ``(P, n)`` integers.
+        apex: ``(n,)`` integers.
+        facets: ``(F, n, n)`` integers, the corners of each facet.
+        neighbors: ``(F, n)``, the facet opposite to each corner.
+        start: ``(P,)``, a facet near each point: from there the search walks, through the most negative weight.
+
+    Returns:
+        ``(P,)`` bool. False is no statement.
+    """
     edges = facets - apex
     cofactors = _cofactors(edges)
     determinant = (edges[:, 0] * cofactors[:, 0]).sum(axis=1)
-    keep = determinant != 0
-    cofactors, determinant = cofactors[keep], determinant[keep]
     cofactors *= np.sign(determinant)[:, None, None]
     determinant = np.abs(determinant)
     inside = np.zeros(len(points), dtype=bool)
-    if len(determinant) == 0:
-        return inside
-    guess = np.moveaxis(cofactors / determinant[:, None, None], 0, 2)  # (n, n, F) floats, to choose the facet only
-    step = max(1, PAIRS_AT_ONCE // len(determinant))
-    for begin in range(0, len(points), step):
-        d = points[begin : begin + step] - apex
-        worst, total = np.full((len(d), len(determinant)), np.inf), 1.0
-        for row in guess:
-            weight = d @ row
-            np.minimum(worst, weight, out=worst)
-            total = total - weight
-        best = np.minimum(worst, total).argmax(axis=1)
-        weights = (cofactors[best] * d[:, None, :]).sum(axis=2)  # integers: barycentric coordinates times determinant
-        inside[begin : begin + step] = (weights >= 0).all(axis=1) & (weights.sum(axis=1) <= determinant[best])
+    lost, at, d = np.arange(len(points)), start, points - apex
+    for _ in range(LONGEST_WALK):
+        weights = (cofactors[at] * d[:, None, :]).sum(axis=2)  # barycentric coordinates, times the determinant
+        least = weights.argmin(axis=1)
+        found = (weights[np.arange(len(at)), least] >= 0) & (determinant[at] > 0)
+        inside[lost[found]] = (weights.sum(axis=1) <= determinant[at])[found]
+        lost, d, at = lost[~found], d[~found], neighbors[at, least][~found]
+        if len(lost) == 0:
+            break
     return inside
 
 
@@ -135,10 +140,10 @@ def hull_corners(cells: np.ndarray) -> np.ndarray:
     """
     corners = _line_ends(cells)
     n, size = corners.shape[1], int(np.ptp(corners, axis=0).max())
-    if n < 2 or len(corners) <= FEW_CORNERS or n * factorial(n) * size**n >= 2**62:  # the last: 64 bits must do
+    if n < 2 or len(corners) <= FEW_CORNERS or n * factorial(n) * (2 * n * size) ** n >= 2**62:  # 64 bits must do
         return corners
     try:
-        from scipy.spatial import ConvexHull, QhullError
+        from scipy.spatial import ConvexHull, KDTree, QhullError
     except ImportError:
         return corners
     try:
@@ -147,9 +152,16 @@ def hull_corners(cells: np.ndarray) -> np.ndarray:
         return corners
     kept = np.zeros(len(corners), dtype=bool)
     kept[hull.simplices.reshape(-1)] = True
-    apex = hull.simplices[0, 0]
-    facets = hull.simplices[(hull.simplices != apex).all(axis=1)]
-    kept[~kept] = ~_in_simplices(corners[~kept], corners[apex], corners[facets])
+    outer = corners[kept]
+    ends = np.concatenate([outer[outer.argmin(axis=0)], outer[outer.argmax(axis=0)]])
+    apex, scaled = ends.sum(axis=0), 2 * n * corners  # in units of 1 / 2n: the mean of 2n corners that stay
+    facets, dropped = scaled[hull.simplices], scaled[~kept]
+    around = [v / np.linalg.norm(v, axis=1, keepdims=True) for v in (facets.mean(axis=1) - apex, dropped - apex + 0.5)]
+    inside = np.zeros(len(dropped), dtype=bool)
+    for start in KDTree(around[0]).query(around[1], k=range(1, min(WALKS, len(facets)) + 1))[1].T:
+        left = np.flatnonzero(~inside)
+        inside[left] = _in_simplices(dropped[left], apex, facets, hull.neighbors, start[left])
+    kept[~kept] = ~inside
     return corners[kept]
 
 

@@ -32,6 +32,7 @@ from warp_bounding.queries.region import (
 __all__ = ["PlaneOracle", "plane_truth", "sample_planes"]
 
 LANES = 8  # hull corners that one vector instruction takes
+GROUPS = 4  # of lanes, after which the kernel looks whether it knows enough
 
 
 def sample_planes(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -97,25 +98,29 @@ for (int c = 0; c < components && answer != 1; ++c) {{
         reach += fabs(m[k]) * (0.5 * (upper[k] - lower[k]));
     }}
     if (fabs(middle) > reach + error) continue;
-    double low[{LANES}], high[{LANES}];
+    double low[{LANES}], high[{LANES}], least, greatest;
     for (int j = 0; j < {LANES}; ++j) low[j] = 1.0e300, high[j] = -1.0e300;
-    for (int g = groups.data[c]; g < groups.data[c + 1]; ++g) {{
-        const double* corner = corners.data + (size_t)g * (N * {LANES});
-        double d[{LANES}];
-        for (int j = 0; j < {LANES}; ++j) d[j] = -offset;
-        for (int k = 0; k < N; ++k) for (int j = 0; j < {LANES}; ++j) d[j] += m[k] * corner[k * {LANES} + j];
-        for (int j = 0; j < {LANES}; ++j) {{
-            low[j] = d[j] < low[j] ? d[j] : low[j];
-            high[j] = d[j] > high[j] ? d[j] : high[j];
+    for (int g = groups.data[c]; g < groups.data[c + 1] && answer != 1; ) {{
+        const int pause = g + {GROUPS} < groups.data[c + 1] ? g + {GROUPS} : groups.data[c + 1];
+        for (; g < pause; ++g) {{
+            const double* corner = corners.data + (size_t)g * (N * {LANES});
+            double d[{LANES}];
+            for (int j = 0; j < {LANES}; ++j) d[j] = -offset;
+            for (int k = 0; k < N; ++k) for (int j = 0; j < {LANES}; ++j) d[j] += m[k] * corner[k * {LANES} + j];
+            for (int j = 0; j < {LANES}; ++j) {{
+                low[j] = d[j] < low[j] ? d[j] : low[j];
+                high[j] = d[j] > high[j] ? d[j] : high[j];
+            }}
         }}
+        least = low[0], greatest = high[0];
+        for (int j = 1; j < {LANES}; ++j) {{
+            least = low[j] < least ? low[j] : least;
+            greatest = high[j] > greatest ? high[j] : greatest;
+        }}
+        if (least <= -error && greatest >= error) answer = 1;
     }}
-    double least = low[0], greatest = high[0];
-    for (int j = 1; j < {LANES}; ++j) {{
-        least = low[j] < least ? low[j] : least;
-        greatest = high[j] > greatest ? high[j] : greatest;
-    }}
+    if (answer == 1) break;
     if (least > error || greatest < -error) continue;
-    if (least <= -error && greatest >= error) {{ answer = 1; break; }}
     // again, with an error bound for each corner that vanishes where the corner is the plane's own point
     bool below = false, above = false, perhaps_below = false, perhaps_above = false;
     for (int g = groups.data[c]; g < groups.data[c + 1]; ++g) for (int j = 0; j < {LANES}; ++j) {{
@@ -169,6 +174,15 @@ def _kernel(ndim: int) -> wp.Kernel:
     return plane_oracle
 
 
+def _outermost_first(corners: np.ndarray) -> np.ndarray:
+    """The same corners, those first that are extreme along an axis or a diagonal: planes through the middle end early."""
+    n = corners.shape[1]
+    diagonals = 2 * np.array(list(np.ndindex((2,) * n))) - 1
+    reach = corners @ np.concatenate([diagonals, np.eye(n, dtype=int), -np.eye(n, dtype=int)]).T
+    first = np.unique(reach.argmax(axis=0))
+    return np.concatenate([corners[first], np.delete(corners, first, axis=0)])
+
+
 class PlaneOracle(RegionOracle):
     """The exact truth for many planes, as a Warp kernel; ``plane_truth`` is its plain twin.
 
@@ -184,7 +198,8 @@ class PlaneOracle(RegionOracle):
         parts = components(grid.occupancy)
         lanes = []
         for part in parts:
-            corners = np.concatenate([part.corners, part.corners[[0] * (-len(part.corners) % LANES)]])
+            corners = _outermost_first(part.corners)
+            corners = np.concatenate([corners, corners[[0] * (-len(corners) % LANES)]])
             lanes.append(np.moveaxis(corners.reshape(-1, LANES, self.ndim), 1, 2) - 0.5)
         groups = np.cumsum([0, *(len(part) for part in lanes)])
         bounds = np.stack([np.stack([part.lower - 0.5, part.upper + 0.5]) for part in parts])

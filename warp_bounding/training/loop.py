@@ -40,6 +40,7 @@ class Recipe:
     hard: int = 4096  # the worst positives, kept from refresh to refresh
     moves: int = 2  # steps down f that they take
     explore: int = 16384  # fresh positives that walk down before they compete for the hard pool
+    candidates: int = 16384  # fresh positives of which these are the lowest
     explore_moves: int = 4
     saturation: float = 4.0  # |f| beyond which a softplus carries almost no gradient
     weight: float = 3000.0  # of positives against negatives, 1 -> weight over [0, ramp]
@@ -179,7 +180,11 @@ class Trainer:
         negative = network.encode(samples.negatives(recipe.pool))
         state = samples.positives(recipe.pool)
         fresh = samples.coordinates(state)
-        walked = self._descend(team, workers, samples.positives(recipe.explore), recipe.explore_moves)
+        walked = samples.positives(recipe.candidates)
+        if recipe.candidates > recipe.explore:
+            values = self._evaluate(team, workers, network.encode(samples.coordinates(walked)))
+            walked = walked[:, values.topk(recipe.explore, largest=False)[1]]
+        walked = self._descend(team, workers, walked, recipe.explore_moves)
         state = torch.cat([walked, self.hard_states(), state], 1)
         values = self._evaluate(team, workers, network.encode(samples.coordinates(state)))
         worst = values.topk(min(recipe.hard, len(values)), largest=False)[1]

@@ -18,7 +18,9 @@ from warp_bounding.training.samples import columns
 
 __all__ = ["RaySamples"]
 
-TOUCHING_SHARE = 2 / 3  # of the positives: rays that touch their cell from outside
+TOUCHING_SHARE = 0.5  # of the positives: rays that touch their cell from outside
+BORDER_SHARE = 0.25  # of the positives: rays from the domain's border to the object's boundary
+BORDER_FACE_SHARE = 0.5  # of the coordinates of their origins: on the border
 FACE_SHARE = 0.65  # of the coordinates of p: on a face of the cell
 END_SHARES = (0.2, 0.5)  # of the other rays: begin at p; end there (up to here)
 REACH = 3.0  # t and the direction move by so many cells where p moves by one
@@ -37,24 +39,40 @@ class RaySamples(RegionSamples):
 
     def positives(self, count: int) -> torch.Tensor:
         """See ``Samples``."""
-        near = int(count * TOUCHING_SHARE)
-        cells, offset, side = self.cells.draw_touching(near, FACE_SHARE)
+        touching, from_border = int(count * TOUCHING_SHARE), int(count * BORDER_SHARE)
+        parts = [self._touching(touching), self._from_border(from_border), self._through(count - touching - from_border)]
+        return torch.cat(parts, 1)
+
+    def _touching(self, count: int) -> torch.Tensor:
+        """Rays that touch the cell of p from outside, if its neighbours are empty."""
+        cells, offset, side = self.cells.draw_touching(count, FACE_SHARE)
         direction = self.directions(count)
-        touching, through = direction[:, :near], direction[:, near:]
-        away = side * touching
+        away = side * direction
         leaves, arrives = (away >= 0).all(0), (away <= 0).all(0)
-        t = torch.where(leaves, 0.0, torch.where(arrives, 1.0, self.cells.rand(near)))
-        other_cells, other_offset = self.cells.draw(count - near)
-        kind = self.cells.rand(count - near)
-        other = self.cells.rand(count - near)
-        other = torch.where(kind < END_SHARES[0], 0.0, torch.where(kind < END_SHARES[1], 1.0, other))
-        passing = torch.cat([~leaves & ~arrives, kind >= END_SHARES[1]])
-        cells, offset = torch.cat([cells, other_cells], 1), torch.cat([offset, other_offset], 1)
-        direction = torch.cat([touching, through], 1)
-        t = torch.cat([t, other])
         longest = self._longest(self.cells.to_local(cells + offset), direction)
-        t = torch.where(passing, t * longest, torch.minimum(t, longest))
-        return torch.cat([cells, offset, t[None], direction])
+        share = torch.where(leaves, 0.0, torch.where(arrives, 1.0, self.cells.rand(count) * longest))
+        return torch.cat([cells, offset, torch.minimum(share, longest)[None], direction])
+
+    def _from_border(self, count: int) -> torch.Tensor:
+        """Rays from a point in the domain, mostly on its border, to one on the object's boundary; cut to their length."""
+        cells, offset, _ = self.cells.draw_touching(count, FACE_SHARE)
+        low, high = self.cells.lower, self.cells.upper
+        n = self.grid.ndim
+        u = (self.cells.rand(n, count) * 2 - 1) * 0.5
+        u = torch.where(self.cells.rand(n, count) < BORDER_FACE_SHARE, torch.sign(u) * 0.5, u)
+        direction = (self.cells.to_local(cells + offset) - (low + (u + 0.5) * (high - low))) / self._stretch
+        t = direction.square().sum(0).sqrt_()
+        direction /= t.clamp(min=LEAST)
+        longest = self._longest(self.cells.to_local(cells + offset), direction)
+        return torch.cat([cells, offset, torch.minimum(t, longest)[None], direction])
+
+    def _through(self, count: int) -> torch.Tensor:
+        """Rays through any point of the object, that begin or end there or anywhere."""
+        cells, offset = self.cells.draw(count)
+        direction, kind = self.directions(count), self.cells.rand(count)
+        longest = self._longest(self.cells.to_local(cells + offset), direction)
+        share = torch.where(kind < END_SHARES[0], 0.0, torch.where(kind < END_SHARES[1], 1.0, self.cells.rand(count) * longest))
+        return torch.cat([cells, offset, torch.minimum(share, longest)[None], direction])
 
     def directions(self, count: int) -> torch.Tensor:
         """``(n, count)`` unit vectors: half by uniform spherical angles as in the protocol, half uniform on the sphere."""

@@ -1,0 +1,165 @@
+"""What learning half-spaces needs of a kind of query: faces that follow from normals, and f of negatives, both differentiable.
+
+Normals have length 1 in the coordinates of what is bounded. Faces are supports in float32 without any room for rounding: they
+steer the search only, ``LearnedKdop.of_normals`` sets the real ones.
+"""
+
+from itertools import combinations
+
+import numpy as np
+import torch
+
+from warp_bounding.bounders.direction_patches import DirectionPatches
+from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.parametric_support import ObjectSupport, ParametricSupport
+from warp_bounding.bounders.regions import RegionDomain
+
+__all__ = ["HalfSpaceProblem", "problem_of"]
+
+SOFTNESS_STEPS = 20  # halvings in the search for the highest point of f along a ray
+DIRECTIONS = {2: 64, 3: 12, 4: 5}  # per edge of a cube's face: the planes that a face is set by
+MULTIPLIER_STEPS = 50  # of training, between exact searches for a ray's multipliers
+
+
+class HalfSpaceProblem:
+    """Half-spaces around points, or around regions in parametric space where faces are the only difference.
+
+    Args:
+        domain: Of the kind of query.
+        support: Certified, of what is bounded.
+    """
+
+    def __init__(self, domain: Domain | RegionDomain, support: ObjectSupport | ParametricSupport):
+        self.domain, self.support = domain, support
+        self.points = tensor(support.points)
+
+    def offsets(self, normals: torch.Tensor) -> torch.Tensor:
+        """``(k,)`` faces of normals ``(k, m)``."""
+        return (normals @ self.points.T).amax(dim=1)
+
+    def values(self, normals: torch.Tensor, offsets: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
+        """``(N,)``, f of ``v`` ``(N, ndim)``."""
+        return (offsets - v @ normals.T).amin(dim=1)
+
+    def refresh(self, normals: torch.Tensor) -> None:
+        """Called now and then, before a step."""
+
+
+class BoxParameters(HalfSpaceProblem):
+    """Boxes in parametric space; see ``ParametricSupport``."""
+
+    def offsets(self, normals: torch.Tensor) -> torch.Tensor:
+        """See ``HalfSpaceProblem``."""
+        x, y = normals.chunk(2, dim=1)
+        limit = tensor(self.support.limit)
+        free = (-x).clamp(min=0) + y.clamp(min=0)
+        return super().offsets(x.clamp(min=0) - (-y).clamp(min=0)) + free @ limit
+
+
+class RayParameters(HalfSpaceProblem):
+    """Rays in parametric space: multipliers are held, relative to the normals, between searches."""
+
+    def __init__(self, domain: RegionDomain, support: ParametricSupport):
+        super().__init__(domain, support)
+        self.limit, self.stretch, self.multipliers = tensor(support.limit), tensor(support.stretch), None
+
+    def refresh(self, normals: torch.Tensor) -> None:
+        """See ``HalfSpaceProblem``."""
+        x, y = normals.detach().double().numpy().reshape(len(normals), 2, -1).transpose(1, 0, 2)
+        m = tensor(self.support.ray_multipliers(x, y)[0])
+        self.multipliers = m.requires_grad_(True)
+        self.optimiser = torch.optim.Adam([self.multipliers], lr=3e-3)
+
+    def offsets(self, normals: torch.Tensor) -> torch.Tensor:
+        """See ``HalfSpaceProblem``."""
+        if self.multipliers is None or len(self.multipliers) != len(normals):
+            self.refresh(normals)
+        x, y = normals.chunk(2, dim=1)
+        m = self.multipliers
+        still, moved = ((z * self.stretch).norm(dim=1) for z in (y, y - m))
+        return (x - m).abs() @ self.limit + super().offsets(m) + torch.maximum(still, moved)
+
+
+class PlaneParameters(HalfSpaceProblem):
+    """Planes in parametric space: for each of many normals u the highest a is known (a linear program of n + 1 candidates)."""
+
+    def __init__(self, domain: RegionDomain, support: ParametricSupport):
+        super().__init__(domain, support)
+        n = support.ndim
+        u = DirectionPatches.cover(n, DIRECTIONS.get(n, 3)).centers
+        local = u / support.stretch
+        self.u, self.local, self.limit = tensor(u), tensor(local), tensor(support.limit)
+        self.high, self.low = tensor(support.object_support(local)), tensor(support.object_support(-local))
+        self.safe = torch.where(self.local.abs() < 1e-4, torch.full_like(self.local, 1e4), self.local)
+
+    def offsets(self, normals: torch.Tensor) -> torch.Tensor:
+        """See ``HalfSpaceProblem``."""
+        x, y = normals.chunk(2, dim=1)
+        kinks = y[:, None] / self.safe  # (k, J, n)
+        kinks = torch.cat([kinks, torch.zeros_like(kinks[:, :, :1])], dim=2)
+        rest = (y[:, None, None] - kinks[..., None] * self.local[:, None]).abs() @ self.limit
+        hull = torch.maximum(kinks * self.high[:, None], -kinks * self.low[:, None])
+        return ((rest + hull).amin(dim=2) + x @ self.u.T).amax(dim=1)
+
+
+class BoxInObject(HalfSpaceProblem):
+    """Boxes against a polytope in object space."""
+
+    def values(self, normals: torch.Tensor, offsets: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
+        """See ``HalfSpaceProblem``."""
+        low, high = v.chunk(2, dim=1)
+        return (offsets - low @ normals.clamp(min=0).T - high @ normals.clamp(max=0).T).amin(dim=1)
+
+
+class RayInObject(HalfSpaceProblem):
+    """Rays against a polytope in object space: f is concave along a ray, and its highest point is found by halving."""
+
+    def values(self, normals: torch.Tensor, offsets: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
+        """See ``HalfSpaceProblem``."""
+        start, slope = v.chunk(2, dim=1)
+        height, fall = offsets - start @ normals.T, slope @ normals.T
+        with torch.no_grad():
+            low, high = torch.zeros(len(v)), torch.ones(len(v))
+            for _ in range(SOFTNESS_STEPS):
+                middle = (low + high) / 2
+                active = (height - middle[:, None] * fall).argmin(dim=1, keepdim=True)
+                rising = fall.gather(1, active)[:, 0] < 0
+                low, high = torch.where(rising, middle, low), torch.where(rising, high, middle)
+            best = (low + high) / 2
+        return (height - best[:, None] * fall).amin(dim=1)
+
+
+class PlaneInObject(HalfSpaceProblem):
+    """Planes against a polytope in object space, by its vertices: where n faces meet and no other one cuts off."""
+
+    def values(self, normals: torch.Tensor, offsets: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
+        """See ``HalfSpaceProblem``."""
+        n = normals.shape[1]
+        chosen = torch.tensor(list(combinations(range(len(normals)), n)))
+        with torch.no_grad():
+            matrix, right = normals[chosen].double(), offsets[chosen].double()
+            safe = torch.linalg.det(matrix).abs() > 1e-6
+            chosen = chosen[safe]
+            y = torch.linalg.solve(matrix[safe], right[safe])
+            met = ((y @ normals.T.double() - offsets) <= 1e-5).all(dim=1)
+            chosen = chosen[met]
+        if not len(chosen):
+            return (offsets.sum() * 0).expand(len(v))
+        vertices = torch.linalg.solve(normals[chosen], offsets[chosen])
+        at = v[:, :n] @ vertices.T
+        return torch.minimum(at.amax(dim=1) - v[:, n], v[:, n] - at.amin(dim=1))
+
+
+def tensor(values: np.ndarray) -> torch.Tensor:
+    """As float32."""
+    return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))
+
+
+def problem_of(
+    domain: Domain | RegionDomain, support: ObjectSupport | ParametricSupport
+) -> HalfSpaceProblem:
+    """The problem of a kind of query in its space."""
+    inside = {"ray": RayInObject, "plane": PlaneInObject, "box": BoxInObject}
+    parameters = {"ray": RayParameters, "plane": PlaneParameters, "box": BoxParameters}
+    kinds = parameters if domain.space == "parametric" else inside
+    return kinds.get(domain.query, HalfSpaceProblem)(domain, support)

@@ -1,0 +1,162 @@
+"""Learning the normals of half-spaces (``learned-kdop``): as few sampled negatives inside as can be, no positive ever outside.
+
+Every face is set to the support of what is bounded, so the positives' half of the paper's asymmetric loss is a constraint that
+always holds, its weight infinite; what is left is the negatives' half, the mean of ``sigmoid(f / T)`` over them, T falling.
+Training starts from ``kdop``'s own half-spaces and from random ones; what has the fewest false positives on the samples wins,
+``kdop``'s half-spaces themselves among them, so the result is never worse than ``kdop`` there.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+
+from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.learned_kdop import LearnedKdop, classic_normals, support_of
+from warp_bounding.bounders.regions import RegionDomain
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.queries import oracle, sample
+from warp_bounding.training.clock import Clock
+from warp_bounding.training.half_space_problems import HalfSpaceProblem, problem_of, tensor
+from warp_bounding.training.team import single_threaded_torch
+
+__all__ = ["train_learned_kdop"]
+
+SAMPLES = 100_000  # of the protocol; the negatives among them are learned from
+BATCH = 4096
+STEPS = 1500  # per start: more gain nothing
+STARTS = 3
+SOFTNESS = (0.1, 0.006)  # T, in units of v, from begin to end
+RATE, RATE_END = 4e-2, 1e-3
+JITTER = 0.02  # of kdop's normals: two that are one and the same would stay so
+CHECK = 50  # steps between counts on all samples
+REFRESH = 25
+FINALISTS = 3  # whose true faces are set at the end
+
+Progress = Callable[[float, str], None]
+
+
+def train_learned_kdop(
+    grid: IndicatorGrid,
+    domain: Domain | RegionDomain,
+    *,
+    budget: float = 20.0,
+    seed: int = 0,
+    k: int | None = None,
+    steps: int | None = None,
+    device: str | None = None,
+    progress: Progress | None = None,
+) -> tuple[LearnedKdop, dict]:
+    """Learn a ``learned-kdop``.
+
+    Args:
+        grid: The object.
+        domain: ``domain_of(grid, query, length, space)``.
+        budget: Seconds at most; some seconds are enough.
+        seed: Of everything random.
+        k: Half-spaces; as many as ``kdop`` has if ``None``.
+        steps: Training steps in all instead of seconds: the result is then repeatable.
+        device: Warp device of the bounder.
+        progress: Called with the used fraction and a note. Ctrl-C ends training; the best so far is taken.
+
+    Returns:
+        The bounder, its threshold not set yet (``prove``), and a record of how it went.
+    """
+    clock = Clock(budget, steps)
+    support, generator = support_of(grid, domain), torch.Generator().manual_seed(seed)
+    problem, v = problem_of(domain, support), _negatives(grid, domain, seed)
+    classic = tensor(classic_normals(domain, k))
+    start = _unit(classic)
+    clock.reserved = min(0.15 * budget, 2 * clock.seconds)
+    found: list[tuple[float, torch.Tensor]] = []
+    interrupted = False
+    with single_threaded_torch():
+        try:
+            for index in range(STARTS):
+                normals = start + JITTER * torch.randn(start.shape, generator=generator)
+                if index % 2 == 1:
+                    normals = torch.randn(start.shape, generator=generator)
+                share = ((index + 1) / STARTS, index / STARTS)
+                found += _descend(problem, v, _unit(normals), clock, share, generator, progress)
+                if clock.fraction() >= 1:
+                    break
+        except KeyboardInterrupt:
+            interrupted = True
+    found.sort(key=lambda pair: pair[0])
+    bounders = [LearnedKdop.of_normals(grid, domain, classic_normals(domain, k), support=support, device=device)]
+    for _, normals in found[:FINALISTS]:
+        try:
+            bounders.append(
+                LearnedKdop.of_normals(grid, domain, normals.double().numpy(), support=support, device=device)
+            )
+        except BounderError:  # half-spaces that are nearly parallel have no certain vertices
+            continue
+    rates = [float((b.reference(v.double().numpy()) >= 0).mean()) for b in bounders]
+    best = int(np.argmin(rates))
+    share = len(v) / SAMPLES
+    record = {
+        "steps": clock.count,
+        "interrupted": interrupted,
+        "fp_rate": rates[best] * share,
+        "fp_rate_kdop": rates[0] * share,
+    }
+    return bounders[best], record
+
+
+def _descend(
+    problem: HalfSpaceProblem,
+    v: torch.Tensor,
+    normals: torch.Tensor,
+    clock: Clock,
+    share: tuple[float, float],
+    generator: torch.Generator,
+    progress: Progress | None,
+) -> list[tuple[float, torch.Tensor]]:
+    """One start, until the clock shows ``share[0]`` or ``STEPS`` are over. Returns the best normals, with their share of false positives."""
+    end, begin = share
+    normals = normals.clone().requires_grad_(True)
+    optimiser = torch.optim.Adam([normals], lr=RATE)
+    best: list[tuple[float, torch.Tensor]] = []
+    for step in range(STEPS):
+        used = max(step / STEPS, (clock.fraction() - begin) / (end - begin))
+        last = used >= 1 or step == STEPS - 1
+        with torch.enable_grad():
+            unit = _unit(normals)
+            if step % REFRESH == 0:
+                problem.refresh(unit)
+            if step % CHECK == 0 or last:
+                best.append(_count(problem, v, unit.detach()))
+                best = sorted(best, key=lambda pair: pair[0])[:1]
+                if progress:
+                    progress(clock.fraction(), f"{100 * best[0][0]:.1f} % of the negatives inside")
+            if last:
+                break
+            batch = v[torch.randint(len(v), (BATCH,), generator=generator)]
+            softness = SOFTNESS[0] * (SOFTNESS[1] / SOFTNESS[0]) ** used
+            loss = torch.sigmoid(problem.values(unit, problem.offsets(unit), batch) / softness).mean()
+            optimiser.zero_grad()
+            loss.backward()
+        for group in optimiser.param_groups:
+            group["lr"] = RATE * (RATE_END / RATE) ** used
+        optimiser.step()
+        clock.count += 1
+    return best
+
+
+def _count(problem: HalfSpaceProblem, v: torch.Tensor, normals: torch.Tensor) -> tuple[float, torch.Tensor]:
+    with torch.no_grad():
+        offsets = problem.offsets(normals)
+        inside = sum(int((problem.values(normals, offsets, part) >= 0).sum()) for part in v.split(16384))
+    return inside / len(v), normals.clone()
+
+
+def _unit(normals: torch.Tensor) -> torch.Tensor:
+    return normals / normals.norm(dim=1, keepdim=True).clamp(min=1e-9)
+
+
+def _negatives(grid: IndicatorGrid, domain: Domain | RegionDomain, seed: int) -> torch.Tensor:
+    """``v`` of the negatives among ``SAMPLES`` queries; of the first few queries where there are none."""
+    x = sample(domain.query, grid, SAMPLES, np.random.default_rng(seed))
+    truth = oracle(domain.query, grid, "cpu", domain.length or 1.0)(x)
+    return tensor(domain.to_local(x[~truth] if not truth.all() else x[:64]))
