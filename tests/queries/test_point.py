@@ -70,7 +70,7 @@ def test_samples_lie_between_the_outer_centres(name, rng):
 def test_kinds_of_queries():
     assert check_query("point") == "point"
     with pytest.raises(QueryError, match="'ray'"):
-        check_query("ray")
+        check_query("cone")
 
 
 def test_kernels_of_several_dimensions_do_not_mix(rng):

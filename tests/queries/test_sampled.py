@@ -85,6 +85,7 @@ def test_length_and_shape(device, rng):
         SampledOracle("cone", grid, device)
 
 
+@pytest.mark.skipif(not hasattr(wp, "compile_aot_module"), reason="this Warp cannot compile ahead of time")
 @pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA compiler on macOS")
 @pytest.mark.parametrize(
     "kernel", [*(m._kernel(3) for m in (ray, plane, box)), *(sampled._kernel(k, 3) for k in KINDS)]

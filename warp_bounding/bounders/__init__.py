@@ -2,6 +2,7 @@
 
 from warp_bounding.bounders.aabb import Aabb
 from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.bvh import Bvh
 from warp_bounding.bounders.certificate import Certificate
 from warp_bounding.bounders.ellipsoid import Ellipsoid
 from warp_bounding.bounders.functions import Data
@@ -17,7 +18,7 @@ from warp_bounding.errors import BounderError
 __all__ = ["METHODS", "Bounder", "Certificate", "Data", "load", "method_class", "save", "supports"]
 
 METHODS: dict[str, type[Bounder]] = {
-    c.method: c for c in (Aabb, Obb, Sphere, Ellipsoid, OrientedEllipsoid, Kdop, Voxels, Mlp)
+    c.method: c for c in (Aabb, Obb, Sphere, Ellipsoid, OrientedEllipsoid, Kdop, Bvh, Voxels, Mlp)
 }
 
 

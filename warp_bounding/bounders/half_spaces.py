@@ -24,10 +24,9 @@ UNBOUNDED = 2.0**20  # where half-spaces have no second face: vertices there are
 
 @dataclass(frozen=True)
 class HalfSpacesSource(Source):
-    """Native code of the test. Numbers: ``b[k]``, then ``a`` ``(k, n)``; of planes, the vertices ``(corners, n)``."""
+    """Native code of the test. Numbers: ``b[k]``, then ``a`` ``(k, n)``; of planes, see ``SlabPlane``."""
 
     half_spaces: int
-    corners: int = 0
 
     def body(self, lanes: Lanes) -> str:
         """See ``Source.body``."""
@@ -35,7 +34,7 @@ class HalfSpacesSource(Source):
         lines = ["const V none = {};" if lanes.vector else "const V none = 0.0f;"]
         if not self.tested_as_point:
             if self.query == "plane":
-                return "\n".join([*lines, *SlabPlane.body(self.ndim, k, self.corners, False)])
+                return "\n".join([*lines, *SlabPlane.body(self.ndim, k, False)])
             region = HalfSpaceRay if self.query == "ray" else HalfSpaceBox
             return "\n".join([*lines, *region.body(self.ndim, k)])
         lines.append("f = none + 3.0e38f;")
@@ -59,7 +58,6 @@ class HalfSpaceRay:
     """Clipping; numbers: b moved out, a. f is 0 or -1, without an error."""
 
     error = 0.0
-    corners = 0
 
     def __init__(self, normals: np.ndarray, offsets: np.ndarray, domain: RegionDomain):
         n = domain.space_ndim
@@ -99,8 +97,6 @@ class HalfSpaceRay:
 
 class HalfSpaceBox:
     """Nearest corners; numbers: b, a. f is the least distance inwards, over half-spaces."""
-
-    corners = 0
 
     def __init__(self, normals: np.ndarray, offsets: np.ndarray, domain: RegionDomain):
         n = domain.space_ndim

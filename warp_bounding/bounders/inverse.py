@@ -58,6 +58,8 @@ def polytope_vertices(directions: np.ndarray, low: np.ndarray, high: np.ndarray)
         BounderError: If the polytope is not bounded, or a vertex is beyond what float64 can tell.
     """
     k, n = directions.shape
+    if k < n:
+        raise BounderError("the slabs do not bound a polytope")
     found, errors = [], []
     sides = np.array(list(product((0, 1), repeat=n)))
     for chosen in combinations(range(k), n):

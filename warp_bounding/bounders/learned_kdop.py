@@ -17,7 +17,8 @@ from warp_bounding.bounders.domain import Domain
 from warp_bounding.bounders.half_spaces import HalfSpacesSource, half_space_region
 from warp_bounding.bounders.inverse import MOST_VERTEX_DIMENSIONS
 from warp_bounding.bounders.kdop import kdop_directions
-from warp_bounding.bounders.parametric_support import ObjectSupport, ParametricSupport
+from warp_bounding.bounders.object_support import ObjectSupport
+from warp_bounding.bounders.parametric_support import ParametricSupport
 from warp_bounding.bounders.regions import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -122,15 +123,8 @@ class LearnedKdop(Bounder):
     @property
     def source(self) -> HalfSpacesSource:
         """See ``Bounder``."""
-        corners = self._region.corners if self._region else 0
-        return HalfSpacesSource(
-            self.ndim,
-            self.domain.time,
-            len(self.tensors["offsets"]),
-            corners,
-            query=self.query_kind,
-            space=self.domain.space,
-        )
+        count, domain = len(self.tensors["offsets"]), self.domain
+        return HalfSpacesSource(self.ndim, domain.time, count, query=domain.query, space=domain.space)
 
     def weights(self) -> np.ndarray:
         """See ``Bounder``."""

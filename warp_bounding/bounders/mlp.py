@@ -21,7 +21,16 @@ from warp_bounding.bounders.network import ACTIVATIONS, Network
 from warp_bounding.bounders.source import Lanes, Source
 from warp_bounding.errors import BounderError
 
-__all__ = ["Mlp", "MlpSource", "check_hidden", "check_octaves", "encoding_tensors", "moment_pairs"]
+__all__ = [
+    "Mlp",
+    "MlpSource",
+    "check_hidden",
+    "check_octaves",
+    "encoding_tensors",
+    "head_numbers",
+    "moment_pairs",
+    "padded",
+]
 
 LARGEST_WIDTH = 1024
 MOST_LAYERS = 8  # hidden
@@ -79,7 +88,8 @@ class MlpSource(Source):
             else (f"{{ V z_ = {z}; const V o_ = {{}}; {target} = z_ > o_ ? z_ : o_; }}")
         )
 
-    def _encode(self, lanes: Lanes) -> list[str]:
+    def encode(self, lanes: Lanes) -> list[str]:
+        """C statements from ``v`` to the inputs ``h0``."""
         n, count = self.raw, self.features
         lines = [f"V h0[{self.inputs}]; for (int k = 0; k < {n}; ++k) h0[k] = v[k];", *self._moments()]
         if count:
@@ -91,33 +101,45 @@ class MlpSource(Source):
             ]
         return lines
 
+    @property
+    def places(self) -> list[int]:
+        """Where in the numbers each layer's copies begin, and at last where the output stands."""
+        places = [self.features * (self.raw + 1)]
+        for k, h in self.layers:
+            places.append(places[-1] + h * (k + 1) + query_padding(h, k) + neuron_size(h, k))
+        return places
+
     def body(self, lanes: Lanes) -> str:
         """See ``Source.body``; one query per lane."""
-        lines = self._encode(lanes)
-        at = self.features * (self.raw + 1)
-        for index, (k, h) in enumerate(self.layers):
-            last = index == len(self.layers) - 1
-            lines.append(
-                "V zero_ = {}; f = zero_; V other = zero_; (void)other;"
-                if last and lanes.vector
-                else "f = 0.0f; V other = 0.0f; (void)other;"
-                if last
-                else f"V h{index + 1}[{h}];"
-            )
-            output = (
-                at + h * (k + 1) + query_padding(h, k) + neuron_size(h, k)
-            )  # where the output layer stands, if this is the last
-            j = block_size(h)
-            for first, size, blocks in ((0, j, h // j), (h // j * j, h % j, 1)):
-                if size:
-                    lines += self._block(
-                        lanes, index, k, first, size, blocks, at + first * (k + 1), output if last else None
-                    )
-            at = output
-        lines.append(f"f = f + w[{at}];")
-        if self.supports:
-            lines.append(f"f = f - v[{self.ndim}]; other = other + w[{self._second(at)}] + v[{self.ndim}]; f = other < f ? other : f;")
-        return "\n".join(lines)
+        return "\n".join(self.chain(lanes, len(self.hidden), self.places[-1]))
+
+    def chain(self, lanes: Lanes, depth: int, head: int) -> list[str]:
+        """C statements from ``v`` to ``f``: the first ``depth`` hidden layers, and the output that stands at ``head``."""
+        lines = self.encode(lanes)
+        for index in range(depth):
+            lines += self.layer(lanes, index, head if index == depth - 1 else None, keep=index < depth - 1)
+        return lines
+
+    def layer(self, lanes: Lanes, index: int, head: int | None, *, keep: bool) -> list[str]:
+        """One hidden layer: ``keep`` its activations, add them up to ``f`` by the output that stands at ``head``, or both."""
+        (k, h), at, lines = self.layers[index], self.places[index], []
+        if head is not None:
+            start = "V zero_ = {}; f = zero_; V other = zero_;" if lanes.vector else "f = 0.0f; V other = 0.0f;"
+            lines.append(f"{start} (void)other;")
+        if keep:
+            lines.append(f"V h{index + 1}[{h}];")
+        j = block_size(h)
+        for first, size, blocks in ((0, j, h // j), (h // j * j, h % j, 1)):
+            if size:
+                lines += self._block(lanes, index, first, size, blocks, at + first * (k + 1), head, keep)
+        if head is not None:
+            lines.append(f"f = f + w[{head}];")
+            if self.supports:
+                second = self.second(head, index)
+                lines.append(
+                    f"f = f - v[{self.ndim}]; other = other + w[{second}] + v[{self.ndim}]; f = other < f ? other : f;"
+                )
+        return lines
 
     def _moments(self) -> list[str]:
         """``a_i w_j - a_j w_i`` behind the coordinates."""
@@ -129,15 +151,15 @@ class MlpSource(Source):
             for index, (i, j) in enumerate(moment_pairs(n))
         ]
 
-    def _second(self, at: int) -> int:
-        """Where the second output stands, given where the first does."""
-        return at + 1 + padded(self.hidden[-1])
+    def second(self, at: int, index: int = -1) -> int:
+        """Where the second output behind hidden layer ``index`` stands, given where the first does."""
+        return at + 1 + padded(self.hidden[index])
 
     def _block(
-        self, lanes: Lanes, index: int, k: int, first: int, size: int, blocks: int, at: int, output: int | None
+        self, lanes: Lanes, index: int, first: int, size: int, blocks: int, at: int, head: int | None, keep: bool
     ) -> list[str]:
         """A loop over blocks of neurons that share each input as it is loaded."""
-        rows = range(size)
+        rows, k = range(size), self.layers[index][0]
         lines = [f"for (int b = 0; b < {blocks}; ++b) {{ const float* p = w + {at} + b * {size * (k + 1)};"]
         lines += [f"V s{r} = h{index}[0] * p[{size + r}] + p[{r}];" for r in rows]
         lines += [
@@ -147,16 +169,23 @@ class MlpSource(Source):
         for r in rows:
             lines.append(self.activate(lanes, f"s{r}", f"s{r}"))
             neuron = f"{first} + b * {size} + {r}"
-            lines.append(
-                f"h{index + 1}[{neuron}] = s{r};" if output is None else f"f += s{r} * w[{output + 1} + {neuron}];"
-            )
-            if output is not None and self.supports:
-                lines.append(f"other += s{r} * w[{self._second(output) + 1} + {neuron}];")
+            if keep:
+                lines.append(f"h{index + 1}[{neuron}] = s{r};")
+            if head is not None:
+                lines.append(f"f += s{r} * w[{head + 1} + {neuron}];")
+                if self.supports:
+                    lines.append(f"other += s{r} * w[{self.second(head, index) + 1} + {neuron}];")
         return [*lines, "}"]
 
     def function_body(self) -> str:
         """See ``Source.function_body``; neurons share the lanes, so that one query is fast by itself."""
-        vector = Lanes(vector=True)
+        lines = self.function_encode()
+        for index in range(len(self.hidden)):
+            lines += self.function_layer(index)
+        return "\n".join([*lines, *self.function_head(len(self.hidden) - 1, self.places[-1])])
+
+    def function_encode(self) -> list[str]:
+        """C statements from ``v`` to the inputs ``float h0[]``, and the vector type of the layers behind."""
         lines = [
             f"constexpr int L = {ALIGN}; typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));"
         ]
@@ -168,28 +197,30 @@ class MlpSource(Source):
             terms = " + ".join(f"v[{k}] * w[{count} + j * {n} + {k}]" for k in range(n))
             lines += [f"for (int j = 0; j < {count}; ++j) {{ typedef float V; V z = {terms} + w[j]; V s;"]
             lines += [Lanes(vector=False).sine("s", "z"), f"h0[{n} + j] = s; }}"]
-        at = count * (n + 1)
-        for index, (k, h) in enumerate(self.layers):
-            at += h * (k + 1) + query_padding(h, k)
-            row = padded(h)
-            lines.append(f"float h{index + 1}[{row}]; {{ V a[{row} / L], b[{row} / L]; const float* p = w + {at};")
-            lines.append(
-                f"for (int q = 0; q < {row} / L; ++q) {{ a[q] = *(const V*)(p + q * L); b[q] = a[q] * 0.0f; }}"
-            )
-            lines.append(f"int k = 0; for (; k + 1 < {k}; k += 2) {{ const float* c = p + {row} * (k + 1);")
-            lines.append(f"const float x = h{index}[k], y = h{index}[k + 1]; for (int q = 0; q < {row} / L; ++q) {{")
-            lines.append(f"a[q] += *(const V*)(c + q * L) * x; b[q] += *(const V*)(c + {row} + q * L) * y; }} }}")
-            lines.append(
-                f"if (k < {k}) for (int q = 0; q < {row} / L; ++q) a[q] += *(const V*)(p + {row} * (k + 1) + q * L) * h{index}[k];"
-            )
-            lines.append(f"for (int q = 0; q < {row} / L; ++q) {{ V s; {self.activate(vector, 's', 'a[q] + b[q]')}")
-            lines.append(f"*(V*)(h{index + 1} + q * L) = s; }} }}")
-            at += neuron_size(h, k)
-        last, row = (
-            f"h{len(self.hidden)}",
-            padded(self.hidden[-1]),
-        )  # neurons behind the last are 0, and so are their weights
-        for name, start in (("f", at), ("other", self._second(at)))[: 1 + self.supports]:
+        return lines
+
+    def function_layer(self, index: int) -> list[str]:
+        """One hidden layer, eight neurons at a time."""
+        (k, h), lines = self.layers[index], []
+        at, row = self.places[index] + h * (k + 1) + query_padding(h, k), padded(h)
+        lines.append(f"float h{index + 1}[{row}]; {{ V a[{row} / L], b[{row} / L]; const float* p = w + {at};")
+        lines.append(f"for (int q = 0; q < {row} / L; ++q) {{ a[q] = *(const V*)(p + q * L); b[q] = a[q] * 0.0f; }}")
+        lines.append(f"int k = 0; for (; k + 1 < {k}; k += 2) {{ const float* c = p + {row} * (k + 1);")
+        lines.append(f"const float x = h{index}[k], y = h{index}[k + 1]; for (int q = 0; q < {row} / L; ++q) {{")
+        lines.append(f"a[q] += *(const V*)(c + q * L) * x; b[q] += *(const V*)(c + {row} + q * L) * y; }} }}")
+        lines.append(
+            f"if (k < {k}) for (int q = 0; q < {row} / L; ++q) a[q] += *(const V*)(p + {row} * (k + 1) + q * L) * h{index}[k];"
+        )
+        vector = Lanes(vector=True)
+        lines.append(f"for (int q = 0; q < {row} / L; ++q) {{ V s; {self.activate(vector, 's', 'a[q] + b[q]')}")
+        lines.append(f"*(V*)(h{index + 1} + q * L) = s; }} }}")
+        return lines
+
+    def function_head(self, index: int, head: int) -> list[str]:
+        """``float f``, the output behind hidden layer ``index`` that stands at ``head``."""
+        last, row, lines = f"h{index + 1}", padded(self.hidden[index]), []
+        # neurons behind the last are 0, and so are their weights
+        for name, start in (("f", head), ("other", self.second(head, index)))[: 1 + self.supports]:
             lines.append(f"float {name}; {{ V sum = *(const V*){last} * *(const V*)(w + {start + 1});")
             lines.append(
                 f"for (int q = 1; q < {row} / L; ++q) sum += *(const V*)({last} + q * L) * *(const V*)(w + {start + 1} + q * L);"
@@ -198,8 +229,9 @@ class MlpSource(Source):
                 f"{name} = ((sum[0] + sum[4]) + (sum[2] + sum[6])) + ((sum[1] + sum[5]) + (sum[3] + sum[7])) + w[{start}]; }}"
             )
         if self.supports:
+            n = self.ndim
             lines.append(f"f = f - v[{n}]; other = other + v[{n}]; f = other < f ? other : f;")
-        return "\n".join(lines)
+        return lines
 
 
 def moment_pairs(ndim: int) -> list[tuple[int, int]]:
@@ -226,6 +258,13 @@ def query_padding(neurons: int, inputs: int) -> int:
 def neuron_size(neurons: int, inputs: int) -> int:
     """Floats of a layer's neuron-major copy."""
     return padded(neurons) * (inputs + 1)
+
+
+def head_numbers(weight: np.ndarray, bias: np.ndarray) -> np.ndarray:
+    """An output as ``MlpSource`` reads it: per row of ``weight`` its bias and the weights, padded."""
+    rows = np.zeros((len(bias), 1 + padded(weight.shape[1])), np.float32)
+    rows[:, 0], rows[:, 1 : 1 + weight.shape[1]] = bias, weight
+    return rows.reshape(-1)
 
 
 def encoding_tensors(ndim: int, octaves: int) -> dict[str, np.ndarray]:
@@ -305,10 +344,8 @@ class Mlp(Bounder):
         self.moments = moments
         raw = domain.space_ndim if domain.query == "plane" else domain.ndim
         self.features = 2 * raw * octaves
-        outputs = 2 if domain.query == "plane" else 1
-        expected = {}
-        for i, (k, h) in enumerate(zip((self.source.inputs, *self.hidden), (*self.hidden, outputs), strict=True)):
-            expected |= {f"layers.{i}.weight": (h, k), f"layers.{i}.bias": (h,)}
+        self.outputs = outputs = 2 if domain.query == "plane" else 1
+        expected = self._shapes()
         if octaves:
             expected |= {"encoding.weight": (self.features, raw), "encoding.bias": (self.features,)}
         if {k: t.shape for k, t in self.tensors.items()} != expected:
@@ -318,6 +355,13 @@ class Mlp(Bounder):
         encoding = (self.tensors["encoding.weight"], self.tensors["encoding.bias"]) if octaves else None
         limit, error = self._input_sizes(raw)
         self.networks = [Network(self._layers(o), self.activation, encoding, limit, error) for o in range(outputs)]
+
+    def _shapes(self) -> dict[str, tuple[int, ...]]:
+        """Shapes of the tensors, but for the encoding."""
+        shapes = {}
+        for i, (k, h) in enumerate(zip((self.source.inputs, *self.hidden), (*self.hidden, self.outputs), strict=True)):
+            shapes |= {f"layers.{i}.weight": (h, k), f"layers.{i}.bias": (h,)}
+        return shapes
 
     def _input_sizes(self, raw: int) -> tuple[np.ndarray, np.ndarray]:
         """Largest size of the network's inputs, and what computing them rounds: moments are two products and a difference."""
@@ -368,11 +412,10 @@ class Mlp(Bounder):
             rows = np.zeros((k + 1, padded(h)), np.float32)
             rows[0, :h], rows[1:, :h] = bias, weight.T
             parts.append(rows.reshape(-1))
-        rest = np.zeros(padded(self.hidden[-1]) - self.hidden[-1], np.float32)
-        for output in range(len(self.networks)):
-            weight, bias = self._layers(output)[-1]
-            parts += [bias, weight.reshape(-1), rest]
-        return np.concatenate(parts)
+        last = len(self.hidden)
+        return np.concatenate(
+            [*parts, head_numbers(self.tensors[f"layers.{last}.weight"], self.tensors[f"layers.{last}.bias"])]
+        )
 
     def inputs(self, v: np.ndarray) -> np.ndarray:
         """The network's inputs ``(N, K)`` for coordinates ``(N, domain.ndim)``, float64, before the positional encoding."""

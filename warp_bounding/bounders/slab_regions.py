@@ -23,9 +23,9 @@ from warp_bounding.bounders.locate import GUARD, PARALLEL
 from warp_bounding.bounders.regions import RegionDomain
 from warp_bounding.errors import BounderError
 
-__all__ = ["SlabBox", "SlabPlane", "SlabRay", "Slabs", "slab_region"]
+__all__ = ["ROOM", "SlabBox", "SlabPlane", "SlabRay", "Slabs", "clip", "slab_region"]
 
-ROOM = 2.0**-60  # a face is at least this far from P where a ray may run along it: ROOM / PARALLEL crosses any segment
+ROOM = 2.0**-60  # a face is at least this far from P where a ray may run along it: far more than PARALLEL
 
 
 class Slabs(NamedTuple):
@@ -78,7 +78,7 @@ class SlabRay:
         for i in range(count):
             at = 2 * count + i * n
             lines.append(f"{{ const V y = {row(n, 0, at, diagonal, i)}; const V s = {row(n, n, at, diagonal, i)};")
-            lines.append(_clip(f"w[{i}]", f"w[{count + i}]", "y", "s"))
+            lines += [clip.speed("s"), clip.ends(f"w[{i}]", f"w[{count + i}]", "y", "slow")]
             lines.append("enter = near > enter ? near : enter; leave = away < leave ? away : leave; }")
         return [*lines, f"f = enter <= leave + {GUARD.hex()}f ? none : none - 1.0f;"]
 
@@ -94,16 +94,28 @@ class SlabRay:
         return np.where(np.maximum(near, 0) <= np.minimum(away, 1), 0.0, -1.0)
 
 
-def _clip(low: str, high: str, y: str, s: str) -> str:
-    """C statements that declare ``near`` and ``away``, the parameters between which ``y + t s`` lies in [low, high].
+class clip:  # noqa: N801 (a family of two functions)
+    """C statements of slab clipping.
 
-    Without a division by zero: a face that may be met is ``ROOM`` away from where a ray runs that is parallel to it.
+    Without a division by zero: a face that may be met is at least ``ROOM / 2`` away from a ray that runs along it, so the
+    parameters at which a speed of ``PARALLEL`` meets the faces lie outside [0, 1] as they should.
     """
-    return (
-        f"const V speed = {s} < none ? -{s} : {s}; const V cross = speed > {PARALLEL.hex()}f ? {s} : none + {PARALLEL.hex()}f; "
-        f"const V slow = 1.0f / cross; const V one = ({low} - {y}) * slow; const V two = ({high} - {y}) * slow; "
-        "const V near = one < two ? one : two; const V away = one < two ? two : one;"
-    )
+
+    @staticmethod
+    def speed(s: str) -> str:
+        """Declare ``slow``, one over the speed."""
+        return (
+            f"const V speed = {s} < none ? -{s} : {s}; "
+            f"const V cross = speed > {PARALLEL.hex()}f ? {s} : none + {PARALLEL.hex()}f; const V slow = 1.0f / cross;"
+        )
+
+    @staticmethod
+    def ends(low: str, high: str, y: str, slow: str) -> str:
+        """Declare ``near`` and ``away``, the parameters between which ``y + t s`` lies in [low, high]."""
+        return (
+            f"const V one = ({low} - {y}) * {slow}; const V two = ({high} - {y}) * {slow}; "
+            "const V near = one < two ? one : two; const V away = one < two ? two : one;"
+        )
 
 
 class SlabPlane:

@@ -7,7 +7,7 @@ Importing this package imports neither torch nor matplotlib.
 from warp_bounding.tables.columns import select_columns, select_methods
 from warp_bounding.tables.folder import Folder, open_folder
 from warp_bounding.tables.means import Means
-from warp_bounding.tables.outputs import write_outputs
+from warp_bounding.tables.outputs import write_outputs, write_page
 from warp_bounding.tables.plan import Job, TimeLeft
 from warp_bounding.tables.rows import PROTOCOLS, Row
 from warp_bounding.tables.run import Outcome, run
@@ -30,4 +30,5 @@ __all__ = [
     "select_methods",
     "select_shapes",
     "write_outputs",
+    "write_page",
 ]

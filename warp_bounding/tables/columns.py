@@ -12,6 +12,7 @@ from warp_bounding.errors import BounderError, QueryError
 __all__ = [
     "COLUMNS",
     "DIMENSIONS",
+    "LEARNED",
     "METHODS",
     "QUERIES",
     "VARIANTS",

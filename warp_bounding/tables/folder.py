@@ -115,13 +115,23 @@ class Folder:
             self.rows[row.key] = row
         if whole != content or not lines:
             if lines:
-                self.notes.append(f"{self.table}: the last line was torn by an interruption; dropped, to be measured again")
+                self.notes.append(
+                    f"{self.table}: the last line was torn by an interruption; dropped, to be measured again"
+                )
             write_whole(self.table, whole or HEADER.encode())
 
     def _check(self, row: Row) -> None:
         """Refuse a row that cannot have been measured with these settings."""
         s = self.settings
-        expected = (s.budget, s.samples, s.seed, s.length, s.activation, s.device, "-".join(map(str, row.column.hidden)))
+        expected = (
+            s.budget,
+            s.samples,
+            s.seed,
+            s.length,
+            s.activation,
+            s.device,
+            "-".join(map(str, row.column.hidden)),
+        )
         if expected != (row.budget, row.samples, row.seed, row.length, row.activation, row.device, row.hidden):
             raise FileFormatError("it was measured with other settings")
         if row.key in self.rows:
@@ -151,7 +161,9 @@ def open_folder(path: Path, given: Mapping[str, Any], *, create: bool) -> Iterat
             raise FileFormatError(f"{path}: a file, expected a folder")
         strangers = [name for name in OURS if (path / name).exists()]
         if strangers:
-            raise FileFormatError(f"{path}: holds {', '.join(strangers)} but no {SETTINGS}; choose another folder for --out")
+            raise FileFormatError(
+                f"{path}: holds {', '.join(strangers)} but no {SETTINGS}; choose another folder for --out"
+            )
         Settings.of(given)
     with _lock(path):
         _sweep(path)
@@ -180,7 +192,9 @@ def _lock(path: Path) -> Iterator[None]:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                raise FileFormatError(f"{path}: another table1 is at work there; wait for it or choose another --out") from None
+                raise FileFormatError(
+                    f"{path}: another table1 is at work there; wait for it or choose another --out"
+                ) from None
             except OSError as error:
                 raise FileFormatError(f"{path}: cannot be locked ({error.strerror or error})") from error
         yield

@@ -86,7 +86,9 @@ def _legend(tables: Sequence[Means]) -> list[str]:
             "`(parametric)`: a volume around the parameters of the queries (a ray's origin and direction), as in the paper, whose figures stand "
             "there; without: around the object, met by the query as an engineer would test it."
         )
-    signs = {f"`{SAME}`": ("the same as the row above: a point is its own parameters", any(v.parametric for v, _ in cells))}
+    signs = {
+        f"`{SAME}`": ("the same as the row above: a point is its own parameters", any(v.parametric for v, _ in cells))
+    }
     signs["`–`"] = ("there is no such bounder", True)
     signs["`…`"] = ("not measured (yet)", True)
     signs["<sup>s</sup>"] = (
@@ -94,7 +96,10 @@ def _legend(tables: Sequence[Means]) -> list[str]:
         any("statistical" in m.kinds for _, m in cells),
     )
     signs["<sup>u</sup>"] = ("neither proven nor bounded", any(v.conservative and not m.certified for v, m in cells))
-    signs["<sup>1/9</sup>"] = ("a mean over 1 of the column's 9 objects, for example", any(not m.complete for _, m in cells))
+    signs["<sup>1/9</sup>"] = (
+        "a mean over 1 of the column's 9 objects, for example",
+        any(not m.complete for _, m in cells),
+    )
     lines.append("; ".join(f"{sign} {meaning}" for sign, (meaning, occurs) in signs.items() if occurs) + ".")
     return [f"- {line}" for line in lines]
 

@@ -65,6 +65,7 @@ def fit(
     space: str = "geometric",
     octaves: int = 0,
     k: int | None = None,
+    leaves: int | None = None,
     steps: int | None = None,
     recipe: str = "default",
     device: str | None = None,
@@ -88,7 +89,8 @@ def fit(
         space: ``"geometric"``: a region is tested against the volume; ``"parametric"``, as in the paper: the volume is fitted to
             the positives' own 2 n numbers. The same for points.
         octaves: Octaves of positional encoding, mlp; 0 for none, 4 as in the paper's supplement.
-        k: Half-spaces, kdop.
+        k: Half-spaces, kdop and learned-kdop; by default 4 for each number of a query.
+        leaves: Leaf boxes, bvh; 64 if ``None``.
         steps: Training steps instead of seconds: the result is then repeatable to the bit on the same machine.
         recipe: ``"default"``, or ``"paper"`` for the paper's schedule.
         device: Warp device of the bounder; the default device if ``None``.

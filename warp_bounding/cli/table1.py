@@ -1,0 +1,202 @@
+"""``warp-bounding table1``: the paper's Table 1, measured; resumable at any moment."""
+
+import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from warp_bounding.cli.output import Json, console, print_json, quiet_warp
+from warp_bounding.errors import QueryError
+
+__all__ = ["command"]
+
+
+def command(
+    out: Annotated[str, typer.Option(help="Folder for the table; an earlier run there is continued.")],
+    data: Annotated[
+        str | None,
+        typer.Option(
+            help="Folder with 2D/*.png, 3D/*.binvox, 4D/*.npy. Without it, README.md and plots are written anew."
+        ),
+    ] = None,
+    protocol: Annotated[
+        str | None, typer.Option(help="Truth: exact, sampled as in the paper, or both.  [exact]")
+    ] = None,
+    budget: Annotated[float | None, typer.Option(help="Seconds for each learned fit.  [60]")] = None,
+    columns: Annotated[
+        str | None, typer.Option(help="Such as 2d-point,3d-ray; or 2d, or ray, for all of these.  [all]")
+    ] = None,
+    methods: Annotated[str | None, typer.Option(help="Such as aabb,bvh,bvh-64,mlp.  [all]")] = None,
+    objects: Annotated[
+        str | None, typer.Option(help="Such as bunny (in all dimensions) or 2d/dragon1,3d/bunny.  [all]")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Random seed of the fits; the samples have the next one.  [0]")
+    ] = None,
+    samples: Annotated[int | None, typer.Option(help="Random queries that rates are measured on.  [1000000]")] = None,
+    length: Annotated[float | None, typer.Option(help="Length of a ray.  [1]")] = None,
+    device: Annotated[str | None, typer.Option(help="Warp device.  [cpu]")] = None,
+    json: Json = False,
+) -> int:
+    """Measure the false positives of every method on every object and query, as in the paper's Table 1.
+
+    Kill it whenever you like: the same command goes on where it stopped. Columns, methods, objects and protocols can be added to a
+    folder later; budget, samples, seed, length and device are those of its first run. Exit status 1: a cell failed or the run was stopped.
+    """
+    import warp_bounding.tables as tables
+    from warp_bounding.bounders import supports
+
+    given = {"budget": budget, "samples": samples, "seed": seed, "length": length, "device": device}
+    selected = {"protocol": protocol, "columns": columns, "methods": methods, "objects": objects}
+    quiet_warp(device)
+    if data is None:
+        useless = [f"--{name}" for name, value in selected.items() if value is not None]
+        if useless:
+            raise QueryError(f"{useless[0]} needs --data DIR, the folder of the objects")
+        with tables.open_folder(Path(out), given, create=False) as folder:
+            cells = len(folder.rows)
+            return _end(folder, tables.Outcome(cells, cells), supports, json)
+    protocols = _protocols(protocol)
+    wanted = tables.select_columns(_words(columns))
+    variants = tables.select_methods(_words(methods))
+    found = tables.find_shapes(Path(data), dict.fromkeys(c.ndim for c in wanted))
+    shapes = tables.select_shapes(found, _words(objects))
+    tools = tables.Tools.of_library()
+    line = _line({"data": data, "out": out, **selected, **given})
+    with tables.open_folder(Path(out), given, create=True) as folder, _reporter(folder, supports) as reporter:
+        outcome = tables.run(folder, wanted, variants, shapes, protocols, command=line, tools=tools, reporter=reporter)
+        reporter.stop()
+        return _end(folder, outcome, supports, json)
+
+
+def _words(text: str | None) -> list[str] | None:
+    return None if text is None else [word.strip() for word in text.split(",")]
+
+
+def _protocols(protocol: str | None) -> tuple[str, ...]:
+    from warp_bounding.tables import PROTOCOLS
+
+    if protocol == "both":
+        return PROTOCOLS
+    if protocol is not None and protocol not in PROTOCOLS:
+        raise QueryError(f"protocol must be one of {', '.join(PROTOCOLS)}, both, got {protocol!r}")
+    return (protocol or PROTOCOLS[0],)
+
+
+def _line(options: dict[str, object]) -> str:
+    """The command line that does the same."""
+    words = [word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))]
+    return shlex.join(["warp-bounding", "table1", *words])
+
+
+def _end(folder, outcome, supports, json: bool) -> int:
+    """Write the outputs, tell people or programs, and give the exit status."""
+    from warp_bounding.tables import PROTOCOLS, Means, write_outputs
+
+    err = Console(stderr=True, highlight=False, soft_wrap=True)
+    notes = write_outputs(folder, supports, outcome.failed)
+    means = [m for m in (Means(folder.rows.values(), p) for p in PROTOCOLS) if m.cells]
+    broken = [line for m in means for line in m.broken_promises()]
+    for line in (
+        *(f"note: {n}" for n in notes),
+        *(f"failed: {f}" for f in outcome.failed),
+        *(f"promise broken: {b}" for b in broken),
+    ):
+        err.print(line, markup=False)
+    if outcome.interrupted:
+        err.print(
+            f"interrupted: {outcome.done} of {outcome.total} cells are done; the same command goes on from there",
+            markup=False,
+        )
+    if json:
+        columns: dict[str, dict] = {}
+        for m in means:
+            for column, values in m.to_dict().items():
+                columns.setdefault(column, {})[m.protocol] = values
+        cells = {"cells": outcome.total, "done": outcome.done, "failed": outcome.failed}
+        print_json({"path": str(folder.path), **cells, "interrupted": outcome.interrupted, "columns": columns})
+    else:
+        console(False).print(f"{outcome.done} of {outcome.total} cells; the table is {folder.page}", markup=False)
+    return 1 if outcome.failed or broken or outcome.interrupted else 0
+
+
+@contextmanager
+def _reporter(folder, supports) -> Iterator["_Reporter"]:
+    reporter = _Reporter(folder, supports)
+    try:
+        yield reporter
+    finally:
+        reporter.stop()
+
+
+class _Reporter:
+    """A bar on a terminal, a line a cell elsewhere; keeps ``README.md`` up to date."""
+
+    def __init__(self, folder, supports):
+        self._folder, self._supports = folder, supports
+        self._err = Console(stderr=True, highlight=False, soft_wrap=True)
+        done = TextColumn("{task.fields[cells]} cells")
+        texts = [TextColumn("{task.fields[left]}"), TextColumn("{task.fields[note]}")]
+        columns = (TextColumn("table1"), BarColumn(bar_width=28), done, TimeElapsedColumn(), *texts)
+        self._bar = Progress(*columns, console=self._err, transient=True, disable=not self._err.is_terminal)
+        self._total = self._done = self._before = self._cells = 0
+        self._failed: list[str] = []
+        for note in folder.notes:
+            self.say(note)
+
+    def begin(self, total, done, left) -> None:
+        """See ``Reporter``."""
+        self._total, self._done, self._left = total, done, left
+        self._task = self._bar.add_task("", total=total, cells=f"{done}/{total}", left="", note="")
+        if done < total:
+            self.say(f"{total - done} of {total} cells to measure, {left.text}")
+        self._bar.start()
+
+    def start(self, job) -> None:
+        """See ``Reporter``."""
+        self._job = job
+        self._show("")
+
+    def within(self, done, total=1.0, note="") -> None:
+        """See ``Reporter``."""
+        self._show(note)
+
+    def row(self, row) -> None:
+        """See ``Reporter``."""
+        self._done += 1
+        certificate = row.certificate or "no certificate"
+        text = (
+            f"{row.column.name} {row.object}: {row.variant.label} ({row.protocol}): {row.fp_rate:.3f} % false positives"
+        )
+        self._line(f"{text}, {row.fn} false negatives, {certificate}")
+        from warp_bounding.tables import write_page
+
+        write_page(self._folder, self._supports, self._failed)
+
+    def fail(self, job, reason) -> None:
+        """See ``Reporter``."""
+        self._failed += [f"{job.title} ({p}): {reason}" for p in job.protocols]
+        self.say(f"failed: {job.title}: {reason}")
+
+    def say(self, text) -> None:
+        """See ``Reporter``."""
+        self._err.print(text, markup=False)
+
+    def stop(self) -> None:
+        """Take the bar away."""
+        self._bar.stop()
+
+    def _show(self, note: str) -> None:
+        text = f"{self._job.title}{f': {note}' if note else ''}"
+        self._bar.update(
+            self._task, completed=self._done, cells=f"{self._done}/{self._total}", left=self._left.text, note=text
+        )
+
+    def _line(self, text: str) -> None:
+        if not self._err.is_terminal:
+            self.say(f"{self._done}/{self._total} {text}; {self._left.text}")
