@@ -8,9 +8,9 @@ import warp_bounding as wb
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.regions import domain_of
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.hull import hull_corners
 from warp_bounding.proof import certify, minimum, prove
 from warp_bounding.proof.planes import SupportGap
+from warp_bounding.queries.components import hull_corners
 from warp_bounding.queries.positives import draw_positives
 
 SHAPES = ("c", "blob", "anisotropic", "animated")
@@ -27,7 +27,7 @@ def random_supports(grid, seed=0, activation="sin", hidden=(9, 7)) -> Mlp:
 @pytest.mark.parametrize("name", ["c", "blob", "star", "single", "anisotropic", "animated"])
 def test_hull_corners_hold_every_support(name):
     grid, rng = shape(name), np.random.default_rng(0)
-    corners = hull_corners(grid.occupancy)
+    corners = hull_corners(grid.occupied) - 0.5
     steps = np.stack(np.meshgrid(*[[-0.5, 0.5]] * grid.ndim, indexing="ij"), -1).reshape(-1, grid.ndim)
     every = (grid.occupied[:, None] + steps).reshape(-1, grid.ndim)
     normals = np.concatenate([rng.normal(size=(500, grid.ndim)), rng.integers(-3, 4, (500, grid.ndim))])
@@ -94,11 +94,9 @@ def test_a_fit_of_planes_is_proven_and_kept(tmp_path):
 
 
 def test_rays_have_no_proof_yet():
-    from warp_bounding.bounders.mlp import Mlp as Network
-
     domain = domain_of(shape("c"), "ray")
     tensors = {"layers.0.weight": np.ones((2, 4), np.float32), "layers.0.bias": np.zeros(2, np.float32)}
     tensors |= {"layers.1.weight": np.ones((1, 2), np.float32), "layers.1.bias": np.zeros(1, np.float32)}
-    bounder = Network(domain, tensors, {"hidden": [2], "activation": "sin", "octaves": 0}, "cpu")
+    bounder = Mlp(domain, tensors, {"hidden": [2], "activation": "sin", "octaves": 0}, "cpu")
     with pytest.raises(BounderError, match="no proof yet"):
         prove(bounder, shape("c"))

@@ -69,7 +69,7 @@ def test_samples_lie_between_the_outer_centres(name, rng):
 
 def test_kinds_of_queries():
     assert check_query("point") == "point"
-    with pytest.raises(QueryError, match="'ray'"):
+    with pytest.raises(QueryError, match="'cone'"):
         check_query("cone")
 
 

@@ -7,6 +7,7 @@ from warp_bounding.bounders.certificate import Certificate
 from warp_bounding.bounders.ellipsoid import Ellipsoid
 from warp_bounding.bounders.functions import Data
 from warp_bounding.bounders.kdop import Kdop
+from warp_bounding.bounders.learned_kdop import LearnedKdop
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.obb import Obb
 from warp_bounding.bounders.oriented_ellipsoid import OrientedEllipsoid

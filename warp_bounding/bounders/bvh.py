@@ -25,7 +25,7 @@ from warp_bounding.indicators.grid import IndicatorGrid
 __all__ = ["Bvh", "BvhSource", "leaves_for_bytes"]
 
 LEAVES = 64
-BUILDERS = ("sah", "median")
+BUILDERS = ("tight", "median")
 FRONT = 2  # numbers before the nodes: how many there are, and a plane's room
 
 
@@ -125,7 +125,7 @@ class Bvh(Bounder):
         domain: Domain | RegionDomain,
         *,
         leaves: int = LEAVES,
-        builder: str = "sah",
+        builder: str = "tight",
         device: str | None = None,
     ) -> "Bvh":
         """Arrange a grid's occupied cells in boxes.
@@ -134,7 +134,7 @@ class Bvh(Bounder):
             grid: The object.
             domain: Its domain, or that of a region.
             leaves: Number of leaf boxes (fewer where the object consists of fewer); see ``leaves_for_bytes``.
-            builder: ``"sah"``: the boxes that leave least room; ``"median"``: halves in Morton order.
+            builder: ``"tight"``: boxes of little volume; ``"median"``: halves in Morton order.
             device: Warp device.
 
         Raises:
@@ -144,7 +144,7 @@ class Bvh(Bounder):
             raise BounderError(f"leaves must be a positive whole number, got {leaves!r}")
         if builder not in BUILDERS:
             raise BounderError(f"builder must be one of {', '.join(BUILDERS)}, got {builder!r}")
-        tree = build(grid, leaves, builder, domain.query)
+        tree = build(grid, leaves, builder)
         lower, upper = domain.base.widened(grid.position(tree.first - 0.5), grid.position(tree.last + 0.5))
         low = np.nextafter(round_down(lower - 2 * ROOM), np.float32(-np.inf))
         high = np.nextafter(round_up(upper + 2 * ROOM), np.float32(np.inf))

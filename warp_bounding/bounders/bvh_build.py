@@ -2,9 +2,9 @@
 
 * ``median``: cells in Morton order (Morton 1966), halved again and again: the linear hierarchy (Lauterbach et al. 2009), whose
   splits need no search.
-* ``sah``: every split is the best plane across an axis, by the surface area heuristic's sum of size times cells (Goldsmith and Salmon
-  1987), down to several times as many leaves as wanted; of this tree the best cut with the wanted number of leaves is taken,
-  exactly, by dynamic programming.
+* ``tight``: every split is the plane across an axis that leaves the least volume on its two sides, weighted by a power of their
+  numbers of cells (with power 1, the surface area heuristic of Goldsmith and Salmon 1987, for points), down to several times as
+  many leaves as wanted; of this tree the cut whose leaves have the least volume is taken, exactly, by dynamic programming.
 
 A binary tree has as many inner nodes as leaves. Two thirds of them are taken out again, those that save the fewest tests, which
 leaves memory for more leaves; so a node has ``ARITY`` children on average.
@@ -21,13 +21,10 @@ from warp_bounding.indicators.grid import IndicatorGrid
 __all__ = ["ARITY", "Hierarchy", "build", "inner_nodes", "morton_order"]
 
 ARITY = 4
-SPARE = 8  # times the wanted leaves: of the tree that ``sah`` cuts
-QUERY_SIZE = {
-    "point": 0.0,
-    "ray": 0.25,
-    "plane": 1.0,
-    "box": 0.25,
-}  # domain widths: a node's size is its box grown by this
+SPARE = 4  # times the wanted leaves: of the tree that ``tight`` cuts
+POWERS = (0.0, 0.5)  # of the numbers of cells; all are tried
+BALANCE = 1e-9  # decides between splits that leave the same volume
+GROWN = 0.1  # domain widths: by how much a query's own size makes a node's box larger
 
 
 class Hierarchy(NamedTuple):
@@ -46,12 +43,19 @@ class Hierarchy(NamedTuple):
 
 @dataclass
 class Node:
-    """A box of cells and what lies below it."""
+    """A box of cells and what lies below it; size: the cells in it, occupied or not."""
 
     first: np.ndarray
     last: np.ndarray
-    size: float
     children: list["Node"] = field(default_factory=list)
+
+    def __post_init__(self):
+        self.size = float((self.last - self.first + 1).prod(dtype=np.float64))
+
+    @classmethod
+    def around(cls, cells: np.ndarray) -> "Node":
+        """The box around cells ``(N, n)``."""
+        return cls(cells.min(axis=0), cells.max(axis=0))
 
 
 def inner_nodes(leaves: int) -> int:
@@ -59,19 +63,21 @@ def inner_nodes(leaves: int) -> int:
     return -(-(leaves - 1) // (ARITY - 1))
 
 
-def build(grid: IndicatorGrid, leaves: int, builder: str, query: str = "point") -> Hierarchy:
+def build(grid: IndicatorGrid, leaves: int, builder: str) -> Hierarchy:
     """Arrange the occupied cells.
 
     Args:
         grid: The object.
         leaves: Number of leaf boxes; fewer where the object consists of fewer boxes.
-        builder: ``"median"`` or ``"sah"``.
-        query: What the hierarchy will be asked: what counts as a large box depends on it.
+        builder: ``"median"`` or ``"tight"``.
     """
     cells = grid.occupied
-    measure = _Measure(np.array(grid.shape, dtype=np.float64), QUERY_SIZE[query])
-    root = _median(cells[morton_order(cells)], leaves, measure) if builder == "median" else _sah(cells, leaves, measure)
-    _flatten(root, inner_nodes(leaves))
+    if builder == "median":
+        root = _median(cells[morton_order(cells)], leaves)
+    else:
+        found = [_tight(cells, leaves, power) for power in POWERS]
+        root = min(found, key=lambda pair: pair[0])[1]
+    _flatten(root, inner_nodes(leaves), np.array(grid.shape, dtype=np.float64))
     return _depth_first(root)
 
 
@@ -86,54 +92,35 @@ def morton_order(cells: np.ndarray) -> np.ndarray:
     return np.argsort(code, kind="stable")
 
 
-class _Measure:
-    """The size of boxes of cells: their volume when grown by what is asked, as shares of the domain."""
-
-    def __init__(self, shape: np.ndarray, grown: float):
-        self.shape, self.grown = shape, grown
-
-    def __call__(self, first: np.ndarray, last: np.ndarray) -> np.ndarray:
-        return ((last - first + 1) / self.shape + self.grown).prod(axis=-1)
-
-    def node(self, cells: np.ndarray) -> Node:
-        first, last = cells.min(axis=0), cells.max(axis=0)
-        return Node(first, last, float(self(first, last)))
-
-
-def _median(cells: np.ndarray, leaves: int, measure: _Measure) -> Node:
-    node = measure.node(cells)
+def _median(cells: np.ndarray, leaves: int) -> Node:
+    node = Node.around(cells)
     leaves = min(leaves, len(cells))
     if leaves > 1:
         left = leaves // 2
         split = min(max(round(len(cells) * left / leaves), left), len(cells) - (leaves - left))
-        node.children = [_median(cells[:split], left, measure), _median(cells[split:], leaves - left, measure)]
+        node.children = [_median(cells[:split], left), _median(cells[split:], leaves - left)]
     return node
 
 
-def _sah(cells: np.ndarray, leaves: int, measure: _Measure) -> Node:
-    root = measure.node(cells)
-    waiting, nodes = [(-np.inf, 0, root, cells)], [root]
-    count = 1
+def _tight(cells: np.ndarray, leaves: int, power: float) -> tuple[float, Node]:
+    """The least sum of leaf sizes that was found, and its tree."""
+    root = Node.around(cells)
+    waiting, nodes, count = [(0.0, 0, root, cells)] if root.size > len(cells) else [], [root], 1
     while waiting and count < SPARE * leaves:
         _, _, node, held = heappop(waiting)
-        split = _best_split(held, measure)
-        if split is None:
-            continue
-        for part in split:
-            child = measure.node(part)
+        for part in _best_split(held, power):
+            child = Node.around(part)
             node.children.append(child)
             nodes.append(child)
-            empty = float((child.last - child.first + 1).prod()) - len(part)
-            if empty or (len(part) > 1 and measure.grown):
-                heappush(waiting, (-empty, len(nodes), child, part))
+            if child.size > len(part):  # something in it is empty
+                heappush(waiting, (len(part) - child.size, len(nodes), child, part))
         count += 1
-    _cut(nodes, leaves)
-    return root
+    return _cut(nodes, leaves), root
 
 
-def _best_split(cells: np.ndarray, measure: _Measure) -> tuple[np.ndarray, np.ndarray] | None:
-    """The two parts on either side of the best plane across an axis; ``None`` for one cell."""
-    best, chosen = np.inf, None
+def _best_split(cells: np.ndarray, power: float) -> tuple[np.ndarray, np.ndarray]:
+    """The two parts of several cells on either side of the best plane across an axis."""
+    best, chosen, n = np.inf, (), len(cells)
     for axis in range(cells.shape[1]):
         order = np.argsort(cells[:, axis], kind="stable")
         ordered = cells[order]
@@ -141,17 +128,22 @@ def _best_split(cells: np.ndarray, measure: _Measure) -> tuple[np.ndarray, np.nd
         if len(starts) < 2:
             continue
         first, last = np.minimum.reduceat(ordered, starts), np.maximum.reduceat(ordered, starts)
-        below = measure(np.minimum.accumulate(first), np.maximum.accumulate(last))[:-1]
-        above = measure(np.minimum.accumulate(first[::-1]), np.maximum.accumulate(last[::-1]))[::-1][1:]
-        cost = below * starts[1:] + above * (len(cells) - starts[1:])
+        below = _sizes(np.minimum.accumulate(first), np.maximum.accumulate(last))[:-1]
+        above = _sizes(np.minimum.accumulate(first[::-1]), np.maximum.accumulate(last[::-1]))[::-1][1:]
+        share = starts[1:] / n
+        cost = below * share**power + above * (1 - share) ** power + BALANCE * np.abs(share - 0.5)
         at = int(np.argmin(cost))
         if cost[at] < best:
             best, chosen = float(cost[at]), (ordered[: starts[at + 1]], ordered[starts[at + 1] :])
     return chosen
 
 
-def _cut(nodes: list[Node], leaves: int) -> None:
-    """Cut a tree (parents listed before children) so that the sizes of its leaves, ``leaves`` at most, sum to the least."""
+def _sizes(first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    return (last - first + 1).prod(axis=1, dtype=np.float64)
+
+
+def _cut(nodes: list[Node], leaves: int) -> float:
+    """Cut a tree (parents listed before children) so that the sizes of its leaves, ``leaves`` at most, sum to the least; that sum."""
     table: dict[int, np.ndarray] = {}  # least sum with 1, 2, ... leaves below a node
     for node in reversed(nodes):
         table[id(node)] = np.array([node.size])
@@ -176,9 +168,10 @@ def _cut(nodes: list[Node], leaves: int) -> None:
         share = np.arange(max(1, count - len(b)), min(len(a), count - 1) + 1)
         left = int(share[np.argmin(a[share - 1] + b[count - share - 1])])
         stack += [(node.children[0], left), (node.children[1], count - left)]
+    return float(table[id(nodes[0])][-1])
 
 
-def _flatten(root: Node, allowed: int) -> None:
+def _flatten(root: Node, allowed: int, shape: np.ndarray) -> None:
     """Take out inner nodes, first those whose test saves least, until ``allowed`` are left and each saves something.
 
     A test of a node is spent where its parent is hit; it saves the tests of its children where the parent is hit and it is not.
@@ -190,11 +183,13 @@ def _flatten(root: Node, allowed: int) -> None:
         if node.children:
             inner.append(node)
             stack += node.children
-            parents |= {id(child): node for child in node.children}
+            for child in node.children:
+                parents[id(child)] = node
+    chance = {id(node): float(((node.last - node.first + 1) / shape + GROWN).prod()) for node in inner}
 
     def saved(node: Node) -> float:
-        above = parents[id(node)].size
-        return len(node.children) * (above - node.size) - above
+        above = chance[id(parents[id(node)])]
+        return len(node.children) * (above - chance[id(node)]) - above
 
     known = {id(node): saved(node) for node in inner if node is not root}
     heap = [

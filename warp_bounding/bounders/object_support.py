@@ -5,7 +5,7 @@ import numpy as np
 from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.bounders.domain import Domain
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.hull import hull_corners
+from warp_bounding.queries.components import hull_corners
 
 __all__ = ["ObjectSupport"]
 
@@ -25,7 +25,7 @@ class ObjectSupport:
     """
 
     def __init__(self, grid: IndicatorGrid, base: Domain):
-        corners = grid.position(hull_corners(grid.occupancy))
+        corners = grid.position((hull_corners(grid.occupied) - 0.5))
         lower, upper = base.widened(corners, corners)
         self.points, self.delta = (lower + upper) / 2, base.delta * (1 + 1e-6) + 1e-14
 

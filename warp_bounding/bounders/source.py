@@ -20,7 +20,9 @@ from warp_bounding.arithmetic import SINE_COEFFICIENTS, SINE_INVERSE_PI, SINE_MA
 from warp_bounding.bounders.locate import extra_count, locate
 from warp_bounding.launch import BLOCK
 
-__all__ = ["Lanes", "Source", "batch_snippet", "literal", "point_snippet"]
+__all__ = ["DENIED", "Lanes", "Source", "batch_snippet", "literal", "point_snippet"]
+
+DENIED = -(2.0**127)  # f where an early test has said no
 
 
 @dataclass(frozen=True)
@@ -97,6 +99,14 @@ class Source:
     def body(self, lanes: Lanes) -> str:
         """C statements that compute ``V f`` from ``V v[]``, ``const float* w`` (parameters + start) and ``words``."""
         raise TypeError(f"{type(self).__name__} does not define body")
+
+    def early(self) -> list[tuple[str, str]]:
+        """Cheaper tests that the CPU batch path (a ``packed`` one) asks before ``body``, which then sees their survivors only.
+
+        Returns:
+            For each, C statements that compute ``V f``, and the float that it must not fall short of.
+        """
+        return []
 
     def function_body(self) -> str:
         """C statements that declare and compute ``float f`` for one query on a CPU, from ``float v[]``."""
@@ -187,6 +197,7 @@ def batch_snippet(source: Source, placed: bool, values: bool) -> str:
             _each(m, "held[{k}][kept] = v[{k}][l];"),
             "kept -= go[l]; } } }",
             f"for (int l = kept; l < kept + L; ++l) {{ {_each(m, 'held[{k}][l] = 0.0f;')} }}",
+            *(line for test, bar in source.early() for line in _sift(m, test, bar, values)),
             "for (int g = 0; g < kept; g += L) {",
             f"V v[{m}]; {_each(m, 'v[{k}] = *(const V*)(held[{k}] + g);')}",
             "V f;",
@@ -228,6 +239,20 @@ def batch_snippet(source: Source, placed: bool, values: bool) -> str:
         "#endif",
     ]
     return "\n".join([*cpu, *cuda, ""])  # the last line break ends the directive
+
+
+def _sift(m: int, test: str, bar: str, values: bool) -> list[str]:
+    """C statements that ask an early test and keep, in place, the queries that it does not deny."""
+    return [
+        "{ int stay = 0; for (int g = 0; g < kept; g += L) {",
+        f"V v[{m}]; {_each(m, 'v[{k}] = *(const V*)(held[{k}] + g);')}",
+        "V f;",
+        test,
+        f"const I no = f < {bar}; const int m = kept - g < L ? kept - g : L; for (int l = 0; l < m; ++l) {{",
+        f"if (no[l]) out.data[where[g + l]] = {literal(DENIED)};" if values else "",
+        f"where[stay] = where[g + l]; {_each(m, 'held[{k}][stay] = held[{k}][g + l];')} stay += 1 + no[l]; }} }}",
+        f"kept = stay; for (int l = kept; l < kept + L; ++l) {{ {_each(m, 'held[{k}][l] = 0.0f;')} }} }}",
+    ]
 
 
 def _read(source: Source) -> str:

@@ -5,7 +5,16 @@ from typing import Annotated
 
 import typer
 
-from warp_bounding.cli.output import NOT_CONSERVATIVE, Device, Json, bar, certificate_summary, console, print_json, quiet_warp
+from warp_bounding.cli.output import (
+    NOT_CONSERVATIVE,
+    Device,
+    Json,
+    bar,
+    certificate_summary,
+    console,
+    print_json,
+    quiet_warp,
+)
 
 __all__ = ["command"]
 

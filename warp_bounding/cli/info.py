@@ -2,7 +2,15 @@
 
 from rich.table import Table
 
-from warp_bounding.cli.output import NOT_CONSERVATIVE, BounderFile, Json, certificate_summary, console, print_json, quiet_warp
+from warp_bounding.cli.output import (
+    NOT_CONSERVATIVE,
+    BounderFile,
+    Json,
+    certificate_summary,
+    console,
+    print_json,
+    quiet_warp,
+)
 
 __all__ = ["command"]
 

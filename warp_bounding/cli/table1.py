@@ -1,6 +1,7 @@
 """``warp-bounding table1``: the paper's Table 1, measured; resumable at any moment."""
 
 import shlex
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +15,8 @@ from warp_bounding.cli.output import Json, console, print_json, quiet_warp
 from warp_bounding.errors import QueryError
 
 __all__ = ["command"]
+
+PAGE_SECONDS = 2.0  # between two writings of README.md, where cells are quick
 
 
 def command(
@@ -144,8 +147,9 @@ class _Reporter:
         texts = [TextColumn("{task.fields[left]}"), TextColumn("{task.fields[note]}")]
         columns = (TextColumn("table1"), BarColumn(bar_width=28), done, TimeElapsedColumn(), *texts)
         self._bar = Progress(*columns, console=self._err, transient=True, disable=not self._err.is_terminal)
-        self._total = self._done = self._before = self._cells = 0
+        self._total = self._done = 0
         self._failed: list[str] = []
+        self._stale, self._written = False, time.monotonic()
         for note in folder.notes:
             self.say(note)
 
@@ -161,6 +165,11 @@ class _Reporter:
         """See ``Reporter``."""
         self._job = job
         self._show("")
+        if self._stale and (job.variant.learned or time.monotonic() - self._written > PAGE_SECONDS):
+            from warp_bounding.tables import write_page
+
+            write_page(self._folder, self._supports, self._failed)
+            self._stale, self._written = False, time.monotonic()
 
     def within(self, done, total=1.0, note="") -> None:
         """See ``Reporter``."""
@@ -174,9 +183,7 @@ class _Reporter:
             f"{row.column.name} {row.object}: {row.variant.label} ({row.protocol}): {row.fp_rate:.3f} % false positives"
         )
         self._line(f"{text}, {row.fn} false negatives, {certificate}")
-        from warp_bounding.tables import write_page
-
-        write_page(self._folder, self._supports, self._failed)
+        self._stale = True
 
     def fail(self, job, reason) -> None:
         """See ``Reporter``."""

@@ -15,7 +15,7 @@ from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.bounders.base import BoxBounds
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.hull import hull_corners
+from warp_bounding.queries.components import hull_corners
 
 __all__ = ["SupportGap"]
 
@@ -34,7 +34,7 @@ class SupportGap:
     def __init__(self, bounder: Mlp, grid: IndicatorGrid):
         self.networks, self.ndim = bounder.networks, grid.ndim
         base = bounder.domain.base
-        corners = base.to_local(grid.position(hull_corners(grid.occupancy)))
+        corners = base.to_local(grid.position(hull_corners(grid.occupied) - 0.5))
         # How far the computed plane may pass a point of the object, in c; and what float64 rounds below.
         self.room = float(bounder.domain.delta[-1]) * (1 + 1e-9) + 1e-12 * (1 + np.abs(corners).max())
         self.corners = [corners, -corners]

@@ -48,7 +48,9 @@ def page(folder: Folder, supports: Supports, failed: Sequence[str] = (), picture
         lines += ["", "## Every object", "", f"![False positives of every object, by method, sorted]({picture})", ""]
         lines += [
             "One panel a dimension. Each method's false-positive rates over all test cases (object × query), sorted: a line that "
-            "stays low to the right is tight on the hard cases, too. Lines of methods that exist for fewer queries are shorter."
+            "stays low to the right is tight on the hard cases, too. Where classic volumes were fitted in both spaces, the upper panels "
+            "have those around the object and the lower ones those around query parameters, against the same learned methods. Lines of methods that exist for fewer queries "
+            "are shorter; `bvh-16` and the like, `occupancy` and `voxels` are not drawn. Also as [SVG](rank.svg)."
         ]
     lines += ["", "## Details", "", "False positives in per cent by object; memory and seconds are means over objects."]
     for means in tables:

@@ -28,7 +28,7 @@ STYLES = {  # colour and marker; told apart in all common kinds of colour blindn
     "learned-kdop": ("#8a1c5a", "P"),
     "relu-field": ("#d97bb6", "X"),
     "mlp": ("#d1420a", "o"),
-    "mlp-early": ("#f0a30a", "*"),
+    "mlp-early": ("#f0a30a", "d"),
 }
 ORDER = ("mlp", "mlp-early", "relu-field", "learned-kdop", *(m for m in STYLES if m not in LEARNED))  # of the legend
 HEADINGS = {"learned": True, "classic": False}
@@ -128,7 +128,7 @@ def _line(panel, method: str, rates: np.ndarray):
         markeredgecolor="white",
         markeredgewidth=0.6,
         markevery=max(1, -(-len(rates) // MARKERS)),
-        zorder=4 if learned else 3,
+        zorder=5 if method == "mlp" else 4 if learned else 3,
     )
     return line
 
@@ -139,10 +139,13 @@ def _panel(panel, cases: int, least: float, last: bool) -> None:
     ticks = [t for t in TICKS if t >= least]
     panel.set_yticks(ticks, [f"{t:g}" for t in ticks])
     panel.set_xlim(0.5, cases + 0.5)
-    panel.xaxis.get_major_locator().set_params(integer=True)
+    if cases == 1:
+        panel.set_xticks([1])
+    else:
+        panel.xaxis.get_major_locator().set_params(integer=True)
     if last:
-        number = f"{cases} test cases (object × query)" if cases > 1 else "one test case"
-        panel.set_xlabel(f"{number},\nsorted for each method: easy to hard", fontsize=9, color=INK)
+        label = f"{cases} test cases (object × query),\nsorted for each method: easy to hard"
+        panel.set_xlabel(label if cases > 1 else "one test case", fontsize=9, color=INK)
     panel.minorticks_off()
     panel.grid(axis="y", color=PALE, linewidth=0.8)
     panel.set_axisbelow(True)

@@ -16,9 +16,10 @@ from warp_bounding.bounders.regions import RegionDomain
 
 __all__ = ["HalfSpaceProblem", "problem_of"]
 
-SOFTNESS_STEPS = 20  # halvings in the search for the highest point of f along a ray
+HALVINGS = 12  # in the search for the highest point of f along a ray
 DIRECTIONS = {2: 64, 3: 12, 4: 5}  # per edge of a cube's face: the planes that a face is set by
-MULTIPLIER_STEPS = 50  # of training, between exact searches for a ray's multipliers
+ENDS = 250  # points of the object, at which rays end that set faces
+FARTHEST = 64  # of those rays, for each normal
 
 
 class HalfSpaceProblem:
@@ -37,12 +38,12 @@ class HalfSpaceProblem:
         """``(k,)`` faces of normals ``(k, m)``."""
         return (normals @ self.points.T).amax(dim=1)
 
+    def refresh(self, normals: torch.Tensor) -> None:
+        """Called now and then with the normals as they are, before faces are asked for."""
+
     def values(self, normals: torch.Tensor, offsets: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
         """``(N,)``, f of ``v`` ``(N, ndim)``."""
         return (offsets - v @ normals.T).amin(dim=1)
-
-    def refresh(self, normals: torch.Tensor) -> None:
-        """Called now and then, before a step."""
 
 
 class BoxParameters(HalfSpaceProblem):
@@ -57,27 +58,26 @@ class BoxParameters(HalfSpaceProblem):
 
 
 class RayParameters(HalfSpaceProblem):
-    """Rays in parametric space: multipliers are held, relative to the normals, between searches."""
+    """Rays in parametric space: faces are set by many extreme positives, which begin at the object or end there."""
 
     def __init__(self, domain: RegionDomain, support: ParametricSupport):
         super().__init__(domain, support)
-        self.limit, self.stretch, self.multipliers = tensor(support.limit), tensor(support.stretch), None
+        n, points = support.ndim, support.points
+        if len(points) > ENDS:
+            points = points[np.random.default_rng(0).choice(len(points), ENDS, replace=False)]
+        w = DirectionPatches.cover(n, DIRECTIONS.get(n, 3)).centers * support.stretch
+        p, w = (z.reshape(-1, n) for z in np.broadcast_arrays(points[:, None], w[None]))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            exits = np.where(w > 0, (p + support.limit) / w, np.where(w < 0, (p - support.limit) / w, np.inf))
+        back = np.minimum(exits.min(axis=1), 1)[:, None]
+        self.all_points = tensor(np.concatenate([np.concatenate([p - t * w, w], axis=1) for t in (0 * back, back)]))
+        self.points = self.all_points
 
     def refresh(self, normals: torch.Tensor) -> None:
-        """See ``HalfSpaceProblem``."""
-        x, y = normals.detach().double().numpy().reshape(len(normals), 2, -1).transpose(1, 0, 2)
-        m = tensor(self.support.ray_multipliers(x, y)[0])
-        self.multipliers = m.requires_grad_(True)
-        self.optimiser = torch.optim.Adam([self.multipliers], lr=3e-3)
-
-    def offsets(self, normals: torch.Tensor) -> torch.Tensor:
-        """See ``HalfSpaceProblem``."""
-        if self.multipliers is None or len(self.multipliers) != len(normals):
-            self.refresh(normals)
-        x, y = normals.chunk(2, dim=1)
-        m = self.multipliers
-        still, moved = ((z * self.stretch).norm(dim=1) for z in (y, y - m))
-        return (x - m).abs() @ self.limit + super().offsets(m) + torch.maximum(still, moved)
+        """See ``HalfSpaceProblem``: until the next call, faces are set by the positives that are farthest now."""
+        count = min(FARTHEST, len(self.all_points))
+        near = [(self.all_points @ normal).topk(count).indices for normal in normals.detach()]
+        self.points = self.all_points[torch.cat(near).unique()]
 
 
 class PlaneParameters(HalfSpaceProblem):
@@ -120,7 +120,7 @@ class RayInObject(HalfSpaceProblem):
         height, fall = offsets - start @ normals.T, slope @ normals.T
         with torch.no_grad():
             low, high = torch.zeros(len(v)), torch.ones(len(v))
-            for _ in range(SOFTNESS_STEPS):
+            for _ in range(HALVINGS):
                 middle = (low + high) / 2
                 active = (height - middle[:, None] * fall).argmin(dim=1, keepdim=True)
                 rising = fall.gather(1, active)[:, 0] < 0

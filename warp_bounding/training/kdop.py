@@ -31,7 +31,7 @@ SOFTNESS = (0.1, 0.006)  # T, in units of v, from begin to end
 RATE, RATE_END = 4e-2, 1e-3
 JITTER = 0.02  # of kdop's normals: two that are one and the same would stay so
 CHECK = 50  # steps between counts on all samples
-REFRESH = 25
+REFRESH = 10  # steps between looks at what sets the faces
 FINALISTS = 3  # whose true faces are set at the end
 
 Progress = Callable[[float, str], None]
@@ -78,7 +78,8 @@ def train_learned_kdop(
                 if index % 2 == 1:
                     normals = torch.randn(start.shape, generator=generator)
                 share = ((index + 1) / STARTS, index / STARTS)
-                found += _descend(problem, v, _unit(normals), clock, share, generator, progress)
+                found.append((np.inf, start))
+                _descend(problem, v, _unit(normals), clock, share, generator, progress, found)
                 if clock.fraction() >= 1:
                     break
         except KeyboardInterrupt:
@@ -112,24 +113,23 @@ def _descend(
     share: tuple[float, float],
     generator: torch.Generator,
     progress: Progress | None,
-) -> list[tuple[float, torch.Tensor]]:
-    """One start, until the clock shows ``share[0]`` or ``STEPS`` are over. Returns the best normals, with their share of false positives."""
+    found: list[tuple[float, torch.Tensor]],
+) -> None:
+    """One start, until the clock shows ``share[0]`` or ``STEPS`` are over; keeps the best share of false positives in ``found[-1]``."""
     end, begin = share
     normals = normals.clone().requires_grad_(True)
     optimiser = torch.optim.Adam([normals], lr=RATE)
-    best: list[tuple[float, torch.Tensor]] = []
     for step in range(STEPS):
         used = max(step / STEPS, (clock.fraction() - begin) / (end - begin))
         last = used >= 1 or step == STEPS - 1
         with torch.enable_grad():
             unit = _unit(normals)
-            if step % REFRESH == 0:
+            if step % REFRESH == 0 or last:
                 problem.refresh(unit)
             if step % CHECK == 0 or last:
-                best.append(_count(problem, v, unit.detach()))
-                best = sorted(best, key=lambda pair: pair[0])[:1]
+                found[-1] = min(found[-1], _count(problem, v, unit.detach()), key=lambda pair: pair[0])
                 if progress:
-                    progress(clock.fraction(), f"{100 * best[0][0]:.1f} % of the negatives inside")
+                    progress(clock.fraction(), f"{100 * found[-1][0]:.1f} % of the negatives inside")
             if last:
                 break
             batch = v[torch.randint(len(v), (BATCH,), generator=generator)]
@@ -141,7 +141,6 @@ def _descend(
             group["lr"] = RATE * (RATE_END / RATE) ** used
         optimiser.step()
         clock.count += 1
-    return best
 
 
 def _count(problem: HalfSpaceProblem, v: torch.Tensor, normals: torch.Tensor) -> tuple[float, torch.Tensor]:

@@ -14,8 +14,8 @@ import torch
 
 from warp_bounding.bounders.regions import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.hull import hull_corners
 from warp_bounding.queries import sample
+from warp_bounding.queries.components import hull_corners
 from warp_bounding.training.clock import Clock
 from warp_bounding.training.soap import Soap
 
@@ -50,7 +50,7 @@ class SupportTrainer:
     ):
         self.grid, self.domain, self.activation, self.ndim = grid, domain, activation, grid.ndim
         self.generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
-        corners = domain.base.to_local(grid.position(hull_corners(grid.occupancy)))
+        corners = domain.base.to_local(grid.position(hull_corners(grid.occupied) - 0.5))
         self._corners = torch.from_numpy(corners.astype(np.float32))
         sizes = [grid.ndim, *hidden, 2]
         self._layers = []

@@ -1,0 +1,32 @@
+"""``occupancy``: the same network as ``mlp``, trained with a symmetric loss (the paper's OccNet). **Not conservative.**
+
+It answers *maybe* where the probability that the query meets the object is at least one half (``f >= 0``), as occupancy
+networks do (Mescheder et al. 2019). It errs both ways alike: some queries that do meet the object are denied. It is here to
+show what the asymmetric loss and the proof are for, and is of no use as a broad phase; it can never hold a certificate.
+"""
+
+from warp_bounding.bounders.certificate import Certificate
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.errors import BounderError
+
+__all__ = ["Occupancy"]
+
+
+class Occupancy(Mlp):
+    """A network with false negatives: *maybe* where it holds an answer of *yes* for likelier than *no*. Tensors: ``Mlp``'s."""
+
+    method = "occupancy"
+    conservative = False
+
+    def freeze(self, threshold: float, certificate: Certificate | None) -> "Occupancy":
+        """See ``Bounder``.
+
+        Raises:
+            BounderError: For a certificate: there is none for a bounder that is not conservative.
+        """
+        if certificate is not None:
+            raise BounderError("occupancy: is not conservative and cannot hold a certificate")
+        return super().freeze(threshold, None)
+
+    def __repr__(self) -> str:
+        return f"{super().__repr__()[:-1]}, not conservative>"
