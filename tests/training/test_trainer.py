@@ -1,8 +1,10 @@
-"""The parts of training against plain twins: gradients, optimiser, samples, clock, team."""
+"""The parts of training against plain twins: gradients, optimiser, clock, team."""
+
+from itertools import combinations
 
 import numpy as np
 import pytest
-from bounding_shapes import SHAPES, shape
+from bounding_shapes import shape
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
 
@@ -10,19 +12,24 @@ from warp_bounding.bounders.domain import Domain  # noqa: E402
 from warp_bounding.bounders.mlp import Mlp  # noqa: E402
 from warp_bounding.training.clock import Clock  # noqa: E402
 from warp_bounding.training.network import Evaluator, TrainableNetwork  # noqa: E402
-from warp_bounding.training.samples import Samples  # noqa: E402
 from warp_bounding.training.soap import Soap  # noqa: E402
 from warp_bounding.training.team import Team, single_threaded_torch  # noqa: E402
 
-NETWORKS = [((7,), "sin", 0), ((6, 5), "relu", 0), ((6, 5, 4), "sin", 1)]
+NETWORKS = [  # coordinates, hidden, activation, octaves, moments
+    (3, (7,), "sin", 0, False),
+    (3, (6, 5), "relu", 0, False),
+    (3, (6, 5, 4), "sin", 1, False),
+    (4, (6, 5), "sin", 0, True),
+    (8, (6,), "relu", 0, True),
+]
 
 
 def generator(seed=0):
     return torch.Generator().manual_seed(seed)
 
 
-def network_of(hidden, activation, octaves):
-    network = TrainableNetwork(3, hidden, activation, octaves)
+def network_of(ndim, hidden, activation, octaves, moments=False):
+    network = TrainableNetwork(ndim, hidden, activation, octaves, moments)
     network.initialise(3.0, 1.5, generator())
     return network
 
@@ -34,6 +41,9 @@ def autograd(network, v, flat):
         h = torch.cat(
             [h, torch.sin(network.encoding["encoding.weight"] @ v + network.encoding["encoding.bias"][:, None])]
         )
+    if network.moments:
+        a, w = v.split(network.ndim // 2)
+        h = torch.cat([h, *(a[i : i + 1] * w[j] - a[j : j + 1] * w[i] for i, j in combinations(range(len(a)), 2))])
     layers = network.split(flat)
     for layer in layers[:-1]:
         z = layer[:, :-1] @ h + layer[:, -1:]
@@ -41,10 +51,10 @@ def autograd(network, v, flat):
     return (layers[-1][:, :-1] @ h + layers[-1][:, -1:])[0]
 
 
-@pytest.mark.parametrize(("hidden", "activation", "octaves"), NETWORKS)
-def test_gradients_are_autograds(hidden, activation, octaves):
-    network = network_of(hidden, activation, octaves)
-    v = torch.rand(3, 50, generator=generator(1)) * 2 - 1
+@pytest.mark.parametrize("sizes", NETWORKS)
+def test_gradients_are_autograds(sizes):
+    network = network_of(*sizes)
+    v = torch.rand(sizes[0], 50, generator=generator(1)) * 2 - 1
     weight = torch.rand(50, generator=generator(2))
     flat, variable = network.flat.clone().requires_grad_(), v.clone().requires_grad_()
     f = autograd(network, variable, flat)
@@ -61,15 +71,23 @@ def test_gradients_are_autograds(hidden, activation, octaves):
         assert torch.allclose(out, f, atol=1e-5)
 
 
-@pytest.mark.parametrize(("hidden", "activation", "octaves"), NETWORKS)
-def test_the_bounder_is_the_trained_network(hidden, activation, octaves):
-    network, domain = network_of(hidden, activation, octaves), Domain.of(shape("blob"))
+@pytest.mark.parametrize("sizes", NETWORKS[:3])
+def test_the_bounder_is_the_trained_network(sizes):
+    network, domain = network_of(*sizes), Domain.of(shape("blob"))
+    _, hidden, activation, octaves, _ = sizes
     mlp = Mlp(domain, network.tensors(), {"hidden": list(hidden), "activation": activation, "octaves": octaves}, "cpu")
     v = torch.rand(3, 200, generator=generator(1)) * 2 - 1
     f = autograd(network, v, network.flat).numpy()
     assert np.abs(mlp.reference(v.T.numpy()) - f).max() < 1e-4
     network.flat.zero_()  # weights are copied: an optimiser's step would void the proof
     assert np.abs(mlp.reference(v.T.numpy()) - f).max() < 1e-4
+
+
+def test_moments_and_octaves_exclude_each_other():
+    with pytest.raises(ValueError, match="octaves"):
+        network_of(4, (5,), "sin", 1, True)
+    with pytest.raises(ValueError, match="even"):
+        network_of(3, (5,), "sin", 0, True)
 
 
 def test_soap_decreases_a_quadratic():
@@ -83,31 +101,6 @@ def test_soap_decreases_a_quadratic():
         soap.step([2 * rest @ steep @ steep, 2 * (weights[1] - 3)], 0.05)
     assert losses[-1] < 1e-3 * losses[0]
     assert all(torch.isfinite(w).all() for w in weights)
-
-
-@pytest.mark.parametrize("name", SHAPES)
-def test_samples_are_what_they_are_called(name):
-    grid = shape(name)
-    domain = Domain.of(grid)
-    samples = Samples(grid, domain, generator())
-
-    def cell_of(v):
-        return grid.cell_coordinate(domain.to_object(v.T.double().numpy()))
-
-    cells, offsets = samples.positives(2000)
-    assert grid.occupancy[tuple(cells.long().numpy())].all()
-    assert offsets.abs().max() <= 0.5
-    t = cell_of(samples.to_local(cells + offsets))
-    assert np.abs(t - (cells + offsets).T.numpy()).max() < 1e-3
-    v, truth = samples.uniform(2000)
-    t = cell_of(v)
-    clear = (np.abs(t - np.floor(t) - 0.5) > 1e-3).all(axis=1)
-    index = np.clip(np.rint(t), 0, np.array(grid.shape) - 1).astype(int)
-    assert (grid.occupancy[tuple(index.T)] == truth.numpy())[clear].all()
-    back, rest = samples.locate(samples.to_local(cells + 0.9 * offsets).T.double().numpy())
-    assert (back == cells).all()
-    assert (rest - 0.9 * offsets).abs().max() < 1e-3
-    assert samples.locate(np.full((3, grid.ndim), 5.0))[0].shape[1] == 0
 
 
 def test_clocks():

@@ -19,7 +19,7 @@ from warp_bounding.errors import BounderError
 __all__ = ["METHODS", "Bounder", "Certificate", "Data", "load", "method_class", "save", "supports"]
 
 METHODS: dict[str, type[Bounder]] = {
-    c.method: c for c in (Aabb, Obb, Sphere, Ellipsoid, OrientedEllipsoid, Kdop, Bvh, Voxels, Mlp)
+    c.method: c for c in (Aabb, Obb, Sphere, Ellipsoid, OrientedEllipsoid, Kdop, Bvh, LearnedKdop, Voxels, Mlp)
 }
 
 

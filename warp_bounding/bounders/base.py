@@ -174,6 +174,10 @@ class Bounder(ABC):
         """
         if self.volume is not None:
             return self.volume.least(grid)
+        if self.domain.space == "parametric" and self.query_kind != "point":
+            from warp_bounding.bounders.parametric import parametric_least
+
+            return parametric_least(self, grid)
         if self.query_kind != "point":
             raise BounderError(f"{self.method}: there is no closed form for {self.query_kind} queries")
         least, cells = np.inf, grid.occupied

@@ -70,7 +70,7 @@ class QuadricBounder(Bounder):
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
         """See ``Bounder``."""
-        return query == "point" or (space == "geometric" and query in ("ray", "plane", "box") and ndim >= 2)
+        return query == "point" or (query in ("ray", "plane", "box") and ndim >= 2)
 
     @classmethod
     def fit(cls, grid: IndicatorGrid, domain: Domain | RegionDomain, *, device: str | None = None) -> "QuadricBounder":

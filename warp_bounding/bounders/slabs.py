@@ -59,7 +59,7 @@ class SlabBounder(Bounder):
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
         """See ``Bounder``."""
-        return query == "point" or (space == "geometric" and query in ("ray", "plane", "box") and ndim >= 2)
+        return query == "point" or (query in ("ray", "plane", "box") and ndim >= 2)
 
     @classmethod
     def of_directions(

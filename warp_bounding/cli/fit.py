@@ -28,7 +28,7 @@ def command(
     activation: Annotated[str, typer.Option(help="sin or relu, mlp.")] = "sin",
     octaves: Annotated[int, typer.Option(help="Octaves of positional encoding, mlp; 0 for none.")] = 0,
     k: Annotated[int | None, typer.Option(help="Half-spaces, kdop and learned-kdop.")] = None,
-    leaves: Annotated[int | None, typer.Option(help="Leaf boxes, bvh (64).")] = None,
+    leaves: Annotated[int | None, typer.Option(help="Leaf boxes, bvh; as many as have the memory of a network of --hidden if not given.")] = None,
     budget: Annotated[float, typer.Option(help="Seconds for training and proof.")] = 60.0,
     steps: Annotated[int | None, typer.Option(help="Training steps instead of seconds: repeatable to the bit.")] = None,
     recipe: Annotated[

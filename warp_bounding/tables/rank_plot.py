@@ -40,7 +40,14 @@ MARKERS = 12  # of a line, at most
 TICKS = (0.01, 0.03, 0.1, 0.3, 1, 3, 10, 30, 100)  # per cent; what is less than the first is drawn there
 MOST = TICKS[-1]
 INK, PALE = "#22303c", "#dde2e6"
-HEIGHT, EDGE, PANEL, LEGEND, DPI = 3.2, 1.3, 3.4, 2.6, 130  # inches, dots per inch
+PANEL, GAP = (3.1, 2.7), (0.25, 0.55)  # width and height, inches; fixed, since a layout engine draws everything twice
+LEFT, RIGHT, BOTTOM, TOP, DPI = (
+    0.95,
+    2.0,
+    0.65,
+    0.7,
+    130,
+)  # inches around the panels, the legend at the right; dots per inch
 
 
 def rank_plot(rows: Iterable[Row]) -> dict[str, bytes]:
@@ -67,9 +74,7 @@ def rank_plot(rows: Iterable[Row]) -> dict[str, bytes]:
         raise BoundingError("the rank plot needs matplotlib: pip install 'warp-bounding[train]'") from error
     rows = [r for r in rows if r.protocol == protocol]
     with matplotlib.rc_context({"font.size": 10, "font.family": "DejaVu Sans", "svg.hashsalt": "rank"}):
-        dimensions, spaces = _panels(rows)
-        size = LEGEND + PANEL * max(2, len(dimensions)), EDGE + HEIGHT * len(spaces)  # the title needs room
-        figure = Figure(figsize=size, layout="constrained")
+        figure = Figure()
         _draw(figure, rows, protocol)
         return {kind: _file(figure, kind) for kind in FORMATS}
 
@@ -83,7 +88,7 @@ def _file(figure, kind: str) -> bytes:
 
 def _draw(figure, rows: list[Row], protocol: str) -> None:
     dimensions, spaces = _panels(rows)
-    panels = figure.subplots(len(spaces), len(dimensions), sharey=True, squeeze=False)
+    panels = _place(figure, len(dimensions), len(spaces))
     least = max([t for t in TICKS if t <= min(r.fp_rate for r in rows)], default=TICKS[0])
     lines: dict[str, object] = {}
     for line_of_panels, space in zip(panels, spaces, strict=True):
@@ -99,9 +104,20 @@ def _draw(figure, rows: list[Row], protocol: str) -> None:
             panel.set_title(queries, loc="right", fontsize=8.5, color=INK)
         caption = f"{CAPTIONS[space]}\n" if len(spaces) > 1 else ""
         line_of_panels[0].set_ylabel(f"{caption}false positives, % (log scale)", color=INK, fontsize=9)
-    _legend(figure, lines)
+    _legend(figure, lines, panels[0, -1].get_position().x1)
     title = f"False positives of every method on every test case, {protocol} truth: lower is tighter"
-    figure.suptitle(title, x=0.01, ha="left", fontsize=12, color=INK)
+    height = figure.get_size_inches()[1]
+    figure.suptitle(title, x=0.01, y=1 - 0.1 / height, ha="left", va="top", fontsize=12, color=INK)
+
+
+def _place(figure, columns: int, lines: int):
+    """Panels of a fixed size, with room around them."""
+    width, height = (n * p + (n - 1) * g for n, p, g in zip((columns, lines), PANEL, GAP, strict=True))
+    full = LEFT + max(width, 2 * PANEL[0]) + RIGHT, BOTTOM + height + TOP  # the title needs room
+    figure.set_size_inches(full)
+    edges = {"left": LEFT / full[0], "right": (LEFT + width) / full[0], "bottom": BOTTOM / full[1]}
+    edges |= {"top": 1 - TOP / full[1], "wspace": GAP[0] / PANEL[0], "hspace": GAP[1] / PANEL[1]}
+    return figure.subplots(lines, columns, sharey=True, squeeze=False, gridspec_kw=edges)
 
 
 def _panels(rows: list[Row]) -> tuple[list[int], list[str]]:
@@ -155,7 +171,7 @@ def _panel(panel, cases: int, least: float, last: bool) -> None:
         spine.set_color(PALE)
 
 
-def _legend(figure, lines: dict[str, object]) -> None:
+def _legend(figure, lines: dict[str, object], right: float) -> None:
     from matplotlib.lines import Line2D
 
     space = Line2D([], [], linestyle="none")
@@ -165,7 +181,16 @@ def _legend(figure, lines: dict[str, object]) -> None:
         if own:
             handles += [*([space] if handles else []), space, *(lines[m] for m in own)]
             labels += [*([""] if labels else []), heading, *own]
-    legend = figure.legend(handles, labels, loc="outside right upper", frameon=False, fontsize=9, handlelength=2.6)
+    width, height = figure.get_size_inches()
+    legend = figure.legend(
+        handles,
+        labels,
+        loc="upper left",
+        bbox_to_anchor=(right + 0.1 / width, 1 - (TOP - 0.3) / height),
+        frameon=False,
+        fontsize=9,
+        handlelength=2.6,
+    )
     for text in legend.get_texts():
         text.set_color(INK)
         if text.get_text() in HEADINGS:

@@ -7,8 +7,6 @@ is on a cell's face, they reach away from it only. They are most of the positive
 
 import torch
 
-from warp_bounding.bounders.domain import Domain
-from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.training.region_samples import RegionSamples
 
 __all__ = ["BoxSamples"]
@@ -25,9 +23,6 @@ class BoxSamples(RegionSamples):
     """Random boxes; see ``Samples``. A state: cell, offset, reach below, reach above (n rows each)."""
 
     query = "box"
-
-    def __init__(self, grid: IndicatorGrid, domain: Domain, generator: torch.Generator):
-        super().__init__(grid, domain, generator)
 
     def positives(self, count: int) -> torch.Tensor:
         """See ``Samples``."""

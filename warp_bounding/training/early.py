@@ -1,11 +1,11 @@
-"""Training the exits of ``mlp-early`` behind the finished layers of a network, which stay as they are.
+"""Training a network with exits, ``mlp-early``: together with the network first, then each exit by itself.
 
-The network itself is trained as for ``mlp``; so its false positives are those of ``mlp``, and exits can only take some away.
-An exit is linear in its layer's activations, so these are computed once per refresh and a step costs a few products of a
-matrix and a vector: a tenth of the budget is plenty. Loss, schedules and samples are those of the main recipe (``loop``),
-but for the hard positives, which are the exit's own; a plane's exits are supports, trained as in ``support``.
+``EarlyTrainer`` is the main recipe (``loop``), with every exit's loss added at a small weight: layers that serve only what
+comes behind them leave a linear exit little to say (3D points, bunny: an exit behind a finished network passes three times
+the share of one that was trained with it). ``train_exits`` then finishes the exits behind layers that stay as they are, by
+Newton steps. A plane's exits are supports, trained as in ``support`` behind finished layers.
 
-Limits: exits trained together with the network could be tighter, at the cost of the network's own tightness.
+Limits: exits cost the network some of its own tightness, and time. Exits of planes are only as good as the layers they find.
 """
 
 import copy
@@ -16,19 +16,27 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from torch.nn.functional import softplus
 
 from warp_bounding.launch import cpu_threads
 from warp_bounding.training.clock import Clock
-from warp_bounding.training.loop import Trainer, schedule
+from warp_bounding.training.loop import Trainer, _stratified, schedule
 from warp_bounding.training.network import Evaluator, TrainableNetwork
 from warp_bounding.training.soap import Soap
 from warp_bounding.training.support import SupportTrainer
 from warp_bounding.training.team import Team
 
-__all__ = ["EXIT_SHARE", "TrainedExits", "train_exits"]
+__all__ = ["EXIT_SHARE", "EarlyTrainer", "TrainedExits", "train_exits"]
 
-EXIT_SHARE = 0.1  # of a budget, for all exits
-REFRESH = 400  # steps: cheaper than the main network's, so more of them between two refreshes
+EXIT_SHARE = 0.05  # of a budget, for all exits behind the finished network
+JOINT = 0.3  # weight of an exit's gradient in the layers that it shares
+JOINT_BATCH = 0.5  # of the recipe's batch
+JOINT_HARD, JOINT_EXPLORE, JOINT_MOVES = 2048, 8192, 3  # an exit's own hard positives, and how they are found
+FINISH = 0.8  # used fraction of the schedules at which a trained exit is taken up again
+REFRESH = 4  # Newton steps between two refreshes of the samples
+SAMPLES = {"refresh": 1, "vertices": 32768, "explore": 8192}  # what an exit's recipe has otherwise than the network's
+DAMPING = 1e-4  # of the Hessian's mean diagonal entry
+HALVINGS = 6  # of a step that leads upwards
 
 Progress = Callable[[float, str], None]
 
@@ -75,7 +83,11 @@ def train_exits(
     ]
     exits = TrainedExits({}, [], [], [])
     for index in range(depth):
-        head = (_SupportExit if support else _Exit)(trainer, layers[: index + 1])
+        if support:
+            head = _SupportExit(trainer, layers[: index + 1])
+        else:
+            known = trainer.heads[index] if isinstance(trainer, EarlyTrainer) else None
+            head = _Exit(trainer, layers[: index + 1], known)
 
         def report(used: float, note: str, index: int = index) -> None:
             if progress:
@@ -93,36 +105,96 @@ def train_exits(
     return exits
 
 
-class _Exit(Trainer):
-    """A network whose output alone is trained; batches are rows of activations."""
+class _JointExit:
+    """An exit in training with its network: layers are the network's own, the output and hard positives are the exit's."""
 
-    def __init__(self, trainer: Trainer, layers: list[torch.Tensor]):
+    def __init__(self, trainer: Trainer, depth: int):
         full = trainer.network
-        recipe = replace(trainer.recipe, refresh=REFRESH)
+        self.network = TrainableNetwork(full.ndim, full.hidden[:depth], full.activation, full.octaves, full.moments)
+        self.head = self.network.layers[-1]
+        self.head.copy_(torch.rand(self.head.shape, generator=trainer.generator) * 2 - 1).div_(math.sqrt(self.head.shape[1]))
+        self.network.layers[:-1] = full.layers[:depth]
+        self.workers = [Evaluator(self.network, trainer.recipe.chunk) for _ in range(cpu_threads())]
+        self.optimiser = Soap([self.head], trainer.recipe.beta1, trainer.recipe.beta2)
+        self.hard: torch.Tensor | None = None
+        self.batches: list[tuple] = []
+
+
+class EarlyTrainer(Trainer):
+    """``Trainer`` of a network with an exit behind each hidden layer but the last; same arguments."""
+
+    def __init__(self, samples, hidden, activation, octaves=0, moments=False, recipe=None):
+        super().__init__(samples, hidden, activation, octaves, moments, recipe)
+        self.exits = [_JointExit(self, depth) for depth in range(1, len(hidden))]
+        self.heads = [own.head.clone() for own in self.exits]
+
+    def _refresh(self, team: Team, workers: list[Evaluator], used: float) -> None:
+        best = self._best
+        super()._refresh(team, workers, used)
+        if self._best is not best:
+            self.heads = [own.head.clone() for own in self.exits]
+        (negative, *_), (positive, *_) = self._batches
+        recipe = replace(self.recipe, batch=int(self.recipe.batch * JOINT_BATCH))
+        for own in self.exits:
+            state = self.samples.positives(JOINT_EXPLORE)
+            state = state if own.hard is None else torch.cat([own.hard, state], 1)
+            state = self._descend(team, own.workers, state, JOINT_MOVES)
+            encoded = self.network.encode(self.samples.coordinates(state))
+            worst = self._evaluate(team, own.workers, encoded).topk(min(JOINT_HARD, state.shape[1]), largest=False)[1]
+            own.hard = state[:, worst]
+            positives = torch.cat([encoded[:, worst], positive], 1)
+            below, above = (self._evaluate(team, own.workers, x) for x in (negative, positives))
+            chosen, weights = _stratified(below > -recipe.saturation, recipe, self.generator)
+            level = above.kthvalue(min(recipe.boosted, len(above)))[0]
+            boost = 1 + (schedule(recipe.boost, used, 0.6, 0.95) - 1) * (above <= level).float()
+            rows, shares = _stratified(above <= torch.clamp(level, min=recipe.saturation), recipe, self.generator)
+            own.batches = [(negative, chosen, weights / recipe.pool), (positives, rows, shares / len(above), boost)]
+
+    def _gradient(self, team: Team, workers: list[Evaluator], row: int, used: float) -> None:
+        super()._gradient(team, workers, row, used)
+        recipe, batches = self.recipe, self._batches
+        warm = min(1.0, (used + 1e-3) / recipe.warm_up)
+        cosine = recipe.rate_end + (1 - recipe.rate_end) * 0.5 * (1 + math.cos(math.pi * min(used, 1.0)))
+        self.recipe = replace(recipe, batch=int(recipe.batch * JOINT_BATCH))
+        for own in self.exits:  # the same loss, of another network on batches of its own
+            self._batches = own.batches
+            super()._gradient(team, own.workers[: team.size], row, used)
+            for worker in own.workers[1 : team.size]:
+                own.workers[0].gradient.add_(worker.gradient)
+            *shared, head = own.workers[0].gradients
+            for total, part in zip(workers[0].gradients, shared, strict=False):
+                total.add_(part, alpha=JOINT)
+            own.optimiser.step([head], recipe.rate * warm * cosine)
+        self.recipe, self._batches = recipe, batches
+
+
+class _Exit(Trainer):
+    """A network whose output alone is trained, by damped Newton steps on all samples at once: it has some fifty weights."""
+
+    def __init__(self, trainer: Trainer, layers: list[torch.Tensor], head: torch.Tensor | None = None):
+        full = trainer.network
+        recipe = replace(trainer.recipe, **SAMPLES)
         hidden = tuple(full.hidden[: len(layers)])
         super().__init__(trainer.samples, hidden, full.activation, full.octaves, full.moments, recipe)
-        for own, layer in zip(self.network.layers, layers, strict=False):
+        for own, layer in zip(self.network.layers, [*layers, *([] if head is None else [head])], strict=False):
             own.copy_(layer)
+        self._begin = 0.0 if head is None else FINISH
         self.add_states(trainer.hard_states())
 
     def run(self, clock: Clock, *, counterexamples=None, progress: Progress | None = None) -> None:
-        """See ``Trainer``."""
-        recipe, threads = self.recipe, cpu_threads()
+        """See ``Trainer``; a step is one of Newton's."""
+        threads = cpu_threads()
         team = Team(threads)
-        workers = [Evaluator(self.network, recipe.chunk) for _ in range(threads)]
-        head, step = self.network.layers[-1], 0
-        optimiser = Soap([head], recipe.beta1, recipe.beta2)
+        workers = [Evaluator(self.network, self.recipe.chunk) for _ in range(threads)]
+        step = 0
         try:
             while (used := clock.fraction()) < 1:
-                if step % recipe.refresh == 0:
-                    self._refresh(team, workers, used)
-                    self._batches = [(self._activations(team, x), *rest) for x, *rest in self._batches]
+                if step % REFRESH == 0:
+                    self._refresh(team, workers, self._begin + (1 - self._begin) * used)
+                    activations = [self._activations(team, batch[0]) for batch in self._batches]
                     if progress:
                         progress(used, f"FP {100 * self.false_positives:.1f} %")
-                gradient = self._head_gradient(head[0], step % recipe.refresh, used)
-                warm = min(1.0, (used + 1e-3) / recipe.warm_up)
-                cosine = recipe.rate_end + (1 - recipe.rate_end) * 0.5 * (1 + math.cos(math.pi * min(used, 1.0)))
-                optimiser.step([gradient], recipe.rate * warm * cosine)
+                self._newton(team, *activations, self._begin + (1 - self._begin) * used)
                 step += 1
                 clock.count += 1
             self._refresh(team, workers, 1.0)
@@ -130,7 +202,7 @@ class _Exit(Trainer):
             team.close()
 
     def _activations(self, team: Team, x: torch.Tensor) -> torch.Tensor:
-        """``(N, H + 1)`` activations of the last layer, and ones, for encoded columns; a batch then copies whole rows."""
+        """``(N, H + 1)`` activations of the last layer, and ones, for encoded columns."""
         rows = torch.ones(x.shape[1], self.network.hidden[-1] + 1)
 
         def job(index: int) -> None:
@@ -147,23 +219,43 @@ class _Exit(Trainer):
         team.run(job)
         return rows
 
-    def _head_gradient(self, head: torch.Tensor, row: int, used: float) -> torch.Tensor:
-        """Gradient of ``Trainer``'s loss in the output's weights, ``(1, H + 1)``."""
-        recipe = self.recipe
+    def _newton(self, team: Team, negative: torch.Tensor, positive: torch.Tensor, used: float) -> None:
+        """One step down ``Trainer``'s loss. The concave part of the negatives' ramp is left out of the Hessian."""
+        recipe, head = self.recipe, self.network.layers[-1][0]
         weight = schedule(recipe.weight, used, 0.0, recipe.ramp)
         width = schedule(recipe.sharpness, used, 0.0, recipe.ramp)
         ramp = schedule(recipe.give_up, used, 0.3, 0.95, begin=40.0)
-        (negative, negative_rows, negative_weight), (positive, positive_rows, positive_weight, boost) = self._batches
-        h = negative.index_select(0, negative_rows[row])
-        f = h @ head
-        signal = torch.sigmoid(f)
-        if ramp < 30:
-            signal -= torch.sigmoid(f - ramp)
-        gradient = signal.mul_(negative_weight).mul_(weight**-0.5) @ h
-        chosen = positive_rows[row]
-        h = positive.index_select(0, chosen)
-        signal = torch.sigmoid((h @ head).div_(-width)).mul_(positive_weight).mul_(boost[chosen])
-        return (gradient - (signal @ h) * weight**0.5)[None]
+        w_negative, w_positive = weight**-0.5 / recipe.pool, weight**0.5 / len(positive)
+        level = (positive @ head).kthvalue(min(recipe.boosted, len(positive)))[0]
+        boost = 1 + (schedule(recipe.boost, used, 0.6, 0.95) - 1) * (positive @ head <= level).float()
+
+        def loss(at: torch.Tensor) -> float:
+            f, g = negative @ at, positive @ at
+            below = (softplus(f) - softplus(f - ramp)).sum() * w_negative
+            return float(below + (softplus(-g / width) * boost).sum() * (w_positive * width))
+
+        f, g = torch.sigmoid(negative @ head), torch.sigmoid((positive @ head).div_(-width))
+        up, down = f - torch.sigmoid(negative @ head - ramp), g * boost
+        gradient = (up @ negative) * w_negative - (down @ positive) * w_positive
+        curvature = [(f * (1 - f)).mul_(w_negative), (down * (1 - g)).mul_(w_positive / width)]
+        hessians = []
+
+        def job(index: int) -> None:
+            for h, c in zip((negative, positive), curvature, strict=True):
+                part = slice(*(len(h) * k // team.size for k in (index, index + 1)))
+                hessians.append((h[part] * c[part, None]).T @ h[part])
+
+        team.run(job)
+        hessian = torch.stack(hessians).sum(0).double()
+        damping = DAMPING * float(hessian.diagonal().mean()) + 1e-12
+        hessian.diagonal().add_(damping)
+        change = torch.linalg.solve(hessian, gradient.double()).float()
+        now, length = loss(head), 1.0
+        for _ in range(HALVINGS):
+            if loss(head - length * change) < now:
+                head -= length * change
+                return
+            length *= 0.5
 
 
 class _SupportExit(SupportTrainer):

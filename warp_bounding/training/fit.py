@@ -14,16 +14,21 @@ import torch
 
 from warp_bounding.bounders import METHODS, Bounder, method_class
 from warp_bounding.bounders.base import checked_device
+from warp_bounding.bounders.bvh import Bvh, leaves_for_bytes
 from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.kdop import Kdop
 from warp_bounding.bounders.mlp import Mlp, check_hidden, check_octaves
 from warp_bounding.bounders.network import ACTIVATIONS
+from warp_bounding.bounders.parametric import fit_parametric
 from warp_bounding.bounders.regions import RegionDomain, domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorGrid, load_indicator
 from warp_bounding.proof import Search, attest, minimum, positive_boxes, prove
 from warp_bounding.queries import check_query, oracle, sample
+from warp_bounding.queries.positives import draw_positives
 from warp_bounding.training.adversary import adversarial_minimum
 from warp_bounding.training.clock import Clock
+from warp_bounding.training.kdop import train_learned_kdop
 from warp_bounding.training.loop import Trainer
 from warp_bounding.training.paper import PaperTrainer
 from warp_bounding.training.samples import samples_of
@@ -41,6 +46,7 @@ LONG_PROOF_SHARE = 0.2  # reserved where the last search did not end in its time
 SEARCH_BOXES, PROOF_BOXES = 1_000_000, 20_000_000  # what takes the place of time where the budget is in steps
 PROOF_COST = 1e-4  # share of all queries that a search may cost in false positives by ending early
 COST_SAMPLES = 200_000
+PARAMETRIC_SAMPLES = 20_000  # as in the paper's code
 SEARCH_RESERVE = 0.15  # of the budget: the adversarial search of rays and boxes, the proof of planes
 ATTEST_SHARE = 0.05  # of the budget: fresh positives
 SEARCH_ROUNDS = 12  # of the adversarial search where the budget is in steps
@@ -90,7 +96,7 @@ def fit(
             the positives' own 2 n numbers. The same for points.
         octaves: Octaves of positional encoding, mlp; 0 for none, 4 as in the paper's supplement.
         k: Half-spaces, kdop and learned-kdop; by default 4 for each number of a query.
-        leaves: Leaf boxes, bvh; 64 if ``None``.
+        leaves: Leaf boxes, bvh; if ``None``, as many as have the memory of a network of these ``hidden`` widths.
         steps: Training steps instead of seconds: the result is then repeatable to the bit on the same machine.
         recipe: ``"default"``, or ``"paper"`` for the paper's schedule.
         device: Warp device of the bounder; the default device if ``None``.
@@ -120,7 +126,11 @@ def fit(
     if method == "mlp":
         bounder, record = _fit_network(problem, hidden, activation, octaves, budget, steps, recipe, progress)
     else:
-        bounder = kind.fit(grid, problem.domain, device=device, **({"k": k} if method == "kdop" else {}))
+        if method == "learned-kdop":
+            options = {"budget": budget, "seed": int(seed), "k": k, "steps": steps, "device": device}
+            bounder, record = train_learned_kdop(grid, problem.domain, **options, progress=_shown(progress))
+        else:
+            bounder = _fit_classic(problem, kind, k, leaves, hidden)
         prove(bounder, grid)
     bounder.info = {
         "indicator": grid.digest,
@@ -164,6 +174,34 @@ def _check_options(budget, steps, seed, margin, length, space, recipe) -> None:
         raise BounderError(f"space must be one of {', '.join(SPACES)}, got {space!r}")
     if recipe not in TRAINERS:
         raise BounderError(f"recipe must be one of {', '.join(TRAINERS)}, got {recipe!r}")
+
+
+def _fit_classic(problem: Problem, kind: type[Bounder], k: int | None, leaves: int | None, hidden) -> Bounder:
+    """A closed form; in parametric space around sampled positives, as in the paper, and then around all of them."""
+    grid, domain, device = problem.grid, problem.domain, problem.device
+    options = {"k": k} if kind is Kdop else {}
+    if domain.space == "parametric" and problem.query != "point":
+        x = sample(problem.query, grid, PARAMETRIC_SAMPLES, np.random.default_rng(problem.seed))
+        positive = x[oracle(problem.query, grid, device, domain.length or 1.0)(x)]
+        if len(positive) < 2:
+            positive = next(draw_positives(problem.query, grid, PARAMETRIC_SAMPLES, problem.seed, device, domain.length or 1.0))
+        return fit_parametric(kind, grid, domain, domain.to_local(positive), device=device, **options)
+    if kind is Bvh:
+        options = {"leaves": leaves or leaves_for_bytes(_network_bytes(domain, hidden), grid.ndim)}
+    return kind.fit(grid, domain, device=device, **options)
+
+
+def _network_bytes(domain: Domain | RegionDomain, hidden) -> int:
+    """Memory of the network of these widths that the same queries would have."""
+    sizes = [domain.space_ndim if domain.query == "plane" else domain.ndim, *check_hidden(hidden)]
+    outputs = 2 if domain.query == "plane" else 1
+    numbers = sum(k * h + h for k, h in zip(sizes, [*sizes[1:], outputs], strict=True))
+    return 4 * (numbers + len(domain.header) + 1 + len(domain.extra))
+
+
+def _shown(progress: Progress | None) -> Callable[[float, str], None] | None:
+    """A trainer's progress as the caller's."""
+    return (lambda used, note: progress(min(used, 1.0), 1.0, note)) if progress else None
 
 
 def _fit_network(problem: "Problem", hidden, activation, octaves, budget, steps, recipe, progress) -> tuple[Mlp, dict]:

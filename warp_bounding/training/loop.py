@@ -14,11 +14,10 @@ from dataclasses import dataclass
 
 import torch
 
-from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.launch import cpu_threads
 from warp_bounding.training.clock import Clock
 from warp_bounding.training.network import Evaluator, TrainableNetwork
-from warp_bounding.training.samples import Samples, samples_of
+from warp_bounding.training.samples import Samples
 from warp_bounding.training.soap import Soap
 from warp_bounding.training.team import Team
 
@@ -40,7 +39,7 @@ class Recipe:
     hard: int = 4096  # the worst positives, kept from refresh to refresh
     moves: int = 2  # steps down f that they take
     explore: int = 16384  # fresh positives that walk down before they compete for the hard pool
-    candidates: int = 16384  # fresh positives of which these are the lowest
+    candidates: int = 0  # fresh positives of which these are the lowest; 0: as many
     explore_moves: int = 4
     saturation: float = 4.0  # |f| beyond which a softplus carries almost no gradient
     weight: float = 3000.0  # of positives against negatives, 1 -> weight over [0, ramp]
@@ -95,9 +94,6 @@ class Trainer:
         moments: bool = False,
         recipe: Recipe | None = None,
     ):
-        if isinstance(samples, IndicatorGrid):  # the former order: grid, domain, hidden, activation, octaves, seed
-            samples = samples_of(samples, hidden, recipe or 0)
-            hidden, activation, octaves, moments, recipe = activation, octaves, moments, False, None
         self.recipe = recipe or RECIPES[samples.query]
         self.samples, self.generator = samples, samples.generator
         self.network = TrainableNetwork(samples.ndim, hidden, activation, octaves, moments)
@@ -180,7 +176,7 @@ class Trainer:
         negative = network.encode(samples.negatives(recipe.pool))
         state = samples.positives(recipe.pool)
         fresh = samples.coordinates(state)
-        walked = samples.positives(recipe.candidates)
+        walked = samples.positives(max(recipe.candidates, recipe.explore))
         if recipe.candidates > recipe.explore:
             values = self._evaluate(team, workers, network.encode(samples.coordinates(walked)))
             walked = walked[:, values.topk(recipe.explore, largest=False)[1]]

@@ -11,10 +11,9 @@ import math
 import numpy as np
 import torch
 
-from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.regions import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.training.region_samples import RegionSamples
-from warp_bounding.training.samples import columns
 
 __all__ = ["RaySamples"]
 
@@ -24,6 +23,8 @@ BORDER_FACE_SHARE = 0.5  # of the coordinates of their origins: on the border
 FACE_SHARE = 0.65  # of the coordinates of p: on a face of the cell
 END_SHARES = (0.2, 0.5)  # of the other rays: begin at p; end there (up to here)
 REACH = 3.0  # t and the direction move by so many cells where p moves by one
+ON_BORDER = 1e-5  # of t: an origin that is on the domain's border
+SLOWEST = 0.05  # w across a border, in its gradient: where a ray runs along it, a slide would be endless
 LEAST = 1e-12
 
 
@@ -32,7 +33,7 @@ class RaySamples(RegionSamples):
 
     query = "ray"
 
-    def __init__(self, grid: IndicatorGrid, domain: Domain, generator: torch.Generator):
+    def __init__(self, grid: IndicatorGrid, domain: RegionDomain, generator: torch.Generator):
         super().__init__(grid, domain, generator)
         self._stretch = torch.from_numpy(np.asarray(domain.stretch, dtype=np.float32))[:, None]
         self._cells_long = (self._stretch / self.cells.unit).abs()  # cells that a ray along each axis crosses
@@ -98,19 +99,27 @@ class RaySamples(RegionSamples):
         return torch.cat([self.point(state) - state[2 * n] * w, w])
 
     def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
-        """See ``Samples``. Components that would leave their range are left out before the step's length is set."""
+        """See ``Samples``. Components that would leave their range are left out before the step's length is set.
+
+        An origin that wants to leave the domain slides along the face that it is on.
+        """
         n = self.grid.ndim
         cell, offset, t, direction = state[:n], state[n : 2 * n], state[2 * n], state[2 * n + 1 :]
         w = direction * self._stretch
-        by_origin, by_w = slope[:n], slope[n:]
-        long = (direction * self._cells_long).square().sum(0).sqrt_()  # the ray, in cells
-        g_offset = by_origin * self.cells.unit
+        by_a, by_w = slope[:n], slope[n:]
+        along = (by_a * w).sum(0)
+        longest, axis = self._room(self.point(state), direction)
+        stuck = (t >= longest - ON_BORDER) & (along > 0)  # f falls with t, which cannot grow
+        crossing = w.gather(0, axis[None])[0]
+        crossing = torch.where(crossing < 0, crossing.clamp(max=-SLOWEST), crossing.clamp(min=SLOWEST))
+        slide = torch.where(stuck & (longest < 1), along / crossing, 0.0)
+        by_a = by_a.scatter_add(0, axis[None], -slide[None])
+        reach_t = REACH / (direction * self._cells_long).square().sum(0).sqrt_()  # over the ray, in cells
+        g_t = torch.where(stuck | ((t <= 0) & (along < 0)), 0.0, -along * reach_t)
+        g_offset = by_a * self.cells.unit
         g_offset = torch.where((offset.abs() >= 0.5) & (g_offset * offset < 0), 0.0, g_offset)
-        reach_t, reach_d = REACH / long, REACH / self._cells_long.max()
-        g_t = -(by_origin * w).sum(0) * reach_t
-        longest = self._longest(self.point(state), direction)
-        g_t = torch.where(((t <= 0) & (g_t > 0)) | ((t >= longest) & (g_t < 0)), 0.0, g_t)
-        g_d = (by_w - t * by_origin) * self._stretch
+        reach_d = REACH / self._cells_long.max()
+        g_d = (by_w - t * by_a) * self._stretch
         g_d = (g_d - (g_d * direction).sum(0) * direction) * reach_d
         largest = torch.maximum(torch.maximum(g_offset.abs().amax(0), g_d.abs().amax(0)), g_t.abs())
         step = step / (largest + LEAST)
@@ -118,20 +127,16 @@ class RaySamples(RegionSamples):
         direction = direction - step * reach_d * g_d
         direction /= direction.square().sum(0).sqrt_()
         longest = self._longest(self.cells.to_local(cell + offset), direction)
-        t = torch.minimum((t - step * reach_t * g_t).clamp_(min=0), longest)
+        t = torch.where(stuck, longest, torch.minimum((t - step * reach_t * g_t).clamp_(min=0), longest))
         return torch.cat([cell, offset, t[None], direction])
 
     def _longest(self, p: torch.Tensor, direction: torch.Tensor) -> torch.Tensor:
         """``(N,)`` the largest t <= 1 with p - t w in the domain."""
+        return self._room(p, direction)[0]
+
+    def _room(self, p: torch.Tensor, direction: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """The same, and the axis ``(N,)`` whose face is met there first."""
         w = direction * self._stretch
         room = torch.where(w > 0, p - self.cells.lower, self.cells.upper - p).clamp_(min=0)
-        return (room / w.abs().clamp_(min=LEAST)).amin(0).clamp_(max=1.0)
-
-    def state_of(self, v: np.ndarray, t: np.ndarray) -> torch.Tensor:
-        """States of rays ``v`` ``(N, 2n)`` that pass the object at a known share ``t`` ``(N,)``; others are dropped."""
-        n = self.grid.ndim
-        a, w = v[:, :n], v[:, n:]
-        cell, offset = self.cells.locate(a + t[:, None] * w)
-        if cell.shape[1] != len(v):
-            raise ValueError(f"expected rays through the object at t, {len(v) - cell.shape[1]} of {len(v)} are not")
-        return torch.cat([cell, offset, columns(t[:, None]), columns(w) / self._stretch])
+        longest, axis = (room / w.abs().clamp_(min=LEAST)).min(0)
+        return longest.clamp_(max=1.0), axis

@@ -3,8 +3,9 @@
 import numpy as np
 import torch
 
-from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.regions import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.queries import oracle, sample
 from warp_bounding.training.cell_points import CellPoints
 from warp_bounding.training.samples import Samples, columns
 
@@ -23,10 +24,7 @@ class RegionSamples(Samples):
         generator: Source of randomness.
     """
 
-    def __init__(self, grid: IndicatorGrid, domain: Domain, generator: torch.Generator):
-        from warp_bounding.queries import oracle, sample  # TODO top
-
-        self._sample = sample
+    def __init__(self, grid: IndicatorGrid, domain: RegionDomain, generator: torch.Generator):
         self.grid, self.domain, self.generator, self.ndim = grid, domain, generator, 2 * grid.ndim
         self.cells = CellPoints(grid, domain.base, generator)
         self.detail = self.cells.detail.repeat(2, 1)
@@ -36,7 +34,7 @@ class RegionSamples(Samples):
 
     def uniform(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
         """See ``Samples``."""
-        q = self._sample(self.query, self.grid, count, self._rng)
+        q = sample(self.query, self.grid, count, self._rng)
         return columns(self.domain.to_local(q)), torch.from_numpy(self._oracle(q))
 
     def negatives(self, count: int) -> torch.Tensor:

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 
 from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.regions import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 
@@ -66,7 +67,7 @@ class Samples:
         raise NotImplementedError(f"{self.query}: counterexamples come as states")
 
 
-def samples_of(grid: IndicatorGrid, domain: "Domain", seed: int = 0) -> Samples:
+def samples_of(grid: IndicatorGrid, domain: Domain | RegionDomain, seed: int = 0) -> Samples:
     """The samples of a domain's kind of query.
 
     Args:

@@ -1,0 +1,129 @@
+"""Samples are what they are called: positives by the exact truth, wherever they move; negatives and truth by the oracle."""
+
+import numpy as np
+import pytest
+from bounding_shapes import SHAPES, shape
+
+torch = pytest.importorskip("torch", reason="torch is not installed")
+
+from warp_bounding.bounders.regions import domain_of  # noqa: E402
+from warp_bounding.errors import BounderError  # noqa: E402
+from warp_bounding.queries import oracle  # noqa: E402
+from warp_bounding.training.samples import samples_of  # noqa: E402
+
+KINDS = ("point", "ray", "box")
+COUNT = 1500
+
+
+def cells_and_points(samples, state):
+    """Cells, and cell coordinates of the point of the object that a state names."""
+    n = samples.grid.ndim
+    return state[:n].long().numpy().T, (state[:n] + state[n : 2 * n]).numpy().T.astype(np.float64)
+
+
+def check_positives(samples, domain, state):
+    """The point lies in its occupied cell, and the region, in the domain, passes it, up to float32."""
+    grid, n = samples.grid, samples.grid.ndim
+    cells, t = cells_and_points(samples, state)
+    assert grid.occupancy[tuple(cells.T)].all()
+    assert np.abs(t - cells).max() <= 0.5
+    p = domain.base.to_local(grid.position(t))
+    v = samples.coordinates(state).numpy().T.astype(np.float64)
+    assert np.isfinite(v).all()
+    first = v[:, :n]
+    assert (np.abs(first) <= domain.base.limit + 1e-5).all()
+    if samples.query == "point":
+        assert np.abs(v - p).max() < 1e-5
+    elif samples.query == "box":
+        assert (np.abs(v[:, n:]) <= domain.base.limit + 1e-5).all()
+        assert (first <= p + 1e-5).all()
+        assert (p <= v[:, n:] + 1e-5).all()
+    else:
+        share = state[2 * n].numpy()
+        assert ((share >= 0) & (share <= 1)).all()
+        scale = 1 + np.abs(v[:, n:])
+        assert (np.abs(first + share[:, None] * v[:, n:] - p) / scale).max() < 1e-5
+        unit = v[:, n:] / domain.stretch
+        assert np.abs(np.linalg.norm(unit, axis=1) - 1).max() < 1e-5
+
+
+@pytest.mark.parametrize("query", KINDS)
+@pytest.mark.parametrize("name", SHAPES)
+def test_positives_stay_positives(name, query):
+    grid = shape(name)
+    domain = domain_of(grid, query, 0.7)
+    samples = samples_of(grid, domain, 3)
+    state = samples.positives(COUNT)
+    assert state.shape[1] == COUNT
+    check_positives(samples, domain, state)
+    for step in (0.4, 3.0, torch.rand(COUNT)):
+        slope = torch.randn(samples.ndim, COUNT, generator=samples.generator)
+        state = samples.move(state, slope, step)
+        check_positives(samples, domain, state)
+    still = samples.move(state, torch.zeros(samples.ndim, COUNT), 1.0)
+    assert torch.allclose(still, state, atol=1e-5)
+
+
+@pytest.mark.parametrize("query", KINDS)
+@pytest.mark.parametrize("name", ["line", "c", "blob", "animated", "anisotropic"])
+def test_moves_lead_downhill(name, query):
+    grid = shape(name)
+    samples = samples_of(grid, domain_of(grid, query), 3)
+    state = samples.positives(COUNT)
+    normal = torch.randn(samples.ndim, COUNT, generator=samples.generator)
+    before = (normal * samples.coordinates(state)).sum(0)
+    moved = samples.move(state, normal.clone(), 1e-3)
+    after = (normal * samples.coordinates(moved)).sum(0)
+    upwards = float((after > before + 1e-5).float().mean())
+    assert upwards <= (0.05 if query == "ray" else 0)  # an origin in an edge or corner of the domain may move back
+    assert (after < before).float().mean() > 0.5
+
+
+@pytest.mark.parametrize("query", KINDS)
+@pytest.mark.parametrize("name", SHAPES)
+def test_uniform_samples_have_their_truth(name, query):
+    grid = shape(name)
+    domain = domain_of(grid, query, 0.7)
+    samples, truth_of = samples_of(grid, domain, 3), oracle(query, grid, "cpu", 0.7)
+    v, truth = samples.uniform(COUNT)
+    assert v.shape == (samples.ndim, COUNT)
+    again = truth_of(domain.to_object(v.numpy().T).astype(np.float32))
+    assert (again == truth.numpy()).mean() > 0.995  # but for rounding, on faces
+    v = samples.negatives(COUNT)
+    assert 0 < v.shape[1] <= COUNT
+    if not truth.all():
+        assert truth_of(domain.to_object(v.numpy().T).astype(np.float32)).mean() < 0.01
+
+
+@pytest.mark.parametrize("query", KINDS)
+def test_seeds(query):
+    grid = shape("blob")
+    first, same, other = (samples_of(grid, domain_of(grid, query), seed) for seed in (1, 1, 2))
+    for draw in ("positives", "negatives"):
+        a, b, c = (getattr(s, draw)(64) for s in (first, same, other))
+        assert torch.equal(a, b)
+        assert a.shape != c.shape or not torch.equal(a, c)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_points_are_located(name):
+    grid = shape(name)
+    samples = samples_of(grid, domain_of(grid), 0)
+    state = samples.positives(COUNT)
+    state[grid.ndim :] *= 0.9
+    back = samples.locate(samples.coordinates(state).T.double().numpy())
+    assert (back - state).abs().max() < 1e-3
+    assert (back[: grid.ndim] == state[: grid.ndim]).all()
+    assert samples.locate(np.full((3, grid.ndim), 5.0)).shape[1] == 0
+
+
+def test_regions_are_not_located():
+    grid = shape("c")
+    with pytest.raises(NotImplementedError, match="ray"):
+        samples_of(grid, domain_of(grid, "ray")).locate(np.zeros((1, 4)))
+
+
+def test_planes_are_trained_otherwise():
+    grid = shape("c")
+    with pytest.raises(BounderError, match="plane"):
+        samples_of(grid, domain_of(grid, "plane"))
