@@ -1,5 +1,6 @@
 """Rays, planes and boxes against the classic volumes: no false negative, rounding within its bound, and tight."""
 
+import sys
 from functools import cache
 
 import numpy as np
@@ -9,6 +10,7 @@ from bounding_shapes import shape
 from region_cases import REGIONS, VOLUMES, cases, fitted_region, ray_length
 
 from warp_bounding.bounders import load, supports
+from warp_bounding.bounders.functions import batch_kernel
 from warp_bounding.bounders.source import Lanes
 from warp_bounding.errors import BounderError
 from warp_bounding.native import named, unique_name
@@ -201,6 +203,16 @@ def test_saved_and_loaded(method, query, tmp_path):
     assert twin.source == bounder.source
     assert twin.nbytes == bounder.nbytes
     assert twin.least(shape("c")) == bounder.least(shape("c"))
+
+
+@pytest.mark.skipif(not hasattr(wp, "compile_aot_module"), reason="this Warp cannot compile ahead of time")
+@pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA compiler on macOS")
+@pytest.mark.parametrize("query", REGIONS)
+@pytest.mark.parametrize("method", ["kdop", "oriented-ellipsoid", "bvh"])
+def test_compiles_for_cuda(method, query, tmp_path):
+    kernel = batch_kernel(made(method, "c", query).source, False, False)
+    wp.compile_aot_module(kernel.module, device=None, arch=86, module_dir=tmp_path)
+    assert [*tmp_path.rglob("*.ptx"), *tmp_path.rglob("*.cubin")]
 
 
 def test_a_volume_that_does_not_hold_the_object():

@@ -244,9 +244,8 @@ def test_bad_input(place, library, capsys, bad, fresh):
         assert table1(capsys, place, "--columns", "2d-point", "--methods", "aabb")[0] == 0
     before = contents(place)
     check_bad(*table1(capsys, place, *BAD[bad]))
-    if fresh and bad != "nothing":
-        assert not (place / "out").exists()
-    assert bad == "nothing" or contents(place) == before
+    assert contents(place) == before
+    assert (place / "out").exists() != fresh
 
 
 def test_bad_data(place, library, capsys):

@@ -77,6 +77,7 @@ def test_one_changed_weight_is_found(method):
         "oriented-ellipsoid": ("offset", 0, 0.4),
         "mlp": ("layers.1.bias", 0, -0.1),
         "voxels": ("summand", 0, 1.0),
+        "bvh": ("low", -1, 0.1),
     }[method]
     tensor = bounder.tensors[name].copy()
     tensor.flat[index] += np.float32(change)

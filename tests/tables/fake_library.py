@@ -80,7 +80,7 @@ class Library:
             v
             for v in VARIANTS
             if (v.method, v.leaves) == (about["method"], about["leaves"])
-            and (v.parametric == (about["space"] == "parametric") or not v.classic)
+            and (v.parametric == (about["space"] == "parametric") or not v.in_both_spaces)
         )
         rate = RATES[variant.label] + len(grid.name) + (5.0 if protocol == "sampled" else 0.0)
         fn = 7 if about["method"] in (*self.missing, "occupancy") else 0

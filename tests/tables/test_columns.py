@@ -20,13 +20,15 @@ def test_columns_and_sizes():
 
 def test_the_papers_figures_stand_beside_what_the_paper_did():
     point, ray = Column(2, "point"), Column(2, "ray")
-    assert Variant("aabb").paper(point) == 28.4
-    assert Variant("aabb").paper(ray) is None
-    assert Variant("aabb", None, True).paper(ray) == 43.9
-    assert Variant("aabb", None, True).paper(point) is None
-    assert Variant("mlp").paper(Column(4, "box")) == 11.3
-    assert Variant("relu-field").paper(Column(3, "ray")) is None
-    assert Variant("bvh", 64).paper(point) is Variant("voxels").paper(point) is None
+    assert Variant("aabb").paper(point, supports) == 28.4
+    assert Variant("aabb").paper(ray, supports) is None
+    assert Variant("aabb", None, True).paper(ray, supports) == 43.9
+    assert Variant("aabb", None, True).paper(point, supports) is None
+    assert Variant("mlp").paper(Column(4, "box"), supports) == 11.3
+    assert Variant("relu-field").paper(Column(3, "ray"), supports) is None
+    assert Variant("bvh", 64).paper(point, supports) is Variant("voxels").paper(point, supports) is None
+    assert Variant("kdop").paper(ray, supports) == 33.4  # these fakes have no parametric kdop
+    assert Variant("kdop", None, True).paper(ray, supports) is None
 
 
 def test_spaces():

@@ -125,10 +125,21 @@ def test_settings_are_never_mixed(folder, name, value, told):
 
 
 def test_settings_of_the_folder_are_the_defaults(tmp_path):
-    with open_folder(tmp_path / "out", {"budget": 5.0, "seed": 3}, create=True):
-        pass
+    with open_folder(tmp_path / "out", {"budget": 5.0, "seed": 3}, create=True) as opened:
+        opened.append(make_row(COLUMNS[1], VARIANTS[0], budget=5.0, seed=3))
     with open_folder(tmp_path / "out", {"seed": 3}, create=True) as opened:
         assert (opened.settings.budget, opened.settings.seed, opened.settings.sample_seed) == (5.0, 3, 4)
+
+
+def test_settings_of_an_empty_table_bind_nobody(tmp_path):
+    with open_folder(tmp_path / "out", {"budget": 5.0}, create=True):
+        pass
+    with open_folder(tmp_path / "out", {"budget": 6.0}, create=True) as opened:
+        assert opened.settings.budget == 6.0
+    (tmp_path / "out/bounders").mkdir()
+    (tmp_path / "out/bounders/2d-ray.a.mlp.safetensors").write_text("")
+    with pytest.raises(BoundingError, match=r"budget 6\.0 there"):
+        rows(tmp_path / "out", budget=7.0)
 
 
 @pytest.mark.parametrize(

@@ -57,7 +57,7 @@ def test_means_and_the_best():
     assert means.broken_promises() == []
     broken = Means([*ROWS, make_row(RAY, VOXELS, "bunny", fp_rate=0.0, fn=3)], "exact")
     assert broken.broken_promises() == ["2d-ray bunny: voxels (exact): 3 false negatives"]
-    summary = means.to_dict()
+    summary = means.to_dict(supports)
     assert summary["2d-point"]["mlp"] == {"fp_rate": 3.5625, "fn": 0, "objects": 2, "proven": True, "paper": 3.2}
     assert list(summary) == ["2d-point", "2d-ray"]
 
@@ -91,10 +91,11 @@ def test_the_page_says_what_does_not_exist_and_what_is_broken(tmp_path):
     ray3 = Column(3, "ray")
     rows = [make_row(POINT, FIELD), make_row(ray3, AABB, fn=2), make_row(Column(3, "point"), FIELD)]
     rows.append(make_row(ray3, MLP, protocol="sampled"))
-    cells = table(page(opened(tmp_path / "out", rows), supports))
+    text = page(opened(tmp_path / "out", rows), supports)
+    cells = table(text)
     assert cells["relu-field"][2] == "–"
     assert cells["aabb"] == ["… (28.4)", "… (28.5)", "12.50", "**2** of 1,000,000, **promise broken**"]
-    assert table(page(opened(tmp_path / "out", []), supports), "sampled")["mlp"][0] == "12.50 (7.6)"
+    assert table(text, "sampled")["mlp"][0] == "12.50 (7.6)"
 
 
 def test_every_line_of_a_table_is_as_long_as_its_head(tmp_path, rng):

@@ -59,4 +59,4 @@ def test_it_begins_at_known_states():
     best = adversarial_minimum(samples, network, 1e9, rounds=10)
     found = adversarial_minimum(samples, network, 0.0, states=best.states[:, :1])
     assert found.rounds == 1
-    assert found.value <= best.value
+    assert found.value <= best.value + 1e-5

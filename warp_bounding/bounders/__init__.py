@@ -9,7 +9,9 @@ from warp_bounding.bounders.functions import Data
 from warp_bounding.bounders.kdop import Kdop
 from warp_bounding.bounders.learned_kdop import LearnedKdop
 from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.bounders.obb import Obb
+from warp_bounding.bounders.occupancy import Occupancy
 from warp_bounding.bounders.oriented_ellipsoid import OrientedEllipsoid
 from warp_bounding.bounders.sphere import Sphere
 from warp_bounding.bounders.storage import load, save
@@ -19,7 +21,11 @@ from warp_bounding.errors import BounderError
 __all__ = ["METHODS", "Bounder", "Certificate", "Data", "load", "method_class", "save", "supports"]
 
 METHODS: dict[str, type[Bounder]] = {
-    c.method: c for c in (Aabb, Obb, Sphere, Ellipsoid, OrientedEllipsoid, Kdop, Bvh, LearnedKdop, Voxels, Mlp)
+    c.method: c
+    for c in (
+        *(Aabb, Obb, Sphere, Ellipsoid, OrientedEllipsoid, Kdop, Bvh, LearnedKdop, Voxels),
+        *(Mlp, MlpEarly, Occupancy),
+    )
 }
 
 

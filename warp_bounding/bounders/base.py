@@ -159,6 +159,11 @@ class Bounder(ABC):
         """
 
     @property
+    def parts(self) -> "list[Bounder]":
+        """The bounders whose conjunction this is, each at its threshold; they are proven one by one."""
+        return [self]
+
+    @property
     def volume(self) -> "Bounder | None":
         """The volume, as a bounder of points, where a region is tested against one; ``None`` where f is a function of v."""
         return None
@@ -274,8 +279,11 @@ class Bounder(ABC):
             x: ``(N, m)`` NumPy array or torch tensor, float32 or float64, or ``wp.array`` of ``vec_m`` ``(N,)`` or float32 ``(N, m)``.
                 Points: m = n. Regions, m = 2 n: a ray's origin and direction, a plane's normal and point, a box's lower
                 and upper corner. Torch tensors on the CPU and ``wp.array`` are read in place.
-            xform: Places the shape in the world: ``wp.transform``, 7 numbers or a homogeneous rigid matrix.
-            scale: Positive number, or one per spatial axis; applied before ``xform``.
+            xform: Places the shape in the world: ``wp.transform``, 7 numbers or a homogeneous rigid matrix. ``x`` are then
+                numbers in the world; time is not moved. A rotated box is tested by the axis-aligned box around it in object
+                space; without a rotation, or by right angles, that is the box itself.
+            scale: Positive number, or one per spatial axis; applied before ``xform``. The length of rays stays in object
+                units: where the shape is scaled by one number s, its rays are s times as long in the world.
             out: ``(N,)`` uint8 to write to, instead of a new array.
 
         Returns:

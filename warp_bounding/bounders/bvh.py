@@ -36,7 +36,7 @@ def leaves_for_bytes(nbytes: int, ndim: int) -> int:
         nbytes: Memory, such as a network's ``Bounder.nbytes``.
         ndim: Dimension of the object.
     """
-    nodes = (nbytes // 4 - (4 * ndim + 1)) // (2 * ndim + 1)
+    nodes = (nbytes // 4 - (4 * ndim + 1 + FRONT)) // (2 * ndim + 1)
     low, high = 1, max(nodes, 1)
     while low < high:
         middle = (low + high + 1) // 2

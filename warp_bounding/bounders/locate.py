@@ -3,6 +3,9 @@
 Given are ``V q[]`` (the numbers in object space), ``center scale limit`` (n each) and ``extra`` (see ``Domain.header``), a
 ``V zero`` and a function ``root``; the text sets ``V v[]`` and declares two masks: ``finite`` (false: *maybe*, whatever else holds) and ``inside``
 (false: *no*). V is a vector of queries or a float, so masks are combined with ``&`` and ``|`` and never negated.
+
+Where a shape is placed, q are numbers in the world and ``place`` is ``Placement.values``: q is moved first, in place. ``drift`` in
+there is what the move rounds per distance; it widens the domain for a region from farther away than FAR, and every box.
 """
 
 from warp_bounding.arithmetic import UNIT32
@@ -22,7 +25,7 @@ def extra_count(query: str, ndim: int) -> int:
     return ndim if query in ("ray", "plane") else 0
 
 
-def locate(query: str, space: str, n: int, time: bool) -> str:
+def locate(query: str, space: str, n: int, time: bool, placed: bool = False) -> str:
     """The C text.
 
     Args:
@@ -30,18 +33,57 @@ def locate(query: str, space: str, n: int, time: bool) -> str:
         space: ``"geometric"`` or ``"parametric"``.
         n: Dimension of the indicator.
         time: Coordinate 0 is time: a region that lies wholly outside its range is answered with maybe.
+        placed: ``q`` are in the world, and the text may change them.
     """
     lines = ["auto finite = (q[0] - q[0]) == zero;"]  # false for NaN and for infinity
     lines += [f"finite = finite & ((q[{k}] - q[{k}]) == zero);" for k in range(1, 2 * n)]
+    if placed:
+        lines += ["{", *(_move_box(n) if query == "box" else _move(query, n)), "}"]
+        lines += [f"finite = finite & ((q[{k}] - q[{k}]) == zero);" for k in range(2 * n)]  # an overflow
     if query == "box":
         lines += _box(n, time)
     elif query == "ray":
-        lines += _ray(n, time)
+        lines += _ray(n, time, placed)
     elif space == "parametric":
         lines += _plane_parameters(n)
     else:
-        lines += _plane(n, time)
+        lines += _plane(n, time, placed)
     return "\n".join(lines)
+
+
+def _move(query: str, n: int) -> list[str]:
+    """A ray's or a plane's point, and its direction; one that is nearly as short as rounding is answered with maybe."""
+    point, turn, at = (0, n, n) if query == "ray" else (n, 0, 2 * n + n * n)
+    lines = [f"const V d{k} = q[{point + k}] - place[{k}]; const V e{k} = q[{turn + k}];" for k in range(n)]
+    lines += [_longest([f"e{k}" for k in range(n)])]
+    for k in range(n):
+        lines.append(f"q[{point + k}] = {' + '.join(f'd{j} * place[{n + n * k + j}]' for j in range(n))};")
+        lines.append(f"q[{turn + k}] = {' + '.join(f'e{j} * place[{at + n * k + j}]' for j in range(n))};")
+    return [*lines, _longest([f"q[{turn + k}]" for k in range(n)])]
+
+
+def _longest(names: list[str]) -> str:
+    """``finite`` only if the largest of these has a size that directions may have."""
+    sizes = (f"{{ {_absolute('s_', name)} longest = s_ > longest ? s_ : longest; }}" for name in names)
+    bounds = f"(longest >= zero + {_number(SMALLEST)}) & (longest <= zero + {_number(LARGEST)})"
+    return f"{{ V longest = zero; {' '.join(sizes)} finite = finite & {bounds}; }}"
+
+
+def _move_box(n: int) -> list[str]:
+    """The box around the moved one, corner by corner (Arvo 1990), and its rounding outwards."""
+    lines = ["V far = zero;"]
+    for k in range(n):
+        lines.append(f"finite = finite & (q[{k}] <= q[{n + k}]);")
+        lines.append(f"const V c{k} = q[{k}] - place[{k}]; const V d{k} = q[{n + k}] - place[{k}];")
+        lines.append(f"finite = finite & ((c{k} - c{k}) == zero) & ((d{k} - d{k}) == zero);")
+        lines.append(f"{{ {_absolute('s_', f'c{k}')} {_absolute('t_', f'd{k}')} far = far + (s_ > t_ ? s_ : t_); }}")
+    for k in range(n):
+        lines.append(f"{{ V low = zero, high = zero; const V room = far * place[{n + n * n + k}];")
+        for j in range(n):
+            lines.append(f"{{ const V s_ = c{j} * place[{n + n * k + j}]; const V t_ = d{j} * place[{n + n * k + j}];")
+            lines.append("low = low + (s_ < t_ ? s_ : t_); high = high + (s_ < t_ ? t_ : s_); }")
+        lines.append(f"q[{k}] = low - room; q[{n + k}] = high + room; }}")
+    return lines
 
 
 def _number(value: float) -> str:
@@ -82,9 +124,7 @@ def _origin(n: int, first: int) -> list[str]:
 def _unit(n: int, first: int) -> list[str]:
     """``u{k}``, the direction at ``q[first]`` with Euclidean length 1; false in ``finite`` where there is none."""
     lines = ["V longest = zero;"]
-    lines += [
-        f"{{ {_absolute('d_', f'q[{first + k}]')} longest = d_ > longest ? d_ : longest; }}" for k in range(n)
-    ]
+    lines += [f"{{ {_absolute('d_', f'q[{first + k}]')} longest = d_ > longest ? d_ : longest; }}" for k in range(n)]
     lines.append(f"finite = finite & (longest >= zero + {_number(SMALLEST)}) & (longest <= zero + {_number(LARGEST)});")
     lines.append("longest = longest > zero ? longest : zero + 1.0f;")  # no division by zero in lanes that are maybe
     lines += [f"const V e{k} = q[{first + k}] / longest;" for k in range(n)]
@@ -94,11 +134,17 @@ def _unit(n: int, first: int) -> list[str]:
     return lines
 
 
-def _ray(n: int, time: bool) -> list[str]:
-    lines = [*_origin(n, 0), *_unit(n, n), "V enter = zero; V leave = zero + 1.0f;"]
+def _wide(placed: bool) -> str:
+    """Declare ``wide``: how far away a placed region is given from, where that is beyond FAR."""
+    return f"const V wide = far > {_number(FAR)} ? far : zero;" if placed else ""
+
+
+def _ray(n: int, time: bool, placed: bool) -> list[str]:
+    lines = [*_origin(n, 0), *_unit(n, n), _wide(placed), "V enter = zero; V leave = zero + 1.0f;"]
     for k in range(n):
+        drift = f" + wide * place[{n + n * n + k}]" if placed else ""
         lines += [
-            f"const V w{k} = u{k} * extra[{k}]; {{ const V room = zero + limit[{k}] + size{k} * {_number(GUARD)};",
+            f"const V w{k} = u{k} * extra[{k}]; {{ const V room = zero + limit[{k}] + size{k} * {_number(GUARD)}{drift};",
             f"{_absolute('speed', f'w{k}')} const V cross = speed > {_number(PARALLEL)} ? w{k} : zero + 1.0f;",
             f"V first = (-room - a{k}) / cross; V last = (room - a{k}) / cross;",
             "const V near = first < last ? first : last; const V away = first < last ? last : first;",
@@ -118,8 +164,9 @@ def _ray(n: int, time: bool) -> list[str]:
     return lines
 
 
-def _plane(n: int, time: bool) -> list[str]:
-    lines = [*_origin(n, n), *(f"const V e{k} = q[{k}] * extra[{k}];" for k in range(n))]
+def _plane(n: int, time: bool, placed: bool) -> list[str]:
+    drift = f" + wide * place[{n + n * n}]" if placed else ""
+    lines = [*_origin(n, n), _wide(placed), *(f"const V e{k} = q[{k}] * extra[{k}];" for k in range(n))]
     lines.append(f"V pivot = e0; {_absolute('d0', 'e0')} V longest = d0;")
     for k in range(1, n):
         lines.append(
@@ -132,7 +179,8 @@ def _plane(n: int, time: bool) -> list[str]:
         lines.append(f"offset = offset + part; summed = summed + size; {_absolute('tilt', f'v[{k}]')}")
         lines.append(f"reach = reach + tilt * limit[{k}]; }}")
     lines.append(f"v[{n}] = offset; {_absolute('away', 'offset')}")
-    lines.append(f"const V room = reach * {_number(1 + GUARD)} + summed * {_number(SUMMED)}; auto inside = away <= room;")
+    lines.append(f"const V room = reach * {_number(1 + GUARD)} + summed * {_number(SUMMED)}{drift};")
+    lines.append("auto inside = away <= room;")
     lines.append(f"finite = finite & (far <= {_number(2.0**60)}) & ((far <= {_number(FAR)}) | (away > room));")
     if time:  # a plane of constant time, outside the range
         still = " + ".join(f"d{k}" for k in range(1, n))

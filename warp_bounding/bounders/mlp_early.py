@@ -113,7 +113,9 @@ class MlpEarly(Mlp):
             early = cls(last.domain, tensors, last.sizes, last._device)
             if all(_same(a, b) for a, b in zip(parts, early._parts, strict=True)):
                 return early.freeze(last.threshold, None)
-        raise BounderError(f"{cls.method}: expected parts that share domain, sizes and layers, one for each hidden layer")
+        raise BounderError(
+            f"{cls.method}: expected parts that share domain, sizes and layers, one for each hidden layer"
+        )
 
     @property
     def exit_thresholds(self) -> np.ndarray:
@@ -158,7 +160,9 @@ class MlpEarly(Mlp):
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """See ``Bounder``: the output's bound where every exit passes on every device, ``DENIED`` elsewhere."""
         bounds = super().bound(lower, upper)
-        least, axis, point, next_axis = (np.array(x) for x in (bounds.lower, bounds.axis, bounds.point, bounds.next_axis))
+        least, axis, point, next_axis = (
+            np.array(x) for x in (bounds.lower, bounds.axis, bounds.point, bounds.next_axis)
+        )
         for part in self._parts[:-1]:
             exit_bounds = part.bound(lower, upper)
             target = float(part.threshold) + part.rounding_bound() * (1 + 1e-9)

@@ -1,16 +1,23 @@
 """A shape's place in the world: a rigid transform and a scale per axis, given at query time.
 
 World point ``q`` becomes object point ``x = M (q - translation)``. The difference is rounded relatively to *itself*, so
-a shape far from the world's origin loses nothing that float32 coordinates had not lost before. The error of the
-whole map is bounded here in float64 and must fit into the ``delta`` that the bounder's proof covers.
+a shape far from the world's origin loses nothing that float32 coordinates had not lost before. Of a ray the origin is moved
+like a point and the direction d becomes ``M d``, made a unit vector in object space; of a plane the normal n becomes
+``M^-T n``. A box becomes the axis-aligned box around the moved one: the region itself where the rotation is a signed
+permutation of the axes, larger otherwise.
+
+The error of the whole map is bounded in float64 (``placement_rounding``) and must fit into the ``delta`` that the bounder's
+proof covers.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from warp_bounding.arithmetic import LARGEST, TINY, UNIT32, UNIT64, gamma
-from warp_bounding.bounders.domain import GROWTH, Domain, rounding_of_map
+from warp_bounding.arithmetic import LARGEST, round_up
+from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.placement_rounding import WorldMap, drift, farthest, rounding
+from warp_bounding.bounders.regions import RegionDomain, region_rounding
 from warp_bounding.errors import QueryError
 
 __all__ = ["Placement"]
@@ -23,17 +30,16 @@ class Placement:
     """World-to-object map of one shape instance.
 
     Attributes:
-        values: float32, the ``n`` translations, then the n x n matrix M in row order, as the kernels read them.
-        matrix: ``(n, n)`` float64, M before rounding.
-        translation: ``(n,)`` float64, before rounding.
+        values: float32, the ``n`` translations, then the n x n matrix M in row order, as the kernels read them; for regions
+            also n numbers ``drift``, and for planes ``M^-T`` in row order.
+        world: The map before rounding.
     """
 
     values: np.ndarray
-    matrix: np.ndarray
-    translation: np.ndarray
+    world: WorldMap
 
     @classmethod
-    def of(cls, domain: Domain, xform, scale) -> "Placement | None":
+    def of(cls, domain: Domain | RegionDomain, xform, scale) -> "Placement | None":
         """Build the map.
 
         Args:
@@ -50,10 +56,8 @@ class Placement:
         """
         if xform is None and scale is None:
             return None
-        if domain.query != "point":
-            raise QueryError(f"xform and scale place point queries so far, give {domain.query} queries in object space")
-        first = int(domain.time)
-        spatial = domain.ndim - first
+        n, first = domain.space_ndim, int(domain.time)
+        spatial = n - first
         try:
             factors = np.ones(spatial) if scale is None else np.asarray(scale, dtype=np.float64).reshape(-1)
         except (TypeError, ValueError) as error:
@@ -63,21 +67,31 @@ class Placement:
         if factors.shape != (spatial,) or not (np.isfinite(factors) & (factors > 0)).all():
             raise QueryError(f"scale must be a positive number or {spatial} of them, got {scale}")
         rotation, position = _rigid(xform, spatial)
-        forward = np.eye(domain.ndim)
+        forward = np.eye(n)
         forward[first:, first:] = rotation * factors
-        translation = np.zeros(domain.ndim)
+        translation = np.zeros(n)
         translation[first:] = position
         if np.linalg.cond(forward) > 1e6:
             raise QueryError("xform must be a rigid transform, got a matrix that is singular or nearly so")
-        matrix = np.eye(domain.ndim)
+        matrix = np.eye(n)
         matrix[first:, first:] = np.linalg.inv(rotation) / factors[:, None]
         with np.errstate(over="ignore"):
-            values = np.concatenate([translation, matrix.reshape(-1)]).astype(np.float32)
+            single = translation.astype(np.float32)
+        if not np.isfinite(single).all():
+            raise QueryError("xform and scale must fit float32")
+        world = WorldMap(matrix, forward, translation, np.abs(translation - single))
+        parts = [single, matrix.reshape(-1)]
+        with np.errstate(over="ignore"):
+            if domain.query != "point":
+                parts.append(round_up(drift(domain, world)))
+            if domain.query == "plane":
+                parts.append(forward.T.reshape(-1))
+            values = np.concatenate(parts).astype(np.float32)
         if not np.isfinite(values).all():
             raise QueryError("xform and scale must fit float32")
-        return cls(values, matrix, translation)
+        return cls(values, world)
 
-    def check(self, domain: Domain, *, double: bool) -> None:
+    def check(self, domain: Domain | RegionDomain, *, double: bool) -> None:
         """Refuse a map whose rounding error the bounder's proof does not cover.
 
         Args:
@@ -85,26 +99,16 @@ class Placement:
             double: Queries come in float64 and are rounded to float32 in world space first.
 
         Raises:
-            QueryError: If the error bound exceeds ``delta`` on an axis.
+            QueryError: If the error bound exceeds ``delta`` on an axis, or what the map of regions leaves of it.
         """
-        n = domain.ndim
-        scale = domain.scale.astype(np.float64)
-        reach = np.maximum(np.abs(domain.lower), np.abs(domain.upper)) + domain.delta / scale
-        away = np.abs(np.linalg.inv(self.matrix)) @ reach  # largest |q - translation| of a point of the domain
-        world = np.abs(self.translation) + away
-        rounded = np.abs(self.translation - self.values[:n]) + (UNIT32 * world if double else 0.0)
-        size = np.abs(self.matrix)
-        moved = size @ (gamma(n + 3) * (away + rounded) + rounded)
-        moved += (64 * UNIT64 * size.max(axis=1) + 2 * TINY) * (
-            away + rounded
-        ).sum()  # the inverse; an entry that is subnormal
-        moved += (n + 2) * TINY * (1 + size.sum(axis=1))  # other results that are
-        needed = (moved * scale * (1 + 4 * UNIT32) + rounding_of_map(domain.limit.astype(np.float64)) + TINY) * GROWTH
-        if not (needed <= domain.delta).all() or not (world < LARGEST).all():
-            axis = int(np.argmax(needed / domain.delta))
+        needed, covered = rounding(domain, self.world, double=double), domain.base.delta
+        if isinstance(domain, RegionDomain):
+            covered = np.maximum(covered - region_rounding(domain.base, domain.query, domain.length), 0.0)
+        if not (needed <= covered).all() or not (farthest(domain, self.world) < LARGEST).all():
+            axis = int(np.argmax(needed - covered))
             raise QueryError(
-                f"xform and scale move a point by a rounding error of up to {needed[axis]:.2g} along axis {axis}, the certificate "
-                f"covers {domain.delta[axis]:.2g}: give queries in object space, or a shape nearer to its own origin"
+                f"xform and scale move a {domain.query} by a rounding error of up to {needed[axis]:.2g} along axis {axis}, the "
+                f"certificate covers {covered[axis]:.2g}: give queries in object space, or a shape nearer to its own origin"
             )
 
 

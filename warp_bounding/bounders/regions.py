@@ -14,7 +14,8 @@ A region counts by its part inside the domain, in time too; one that lies wholly
 *maybe*. So is one that is given from farther away than ``locate.FAR`` half-widths and may meet the domain.
 
 ``base`` is the domain of points, with a ``delta`` that covers what the map of regions rounds: *for every point x of the
-object in an exact region, the region that the pipeline computes with passes x within* ``base.delta`` *on every axis.*
+object in an exact region, the region that the pipeline computes with passes x within* ``base.delta`` *on every axis.* It is
+larger than that map needs by ``PLACED``, so that a shape may be placed in the world (``Placement``).
 """
 
 from dataclasses import dataclass, replace
@@ -23,7 +24,7 @@ from functools import cached_property
 import numpy as np
 
 from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_up
-from warp_bounding.bounders.domain import Domain, input_rounding
+from warp_bounding.bounders.domain import DELTA_LARGEST_SHARE, Domain, input_rounding
 from warp_bounding.bounders.locate import FAR, GUARD, SUMMED, extra_count
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -32,6 +33,8 @@ __all__ = ["RegionDomain", "domain_of"]
 
 REGIONS = ("ray", "plane", "box")
 SPACES = ("geometric", "parametric")
+PLACED = 2.0**-12  # domain half-widths: the error of a placement that proofs allow for,
+PLACED_SHARE = 1.0 / 32.0  # but no more than this share of a cell in all
 
 
 def domain_of(
@@ -76,8 +79,13 @@ class RegionDomain:
         still = replace(grid, time=False)
         base = Domain.of(still)
         length = float(length) if query == "ray" else None
-        needed = region_rounding(base, query, length)
-        domain = cls(query, space, Domain.of(still, room=needed), grid.time, length)
+        cell = base.scale / grid.cells_per_unit
+        largest = replace(
+            base, limit=(base.limit + DELTA_LARGEST_SHARE * cell).astype(np.float32)
+        )  # limit grows with delta
+        needed = region_rounding(largest, query, length)
+        spare = np.minimum(needed + PLACED, PLACED_SHARE * cell)
+        domain = cls(query, space, Domain.of(still, room=np.maximum(needed, spare)), grid.time, length)
         fault = domain.fault()
         if fault:
             raise BounderError(f"{grid.name}: {fault}")
@@ -87,7 +95,11 @@ class RegionDomain:
         """What is wrong with these numbers, in a few words; ``None`` if every claim of this class holds for them."""
         if self.query not in REGIONS or self.space not in SPACES:
             return f"{self.query} in {self.space} space is not a kind of region"
-        if (self.length is None) != (self.query != "ray") or not np.isfinite(self.length or 1.0) or (self.length or 1) <= 0:
+        if (
+            (self.length is None) != (self.query != "ray")
+            or not np.isfinite(self.length or 1.0)
+            or (self.length or 1) <= 0
+        ):
             return f"a ray's length must be positive, got {self.length}"
         fault = self.base.fault()
         if fault or self.base.time:

@@ -146,7 +146,7 @@ def _locate(source: Source, placed: bool) -> str:
     """C statements from ``V q[]`` to ``v[]`` and the masks ``finite`` (else: maybe) and ``inside`` (else: no); V vector or float."""
     n = source.ndim
     if source.query != "point":
-        return locate(source.query, source.space, n, source.time)
+        return locate(source.query, source.space, n, source.time, placed)
     lines = ["auto finite = (q[0] - q[0]) == zero;"]  # false for NaN and for infinity
     lines += [f"finite = finite & ((q[{k}] - q[{k}]) == zero);" for k in range(1, n)]
     if placed:
@@ -242,15 +242,19 @@ def batch_snippet(source: Source, placed: bool, values: bool) -> str:
 
 
 def _sift(m: int, test: str, bar: str, values: bool) -> list[str]:
-    """C statements that ask an early test and keep, in place, the queries that it does not deny."""
+    """C statements that ask an early test and move the queries that it does not deny together, in place."""
     return [
-        "{ int stay = 0; for (int g = 0; g < kept; g += L) {",
+        "{ typedef int J __attribute__((vector_size(4 * L), aligned(4), may_alias)); int stay = 0;",
+        "for (int g = 0; g < kept; g += L) {",
         f"V v[{m}]; {_each(m, 'v[{k}] = *(const V*)(held[{k}] + g);')}",
         "V f;",
         test,
-        f"const I no = f < {bar}; const int m = kept - g < L ? kept - g : L; for (int l = 0; l < m; ++l) {{",
-        f"if (no[l]) out.data[where[g + l]] = {literal(DENIED)};" if values else "",
-        f"where[stay] = where[g + l]; {_each(m, 'held[{k}][stay] = held[{k}][g + l];')} stay += 1 + no[l]; }} }}",
+        f"const I no = f < {bar}; const int m = kept - g < L ? kept - g : L;",
+        "int passes[L], pick[L], n = 0; *(J*)passes = no + 1;",  # in memory: lanes of a vector are dear one by one
+        f"for (int l = 0; l < m; ++l) if (!passes[l]) out.data[where[g + l]] = {literal(DENIED)};" if values else "",
+        "for (int l = 0; l < m; ++l) { pick[n] = g + l; n += passes[l]; }",
+        f"for (int l = 0; l < n; ++l) {{ const int from = pick[l]; where[stay + l] = where[from]; {_each(m, 'held[{k}][stay + l] = held[{k}][from];')} }}",
+        "stay += n; }",
         f"kept = stay; for (int l = kept; l < kept + L; ++l) {{ {_each(m, 'held[{k}][l] = 0.0f;')} }} }}",
     ]
 

@@ -63,6 +63,7 @@ def command(
             raise QueryError(f"{useless[0]} needs --data DIR, the folder of the objects")
         with tables.open_folder(Path(out), given, create=False) as folder:
             cells = len(folder.rows)
+            _Reporter(folder, supports)  # says what was repaired
             return _end(folder, tables.Outcome(cells, cells), supports, json)
     protocols = _protocols(protocol)
     wanted = tables.select_columns(_words(columns))
@@ -70,9 +71,11 @@ def command(
     found = tables.find_shapes(Path(data), dict.fromkeys(c.ndim for c in wanted))
     shapes = tables.select_shapes(found, _words(objects))
     tools = tables.Tools.of_library()
+    tables.plan(wanted, variants, shapes, protocols, tools.supports, ())  # before a folder is made
+    grids = tables.load_shapes(shapes, tools.load_shape)
     line = _line({"data": data, "out": out, **selected, **given})
     with tables.open_folder(Path(out), given, create=True) as folder, _reporter(folder, supports) as reporter:
-        outcome = tables.run(folder, wanted, variants, shapes, protocols, command=line, tools=tools, reporter=reporter)
+        outcome = tables.run(folder, wanted, variants, grids, protocols, command=line, tools=tools, reporter=reporter)
         reporter.stop()
         return _end(folder, outcome, supports, json)
 
@@ -119,7 +122,7 @@ def _end(folder, outcome, supports, json: bool) -> int:
     if json:
         columns: dict[str, dict] = {}
         for m in means:
-            for column, values in m.to_dict().items():
+            for column, values in m.to_dict(supports).items():
                 columns.setdefault(column, {})[m.protocol] = values
         cells = {"cells": outcome.total, "done": outcome.done, "failed": outcome.failed}
         print_json({"path": str(folder.path), **cells, "interrupted": outcome.interrupted, "columns": columns})

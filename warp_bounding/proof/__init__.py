@@ -1,5 +1,6 @@
 """Proofs: branch and bound over every input that can come from the object, and proving anew what a file claims."""
 
+from warp_bounding.proof.document import conjunction
 from warp_bounding.proof.prove import certify, positive_boxes, provable, prove
 from warp_bounding.proof.search import Search, minimum
 from warp_bounding.proof.statistics import attest, fn_rate_bound, try_positives
@@ -8,6 +9,7 @@ __all__ = [
     "Search",
     "attest",
     "certify",
+    "conjunction",
     "fn_rate_bound",
     "minimum",
     "positive_boxes",

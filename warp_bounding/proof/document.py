@@ -1,12 +1,14 @@
 """A certificate filled in for a bounder and a grid."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.certificate import Certificate
 from warp_bounding.indicators.grid import IndicatorGrid
 
-__all__ = ["document"]
+__all__ = ["conjunction", "document"]
 
 
 def document(
@@ -51,4 +53,33 @@ def document(
         counterexample=None if counterexample is None else [float(c) for c in counterexample],
         message=message,
         **more,
+    )
+
+
+ORDER = ("refuted", "undecided", "statistical", "proven")  # a conjunction is known no better than its worst part
+
+
+def conjunction(certificates: list[Certificate]) -> Certificate:
+    """What is known of a conjunction of bounders, of which each one's certificate is given, the last one's threshold counting.
+
+    Of proven parts the whole is proven; rates of false negatives add up.
+    """
+    if len(certificates) == 1:
+        return certificates[0]
+    worst = min(certificates, key=lambda c: ORDER.index(c.kind))
+    last = certificates[-1]
+    rates = [c.fn_rate_bound or 0.0 for c in certificates]
+    statistical = worst.kind == "statistical"
+    return replace(
+        last,
+        kind=worst.kind,
+        boxes=sum(c.boxes for c in certificates),
+        seconds=round(sum(c.seconds for c in certificates), 3),
+        counterexample=worst.counterexample,
+        message=f"{len(certificates)} tests that must all pass, each by itself; the last: {last.message}"
+        if worst.kind in ("proven", "statistical")
+        else worst.message,
+        samples=min(c.samples for c in certificates) if statistical else last.samples,
+        fn_rate_bound=sum(rates) if statistical else None,
+        confidence=1 - sum(1 - (c.confidence or 1.0) for c in certificates) if statistical else None,
     )

@@ -21,7 +21,7 @@ from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.blocks import full_blocks
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.proof.document import document
+from warp_bounding.proof.document import conjunction, document
 from warp_bounding.proof.planes import SupportGap
 from warp_bounding.proof.search import Search, halve, minimum
 from warp_bounding.proof.statistics import CONFIDENCE, POSITIVES, fn_rate_bound, try_positives
@@ -133,8 +133,22 @@ def certify(
     except BoundingError as error:
         return _inapplicable(bounder, shape, str(error))
     reason = _mismatch(bounder, grid) or bounder.domain.fault()
+    if not bounder.conservative:
+        reason = f"{bounder.method} is not conservative"
     if reason:
         return _inapplicable(bounder, shape, reason)
+    certificates = []
+    for part in bounder.parts:
+        left = seconds - (time.perf_counter() - started)
+        certificates.append(_certify(part, grid, max(left, 0.0), progress))
+        if certificates[-1].kind not in ("proven", "statistical"):
+            break
+    return conjunction(certificates)
+
+
+def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress) -> Certificate:
+    """``certify`` for one part of a conjunction."""
+    started = time.perf_counter()
     threshold, error = float(bounder.threshold), bounder.rounding_bound()
     target = _plus(threshold, error)
     cells, least, boxes = grid.occupied, np.inf, 0

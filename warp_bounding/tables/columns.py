@@ -1,7 +1,7 @@
 """What Table 1 is: its columns, its rows, and the paper's figures.
 
 Source: Liu, Fischer, Yoo, Ritschel, *Neural Bounding* (SIGGRAPH 2024), Table 1; sizes of the networks from its supplement. The paper's
-figures were measured with truth found by sampling, and its classic volumes were fitted to the *parameters* of the queries.
+figures were measured with truth found by sampling, and its volumes were fitted to the *parameters* of the queries.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,6 +12,7 @@ from warp_bounding.errors import BounderError, QueryError
 __all__ = [
     "COLUMNS",
     "DIMENSIONS",
+    "IN_BOTH_SPACES",
     "LEARNED",
     "METHODS",
     "QUERIES",
@@ -44,6 +45,7 @@ PAPER = {  # false positives in per cent; columns as in ``COLUMNS``
 }
 CLASSIC = ("aabb", "obb", "sphere", "ellipsoid", "oriented-ellipsoid", "kdop", "bvh")
 LEARNED = ("learned-kdop", "relu-field", "mlp", "mlp-early", "occupancy")  # they take the whole budget
+IN_BOTH_SPACES = (*CLASSIC, "learned-kdop")  # a row for each; for points there is but one
 OUTSIDE = ("occupancy", "voxels")  # not conservative; exact on its own grid, at the price of its memory
 BVH_LEAVES = (16, 64, 256)
 
@@ -83,7 +85,7 @@ COLUMNS = tuple(Column(n, q) for n in DIMENSIONS for q in QUERIES)
 
 
 class Variant(NamedTuple):
-    """One row of the table: a method, for classic volumes in one of two spaces, for a hierarchy with a number of leaves."""
+    """One row of the table: a method, for volumes in one of two spaces, for a hierarchy with a number of leaves."""
 
     method: str
     leaves: int | None = None
@@ -106,8 +108,13 @@ class Variant(NamedTuple):
 
     @property
     def classic(self) -> bool:
-        """Whether it is a volume that is fitted in closed form, in either space."""
+        """Whether it is a volume that is fitted in closed form."""
         return self.method in CLASSIC
+
+    @property
+    def in_both_spaces(self) -> bool:
+        """Whether it has a row for each space."""
+        return self.method in IN_BOTH_SPACES
 
     @property
     def learned(self) -> bool:
@@ -127,9 +134,9 @@ class Variant(NamedTuple):
     def space_in(self, column: Column, supports: Supports) -> str | None:
         """The space that this row has in a column, or ``None`` where there is no such bounder.
 
-        For points both spaces are the same: the geometric row has it. What is learned takes the space that it can.
+        For points both spaces are the same: the geometric row has it. What has one row takes the space that it can.
         """
-        if self.classic:
+        if self.in_both_spaces:
             spaces = ("parametric",) if self.parametric else ("geometric",)
             if self.parametric and column.query == "point":
                 return None
@@ -137,10 +144,14 @@ class Variant(NamedTuple):
             spaces = ("geometric", "parametric")
         return next((s for s in spaces if supports(self.method, column.query, column.ndim, s)), None)
 
-    def paper(self, column: Column) -> float | None:
-        """The paper's figure that belongs beside this row: a classic volume's beside the parametric one."""
-        if self.leaves is not None or (self.classic and self.parametric == (column.query == "point")):
+    def paper(self, column: Column, supports: Supports) -> float | None:
+        """The paper's figure that belongs beside this row: a volume's beside the parametric one, where there is one."""
+        if self.leaves is not None:
             return None
+        if self.in_both_spaces:
+            parametric = column.query != "point" and supports(self.method, column.query, column.ndim, "parametric")
+            if self.parametric != parametric:
+                return None
         figures = PAPER.get(self.method)
         return figures[COLUMNS.index(column)] if figures else None
 
@@ -149,7 +160,7 @@ def _variants() -> list[Variant]:
     rows = []
     for method in (*CLASSIC, *LEARNED, "voxels"):
         for leaves in (None, *BVH_LEAVES) if method == "bvh" else (None,):
-            rows += [Variant(method, leaves, p) for p in ((False, True) if method in CLASSIC else (False,))]
+            rows += [Variant(method, leaves, p) for p in ((False, True) if method in IN_BOTH_SPACES else (False,))]
     return rows
 
 
@@ -158,7 +169,7 @@ VARIANTS = tuple(_variants())  # in the order of the rows
 
 def variant_of(method: str, space: str, leaves: int | None) -> Variant:
     """The row that a measured bounder belongs to."""
-    return Variant(method, leaves, method in CLASSIC and space == "parametric")
+    return Variant(method, leaves, method in IN_BOTH_SPACES and space == "parametric")
 
 
 def select_columns(words: Sequence[str] | None) -> list[Column]:

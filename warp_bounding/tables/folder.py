@@ -169,12 +169,15 @@ def open_folder(path: Path, given: Mapping[str, Any], *, create: bool) -> Iterat
         _sweep(path)
         if (path / SETTINGS).exists():
             stored, commands = _read_settings(path / SETTINGS)
+            if _is_blank(path):  # an earlier run ended before it had anything: its settings bind nobody
+                stored, commands = None, []
             try:
                 settings = Settings.of(given, stored)
             except BoundingError as error:
                 raise FileFormatError(f"{path}: {error}") from None
         else:
-            settings, commands = Settings.of(given), []
+            stored, settings, commands = None, Settings.of(given), []
+        if stored is None:
             _write_settings(path, settings, commands)  # before the table, which is nobody's without it
         yield Folder(path, settings, commands)
 
@@ -200,6 +203,12 @@ def _lock(path: Path) -> Iterator[None]:
         yield
     finally:
         os.close(file)
+
+
+def _is_blank(path: Path) -> bool:
+    """Whether nothing has been fitted or measured here."""
+    table = path / TABLE
+    return (not table.exists() or table.read_bytes() == HEADER.encode()) and not any((path / BOUNDERS).glob("*"))
 
 
 def _sweep(path: Path) -> None:

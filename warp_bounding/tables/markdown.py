@@ -48,8 +48,8 @@ def page(folder: Folder, supports: Supports, failed: Sequence[str] = (), picture
         lines += ["", "## Every object", "", f"![False positives of every object, by method, sorted]({picture})", ""]
         lines += [
             "One panel a dimension. Each method's false-positive rates over all test cases (object × query), sorted: a line that "
-            "stays low to the right is tight on the hard cases, too. Where classic volumes were fitted in both spaces, the upper panels "
-            "have those around the object and the lower ones those around query parameters, against the same learned methods. Lines of methods that exist for fewer queries "
+            "stays low to the right is tight on the hard cases, too. Where volumes were fitted in both spaces, the upper panels "
+            "have those around the object and the lower ones those around query parameters, against the same networks. Lines of methods that exist for fewer queries "
             "are shorter; `bvh-16` and the like, `occupancy` and `voxels` are not drawn. Also as [SVG](rank.svg)."
         ]
     lines += ["", "## Details", "", "False positives in per cent by object; memory and seconds are means over objects."]
@@ -83,10 +83,10 @@ def _legend(tables: Sequence[Means]) -> list[str]:
         "all its objects). Lower is better. **Bold**: the tightest conservative bounder of the column.",
         "Every row but `occupancy` promises to have no false negative; the last column counts those that were found.",
     ]
-    if any(v.classic for v, _ in cells):
+    if any(v.parametric for v, _ in cells):
         lines.append(
             "`(parametric)`: a volume around the parameters of the queries (a ray's origin and direction), as in the paper, whose figures stand "
-            "there; without: around the object, met by the query as an engineer would test it."
+            "there (where there is no such row, beside the other); without: around the object, met by the query as an engineer would test it."
         )
     signs = {
         f"`{SAME}`": ("the same as the row above: a point is its own parameters", any(v.parametric for v, _ in cells))
@@ -136,7 +136,7 @@ def _table(means: Means, supports: Supports) -> list[str]:
 
 
 def _cell(means: Means, variant: Variant, column: Column, supports: Supports) -> str:
-    mean, paper = means.cells.get((variant, column)), variant.paper(column)
+    mean, paper = means.cells.get((variant, column)), variant.paper(column, supports)
     if mean is not None:
         text = f"{mean.fp_rate:.2f}"
         text = f"**{text}**" if variant in means.best(column) else text

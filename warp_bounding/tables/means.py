@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from warp_bounding.tables.columns import COLUMNS, VARIANTS, Column, Variant
+from warp_bounding.tables.columns import COLUMNS, VARIANTS, Column, Supports, Variant
 from warp_bounding.tables.rows import Row
 
 __all__ = ["Mean", "Means"]
@@ -102,7 +102,7 @@ class Means:
             if r.fn and r.variant.conservative
         ]
 
-    def to_dict(self) -> dict[str, dict]:
+    def to_dict(self, supports: Supports) -> dict[str, dict]:
         """JSON-ready: by column and row."""
         return {
             column.name: {
@@ -111,7 +111,7 @@ class Means:
                     "fn": mean.fn,
                     "objects": mean.objects,
                     "proven": mean.proven,
-                    "paper": variant.paper(column),
+                    "paper": variant.paper(column, supports),
                 }
                 for variant in self.variants
                 if (mean := self.cells.get((variant, column))) is not None

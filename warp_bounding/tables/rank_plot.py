@@ -1,8 +1,8 @@
 """The paper's rank plot: false-positive rates of every test case (object x query), sorted, a line a method, a panel a dimension.
 
 Where a table shows means, this shows whether a method is tight always or only on average. Classic volumes are cool and grey, what
-is learned is warm; markers tell lines apart without colours. Classic volumes that were fitted in both spaces have two lines of
-panels, with the learned methods in both. matplotlib is imported when a plot is drawn, and draws without a display.
+is learned is warm; markers tell lines apart without colours. Volumes that were fitted in both spaces have two lines of
+panels, with the networks in both. matplotlib is imported when a plot is drawn, and draws without a display.
 """
 
 import io
@@ -33,21 +33,16 @@ STYLES = {  # colour and marker; told apart in all common kinds of colour blindn
 ORDER = ("mlp", "mlp-early", "relu-field", "learned-kdop", *(m for m in STYLES if m not in LEARNED))  # of the legend
 HEADINGS = {"learned": True, "classic": False}
 CAPTIONS = {
-    "geometric": "classic: around the object",
-    "parametric": "classic: around query parameters,\nas in the paper",
+    "geometric": "volumes around the object",
+    "parametric": "volumes around query parameters,\nas in the paper",
 }
 MARKERS = 12  # of a line, at most
 TICKS = (0.01, 0.03, 0.1, 0.3, 1, 3, 10, 30, 100)  # per cent; what is less than the first is drawn there
 MOST = TICKS[-1]
 INK, PALE = "#22303c", "#dde2e6"
 PANEL, GAP = (3.1, 2.7), (0.25, 0.55)  # width and height, inches; fixed, since a layout engine draws everything twice
-LEFT, RIGHT, BOTTOM, TOP, DPI = (
-    0.95,
-    2.0,
-    0.65,
-    0.7,
-    130,
-)  # inches around the panels, the legend at the right; dots per inch
+LEFT, RIGHT, BOTTOM, TOP = 0.95, 2.0, 0.65, 0.65  # inches around the panels; the legend is at the right
+DPI = 130
 
 
 def rank_plot(rows: Iterable[Row]) -> dict[str, bytes]:
@@ -94,7 +89,7 @@ def _draw(figure, rows: list[Row], protocol: str) -> None:
     for line_of_panels, space in zip(panels, spaces, strict=True):
         for panel, ndim in zip(line_of_panels, dimensions, strict=True):
             own = [r for r in rows if r.dimension == ndim]
-            for method in (m for m in ORDER if any(r.method == m for r in own)):
+            for method in (m for m in ORDER if any(r.method == m and _brings(r, space) for r in own)):
                 rates = np.sort([r.fp_rate for r in own if r.method == method and _belongs(r, space)])
                 lines[method] = _line(panel, method, np.maximum(rates, least))
             cases = {(r.object, r.query) for r in own}
@@ -126,9 +121,14 @@ def _panels(rows: list[Row]) -> tuple[list[int], list[str]]:
     return sorted({r.dimension for r in rows}), spaces
 
 
+def _brings(row: Row, space: str) -> bool:
+    """Whether a row is a reason to draw its method's line in this space's panels: points alone are none in the parametric ones."""
+    return space == "geometric" or not row.variant.in_both_spaces or row.space == space
+
+
 def _belongs(row: Row, space: str) -> bool:
-    """Whether a line in this space's panels holds the row: points, and what is learned, are in both."""
-    return not row.variant.classic or row.query == "point" or row.space == space
+    """Whether a line in this space's panels holds the row: points, and what has no space, are in both."""
+    return not row.variant.in_both_spaces or row.query == "point" or row.space == space
 
 
 def _line(panel, method: str, rates: np.ndarray):

@@ -8,7 +8,7 @@ import contextlib
 import signal
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -70,7 +70,7 @@ def run(
     folder: Folder,
     columns: Sequence[Column],
     variants: Sequence[Variant],
-    shapes: Sequence[Shape],
+    grids: Mapping[Shape, Any],
     protocols: Sequence[str],
     *,
     command: str,
@@ -83,7 +83,7 @@ def run(
         folder: Where rows and bounders go.
         columns: Selected.
         variants: Selected rows.
-        shapes: Selected objects.
+        grids: Selected objects, as read.
         protocols: Selected.
         command: The command line, to be remembered.
         tools: The library, or its stand-in.
@@ -93,10 +93,11 @@ def run(
         How it ended.
 
     Raises:
-        BoundingError: If an object cannot be read or is not the one that was measured before, or the folder cannot be written to.
+        BoundingError: If an object is not the one that was measured before, or the folder cannot be written to.
     """
-    jobs, total = plan(columns, variants, shapes, protocols, tools.supports, folder.rows)
-    grids = {shape: _load(shape, folder, tools) for shape in dict.fromkeys(j.shape for j in jobs)}
+    jobs, total = plan(columns, variants, list(grids), protocols, tools.supports, folder.rows)
+    for shape in {j.shape for j in jobs}:
+        _check_known(shape, grids[shape], folder)
     if jobs:
         folder.remember(command)
     outcome = Outcome(total, total - sum(len(j.protocols) for j in jobs))
@@ -112,14 +113,11 @@ def run(
     return outcome
 
 
-def _load(shape: Shape, folder: Folder, tools: Tools) -> Any:
-    grid = tools.load_shape(shape.path)
-    if grid.ndim != shape.ndim:
-        raise IndicatorError(f"{shape.path}: {grid.ndim}D, expected {shape.ndim}D")
+def _check_known(shape: Shape, grid: Any, folder: Folder) -> None:
+    """Refuse an object that has changed since its other rows were measured."""
     known = {r.indicator for r in folder.rows.values() if (r.dimension, r.object) == (shape.ndim, shape.name)}
     if known - {grid.digest[:DIGEST]}:
         raise IndicatorError(f"{shape.path}: not the object that {folder.table} was measured on; choose another --out")
-    return grid
 
 
 def _work(job, grid, folder, tools, reporter, outcome, left, interrupted) -> None:

@@ -2,8 +2,8 @@
 
 Where no proof exists, this sets the threshold. Starts are the samples' own positives, which prefer what barely touches,
 and the worst ones that training knew. All walk down f by projected gradient steps whose length adapts to each: longer
-after a success, shorter after a failure. The lowest are kept, walked to a standstill and mixed with relatives (a random
-step sideways) and fresh starts, until several rounds in a row have not found anything lower.
+after a success, shorter after a failure. The lowest are kept, few of a kind, walked to a standstill and mixed with relatives
+(a random step sideways) and fresh starts, until several rounds in a row have not found anything lower.
 
 Limits: this is a search, not a proof. f has many narrow basins; one that no start falls into is missed. What it
 returns earns no confidence by itself: a bound on the rate of false negatives comes from fresh samples afterwards.
@@ -12,6 +12,7 @@ returns earns no confidence by itself: a bound on the rate of false negatives co
 import time
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 
 from warp_bounding.launch import cpu_threads
@@ -25,6 +26,10 @@ CHUNK = 1024
 STARTS = 65536  # fresh starts a round
 TRIED = 16384  # of them, the lowest: walked
 KEPT = 4096  # the lowest states ever, kept from round to round
+CROWD, BOX = (
+    4,
+    0.125,
+)  # at most so many of them in a box of v that is so wide (the domain: 2), lest all end in one basin
 WALK, POLISH = 6, 12  # steps of fresh starts and of kept states in a round
 LONGEST, SHORTEST = 2.0, 1e-3  # steps, in cells
 GROWTH, SHRINK = 1.6, 0.4  # of a step's length, after a success and after a failure
@@ -48,7 +53,7 @@ class Adversary:
 
     value: float
     states: torch.Tensor
-    worst: object
+    worst: np.ndarray
     values: torch.Tensor
     rounds: int
     complete: bool
@@ -154,6 +159,31 @@ class _Search:
             relatives = self.samples.move(self.states, sideways, length)
             pools.append(self.walk(relatives, length * 0.5, WALK))
         states, values, steps = (torch.cat(parts, -1) for parts in zip(*pools, strict=True))
-        values, order = values.sort()
-        order = order[:KEPT]
-        self.states, self.values, self.steps = states[:, order], values[:KEPT], steps[order]
+        order = _spread(self.samples.coordinates(states), values.argsort(), KEPT, CROWD)
+        self.states, self.values, self.steps = states[:, order], values[order], steps[order]
+
+
+def _spread(v: torch.Tensor, order: torch.Tensor, count: int, crowd: int) -> torch.Tensor:
+    """The first ones of an order that do not crowd: of those in one small box of ``v`` no more than a few.
+
+    Without it, a pool of the worst positives ends as copies of the very worst one.
+
+    Args:
+        v: ``(ndim, N)``.
+        order: ``(N,)`` indices, the best first.
+        count: Largest number that is kept.
+        crowd: Largest number in a box of width ``BOX``.
+
+    Returns:
+        ``(K,)`` indices, in order.
+    """
+    box = torch.floor(v.index_select(1, order) / BOX).long()
+    key = torch.zeros(box.shape[1], dtype=torch.int64)
+    for row in box:
+        key = key * 1_000_003 + row  # collisions only drop a sample
+    key, place = key.sort(stable=True)
+    index = torch.arange(len(key))
+    first = torch.where(torch.cat([torch.ones(1, dtype=torch.bool), key[1:] != key[:-1]])[: len(key)], index, 0)
+    alone = torch.empty(len(key), dtype=torch.bool)
+    alone[place] = index - first.cummax(0)[0] < crowd
+    return order[alone][:count]

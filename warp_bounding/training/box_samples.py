@@ -13,7 +13,10 @@ __all__ = ["BoxSamples"]
 
 TOUCHING_SHARE = 3 / 4  # of the positives: boxes that touch their cell from outside
 FACE_SHARE = 0.6  # of the coordinates of p: on a face of the cell
-REACH_SHARES = (0.25, 0.35)  # of the reaches: none; all of the room (up to here); the others are a uniform number's power
+REACH_SHARES = (
+    0.25,
+    0.35,
+)  # of the reaches: none; all of the room (up to here); the others are a uniform number's power
 REACH_POWERS = (1.0, 4.0)
 REACH = 3.0  # low and high move by so many cells where p moves by one
 LEAST = 1e-12

@@ -112,7 +112,9 @@ class _JointExit:
         full = trainer.network
         self.network = TrainableNetwork(full.ndim, full.hidden[:depth], full.activation, full.octaves, full.moments)
         self.head = self.network.layers[-1]
-        self.head.copy_(torch.rand(self.head.shape, generator=trainer.generator) * 2 - 1).div_(math.sqrt(self.head.shape[1]))
+        self.head.copy_(torch.rand(self.head.shape, generator=trainer.generator) * 2 - 1).div_(
+            math.sqrt(self.head.shape[1])
+        )
         self.network.layers[:-1] = full.layers[:depth]
         self.workers = [Evaluator(self.network, trainer.recipe.chunk) for _ in range(cpu_threads())]
         self.optimiser = Soap([self.head], trainer.recipe.beta1, trainer.recipe.beta2)

@@ -1,16 +1,12 @@
-"""``fit``: from a shape to a proven bounder, in a given time.
+"""``fit``: from a shape to a bounder, in a given time.
 
-Closed forms are fitted and proven at once. A network is trained with the prover in the loop: now and then branch and
-bound looks for the least value of f on the object, what it finds goes into training, and the last part of the budget
-is the proof itself, which sets the threshold.
+Closed forms are fitted and proven at once, networks in ``networks``. What can be asked for stands in ``bounders.METHODS``.
 """
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from warp_bounding.bounders import METHODS, Bounder, method_class
 from warp_bounding.bounders.base import checked_device
@@ -22,36 +18,18 @@ from warp_bounding.bounders.network import ACTIVATIONS
 from warp_bounding.bounders.parametric import fit_parametric
 from warp_bounding.bounders.regions import RegionDomain, domain_of
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators import IndicatorGrid, load_indicator
-from warp_bounding.proof import Search, attest, minimum, positive_boxes, prove
+from warp_bounding.indicators import load_indicator
+from warp_bounding.proof import prove
 from warp_bounding.queries import check_query, oracle, sample
 from warp_bounding.queries.positives import draw_positives
-from warp_bounding.training.adversary import adversarial_minimum
-from warp_bounding.training.clock import Clock
 from warp_bounding.training.kdop import train_learned_kdop
-from warp_bounding.training.loop import Trainer
-from warp_bounding.training.paper import PaperTrainer
-from warp_bounding.training.samples import samples_of
-from warp_bounding.training.support import SupportTrainer
-from warp_bounding.training.team import single_threaded_torch
+from warp_bounding.training.networks import TRAINERS, NetworkOptions, Problem, fit_network
 
 __all__ = ["fit"]
 
 SPACES = ("geometric", "parametric")
-TRAINERS = {"default": Trainer, "paper": PaperTrainer}
-SEARCHES = (0.5, 0.7, 0.9)  # used fractions at which the prover looks for counterexamples
-SEARCH_SHARE = 0.02  # of the budget, each
-PROOF_SHARE = 0.03  # of the budget, reserved for the proof before a search has told what it takes
-LONG_PROOF_SHARE = 0.2  # reserved where the last search did not end in its time
-SEARCH_BOXES, PROOF_BOXES = 1_000_000, 20_000_000  # what takes the place of time where the budget is in steps
-PROOF_COST = 1e-4  # share of all queries that a search may cost in false positives by ending early
-COST_SAMPLES = 200_000
 PARAMETRIC_SAMPLES = 20_000  # as in the paper's code
-SEARCH_RESERVE = 0.15  # of the budget: the adversarial search of rays and boxes, the proof of planes
-ATTEST_SHARE = 0.05  # of the budget: fresh positives
-SEARCH_ROUNDS = 12  # of the adversarial search where the budget is in steps
-PLANE_TOLERANCE = 1e-3  # of a plane's offset, in domain half-widths
-MOMENTS_UP_TO = 3  # dimensions: in 4D a ray's moments would cost more than they bring
+KDOP_SECONDS = 10.0  # more does not make learned half-spaces tighter
 
 Progress = Callable[[float, float, str], None]
 
@@ -123,11 +101,12 @@ def fit(
     kind = method_class(method, query, grid.ndim, space)
     problem = Problem(grid, domain_of(grid, query, length, space), query, int(seed), device)
     record: dict = {}
-    if method == "mlp":
-        bounder, record = _fit_network(problem, hidden, activation, octaves, budget, steps, recipe, progress)
+    if issubclass(kind, Mlp):
+        options = NetworkOptions(hidden, activation, octaves, budget, steps, recipe)
+        bounder, record = fit_network(kind, problem, options, progress)
     else:
         if method == "learned-kdop":
-            options = {"budget": budget, "seed": int(seed), "k": k, "steps": steps, "device": device}
+            options = {"budget": min(budget, KDOP_SECONDS), "seed": int(seed), "k": k, "steps": steps, "device": device}
             bounder, record = train_learned_kdop(grid, problem.domain, **options, progress=_shown(progress))
         else:
             bounder = _fit_classic(problem, kind, k, leaves, hidden)
@@ -143,17 +122,6 @@ def fit(
         "training": record | {"seconds": round(time.perf_counter() - started, 3)},
     }
     return bounder
-
-
-@dataclass(frozen=True)
-class Problem:
-    """What is to be bounded, for which queries, where."""
-
-    grid: IndicatorGrid
-    domain: Domain | RegionDomain
-    query: str
-    seed: int
-    device: str | None
 
 
 def _check_options(budget, steps, seed, margin, length, space, recipe) -> None:
@@ -202,106 +170,3 @@ def _network_bytes(domain: Domain | RegionDomain, hidden) -> int:
 def _shown(progress: Progress | None) -> Callable[[float, str], None] | None:
     """A trainer's progress as the caller's."""
     return (lambda used, note: progress(min(used, 1.0), 1.0, note)) if progress else None
-
-
-def _fit_network(problem: "Problem", hidden, activation, octaves, budget, steps, recipe, progress) -> tuple[Mlp, dict]:
-    """Train, then set the threshold: by a proof where there is one, else by a search and statistics."""
-    if problem.query == "plane":
-        return _fit_supports(problem, hidden, activation, budget, steps, progress)
-    grid, domain, device = problem.grid, problem.domain, problem.device
-    clock, boxes, interrupted = Clock(budget, steps), 0, False
-    point = problem.query == "point"
-    clock.reserved = (PROOF_SHARE if point else SEARCH_RESERVE) * budget
-    moments = problem.query == "ray" and grid.ndim <= MOMENTS_UP_TO and not octaves
-    sizes = {"hidden": list(hidden), "activation": activation, "octaves": octaves, "moments": moments}
-    samples = samples_of(grid, domain, problem.seed)
-    trainer = TRAINERS[recipe](samples, hidden, activation, octaves, moments)
-    waiting = list(SEARCHES) if point else []
-
-    def build(flat: torch.Tensor | None = None) -> Mlp:
-        return Mlp(domain, trainer.network.tensors(flat), sizes, device)
-
-    def counterexamples(_, used: float) -> None:
-        """Let the prover look at the network as it is; its lowest points become training samples."""
-        nonlocal boxes
-        if not waiting or used < waiting[0]:
-            return
-        waiting.pop(0)
-        bounder = build()
-        limit = {"seconds": SEARCH_SHARE * budget} if clock.timed else {"boxes": SEARCH_BOXES}
-        search = _search(bounder, grid, trainer.worst_points(), limit)
-        boxes += search.boxes
-        trainer.add(search.worst)
-        if clock.timed:  # the last proof will take about as long, on a network that is a little harder
-            expected = 2 * search.seconds if search.complete else LONG_PROOF_SHARE * budget
-            clock.reserved = min(max(expected, 0.01 * budget), LONG_PROOF_SHARE * budget)
-
-    def report(used: float, note: str) -> None:
-        if progress:
-            progress(min(used, 1.0) * (0.97 if point else 0.85), 1.0, note)
-
-    with single_threaded_torch():
-        try:
-            trainer.run(clock, counterexamples=counterexamples, progress=report)
-        except KeyboardInterrupt:
-            interrupted = True
-        best = trainer.best()
-    bounder = build(best)
-    record = {"recipe": recipe, "steps": clock.count, "interrupted": interrupted, "boxes_in_training": boxes}
-    if point:
-        if progress:
-            progress(0.97, 1.0, "proof")
-        limit = {"seconds": max(budget - clock.seconds, 0.02 * budget)} if clock.timed else {"boxes": PROOF_BOXES}
-        points = trainer.worst_points()
-        search = prove(bounder, grid, eps=_tolerance(bounder, problem, points), points=points, **limit)
-        return bounder, record | {"gap": float(search.upper_bound - search.lower_bound)}
-    if progress:
-        progress(0.87, 1.0, "adversarial search")
-    trainer.network.flat.copy_(best)
-    seconds = max(budget - clock.seconds - ATTEST_SHARE * budget, 0.05 * budget) if clock.timed else float("inf")
-    rounds = {} if clock.timed else {"rounds": SEARCH_ROUNDS}
-    found = adversarial_minimum(samples, trainer.network, seconds, states=trainer.hard_states(), **rounds)
-    if progress:
-        progress(0.95, 1.0, "fresh positives")
-    room = _tolerance(bounder, problem, found.worst)
-    attest(bounder, grid, least=found.value, room=room, seed=problem.seed)
-    return bounder, record | {"gap": room, "search_seconds": round(found.seconds, 3), "search_complete": found.complete}
-
-
-def _fit_supports(problem: "Problem", hidden, activation, budget, steps, progress) -> tuple[Mlp, dict]:
-    """A plane's network: two support functions, and the proof that they stay above the object's."""
-    grid, domain = problem.grid, problem.domain
-    clock, interrupted = Clock(budget, steps), False
-    clock.reserved = SEARCH_RESERVE * budget
-    trainer = SupportTrainer(grid, domain, hidden, activation, problem.seed)
-    with single_threaded_torch():
-        try:
-            trainer.run(clock, progress=lambda used, note: progress(min(used, 1.0) * 0.85, 1.0, note) if progress else None)
-        except KeyboardInterrupt:
-            interrupted = True
-    sizes = {"hidden": list(hidden), "activation": activation, "octaves": 0, "moments": False}
-    bounder = Mlp(domain, trainer.tensors(), sizes, problem.device)
-    if progress:
-        progress(0.87, 1.0, "proof")
-    limit = {"seconds": max(budget - clock.seconds, 0.05 * budget)} if clock.timed else {"boxes": PROOF_BOXES}
-    search = prove(bounder, grid, eps=PLANE_TOLERANCE, **limit)
-    record = {"recipe": "default", "steps": clock.count, "interrupted": interrupted, "boxes_in_training": 0}
-    return bounder, record | {"gap": float(search.upper_bound - search.lower_bound)}
-
-
-def _search(bounder: Mlp, grid: IndicatorGrid, points: np.ndarray, limit: dict[str, float]) -> Search:
-    """The prover's search, for its counterexamples."""
-    lower, upper = positive_boxes(bounder, grid)
-    problem = Problem(grid, bounder.domain, "point", 0, None)
-    return minimum(bounder, lower, upper, eps=_tolerance(bounder, problem, points), points=points, **limit)
-
-
-def _tolerance(bounder: Mlp, problem: "Problem", worst: np.ndarray) -> float:
-    """How far below the least known value a threshold may lie before it costs ``PROOF_COST`` in false positives."""
-    x = sample(problem.query, problem.grid, COST_SAMPLES, np.random.default_rng(0))
-    truth = oracle(problem.query, problem.grid, bounder.device, bounder.domain.length or 1.0)(x)
-    values = bounder.values(x).numpy()[~truth]
-    least = float(bounder.reference(worst).min())
-    below = np.sort(values[np.isfinite(values) & (values < least)])[::-1]
-    count = int(PROOF_COST * COST_SAMPLES)
-    return max(least - float(below[count]), 1e-6) if len(below) > count else 1e-3

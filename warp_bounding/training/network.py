@@ -74,8 +74,12 @@ class TrainableNetwork:
         if self.moments:
             a, w, slope = v[: self.ndim // 2], v[self.ndim // 2 :], gradient[self.ndim :]
             by_a, by_w = gradient[: self.ndim].clone().split(self.ndim // 2)
-            by_a.index_add_(0, self._first, slope * w[self._second]).index_add_(0, self._second, slope * -w[self._first])
-            by_w.index_add_(0, self._second, slope * a[self._first]).index_add_(0, self._first, slope * -a[self._second])
+            by_a.index_add_(0, self._first, slope * w[self._second]).index_add_(
+                0, self._second, slope * -w[self._first]
+            )
+            by_w.index_add_(0, self._second, slope * a[self._first]).index_add_(
+                0, self._first, slope * -a[self._second]
+            )
             return torch.cat([by_a, by_w])
         if not self.encoding:
             return gradient

@@ -41,7 +41,11 @@ class RaySamples(RegionSamples):
     def positives(self, count: int) -> torch.Tensor:
         """See ``Samples``."""
         touching, from_border = int(count * TOUCHING_SHARE), int(count * BORDER_SHARE)
-        parts = [self._touching(touching), self._from_border(from_border), self._through(count - touching - from_border)]
+        parts = [
+            self._touching(touching),
+            self._from_border(from_border),
+            self._through(count - touching - from_border),
+        ]
         return torch.cat(parts, 1)
 
     def _touching(self, count: int) -> torch.Tensor:
@@ -72,7 +76,9 @@ class RaySamples(RegionSamples):
         cells, offset = self.cells.draw(count)
         direction, kind = self.directions(count), self.cells.rand(count)
         longest = self._longest(self.cells.to_local(cells + offset), direction)
-        share = torch.where(kind < END_SHARES[0], 0.0, torch.where(kind < END_SHARES[1], 1.0, self.cells.rand(count) * longest))
+        share = torch.where(
+            kind < END_SHARES[0], 0.0, torch.where(kind < END_SHARES[1], 1.0, self.cells.rand(count) * longest)
+        )
         return torch.cat([cells, offset, torch.minimum(share, longest)[None], direction])
 
     def directions(self, count: int) -> torch.Tensor:

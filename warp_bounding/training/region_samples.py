@@ -38,8 +38,10 @@ class RegionSamples(Samples):
         return columns(self.domain.to_local(q)), torch.from_numpy(self._oracle(q))
 
     def negatives(self, count: int) -> torch.Tensor:
-        """See ``Samples``. Where (almost) every region meets the object, the others are positives: the loss needs
-        a few columns, and a threshold set on positives does not care."""
+        """See ``Samples``; where (almost) every region meets the object, the others are positives.
+
+        The loss needs a few columns, and a threshold that is set on positives does not care.
+        """
         for _ in range(ATTEMPTS):
             v, truth = self.uniform(count)
             if not truth.all():

@@ -1,0 +1,270 @@
+"""Fitting networks: train, then set the threshold by a proof where there is one, else by a search and statistics.
+
+Points are trained with the prover in the loop: now and then branch and bound looks for the least value of f on the object,
+what it finds goes into training, and the last part of the budget is the proof itself. Planes' supports need no labels, and
+their proof is short. Rays and boxes have no proof yet: an adversarial search sets the threshold, fresh positives attest it.
+A network with exits is several networks that share layers; each gets a threshold of its own, in the same way.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.mlp_early import MlpEarly, part_of
+from warp_bounding.bounders.regions import RegionDomain
+from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.proof import attest, conjunction, minimum, positive_boxes, prove
+from warp_bounding.queries import oracle, sample
+from warp_bounding.training.adversary import adversarial_minimum
+from warp_bounding.training.clock import Clock
+from warp_bounding.training.early import EXIT_SHARE, EarlyTrainer, train_exits
+from warp_bounding.training.loop import Trainer
+from warp_bounding.training.network import TrainableNetwork
+from warp_bounding.training.occupancy import train_occupancy
+from warp_bounding.training.paper import PaperTrainer
+from warp_bounding.training.samples import Samples, samples_of
+from warp_bounding.training.support import SupportTrainer
+from warp_bounding.training.team import single_threaded_torch
+
+__all__ = ["TRAINERS", "NetworkOptions", "Problem", "fit_network"]
+
+TRAINERS = {"default": Trainer, "paper": PaperTrainer}
+SEARCHES = (0.5, 0.7, 0.9)  # used fractions at which the prover looks for counterexamples
+SEARCH_SHARE = 0.02  # of the budget, each
+PROOF_SHARE = 0.03  # of the budget, reserved for a proof of points before a search has told what it takes
+LONG_PROOF_SHARE = 0.2  # reserved where the last search did not end in its time
+RESERVE = {"point": PROOF_SHARE, "ray": 0.15, "plane": 0.15, "box": 0.15}  # of the budget: what sets the threshold
+LEAST_SHARE = 0.05  # of the budget: a proof gets this much, even where training took longer than it should
+ATTEST_SECONDS = 2.5  # about what a million fresh positives take
+SEARCH_BOXES, PROOF_BOXES = 1_000_000, 20_000_000  # what takes the place of time where the budget is in steps
+SEARCH_ROUNDS = 12  # likewise, of the adversarial search
+EXIT_STEPS = 40  # likewise, of each exit
+PROOF_COST = 1e-4  # share of all queries that a search may cost in false positives by ending early
+COST_SAMPLES = 200_000
+PLANE_TOLERANCE = 1e-3  # of a plane's offset, in domain half-widths
+
+Progress = Callable[[float, float, str], None]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is to be bounded, for which queries, where."""
+
+    grid: IndicatorGrid
+    domain: Domain | RegionDomain
+    query: str
+    seed: int
+    device: str | None
+
+
+@dataclass(frozen=True)
+class NetworkOptions:
+    """What kind of network, and how long it may take; see ``fit``."""
+
+    hidden: tuple[int, ...]
+    activation: str
+    octaves: int
+    budget: float
+    steps: int | None
+    recipe: str
+    moments: bool = False
+
+    @property
+    def sizes(self) -> dict:
+        """As a bounder stores them."""
+        return {
+            "hidden": list(self.hidden),
+            "activation": self.activation,
+            "octaves": self.octaves,
+            "moments": self.moments,
+        }
+
+
+def fit_network(
+    kind: type[Mlp], problem: Problem, options: NetworkOptions, progress: Progress | None = None
+) -> tuple[Mlp, dict]:
+    """Train a network and set its threshold.
+
+    Args:
+        kind: ``Mlp``, ``MlpEarly`` or ``Occupancy``.
+        problem: What for.
+        options: How.
+        progress: Called with done, total and a note. Ctrl-C ends training; the best network so far is taken.
+
+    Returns:
+        The bounder, frozen, and a record of how it went.
+    """
+    return _Fit(kind, problem, options, progress).run()
+
+
+class _Fit:
+    """One fit: its clock and its progress."""
+
+    def __init__(self, kind: type[Mlp], problem: Problem, options: NetworkOptions, progress: Progress | None):
+        self.kind, self.problem, self.options, self.progress = kind, problem, options, progress
+        self.clock = Clock(options.budget, options.steps)
+        self.early = issubclass(kind, MlpEarly)
+        self.interrupted, self.boxes = False, 0
+
+    def run(self) -> tuple[Mlp, dict]:
+        """See ``fit_network``."""
+        options, clock = self.options, self.clock
+        exits = EXIT_SHARE * (len(options.hidden) - 1) if self.early else 0.0
+        self.exit_seconds = exits * options.budget
+        clock.reserved = RESERVE[self.problem.query] * (1 + self.early) * options.budget + self.exit_seconds
+        if not self.kind.conservative:
+            clock.reserved = 0.0
+            bounder, record = self._occupancy(), {}
+        elif self.problem.query == "plane":
+            bounder, record = self._supports()
+        else:
+            bounder, record = self._network()
+        own = {"recipe": options.recipe, "steps": clock.count, "interrupted": self.interrupted}
+        return bounder, own | {"boxes_in_training": self.boxes} | record
+
+    # --- training ----------------------------------------------------------------------------------------------------
+
+    def _occupancy(self) -> Mlp:
+        problem, options = self.problem, self.options
+        tensors = train_occupancy(
+            problem.grid,
+            problem.domain,
+            options.hidden,
+            options.activation,
+            self.clock,
+            octaves=options.octaves,
+            moments=options.moments,
+            seed=problem.seed,
+            progress=lambda used, note: self._report(used, note),
+        )
+        return self.kind(problem.domain, tensors, options.sizes, problem.device).freeze(0.0, None)
+
+    def _supports(self) -> tuple[Mlp, dict]:
+        problem, options = self.problem, self.options
+        trainer = SupportTrainer(problem.grid, problem.domain, options.hidden, options.activation, problem.seed)
+        exits = None
+        with single_threaded_torch():
+            self._train(lambda: trainer.run(self.clock, progress=self._report))
+            tensors = trainer.tensors()
+            if self.early:
+                exits = train_exits(trainer, tensors, self.exit_seconds, self._exit_steps())
+        parts = self._parts(tensors, exits.tensors if exits else {})
+        for part in parts:
+            self._report(1.0, "proof")
+            search = prove(part, problem.grid, eps=PLANE_TOLERANCE, **self._limit(len(parts)))
+        return self._whole(parts), {"gap": float(search.upper_bound - search.lower_bound)}
+
+    def _network(self) -> tuple[Mlp, dict]:
+        problem, options = self.problem, self.options
+        samples = samples_of(problem.grid, problem.domain, problem.seed)
+        trainer_of = EarlyTrainer if self.early else TRAINERS[options.recipe]
+        trainer = trainer_of(samples, options.hidden, options.activation, options.octaves, options.moments)
+        waiting = list(SEARCHES) if problem.query == "point" else []
+
+        def counterexamples(_, used: float) -> None:
+            if waiting and used >= waiting[0]:
+                waiting.pop(0)
+                self._counterexamples(trainer)
+
+        exits = None
+        with single_threaded_torch():
+            self._train(lambda: trainer.run(self.clock, counterexamples=counterexamples, progress=self._report))
+            tensors = trainer.network.tensors(trainer.best())
+            trainer.network.flat.copy_(trainer.best())
+            if self.early:
+                exits = train_exits(trainer, tensors, self.exit_seconds, self._exit_steps())
+        parts = self._parts(tensors, exits.tensors if exits else {})
+        networks = [*(exits.networks if exits else []), trainer.network]
+        states = [*(exits.states if exits else []), trainer.hard_states()]
+        points = [*(exits.points if exits else []), trainer.worst_points()]
+        for index, part in enumerate(parts):
+            if problem.query == "point":
+                record = self._prove(part, points[index], len(parts) - index)
+            else:
+                record = self._attest(part, samples, networks[index], states[index], len(parts) - index)
+        return self._whole(parts), record
+
+    def _train(self, job: Callable[[], None]) -> None:
+        try:
+            job()
+        except KeyboardInterrupt:
+            self.interrupted = True
+
+    def _exit_steps(self) -> int | None:
+        return None if self.clock.timed else EXIT_STEPS
+
+    def _report(self, used: float, note: str) -> None:
+        if self.progress:
+            self.progress(min(used, 1.0) * (1 - RESERVE[self.problem.query]), 1.0, note)
+
+    def _counterexamples(self, trainer: Trainer) -> None:
+        """Let the prover look at the network as it is; its lowest points become training samples."""
+        problem, clock, budget = self.problem, self.clock, self.options.budget
+        bounder = Mlp(problem.domain, trainer.network.tensors(), self.options.sizes, problem.device)
+        limit = {"seconds": SEARCH_SHARE * budget} if clock.timed else {"boxes": SEARCH_BOXES}
+        points = trainer.worst_points()
+        eps = _tolerance(bounder, problem, points)
+        search = minimum(bounder, *positive_boxes(bounder, problem.grid), eps=eps, points=points, **limit)
+        self.boxes += search.boxes
+        trainer.add(search.worst)
+        if clock.timed:  # the last proof will take about as long, on a network that is a little harder
+            expected = 2 * search.seconds if search.complete else LONG_PROOF_SHARE * budget
+            expected = min(max(expected, 0.01 * budget), LONG_PROOF_SHARE * budget)
+            clock.reserved = expected * (1 + self.early) + self.exit_seconds
+
+    # --- thresholds --------------------------------------------------------------------------------------------------
+
+    def _parts(self, tensors: dict[str, np.ndarray], exits: dict[str, np.ndarray]) -> list[Mlp]:
+        """The exits as networks by themselves, and the network."""
+        domain, sizes, device = self.problem.domain, self.options.sizes, self.problem.device
+        if not self.early:
+            return [Mlp(domain, tensors, sizes, device)]
+        depths = range(1, len(self.options.hidden) + 1)
+        return [Mlp(domain, *part_of(tensors | exits, sizes, depth), device) for depth in depths]
+
+    def _whole(self, parts: list[Mlp]) -> Mlp:
+        if not self.early:
+            return parts[0]
+        bounder = MlpEarly.of(parts)
+        return bounder.freeze(float(bounder.threshold), conjunction([part.certificate for part in parts]))
+
+    def _limit(self, parts_left: int) -> dict[str, float]:
+        """Time, or boxes, of the next part's proof."""
+        if not self.clock.timed:
+            return {"boxes": PROOF_BOXES}
+        left = (self.options.budget - self.clock.seconds) / parts_left
+        return {"seconds": max(left, LEAST_SHARE * self.options.budget)}
+
+    def _prove(self, part: Mlp, points: np.ndarray, parts_left: int) -> dict:
+        self._report(1.0, "proof")
+        eps = _tolerance(part, self.problem, points)
+        search = prove(part, self.problem.grid, eps=eps, points=points, **self._limit(parts_left))
+        return {"gap": float(search.upper_bound - search.lower_bound)}
+
+    def _attest(
+        self, part: Mlp, samples: Samples, network: TrainableNetwork, states: torch.Tensor, parts_left: int
+    ) -> dict:
+        self._report(1.0, "adversarial search")
+        budget, rounds = self.options.budget, {} if self.clock.timed else {"rounds": SEARCH_ROUNDS}
+        left = (budget - self.clock.seconds) / parts_left - ATTEST_SECONDS
+        seconds = max(left, 0.05 * budget) if self.clock.timed else float("inf")
+        found = adversarial_minimum(samples, network, seconds, states=states, **rounds)
+        self._report(1.0, "fresh positives")
+        room = _tolerance(part, self.problem, found.worst)
+        attest(part, self.problem.grid, least=found.value, room=room, seed=self.problem.seed)
+        return {"gap": room, "search_seconds": round(found.seconds, 3), "search_complete": found.complete}
+
+
+def _tolerance(bounder: Mlp, problem: Problem, worst: np.ndarray) -> float:
+    """How far below the least known value a threshold may lie before it costs ``PROOF_COST`` in false positives."""
+    x = sample(problem.query, problem.grid, COST_SAMPLES, np.random.default_rng(0))
+    truth = oracle(problem.query, problem.grid, bounder.device, bounder.domain.length or 1.0)(x)
+    values = bounder.values(x).numpy()[~truth]
+    least = float(bounder.reference(worst).min())
+    below = np.sort(values[np.isfinite(values) & (values < least)])[::-1]
+    count = int(PROOF_COST * COST_SAMPLES)
+    return max(least - float(below[count]), 1e-6) if len(below) > count else 1e-3
