@@ -138,6 +138,9 @@ def test_the_twin(case, device):
     assert (exact == DENIED).any() == (len(bounder.parts) > 1)
     slope = 1e-4  # the coordinates themselves are rounded
     assert (np.abs(values - exact)[agreed & (exact > DENIED)] <= bounder.rounding_bound() + slope).all()
+    for part in bounder.parts:  # networks of every kind of query, moments and two outputs among them
+        values = part.values(x[asked]).numpy()
+        assert (np.abs(values - part.reference(v)) <= part.rounding_bound() + slope).all()
 
 
 @pytest.mark.parametrize("case", ["points", "points-2d"])

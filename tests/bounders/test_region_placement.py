@@ -1,5 +1,6 @@
 """Rays, planes and boxes asked of shapes placed in the world: no false negative, and what the certificate does not cover is refused."""
 
+import sys
 from functools import cache
 
 import numpy as np
@@ -11,9 +12,12 @@ from test_placement import homogeneous, rotation
 
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders import METHODS
+from warp_bounding.bounders.functions import batch_kernel
+from warp_bounding.bounders.locate import FAR
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.parametric import fit_parametric, parametric_least
 from warp_bounding.bounders.placement import Placement
+from warp_bounding.bounders.placement_rounding import rounding
 from warp_bounding.bounders.regions import domain_of
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators import IndicatorGrid
@@ -83,7 +87,7 @@ def witnessed(grid, query: str, length: float, rotated, shift, factors, rng, dty
     if query == "plane":
         along = rng.normal(size=x.shape)
         along -= unit * (along * unit).sum(axis=1, keepdims=True)
-        q = np.concatenate([unit, x + along * rng.choice([0.0, 0.5, 5.0, 50.0], size=(count, 1))], axis=1)
+        q = np.concatenate([unit, x + along * rng.choice([0.0, 0.5, 5.0, 50.0, 1e6], size=(count, 1))], axis=1)
     else:
         t = length * rng.choice([0.0, 1e-6, 0.3, 1 - 1e-6, 1.0], size=(count, 1))
         q = np.concatenate([x - t * unit, unit], axis=1)
@@ -278,7 +282,9 @@ TURNED = wp.transform((1.0, 2.0, 3.0), wp.quat(0.5, 0.5, 0.5, 0.5))
 @pytest.mark.parametrize("query", REGIONS)
 def test_placed_special_numbers(query, scale, space):
     """Maybe, whatever else: not finite, no direction, upside down, so large that the map overflows."""
-    bounder = parametric_box("blob", query, 1.0) if space == "parametric" else fitted_region("aabb", query, shape("blob"))
+    bounder = (
+        parametric_box("blob", query, 1.0) if space == "parametric" else fitted_region("aabb", query, shape("blob"))
+    )
     usual = [9.0, 9, 9, 9.5, 9.5, 9.5]
     strange = [[*usual[:k], bad, *usual[k + 1 :]] for k in range(6) for bad in (np.nan, np.inf, -np.inf)]
     if query == "box":
@@ -339,3 +345,70 @@ def test_impossible_placements_are_refused(query):
     for options in ({"scale": 0.0}, {"xform": np.eye(3)}, {"xform": 2 * np.eye(4)}, {"scale": [1e-9, 1.0, 1.0]}):
         with pytest.raises(QueryError):
             bounder.query(np.zeros((1, 6)), **options)
+
+
+@pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA compiler on macOS")
+@pytest.mark.parametrize("query", REGIONS)
+def test_kernels_compile_for_cuda(query, tmp_path):
+    kernel = batch_kernel(random_network(shape("blob"), query, 1.0).source, True, False)
+    wp.compile_aot_module(kernel.module, device=None, arch=86, module_dir=tmp_path)
+    assert [*tmp_path.rglob("*.ptx"), *tmp_path.rglob("*.cubin")]
+
+
+def in_single(matrix: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """``x matrix^T`` as float32 products and sums, float64."""
+    products = x.astype(np.float32)[:, None] * matrix.astype(np.float32)
+    total = products[..., 0]
+    for k in range(1, products.shape[2]):
+        total = total + products[..., k]
+    return total.astype(np.float64)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("query", ["ray", "plane"])
+def test_rounding_stays_within_its_bound(query, name, dtype, rng):
+    """The moved float32 numbers, and how far the exact region of those passes a point of the exact region, near and far."""
+    grid, length = shape(name), 3.0
+    n, s, domain = grid.ndim, grid.ndim - grid.time, domain_of(grid, query, length)
+    scale, center = domain.base.scale.astype(np.float64), domain.base.center.astype(np.float64)
+    point, direction = points_and_directions(query, n)
+    near_share = 0.0
+    for factors in (1.0, 0.1, 10.0, *rng.uniform(0.3, 3, (8, s))):
+        rotated, shift = rotation(s, rng), rng.uniform(-10, 10, s)
+        placement = Placement.of(domain, homogeneous(rotated, shift), factors)
+        bound = rounding(domain, placement.world, double=dtype is np.float64)
+        matrix, drift = placement.values[n : n + n * n].reshape(n, n), placement.values[n + n * n : 2 * n + n * n]
+        x = domain.base.to_object(rng.uniform(-0.9, 0.9, (4000, n)))
+        unit = rng.normal(size=x.shape)
+        unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+        away = rng.normal(size=x.shape)
+        away -= unit * (away * unit).sum(axis=1, keepdims=True)
+        away *= rng.choice([0.0, 1.0, 1e3, 1e5], size=(4000, 1))
+        q = np.concatenate(
+            [unit, x + away] if query == "plane" else [x - rng.random((4000, 1)) * length * unit, unit], 1
+        )
+        world = to_world(grid, query, q, rotated, shift, factors).astype(dtype)
+        q = to_object(grid, query, world, rotated, shift, factors)
+        single = world.astype(np.float32)
+        turn = matrix if query == "ray" else placement.values[2 * n + n * n :].reshape(n, n)
+        moved, turned = (
+            in_single(matrix, single[:, point] - placement.values[:n]),
+            in_single(turn, single[:, direction]),
+        )
+        far = np.abs((q[:, point] - center) * scale).sum(axis=1)[:, None]
+        d = q[:, direction] / np.linalg.norm(q[:, direction], axis=1, keepdims=True)
+        if query == "ray":
+            t = np.clip(((x - q[:, point]) * d).sum(axis=1, keepdims=True), 0, length)
+            off = q[:, point] + t * d - (moved + t * turned / np.linalg.norm(turned, axis=1, keepdims=True))
+            off = np.abs(off) * scale
+        else:
+            x = x - d * ((x - q[:, point]) * d).sum(axis=1, keepdims=True)
+            normal = turned / scale
+            off = np.abs((normal * ((x - moved) * scale)).sum(axis=1)) / np.abs(normal).max(axis=1)
+            off = off[:, None]
+        host = 1e-13 * (1 + far)  # what this test's own float64 rounds
+        allowed = bound + np.where(far > FAR, far * drift, 0.0) + host
+        assert (off <= allowed).all()
+        near_share = max(near_share, float((off / allowed)[far[:, 0] <= FAR].max()))
+    assert near_share > 0.05  # and the bound is worth something

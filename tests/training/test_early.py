@@ -19,7 +19,7 @@ from warp_bounding.training.team import single_threaded_torch  # noqa: E402
 HIDDEN = (12, 10)
 
 
-def trained(kind, query="point", name="star", hidden=HIDDEN, steps=60, exit_steps=12):
+def trained(kind, query="point", name="c", hidden=HIDDEN, steps=60, exit_steps=12):
     """The network's tensors, its exits, and its domain."""
     grid = shape(name)
     domain = domain_of(grid, query)
@@ -45,10 +45,10 @@ def assembled(tensors, exits, domain, hidden=HIDDEN) -> MlpEarly:
 
 @pytest.mark.parametrize("kind", [Trainer, EarlyTrainer])
 def test_exits_deny_negatives(kind):
-    tensors, exits, domain = trained(kind, steps=100 if kind is EarlyTrainer else 60)
+    tensors, exits, domain = trained(kind, steps=150, exit_steps=24)
     first = assembled(tensors, exits, domain).parts[0]
-    x = sample("point", shape("star"), 20_000, np.random.default_rng(1))
-    truth = oracle("point", shape("star"), "cpu")(x)
+    x = sample("point", shape("c"), 20_000, np.random.default_rng(1))
+    truth = oracle("point", shape("c"), "cpu")(x)
     values = first.reference(domain.to_local(x))
     least = min(values[truth].min(), first.reference(exits.points[0]).min())
     denied = (values < least)[~truth].mean()
@@ -67,24 +67,24 @@ def test_every_layer_but_the_last_has_one():
 
 
 def test_runs_in_steps_repeat():
-    first, second = (trained(EarlyTrainer, name="c", steps=30, exit_steps=5) for _ in range(2))
+    first, second = (trained(EarlyTrainer, steps=30, exit_steps=5) for _ in range(2))
     for one, other in ((first[0], second[0]), (first[1].tensors, second[1].tensors)):
         assert all(one[name].tobytes() == other[name].tobytes() for name in one)
 
 
 @pytest.mark.parametrize("query", ["ray", "box"])
 def test_regions(query):
-    tensors, exits, domain = trained(EarlyTrainer, query, "c", steps=20, exit_steps=4)
+    tensors, exits, domain = trained(EarlyTrainer, query, steps=20, exit_steps=4)
     bounder = assembled(tensors, exits, domain)
     assert np.isfinite(bounder.parts[0].reference(exits.points[0])).all()
 
 
 def test_planes_have_two_outputs():
-    tensors, exits, domain = trained(SupportTrainer, "plane", steps=120, exit_steps=60)
+    tensors, exits, domain = trained(SupportTrainer, "plane", steps=60, exit_steps=30)
     bounder = assembled(tensors, exits, domain)
     assert exits.tensors["exits.0.weight"].shape == (2, HIDDEN[0])
-    x = sample("plane", shape("star"), 20_000, np.random.default_rng(1))
-    truth = oracle("plane", shape("star"), "cpu")(x)
+    x = sample("plane", shape("c"), 20_000, np.random.default_rng(1))
+    truth = oracle("plane", shape("c"), "cpu")(x)
     values = bounder.parts[0].reference(domain.to_local(x))
     assert (values < values[truth].min())[~truth].any()
 

@@ -13,6 +13,7 @@ from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.bounders.obb import Obb
 from warp_bounding.bounders.occupancy import Occupancy
 from warp_bounding.bounders.oriented_ellipsoid import OrientedEllipsoid
+from warp_bounding.bounders.relu_field import ReluField
 from warp_bounding.bounders.sphere import Sphere
 from warp_bounding.bounders.storage import load, save
 from warp_bounding.bounders.voxels import Voxels
@@ -24,7 +25,7 @@ METHODS: dict[str, type[Bounder]] = {
     c.method: c
     for c in (
         *(Aabb, Obb, Sphere, Ellipsoid, OrientedEllipsoid, Kdop, Bvh, LearnedKdop, Voxels),
-        *(Mlp, MlpEarly, Occupancy),
+        *(ReluField, Mlp, MlpEarly, Occupancy),
     )
 }
 

@@ -5,7 +5,7 @@ Given are ``V q[]`` (the numbers in object space), ``center scale limit`` (n eac
 (false: *no*). V is a vector of queries or a float, so masks are combined with ``&`` and ``|`` and never negated.
 
 Where a shape is placed, q are numbers in the world and ``place`` is ``Placement.values``: q is moved first, in place. ``drift`` in
-there is what the move rounds per distance; it widens the domain for a region from farther away than FAR, and every box.
+there is what the move rounds per distance; it widens the domain for a ray or a plane from farther away than FAR.
 """
 
 from warp_bounding.arithmetic import UNIT32
@@ -70,19 +70,18 @@ def _longest(names: list[str]) -> str:
 
 
 def _move_box(n: int) -> list[str]:
-    """The box around the moved one, corner by corner (Arvo 1990), and its rounding outwards."""
-    lines = ["V far = zero;"]
+    """The box around the moved one (Arvo 1990)."""
+    lines = [f"finite = finite & (q[{k}] <= q[{n + k}]);" for k in range(n)]
     for k in range(n):
-        lines.append(f"finite = finite & (q[{k}] <= q[{n + k}]);")
         lines.append(f"const V c{k} = q[{k}] - place[{k}]; const V d{k} = q[{n + k}] - place[{k}];")
         lines.append(f"finite = finite & ((c{k} - c{k}) == zero) & ((d{k} - d{k}) == zero);")
-        lines.append(f"{{ {_absolute('s_', f'c{k}')} {_absolute('t_', f'd{k}')} far = far + (s_ > t_ ? s_ : t_); }}")
     for k in range(n):
-        lines.append(f"{{ V low = zero, high = zero; const V room = far * place[{n + n * n + k}];")
+        lines.append("{ V low = zero, high = zero;")
         for j in range(n):
-            lines.append(f"{{ const V s_ = c{j} * place[{n + n * k + j}]; const V t_ = d{j} * place[{n + n * k + j}];")
+            at = n + n * k + j
+            lines.append(f"{{ const V s_ = c{j} * place[{at}]; const V t_ = d{j} * place[{at}];")
             lines.append("low = low + (s_ < t_ ? s_ : t_); high = high + (s_ < t_ ? t_ : s_); }")
-        lines.append(f"q[{k}] = low - room; q[{n + k}] = high + room; }}")
+        lines.append(f"q[{k}] = low; q[{n + k}] = high; }}")
     return lines
 
 

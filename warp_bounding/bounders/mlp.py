@@ -340,7 +340,9 @@ class Mlp(Bounder):
         if not isinstance(moments, bool) or (moments and domain.query != "ray"):
             raise BounderError(f"moments are a ray's, got moments={moments} for {domain.query} queries")
         if moments and octaves:
-            raise BounderError(f"moments and octaves of a positional encoding exclude each other, got octaves={octaves}")
+            raise BounderError(
+                f"moments and octaves of a positional encoding exclude each other, got octaves={octaves}"
+            )
         self.moments = moments
         raw = domain.space_ndim if domain.query == "plane" else domain.ndim
         self.features = 2 * raw * octaves

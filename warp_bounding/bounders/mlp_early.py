@@ -3,15 +3,16 @@
 Behind each hidden layer but the last stands an *exit*, a linear output on that layer's activations with a threshold of its
 own. It may only say *no* early: the answer is *maybe* iff every exit passes and the network's own output does. A
 conjunction of conservative tests is conservative, and an exit is a shorter network whose layers are shared: so every
-part is proven by itself, as an ordinary ``Mlp`` (``parts``, ``of``), and has at least the false negatives' proof of ``mlp``.
+part is proven by itself, as an ordinary ``Mlp`` (``parts``, ``of``).
 
 ``f`` is the output where all exits pass, and ``DENIED``, a very low number, elsewhere.
 
 On a CPU the batch path asks an exit for a block of queries, then moves the survivors together and begins the next part
-with their coordinates: computing the shared layers again costs less than carrying their activations along. Other code
+with their coordinates; it computes the shared layers again rather than carry their activations along. Other code
 (CUDA, the function for other kernels) asks one query and goes on from the layer where it is.
 
-Limits: one hidden layer has no exit. The gain depends on how many queries the exits deny; where most are positive (long rays), little.
+Limits: one hidden layer has no exit. The gain is what the exits deny: 3D points of a bunny take 1.6 to 1.75 times less time,
+rays, of which most meet it or nearly so, a little more than without exits.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""``occupancy``: the same network as ``mlp``, trained with a symmetric loss (the paper's OccNet). **Not conservative.**
+"""``occupancy``, not conservative: the network of ``mlp``, trained with a symmetric loss (the paper's OccNet).
 
 It answers *maybe* where the probability that the query meets the object is at least one half (``f >= 0``), as occupancy
 networks do (Mescheder et al. 2019). It errs both ways alike: some queries that do meet the object are denied. It is here to

@@ -30,8 +30,8 @@ class Placement:
     """World-to-object map of one shape instance.
 
     Attributes:
-        values: float32, the ``n`` translations, then the n x n matrix M in row order, as the kernels read them; for regions
-            also n numbers ``drift``, and for planes ``M^-T`` in row order.
+        values: float32, the ``n`` translations, then the n x n matrix M in row order, as the kernels read them; for rays
+            and planes also n numbers ``drift``, and for planes ``M^-T`` in row order.
         world: The map before rounding.
     """
 
@@ -82,7 +82,7 @@ class Placement:
         world = WorldMap(matrix, forward, translation, np.abs(translation - single))
         parts = [single, matrix.reshape(-1)]
         with np.errstate(over="ignore"):
-            if domain.query != "point":
+            if domain.query in ("ray", "plane"):
                 parts.append(round_up(drift(domain, world)))
             if domain.query == "plane":
                 parts.append(forward.T.reshape(-1))

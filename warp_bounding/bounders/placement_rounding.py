@@ -5,15 +5,16 @@ The moved float32 numbers *are* a query in object space, and everything behind t
 file only asks how far its exact region R' passes a point x of the exact region R of the numbers given. Directions
 are free in the proofs (P holds rays and planes of every direction), so what turns one only matters by what it moves.
 
-* *Distances.* ``|error of M D| <= alpha + beta |a|_1``, a the point in local space: relative errors, of 2 n + 3 roundings at most, and the translation's.
+* *Distances.* ``|error of M D| <= alpha + beta |a|_1``, a the point in local space: relative errors, of n + 3 roundings at most, and the translation's.
 * *Rays.* The moved direction is off by e, ``|e| <= epsilon |M d|``, since ``|M d| >= |d| / |M^-1|``: off by an angle of sine epsilon, and the
   unit vectors by ``epsilon (1 + epsilon)``. After t, at most ``length`` and the way to the domain, x is passed by t times that.
 * *Planes*, ``e . (y - a) = 0`` in local space, the largest entry of e scaled to 1: ``|error of e_k| <= tau_k``. At a point y of the domain the
   plane is off by ``sum tau_k (|y_k| + |a_k|) + sum |error of a_k|`` in the offset, and so at most by this along that entry's axis.
-* *Boxes* are the box around what they become, rounded outwards: relative errors are paid by the kernel (``drift``), box by box, and what
-  is left is the translation's. Without a rotation (a signed permutation of the axes) that box is the region itself.
+* *Boxes* are the box around what they become; without a rotation (a signed permutation of the axes) that is the region itself.
+  A corner with products ``|M_kj D_j|`` larger than those of x lies farther out than x by their difference, and rounds by a share of
+  them; so for boxes of any size x is passed by no more than what a point rounds, which is x itself.
 
-Regions are computed with where ``|a|_1 <= FAR``; beyond, they are denied or answered with maybe, and the kernel widens the
+Rays and planes are computed with where ``|a|_1 <= FAR``; beyond, they are denied or answered with maybe, and the kernel widens the
 domain by ``drift |a|_1`` before it denies.
 """
 
@@ -50,15 +51,11 @@ def rounding(domain: Domain | RegionDomain, world: WorldMap, *, double: bool) ->
         world: The map.
         double: Queries come in float64 and are rounded to float32 in the world first.
     """
-    if domain.query == "point":
-        return _point(domain, world, double)
     base, input_unit = domain.base, UNIT32 if double else 0.0
-    scale, size = base.scale.astype(np.float64), np.abs(world.matrix)
-    n, limit = base.ndim, base.limit.astype(np.float64)
-    fixed = world.away + input_unit * np.abs(world.translation) + 2 * TINY
-    if domain.query == "box":
-        moved = size @ fixed * (1 + gamma(2 * n + 10)) + _host(size) * fixed.sum()
-        return (moved + (2 * n + 8) * TINY * (1 + size.sum(axis=1))) * scale * (1 + 4 * UNIT32) * GROWTH
+    scale, n, limit = base.scale.astype(np.float64), base.ndim, base.limit.astype(np.float64)
+    if domain.query in ("point", "box"):
+        map_behind = rounding_of_map(limit) if domain.query == "point" else 0.0
+        return (_at_points(base, world, input_unit) * scale * (1 + 4 * UNIT32) + map_behind + TINY) * GROWTH
     alpha, beta = _distance(base, world, input_unit)
     slope = float((scale * beta).sum())
     if not slope < STEEPEST:
@@ -80,28 +77,23 @@ def rounding(domain: Domain | RegionDomain, world: WorldMap, *, double: bool) ->
 
 
 def drift(domain: RegionDomain, world: WorldMap) -> np.ndarray:
-    """``(n,)`` float64: what the kernel adds per distance; rays and planes: units of local space, per ``|a|_1``; boxes: object units."""
+    """``(n,)`` float64: what the kernel adds for rays and planes from far away, units of local space, per ``|a|_1``."""
     base = domain.base
-    n, scale, size = base.ndim, base.scale.astype(np.float64), np.abs(world.matrix)
-    if domain.query == "box":
-        room = (size.max(axis=1) * (gamma(2 * n + 10) + UNIT32) + _host(size)) * GROWTH
-        room[: int(domain.time)] = 0.0  # time is not moved
-        return room
+    n, scale = base.ndim, base.scale.astype(np.float64)
     _, beta = _distance(base, world, UNIT32)
     if domain.query == "ray":
         return scale * (beta + _turn(world, n, UNIT32) / scale.min()) * SLOPE
     return np.full(n, float((scale * beta).sum() + _tilt(base, world, UNIT32).max()) * SLOPE)
 
 
-def _point(domain: Domain, world: WorldMap, double: bool) -> np.ndarray:
-    n, scale = domain.ndim, domain.scale.astype(np.float64)
-    away = np.abs(world.forward) @ _reach(domain)  # largest |q - translation| of a point of the domain
-    rounded = world.away + (UNIT32 * (np.abs(world.translation) + away) if double else 0.0)
+def _at_points(base: Domain, world: WorldMap, input_unit: float) -> np.ndarray:
+    """``(n,)``, object units: error of a moved point of the domain."""
+    n, away = base.ndim, np.abs(world.forward) @ _reach(base)  # largest |q - translation|
+    rounded = world.away + input_unit * (np.abs(world.translation) + away)
     size = np.abs(world.matrix)
     moved = size @ (gamma(n + 3) * (away + rounded) + rounded)
     moved += _host(size) * (away + rounded).sum()
-    moved += (n + 2) * TINY * (1 + size.sum(axis=1))  # results that are subnormal
-    return (moved * scale * (1 + 4 * UNIT32) + rounding_of_map(domain.limit.astype(np.float64)) + TINY) * GROWTH
+    return moved + (n + 2) * TINY * (1 + size.sum(axis=1))  # results that are subnormal
 
 
 def _reach(base: Domain) -> np.ndarray:

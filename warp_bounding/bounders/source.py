@@ -265,7 +265,9 @@ def _read(source: Source) -> str:
     Rows of n numbers become n vectors by shuffles: number k of query l stands at ``l n + k``, in the vector of that over L.
     """
     n = source.columns
-    lines = [f"V q[{n}], v[{source.coordinates}]; if (end - i >= L) {{ const float* rows = x.data + (long long)i * {n};"]
+    lines = [
+        f"V q[{n}], v[{source.coordinates}]; if (end - i >= L) {{ const float* rows = x.data + (long long)i * {n};"
+    ]
     lines += [f"const V r{b} = *(const V*)(rows + {b} * L);" for b in range(n)]
     for directive, lanes in (("#if defined(__AVX512F__)", source.width["avx512"]), ("#else", source.width["other"])):
         lines.append(directive)

@@ -1,9 +1,9 @@
 """Training a network with exits, ``mlp-early``: together with the network first, then each exit by itself.
 
 ``EarlyTrainer`` is the main recipe (``loop``), with every exit's loss added at a small weight: layers that serve only what
-comes behind them leave a linear exit little to say (3D points, bunny: an exit behind a finished network passes three times
-the share of one that was trained with it). ``train_exits`` then finishes the exits behind layers that stay as they are, by
-Newton steps. A plane's exits are supports, trained as in ``support`` behind finished layers.
+comes behind them leave a linear exit less to say (3D points, bunny: behind a finished network an exit lets 22 to 42 % of all
+points pass wrongly, trained with it 9 %, for 4.7 instead of 4.4 % at the end and a third more time a step). ``train_exits`` then finishes the exits behind layers
+that stay as they are, by Newton steps. A plane's exits are supports, trained as in ``support`` behind finished layers.
 
 Limits: exits cost the network some of its own tightness, and time. Exits of planes are only as good as the layers they find.
 """
@@ -240,12 +240,14 @@ class _Exit(Trainer):
         up, down = f - torch.sigmoid(negative @ head - ramp), g * boost
         gradient = (up @ negative) * w_negative - (down @ positive) * w_positive
         curvature = [(f * (1 - f)).mul_(w_negative), (down * (1 - g)).mul_(w_positive / width)]
-        hessians = []
+        hessians: list = [None] * team.size  # in order, so that the sum does not depend on who is first
 
         def job(index: int) -> None:
+            parts = []
             for h, c in zip((negative, positive), curvature, strict=True):
                 part = slice(*(len(h) * k // team.size for k in (index, index + 1)))
-                hessians.append((h[part] * c[part, None]).T @ h[part])
+                parts.append((h[part] * c[part, None]).T @ h[part])
+            hessians[index] = parts[0] + parts[1]
 
         team.run(job)
         hessian = torch.stack(hessians).sum(0).double()

@@ -13,15 +13,18 @@ from warp_bounding.bounders.base import checked_device
 from warp_bounding.bounders.bvh import Bvh, leaves_for_bytes
 from warp_bounding.bounders.domain import Domain
 from warp_bounding.bounders.kdop import Kdop
+from warp_bounding.bounders.learned_kdop import LearnedKdop
 from warp_bounding.bounders.mlp import Mlp, check_hidden, check_octaves
 from warp_bounding.bounders.network import ACTIVATIONS
 from warp_bounding.bounders.parametric import fit_parametric
 from warp_bounding.bounders.regions import RegionDomain, domain_of
+from warp_bounding.bounders.relu_field import ReluField
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import load_indicator
 from warp_bounding.proof import prove
 from warp_bounding.queries import check_query, oracle, sample
 from warp_bounding.queries.positives import draw_positives
+from warp_bounding.training.field import train_relu_field
 from warp_bounding.training.kdop import train_learned_kdop
 from warp_bounding.training.networks import TRAINERS, NetworkOptions, Problem, fit_network
 
@@ -105,9 +108,12 @@ def fit(
         options = NetworkOptions(hidden, activation, octaves, budget, steps, recipe)
         bounder, record = fit_network(kind, problem, options, progress)
     else:
-        if method == "learned-kdop":
-            options = {"budget": min(budget, KDOP_SECONDS), "seed": int(seed), "k": k, "steps": steps, "device": device}
-            bounder, record = train_learned_kdop(grid, problem.domain, **options, progress=_shown(progress))
+        options = {"seed": int(seed), "steps": steps, "device": device, "progress": _shown(progress)}
+        if kind is LearnedKdop:
+            seconds = min(budget, KDOP_SECONDS)
+            bounder, record = train_learned_kdop(grid, problem.domain, budget=seconds, k=k, **options)
+        elif kind is ReluField:
+            bounder, record = train_relu_field(grid, problem.domain, budget=budget, **options)
         else:
             bounder = _fit_classic(problem, kind, k, leaves, hidden)
         prove(bounder, grid)

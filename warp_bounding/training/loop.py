@@ -26,7 +26,7 @@ __all__ = ["Recipe", "Trainer"]
 
 @dataclass(frozen=True)
 class Recipe:
-    """Constants of the default recipe, found on the paper's shapes; none depends on the shape.
+    """Constants of the default recipe, found on the paper's shapes; none depends on the shape, some on the kind of query.
 
     A schedule "a -> b over [s, e]" goes geometrically from a to b while the used fraction goes from s to e.
     """
@@ -39,7 +39,6 @@ class Recipe:
     hard: int = 4096  # the worst positives, kept from refresh to refresh
     moves: int = 2  # steps down f that they take
     explore: int = 16384  # fresh positives that walk down before they compete for the hard pool
-    candidates: int = 0  # fresh positives of which these are the lowest; 0: as many
     explore_moves: int = 4
     saturation: float = 4.0  # |f| beyond which a softplus carries almost no gradient
     weight: float = 3000.0  # of positives against negatives, 1 -> weight over [0, ramp]
@@ -60,7 +59,11 @@ class Recipe:
     chunk: int = 1024  # columns that a thread evaluates at a time
 
 
-RECIPES = {"point": Recipe(), "ray": Recipe(), "box": Recipe()}
+RECIPES = {
+    "point": Recipe(),
+    "ray": Recipe(first_gain=1.5, sharpness=0.3),  # a ray sweeps over many cells: its truth is smoother than a point's
+    "box": Recipe(first_gain=5.0, sharpness=0.3),
+}
 
 
 def schedule(end: float, used: float, start: float, stop: float, begin: float = 1.0) -> float:
@@ -176,11 +179,7 @@ class Trainer:
         negative = network.encode(samples.negatives(recipe.pool))
         state = samples.positives(recipe.pool)
         fresh = samples.coordinates(state)
-        walked = samples.positives(max(recipe.candidates, recipe.explore))
-        if recipe.candidates > recipe.explore:
-            values = self._evaluate(team, workers, network.encode(samples.coordinates(walked)))
-            walked = walked[:, values.topk(recipe.explore, largest=False)[1]]
-        walked = self._descend(team, workers, walked, recipe.explore_moves)
+        walked = self._descend(team, workers, samples.positives(recipe.explore), recipe.explore_moves)
         state = torch.cat([walked, self.hard_states(), state], 1)
         values = self._evaluate(team, workers, network.encode(samples.coordinates(state)))
         worst = values.topk(min(recipe.hard, len(values)), largest=False)[1]
