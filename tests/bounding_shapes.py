@@ -3,6 +3,7 @@
 from functools import cache
 
 import numpy as np
+import pytest
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
@@ -11,6 +12,7 @@ from warp_bounding.bounders.mlp import Mlp, encoding_tensors
 from warp_bounding.indicators import IndicatorGrid
 
 HIDDEN = (8,)  # of every fitted network: each new size costs a compilation
+EARLY = (6, 5)  # of one with exits
 
 
 def _blob(shape, seed, share=0.35, **options) -> IndicatorGrid:
@@ -69,10 +71,15 @@ def shape(name: str) -> IndicatorGrid:
     return SHAPES[name]()
 
 
-@cache
 def fitted(method: str, name: str) -> wb.Bounder:
     """A proven bounder on the CPU, through the public door; never change it."""
-    return wb.fit(shape(name), method=method, hidden=HIDDEN, steps=3, device="cpu")
+    skip_unless_supported(method, name)
+    return _fitted(method, name)
+
+
+@cache
+def _fitted(method: str, name: str) -> wb.Bounder:
+    return wb.fit(shape(name), method=method, hidden=EARLY if method == "mlp-early" else HIDDEN, steps=3, device="cpu")
 
 
 def random_mlp(grid, hidden=HIDDEN, activation="sin", octaves=0, seed=0, device="cpu", gain=4.0) -> Mlp:
@@ -87,14 +94,29 @@ def random_mlp(grid, hidden=HIDDEN, activation="sin", octaves=0, seed=0, device=
     return Mlp(domain, tensors, {"hidden": list(hidden), "activation": activation, "octaves": octaves}, device)
 
 
+CONSERVATIVE = tuple(name for name, kind in METHODS.items() if kind.conservative)
+
+
+def skip_unless_supported(method: str, name: str) -> None:
+    """Skip the test where a method does not bound points of this shape."""
+    if not METHODS[method].supports("point", shape(name).ndim):
+        pytest.skip(f"{method} does not bound {shape(name).ndim}D objects")
+
+
 def random_bounder(method: str, name: str, device: str = "cpu"):
     """Like ``fitted``, but a network keeps its random weights."""
-    grid = shape(name)
-    return (
-        random_mlp(grid, device=device)
-        if method == "mlp"
-        else METHODS[method].fit(grid, Domain.of(grid), device=device)
-    )
+    skip_unless_supported(method, name)
+    grid, kind = shape(name), METHODS[method]
+    if not issubclass(kind, Mlp):
+        return kind.fit(grid, Domain.of(grid), device=device)
+    network = random_mlp(grid, hidden=EARLY if method == "mlp-early" else HIDDEN, device=device)
+    tensors = dict(network.tensors)
+    if method == "mlp-early":
+        rng = np.random.default_rng(7)
+        tensors["exits.0.weight"] = rng.normal(size=(1, EARLY[0])).astype(np.float32)
+        tensors["exits.0.bias"] = rng.normal(size=1).astype(np.float32)
+        tensors["exits.thresholds"] = np.array([-1.0], np.float32)
+    return kind(network.domain, tensors, network.sizes, device)
 
 
 def device_coordinates(bounder, x: np.ndarray) -> np.ndarray:

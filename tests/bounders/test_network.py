@@ -104,10 +104,12 @@ def test_fused_kernel_is_its_plain_twin(hidden, activation, octaves, rng):
     network = random_mlp(shape("blob"), hidden, activation, octaves).network
     lower = rng.uniform(-1, 0.8, (1000, 3))
     upper = np.minimum(lower + 10.0 ** rng.uniform(-12, 0, (1000, 1)), 1.0)
-    (least, axis, corner, value), (plain, plain_axis, plain_corner) = (
-        network.bound(lower, upper),
-        network.bound_plain(lower, upper),
-    )
+    least, axis, corner, value, slope = network.bound(lower, upper)
+    plain, plain_axis, plain_corner = network.bound_plain(lower, upper)
+    center, radius = (lower + upper) / 2, (upper - lower) / 2
+    for u in rng.uniform(-1, 1, (20, 1000, 3)):  # the bound is the least value of a linear one
+        linear = least + (np.abs(slope) * radius).sum(axis=1) + (slope * radius * u).sum(axis=1)
+        assert (network(center + radius * u) >= linear - 1e-12 * (1 + np.abs(linear))).all()
     assert np.abs(least - plain).max() < 1e-7 * (1 + np.abs(plain).max())
     assert np.abs(value - network(corner)).max() < 1e-9
     assert (np.atleast_2d(axis)[0] == plain_axis).mean() > 0.98

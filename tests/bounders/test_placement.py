@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 import warp as wp
-from bounding_shapes import fitted, object_points, shape
+from bounding_shapes import CONSERVATIVE, fitted, object_points, shape
 
-from warp_bounding.bounders import METHODS
 from warp_bounding.errors import QueryError
 
 
@@ -37,7 +36,7 @@ def to_world(grid, x, q, t, factors) -> np.ndarray:
     return world
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", CONSERVATIVE)
 @pytest.mark.parametrize("name", ["c", "blob", "animated"])
 def test_placed_points_are_never_denied(method, name, device, rng):
     grid, bounder = shape(name), fitted(method, name).to(device)

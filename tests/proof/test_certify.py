@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bounding_shapes import SHAPES, fitted, object_points, random_bounder, random_mlp, shape
+from bounding_shapes import CONSERVATIVE, SHAPES, fitted, object_points, random_bounder, random_mlp, shape
 
 import warp_bounding as wb
-from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.domain import Domain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorGrid
@@ -33,7 +32,7 @@ def check_refuted(bounder, grid):
     return proof
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", CONSERVATIVE)
 @pytest.mark.parametrize("name", SHAPES)
 def test_certify_proves_what_prove_proved(method, name):
     bounder, grid = fitted(method, name), shape(name)
@@ -48,7 +47,7 @@ def test_certify_proves_what_prove_proved(method, name):
     assert (np.array(proof.delta) >= 1 / 4096 * (1 - 1e-6)).all()
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", CONSERVATIVE)
 def test_a_raised_threshold_is_found(method):
     bounder, grid = copy_of(fitted(method, "blob")), shape("blob")
     bounder.freeze(np.float32(bounder.threshold + max(0.05, 0.05 * abs(bounder.threshold))), bounder.certificate)
@@ -65,7 +64,7 @@ def test_a_threshold_raised_by_its_last_bits_is_not_proven(method):
     check_refuted(bounder, shape("blob"))
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", CONSERVATIVE)
 def test_one_changed_weight_is_found(method):
     bounder, grid = fitted(method, "blob"), shape("blob")
     name, index, change = {
@@ -101,7 +100,7 @@ def test_every_weight_of_a_network_counts():
     assert noticed
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", CONSERVATIVE)
 def test_one_more_voxel_is_found(method):
     """Any empty cell that the bounder denies some of."""
     bounder, grid = fitted(method, "c"), shape("c")
@@ -124,7 +123,7 @@ def test_one_bit_less_is_found():
     assert check_refuted(copy_of(bounder, bounder.tensors | {"bits": bits}), grid).kind == "refuted"
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", CONSERVATIVE)
 def test_another_object_is_refuted(method):
     grid = IndicatorGrid(~shape("star").occupancy)  # all around it
     bounder = fitted(method, "star")

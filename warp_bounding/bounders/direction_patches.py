@@ -33,7 +33,7 @@ class DirectionPatches:
     @classmethod
     def cover(cls, ndim: int, edge: int) -> "DirectionPatches":
         """The whole sphere, ``edge`` patches along each edge of a face."""
-        cells = np.array(list(np.ndindex((edge,) * (ndim - 1))), dtype=np.float64).reshape(-1, ndim - 1)
+        cells = np.array(list(np.ndindex((edge,) * (ndim - 1))), dtype=np.float64).reshape(edge ** (ndim - 1), ndim - 1)
         lower, upper = -1 + 2 * cells / edge, -1 + 2 * (cells + 1) / edge
         faces = [(axis, sign) for axis in range(ndim) for sign in (1.0, -1.0)]
         axis, sign = (np.repeat(column, len(cells)) for column in zip(*faces, strict=True))
@@ -84,6 +84,11 @@ class DirectionPatches:
     def take(self, which: np.ndarray) -> "DirectionPatches":
         """Some of them."""
         return DirectionPatches(self.axis[which], self.sign[which], self.lower[which], self.upper[which])
+
+    def joined(self, other: "DirectionPatches") -> "DirectionPatches":
+        """These and others."""
+        names = ("axis", "sign", "lower", "upper")
+        return DirectionPatches(*(np.concatenate([getattr(self, k), getattr(other, k)]) for k in names))
 
     def split(self) -> "DirectionPatches":
         """Each in ``2^(n-1)`` parts."""

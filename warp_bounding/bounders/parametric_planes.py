@@ -15,7 +15,8 @@ __all__ = ["PlaneSupport"]
 
 EDGE = {1: 1, 2: 16, 3: 8, 4: 6}  # patches along an edge of a cube's face, to begin with
 TOLERANCE = 2e-3  # of the bound, relative to the functional's size
-MOST_PATCHES = 60_000  # at once
+AT_ONCE = 64  # patches that are split in a step
+STEPS = 60
 
 
 class PlaneSupport:
@@ -34,20 +35,24 @@ class PlaneSupport:
         self.vertices = PlaneVertices(self, self.patches)
 
     def bound(self, x: np.ndarray, y: np.ndarray) -> float:
-        """Upper bound of ``x . u + y . a``."""
-        patches, vertices = self.patches, self.vertices
+        """Upper bound of ``x . u + y . a``: the highest patches are split until they are near the highest value found."""
+        patches, upper, lowest = self.patches, self.vertices.bound(x, y), self.vertices.value(x, y)
         tolerance = TOLERANCE * float(np.abs(x).sum() + np.abs(y) @ self.limit)
-        done, lowest = -np.inf, -np.inf
-        while True:
-            upper = vertices.bound(x, y)
-            lowest = max(lowest, vertices.value(x, y))
-            open_ = upper > lowest + tolerance
+        done = -np.inf
+        for _ in range(STEPS):
+            open_ = upper > max(lowest + tolerance, done)
             done = max(done, float(upper[~open_].max(initial=-np.inf)))
-            parts = int(open_.sum()) << (len(x) - 1)
-            if not parts or parts > MOST_PATCHES or patches.finest:
-                return max(done, float(upper[open_].max(initial=-np.inf)))
-            patches = patches.take(open_).split()
-            vertices = PlaneVertices(self, patches)
+            patches, upper = patches.take(open_), upper[open_]
+            if not len(upper) or patches.finest:
+                break
+            top = np.zeros(len(upper), dtype=bool)
+            top[np.argsort(-upper)[:AT_ONCE]] = True
+            parts = patches.take(top).split()
+            vertices = PlaneVertices(self, parts)
+            lowest = max(lowest, vertices.value(x, y))
+            patches = patches.take(~top).joined(parts)
+            upper = np.concatenate([upper[~top], vertices.bound(x, y)])
+        return max(done, float(upper.max(initial=-np.inf)))
 
 
 class PlaneVertices:

@@ -42,10 +42,8 @@ class _Patches:
         )
 
     def joined(self, other: "_Patches") -> "_Patches":
-        a, b = self.patches, other.patches
-        both = [np.concatenate([getattr(a, k), getattr(b, k)]) for k in ("axis", "sign", "lower", "upper")]
         rest = [np.concatenate([getattr(self, k), getattr(other, k)]) for k in ("vertices", "m", "upper", "searched")]
-        return _Patches(DirectionPatches(*both), *rest)
+        return _Patches(self.patches.joined(other.patches), *rest)
 
 
 class RaySupport:

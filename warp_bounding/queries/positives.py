@@ -2,7 +2,7 @@
 
 Half are the protocol's own random queries whose truth is *yes*; the other half pass a random point of the object, on faces,
 edges and corners of its boundary cells for the most part, and barely: rays that begin or end there or lie in a face, boxes
-that are thin, small or only touch, planes through it. Every one is checked by the exact oracle after its numbers were
+that are thin, small or only touch, slabs that reach the domain's border, planes through it. Every one is checked by the exact oracle after its numbers were
 rounded to float32.
 """
 
@@ -95,9 +95,10 @@ def _planes(grid: IndicatorGrid, p: np.ndarray, rng: np.random.Generator) -> np.
 
 
 def _boxes(grid: IndicatorGrid, p: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    corners = []
+    corners, slab = [], rng.random((len(p), 1)) < 0.5  # half reach the domain's border along most axes
     for end in (grid.lower, grid.upper):
         kind = rng.random(p.shape)
         share = rng.random(p.shape) * np.where(kind < 0.5, NARROW, 1.0)
+        share = np.where((kind > 0.5) & slab, 1.0, share)
         corners.append(p + np.where(kind < 0.3, 0.0, share) * (end - p))
     return np.concatenate(corners, axis=1)

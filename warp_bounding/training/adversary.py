@@ -33,7 +33,7 @@ CROWD, BOX = (
 WALK, POLISH = 6, 12  # steps of fresh starts and of kept states in a round
 LONGEST, SHORTEST = 2.0, 1e-3  # steps, in cells
 GROWTH, SHRINK = 1.6, 0.4  # of a step's length, after a success and after a failure
-QUIET = 6  # rounds without an improvement that end the search
+QUIET = 8  # rounds without an improvement that end the search
 IMPROVEMENT = 1e-4  # of the value's scale: what counts as one
 
 

@@ -13,11 +13,10 @@ __all__ = ["BoxSamples"]
 
 TOUCHING_SHARE = 3 / 4  # of the positives: boxes that touch their cell from outside
 FACE_SHARE = 0.6  # of the coordinates of p: on a face of the cell
-REACH_SHARES = (
-    0.25,
-    0.35,
-)  # of the reaches: none; all of the room (up to here); the others are a uniform number's power
-REACH_POWERS = (1.0, 4.0)
+NONE_SHARE = 0.25  # of the reaches: none
+FULL_SHARES = (0.1, 0.6)  # of the reaches: all of the room; of those of slabs, which end at the domain's border mostly
+SLABS = 0.3  # of the positives
+REACH_POWERS = (1.0, 4.0)  # of a uniform number: the other reaches
 REACH = 3.0  # low and high move by so many cells where p moves by one
 LEAST = 1e-12
 
@@ -41,8 +40,9 @@ class BoxSamples(RegionSamples):
         kind, power = self.cells.rand(rows, count), self.cells.rand(1, count)
         power = REACH_POWERS[0] * (REACH_POWERS[1] / REACH_POWERS[0]) ** power  # large and small boxes
         reach = self.cells.rand(rows, count) ** power
-        reach = torch.where(kind < REACH_SHARES[0], 0.0, reach)
-        return torch.where((kind >= REACH_SHARES[0]) & (kind < REACH_SHARES[1]), 1.0, reach)
+        full = torch.where(self.cells.rand(1, count) < SLABS, FULL_SHARES[1], FULL_SHARES[0])
+        reach = torch.where(kind < full, 1.0, reach)
+        return torch.where(kind > 1 - NONE_SHARE, 0.0, reach)
 
     def coordinates(self, state: torch.Tensor) -> torch.Tensor:
         """See ``Samples``."""

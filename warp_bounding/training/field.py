@@ -77,7 +77,7 @@ def train_relu_field(
             trainer.run(clock, progress)
         except KeyboardInterrupt:
             interrupted = True
-        values = trainer.repaired()
+        values = trainer.better()
     bounder = ReluField.of_values(domain, trainer.field, 0.5 + SCALE * values, device)
     return bounder, {"steps": clock.count, "interrupted": interrupted, "nodes": list(trainer.field.nodes)}
 
@@ -97,7 +97,7 @@ class _Trainer:
         for step in np.ndindex(tuple(int(s) + 1 for s in (last - first).max(axis=0))):
             marked[tuple(np.minimum(first + step, last).T)] = True
         self.values = torch.from_numpy(np.where(marked.reshape(-1), START[1], START[0]).astype(np.float32))
-        self.hard = np.zeros((0, len(self.field.nodes)))
+        self.start, self.hard = self.values.clone(), np.zeros((0, len(self.field.nodes)))
 
     def run(self, clock: Clock, progress: Progress | None) -> None:
         """Descend until the clock is at its end, or ``STEPS`` are over."""
@@ -159,6 +159,15 @@ class _Trainer:
         rest = torch.randint(len(t), (HARD // 4,), generator=self.generator)
         chosen = torch.cat([lowest, rest])
         self.hard, self.positive, self.lowest = t[lowest.numpy()], (at[0][chosen], at[1][chosen]), float(height.min())
+
+    def better(self) -> np.ndarray:
+        """The repaired values, or those at the start (no positive is under ``START[1]`` there) if they let fewer negatives through."""
+        self._refresh()
+        values = self.repaired()
+        flat = torch.from_numpy(values.reshape(-1).astype(np.float32))
+        inside = int((self._field(flat, *self.negative) >= 0).sum())
+        before = int((self._field(self.start, *self.negative) >= START[1]).sum())
+        return values if inside < before else self.start.numpy().reshape(values.shape)
 
     def repaired(self) -> np.ndarray:
         """The values, raised so that f is not under zero at any break point of the positives."""

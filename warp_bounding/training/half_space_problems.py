@@ -17,8 +17,8 @@ from warp_bounding.bounders.regions import RegionDomain
 __all__ = ["HalfSpaceProblem", "problem_of"]
 
 HALVINGS = 12  # in the search for the highest point of f along a ray
-DIRECTIONS = {2: 64, 3: 12, 4: 5}  # per edge of a cube's face: the planes that a face is set by
-ENDS = 250  # points of the object, at which rays end that set faces
+DIRECTIONS = {2: 64, 3: 12, 4: 4}  # per edge of a cube's face: the planes that a face is set by
+ENDS = 150  # points of the object, at which rays end that set faces
 FARTHEST = 64  # of those rays, for each normal
 
 

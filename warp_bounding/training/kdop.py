@@ -23,16 +23,18 @@ from warp_bounding.training.team import single_threaded_torch
 
 __all__ = ["train_learned_kdop"]
 
-SAMPLES = 100_000  # of the protocol; the negatives among them are learned from
+SAMPLES = 100_000  # of the protocol, at a time; the negatives among them are learned from
+FEW = 0.1  # share of negatives under which there are more samples,
+MOST_SAMPLES = 1_000_000  # up to this number
 BATCH = 4096
 STEPS = 1500  # per start: more gain nothing
 STARTS = 3
-SOFTNESS = (0.1, 0.006)  # T, in units of v, from begin to end
+SOFTNESS = (0.2, 0.006)  # T, in units of v, from begin to end
 RATE, RATE_END = 4e-2, 1e-3
 JITTER = 0.02  # of kdop's normals: two that are one and the same would stay so
 CHECK = 50  # steps between counts on all samples
 REFRESH = 10  # steps between looks at what sets the faces
-FINALISTS = 3  # whose true faces are set at the end
+FINALISTS = 2  # whose true faces are set at the end
 
 Progress = Callable[[float, str], None]
 
@@ -65,7 +67,7 @@ def train_learned_kdop(
     """
     clock = Clock(budget, steps)
     support, generator = support_of(grid, domain), torch.Generator().manual_seed(seed)
-    problem, v = problem_of(domain, support), _negatives(grid, domain, seed)
+    problem, (v, share) = problem_of(domain, support), _negatives(grid, domain, seed)
     classic = tensor(classic_normals(domain, k))
     start = _unit(classic)
     clock.reserved = min(0.15 * budget, 2 * clock.seconds)
@@ -77,9 +79,9 @@ def train_learned_kdop(
                 normals = start + JITTER * torch.randn(start.shape, generator=generator)
                 if index % 2 == 1:
                     normals = torch.randn(start.shape, generator=generator)
-                share = ((index + 1) / STARTS, index / STARTS)
+                part = ((index + 1) / STARTS, index / STARTS)
                 found.append((np.inf, start))
-                _descend(problem, v, _unit(normals), clock, share, generator, progress, found)
+                _descend(problem, v, _unit(normals), clock, part, generator, progress, found)
                 if clock.fraction() >= 1:
                     break
         except KeyboardInterrupt:
@@ -95,7 +97,6 @@ def train_learned_kdop(
             continue
     rates = [float((b.reference(v.double().numpy()) >= 0).mean()) for b in bounders]
     best = int(np.argmin(rates))
-    share = len(v) / SAMPLES
     record = {
         "steps": clock.count,
         "interrupted": interrupted,
@@ -154,8 +155,13 @@ def _unit(normals: torch.Tensor) -> torch.Tensor:
     return normals / normals.norm(dim=1, keepdim=True).clamp(min=1e-9)
 
 
-def _negatives(grid: IndicatorGrid, domain: Domain | RegionDomain, seed: int) -> torch.Tensor:
-    """``v`` of the negatives among ``SAMPLES`` queries; of the first few queries where there are none."""
-    x = sample(domain.query, grid, SAMPLES, np.random.default_rng(seed))
-    truth = oracle(domain.query, grid, "cpu", domain.length or 1.0)(x)
-    return tensor(domain.to_local(x[~truth] if not truth.all() else x[:64]))
+def _negatives(grid: IndicatorGrid, domain: Domain | RegionDomain, seed: int) -> tuple[torch.Tensor, float]:
+    """``v`` of sampled negatives, of other queries where there are none, and their share of all queries."""
+    rng, truth = np.random.default_rng(seed), oracle(domain.query, grid, "cpu", domain.length or 1.0)
+    found, count, total = [], 0, 0
+    while count < FEW * SAMPLES and total < MOST_SAMPLES:
+        x = sample(domain.query, grid, SAMPLES, rng)
+        found.append(x[~truth(x)])
+        count, total = count + len(found[-1]), total + SAMPLES
+    x = np.concatenate(found) if count else x[:64]
+    return tensor(domain.to_local(x)), len(x) / total

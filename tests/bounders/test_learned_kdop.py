@@ -1,0 +1,116 @@
+"""Learned half-spaces: no false negative for any query in either space, never looser than ``kdop``, kernels as the reference."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from bounding_shapes import object_points, shape
+
+from warp_bounding.arithmetic import round_down
+from warp_bounding.bounders.learned_kdop import LearnedKdop, classic_normals
+from warp_bounding.bounders.regions import domain_of
+from warp_bounding.errors import BounderError
+from warp_bounding.queries import sample
+from warp_bounding.queries.positives import draw_positives
+from warp_bounding.training.kdop import train_learned_kdop
+
+CASES = [
+    ("c", "point", "geometric"),
+    *(("c", query, space) for query in ("ray", "plane", "box") for space in ("geometric", "parametric")),
+    *(("mesh", query, "geometric") for query in ("point", "ray", "plane", "box")),
+    ("blob", "box", "parametric"),
+    ("animated", "plane", "geometric"),
+    ("animated", "ray", "geometric"),
+]
+LENGTH = {"c": 1.0, "blob": 1.0, "mesh": 0.1, "animated": 0.7}  # of rays
+
+
+def frozen(bounder: LearnedKdop, name: str) -> LearnedKdop:
+    least, count = bounder.least(shape(name))
+    assert count > 0
+    return bounder.freeze(round_down(least - bounder.rounding_bound()), None)
+
+
+@cache
+def trained(name: str, query: str, space: str) -> LearnedKdop:
+    bounder, record = train_learned_kdop(
+        shape(name), domain_of(shape(name), query, LENGTH[name], space), steps=60, seed=2, device="cpu"
+    )
+    assert record["fp_rate"] <= record["fp_rate_kdop"]
+    return frozen(bounder, name)
+
+
+@cache
+def positives(name: str, query: str) -> np.ndarray:
+    x = next(draw_positives(query, shape(name), 20_000, 3, "cpu", LENGTH[name]))
+    return x if query != "point" else np.concatenate([x, object_points(shape(name), np.random.default_rng(0))])
+
+
+@pytest.mark.parametrize(("name", "query", "space"), CASES)
+def test_no_false_negative(name, query, space):
+    bounder, x = trained(name, query, space), positives(name, query)
+    assert bounder.query(x).numpy().all()
+    assert bounder.values(x).numpy().min() >= bounder.threshold
+    random = np.random.default_rng(1).normal(size=bounder.tensors["normals"].shape)
+    other = frozen(LearnedKdop.of_normals(shape(name), bounder.domain, random, device="cpu"), name)
+    assert other.query(x).numpy().all()
+
+
+@pytest.mark.parametrize(("name", "query", "space"), CASES)
+def test_never_looser_than_kdop(name, query, space):
+    bounder = trained(name, query, space)
+    classic = frozen(LearnedKdop.fit(shape(name), bounder.domain, device="cpu"), name)
+    assert len(bounder.tensors["offsets"]) == len(classic.tensors["offsets"])
+    x = sample(query, shape(name), 40_000, np.random.default_rng(8))
+    rate = [b.query(x).numpy().mean() for b in (bounder, classic)]
+    assert rate[0] <= rate[1] + 3e-3
+    if (name, query) == ("c", "point"):
+        assert rate[0] < 1
+
+
+@pytest.mark.parametrize(("name", "query", "space"), CASES)
+def test_kernels_decide_as_the_reference(name, query, space, device):
+    bounder = trained(name, query, space).to(device)
+    x = sample(query, shape(name), 5000, np.random.default_rng(4))
+    exact = bounder.reference(bounder.domain.to_local(x))
+    answer = bounder.query(x).numpy().astype(bool)
+    assert answer[exact >= 0].all()
+    sure = exact < -1e-4
+    assert not answer[sure & (exact > -1)].any()  # far from any rounding
+    assert answer.mean() < 1 or not sure.any()
+
+
+@pytest.mark.parametrize("space", ["point", "parametric"])
+def test_bounds_are_exact(space, rng):
+    bounder = trained("c", "point", "geometric") if space == "point" else trained("c", "box", "parametric")
+    m = bounder.domain.ndim
+    lower = rng.uniform(-1, 1, (200, m))
+    upper = lower + rng.random((200, m)) * 0.3
+    bounds = bounder.bound(lower, upper)
+    for low, high, least, value in zip(lower, upper, bounds.lower, bounds.value, strict=True):
+        v = np.where(rng.random((500, m)) < 0.5, low, high)
+        assert bounder.reference(v).min() >= least
+        assert value - least <= 1e-9
+
+
+def test_the_polytope_must_hold_the_object():
+    grid = shape("c")
+    bounder = trained("c", "ray", "geometric")
+    tensors = dict(bounder.tensors) | {"offsets": bounder.tensors["offsets"] - np.float32(0.1)}
+    with pytest.raises(BounderError, match="do not hold"):
+        LearnedKdop(bounder.domain, tensors, {}, "cpu").least(grid)
+    with pytest.raises(BounderError, match="proven by their volume"):
+        bounder.bound(np.zeros((1, 4)), np.ones((1, 4)))
+
+
+def test_errors():
+    grid = shape("c")
+    domain = domain_of(grid, "point")
+    with pytest.raises(BounderError, match="zero or not finite"):
+        LearnedKdop.of_normals(grid, domain, np.zeros((3, 2)))
+    with pytest.raises(BounderError, match="expected normals"):
+        LearnedKdop(domain, {"normals": np.ones((3, 3), np.float32), "offsets": np.ones(3, np.float32)}, {})
+    with pytest.raises(BounderError, match="kdop offers"):
+        classic_normals(domain, 5)
+    assert len(classic_normals(domain_of(grid, "ray", space="parametric"))) == 16
+    assert not LearnedKdop.supports("ray", 1)
