@@ -122,7 +122,9 @@ def test_they_leave_something_out():
             bounder = fit_parametric(METHODS[method], grid, d, v, device="cpu")
             least, _ = parametric_least(bounder, grid)
             assert abs(least) < 1e-4
-            rate[method] = bounder.freeze(round_down(least - bounder.rounding_bound()), None).query(uniform).numpy().mean()
+            rate[method] = (
+                bounder.freeze(round_down(least - bounder.rounding_bound()), None).query(uniform).numpy().mean()
+            )
         assert rate["kdop"] <= rate["aabb"] <= 1
         assert rate["aabb"] < 1 or query != "box"
 
@@ -151,7 +153,11 @@ def test_patches_cover_the_sphere(ndim, rng):
         assert held.any(axis=1).all()
         index = held.argmax(axis=1)
         vertices = cover.vertices(1e-6)
-        for convex in (lambda z, a: z @ a, lambda z, a: np.abs(z - a).sum(axis=-1), lambda z, a: ((z + a) ** 2).sum(axis=-1)):
+        for convex in (
+            lambda z, a: z @ a,
+            lambda z, a: np.abs(z - a).sum(axis=-1),
+            lambda z, a: ((z + a) ** 2).sum(axis=-1),
+        ):
             a = rng.normal(size=ndim)
             for factor in (1 - 1e-6, 1, 1 + 1e-6):
                 assert (convex(u * factor, a) <= convex(vertices[index], a).max(axis=1) + 1e-12).all()

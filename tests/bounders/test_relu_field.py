@@ -15,7 +15,15 @@ from warp_bounding.queries import oracle, sample
 from warp_bounding.queries.positives import draw_positives
 from warp_bounding.training.field import train_relu_field
 
-CASES = [("c", "point"), ("c", "box"), ("c", "plane"), ("c", "ray"), ("blob", "point"), ("animated", "point"), ("single", "point")]
+CASES = [
+    ("c", "point"),
+    ("c", "box"),
+    ("c", "plane"),
+    ("c", "ray"),
+    ("blob", "point"),
+    ("animated", "point"),
+    ("single", "point"),
+]
 
 
 @cache

@@ -193,7 +193,9 @@ class LearnedKdop(Bounder):
 
 def support_of(grid: IndicatorGrid, domain: Domain | RegionDomain) -> "ObjectSupport | ParametricSupport":
     """The certified support of what half-spaces of this domain's kind of query hold: the object, or its positive regions."""
-    return ParametricSupport(grid, domain) if _tested_domain(domain).query != "point" else ObjectSupport(grid, domain.base)
+    return (
+        ParametricSupport(grid, domain) if _tested_domain(domain).query != "point" else ObjectSupport(grid, domain.base)
+    )
 
 
 def _tested_domain(domain: Domain | RegionDomain) -> Domain | RegionDomain:

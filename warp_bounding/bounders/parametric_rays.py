@@ -137,7 +137,9 @@ class RaySupport:
         for _ in range(ROUNDS):
             for _ in range(3):
                 toward = (x - m)[:, None]
-                tried = np.concatenate([m[:, None] + step * self._moves, m[:, None] + 0.5 * toward, m[:, None] / 2], axis=1)
+                tried = np.concatenate(
+                    [m[:, None] + step * self._moves, m[:, None] + 0.5 * toward, m[:, None] / 2], axis=1
+                )
                 values = value(tried)
                 index = np.argmin(values, axis=1)
                 better = values[row, index] < best

@@ -82,7 +82,11 @@ class ParametricSupport:
         """
         g = np.asarray(functionals, dtype=np.float64)
         x, y = g[:, : self.ndim], g[:, self.ndim :]
-        value = self._box(x, y) if self.query == "box" else np.array([self._search.bound(*z) for z in zip(x, y, strict=True)])
+        value = (
+            self._box(x, y)
+            if self.query == "box"
+            else np.array([self._search.bound(*z) for z in zip(x, y, strict=True)])
+        )
         plain = np.abs(g) @ self.reach  # P lies inside this box
         return np.minimum(value, plain) + gamma(256, UNIT64) * (1 + np.abs(value) + plain)
 
@@ -106,7 +110,9 @@ class ParametricSupport:
             matrix: ``(r, 2 n)`` float64, A.
             offset: ``(r,)`` float64, b.
         """
-        most = {"box": self._box_square, "ray": self._ray_square, "plane": self._plane_square}[self.query](matrix, offset)
+        most = {"box": self._box_square, "ray": self._ray_square, "plane": self._plane_square}[self.query](
+            matrix, offset
+        )
         size = float((np.abs(matrix) @ self.reach + np.abs(offset)) @ (np.abs(matrix) @ self.reach + np.abs(offset)))
         return most + gamma(256, UNIT64) * (1 + size)
 

@@ -84,7 +84,11 @@ class ReluFieldSource(Source):
             lines.append(f"t{k} = t{k} > {count - 1}.0f ? t{k} * 0.0f + {count - 1}.0f : t{k};")
             lines.append(f"V low{k} = t{k} > {count - 2}.0f ? t{k} * 0.0f + {count - 2}.0f : t{k};")
             lines.append(f"const {integer} i{k} = {convert.format(f'low{k}')};")
-            lines.append(f"const V s{k} = t{k} - {'__builtin_convertvector(i0, V)' if lanes.vector else '(float)i0'};".replace("i0", f"i{k}"))
+            lines.append(
+                f"const V s{k} = t{k} - {'__builtin_convertvector(i0, V)' if lanes.vector else '(float)i0'};".replace(
+                    "i0", f"i{k}"
+                )
+            )
         strides = [int(np.prod(self.nodes[k + 1 :], dtype=np.int64)) for k in range(m)]
         base = " + ".join(f"i{k} * {strides[k]}" for k in range(m))
         lines.append(f"const {integer} base = {base}; V c[{1 << m}];")

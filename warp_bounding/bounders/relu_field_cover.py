@@ -139,7 +139,9 @@ def _rays(grid: IndicatorGrid, domain: RegionDomain, field) -> Iterator[Boxes]:
     low, high = np.stack([edges[0][i], edges[1][j]], axis=1), np.stack([edges[0][i + 1], edges[1][j + 1]], axis=1)
     angle = np.linspace(0, 2 * np.pi, ARCS + 1)
     ends = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    ends[np.abs(ends) < 1e-12] = 0.0  # ARCS is a multiple of 4: an arc ends where an axis is met, so an arc's box is that of its ends
+    ends[np.abs(ends) < 1e-12] = (
+        0.0  # ARCS is a multiple of 4: an arc ends where an axis is met, so an arc's box is that of its ends
+    )
     first, last = np.minimum(ends[:-1], ends[1:]), np.maximum(ends[:-1], ends[1:])
     room = slack + 1e-12
     first = np.where(first > 0, first * (1 - room), first * (1 + room)) * stretch - 1e-12

@@ -95,7 +95,9 @@ def _protocols(protocol: str | None) -> tuple[str, ...]:
 
 
 def _line(options: dict[str, object]) -> str:
-    """The command line that does the same."""
+    """The command line that does the same, on anybody's machine: folders by what they are, not by where they lie here."""
+    out = Path(str(options["out"]))
+    options = options | {"data": "DIR", "out": out.name if out.is_absolute() else str(out)}
     words = [word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))]
     return shlex.join(["warp-bounding", "table1", *words])
 

@@ -4,7 +4,7 @@ Normals have length 1 in the coordinates of what is bounded. Faces are supports 
 steer the search only, ``LearnedKdop.of_normals`` sets the real ones.
 """
 
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 import torch
@@ -19,6 +19,7 @@ __all__ = ["HalfSpaceProblem", "problem_of"]
 HALVINGS = 12  # in the search for the highest point of f along a ray
 DIRECTIONS = {2: 64, 3: 12, 4: 4}  # per edge of a cube's face: the planes that a face is set by
 ENDS = 150  # points of the object, at which rays end that set faces
+TILTS = (1.0, 0.6, 1.6)  # of normals against points, in the first half-spaces around planes
 FARTHEST = 64  # of those rays, for each normal
 
 
@@ -33,6 +34,7 @@ class HalfSpaceProblem:
     def __init__(self, domain: Domain | RegionDomain, support: ObjectSupport | ParametricSupport):
         self.domain, self.support = domain, support
         self.points = tensor(support.points)
+        self.columns = domain.ndim if domain.space == "parametric" else domain.space_ndim
 
     def offsets(self, normals: torch.Tensor) -> torch.Tensor:
         """``(k,)`` faces of normals ``(k, m)``."""
@@ -40,6 +42,10 @@ class HalfSpaceProblem:
 
     def refresh(self, normals: torch.Tensor) -> None:
         """Called now and then with the normals as they are, before faces are asked for."""
+
+    def start(self, count: int, generator: torch.Generator) -> torch.Tensor:
+        """``(k, m)`` normals to begin with that are not ``kdop``'s."""
+        return torch.randn(count, self.columns, generator=generator)
 
     def values(self, normals: torch.Tensor, offsets: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
         """``(N,)``, f of ``v`` ``(N, ndim)``."""
@@ -91,6 +97,18 @@ class PlaneParameters(HalfSpaceProblem):
         self.u, self.local, self.limit = tensor(u), tensor(local), tensor(support.limit)
         self.high, self.low = tensor(support.object_support(local)), tensor(support.object_support(-local))
         self.safe = torch.where(self.local.abs() < 1e-4, torch.full_like(self.local, 1e4), self.local)
+
+    def start(self, count: int, generator: torch.Generator) -> torch.Tensor:
+        """See ``HalfSpaceProblem``: planes that cut off a corner of the domain, from the one side and from the other."""
+        n = self.support.ndim
+        corners = torch.tensor(list(product((1.0, -1.0), repeat=n)))
+        index = torch.arange(count)
+        side = 1.0 - 2.0 * (index // len(corners) % 2)
+        tilt = torch.tensor(TILTS)[index // (2 * len(corners)) % len(TILTS)]
+        corner = corners[index % len(corners)]
+        return torch.cat([corner * (side * tilt)[:, None], corner], dim=1) + 0.05 * torch.randn(
+            count, 2 * n, generator=generator
+        )
 
     def offsets(self, normals: torch.Tensor) -> torch.Tensor:
         """See ``HalfSpaceProblem``."""
@@ -155,9 +173,7 @@ def tensor(values: np.ndarray) -> torch.Tensor:
     return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))
 
 
-def problem_of(
-    domain: Domain | RegionDomain, support: ObjectSupport | ParametricSupport
-) -> HalfSpaceProblem:
+def problem_of(domain: Domain | RegionDomain, support: ObjectSupport | ParametricSupport) -> HalfSpaceProblem:
     """The problem of a kind of query in its space."""
     inside = {"ray": RayInObject, "plane": PlaneInObject, "box": BoxInObject}
     parameters = {"ray": RayParameters, "plane": PlaneParameters, "box": BoxParameters}

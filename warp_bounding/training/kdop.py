@@ -2,7 +2,7 @@
 
 Every face is set to the support of what is bounded, so the positives' half of the paper's asymmetric loss is a constraint that
 always holds, its weight infinite; what is left is the negatives' half, the mean of ``sigmoid(f / T)`` over them, T falling.
-Training starts from ``kdop``'s own half-spaces and from random ones; what has the fewest false positives on the samples wins,
+Training starts from ``kdop``'s own half-spaces and from others; what has the fewest false positives on the samples wins,
 ``kdop``'s half-spaces themselves among them, so the result is never worse than ``kdop`` there.
 """
 
@@ -78,7 +78,7 @@ def train_learned_kdop(
             for index in range(STARTS):
                 normals = start + JITTER * torch.randn(start.shape, generator=generator)
                 if index % 2 == 1:
-                    normals = torch.randn(start.shape, generator=generator)
+                    normals = problem.start(len(start), generator)
                 part = ((index + 1) / STARTS, index / STARTS)
                 found.append((np.inf, start))
                 _descend(problem, v, _unit(normals), clock, part, generator, progress, found)
