@@ -43,6 +43,7 @@ def trained(name: str, query: str, space: str) -> LearnedKdop:
 @cache
 def positives(name: str, query: str) -> np.ndarray:
     x = next(draw_positives(query, shape(name), 20_000, 3, "cpu", LENGTH[name]))
+    x = x[:: max(1, len(x) // 40_000)]
     return x if query != "point" else np.concatenate([x, object_points(shape(name), np.random.default_rng(0))])
 
 

@@ -169,7 +169,7 @@ BAD = {
     "no output": ["fit", "{c}"],
     "no shape": ["fit"],
     "unknown method": ["fit", "{c}", "-o", "{out}", "--method", "magic"],
-    "unknown query": ["fit", "{c}", "-o", "{out}", "--query", "ray"],
+    "unknown query": ["fit", "{c}", "-o", "{out}", "--query", "cone"],
     "missing shape": ["fit", "{dir}/none.npy", "-o", "{out}"],
     "hidden 0": ["fit", "{c}", "-o", "{out}", "--hidden", "0"],
     "hidden words": ["fit", "{c}", "-o", "{out}", "--hidden", "wide"],

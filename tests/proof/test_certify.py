@@ -74,7 +74,10 @@ def test_one_changed_weight_is_found(method):
         "sphere": ("offset", 2, 0.4),
         "ellipsoid": ("matrix", 1, 0.4),
         "oriented-ellipsoid": ("offset", 0, 0.4),
+        "learned-kdop": ("offsets", 0, -0.2),
+        "relu-field": ("values", int(np.argmax(bounder.tensors.get("values", 0))), -2.0),
         "mlp": ("layers.1.bias", 0, -0.1),
+        "mlp-early": ("layers.2.bias", 0, -0.1),
         "voxels": ("summand", 0, 1.0),
         "bvh": ("low", -1, 0.1),
     }[method]

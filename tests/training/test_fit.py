@@ -1,6 +1,5 @@
 """``fit``: the loop runs, is repeatable, keeps its budget, survives Ctrl-C, and says clearly what it does not take."""
 
-import sys
 import time
 from dataclasses import replace
 
@@ -11,18 +10,16 @@ from bounding_shapes import HIDDEN, object_points, shape
 torch = pytest.importorskip("torch", reason="torch is not installed")
 
 import warp_bounding as wb  # noqa: E402
-import warp_bounding.training.fit  # noqa: E402
 from warp_bounding.errors import BounderError, BoundingError, IndicatorError, QueryError  # noqa: E402
+from warp_bounding.training import networks  # noqa: E402
 from warp_bounding.training.paper import PaperTrainer  # noqa: E402
-
-fit_module = sys.modules["warp_bounding.training.fit"]  # the package exports a function of the same name
 
 
 @pytest.fixture(autouse=True)
 def _short_proofs(monkeypatch):
     """Three layers of sines that are hardly trained can keep a proof busy for long; it holds wherever it ends."""
-    monkeypatch.setattr(fit_module, "SEARCH_BOXES", 100_000)
-    monkeypatch.setattr(fit_module, "PROOF_BOXES", 100_000)
+    monkeypatch.setattr(networks, "SEARCH_BOXES", 100_000)
+    monkeypatch.setattr(networks, "PROOF_BOXES", 100_000)
 
 
 def few(name="blob", **options):
@@ -111,14 +108,14 @@ def test_an_interrupt_before_the_first_step():
 
 def test_counterexamples_enter_the_training(monkeypatch):
     added = []
-    original = fit_module.Trainer.add
+    original = networks.Trainer.add
 
     def add(self, v):
         added.append(len(v))
         return original(self, v)
 
-    monkeypatch.setattr(fit_module.Trainer, "add", add)
-    monkeypatch.setattr(fit_module, "SEARCHES", (0.0, 0.4))
+    monkeypatch.setattr(networks.Trainer, "add", add)
+    monkeypatch.setattr(networks, "SEARCHES", (0.0, 0.4))
     bounder = few(steps=250)
     assert len(added) == 2
     assert all(count > 0 for count in added)
@@ -151,7 +148,7 @@ def test_almost_full_and_almost_empty_shapes():
 
 
 WRONG = {
-    "query": "ray",
+    "query": "cone",
     "method": "magic",
     "hidden": [0, (0,), (), (8, 0), (8, -1), (2.5,), (True,), (1025,), "eight", (8,) * 9, (1024,) * 3, None],
     "activation": ["tanh", "", None],

@@ -25,7 +25,7 @@ class ObjectSupport:
     """
 
     def __init__(self, grid: IndicatorGrid, base: Domain):
-        corners = grid.position((hull_corners(grid.occupied) - 0.5))
+        corners = grid.position(hull_corners(grid.occupied) - 0.5)
         lower, upper = base.widened(corners, corners)
         self.points, self.delta = (lower + upper) / 2, base.delta * (1 + 1e-6) + 1e-14
 

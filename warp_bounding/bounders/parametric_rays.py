@@ -67,8 +67,8 @@ class RaySupport:
         self._moves = np.concatenate([np.eye(self.ndim), -np.eye(self.ndim), self._moves])
         points = support.points
         if len(points) > FEWER_POINTS:  # those that are farthest in some direction
-            far = np.argmax(points @ rng.normal(size=(self.ndim, 4 * FEWER_POINTS)), axis=0)
-            points = points[np.unique(far, return_index=False)[:: max(1, len(np.unique(far)) // FEWER_POINTS)]]
+            far = np.unique(np.argmax(points @ rng.normal(size=(self.ndim, 4 * FEWER_POINTS)), axis=0))
+            points = points[far[:: max(1, len(far) // FEWER_POINTS)]]
         self._few = points
 
     def _vertices(self, patches: DirectionPatches) -> np.ndarray:

@@ -7,12 +7,10 @@ h_D that of the domain:
 
 * box: ``low_k`` and ``high_k`` only have to leave a point p of S between them, so the maximum over P is linear in p:
   ``g = (x, y)`` gives ``h(x+ - y-) + (x- + y+) . limit``, exactly.
-* ray: ``a = p - t w`` lies in D, so for *any* m: ``x . a + y . w = (x - m) . a + m . p + (y - t m) . w`` is at most
-  ``h_D(x - m) + h(m) + max(|y|, |y - m|)`` in the metric in which w is a unit vector. This is convex in m; the least is looked for.
-* plane: ``u . p = u . a`` (in local units), so for any number l: ``x . u + h_D(y - l u) + h(l u)`` is a bound. It is convex in u, so over
-  a patch of directions it is largest at the patch's corners, pushed out to hold the sphere; branch and bound over patches.
+* ray, plane: duality, and branch and bound over directions (``parametric_rays``, ``parametric_planes``).
 
-Every number is a bound whatever the search for m or l finds: a bad search costs tightness, never soundness.
+Every number is a bound, whatever a search finds: a bad search costs tightness, never soundness. Squared lengths are convex, so they are
+largest at corners of what holds P; these bounds are coarser.
 """
 
 from functools import cached_property
@@ -30,11 +28,8 @@ from warp_bounding.indicators.grid import IndicatorGrid
 
 __all__ = ["ParametricSupport"]
 
-ROUNDS = 24  # of the search for m; its step halves in each
 CHUNK = 1 << 22  # numbers of an intermediate array
-TOLERANCE = 2e-3  # of the branch and bound over directions, relative to the functional's size
-MOST_PATCHES = 60_000  # alive at once, a functional
-PATCHES = {1: 1, 2: 16, 3: 8, 4: 6}  # per edge of a cube's face, where patches are not split further
+PATCHES = {1: 1, 2: 16, 3: 8, 4: 6}  # of directions, per edge of a cube's face, for squared lengths
 
 
 class ParametricSupport:

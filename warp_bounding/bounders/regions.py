@@ -181,7 +181,7 @@ class RegionDomain:
             return np.concatenate([self.base.delta, direction_rounding(n) * self.stretch.astype(np.float64)])
         if self.space == "parametric":
             return np.concatenate([np.full(n, direction_rounding(n)), self.base.delta])
-        return np.concatenate([np.zeros(n), [self.base.delta.max()]])
+        return np.concatenate([np.zeros(n), [self.base.delta.sum()]])  # |m| <= 1 on every axis
 
     @property
     def header(self) -> np.ndarray:

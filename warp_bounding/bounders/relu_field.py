@@ -118,7 +118,7 @@ class ReluField(Bounder):
         """See ``Bounder``."""
         if query == "point":
             return 1 <= ndim <= 4
-        return query in ("ray", "plane", "box") and ndim == 2
+        return query in ("ray", "plane", "box") and ndim == 2 and space == "geometric"
 
     @classmethod
     def fit(cls, grid: IndicatorGrid, domain: Domain | RegionDomain, *, device: str | None = None) -> "ReluField":

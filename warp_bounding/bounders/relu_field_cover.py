@@ -105,8 +105,8 @@ def _on_axis(grid: IndicatorGrid, axis: int, t: np.ndarray) -> np.ndarray:
 
 def _planes(grid: IndicatorGrid, domain: RegionDomain, field) -> Iterator[Boxes]:
     base = domain.base
-    room, limit = float(base.delta.max()) * WIDENED + 1e-13, domain.limit.astype(np.float64)
-    # Of offsets the domain test lets through a little more than |c| <= sum of limits; the cover is cut at the field's limit.
+    # The computed plane passes a point within delta on every axis, and entries of m are at most 1.
+    room, limit = float(base.delta.sum()) * WIDENED + 1e-13, domain.limit.astype(np.float64)
     hulls = [base.to_local(grid.position(c.corners - 0.5)) for c in components(grid.occupancy)]
     cuts = field.to_v(np.stack([np.arange(field.nodes[2], dtype=float)] * 3, axis=1))[1:-1, 2]
     ends = np.concatenate([[-limit[2]], cuts, [limit[2]]])

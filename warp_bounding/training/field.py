@@ -32,6 +32,7 @@ WEIGHT = (20.0, 1000.0)  # of positives against negatives, likewise
 MARGIN = 0.1  # that positives are pushed above the line, times T's share of its start
 RATE = (0.1, 0.01)
 START = (-1.0, 0.05)  # of nodes that no positive needs, and of the others: no positive is under the line then
+ROUNDED = 1e-4  # of START: interpolation between equal numbers rounds
 STEPS = 1500  # more gain little
 SCALE = 0.25  # f = 0.5 + SCALE * value, so that the line is in the middle
 REPAIR_SHARE = 0.2  # of the budget
@@ -166,7 +167,7 @@ class _Trainer:
         values = self.repaired()
         flat = torch.from_numpy(values.reshape(-1).astype(np.float32))
         inside = int((self._field(flat, *self.negative) >= 0).sum())
-        before = int((self._field(self.start, *self.negative) >= START[1]).sum())
+        before = int((self._field(self.start, *self.negative) >= START[1] - ROUNDED).sum())
         return values if inside < before else self.start.numpy().reshape(values.shape)
 
     def repaired(self) -> np.ndarray:

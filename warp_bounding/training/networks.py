@@ -42,6 +42,7 @@ LEAST_SHARE = 0.05  # of the budget: a proof gets this much, even where training
 ATTEST_SECONDS = 2.5  # about what a million fresh positives take
 SEARCH_BOXES, PROOF_BOXES = 1_000_000, 20_000_000  # what takes the place of time where the budget is in steps
 SEARCH_ROUNDS = 12  # likewise, of the adversarial search
+TRAINING_ROUNDS = 2  # of the adversarial search, each time in training
 EXIT_STEPS = 40  # likewise, of each exit
 PROOF_COST = 1e-4  # share of all queries that a search may cost in false positives by ending early
 COST_SAMPLES = 200_000
@@ -163,12 +164,15 @@ class _Fit:
         samples = samples_of(problem.grid, problem.domain, problem.seed)
         trainer_of = EarlyTrainer if self.early else TRAINERS[options.recipe]
         trainer = trainer_of(samples, options.hidden, options.activation, options.octaves, options.moments)
-        waiting = list(SEARCHES) if problem.query == "point" else []
+        waiting = list(SEARCHES)
 
         def counterexamples(_, used: float) -> None:
             if waiting and used >= waiting[0]:
                 waiting.pop(0)
-                self._counterexamples(trainer)
+                if problem.query == "point":
+                    self._counterexamples(trainer)
+                else:
+                    self._hard_positives(trainer, samples)
 
         exits = None
         with single_threaded_torch():
@@ -215,6 +219,12 @@ class _Fit:
             expected = 2 * search.seconds if search.complete else LONG_PROOF_SHARE * budget
             expected = min(max(expected, 0.01 * budget), LONG_PROOF_SHARE * budget)
             clock.reserved = expected * (1 + self.early) + self.exit_seconds
+
+    def _hard_positives(self, trainer: Trainer, samples: Samples) -> None:
+        """Let the adversary look at the network as it is; the worst positives it finds become training samples."""
+        seconds = SEARCH_SHARE * self.options.budget if self.clock.timed else float("inf")
+        found = adversarial_minimum(samples, trainer.network, seconds, trainer.hard_states(), rounds=TRAINING_ROUNDS)
+        trainer.add_states(found.states)
 
     # --- thresholds --------------------------------------------------------------------------------------------------
 
