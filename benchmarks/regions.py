@@ -8,6 +8,7 @@ time and the median of the ratios to ``mlp`` within a round: a noisy machine mov
 
 import argparse
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,13 +23,15 @@ QUERIES = ("point", "ray", "plane", "box")
 COUNT, ROUNDS = 1_000_000, 9
 
 
-def timed(call) -> float:
+def timed(call, *arguments) -> float:
+    """Seconds of one call."""
     start = time.perf_counter()
-    call()
+    call(*arguments)
     return time.perf_counter() - start
 
 
 def main() -> None:
+    """Fit, ask, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--shape", type=Path, required=True)
     parser.add_argument("--seconds", type=float, default=20.0)
@@ -45,10 +48,11 @@ def main() -> None:
         x = sample(query, grid, COUNT, np.random.default_rng(0))
         truth = oracle(query, grid, "cpu")
         truth(x)
-        labels[query] = COUNT / np.median([timed(lambda: truth(x)) for _ in range(ROUNDS)])
+        labels[query] = COUNT / np.median([timed(truth, x) for _ in range(ROUNDS)])
         held = wp.array(x, dtype=wp.float32, device="cpu")
         bounders = {
-            m: wb.fit(grid, query=query, method=m, hidden=hidden, budget=arguments.seconds, device="cpu") for m in METHODS
+            m: wb.fit(grid, query=query, method=m, hidden=hidden, budget=arguments.seconds, device="cpu")
+            for m in METHODS
         }
         out = wp.empty(COUNT, dtype=wp.uint8, device="cpu")
         for bounder in bounders.values():
@@ -56,12 +60,15 @@ def main() -> None:
         times = {m: [] for m in METHODS}
         for _ in range(ROUNDS):
             for method, bounder in bounders.items():
-                times[method].append(timed(lambda b=bounder: b.query(held, out=out)))
+                times[method].append(timed(partial(bounder.query, held, out=out)))
         for method, bounder in bounders.items():
             ratio = np.median(np.array(times[method]) / np.array(times["mlp"]))
             rate = wb.evaluate(bounder, grid, 300_000).fp_rate
             nanoseconds = np.median(times[method]) / COUNT * 1e9
-            print(f"| {query} | {method} | {rate:.2f} | {bounder.nbytes:,} | {nanoseconds:.1f} | {ratio:.2f} |", flush=True)
+            print(
+                f"| {query} | {method} | {rate:.2f} | {bounder.nbytes:,} | {nanoseconds:.1f} | {ratio:.2f} |",
+                flush=True,
+            )
     print("\n| exact labels | million a second |\n|---|---|")
     for query, rate in labels.items():
         print(f"| {query} | {rate / 1e6:.1f} |")

@@ -225,7 +225,9 @@ def snippet(sizes: NetworkSizes) -> str:
         for k in range(n)
     )
     store = (
-        "{{ int best = 0; double most = score[0]{at}; (void)most;\n" + pick + "\n"
+        "{{ int best = 0; double most = score[0]{at}; (void)most;\n"
+        + pick
+        + "\n"
         + " ".join(f"gradient_out.data[{{o}} * {n} + {k}] = gradient[{k}]{{at}};" for k in range(n))
         + "least_out.data[{o}] = least{at}; value_out.data[{o}] = value{at}; axis.data[{o}] = best; "
         + again

@@ -28,7 +28,10 @@ def command(
     activation: Annotated[str, typer.Option(help="sin or relu, mlp.")] = "sin",
     octaves: Annotated[int, typer.Option(help="Octaves of positional encoding, mlp; 0 for none.")] = 0,
     k: Annotated[int | None, typer.Option(help="Half-spaces, kdop and learned-kdop.")] = None,
-    leaves: Annotated[int | None, typer.Option(help="Leaf boxes, bvh; as many as have the memory of a network of --hidden if not given.")] = None,
+    leaves: Annotated[
+        int | None,
+        typer.Option(help="Leaf boxes, bvh; as many as have the memory of a network of --hidden if not given."),
+    ] = None,
     budget: Annotated[float, typer.Option(help="Seconds for training and proof.")] = 60.0,
     steps: Annotated[int | None, typer.Option(help="Training steps instead of seconds: repeatable to the bit.")] = None,
     recipe: Annotated[
@@ -38,7 +41,9 @@ def command(
     margin: Annotated[float, typer.Option(help="Dilate the object by this length first, object units.")] = 0.0,
     resolution: Annotated[int | None, typer.Option(help="Cells along a mesh's longest axis (64).")] = None,
     length: Annotated[float, typer.Option(help="Length of a ray, object units; other queries have none.")] = 1.0,
-    space: Annotated[str, typer.Option(help="geometric, or parametric: the paper's fit to the queries' own numbers.")] = "geometric",
+    space: Annotated[
+        str, typer.Option(help="geometric, or parametric: the paper's fit to the queries' own numbers.")
+    ] = "geometric",
     samples: Annotated[
         int, typer.Option(help="Random queries that the false-positive rate is measured on.")
     ] = 1_000_000,

@@ -13,7 +13,17 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from warp_bounding.bounders import Bounder, Certificate
 
-__all__ = ["NOT_CONSERVATIVE", "BounderFile", "Device", "Json", "bar", "certificate_summary", "console", "print_json", "quiet_warp"]
+__all__ = [
+    "NOT_CONSERVATIVE",
+    "BounderFile",
+    "Device",
+    "Json",
+    "bar",
+    "certificate_summary",
+    "console",
+    "print_json",
+    "quiet_warp",
+]
 
 NOT_CONSERVATIVE = "NOT conservative: it misses queries that meet the object, and is kept to show what that does."
 

@@ -213,7 +213,11 @@ def _certify_regions(bounder: Bounder, grid: IndicatorGrid, target: float, secon
             search = minimum(gap, *gap.boxes(), eps=eps, seconds=seconds, points=search.worst)
         least, complete = search.lower_bound, search.complete
     if least >= target:
-        return result("proven", f"Proven from scratch: every {bounder.query_kind} that meets {grid.name} is answered with maybe.", least)
+        return result(
+            "proven",
+            f"Proven from scratch: every {bounder.query_kind} that meets {grid.name} is answered with maybe.",
+            least,
+        )
     _, _, missed = try_positives(bounder, grid, POSITIVES, 1)
     if missed is not None:
         return result("refuted", "a query that meets the object is answered with no", least, missed)

@@ -83,7 +83,9 @@ def attest(
             break
         least = min(least, lowest)
     else:
-        raise BounderError(f"{bounder.method}: {MOST_RESTARTS} thresholds in a row missed a positive {bounder.query_kind}")
+        raise BounderError(
+            f"{bounder.method}: {MOST_RESTARTS} thresholds in a row missed a positive {bounder.query_kind}"
+        )
     rate = fn_rate_bound(done)
     message = (
         f"Statistical, not proven: {done:,} fresh positives ({DISTRIBUTION}), none answered with no; at {CONFIDENCE:.0%} "

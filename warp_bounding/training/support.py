@@ -8,6 +8,7 @@ ever sharper: no label is needed, the supports are known exactly (``hull_corners
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -52,11 +53,10 @@ class SupportTrainer:
         self.generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
         corners = domain.base.to_local(grid.position(hull_corners(grid.occupied) - 0.5))
         self._corners = torch.from_numpy(corners.astype(np.float32))
-        sizes = [grid.ndim, *hidden, 2]
+        first, later = GAINS[activation]
         self._layers = []
-        for index, (k, h) in enumerate(zip(sizes, sizes[1:], strict=False)):
-            gain = (*GAINS[activation][: index + 1], GAINS[activation][1])[index] if index < 2 else 1.7
-            gain = 1.0 if index == len(sizes) - 2 else gain
+        gains = [first, *[later] * (len(hidden) - 1), 1.0]
+        for gain, (k, h) in zip(gains, pairwise([grid.ndim, *hidden, 2]), strict=True):
             layer = (torch.rand(h, k + 1, generator=self.generator) * 2 - 1) / math.sqrt(k)
             layer[:, :-1] *= gain
             self._layers.append(layer.requires_grad_(True))
