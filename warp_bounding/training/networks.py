@@ -38,6 +38,7 @@ SEARCH_SHARE = 0.02  # of the budget, each
 PROOF_SHARE = 0.03  # of the budget, reserved for a proof of points before a search has told what it takes
 LONG_PROOF_SHARE = 0.2  # reserved where the last search did not end in its time
 RESERVE = {"point": PROOF_SHARE, "ray": 0.15, "plane": 0.15, "box": 0.15}  # of the budget: what sets the threshold
+MORE_FOR_EXITS = 0.4  # of that, for the thresholds of exits
 LEAST_SHARE = 0.05  # of the budget: a proof gets this much, even where training took longer than it should
 ATTEST_SECONDS = 2.5  # about what a million fresh positives take
 SEARCH_BOXES, PROOF_BOXES = 1_000_000, 20_000_000  # what takes the place of time where the budget is in steps
@@ -116,7 +117,7 @@ class _Fit:
         options, clock = self.options, self.clock
         exits = EXIT_SHARE * (len(options.hidden) - 1) if self.early else 0.0
         self.exit_seconds = exits * options.budget
-        clock.reserved = RESERVE[self.problem.query] * (1 + self.early) * options.budget + self.exit_seconds
+        clock.reserved = RESERVE[self.problem.query] * (1 + MORE_FOR_EXITS * self.early) * options.budget + self.exit_seconds
         if not self.kind.conservative:
             clock.reserved = 0.0
             bounder, record = self._occupancy(), {}
@@ -162,7 +163,8 @@ class _Fit:
     def _network(self) -> tuple[Mlp, dict]:
         problem, options = self.problem, self.options
         samples = samples_of(problem.grid, problem.domain, problem.seed)
-        trainer_of = EarlyTrainer if self.early else TRAINERS[options.recipe]
+        joint = self.early and problem.query == "point"  # elsewhere too few are denied early to pay for worse layers
+        trainer_of = EarlyTrainer if joint else TRAINERS[options.recipe]
         trainer = trainer_of(samples, options.hidden, options.activation, options.octaves, options.moments)
         waiting = list(SEARCHES)
 
@@ -218,7 +220,7 @@ class _Fit:
         if clock.timed:  # the last proof will take about as long, on a network that is a little harder
             expected = 2 * search.seconds if search.complete else LONG_PROOF_SHARE * budget
             expected = min(max(expected, 0.01 * budget), LONG_PROOF_SHARE * budget)
-            clock.reserved = expected * (1 + self.early) + self.exit_seconds
+            clock.reserved = expected * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds
 
     def _hard_positives(self, trainer: Trainer, samples: Samples) -> None:
         """Let the adversary look at the network as it is; the worst positives it finds become training samples."""
