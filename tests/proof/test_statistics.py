@@ -1,11 +1,16 @@
 """Statistical certificates: the bound's arithmetic, thresholds that start too high, and what they may not claim."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from bounding_shapes import shape
 from scipy.stats import beta
 
 import warp_bounding as wb
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import attest, certify, fn_rate_bound, try_positives
 from warp_bounding.queries import oracle
 from warp_bounding.queries.positives import draw_positives
@@ -67,3 +72,26 @@ def test_certify_finds_what_a_raised_threshold_misses():
     query = np.array([proof.counterexample], np.float32)
     assert oracle("ray", shape("c"), "cpu")(query).all()
     assert raised.query(query).numpy()[0] == 0
+
+
+@pytest.mark.parametrize("query", ["ray", "plane", "box"])
+def test_positives_of_an_object_that_is_hardly_ever_met(query):
+    """Few uniform queries meet it; one does not wait for half a million of them."""
+    occupancy = np.zeros((64, 64, 64), dtype=bool)
+    occupancy[30, 31, 32] = True
+    grid = IndicatorGrid(occupancy)
+    parts = []
+    for part in draw_positives(query, grid, 200_000, 0, "cpu", 1.0):
+        parts.append(len(part))
+        assert len(parts) < 6
+    assert sum(parts) >= 200_000
+
+
+def test_a_positive_that_counts_as_outside_is_an_error_and_no_threshold():
+    """It is denied whatever the threshold is, so lowering that would only hide it."""
+    bounder = fitted("box")
+    narrow = replace(bounder.domain.base, limit=bounder.domain.base.limit / 4)
+    wrong = Mlp(replace(bounder.domain, base=narrow), bounder.tensors, bounder.sizes, "cpu")
+    with pytest.raises(BounderError, match="counts as outside"):
+        attest(wrong, shape("c"), least=-1e3, room=0.0, count=1000)
+    assert certify(wrong, shape("c")).kind != "proven"

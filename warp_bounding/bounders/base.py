@@ -159,6 +159,11 @@ class Bounder(ABC):
         """
 
     @property
+    def provable(self) -> bool:
+        """Whether there is a proof for the method and its kind of query."""
+        return self.conservative and (self.closed_form or self.query_kind in ("point", "plane"))
+
+    @property
     def parts(self) -> "list[Bounder]":
         """The bounders whose conjunction this is, each at its threshold; they are proven one by one."""
         return [self]

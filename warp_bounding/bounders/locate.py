@@ -17,12 +17,18 @@ SMALLEST = 2.0**-90  # largest entry of a direction under which it is answered w
 LARGEST = 2.0**90
 PARALLEL = 2.0**-80  # of w: a ray that moves less than this along an axis does not cross a face
 GUARD = 16 * UNIT32  # relative room in the test against the domain: over three times its rounding
-SUMMED = 2.0**-20  # of an offset: far above the rounding of n <= 64 products
+SUMMED = 2.0**-17  # of an offset: above what a sum of n <= 64 products rounds, n + 12 units
+LATER = 4 * GUARD  # of a ray's time: above the rounding of its end, n + 18 units
 
 
-def extra_count(query: str, ndim: int) -> int:
-    """Numbers behind the threshold in ``parameters``: a ray's displacement per axis, or a normal's factors."""
-    return ndim if query in ("ray", "plane") else 0
+def extra_count(query: str, ndim: int, time: bool) -> int:
+    """Numbers behind the threshold in ``parameters``: a ray's displacement per axis, or a normal's factors; then time's limit.
+
+    The latter is the largest coordinate that certainly lies inside the range of time, whatever the map of the region rounds.
+    """
+    if query == "point":
+        return 0
+    return (ndim if query in ("ray", "plane") else 0) + time
 
 
 def locate(query: str, space: str, n: int, time: bool, placed: bool = False) -> str:
@@ -32,7 +38,8 @@ def locate(query: str, space: str, n: int, time: bool, placed: bool = False) -> 
         query: Kind of query; points are ``located`` by ``Source`` itself, because a placement may come before.
         space: ``"geometric"`` or ``"parametric"``.
         n: Dimension of the indicator.
-        time: Coordinate 0 is time: a region that lies wholly outside its range is answered with maybe.
+        time: Coordinate 0 is time: a region that lies wholly outside its range is answered with maybe; so may be one that
+            only just reaches into it.
         placed: ``q`` are in the world, and the text may change them.
     """
     lines = ["auto finite = (q[0] - q[0]) == zero;"]  # false for NaN and for infinity
@@ -45,7 +52,7 @@ def locate(query: str, space: str, n: int, time: bool, placed: bool = False) -> 
     elif query == "ray":
         lines += _ray(n, time, placed)
     elif space == "parametric":
-        lines += _plane_parameters(n)
+        lines += _plane_parameters(n, time)
     else:
         lines += _plane(n, time, placed)
     return "\n".join(lines)
@@ -107,7 +114,7 @@ def _box(n: int, time: bool) -> list[str]:
             lines.append(f"v[{index}] = v[{index}] > top{k} ? top{k} : v[{index}];")
     lines.append(f"auto inside = {' & '.join(f'inside{k}' for k in range(n))};")
     if time:
-        lines.append("finite = finite & inside0;")
+        lines.append("finite = finite & (lo0 <= zero + extra[0]) & (hi0 >= zero - extra[0]);")
     return lines
 
 
@@ -158,7 +165,7 @@ def _ray(n: int, time: bool, placed: bool) -> list[str]:
         lines.append(f"{{ const V top = zero + limit[{k}]; const V at = a{k} + enter * w{k};")
         lines.append(f"v[{k}] = at < -top ? -top : at; v[{k}] = v[{k}] > top ? top : v[{k}]; v[{n + k}] = w{k}; }}")
     if time:
-        lines.append("{ const V top = zero + limit[0]; const V end = a0 + w0;")
+        lines.append(f"{{ const V top = zero + extra[{n}] - size0 * {_number(LATER)}; const V end = a0 + w0;")
         lines.append("finite = finite & ((a0 <= top) | (end <= top)) & ((a0 >= -top) | (end >= -top)); }")
     return lines
 
@@ -171,7 +178,11 @@ def _plane(n: int, time: bool, placed: bool) -> list[str]:
         lines.append(
             f"{_absolute(f'd{k}', f'e{k}')} pivot = d{k} > longest ? e{k} : pivot; longest = d{k} > longest ? d{k} : longest;"
         )
-    lines.append(f"finite = finite & (longest >= {_number(SMALLEST)}) & (longest <= {_number(LARGEST)});")
+    widest = f"float widest = 1.0f; for (int k = 0; k < {n}; ++k) widest = extra[k] > widest ? extra[k] : widest;"
+    lines.append(widest)  # entries that are subnormal, or flushed, may be stretched as far as that
+    lines.append(
+        f"finite = finite & (longest >= zero + {_number(SMALLEST)} * widest) & (longest <= {_number(LARGEST)});"
+    )
     lines.append("pivot = longest > zero ? pivot : zero + 1.0f; V offset = zero, summed = zero, reach = zero;")
     for k in range(n):
         lines.append(f"v[{k}] = e{k} / pivot; {{ const V part = v[{k}] * a{k}; {_absolute('size', 'part')}")
@@ -183,14 +194,16 @@ def _plane(n: int, time: bool, placed: bool) -> list[str]:
     lines.append(f"finite = finite & (far <= {_number(2.0**60)}) & ((far <= {_number(FAR)}) | (away > room));")
     if time:  # a plane of constant time, outside the range
         still = " + ".join(f"d{k}" for k in range(1, n))
-        lines.append(f"finite = finite & ((({still}) > zero) | inside);")
+        lines.append(f"finite = finite & ((({still}) > zero) | (size0 <= zero + extra[{n}]));")
     return lines
 
 
-def _plane_parameters(n: int) -> list[str]:
+def _plane_parameters(n: int, time: bool) -> list[str]:
     """Unit normal and point as they are given; a point outside the domain is answered with maybe."""
     lines = [*_origin(n, n), *_unit(n, 0)]
     for k in range(n):
         lines.append(f"finite = finite & (size{k} <= limit[{k}]); v[{k}] = u{k}; v[{n + k}] = a{k};")
+    if time:
+        lines.append(f"finite = finite & (size0 <= zero + extra[{n}]);")
     lines.append("auto inside = (zero <= zero);")
     return lines

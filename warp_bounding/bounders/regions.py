@@ -23,9 +23,9 @@ from functools import cached_property
 
 import numpy as np
 
-from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_up
+from warp_bounding.arithmetic import TINY, gamma, round_down, round_up
 from warp_bounding.bounders.domain import DELTA_LARGEST_SHARE, Domain, input_rounding
-from warp_bounding.bounders.locate import FAR, GUARD, SUMMED, extra_count
+from warp_bounding.bounders.locate import FAR, GUARD, SMALLEST, SUMMED
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 
@@ -84,6 +84,14 @@ class RegionDomain:
             base, limit=(base.limit + DELTA_LARGEST_SHARE * cell).astype(np.float32)
         )  # limit grows with delta
         needed = region_rounding(largest, query, length)
+        if (
+            length
+            and (needed > DELTA_LARGEST_SHARE * cell).any()
+            and (region_rounding(largest, query, 0.0) <= DELTA_LARGEST_SHARE * cell).all()
+        ):
+            raise BounderError(
+                f"{grid.name}: a ray of length {length:g} is so long that float32 cannot tell cells apart at its end"
+            )
         spare = np.minimum(needed + PLACED, PLACED_SHARE * cell)
         domain = cls(query, space, Domain.of(still, room=np.maximum(needed, spare)), grid.time, length)
         fault = domain.fault()
@@ -190,12 +198,18 @@ class RegionDomain:
 
     @property
     def extra(self) -> np.ndarray:
-        """``(n,)`` or ``(0,)`` float32, see ``locate.extra_count``."""
-        if self.query == "ray":
-            return self.stretch
-        if self.query == "plane":
-            return (1 / self.base.scale.astype(np.float64)).astype(np.float32)
-        return np.zeros(extra_count(self.query, self.base.ndim), np.float32)
+        """float32, see ``locate.extra_count``."""
+        own = {"ray": self.stretch, "plane": (1 / self.base.scale.astype(np.float64)).astype(np.float32)}
+        parts = [own.get(self.query, np.zeros(0, np.float32)), self._time_limit]
+        return np.concatenate(parts)
+
+    @property
+    def _time_limit(self) -> np.ndarray:
+        """``(1,)`` float32, or none where there is no time: twice the rounding inside its range, as for points."""
+        if not self.time:
+            return np.zeros(0, np.float32)
+        low, high = -self.base.to_local(self.lower)[0], self.base.to_local(self.upper)[0]
+        return round_down([min(low, high) - 2 * region_rounding(self.base, self.query, self.length)[0]])
 
     # --- the map, in float64 -----------------------------------------------------------------------------------------
 
@@ -290,7 +304,8 @@ def region_rounding(base: Domain, query: str, length: float | None) -> np.ndarra
         moved = (gamma(8) + 3 * GUARD) * (FAR + 2)
         turned = (direction_rounding(n) + gamma(4)) * scale * length
         return origin + moved + turned + 4 * TINY
-    # The offset m . a of a plane: entries of m are off by gamma(5), products and sum by gamma(n + 2).
+    # The offset m . a of a plane: entries of m are off by gamma(7), of which 2 are float64 input's, and by numbers that are
+    # subnormal or flushed; products and sum by gamma(n + 2).
     limit = base.limit.astype(np.float64)
-    tilt = gamma(5) * (FAR + limit.sum()) + (2 * n + 4) * UNIT32 * 2.0**-30
+    tilt = (gamma(7) + 4 * TINY / SMALLEST) * (FAR * (1 + gamma(4)) + limit.sum()) + (2 * n + 4) * TINY
     return np.full(n, float(tilt + gamma(n + 2) * FAR * (1 + gamma(8)) + origin.sum() * (1 + gamma(8))))

@@ -79,7 +79,7 @@ class Source:
     @property
     def start(self) -> int:
         """Index in ``parameters`` where the method's own numbers begin, a multiple of 16."""
-        return -(-(3 * self.ndim + 1 + extra_count(self.query, self.ndim)) // 16) * 16
+        return -(-(3 * self.ndim + 1 + extra_count(self.query, self.ndim, self.time)) // 16) * 16
 
     @property
     def columns(self) -> int:

@@ -94,15 +94,16 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
         bounder = method(RegionDomain.from_dict(document["domain"]), tensors, document["sizes"], device)
         threshold = document["threshold"]
         certificate = Certificate.from_dict(document["certificate"]) if document["certificate"] else None
-        described = [document[k] for k in ("query", "dimension", "space", "length")]
-        if described != [bounder.query_kind, bounder.ndim, bounder.domain.space, bounder.domain.length]:
-            raise FileFormatError("query, dimension, space and length are not those of the domain inside")
+        described = [document[k] for k in ("query", "dimension", "space", "length", "motion")]
+        motion = "time" if bounder.domain.time else None
+        if described != [bounder.query_kind, bounder.ndim, bounder.domain.space, bounder.domain.length, motion]:
+            raise FileFormatError("query, dimension, space, length and motion are not those of the domain inside")
         if not method.supports(bounder.query_kind, bounder.ndim, bounder.domain.space):
             raise FileFormatError(f"{method.method} does not bound {bounder.query_kind} queries in {bounder.ndim}D")
         if np.float32(threshold) != threshold:
             raise FileFormatError(f"the threshold {threshold} is not a float32 number")
         _check_info(document)
-        if certificate and certificate.proven:
+        if certificate:
             _check_certificate(bounder, certificate, threshold)
         bounder.info = {field: document.get(field) for field in INFO_FIELDS} | {"library": document["library"]}
     except BoundingError as error:
@@ -113,9 +114,22 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
 
 
 def _check_certificate(bounder: Bounder, certificate: Certificate, threshold: float) -> None:
-    """The certificate must be about this threshold, and its numbers must add up with this network's rounding."""
+    """The certificate must be about this bounder; where it claims a proof, its numbers must add up with this network's rounding."""
     if certificate.threshold != threshold:
         raise FileFormatError(f"the certificate is about threshold {certificate.threshold}, the file has {threshold}")
+    if certificate.query != bounder.query_kind or certificate.domain != [
+        bounder.domain.lower.tolist(),
+        bounder.domain.upper.tolist(),
+    ]:
+        raise FileFormatError("the certificate is about other queries or another domain than the file")
+    if not bounder.conservative:
+        raise FileFormatError(f"{bounder.method} is not conservative and cannot hold a certificate")
+    if not certificate.proven:
+        return
+    if not bounder.provable:
+        raise FileFormatError(
+            f"the certificate claims a proof, {bounder.method} has none for {bounder.query_kind} queries"
+        )
     error = bounder.rounding_bound()
     if not threshold <= round_down(certificate.lower_bound - error):
         raise FileFormatError(

@@ -36,7 +36,7 @@ NARROWEST = 1e-9  # boxes of this width in v are not halved any more
 
 def provable(bounder: Bounder) -> bool:
     """Whether there is a proof for the bounder's method and kind of query."""
-    return bounder.conservative and (bounder.closed_form or bounder.query_kind in ("point", "plane"))
+    return bounder.provable
 
 
 def positive_boxes(bounder: Bounder, grid: IndicatorGrid) -> tuple[np.ndarray, np.ndarray]:

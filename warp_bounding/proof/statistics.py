@@ -81,6 +81,10 @@ def attest(
         done, lowest, missed = try_positives(bounder, grid, count, seed + restart * 7919, progress)
         if missed is None:
             break
+        if not np.isfinite(lowest):
+            raise BounderError(
+                f"{bounder.method}: a {bounder.query_kind} that meets the object counts as outside the domain: {missed}"
+            )
         least = min(least, lowest)
     else:
         raise BounderError(

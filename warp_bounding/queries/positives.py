@@ -1,6 +1,7 @@
 """Random positives, half of them where bounders fail first: what statistics about false negatives are drawn from.
 
-Half are the protocol's own random queries whose truth is *yes*; the other half pass a random point of the object, on faces,
+Half are the protocol's own random queries whose truth is *yes* (fewer where hardly any is: both proposals are then drawn equally
+often, and all of their positives are taken); the other half pass a random point of the object, on faces,
 edges and corners of its boundary cells for the most part, and barely: rays that begin or end there or lie in a face, boxes
 that are thin, small or only touch, slabs that reach the domain's border, planes through it. Every one is checked by the exact oracle after its numbers were
 rounded to float32.
@@ -15,7 +16,11 @@ from warp_bounding.queries.point import sample_points
 
 __all__ = ["DISTRIBUTION", "draw_positives"]
 
-DISTRIBUTION = "half uniform queries that meet the object, half through points on its boundary cells, mostly grazing"
+DISTRIBUTION = (
+    "half uniform queries that meet the object (or as many as an equal number of draws gives, where they are rare), half through "
+    "points on its boundary cells, mostly grazing"
+)
+RARE = 0.05  # share of the draws that meet the object, under which one does not wait for a full half of them
 CHUNK = 200_000
 SNAPPED = 0.6  # share of a point's coordinates that lie on a face of its cell
 NARROW = 1e-3  # of the domain: the largest distance that "barely" means
@@ -39,13 +44,15 @@ def draw_positives(
     """
     from warp_bounding.queries import oracle, sample
 
-    rng, truth, done = np.random.default_rng([seed, 20_24]), oracle(query, grid, device, length), 0
+    rng, truth, done, rare = np.random.default_rng([seed, 20_24]), oracle(query, grid, device, length), 0, None
     while done < count:
         uniform = sample(query, grid, CHUNK, rng)
         hard = _hard(query, grid, CHUNK, rng, length).astype(np.float32)
         uniform, hard = uniform[truth(uniform)], hard[truth(hard)]
         half = min(len(uniform), len(hard))
-        part = np.concatenate([uniform[:half], hard[:half]]) if half else np.concatenate([uniform, hard])
+        if rare is None:  # decided once: the distribution is the same in all chunks
+            rare = half < RARE * CHUNK
+        part = np.concatenate([uniform, hard] if rare else [uniform[:half], hard[:half]])
         done += len(part)
         yield part
 

@@ -117,7 +117,9 @@ class _Fit:
         options, clock = self.options, self.clock
         exits = EXIT_SHARE * (len(options.hidden) - 1) if self.early else 0.0
         self.exit_seconds = exits * options.budget
-        clock.reserved = RESERVE[self.problem.query] * (1 + MORE_FOR_EXITS * self.early) * options.budget + self.exit_seconds
+        clock.reserved = (
+            RESERVE[self.problem.query] * (1 + MORE_FOR_EXITS * self.early) * options.budget + self.exit_seconds
+        )
         if not self.kind.conservative:
             clock.reserved = 0.0
             bounder, record = self._occupancy(), {}

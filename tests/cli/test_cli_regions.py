@@ -1,0 +1,160 @@
+"""The command line over rays, planes and boxes: what is proven and what is not shows in status, text and JSON."""
+
+import json
+
+import numpy as np
+import pytest
+from bounding_shapes import shape
+from PIL import Image
+from test_cli import check_bad, run
+
+KINDS = {"ray": "statistical", "plane": "proven", "box": "statistical"}
+FIT = ("--steps", 30, "--hidden", 8, "--samples", 20_000)
+
+
+@pytest.fixture(scope="module")
+def picture(tmp_path_factory):
+    """A tiny image whose alpha channel is the object."""
+    alpha = np.where(shape("c").occupancy, 255, 0).astype(np.uint8)
+    rgba = np.dstack([np.full_like(alpha, 90)] * 3 + [alpha])
+    path = tmp_path_factory.mktemp("shapes") / "c.png"
+    Image.fromarray(rgba).save(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def fits(picture):
+    """Where the fitted networks are, one a kind of query."""
+    return {query: picture.parent / f"{query}.safetensors" for query in KINDS}
+
+
+@pytest.fixture
+def fitted(request, picture, fits, capsys):
+    query = request.param
+    if not fits[query].exists():
+        status, out, _ = run(
+            capsys, "fit", picture, "-o", fits[query], "--query", query, *FIT, "--length", 0.75, "--json"
+        )
+        assert status == 0
+        assert len(out.strip().splitlines()) == 1
+        fits[query].with_suffix(".json").write_text(out)
+    return query, fits[query], json.loads(fits[query].with_suffix(".json").read_text())
+
+
+each = pytest.mark.parametrize("fitted", KINDS, indirect=True)
+
+
+@each
+def test_fit(fitted):
+    query, path, result = fitted
+    assert (result["query"], result["method"], result["conservative"], result["fn"]) == (query, "mlp", True, 0)
+    assert (result["samples"], result["path"]) == (20_000, str(path))
+    certificate = result["certificate"]
+    assert (certificate["kind"], certificate["query"]) == (KINDS[query], query)
+    assert 0 < result["fp_rate"] < 100
+
+
+@each
+def test_evaluate_by_both_protocols(fitted, picture, capsys):
+    _, path, result = fitted
+    rates = {}
+    for protocol in ("exact", "sampled"):
+        options = ("--samples", 20_000, "--protocol", protocol, "--json")
+        status, out, _ = run(capsys, "evaluate", path, picture, *options)
+        rates[protocol] = json.loads(out)
+        assert status == 0
+        assert (rates[protocol]["protocol"], rates[protocol]["fn"]) == (protocol, 0)
+    assert rates["exact"]["fp_rate"] == result["fp_rate"]
+    assert rates["exact"]["positives"] >= rates["sampled"]["positives"] > 0
+    assert rates["exact"]["fp_rate"] <= rates["sampled"]["fp_rate"]
+    status, out, _ = run(capsys, "evaluate", path, picture, "--samples", 5000)
+    assert status == 0
+    assert "0 false negatives" in out
+
+
+@each
+def test_certify(fitted, picture, capsys):
+    query, path, _ = fitted
+    status, out, _ = run(capsys, "certify", path, picture, "--json")
+    result = json.loads(out)
+    assert status == (0 if KINDS[query] == "proven" else 1)
+    assert result["proven"] == (KINDS[query] == "proven")
+    assert result["certificate"]["kind"] == KINDS[query]
+    assert result["same_indicator"] is True
+    status, out, _ = run(capsys, "certify", path, picture)
+    assert status == (0 if KINDS[query] == "proven" else 1)
+    assert out.startswith(KINDS[query])
+    assert ("not proven" in out) == (KINDS[query] != "proven")
+
+
+@each
+def test_certify_another_shape(fitted, picture, capsys):
+    query, path, _ = fitted
+    other = picture.parent / "other.npy"
+    np.save(other, ~shape("c").occupancy)
+    status, out, _ = run(capsys, "certify", path, other, "--json")
+    result = json.loads(out)
+    assert (status, result["proven"], result["same_indicator"]) == (1, False, False)
+    assert result["certificate"]["kind"] == "refuted"
+    assert result["certificate"]["query"] == query
+
+
+@each
+def test_info(fitted, capsys):
+    query, path, result = fitted
+    proven = KINDS[query] == "proven"
+    status, out, err = run(capsys, "info", path)
+    assert (status, err) == (0 if proven else 1, "")
+    words = ["mlp, 2D", query, KINDS[query], "geometric", "not proven", "what is proven" if proven else "what is known"]
+    words += ["0.75 (object units)"] if query == "ray" else []
+    assert all(word in out for word in words), out
+    assert ("fresh positives in" in out) != proven
+    status, out, _ = run(capsys, "info", path, "--json")
+    held = json.loads(out)
+    assert status == (0 if proven else 1)
+    assert (held["query"], held["space"], held["dimension"]) == (query, "geometric", 2)
+    assert held["length"] == (0.75 if query == "ray" else None)
+    assert held["certificate"] == result["certificate"]
+
+
+@pytest.mark.parametrize("query", KINDS)
+def test_boxes_in_parametric_space_are_proven(query, picture, tmp_path, capsys):
+    path = tmp_path / "b.safetensors"
+    options = ("--query", query, "--method", "aabb", "--space", "parametric", "--samples", 20_000)
+    status, out, _ = run(capsys, "fit", picture, "-o", path, *options)
+    assert status == 0
+    assert "Proven" in out
+    assert run(capsys, "certify", path, picture)[0] == 0
+    status, out, _ = run(capsys, "info", path)
+    assert status == 0
+    assert "parametric" in out
+
+
+BAD = {
+    "query": (["--query", "cone"], "point, ray, plane, box"),
+    "space": (["--query", "ray", "--space", "flat"], "geometric, parametric"),
+    "space of a network": (["--query", "ray", "--space", "parametric"], "mlp"),
+    "length 0": (["--query", "ray", "--length", "0"], "length"),
+    "length below 0": (["--query", "ray", "--length", "-1"], "length"),
+    "length nan": (["--query", "ray", "--length", "nan"], "length"),
+    "length infinite": (["--query", "ray", "--length", "inf"], "length"),
+    "length words": (["--query", "ray", "--length", "long"], "length"),
+    "too long for float32": (["--query", "ray", "--length", "1e6"], "length"),
+    "voxels": (["--query", "box", "--method", "voxels"], "voxels"),
+}
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_bad_options(bad, picture, tmp_path, capsys):
+    options, word = BAD[bad]
+    path = tmp_path / "b.safetensors"
+    status, out, err = run(capsys, "fit", picture, "-o", path, *FIT, *options)
+    check_bad(status, out, err)
+    assert word in err
+    assert not path.exists()
+
+
+def test_an_unknown_protocol(picture, tmp_path, capsys):
+    path = tmp_path / "b.safetensors"
+    assert run(capsys, "fit", picture, "-o", path, "--query", "box", "--method", "aabb", "--samples", 1000)[0] == 0
+    check_bad(*run(capsys, "evaluate", path, picture, "--protocol", "guess"))
