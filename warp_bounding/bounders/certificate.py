@@ -1,10 +1,16 @@
 """What is known about a bounder, as a document: what was proven, over which set, in which arithmetic, and what was not."""
 
 from dataclasses import asdict, dataclass, field, fields
+from math import expm1, log1p
 
 from warp_bounding.errors import FileFormatError
 
-__all__ = ["Certificate"]
+__all__ = ["Certificate", "fn_rate_bound"]
+
+
+def fn_rate_bound(count: int, confidence: float = 0.95) -> float:
+    """Upper confidence bound of a rate of which no case was seen in ``count`` independent trials; 1 without trials."""
+    return -expm1(log1p(-confidence) / count) if count else 1.0
 
 
 @dataclass(frozen=True)
@@ -29,7 +35,7 @@ class Certificate:
         arithmetic: What ``rounding_bound`` covers.
         samples: Statistical: fresh positives that were asked, none of them missed.
         fn_rate_bound: Statistical: upper confidence bound of the rate of false negatives among such positives.
-        confidence: Of that bound.
+        confidence: Of that bound, all restarts counted: each has spent its share of the risk.
         worst_margin: Statistical: how far the least f of these positives lies above the threshold.
         restarts: Statistical: thresholds before this one that missed a positive.
     """

@@ -3,14 +3,16 @@
 from warp_bounding.proof.document import conjunction
 from warp_bounding.proof.prove import certify, positive_boxes, provable, prove
 from warp_bounding.proof.search import Search, minimum
-from warp_bounding.proof.statistics import attest, fn_rate_bound, try_positives
+from warp_bounding.proof.statistics import attempt_confidence, attest, fn_rate_bound, fresh_seed, try_positives
 
 __all__ = [
     "Search",
+    "attempt_confidence",
     "attest",
     "certify",
     "conjunction",
     "fn_rate_bound",
+    "fresh_seed",
     "minimum",
     "positive_boxes",
     "provable",

@@ -158,9 +158,9 @@ def _fit_classic(problem: Problem, kind: type[Bounder], k: int | None, leaves: i
         x = sample(problem.query, grid, PARAMETRIC_SAMPLES, np.random.default_rng(problem.seed))
         positive = x[oracle(problem.query, grid, device, domain.length or 1.0)(x)]
         if len(positive) < 2:
-            positive = next(
-                draw_positives(problem.query, grid, PARAMETRIC_SAMPLES, problem.seed, device, domain.length or 1.0)
-            )
+            length = domain.length or 1.0
+            drawn = draw_positives(problem.query, grid, PARAMETRIC_SAMPLES, problem.seed, device, length, outside=False)
+            positive = next(drawn)
         return fit_parametric(kind, grid, domain, domain.to_local(positive), device=device, **options)
     if kind is Bvh:
         options = {"leaves": leaves or leaves_for_bytes(_network_bytes(domain, hidden), grid.ndim)}
