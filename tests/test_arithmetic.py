@@ -1,4 +1,4 @@
-"""Rounding helpers are on the safe side, and the sine is within its bound, fused or not."""
+"""Rounding helpers are on the safe side, and the sine and the tanh are within their bounds, fused or not."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from warp_bounding import arithmetic
-from warp_bounding.arithmetic import SINE_LIMIT, UNIT32, UNIT64, gamma, round_down, round_up, sine, sine_error
+from warp_bounding.arithmetic import (
+    SINE_LIMIT,
+    TANH_DENOMINATOR,
+    TANH_END,
+    TANH_NUMERATOR,
+    UNIT32,
+    UNIT64,
+    gamma,
+    round_down,
+    round_up,
+    sine,
+    sine_error,
+    tanh32,
+    tanh_error,
+)
 
 F32 = np.float32
 DOUBLES = st.floats(allow_nan=False, allow_infinity=False)
@@ -118,3 +132,33 @@ def test_sine_error_grows_with_the_limit_and_ends_somewhere():
     for wrong in (-1.0, SINE_LIMIT * 1.001, float("nan"), float("inf")):
         with pytest.raises(ValueError, match="certified"):
             sine_error(wrong)
+
+
+def fused_tanh(z: np.ndarray) -> np.ndarray:
+    """The kernels' tanh with every multiply-add fused; see ``fused_sine``."""
+    z = np.clip(z, F32(-TANH_END), F32(TANH_END))
+    s = z * z
+    numerator, denominator = (np.full_like(z, c[-1]) for c in (TANH_NUMERATOR, TANH_DENOMINATOR))
+    for c in TANH_NUMERATOR[-2::-1]:
+        numerator = (s.astype(np.float64) * numerator + c).astype(F32)
+    for c in TANH_DENOMINATOR[-2::-1]:
+        denominator = (s.astype(np.float64) * denominator + c).astype(F32)
+    return z * numerator / denominator
+
+
+@pytest.mark.parametrize("evaluate", [tanh32, fused_tanh], ids=["unfused", "fused"])
+def test_tanh_stays_within_its_bound(evaluate, rng):
+    end = np.float32([TANH_END, -TANH_END])[:, None].view(np.int32) + np.arange(-400, 401, dtype=np.int32)
+    random = (rng.choice([-1, 1], 200_000) * 10 ** rng.uniform(-38, 37, 200_000)).astype(F32)
+    z = np.concatenate([np.linspace(-12, 12, 1_000_001).astype(F32), end.view(F32).ravel(), random, F32([0.0, -0.0])])
+    error = np.abs(evaluate(z).astype(np.longdouble) - np.tanh(z.astype(np.longdouble))).max()
+    assert error <= tanh_error()
+    assert tanh_error() < 3e-6  # and the bound is worth something
+
+
+def test_coefficients_of_the_tanh_are_float32_and_positive():
+    """The proof of ``tanh_error`` builds on it."""
+    for c in (*TANH_NUMERATOR, *TANH_DENOMINATOR):
+        assert c > 0
+        assert float(F32(c)) == c
+    assert TANH_DENOMINATOR[0] == 1

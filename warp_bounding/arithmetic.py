@@ -1,4 +1,4 @@
-"""Float32 and float64 rounding, and the one sine that every kernel and every proof uses.
+"""Float32 and float64 rounding, and the one sine and the one tanh that every kernel and every proof uses.
 
 The error model is the standard one (Higham, *Accuracy and Stability of Numerical Algorithms*, ch. 2 and 3): each
 operation returns the exact result times ``1 + e`` with ``|e| <= u``, plus at most ``TINY`` where the result is
@@ -7,7 +7,9 @@ of the absolute products, in any order, fused or not; so what is proven here hol
 order and device.
 
 The sine is a range reduction ``r = z - n pi`` in two steps and an odd polynomial of degree 7; ``sine_error`` bounds its
-distance from the true sine. The libraries' ``sinf`` differ from device to device and promise nothing.
+distance from the true sine. The tanh clamps its argument to ``+-TANH_END`` and divides an odd polynomial of degree 7 by
+an even one of degree 8, all of whose coefficients are positive; ``tanh_error`` bounds its distance from the true tanh. The
+libraries' ``sinf`` and ``tanhf`` differ from device to device and promise nothing.
 """
 
 import math
@@ -18,6 +20,9 @@ import numpy as np
 __all__ = [
     "LARGEST",
     "SINE_LIMIT",
+    "TANH_DENOMINATOR",
+    "TANH_END",
+    "TANH_NUMERATOR",
     "TINY",
     "UNIT32",
     "UNIT64",
@@ -26,6 +31,8 @@ __all__ = [
     "round_up",
     "sine",
     "sine_error",
+    "tanh32",
+    "tanh_error",
 ]
 
 UNIT32 = 2.0**-24  # largest relative rounding error of float32, round to nearest
@@ -41,6 +48,14 @@ SINE_MAGIC = 12582912.0  # 1.5 * 2^23: adding it rounds to an integer and leaves
 SINE_COEFFICIENTS = tuple(float.fromhex(c) for c in ("-0x1.555022p-3", "0x1.10607p-7", "-0x1.83c008p-13"))  # minimax
 SINE_LIMIT = 4096.0  # arguments beyond are outside the certified range; networks that reach it are refused
 SINE_REDUCED = 1.5725  # |r| stays under it for |z| <= SINE_LIMIT (checked in sine_error)
+
+# tanh z = z P(z^2) / Q(z^2) on |z| <= TANH_END, minimax; beyond, the value at the end. Lowest power first, Q(0) = 1.
+TANH_END = 7.75
+TANH_NUMERATOR = tuple(map(float.fromhex, ("0x1.fffffp-1", "0x1.08eea2p-3", "0x1.845ce8p-9", "0x1.844d3ep-17")))
+TANH_DENOMINATOR = tuple(
+    map(float.fromhex, ("0x1p+0", "0x1.d9cc2cp-2", "0x1.86f718p-6", "0x1.f8404ap-13", "0x1.0d4bf8p-22"))
+)
+DIVISION = 4  # roundings that a division counts for: correctly rounded it is one, CUDA's fast one errs by two units
 
 
 def gamma(count: int, unit: float = UNIT32) -> float:
@@ -130,3 +145,56 @@ def sine_error(limit: float) -> float:
     x = SINE_REDUCED
     evaluation = gamma(1) * x + gamma(5) * s1 * x**3 + gamma(8) * s2 * x**5 + gamma(10) * s3 * x**7
     return (_polynomial_error() + evaluation + reduction) * (1 + 1e-9) + 16 * TINY
+
+
+def tanh32(z: np.ndarray) -> np.ndarray:
+    """NumPy twin of the kernels' tanh: the same float32 operations, without fused multiply-adds.
+
+    Args:
+        z: float32, any finite number.
+
+    Returns:
+        float32, within ``tanh_error()`` of the true tanh.
+    """
+    f = np.float32
+    z = np.clip(z, f(-TANH_END), f(TANH_END))
+    s = z * z
+    numerator, denominator = (_horner([f(c) for c in cs], s) for cs in (TANH_NUMERATOR, TANH_DENOMINATOR))
+    return z * numerator / denominator
+
+
+def _horner(coefficients, s: np.ndarray) -> np.ndarray:
+    value = coefficients[-1]
+    for c in reversed(coefficients[:-1]):
+        value = c + s * value
+    return value
+
+
+@lru_cache(maxsize=1)
+def tanh_error() -> float:
+    """Bound of ``|computed tanh - true tanh|`` for any float32 argument, fused or not; about 2e-6.
+
+    With ``R = N / M``, ``N(x) = x P(x^2)`` and ``M(x) = Q(x^2)``, on a grid of spacing h over [0, TANH_END]: between two grid
+    points ``D = R - tanh`` is within ``h^2/8 max|D''|`` of a straight line. N, M and their derivatives have no negative
+    coefficients, so they grow, and on ``[a, b]`` ``|R''| <= (N''(b) M(b) + N(b) M''(b)) / M(a)^2 + 2 M'(b) (N'(b) M(b) + N(b)
+    M'(b)) / M(a)^3``; ``|tanh''| <= 4 / (3 sqrt 3)``. Beyond the end the true tanh lies between its value there and 1.
+
+    Rounding: the term of ``s^k`` in a polynomial passes at most ``2 k + 1`` roundings of its own and those of k factors s, and
+    no term is negative. The division by a computed ``Q (1 + t)``, ``|t| <= g``, adds ``g / (1 - g)``.
+    """
+    x = np.linspace(0.0, TANH_END, 1 << 16)
+    h = float(x[1] - x[0])
+    n, m = np.zeros(2 * len(TANH_NUMERATOR)), np.zeros(2 * len(TANH_DENOMINATOR) - 1)
+    n[1::2], m[::2] = TANH_NUMERATOR, TANH_DENOMINATOR
+    (n0, n1, n2), (m0, m1, m2) = ([np.polynomial.Polynomial(c).deriv(d)(x) for d in range(3)] for c in (n, m))
+    least = m0[:-1]
+    bent = (n2 * m0 + n0 * m2)[1:] / least**2 + 2 * (m1 * (n1 * m0 + n0 * m1))[1:] / least**3
+    approximation = float(np.abs(n0 / m0 - np.tanh(x)).max()) + h * h / 8 * (float(bent.max()) + 0.77)
+    approximation = max(approximation, abs(1.0 - float(n0[-1] / m0[-1]))) + 1e-14  # 1e-14: float64 evaluation
+    # What float32 makes of N and of M, against M's least value; once more for N = x P.
+    n[1::2] *= [gamma(3 * k + 2) for k in range(len(TANH_NUMERATOR))]
+    m[::2] *= [gamma(3 * k + 1) for k in range(len(TANH_DENOMINATOR))]
+    above, below = (np.polynomial.Polynomial(c)(x)[1:] / least for c in (n, m))
+    ratio = n0[1:] / least
+    evaluation = (above + ratio * (below / (1 - below) + gamma(DIVISION))) * (1 + 1e-5)  # 1e-5: errors of errors
+    return (approximation + float(evaluation.max())) * (1 + 1e-9) + 16 * TINY

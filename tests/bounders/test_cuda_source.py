@@ -28,7 +28,7 @@ def test_batch_kernels_compile(method, tmp_path):
     check_compiles(batch_kernel(random_bounder(method, "blob").source, True, False), tmp_path)
 
 
-@pytest.mark.parametrize("activation", ["sin", "relu"])
+@pytest.mark.parametrize("activation", ["sin", "relu", "tanh"])
 def test_kernels_of_networks_compile(activation, tmp_path):
     network = random_mlp(shape("blob"), (8,), activation, 1)
     check_compiles(batch_kernel(network.source, False, True), tmp_path)

@@ -15,6 +15,7 @@ NETWORKS = {  # hidden, activation, octaves; widths below, on and above multiple
     "one": ((7,), "sin", 0),
     "two": ((25, 25), "relu", 0),
     "three": ((13, 30, 5), "sin", 0),
+    "tanh": ((13, 25), "tanh", 0),
     "encoded": ((8,), "relu", 1),
     "encoded-sine": ((8, 17), "sin", 2),
 }

@@ -6,16 +6,16 @@ from bounding_shapes import random_bounder, random_mlp, shape
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from warp_bounding.arithmetic import sine
+from warp_bounding.arithmetic import sine, tanh32
 from warp_bounding.bounders import METHODS
-from warp_bounding.bounders.network import Network, relax
+from warp_bounding.bounders.network import ACTIVATIONS, FUNCTIONS, Network, relax
 from warp_bounding.errors import BounderError
 
 F32 = np.float32
 
 
 @settings(deadline=None, max_examples=60)
-@given(st.sampled_from(["sin", "relu"]), st.integers(0, 2**32 - 1), st.floats(-13, 3))
+@given(st.sampled_from(ACTIVATIONS), st.integers(0, 2**32 - 1), st.floats(-13, 3))
 def test_relaxation_of_one_neuron(activation, seed, exponent):
     rng = np.random.default_rng(seed)
     z = rng.normal(size=(1, 400)) * 10.0 ** rng.uniform(-3, 2)
@@ -23,7 +23,7 @@ def test_relaxation_of_one_neuron(activation, seed, exponent):
     slope, mean, spread = relax(z.copy(), width, activation)
     t = np.linspace(-1, 1, 201)[:, None] * width
     x = z + t
-    act = np.sin(x.astype(np.longdouble)) if activation == "sin" else np.maximum(x, 0)
+    act = FUNCTIONS[activation](x.astype(np.longdouble))
     rounding = (
         8 * 2.0**-52 * (1 + np.abs(z) + width)
     )  # of float64 here and there: `bound` pays for it apart ("padding")
@@ -35,6 +35,20 @@ def test_relaxations_are_tight_where_boxes_are_small():
     z, width = np.linspace(-5, 5, 1001)[None], np.full((1, 1001), 1e-3)
     assert relax(z, width, "sin")[2].max() < 3e-7
     assert relax(z, width, "relu")[2].max() <= 2.5e-4
+    assert relax(z, width, "tanh")[2].max() < 2e-7
+
+
+def test_the_relaxation_of_tanh_is_tight_where_intervals_are_wide():
+    """Against the best band of all slopes, found by trying them."""
+    rng = np.random.default_rng(3)
+    z, width = rng.uniform(-4, 4, (1, 200)), 10.0 ** rng.uniform(-2, 1, (1, 200))
+    x = z + np.linspace(-1, 1, 401)[:, None] * width
+    act, best = np.tanh(x), np.full(200, np.inf)
+    for slope in np.concatenate([np.zeros(1), np.geomspace(1e-4, 1, 400)]):
+        best = np.minimum(best, np.ptp(act - slope * x, axis=0) / 2)
+    ratio = relax(z, width, "tanh")[2][0] / best
+    assert np.median(ratio) < 1.2
+    assert ratio.max() < 2.5
 
 
 def box_samples(lower, upper, rng, count=96):
@@ -73,7 +87,7 @@ def test_bounds_hold_on_random_boxes(method, name, rng):
 
 
 @pytest.mark.parametrize("hidden", [(7,), (25, 25), (13, 30, 5), (6, 6, 6, 6)], ids=str)
-@pytest.mark.parametrize("activation", ["sin", "relu"])
+@pytest.mark.parametrize("activation", ACTIVATIONS)
 @pytest.mark.parametrize("octaves", [0, 2])
 def test_bounds_of_networks_hold_on_random_boxes(hidden, activation, octaves, rng):
     for seed in range(3):
@@ -98,7 +112,8 @@ def test_noise_does_not_shrink_where_the_sine_falls():
 
 
 @pytest.mark.parametrize(
-    ("hidden", "activation", "octaves"), [((25, 25), "sin", 0), ((13, 30, 5), "relu", 0), ((13, 30, 5), "sin", 2)]
+    ("hidden", "activation", "octaves"),
+    [((25, 25), "sin", 0), ((13, 30, 5), "relu", 0), ((13, 30, 5), "sin", 2), ((13, 30, 5), "tanh", 0)],
 )
 def test_fused_kernel_is_its_plain_twin(hidden, activation, octaves, rng):
     network = random_mlp(shape("blob"), hidden, activation, octaves).network
@@ -143,7 +158,7 @@ def float32_network(mlp, v, rng, how):
         )
     for index in range(len(mlp.hidden) + 1):
         z = float32_layer(h, mlp.tensors[f"layers.{index}.weight"], mlp.tensors[f"layers.{index}.bias"], rng, how)
-        h = sine(z) if mlp.activation == "sin" else np.maximum(z, F32(0))
+        h = {"sin": sine, "tanh": tanh32, "relu": lambda z: np.maximum(z, F32(0))}[mlp.activation](z)
     return z[:, 0].astype(np.float64)
 
 
@@ -162,7 +177,8 @@ def float32_layer(h, weight, bias, rng, how):
 
 @pytest.mark.parametrize("how", ["forwards", "backwards", "random", "pairs", "fused"])
 @pytest.mark.parametrize(
-    ("hidden", "activation", "octaves"), [((25, 25), "sin", 0), ((13, 30, 5), "relu", 0), ((8,), "sin", 2)]
+    ("hidden", "activation", "octaves"),
+    [((25, 25), "sin", 0), ((13, 30, 5), "relu", 0), ((8,), "sin", 2), ((25, 25), "tanh", 0)],
 )
 def test_rounding_bound_covers_any_order(how, hidden, activation, octaves, rng):
     for seed in range(3):

@@ -38,7 +38,7 @@ def test_bounds_hold_whenever_it_stops(method, eps, seconds, rng):
 
 @pytest.mark.parametrize(
     ("hidden", "activation", "octaves"),
-    [((25, 25), "sin", 0), ((25, 25), "relu", 0), ((13, 30, 5), "sin", 0), ((8,), "sin", 2)],
+    [((25, 25), "sin", 0), ((25, 25), "relu", 0), ((9, 9), "tanh", 0), ((13, 30, 5), "sin", 0), ((8,), "sin", 2)],
 )
 def test_minimum_of_networks_is_what_brute_force_finds(hidden, activation, octaves, rng):
     grid = shape("c")

@@ -18,6 +18,7 @@ from warp_bounding.training.team import Team, single_threaded_torch  # noqa: E40
 NETWORKS = [  # coordinates, hidden, activation, octaves, moments
     (3, (7,), "sin", 0, False),
     (3, (6, 5), "relu", 0, False),
+    (3, (6, 5), "tanh", 0, False),
     (3, (6, 5, 4), "sin", 1, False),
     (4, (6, 5), "sin", 0, True),
     (8, (6,), "relu", 0, True),
@@ -47,7 +48,7 @@ def autograd(network, v, flat):
     layers = network.split(flat)
     for layer in layers[:-1]:
         z = layer[:, :-1] @ h + layer[:, -1:]
-        h = torch.sin(z) if network.activation == "sin" else torch.relu(z)
+        h = {"sin": torch.sin, "relu": torch.relu, "tanh": torch.tanh}[network.activation](z)
     return (layers[-1][:, :-1] @ h + layers[-1][:, -1:])[0]
 
 
@@ -71,7 +72,7 @@ def test_gradients_are_autograds(sizes):
         assert torch.allclose(out, f, atol=1e-5)
 
 
-@pytest.mark.parametrize("sizes", NETWORKS[:3])
+@pytest.mark.parametrize("sizes", NETWORKS[:4])
 def test_the_bounder_is_the_trained_network(sizes):
     network, domain = network_of(*sizes), Domain.of(shape("blob"))
     _, hidden, activation, octaves, _ = sizes

@@ -1,4 +1,4 @@
-"""``mlp``: a multi-layer perceptron (the paper's OurNN): sine or ReLU hidden layers, any widths, optional encoding.
+"""``mlp``: a multi-layer perceptron (the paper's OurNN): sine, ReLU or tanh hidden layers, any widths, optional encoding.
 
 Points, rays and boxes: the network's output before the paper's sigmoid is ``f``; the threshold on it is set by a proof
 or a search, not at a probability of one half. A ray's network may be given its moments too (Pluecker coordinates).
@@ -82,6 +82,8 @@ class MlpSource(Source):
         """C statement ``target = act(z)``."""
         if self.activation == "sin":
             return lanes.sine(target, z)
+        if self.activation == "tanh":
+            return lanes.tanh(target, z)
         return (
             f"{{ V z_ = {z}; {target} = z_ > 0.0f ? z_ : z_ * 0.0f; }}"
             if not lanes.vector

@@ -1,6 +1,6 @@
 """A small network as numbers: layers, their exact evaluation, the rounding of any float32 evaluation, bounds over boxes.
 
-Hidden layer: ``h' = act(W h + b)``, act the sine or ReLU; the output is linear. An optional positional encoding puts
+Hidden layer: ``h' = act(W h + b)``, act the sine, ReLU or tanh; the output is linear. An optional positional encoding puts
 fixed features ``[v, sin(F v + g)]`` before the first layer; it is a sine layer whose first rows pass ``v`` through.
 
 Bounds use one linear relaxation per neuron with the *same* slope on both sides, ``act(z) in s (z - m) + [c - e, c + e]``
@@ -14,14 +14,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from warp_bounding.arithmetic import LARGEST, SINE_LIMIT, TINY, UNIT64, gamma, sine_error
+from warp_bounding.arithmetic import LARGEST, SINE_LIMIT, TINY, UNIT64, gamma, sine_error, tanh_error
 from warp_bounding.bounders.network_kernel import bound_boxes
 from warp_bounding.bounders.network_source import SINE_SLACK, NetworkSizes
+from warp_bounding.bounders.tanh_relaxation import relax_tanh
 from warp_bounding.errors import BounderError
 
 __all__ = ["ACTIVATIONS", "Network"]
 
-ACTIVATIONS = ("sin", "relu")
+ACTIVATIONS = ("sin", "relu", "tanh")
+FUNCTIONS = {"sin": np.sin, "relu": lambda z: np.maximum(z, 0.0), "tanh": np.tanh}
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class Network:
 
     Args:
         layers: ``[(weight (H, K), bias (H,)), ...]``, the last one the scalar output.
-        activation: ``"sin"`` or ``"relu"``, of the hidden layers.
+        activation: ``"sin"``, ``"relu"`` or ``"tanh"``, of the hidden layers.
         encoding: ``(weight (F, n), bias (F,))`` of the positional encoding, or ``None``.
         limit: ``(n,)``, largest ``|v|`` that is ever asked for.
         error: ``(n,)``, what computing an input rounds; 0 if ``None``.
@@ -76,7 +78,7 @@ class Network:
         h = np.asarray(v, dtype=np.float64)
         for layer in self.hidden:
             z = h @ layer.weight.T + layer.bias
-            h = np.sin(z) if layer.activation == "sin" else np.maximum(z, 0.0)
+            h = FUNCTIONS[layer.activation](z)
             h[:, : layer.linear] = z[:, : layer.linear]
         return (h @ self.output.weight.T + self.output.bias)[:, 0]
 
@@ -116,6 +118,8 @@ class Network:
                     )
                 error = rounding + sine_error(argument)
                 size = np.ones_like(largest)
+            elif layer.activation == "tanh":
+                error, size = rounding + tanh_error(), np.ones_like(largest)
             else:
                 error, size = rounding, largest
             error[: layer.linear] = 0.0  # copied, not computed
@@ -190,10 +194,12 @@ def relax(z: np.ndarray, width: np.ndarray, activation: str) -> tuple[np.ndarray
     and sin t within ``d^3 / (9 sqrt 3) + d^5 / 120`` of ``t (1 - d^2/6)``, as ``t (d^2 - t^2) / 6 <= d^3 / (9 sqrt 3)``. Where this is
     worse than ``[-1, 1]``, the latter is taken.
 
+    Tanh: see ``tanh_relaxation``.
+
     Args:
         z: ``(N, H)``, centres.
         width: ``(N, H)``, half-widths d > 0.
-        activation: ``"sin"`` or ``"relu"``.
+        activation: ``"sin"``, ``"relu"`` or ``"tanh"``.
 
     Returns:
         slope, mean, spread with ``act(x) in slope (x - z) + mean +- spread``; float64 rounding is the caller's.
@@ -203,6 +209,8 @@ def relax(z: np.ndarray, width: np.ndarray, activation: str) -> tuple[np.ndarray
         slope = np.clip(high / (2 * width), 0.0, 1.0)
         spread = np.where((low < 0) & (high > 0), -slope * low / 2, 0.0)
         return slope, slope * z + spread, spread
+    if activation == "tanh":
+        return relax_tanh(z, width)
     sine, cosine, square = np.sin(z), np.cos(z), width * width
     spread = (
         np.abs(cosine) * (width * square * (1 / (9 * np.sqrt(3.0)) + square / 120))

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from warp_bounding.bounders.tanh_relaxation import tanh_text
+
 __all__ = ["BLOCK", "SINE_SLACK", "NetworkSizes", "snippet"]
 
 # |error| of sine and cosine for |z| <= 2^12: Taylor remainders under 3e-16, the reduction under 2^-52 (1 + n 2^-30), about
@@ -66,6 +68,8 @@ auto sincos = [&](V z, V& s, V& c) {{
 
 def _relax(activation: str) -> str:
     """A lambda ``relax_<activation>(z, width, slope, mean, spread)``; see ``network.relax``."""
+    if activation == "tanh":
+        return tanh_text()
     if activation == "relu":
         return """
 auto relax_relu = [&](V z, V d, V& slope, V& mean, V& spread) {

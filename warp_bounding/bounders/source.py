@@ -16,7 +16,16 @@ Nothing here decides what is conservative: the bodies' rounding is bounded in th
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from warp_bounding.arithmetic import SINE_COEFFICIENTS, SINE_INVERSE_PI, SINE_MAGIC, SINE_PI_HIGH, SINE_PI_LOW
+from warp_bounding.arithmetic import (
+    SINE_COEFFICIENTS,
+    SINE_INVERSE_PI,
+    SINE_MAGIC,
+    SINE_PI_HIGH,
+    SINE_PI_LOW,
+    TANH_DENOMINATOR,
+    TANH_END,
+    TANH_NUMERATOR,
+)
 from warp_bounding.bounders.locate import extra_count, locate
 from warp_bounding.launch import BLOCK
 
@@ -47,6 +56,15 @@ class Lanes:
                 f"a_.i ^= b_.i << 31; {target} = a_.f;"
             )
         return f"{{ V z_ = {z}; {body}{sign} }}"
+
+    def tanh(self, target: str, z: str) -> str:
+        """Write a C statement that sets ``target`` to the tanh of ``z``, by the operations of ``arithmetic.tanh32``."""
+        numerator, denominator = (_horner(c, "s_") for c in (TANH_NUMERATOR, TANH_DENOMINATOR))
+        return (
+            f"{{ V z_ = {z}; const V zero_ = {{}}; const V end_ = zero_ + {literal(TANH_END)}; "
+            "z_ = z_ > end_ ? end_ : z_; z_ = z_ < -end_ ? -end_ : z_; const V s_ = z_ * z_; "
+            f"{target} = z_ * ({numerator}) / ({denominator}); }}"
+        )
 
 
 @dataclass(frozen=True)
@@ -116,6 +134,14 @@ class Source:
 def literal(value: float) -> str:
     """A float32 constant, exactly."""
     return f"{float(value).hex()}f"
+
+
+def _horner(coefficients: tuple[float, ...], s: str) -> str:
+    """A polynomial in ``s``, lowest power first."""
+    text = literal(coefficients[-1])
+    for c in reversed(coefficients[:-1]):
+        text = f"{literal(c)} + {s} * ({text})"
+    return text
 
 
 _VECTOR_TYPES = """

@@ -25,7 +25,7 @@ def command(
     query: Annotated[str, typer.Option(help="Kind of query: point, ray, plane or box.")] = "point",
     method: Annotated[str, typer.Option(help="Bounding method, such as mlp, kdop, aabb.")] = "mlp",
     hidden: Annotated[str, typer.Option(help="Widths of the hidden layers, mlp.")] = "50,50",
-    activation: Annotated[str, typer.Option(help="sin or relu, mlp.")] = "sin",
+    activation: Annotated[str, typer.Option(help="sin, relu or tanh, mlp.")] = "sin",
     octaves: Annotated[int, typer.Option(help="Octaves of positional encoding, mlp; 0 for none.")] = 0,
     k: Annotated[int | None, typer.Option(help="Half-spaces, kdop and learned-kdop.")] = None,
     leaves: Annotated[

@@ -67,7 +67,7 @@ def fit(
         query: Kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``.
         method: A name in ``METHODS``.
         hidden: Hidden widths, mlp.
-        activation: ``"sin"`` or ``"relu"``, mlp.
+        activation: ``"sin"``, ``"relu"`` or ``"tanh"``, mlp.
         budget: Seconds for training and proof, mlp.
         seed: Of everything random.
         margin: The object is dilated by this length first, object (world) units.

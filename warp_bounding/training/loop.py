@@ -77,7 +77,7 @@ class Trainer:
     Args:
         samples: Of the kind of query; their generator is the source of everything random.
         hidden: Hidden widths.
-        activation: ``"sin"`` or ``"relu"``.
+        activation: ``"sin"``, ``"relu"`` or ``"tanh"``.
         octaves: Of the positional encoding.
         moments: A ray's moments as further inputs, see ``TrainableNetwork``.
         recipe: Constants; those of the kind of query if ``None``.

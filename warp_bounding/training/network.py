@@ -21,7 +21,7 @@ class TrainableNetwork:
     Args:
         ndim: Coordinates of ``v``.
         hidden: Hidden widths.
-        activation: ``"sin"`` or ``"relu"``.
+        activation: ``"sin"``, ``"relu"`` or ``"tanh"``.
         octaves: Of the positional encoding; 0 for none.
         moments: Whether the moments ``a_i w_j - a_j w_i``, i < j, of ``v = (a, w)`` are inputs too.
 
@@ -127,6 +127,10 @@ class Evaluator:
                 torch.sin(values[index], out=outputs[index][:-1])
                 if keep:
                     torch.cos(values[index], out=slopes[index])
+            elif self.network.activation == "tanh":
+                torch.tanh(values[index], out=outputs[index][:-1])
+                if keep:
+                    torch.mul(outputs[index][:-1], outputs[index][:-1], out=slopes[index]).neg_().add_(1)
             else:
                 torch.clamp(values[index], min=0, out=outputs[index][:-1])
                 if keep:
