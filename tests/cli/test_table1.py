@@ -219,12 +219,50 @@ def test_killed_half_way_and_resumed(place, library, capsys, end):
     assert len(fits) <= len(final) - len(first)
 
 
+def test_a_plan_writes_nothing(place, library, capsys):
+    fake = library()
+    status, out, err = table1(capsys, place, *QUICK, "--budget", "10,3d=20", "--plan", "--json")
+    assert status == 0, err
+    result = json.loads(out)
+    assert (result["budget"], result["cells"], result["missing"]) == ("10,3d=20", CELLS, CELLS)
+    assert result["columns"]["3d-ray"]["learned_fits"] == [{"seconds": 20.0, "fits": 2}]
+    assert result["seconds"] > 6 * 10 + 2 * 20
+    assert not (place / "out").exists()
+    assert table1(capsys, place, *QUICK, "--budget", "10,3d=20")[0] == 0
+    assert {(r["dimension"], r["budget"]) for r in rows(place)} == {("2", "10.0"), ("3", "20.0")}
+    calls, before = fake.calls, contents(place)
+    status, out, _ = table1(capsys, place, *QUICK, "--plan")
+    assert status == 0
+    assert f"0 learned fits, 0 of {CELLS} cells" in out
+    assert fake.calls == calls
+    assert contents(place) == before
+    check_bad(*table1(capsys, place, *QUICK, "--budget", "10,3d=21"))
+    check_bad(*table1(capsys, place, *QUICK, "--budget", "10"))
+
+
+def test_presets(place, library, capsys):
+    library()
+    quick = ("--columns", "2d-point", "--methods", "mlp", "--objects", "aa")
+    assert table1(capsys, place, *quick, "--preset", "hour", "--samples", "123")[0] == 0
+    assert [(r["protocol"], r["samples"], r["budget"]) for r in rows(place)] == [
+        ("exact", "123", "5.0"),
+        ("sampled", "123", "5.0"),
+    ]
+    page = (place / "out/README.md").read_text()
+    assert "--preset hour --samples 123" in page
+    assert "5 s for each learned fit; where others are named, the last that fits: 3d 8 s, " in page
+    check_bad(*table1(capsys, place, *quick, "--preset", "day"))
+
+
 BAD = {
     "column": ("--columns", "5d-point"),
     "method": ("--methods", "magic"),
     "object": ("--objects", "2d/zz"),
     "protocol": ("--protocol", "guess"),
     "budget": ("--budget", "0"),
+    "budgets": ("--budget", "60,5d=3"),
+    "preset": ("--preset", "day"),
+    "plan": ("--plan", "--columns", "5d-point"),
     "samples": ("--samples", "many"),
     "seed": ("--seed", "-1"),
     "device": ("--device", "cuda:99"),

@@ -7,7 +7,7 @@ import pytest
 from fake_library import make_row, supports, table_rows
 
 from warp_bounding.tables import Means, open_folder, write_outputs
-from warp_bounding.tables.columns import Column, Variant
+from warp_bounding.tables.columns import COLUMNS, Column, Variant
 from warp_bounding.tables.markdown import page
 from warp_bounding.tables.rank_plot import rank_plot
 
@@ -85,6 +85,22 @@ def test_the_page(tmp_path):
     assert "| mlp | 3.000 | 4.125 | 2.0 kB | 1.00 | 0.25 |" in details
     assert "| mlp-early | 1.000 | … |" in details
     assert "0.500 **(1,000 FN)**" in details
+
+
+def test_the_line_against_the_paper(tmp_path):
+    monotone, box = Variant("monotone-mlp"), Column(3, "box")
+    rows = [make_row(RAY, MLP, name, fp_rate=rate) for name, rate in (("bunny", 2.5), ("chair", 2.7))]
+    rows += [make_row(box, MLP, fp_rate=7.0), make_row(box, monotone, fp_rate=6.0), make_row(box, AABB, fp_rate=1.0)]
+    rows[1] = make_row(RAY, MLP, "chair", fp_rate=2.7, certificate="statistical")
+    text = page(opened(tmp_path / "out", rows), supports)
+    (line,) = (line for line in text.splitlines() if line.startswith("Our best network"))
+    assert (
+        "2D ray **2.60**<sup>1s</sup> (2.7, mlp); 3D box 6.00 (5.0, monotone-mlp). Lower in **1 of 2** columns" in line
+    )
+    assert "0 of them over all" in line
+    assert "<sup>2s</sup> proven for all objects but 2" in text
+    best = [c.paper_network for c in COLUMNS]
+    assert best == [2.8, 2.7, 1.2, 2.2, 2.9, 7.6, 5.6, 5.0, 10.9, 31.0, 3.1, 11.3]
 
 
 def test_the_page_says_what_does_not_exist_and_what_is_broken(tmp_path):

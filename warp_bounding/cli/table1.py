@@ -30,7 +30,18 @@ def command(
     protocol: Annotated[
         str | None, typer.Option(help="Truth: exact, sampled as in the paper, or both.  [exact]")
     ] = None,
-    budget: Annotated[float | None, typer.Option(help="Seconds for each learned fit.  [60]")] = None,
+    preset: Annotated[
+        str | None,
+        typer.Option(
+            help="full (about 3 hours on 2 cores) or hour: budgets, samples and both protocols for the whole table."
+        ),
+    ] = None,
+    budget: Annotated[
+        str | None,
+        typer.Option(
+            help="Seconds for each learned fit; others by column or method, as in 20,3d=40,3d-ray=90,occupancy=5.  [60]"
+        ),
+    ] = None,
     columns: Annotated[
         str | None, typer.Option(help="Such as 2d-point,3d-ray; or 2d, or ray, for all of these.  [all]")
     ] = None,
@@ -44,21 +55,26 @@ def command(
     samples: Annotated[int | None, typer.Option(help="Random queries that rates are measured on.  [1000000]")] = None,
     length: Annotated[float | None, typer.Option(help="Length of a ray.  [1]")] = None,
     device: Annotated[str | None, typer.Option(help="Warp device.  [cpu]")] = None,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Only say what there is to do and how long it will take.")
+    ] = False,
     json: Json = False,
 ) -> int:
     """Measure the false positives of every method on every object and query, as in the paper's Table 1.
 
     Kill it whenever you like: the same command goes on where it stopped. Columns, methods, objects and protocols can be added to a
-    folder later; budget, samples, seed, length and device are those of its first run. Exit status 1: a cell failed or the run was stopped.
+    folder later; budgets, samples, seed, length and device are those of its first run. Exit status 1: a cell failed or the run was stopped.
     """
     import warp_bounding.tables as tables
     from warp_bounding.bounders import supports
 
-    given = {"budget": budget, "samples": samples, "seed": seed, "length": length, "device": device}
+    options = {"preset": preset, "budget": budget, "samples": samples, "seed": seed, "length": length, "device": device}
+    budget, samples, protocol = _preset(preset, budget, samples, protocol)
+    given = {"samples": samples, "seed": seed, "length": length, "device": device, **_budget(budget)}
     selected = {"protocol": protocol, "columns": columns, "methods": methods, "objects": objects}
     quiet_warp(device)
     if data is None:
-        useless = [f"--{name}" for name, value in selected.items() if value is not None]
+        useless = [f"--{name}" for name, value in (selected | {"plan": plan or None}).items() if value is not None]
         if useless:
             raise QueryError(f"{useless[0]} needs --data DIR, the folder of the objects")
         with tables.open_folder(Path(out), given, create=False) as folder:
@@ -72,8 +88,10 @@ def command(
     shapes = tables.select_shapes(found, _words(objects))
     tools = tables.Tools.of_library()
     tables.plan(wanted, variants, shapes, protocols, tools.supports, ())  # before a folder is made
+    if plan:
+        return _plan(Path(out), given, (wanted, variants, shapes, protocols, tools.supports), json)
     grids = tables.load_shapes(shapes, tools.load_shape)
-    line = _line({"data": data, "out": out, **selected, **given})
+    line = _line({"data": data, "out": out, **selected, **options})
     with tables.open_folder(Path(out), given, create=True) as folder, _reporter(folder, supports) as reporter:
         outcome = tables.run(folder, wanted, variants, grids, protocols, command=line, tools=tools, reporter=reporter)
         reporter.stop()
@@ -82,6 +100,68 @@ def command(
 
 def _words(text: str | None) -> list[str] | None:
     return None if text is None else [word.strip() for word in text.split(",")]
+
+
+def _preset(preset: str | None, budget: str | None, samples: int | None, protocol: str | None) -> tuple:
+    """Budget, samples and protocol: those that were given, the rest of a preset."""
+    from warp_bounding.tables import PRESETS
+
+    if preset is None:
+        return budget, samples, protocol
+    if preset not in PRESETS:
+        raise QueryError(f"preset must be one of {', '.join(PRESETS)}, got {preset!r}")
+    chosen = PRESETS[preset]
+    return (
+        chosen.budget if budget is None else budget,
+        chosen.samples if samples is None else samples,
+        chosen.protocol if protocol is None else protocol,
+    )
+
+
+def _budget(text: str | None) -> dict[str, object]:
+    """Settings of ``--budget``; it is whole: what it does not name has the number without a name."""
+    from warp_bounding.tables import parse_budget
+
+    if text is None:
+        return {}
+    general, budgets = parse_budget(text)
+    return {"budget": general, "budgets": budgets}
+
+
+def _plan(out: Path, given: dict, selection: tuple, json: bool) -> int:
+    """Say what there is to do; nothing is written."""
+    from warp_bounding.tables import Settings, duration, open_folder, plan, shares
+
+    settings, done, fitted = Settings.of(given), (), ()
+    if (out / "settings.json").exists():
+        with open_folder(out, given, create=False) as folder:
+            settings, done = folder.settings, folder.rows
+            jobs, total = plan(*selection, done)
+            fitted = {j.name for j in jobs if folder.bounder(j.name).exists()}
+    else:
+        jobs, total = plan(*selection, done)
+    parts = shares(jobs, settings, fitted)
+    seconds, cells = sum(p.seconds for p in parts), sum(p.cells for p in parts)
+    fits = sum(sum(p.fits.values()) for p in parts)
+    if json:
+        columns = {
+            p.column.name: {
+                "learned_fits": [{"seconds": s, "fits": n} for s, n in sorted(p.fits.items())],
+                "closed_forms": p.classic,
+                "cells": p.cells,
+                "seconds": round(p.seconds, 1),
+            }
+            for p in parts
+        }
+        about = {"budget": settings.budget_text, "samples": settings.samples, "cells": total, "missing": cells}
+        print_json({"path": str(out), **about, "seconds": round(seconds, 1), "columns": columns})
+    else:
+        text = console(False)
+        for p in parts:
+            text.print(p.text, markup=False)
+        learned = f"{fits} learned fits, {cells} of {total} cells to measure on {settings.samples:,} queries each"
+        text.print(f"{learned}: {duration(seconds)} on two cores", markup=False)
+    return 0
 
 
 def _protocols(protocol: str | None) -> tuple[str, ...]:

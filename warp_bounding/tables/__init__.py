@@ -4,33 +4,42 @@
 Importing this package imports neither torch nor matplotlib.
 """
 
+from warp_bounding.tables.budgets import PRESETS, Preset, parse_budget
 from warp_bounding.tables.columns import select_columns, select_methods
 from warp_bounding.tables.folder import Folder, open_folder
 from warp_bounding.tables.means import Means
 from warp_bounding.tables.outputs import write_outputs, write_page
-from warp_bounding.tables.plan import Job, TimeLeft, plan
+from warp_bounding.tables.plan import Job, Share, TimeLeft, duration, plan, shares
 from warp_bounding.tables.rows import PROTOCOLS, Row
 from warp_bounding.tables.run import Outcome, run
+from warp_bounding.tables.settings import Settings
 from warp_bounding.tables.shapes import find_shapes, load_shapes, select_shapes
 from warp_bounding.tables.tools import Tools
 
 __all__ = [
+    "PRESETS",
     "PROTOCOLS",
     "Folder",
     "Job",
     "Means",
     "Outcome",
+    "Preset",
     "Row",
+    "Settings",
+    "Share",
     "TimeLeft",
     "Tools",
+    "duration",
     "find_shapes",
     "load_shapes",
     "open_folder",
+    "parse_budget",
     "plan",
     "run",
     "select_columns",
     "select_methods",
     "select_shapes",
+    "shares",
     "write_outputs",
     "write_page",
 ]

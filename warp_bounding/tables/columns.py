@@ -15,11 +15,13 @@ __all__ = [
     "IN_BOTH_SPACES",
     "LEARNED",
     "METHODS",
+    "NETWORKS",
     "QUERIES",
     "VARIANTS",
     "Column",
     "Supports",
     "Variant",
+    "columns_named",
     "select_columns",
     "select_methods",
     "variant_of",
@@ -44,7 +46,8 @@ PAPER = {  # false positives in per cent; columns as in ``COLUMNS``
     "mlp-early": (2.8, 3.3, 1.3, 3.1, 2.9, 10.1, 5.7, 6.5, 11.5, 38.8, 3.1, 17.2),
 }
 CLASSIC = ("aabb", "obb", "sphere", "ellipsoid", "oriented-ellipsoid", "kdop", "bvh")
-LEARNED = ("learned-kdop", "relu-field", "mlp", "mlp-early", "occupancy")  # they take the whole budget
+LEARNED = ("learned-kdop", "relu-field", "mlp", "mlp-early", "monotone-mlp", "occupancy")  # they take a budget
+NETWORKS = ("mlp", "mlp-early", "monotone-mlp")  # compared with the paper's best network
 IN_BOTH_SPACES = (*CLASSIC, "learned-kdop")  # a row for each; for points there is but one
 OUTSIDE = ("occupancy", "voxels")  # not conservative; exact on its own grid, at the price of its memory
 BVH_LEAVES = (16, 64, 256)
@@ -74,6 +77,11 @@ class Column(NamedTuple):
     def hidden(self) -> tuple[int, ...]:
         """Widths of the network's hidden layers, from the supplement."""
         return HIDDEN[self.ndim]
+
+    @property
+    def paper_network(self) -> float:
+        """The paper's best network: false positives, per cent."""
+        return min(PAPER[m][COLUMNS.index(self)] for m in NETWORKS if m in PAPER)
 
     @property
     def paper_objects(self) -> int:
@@ -118,7 +126,7 @@ class Variant(NamedTuple):
 
     @property
     def learned(self) -> bool:
-        """Whether a fit takes the whole budget."""
+        """Whether a fit takes a budget."""
         return self.method in LEARNED
 
     @property
@@ -172,6 +180,11 @@ def variant_of(method: str, space: str, leaves: int | None) -> Variant:
     return Variant(method, leaves, method in IN_BOTH_SPACES and space == "parametric")
 
 
+def columns_named(word: str) -> set[Column]:
+    """The columns that a word such as ``2d-point``, ``2d`` or ``ray`` names; none for other words."""
+    return {c for c in COLUMNS if word.lower() in (c.name, f"{c.ndim}d", c.query)}
+
+
 def select_columns(words: Sequence[str] | None) -> list[Column]:
     """The columns that words such as ``2d-point``, ``2d`` or ``ray`` name; all for ``None``.
 
@@ -182,7 +195,7 @@ def select_columns(words: Sequence[str] | None) -> list[Column]:
         return list(COLUMNS)
     chosen = set()
     for word in words:
-        found = {c for c in COLUMNS if word.lower() in (c.name, f"{c.ndim}d", c.query)}
+        found = columns_named(word)
         if not found:
             names = ", ".join(c.name for c in COLUMNS)
             raise QueryError(f"columns must be among {names} (or 2d, 3d, 4d, point, ray, plane, box), got {word!r}")

@@ -124,7 +124,7 @@ class Folder:
         """Refuse a row that cannot have been measured with these settings."""
         s = self.settings
         expected = (
-            s.budget,
+            s.budget_of(row.column, row.variant),
             s.samples,
             s.seed,
             s.length,

@@ -6,6 +6,7 @@ from warp_bounding.tables.columns import COLUMNS, Column, Supports, Variant
 from warp_bounding.tables.folder import Folder
 from warp_bounding.tables.means import Mean, Means
 from warp_bounding.tables.rows import PROTOCOLS, Row
+from warp_bounding.tables.settings import Settings
 
 __all__ = ["page"]
 
@@ -43,7 +44,7 @@ def page(folder: Folder, supports: Supports, failed: Sequence[str] = (), picture
     lines += ["", *_legend(tables)]
     for means in tables:
         lines += ["", f"## False positives, {means.protocol} protocol", "", HEADLINES[means.protocol], ""]
-        lines += _table(means, supports)
+        lines += [*_table(means, supports), "", *_against_the_paper(means)]
     if picture:
         lines += ["", "## Every object", "", f"![False positives of every object, by method, sorted]({picture})", ""]
         lines += [
@@ -66,13 +67,19 @@ def _made_with(folder: Folder, rows: Sequence[Row]) -> list[str]:
     threads = sorted({str(r.threads) for r in rows}) or ["?"]
     lines = ["Made with", "", "```", *(folder.commands or ["(no command yet)"]), "```", ""]
     lines += [
-        f"- {s.budget:g} s for each learned fit, its proof included; sizes as in the paper's supplement "
+        f"- {_budgets(s)}, its proof included; sizes as in the paper's supplement "
         f"({', '.join(f'{c.ndim}D {c.hidden}' for c in COLUMNS if c.query == 'point')}), activation {s.activation}, seed {s.seed}",
         f"- rates over {s.samples:,} random queries (seed {s.sample_seed}), rays of length {s.length:g}",
         f"- {len(rows):,} cells in [table1.csv](table1.csv), objects: {', '.join(f'{count} in {n}D' for n, count in objects.items()) or 'none'}",
         f"- device {s.device}, CPU threads {' and '.join(threads)}",
     ]
     return lines + [f"- {version}" for version in sorted({r.versions for r in rows})]
+
+
+def _budgets(settings: Settings) -> str:
+    others = settings.budgets.replace("=", " ").replace(",", " s, ")
+    text = f"{settings.budget:g} s for each learned fit"
+    return f"{text}; where others are named, the last that fits: {others} s" if others else text
 
 
 def _legend(tables: Sequence[Means]) -> list[str]:
@@ -96,6 +103,10 @@ def _legend(tables: Sequence[Means]) -> list[str]:
     signs["<sup>s</sup>"] = (
         "a statistical bound on false negatives instead of a proof; without it: proven",
         any("statistical" in m.kinds for _, m in cells),
+    )
+    signs["<sup>2s</sup>"] = (
+        "proven for all objects but 2, for example",
+        any(v.conservative and 0 < m.unproven < m.objects for v, m in cells),
     )
     signs["<sup>u</sup>"] = ("neither proven nor bounded", any(v.conservative and not m.certified for v, m in cells))
     signs["<sup>1/9</sup>"] = (
@@ -135,6 +146,27 @@ def _table(means: Means, supports: Supports) -> list[str]:
     return lines
 
 
+def _against_the_paper(means: Means) -> list[str]:
+    """Our best network of each column beside the paper's best."""
+    parts, lower, complete = [], 0, 0
+    for column, names in means.objects.items():
+        found = means.best_network(column)
+        if found is None:
+            continue
+        variant, mean = found
+        below = mean.fp_rate < column.paper_network
+        lower += below
+        complete += len(names) == column.paper_objects
+        text = f"**{mean.fp_rate:.2f}**" if below else f"{mean.fp_rate:.2f}"
+        sign = _sign(variant, mean, len(names))
+        parts.append(f"{column.title} {text}{sign} ({column.paper_network}, {variant.name})")
+    if not parts:
+        return []
+    whole = "" if complete == len(parts) else f", {complete} of them over all of the paper's objects"
+    head = "Our best network against the paper's best network (in brackets, with the name of ours), mean false positives %: "
+    return [f"{head}{'; '.join(parts)}. Lower in **{lower} of {len(parts)}** columns{whole}."]
+
+
 def _cell(means: Means, variant: Variant, column: Column, supports: Supports) -> str:
     mean, paper = means.cells.get((variant, column)), variant.paper(column, supports)
     if mean is not None:
@@ -151,7 +183,8 @@ def _cell(means: Means, variant: Variant, column: Column, supports: Supports) ->
 def _sign(variant: Variant, mean: Mean, objects: int) -> str:
     signs = []
     if variant.conservative and not mean.proven:
-        signs.append("s" if mean.certified else "u")
+        count = "" if mean.unproven == mean.objects else f"{mean.unproven}"
+        signs.append(f"{count}s" if mean.certified else f"{count}u")
     if not mean.complete:
         signs.append(f"{mean.objects}/{objects}")
     return f"<sup>{' '.join(signs)}</sup>" if signs else ""

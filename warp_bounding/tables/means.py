@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from warp_bounding.tables.columns import COLUMNS, VARIANTS, Column, Supports, Variant
+from warp_bounding.tables.columns import COLUMNS, NETWORKS, VARIANTS, Column, Supports, Variant
 from warp_bounding.tables.rows import Row
 
 __all__ = ["Mean", "Means"]
@@ -20,6 +20,7 @@ class Mean:
         objects: Number of objects.
         complete: Whether these are all objects that any row of the column was measured on.
         kinds: Kinds of certificate.
+        unproven: Number of objects whose bounder is not proven.
     """
 
     fp_rate: float
@@ -28,6 +29,7 @@ class Mean:
     objects: int
     complete: bool
     kinds: frozenset[str]
+    unproven: int
 
     @property
     def proven(self) -> bool:
@@ -73,6 +75,7 @@ class Means:
             objects=len(group),
             complete=len(group) == len(self.objects[group[0].column]),
             kinds=frozenset(r.certificate for r in group),
+            unproven=sum(r.certificate != "proven" for r in group),
         )
 
     @property
@@ -88,6 +91,11 @@ class Means:
             if c == column and v.ranked and m.complete and m.certified and m.fn == 0
         }
         return [v for v, rate in able.items() if rate == min(able.values())] if len(able) > 1 else []
+
+    def best_network(self, column: Column) -> tuple[Variant, Mean] | None:
+        """The tightest network that was measured on every object, if there is one."""
+        able = [(v, m) for (v, c), m in self.cells.items() if c == column and v.method in NETWORKS and m.complete]
+        return min(able, key=lambda pair: pair[1].fp_rate, default=None)
 
     def missed(self, variant: Variant) -> tuple[int, int]:
         """False negatives and samples of a row, in all."""

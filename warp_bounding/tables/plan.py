@@ -1,14 +1,22 @@
 """What there is to do, in which order, and how long it will take."""
 
+from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from warp_bounding.errors import BounderError
-from warp_bounding.tables.columns import Column, Supports, Variant
+from warp_bounding.tables.columns import QUERIES, Column, Supports, Variant
 from warp_bounding.tables.rows import Key
+from warp_bounding.tables.settings import Settings
 from warp_bounding.tables.shapes import Shape
 
-__all__ = ["Job", "TimeLeft", "plan"]
+__all__ = ["Job", "Share", "TimeLeft", "duration", "plan", "shares"]
+
+# What is expected before anything has been measured, on two cores; seconds.
+KDOP_SECONDS = 11.0  # after which a learned k-DOP's fit has ended whatever its budget
+CLASSIC_FIT = {2: 0.1, 3: 0.5, 4: 1.7}  # by dimension
+EVALUATE = {"3d-plane": 1.0, "4d-plane": 4.5, "4d-box": 1.5, "4d-point": 0.6, "2d-point": 0.3, "2d-box": 0.4}
+SLOWEST_USUAL = 0.8  # a million queries of the other columns
 
 
 @dataclass(frozen=True)
@@ -86,17 +94,15 @@ def plan(
 class TimeLeft:
     """Estimates the rest of a run: the budget for a learned fit, for everything else what it has taken so far."""
 
-    GUESS = 3.0  # seconds of a cell, before any has been measured
-
-    def __init__(self, jobs: Sequence[Job], budget: float, fitted: Collection[str] = ()):
+    def __init__(self, jobs: Sequence[Job], settings: Settings, fitted: Collection[str] = ()):
         """Begin.
 
         Args:
             jobs: All of them, in order.
-            budget: Seconds of a learned fit.
+            settings: Budgets of learned fits, and the number of samples.
             fitted: Names of jobs whose bounder is there already.
         """
-        self._budget, self._rest, self._fitted = budget, list(jobs), set(fitted)
+        self._settings, self._rest, self._fitted = settings, list(jobs), set(fitted)
         self._sums: dict[tuple, tuple[float, int]] = {}
 
     def drop(self, job: Job) -> None:
@@ -107,7 +113,7 @@ class TimeLeft:
         """Take note of what a job took; a fit that was loaded takes 0."""
         self._rest.remove(job)
         each = evaluate_seconds / len(job.protocols)
-        self._add(each, ("evaluate", job.column), ("evaluate",))
+        self._add(each, ("evaluate", job.column))
         if fit_seconds and not job.variant.learned:
             self._add(fit_seconds, ("fit", job.column, job.variant), ("fit", job.column), ("fit",))
 
@@ -116,18 +122,27 @@ class TimeLeft:
             total, count = self._sums.get(key, (0.0, 0))
             self._sums[key] = total + seconds, count + 1
 
-    def _mean(self, *keys: tuple) -> float:
-        total, count = next((self._sums[k] for k in keys if k in self._sums), (self.GUESS, 1))
+    def _mean(self, guess: float, *keys: tuple) -> float:
+        total, count = next((self._sums[k] for k in keys if k in self._sums), (guess, 1))
         return total / count
+
+    def fit(self, job: Job) -> float:
+        """Seconds that its fit may take."""
+        if job.name in self._fitted:
+            return 0.0
+        if job.variant.learned:
+            budget = self._settings.budget_of(job.column, job.variant)
+            return min(budget, KDOP_SECONDS) if job.variant.method == "learned-kdop" else budget
+        return self._mean(CLASSIC_FIT[job.column.ndim], ("fit", job.column, job.variant), ("fit", job.column), ("fit",))
+
+    def measure(self, job: Job) -> float:
+        """Seconds that its measurements may take."""
+        guess = EVALUATE.get(job.column.name, SLOWEST_USUAL) * self._settings.samples / 1e6
+        return len(job.protocols) * self._mean(guess, ("evaluate", job.column))
 
     def job(self, job: Job) -> float:
         """Seconds that a job may take."""
-        fit = 0.0
-        if job.name not in self._fitted:
-            fit = self._budget
-            if not job.variant.learned:
-                fit = self._mean(("fit", job.column, job.variant), ("fit", job.column), ("fit",))
-        return fit + len(job.protocols) * self._mean(("evaluate", job.column), ("evaluate",))
+        return self.fit(job) + self.measure(job)
 
     @property
     def seconds(self) -> float:
@@ -137,8 +152,52 @@ class TimeLeft:
     @property
     def text(self) -> str:
         """The same for people."""
-        minutes = round(self.seconds / 60)
-        if minutes < 1:
-            return "under a minute left"
-        hours, minutes = divmod(minutes, 60)
-        return f"about {hours} h {minutes:02} min left" if hours else f"about {minutes} min left"
+        return f"{duration(self.seconds)} left"
+
+
+def duration(seconds: float) -> str:
+    """Seconds for people."""
+    minutes = round(seconds / 60)
+    if minutes < 1:
+        return "under a minute"
+    hours, minutes = divmod(minutes, 60)
+    return f"about {hours} h {minutes:02} min" if hours else f"about {minutes} min"
+
+
+@dataclass(frozen=True)
+class Share:
+    """What one column of a plan takes.
+
+    Attributes:
+        column: Which.
+        fits: Number of learned fits, by seconds of each.
+        classic: Number of other fits.
+        cells: Number of measurements.
+        seconds: In all.
+    """
+
+    column: Column
+    fits: dict[float, int]
+    classic: int
+    cells: int
+    seconds: float
+
+    @property
+    def text(self) -> str:
+        """One line for people: fits x seconds, everything else, the sum."""
+        learned = " + ".join(f"{n} x {s:g} s" for s, n in sorted(self.fits.items(), reverse=True)) or "no learned fit"
+        rest = f"{self.classic} closed forms, {self.cells} measurements"
+        return f"{self.column.name}: {learned}; {rest}: {duration(self.seconds)}"
+
+
+def shares(jobs: Sequence[Job], settings: Settings, fitted: Collection[str] = ()) -> list[Share]:
+    """What each column of a plan takes; see ``TimeLeft`` for the arguments."""
+    left, result = TimeLeft(jobs, settings, fitted), []
+    for column in dict.fromkeys(j.column for j in jobs):
+        own = [j for j in jobs if j.column == column]
+        new = [j for j in own if j.name not in fitted]
+        fits = Counter(left.fit(j) for j in new if j.variant.learned)
+        classic = sum(not j.variant.learned for j in new)
+        cells = sum(len(j.protocols) for j in own)
+        result.append(Share(column, dict(fits), classic, cells, sum(map(left.job, own))))
+    return sorted(result, key=lambda s: (s.column.ndim, QUERIES.index(s.column.query)))

@@ -29,8 +29,16 @@ STYLES = {  # colour and marker; told apart in all common kinds of colour blindn
     "relu-field": ("#d97bb6", "X"),
     "mlp": ("#d1420a", "o"),
     "mlp-early": ("#f0a30a", "d"),
+    "monotone-mlp": ("#a8323e", ">"),
 }
-ORDER = ("mlp", "mlp-early", "relu-field", "learned-kdop", *(m for m in STYLES if m not in LEARNED))  # of the legend
+ORDER = (
+    "mlp",
+    "mlp-early",
+    "monotone-mlp",
+    "relu-field",
+    "learned-kdop",
+    *(m for m in STYLES if m not in LEARNED),
+)  # of the legend
 HEADINGS = {"learned": True, "classic": False}
 CAPTIONS = {
     "geometric": "volumes around the object",

@@ -101,7 +101,7 @@ def run(
     if jobs:
         folder.remember(command)
     outcome = Outcome(total, total - sum(len(j.protocols) for j in jobs))
-    left = TimeLeft(jobs, folder.settings.budget, {j.name for j in jobs if folder.bounder(j.name).exists()})
+    left = TimeLeft(jobs, folder.settings, {j.name for j in jobs if folder.bounder(j.name).exists()})
     reporter.begin(total, outcome.done, left)
     with _interruptions() as interrupted:
         try:
@@ -164,7 +164,7 @@ def _bounder(job, grid, folder, tools, reporter, interrupted) -> tuple[Any, floa
         method=job.variant.method,
         hidden=job.column.hidden,
         activation=s.activation,
-        budget=s.budget,
+        budget=s.budget_of(job.column, job.variant),
         seed=s.seed,
         length=s.length,
         space=job.space,
@@ -218,7 +218,7 @@ def _row(job: Job, protocol: str, grid: Any, bounder: Any, seconds: float | None
         nbytes=int(bounder.nbytes),
         hidden="-".join(map(str, job.column.hidden)),
         activation=s.activation,
-        budget=s.budget,
+        budget=s.budget_of(job.column, job.variant),
         samples=s.samples,
         seed=s.seed,
         length=s.length,

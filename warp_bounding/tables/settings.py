@@ -6,10 +6,14 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from warp_bounding.errors import BounderError, FileFormatError
-from warp_bounding.tables.columns import COLUMNS
+from warp_bounding.tables.budgets import budget_of, parse_budget
+from warp_bounding.tables.columns import COLUMNS, Column, Variant
 from warp_bounding.version import __version__
 
 __all__ = ["Settings"]
+
+
+SINCE = {"budgets"}  # not in the first folders
 
 
 def _sizes() -> dict[str, list[int]]:
@@ -22,6 +26,7 @@ class Settings:
 
     Attributes:
         budget: Seconds for a learned fit.
+        budgets: Others for some columns or methods (``parse_budget``).
         samples: Random queries that rates are measured on.
         seed: Of a fit; the samples have the next one, so that none is a training sample.
         length: Of a ray.
@@ -32,6 +37,7 @@ class Settings:
     """
 
     budget: float = 60.0
+    budgets: str = ""
     samples: int = 1_000_000
     seed: int = 0
     length: float = 1.0
@@ -70,10 +76,20 @@ class Settings:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise BounderError(f"{name} must be positive, got {value}")
+        parse_budget(self.budget_text)
         if self.samples < 1:
             raise BounderError(f"samples must be at least 1, got {self.samples}")
         if not 0 <= self.seed < 2**63 - 1:
             raise BounderError(f"seed must be a whole number from 0 to 2^63 - 2, got {self.seed}")
+
+    def budget_of(self, column: Column, variant: Variant) -> float:
+        """Seconds for a learned fit."""
+        return budget_of(column, variant, self.budget, self.budgets)
+
+    @property
+    def budget_text(self) -> str:
+        """All budgets, as ``--budget`` takes them."""
+        return ",".join(filter(None, (f"{self.budget:g}", self.budgets)))
 
     @property
     def sample_seed(self) -> int:
@@ -92,7 +108,8 @@ class Settings:
             FileFormatError: If fields are not those of this version, or of another type.
         """
         defaults = cls(hidden=_sizes())
-        if not isinstance(values, dict) or set(values) != {f.name for f in fields(cls)}:
+        names = {f.name for f in fields(cls)}
+        if not isinstance(values, dict) or not names - SINCE <= set(values) <= names:
             raise FileFormatError("the settings are not those that this version of warp-bounding writes")
         for name, value in values.items():
             kind = type(getattr(defaults, name))
