@@ -1,13 +1,10 @@
 """One line of ``table1.csv``: what was measured of one bounder, and everything that it depends on."""
 
-import csv
-import io
-import math
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from warp_bounding.errors import FileFormatError
 from warp_bounding.tables.columns import COLUMNS, VARIANTS, Column, Variant, variant_of
+from warp_bounding.tables.lines import Lines, optional, share, whole
 
 __all__ = ["FIELDS", "HEADER", "PROTOCOLS", "Row", "format_line", "parse_line"]
 
@@ -89,41 +86,16 @@ class Row:
         return variant_of(self.method, self.space, self.leaves)
 
 
-FIELDS = tuple(f.name for f in fields(Row))
-HEADER = ",".join(FIELDS) + "\n"
-
-
-def _whole(text: str) -> int:
-    if not text.isdecimal():
-        raise ValueError(f"{text!r} is not a whole number")
-    return int(text)
-
-
-def _number(text: str) -> float:
-    value = float(text)
-    if not (math.isfinite(value) and value >= 0):
-        raise ValueError(f"{text!r} is not a number of at least 0")
-    return value
-
-
-def _optional(read: Callable[[str], float]) -> Callable[[str], float | None]:
-    return lambda text: read(text) if text else None
-
-
-READERS = {
-    **dict.fromkeys(("dimension", "fn", "nbytes", "samples", "seed", "threads"), _whole),
-    **dict.fromkeys(("fp_rate", "positives", "budget", "length"), _number),
-    **dict.fromkeys(("fit_seconds", "proof_seconds"), _optional(_number)),
-    "leaves": _optional(_whole),
-}
-
-
-def format_line(row: Row) -> str:
-    """The line of a row, its end included."""
-    text = io.StringIO()
-    values = ("" if (v := getattr(row, name)) is None else v for name in FIELDS)
-    csv.writer(text, lineterminator="\n").writerow(values)
-    return text.getvalue()
+LINES = Lines(
+    Row,
+    {
+        **dict.fromkeys(("dimension", "fn", "nbytes", "samples", "seed", "threads"), whole),
+        **dict.fromkeys(("fp_rate", "positives", "budget", "length"), share),
+        **dict.fromkeys(("fit_seconds", "proof_seconds"), optional(share)),
+        "leaves": optional(whole),
+    },
+)
+FIELDS, HEADER, format_line = LINES.fields, LINES.header, LINES.format
 
 
 def parse_line(line: str) -> Row:
@@ -132,19 +104,7 @@ def parse_line(line: str) -> Row:
     Raises:
         FileFormatError: With what is wrong with it, if it is not such a line.
     """
-    try:
-        (cells,) = csv.reader([line], strict=True)
-    except (csv.Error, ValueError) as error:
-        raise FileFormatError(str(error) or "not a line of a table") from None
-    if len(cells) != len(FIELDS):
-        raise FileFormatError(f"{len(cells)} fields instead of {len(FIELDS)}")
-    values = {}
-    for name, text in zip(FIELDS, cells, strict=True):
-        try:
-            values[name] = READERS.get(name, str)(text)
-        except ValueError as error:
-            raise FileFormatError(f"{name}: {error}") from None
-    row = Row(**values)
+    row = LINES.parse(line)
     if row.column not in COLUMNS or row.variant not in VARIANTS:
         raise FileFormatError(f"there is no {row.variant.label} for {row.column.name}")
     if row.protocol not in PROTOCOLS or row.space not in SPACES or not row.object or row.fp_rate > 100:

@@ -4,17 +4,15 @@ A fit that fails is reported at the end and the others go on. An interruption is
 ``fit`` end its training early and return what it has, which is thrown away here.
 """
 
-import contextlib
-import signal
-import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from warp_bounding.errors import BoundingError, FileFormatError, IndicatorError
+from warp_bounding.errors import FileFormatError, IndicatorError
 from warp_bounding.launch import cpu_threads
 from warp_bounding.tables.columns import Column, Variant
+from warp_bounding.tables.fitting import FAILURES, fit_bounder, interruptions, load_bounder, reason_of
 from warp_bounding.tables.folder import Folder
 from warp_bounding.tables.plan import Job, TimeLeft, plan
 from warp_bounding.tables.rows import Row
@@ -24,7 +22,6 @@ from warp_bounding.tables.tools import Tools, versions
 __all__ = ["Outcome", "Reporter", "run"]
 
 DIGEST = 16  # characters of the SHA-256 of an object's cells
-FAILURES = (BoundingError, RuntimeError, ArithmeticError, MemoryError)  # of one cell; torch and Warp raise RuntimeError
 
 
 class Reporter(Protocol):
@@ -103,7 +100,7 @@ def run(
     outcome = Outcome(total, total - sum(len(j.protocols) for j in jobs))
     left = TimeLeft(jobs, folder.settings, {j.name for j in jobs if folder.bounder(j.name).exists()})
     reporter.begin(total, outcome.done, left)
-    with _interruptions() as interrupted:
+    with interruptions() as interrupted:
         try:
             for job in jobs:
                 reporter.start(job)
@@ -134,9 +131,7 @@ def _work(job, grid, folder, tools, reporter, outcome, left, interrupted) -> Non
     except FileFormatError:  # the folder cannot be written to: no use going on
         raise
     except FAILURES as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        if not isinstance(error, BoundingError):
-            reason = f"{type(error).__name__}: {reason}"
+        reason = reason_of(error)
         outcome.failed += [f"{job.title} ({p}): {reason}" for p in job.protocols]
         left.drop(job)
         reporter.fail(job, reason)
@@ -153,43 +148,16 @@ def _bounder(job, grid, folder, tools, reporter, interrupted) -> tuple[Any, floa
     """The bounder of a job, the seconds that its fit took, and those that it took now."""
     s, path = folder.settings, folder.bounder(job.name)
     if path.exists():
-        bounder = _fitted(path, grid, folder, tools, reporter)
+        bounder = load_bounder(path, grid, s, tools, reporter.say)
         if bounder is not None:
             return bounder, _recorded(job, bounder, folder), 0.0
-    options = {"leaves": job.variant.leaves} if job.variant.leaves is not None else {}
     started = time.perf_counter()
-    bounder = tools.fit(
-        grid,
-        query=job.column.query,
-        method=job.variant.method,
-        hidden=job.column.hidden,
-        activation=s.activation,
-        budget=s.budget_of(job.column, job.variant),
-        seed=s.seed,
-        length=s.length,
-        space=job.space,
-        device=s.device,
-        progress=_note(reporter, "fitting"),
-        **options,
-    )
+    bounder = fit_bounder(job, grid, s, tools, _note(reporter, "fitting"))
     seconds = time.perf_counter() - started
     if interrupted.is_set():
         raise KeyboardInterrupt
     tools.save(bounder, path)
     return bounder, seconds, seconds
-
-
-def _fitted(path, grid, folder, tools, reporter) -> Any | None:
-    """The bounder that an earlier run fitted, unless it is damaged or of something else."""
-    try:
-        bounder = tools.load(path, device=folder.settings.device)
-    except BoundingError as error:
-        reporter.say(f"{error}; fitted again")
-        return None
-    if (bounder.info.get("indicator"), bounder.info.get("seed")) == (grid.digest, folder.settings.seed):
-        return bounder
-    reporter.say(f"{path}: fitted to another object or with another seed; fitted again")
-    return None
 
 
 def _recorded(job: Job, bounder: Any, folder: Folder) -> float | None:
@@ -232,23 +200,3 @@ def _row(job: Job, protocol: str, grid: Any, bounder: Any, seconds: float | None
 def _note(reporter: Reporter, what: str):
     """A progress callback that says what is going on where the callee does not."""
     return lambda done, total=1.0, note="": reporter.within(done, total, f"{what}, {note}" if note else what)
-
-
-@contextlib.contextmanager
-def _interruptions() -> Iterator[threading.Event]:
-    """An event that Ctrl-C sets, besides raising ``KeyboardInterrupt``: a callee may swallow that and return early."""
-    event = threading.Event()
-    unheard = signal.getsignal(signal.SIGINT) == signal.SIG_IGN  # as in a shell's background jobs
-    if unheard or threading.current_thread() is not threading.main_thread():
-        yield event
-        return
-
-    def handler(number, frame):
-        event.set()
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGINT, handler)
-    try:
-        yield event
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -1,7 +1,7 @@
 """What all rows of one table have in common. Columns, methods, objects and protocols are selections, not settings."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
@@ -10,7 +10,7 @@ from warp_bounding.tables.budgets import budget_of, parse_budget
 from warp_bounding.tables.columns import COLUMNS, Column, Variant
 from warp_bounding.version import __version__
 
-__all__ = ["Settings"]
+__all__ = ["Settings", "agree", "read_fields"]
 
 
 SINCE = {"budgets"}  # not in the first folders
@@ -56,15 +56,7 @@ class Settings:
         given = {name: value for name, value in given.items() if value is not None}
         wanted = replace(stored or cls(), hidden=_sizes(), library=__version__, **given)
         wanted.check()
-        names = [f.name for f in fields(cls)]
-        if stored is not None and wanted != stored:
-            different = (
-                f"{n} {getattr(stored, n)} there, {getattr(wanted, n)} now"
-                for n in names
-                if getattr(stored, n) != getattr(wanted, n)
-            )
-            raise BounderError(f"made with other settings: {'; '.join(different)}. Use those, or another folder")
-        return wanted
+        return agree(wanted, stored)
 
     def check(self) -> None:
         """Refuse what makes no sense.
@@ -107,12 +99,41 @@ class Settings:
         Raises:
             FileFormatError: If fields are not those of this version, or of another type.
         """
-        defaults = cls(hidden=_sizes())
-        names = {f.name for f in fields(cls)}
-        if not isinstance(values, dict) or not names - SINCE <= set(values) <= names:
-            raise FileFormatError("the settings are not those that this version of warp-bounding writes")
-        for name, value in values.items():
-            kind = type(getattr(defaults, name))
-            if type(value) is not kind and not (kind is float and type(value) is int):
-                raise FileFormatError(f"the setting {name} is damaged: {value!r}")
-        return cls(**values)
+        return read_fields(cls(hidden=_sizes()), values, SINCE)
+
+
+def agree(wanted: Any, stored: Any | None) -> Any:
+    """What is wanted, unless it is not what is stored.
+
+    Raises:
+        BounderError: With the names and both values of what is not the same.
+    """
+    if stored is not None and wanted != stored:
+        different = (
+            f"{n} {getattr(stored, n)} there, {getattr(wanted, n)} now"
+            for n in (f.name for f in fields(wanted))
+            if getattr(stored, n) != getattr(wanted, n)
+        )
+        raise BounderError(f"made with other settings: {'; '.join(different)}. Use those, or another folder")
+    return wanted
+
+
+def read_fields(defaults: Any, values: Any, since: Collection[str] = ()) -> Any:
+    """Settings, a dataclass like ``defaults``, from what JSON has kept of them.
+
+    Args:
+        defaults: Of the same class; their types are expected.
+        values: As read.
+        since: Fields that may be missing.
+
+    Raises:
+        FileFormatError: If fields are not those of this version, or of another type.
+    """
+    names = {f.name for f in fields(defaults)}
+    if not isinstance(values, dict) or not names - set(since) <= set(values) <= names:
+        raise FileFormatError("the settings are not those that this version of warp-bounding writes")
+    for name, value in values.items():
+        kind = type(getattr(defaults, name))
+        if type(value) is not kind and not (kind is float and type(value) is int):
+            raise FileFormatError(f"the setting {name} is damaged: {value!r}")
+    return type(defaults)(**values)

@@ -1,0 +1,75 @@
+"""What the runs that fit bounders have in common: fit one as a table's settings say, or load one that is fitted; Ctrl-C; failures."""
+
+import contextlib
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from warp_bounding.errors import BoundingError
+from warp_bounding.tables.plan import Job
+from warp_bounding.tables.settings import Settings
+from warp_bounding.tables.tools import Tools
+
+__all__ = ["FAILURES", "fit_bounder", "interruptions", "load_bounder", "reason_of"]
+
+FAILURES = (BoundingError, RuntimeError, ArithmeticError, MemoryError)  # of one cell; torch and Warp raise RuntimeError
+
+
+def fit_bounder(job: Job, grid: Any, settings: Settings, tools: Tools, progress: Callable[..., None]) -> Any:
+    """Fit the bounder of a job; an interruption may end it early, see ``interruptions``."""
+    options = {"leaves": job.variant.leaves} if job.variant.leaves is not None else {}
+    return tools.fit(
+        grid,
+        query=job.column.query,
+        method=job.variant.method,
+        hidden=job.column.hidden,
+        activation=settings.activation,
+        budget=settings.budget_of(job.column, job.variant),
+        seed=settings.seed,
+        length=settings.length,
+        space=job.space,
+        device=settings.device,
+        progress=progress,
+        **options,
+    )
+
+
+def load_bounder(path: Path, grid: Any, settings: Settings, tools: Tools, say: Callable[[str], None]) -> Any | None:
+    """The bounder that an earlier run fitted, unless it is damaged or of something else; then people are told."""
+    try:
+        bounder = tools.load(path, device=settings.device)
+    except BoundingError as error:
+        say(f"{error}; fitted again")
+        return None
+    if (bounder.info.get("indicator"), bounder.info.get("seed")) == (grid.digest, settings.seed):
+        return bounder
+    say(f"{path}: fitted to another object or with another seed; fitted again")
+    return None
+
+
+def reason_of(error: BaseException) -> str:
+    """A failure in one line."""
+    reason = " ".join(str(error).split()) or type(error).__name__
+    return reason if isinstance(error, BoundingError) else f"{type(error).__name__}: {reason}"
+
+
+@contextlib.contextmanager
+def interruptions() -> Iterator[threading.Event]:
+    """An event that Ctrl-C sets, besides raising ``KeyboardInterrupt``: a callee may swallow that and return early."""
+    event = threading.Event()
+    unheard = signal.getsignal(signal.SIGINT) == signal.SIG_IGN  # as in a shell's background jobs
+    if unheard or threading.current_thread() is not threading.main_thread():
+        yield event
+        return
+
+    def handler(number, frame):
+        event.set()
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, handler)
+    try:
+        yield event
+    finally:
+        signal.signal(signal.SIGINT, before)
