@@ -14,7 +14,7 @@ __all__ = ["app", "main"]
 def _app():
     import typer
 
-    from warp_bounding.cli import certify, demo, evaluate, fit, info, table1
+    from warp_bounding.cli import certify, demo, evaluate, fit, info, proofs, soak, table1
 
     app = typer.Typer(
         name="warp-bounding",
@@ -23,7 +23,7 @@ def _app():
         add_completion=False,
         pretty_exceptions_enable=False,
     )
-    for command in (fit, certify, evaluate, info, table1, demo):
+    for command in (fit, certify, soak, evaluate, info, table1, proofs, demo):
         app.command(name=command.__name__.rpartition(".")[2])(command.command)
 
     @app.callback()

@@ -3,10 +3,12 @@
 from warp_bounding.proof.document import conjunction
 from warp_bounding.proof.prove import certify, positive_boxes, provable, prove
 from warp_bounding.proof.search import Search, minimum
+from warp_bounding.proof.soak import Soak, soak
 from warp_bounding.proof.statistics import attempt_confidence, attest, fn_rate_bound, fresh_seed, try_positives
 
 __all__ = [
     "Search",
+    "Soak",
     "attempt_confidence",
     "attest",
     "certify",
@@ -17,5 +19,6 @@ __all__ = [
     "positive_boxes",
     "provable",
     "prove",
+    "soak",
     "try_positives",
 ]

@@ -4,7 +4,9 @@ The oracle decides in float64, where the cell coordinate of a float32 point is e
 the face between two cells belongs to both.
 """
 
+from fractions import Fraction
 from functools import cache
+from math import ceil, floor
 
 import numpy as np
 import warp as wp
@@ -13,8 +15,9 @@ from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.launch import BLOCK, launch_blocks
 from warp_bounding.native import named
+from warp_bounding.queries.region import rational_map
 
-__all__ = ["PointOracle", "sample_points"]
+__all__ = ["PointOracle", "point_truth", "sample_points"]
 
 
 def sample_points(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -30,6 +33,23 @@ def sample_points(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> 
     """
     u = rng.random((count, grid.ndim), dtype=np.float32)
     return (grid.sample_lower + u * (grid.sample_upper - grid.sample_lower)).astype(np.float32)
+
+
+def point_truth(grid: IndicatorGrid, x: np.ndarray) -> np.ndarray:
+    """The truth for points in rational arithmetic, one by one: slow, and plainly right.
+
+    Args:
+        grid: The object.
+        x: ``(N, n)`` float32 or float64, object space.
+
+    Returns:
+        ``(N,)`` bool.
+    """
+    half, truth = Fraction(1, 2), np.isfinite(x).all(axis=1)
+    for index in np.flatnonzero(truth):
+        cells = [slice(max(0, ceil(t - half)), max(0, floor(t + half) + 1)) for t in rational_map(grid, x[index])]
+        truth[index] = grid.occupancy[tuple(cells)].any()
+    return truth
 
 
 def _snippet(ndim: int) -> str:

@@ -16,11 +16,20 @@ from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.launch import BLOCK, launch_blocks
 
-__all__ = ["RELATIVE_ERROR", "RegionOracle", "cell_coordinates", "integers", "loop_snippet", "rational_map", "valid"]
+__all__ = [
+    "COORDINATE",
+    "RELATIVE_ERROR",
+    "RegionOracle",
+    "cell_coordinates",
+    "integers",
+    "loop_snippet",
+    "rational_map",
+    "valid",
+]
 
 RELATIVE_ERROR = 2.0**-48  # 32 roundings: no quantity that carries it goes through more than 16 (n <= 16)
 
-_COORDINATE = """
+COORDINATE = """
 struct Coordinate {  // t + rest = cells_per_unit * x - offset, exactly; lo, hi: the first and the last closed cell there
     double t, rest, lo, hi;
     Coordinate() = default;
@@ -54,7 +63,7 @@ def loop_snippet(ndim: int, body: str) -> str:
     return f"""
 constexpr int N = {ndim};
 constexpr double rho = {RELATIVE_ERROR.hex()};
-{_COORDINATE}
+{COORDINATE}
 #if defined(__CUDA_ARCH__)
 const int begin = block; const int end = block < count ? block + 1 : count;
 #else
