@@ -10,6 +10,7 @@ from warp_bounding.bounders.kdop import Kdop
 from warp_bounding.bounders.learned_kdop import LearnedKdop
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.mlp_early import MlpEarly
+from warp_bounding.bounders.monotone_mlp import MonotoneMlp
 from warp_bounding.bounders.obb import Obb
 from warp_bounding.bounders.occupancy import Occupancy
 from warp_bounding.bounders.oriented_ellipsoid import OrientedEllipsoid
@@ -25,7 +26,7 @@ METHODS: dict[str, type[Bounder]] = {
     c.method: c
     for c in (
         *(Aabb, Obb, Sphere, Ellipsoid, OrientedEllipsoid, Kdop, Bvh, LearnedKdop, Voxels),
-        *(ReluField, Mlp, MlpEarly, Occupancy),
+        *(ReluField, Mlp, MlpEarly, MonotoneMlp, Occupancy),
     )
 }
 

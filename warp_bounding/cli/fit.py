@@ -25,7 +25,9 @@ def command(
     query: Annotated[str, typer.Option(help="Kind of query: point, ray, plane or box.")] = "point",
     method: Annotated[str, typer.Option(help="Bounding method, such as mlp, kdop, aabb.")] = "mlp",
     hidden: Annotated[str, typer.Option(help="Widths of the hidden layers, mlp.")] = "50,50",
-    activation: Annotated[str, typer.Option(help="sin, relu or tanh, mlp.")] = "sin",
+    activation: Annotated[
+        str, typer.Option(help="sin, relu or tanh, mlp; monotone-mlp: tanh or relu, tanh for sin.")
+    ] = "sin",
     octaves: Annotated[int, typer.Option(help="Octaves of positional encoding, mlp; 0 for none.")] = 0,
     k: Annotated[int | None, typer.Option(help="Half-spaces, kdop and learned-kdop.")] = None,
     leaves: Annotated[
@@ -52,7 +54,7 @@ def command(
 ) -> int:
     """Fit a bounder to SHAPE, prove that it has no false negative, and save it.
 
-    Networks of ray and box queries have no proof yet: their certificate is statistical, and says so. Ctrl-C ends training
+    Networks of ray and box queries have no proof yet, but for monotone-mlp: their certificate is statistical, and says so. Ctrl-C ends training
     early; the best bounder so far is proven and saved.
     """
     from warp_bounding.bounders import save

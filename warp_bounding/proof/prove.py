@@ -3,8 +3,9 @@
 ``prove`` finds the least value of ``f`` over P_delta, every float32 input that the pipeline can make of a query that meets
 the object, and sets ``threshold <= minimum - E``: in closed form, or by branch and bound (networks: over the object for
 points, over all normals for planes). ``certify`` takes threshold and shape as given and checks ``f >= threshold + E``, for
-points cell by cell; it shares nothing with the search but the methods' bound rules. Networks of rays and boxes have no
-proof yet: ``certify`` puts fresh positives to them instead (``statistics``).
+points cell by cell; it shares nothing with the search but the methods' bound rules. A monotone network's boxes are proven
+as points (``monotone``). Other networks of rays and boxes have no proof yet: ``certify`` puts fresh positives to them
+instead (``statistics``).
 """
 
 import time
@@ -22,6 +23,7 @@ from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.blocks import full_blocks
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.document import conjunction, document
+from warp_bounding.proof.monotone import of_points
 from warp_bounding.proof.planes import SupportGap
 from warp_bounding.proof.search import Search, halve, minimum
 from warp_bounding.proof.statistics import CONFIDENCE, POSITIVES, fn_rate_bound, try_positives
@@ -94,7 +96,7 @@ def prove(
             gap = SupportGap(bounder, grid)
             search = minimum(gap, *gap.boxes(), **limits)
         else:
-            search = minimum(bounder, *positive_boxes(bounder, grid), **limits)
+            search = minimum(of_points(bounder), *positive_boxes(of_points(bounder), grid), **limits)
     error = bounder.rounding_bound()
     threshold = float(round_down(_minus(search.lower_bound, error)))
     if not np.isfinite(threshold):
@@ -162,10 +164,11 @@ def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress) ->
         point = _denied(bounder, grid, grid.position(outside)) if bounder.query_kind == "point" else None
         text = "the shape reaches outside the domain that the bounder was made for"
         return result("refuted" if point is not None else "undecided", text, threshold, point)
-    if bounder.query_kind != "point":
+    checked = of_points(bounder)
+    if bounder.query_kind != "point" and checked is bounder:
         return _certify_regions(bounder, grid, target, seconds, result)
     for start in range(0, len(cells), CHUNK):
-        part = _check_cells(bounder, grid, target, started + seconds, cells[start : start + CHUNK])
+        part = _check_cells(checked, grid, target, started + seconds, cells[start : start + CHUNK])
         least, boxes = min(least, part.least), boxes + part.boxes
         if part.suspects is not None or part.late:
             break
@@ -176,7 +179,8 @@ def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress) ->
     if part.suspects is not None:
         point = _denied(bounder, grid, part.suspects)
         if point is not None:
-            return result("refuted", "a point of the object is answered with no", least, point)
+            text = f"a {bounder.query_kind} that meets the object is answered with no"
+            return result("refuted", text, least, point)
         return result("undecided", "f comes closer to the threshold than the proof's margins for rounding allow", least)
     dilated = f" dilated by {grid.margin:g}" if grid.margin else ""
     return result(
@@ -295,11 +299,15 @@ def _outside(bounder: Bounder, grid: IndicatorGrid) -> np.ndarray:
 
 
 def _denied(bounder: Bounder, grid: IndicatorGrid, x: np.ndarray) -> np.ndarray | None:
-    """The first of these points, as float32, that lies in the object and that the deployed bounder answers with no."""
+    """The first of these points, as float32, that lies in the object and that the deployed bounder answers with no.
+
+    Boxes: as a box that is no more than the point.
+    """
     x = np.asarray(x, dtype=np.float64).astype(np.float32)
     x = x[grid.contains(x)]
     if not len(x):
         return None
+    x = x if bounder.query_kind == "point" else np.concatenate([x, x], axis=1)
     missed = np.flatnonzero(bounder.query(x).numpy() == 0)
     return x[missed[0]] if len(missed) else None
 

@@ -15,6 +15,7 @@ from warp_bounding.bounders.domain import Domain
 from warp_bounding.bounders.kdop import Kdop
 from warp_bounding.bounders.learned_kdop import LearnedKdop
 from warp_bounding.bounders.mlp import Mlp, check_hidden, check_octaves
+from warp_bounding.bounders.monotone_mlp import MONOTONE, MonotoneMlp
 from warp_bounding.bounders.network import ACTIVATIONS
 from warp_bounding.bounders.parametric import fit_parametric
 from warp_bounding.bounders.regions import RegionDomain, domain_of
@@ -60,14 +61,14 @@ def fit(
 ) -> Bounder:
     """Fit a bounder to a shape, and prove it where there is a proof for the method and the query.
 
-    Networks of rays and boxes have none yet: their certificate is statistical, and says so.
+    Networks of rays and boxes have none yet, but for monotone-mlp: their certificate is statistical, and says so.
 
     Args:
         shape: What ``load_indicator`` returns, or anything that it takes.
         query: Kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``.
         method: A name in ``METHODS``.
         hidden: Hidden widths, mlp.
-        activation: ``"sin"``, ``"relu"`` or ``"tanh"``, mlp.
+        activation: ``"sin"``, ``"relu"`` or ``"tanh"``, mlp; monotone-mlp takes tanh in place of sin, which is not monotone.
         budget: Seconds for training and proof, mlp.
         seed: Of everything random.
         margin: The object is dilated by this length first, object (world) units.
@@ -98,6 +99,10 @@ def fit(
         hidden, octaves = check_hidden(hidden), check_octaves(octaves)
         if activation not in ACTIVATIONS:
             raise BounderError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {activation!r}")
+        if issubclass(METHODS[method], MonotoneMlp):
+            if octaves or recipe != "default":
+                raise BounderError(f"{method} takes no octaves and the default recipe only, got {octaves} and {recipe}")
+            activation = activation if activation in MONOTONE else MONOTONE[0]
     started = time.perf_counter()
     grid = load_indicator(shape).to_grid(resolution=resolution, margin=margin)
     space = "geometric" if query == "point" else space

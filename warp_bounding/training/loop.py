@@ -100,15 +100,24 @@ class Trainer:
         self.recipe = recipe or RECIPES[samples.query]
         self.samples, self.generator = samples, samples.generator
         self.network = TrainableNetwork(samples.ndim, hidden, activation, octaves, moments)
-        sine = activation == "sin" and not octaves
-        gains = ("first_gain", "later_gain") if sine else ("first_gain_relu", "later_gain_relu")
-        self.network.initialise(*(getattr(self.recipe, g) for g in gains), self.generator)
-        # An axis of few cells carries less detail than its range in v would suggest.
-        self.network.layers[0][:, : samples.ndim] *= samples.detail.T
+        self._initialise()
         self.false_positives = self.false_negatives = 1.0
         self._hard: torch.Tensor | None = None  # states
         self._best = (math.inf, self.network.flat.clone())
         self._batches: list[tuple] = []
+
+    def _initialise(self) -> None:
+        """Weights to begin with."""
+        network, samples = self.network, self.samples
+        sine = network.activation == "sin" and not network.octaves
+        gains = ("first_gain", "later_gain") if sine else ("first_gain_relu", "later_gain_relu")
+        network.initialise(*(getattr(self.recipe, g) for g in gains), self.generator)
+        # An axis of few cells carries less detail than its range in v would suggest.
+        network.layers[0][:, : samples.ndim] *= samples.detail.T
+
+    def _optimiser(self) -> Soap:
+        """What changes the weights."""
+        return Soap(self.network.layers, self.recipe.beta1, self.recipe.beta2)
 
     def run(
         self,
@@ -127,7 +136,7 @@ class Trainer:
         recipe, threads = self.recipe, cpu_threads()
         team = Team(threads)
         workers = [Evaluator(self.network, recipe.chunk) for _ in range(threads)]
-        optimiser = Soap(self.network.layers, recipe.beta1, recipe.beta2)
+        optimiser = self._optimiser()
         step = 0
         try:
             while (used := clock.fraction()) < 1:

@@ -2,7 +2,8 @@
 
 Points are trained with the prover in the loop: now and then branch and bound looks for the least value of f on the object,
 what it finds goes into training, and the last part of the budget is the proof itself. Planes' supports need no labels, and
-their proof is short. Rays and boxes have no proof yet: an adversarial search sets the threshold, fresh positives attest it.
+their proof is short. A monotone network's boxes are trained and proven as points. Other networks of rays and boxes have no
+proof yet: an adversarial search sets the threshold, fresh positives attest it.
 A network with exits is several networks that share layers; each gets a threshold of its own, in the same way.
 """
 
@@ -15,14 +16,17 @@ import torch
 from warp_bounding.bounders.domain import Domain
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.mlp_early import MlpEarly, part_of
+from warp_bounding.bounders.monotone_mlp import MonotoneMlp
 from warp_bounding.bounders.regions import RegionDomain
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import attest, conjunction, minimum, positive_boxes, prove
+from warp_bounding.proof.monotone import of_points
 from warp_bounding.queries import oracle, sample
 from warp_bounding.training.adversary import adversarial_minimum
 from warp_bounding.training.clock import Clock
 from warp_bounding.training.early import EXIT_SHARE, EarlyTrainer, train_exits
 from warp_bounding.training.loop import Trainer
+from warp_bounding.training.monotone import LeastBoxSamples, MonotoneTrainer
 from warp_bounding.training.network import TrainableNetwork
 from warp_bounding.training.occupancy import train_occupancy
 from warp_bounding.training.paper import PaperTrainer
@@ -92,7 +96,7 @@ def fit_network(
     """Train a network and set its threshold.
 
     Args:
-        kind: ``Mlp``, ``MlpEarly`` or ``Occupancy``.
+        kind: ``Mlp``, ``MlpEarly``, ``MonotoneMlp`` or ``Occupancy``.
         problem: What for.
         options: How.
         progress: Called with done, total and a note. Ctrl-C ends training; the best network so far is taken.
@@ -110,6 +114,9 @@ class _Fit:
         self.kind, self.problem, self.options, self.progress = kind, problem, options, progress
         self.clock = Clock(options.budget, options.steps)
         self.early = issubclass(kind, MlpEarly)
+        self.monotone = issubclass(kind, MonotoneMlp)
+        self.as_points = problem.query == "point" or self.monotone  # proven over the object's points
+        self.reserve = RESERVE["point" if self.as_points else problem.query]
         self.interrupted, self.boxes = False, 0
 
     def run(self) -> tuple[Mlp, dict]:
@@ -117,9 +124,7 @@ class _Fit:
         options, clock = self.options, self.clock
         exits = EXIT_SHARE * (len(options.hidden) - 1) if self.early else 0.0
         self.exit_seconds = exits * options.budget
-        clock.reserved = (
-            RESERVE[self.problem.query] * (1 + MORE_FOR_EXITS * self.early) * options.budget + self.exit_seconds
-        )
+        clock.reserved = self.reserve * (1 + MORE_FOR_EXITS * self.early) * options.budget + self.exit_seconds
         if not self.kind.conservative:
             clock.reserved = 0.0
             bounder, record = self._occupancy(), {}
@@ -164,16 +169,19 @@ class _Fit:
 
     def _network(self) -> tuple[Mlp, dict]:
         problem, options = self.problem, self.options
-        samples = samples_of(problem.grid, problem.domain, problem.seed)
+        samples = self._samples()
         joint = self.early and problem.query == "point"  # elsewhere too few are denied early to pay for worse layers
         trainer_of = EarlyTrainer if joint else TRAINERS[options.recipe]
-        trainer = trainer_of(samples, options.hidden, options.activation, options.octaves, options.moments)
+        if self.monotone:
+            trainer = MonotoneTrainer(samples, options.hidden, options.activation)
+        else:
+            trainer = trainer_of(samples, options.hidden, options.activation, options.octaves, options.moments)
         waiting = list(SEARCHES)
 
         def counterexamples(_, used: float) -> None:
             if waiting and used >= waiting[0]:
                 waiting.pop(0)
-                if problem.query == "point":
+                if self.as_points:
                     self._counterexamples(trainer)
                 else:
                     self._hard_positives(trainer, samples)
@@ -190,7 +198,7 @@ class _Fit:
         states = [*(exits.states if exits else []), trainer.hard_states()]
         points = [*(exits.points if exits else []), trainer.worst_points()]
         for index, part in enumerate(parts):
-            if problem.query == "point":
+            if self.as_points:
                 record = self._prove(part, points[index], len(parts) - index)
             else:
                 record = self._attest(part, samples, networks[index], states[index], len(parts) - index)
@@ -207,16 +215,24 @@ class _Fit:
 
     def _report(self, used: float, note: str) -> None:
         if self.progress:
-            self.progress(min(used, 1.0) * (1 - RESERVE[self.problem.query]), 1.0, note)
+            self.progress(min(used, 1.0) * (1 - self.reserve), 1.0, note)
+
+    def _samples(self) -> Samples:
+        problem = self.problem
+        if not self.monotone:
+            return samples_of(problem.grid, problem.domain, problem.seed)
+        return LeastBoxSamples(problem.grid, problem.domain, torch.Generator().manual_seed(problem.seed))
 
     def _counterexamples(self, trainer: Trainer) -> None:
         """Let the prover look at the network as it is; its lowest points become training samples."""
         problem, clock, budget = self.problem, self.clock, self.options.budget
-        bounder = Mlp(problem.domain, trainer.network.tensors(), self.options.sizes, problem.device)
+        kind = MonotoneMlp if self.monotone else Mlp
+        bounder = kind(problem.domain, trainer.network.tensors(), self.options.sizes, problem.device)
         limit = {"seconds": SEARCH_SHARE * budget} if clock.timed else {"boxes": SEARCH_BOXES}
         points = trainer.worst_points()
         eps = _tolerance(bounder, problem, points)
-        search = minimum(bounder, *positive_boxes(bounder, problem.grid), eps=eps, points=points, **limit)
+        target = of_points(bounder)
+        search = minimum(target, *positive_boxes(target, problem.grid), eps=eps, points=points, **limit)
         self.boxes += search.boxes
         trainer.add(search.worst)
         if clock.timed:  # the last proof will take about as long, on a network that is a little harder
@@ -236,7 +252,7 @@ class _Fit:
         """The exits as networks by themselves, and the network."""
         domain, sizes, device = self.problem.domain, self.options.sizes, self.problem.device
         if not self.early:
-            return [Mlp(domain, tensors, sizes, device)]
+            return [(MonotoneMlp if self.monotone else Mlp)(domain, tensors, sizes, device)]
         depths = range(1, len(self.options.hidden) + 1)
         return [Mlp(domain, *part_of(tensors | exits, sizes, depth), device) for depth in depths]
 
@@ -278,7 +294,7 @@ def _tolerance(bounder: Mlp, problem: Problem, worst: np.ndarray) -> float:
     x = sample(problem.query, problem.grid, COST_SAMPLES, np.random.default_rng(0))
     truth = oracle(problem.query, problem.grid, bounder.device, bounder.domain.length or 1.0)(x)
     values = bounder.values(x).numpy()[~truth]
-    least = float(bounder.reference(worst).min())
+    least = float(of_points(bounder).reference(worst).min())
     below = np.sort(values[np.isfinite(values) & (values < least)])[::-1]
     count = int(PROOF_COST * COST_SAMPLES)
     return max(least - float(below[count]), 1e-6) if len(below) > count else 1e-3
