@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from warp_bounding.cli.output import Json, console, print_json, quiet_warp
 from warp_bounding.errors import QueryError
 
-__all__ = ["command"]
+__all__ = ["command", "command_line", "words_of"]
 
 PAGE_SECONDS = 2.0  # between two writings of README.md, where cells are quick
 
@@ -82,23 +82,24 @@ def command(
             _Reporter(folder, supports)  # says what was repaired
             return _end(folder, tables.Outcome(cells, cells), supports, json)
     protocols = _protocols(protocol)
-    wanted = tables.select_columns(_words(columns))
-    variants = tables.select_methods(_words(methods))
+    wanted = tables.select_columns(words_of(columns))
+    variants = tables.select_methods(words_of(methods))
     found = tables.find_shapes(Path(data), dict.fromkeys(c.ndim for c in wanted))
-    shapes = tables.select_shapes(found, _words(objects))
+    shapes = tables.select_shapes(found, words_of(objects))
     tools = tables.Tools.of_library()
     tables.plan(wanted, variants, shapes, protocols, tools.supports, ())  # before a folder is made
     if plan:
         return _plan(Path(out), given, (wanted, variants, shapes, protocols, tools.supports), json)
     grids = tables.load_shapes(shapes, tools.load_shape)
-    line = _line({"data": data, "out": out, **selected, **options})
+    line = command_line("table1", {"data": data, "out": out, **selected, **options})
     with tables.open_folder(Path(out), given, create=True) as folder, _reporter(folder, supports) as reporter:
         outcome = tables.run(folder, wanted, variants, grids, protocols, command=line, tools=tools, reporter=reporter)
         reporter.stop()
         return _end(folder, outcome, supports, json)
 
 
-def _words(text: str | None) -> list[str] | None:
+def words_of(text: str | None) -> list[str] | None:
+    """The words of an option, or ``None``."""
     return None if text is None else [word.strip() for word in text.split(",")]
 
 
@@ -174,12 +175,12 @@ def _protocols(protocol: str | None) -> tuple[str, ...]:
     return (protocol or PROTOCOLS[0],)
 
 
-def _line(options: dict[str, object]) -> str:
+def command_line(command: str, options: dict[str, object]) -> str:
     """The command line that does the same, on anybody's machine: folders by what they are, not by where they lie here."""
     out = Path(str(options["out"]))
     options = options | {"data": "DIR", "out": out.name if out.is_absolute() else str(out)}
     words = [word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))]
-    return shlex.join(["warp-bounding", "table1", *words])
+    return shlex.join(["warp-bounding", command, *words])
 
 
 def _end(folder, outcome, supports, json: bool) -> int:

@@ -1,0 +1,110 @@
+"""``warp-bounding proofs``: networks of a table with a sampled and with a proven threshold; what sampling would have shipped."""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from warp_bounding.cli.output import Json, console, print_json, quiet_warp
+from warp_bounding.cli.table1 import command_line, words_of
+from warp_bounding.errors import BounderError
+
+__all__ = ["command"]
+
+
+def command(
+    data: Annotated[str, typer.Option(help="Folder with 2D/*.png, 3D/*.binvox, 4D/*.npy.")],
+    table: Annotated[
+        str, typer.Option(help="Folder of a `table1` run, with its bounders; what is missing is fitted anew.")
+    ],
+    out: Annotated[str, typer.Option(help="Folder for the results; an earlier run there is continued.")],
+    columns: Annotated[str | None, typer.Option(help="Such as 2d-point,3d-ray; or 2d, or ray.  [all]")] = None,
+    methods: Annotated[str | None, typer.Option(help="Among mlp,monotone-mlp.  [all]")] = None,
+    objects: Annotated[str | None, typer.Option(help="Such as bunny or 2d/dragon1,3d/bunny.  [all]")] = None,
+    positives: Annotated[
+        int | None, typer.Option(help="Hard positives that a threshold is sampled from.  [1000000]")
+    ] = None,
+    samples: Annotated[int | None, typer.Option(help="Random queries that rates are measured on.  [400000]")] = None,
+    seconds: Annotated[float | None, typer.Option(help="Time for each proof.  [60]")] = None,
+    json: Json = False,
+) -> int:
+    """Find what networks thresholded by sampling would have missed, and what a proof costs instead.
+
+    Kill it whenever you like: the same command goes on where it stopped. Exit status 1: a network failed, had a false negative at its
+    proven threshold, or the run was stopped.
+    """
+    import warp_bounding.tables as tables
+    from warp_bounding.bounders.storage import write_whole
+    from warp_bounding.tables.folder import read_settings
+    from warp_bounding.tables.proof_rows import PROOFS
+    from warp_bounding.tables.proofs import METHODS, run_proofs
+    from warp_bounding.tables.proofs_page import proofs_page, summary, summary_text
+
+    fits = read_settings(Path(table))
+    quiet_warp(fits.device)
+    names = words_of(methods) or list(METHODS)
+    for name in names:
+        if name not in METHODS:
+            raise BounderError(f"methods must be among {', '.join(METHODS)}, got {name!r}")
+    wanted, variants = tables.select_columns(words_of(columns)), tables.select_methods(names)
+    found = tables.find_shapes(Path(data), dict.fromkeys(c.ndim for c in wanted))
+    shapes = tables.select_shapes(found, words_of(objects))
+    tools = tables.Tools.of_library()
+    tables.plan(wanted, variants, shapes, ("exact",), tools.supports, ())  # before a folder is made
+    grids = tables.load_shapes(shapes, tools.load_shape)
+    given = {"positives": positives, "samples": samples, "seconds": seconds}
+    selected = {"columns": columns, "methods": methods, "objects": objects}
+    table_name = Path(table).name if Path(table).is_absolute() else table
+    line = command_line("proofs", {"data": data, "table": table_name, "out": out, **selected, **given})
+    err = Console(stderr=True, highlight=False, soft_wrap=True)
+    with tables.open_folder(Path(out), given | {"table": fits.to_dict()}, create=True, kind=PROOFS) as folder:
+
+        def write(failed=()) -> None:
+            write_whole(folder.page, proofs_page(folder, failed).encode())
+
+        reporter = _Reporter(err, write)
+        for note in folder.notes:
+            reporter.say(note)
+        outcome = run_proofs(folder, Path(table), wanted, variants, grids, command=line, tools=tools, reporter=reporter)
+        write(outcome.failed)
+        rows = list(folder.rows.values())
+        counts, text, path, page = summary(rows), summary_text(rows), str(folder.path), folder.page
+    if outcome.interrupted:
+        err.print(f"interrupted: {outcome.done} of {outcome.total} networks are done", markup=False)
+    if json:
+        done = {"total": outcome.total, "done": outcome.done, "failed": outcome.failed}
+        print_json({"path": path, **done, "interrupted": outcome.interrupted, "summary": counts})
+    else:
+        console(False).print(text, markup=False)
+        console(False).print(f"{outcome.done} of {outcome.total} networks; the tables are {page}", markup=False)
+    return 1 if outcome.failed or outcome.interrupted or counts["missed_proven"] else 0
+
+
+class _Reporter:
+    """A line a network; keeps ``README.md`` up to date."""
+
+    def __init__(self, err: Console, write):
+        self._err, self._write, self._begun = err, write, time.monotonic()
+
+    def start(self, job, done, total) -> None:
+        """See ``ProofReporter``."""
+        self._prefix = f"{done + 1}/{total}"
+
+    def row(self, row) -> None:
+        """See ``ProofReporter``."""
+        self._write()
+        missed = (
+            f"a false negative by the {row.found_by}, {row.depth_std:.3g} std deep"
+            if row.missed_sampled
+            else "none found"
+        )
+        self.say(
+            f"{self._prefix} {row.column.name} {row.object}: {row.method}: {row.kind} in {row.proof_seconds:.1f} s, "
+            f"{row.fp_sampled:.3f} -> {row.fp_proven:.3f} % false positives; at the sampled minimum: {missed}"
+        )
+
+    def say(self, text) -> None:
+        """See ``ProofReporter``."""
+        self._err.print(text, markup=False)
