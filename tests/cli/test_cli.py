@@ -182,7 +182,7 @@ BAD = {
     "samples": ["fit", "{c}", "-o", "{out}", "--method", "aabb", "--samples", "0"],
     "margin": ["fit", "{c}", "-o", "{out}", "--method", "aabb", "--margin", "-1"],
     "octaves": ["fit", "{c}", "-o", "{out}", "--octaves", "-1"],
-    "activation": ["fit", "{c}", "-o", "{out}", "--activation", "tanh"],
+    "activation": ["fit", "{c}", "-o", "{out}", "--activation", "steps"],
     "recipe": ["fit", "{c}", "-o", "{out}", "--recipe", "soup"],
     "k": ["fit", "{c}", "-o", "{out}", "--method", "kdop", "--k", "5"],
     "device": ["fit", "{c}", "-o", "{out}", "--method", "aabb", "--device", "cuda:99"],

@@ -107,7 +107,11 @@ def test_info(fitted, capsys):
     assert (status, err) == (0 if proven else 1, "")
     words = ["mlp, 2D", query, KINDS[query], "geometric", "not proven", "what is proven" if proven else "what is known"]
     words += ["0.75 (object units)"] if query == "ray" else []
+    claim = f"No {query} that meets the object is ever answered with no."
+    words += [claim, "input error", "CPU or CUDA"] if proven else ["alpha = 0.05", "sampled", "half uniform"]
     assert all(word in out for word in words), out
+    assert len(out.splitlines()) < 25
+    assert max(map(len, out.splitlines())) <= 110
     assert ("fresh positives in" in out) != proven
     status, out, _ = run(capsys, "info", path, "--json")
     held = json.loads(out)
@@ -115,6 +119,8 @@ def test_info(fitted, capsys):
     assert (held["query"], held["space"], held["dimension"]) == (query, "geometric", 2)
     assert held["length"] == (0.75 if query == "ray" else None)
     assert held["certificate"] == result["certificate"]
+    assert ("what is proven" in held["statement"]) == proven
+    assert "not proven" in held["statement"]
 
 
 @pytest.mark.parametrize("query", KINDS)

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from warp_bounding.bounders import Bounder, Certificate
+from warp_bounding.proof.words import NOT_CONSERVATIVE
 
 __all__ = [
     "NOT_CONSERVATIVE",
@@ -24,8 +25,6 @@ __all__ = [
     "print_json",
     "quiet_warp",
 ]
-
-NOT_CONSERVATIVE = "NOT conservative: it misses queries that meet the object, and is kept to show what that does."
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output, and nothing else there.")]
 Device = Annotated[str, typer.Option(help="Warp device: cpu, cuda:0, ...")]
