@@ -94,9 +94,7 @@ def test_the_line_against_the_paper(tmp_path):
     rows[1] = make_row(RAY, MLP, "chair", fp_rate=2.7, certificate="statistical")
     text = page(opened(tmp_path / "out", rows), supports)
     (line,) = (line for line in text.splitlines() if line.startswith("Our best network"))
-    assert (
-        "2D ray **2.60**<sup>1s</sup> (2.7, mlp); 3D box 6.00 (5.0, monotone-mlp). Lower in **1 of 2** columns" in line
-    )
+    assert "2D ray **2.60**<sup>1s</sup> (2.7, mlp); 3D box 6.00 (5.0, monotone-mlp). Lower in 1 of 2 columns" in line
     assert "0 of them over all" in line
     assert "<sup>2s</sup> proven for all objects but 2" in text
     best = [c.paper_network for c in COLUMNS]

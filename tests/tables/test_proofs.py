@@ -130,6 +130,15 @@ def test_few_samples_ship_false_negatives(place, fits, capsys, monkeypatch):
         assert row.depth_fp >= 0
 
 
+def test_boxes_of_monotone_networks(place, fits, capsys):
+    quick = ("--columns", "2d-box", "--methods", "monotone-mlp", "--objects", "disc", "--samples", "2000")
+    status, _, err = proofs(capsys, place, *quick, "--positives", "20000", out="boxes")
+    assert status == 0, err
+    (row,) = rows(place, "boxes")
+    assert (row.kind, row.method, row.fn_proven) == ("proven", "monotone-mlp", 0)
+    assert row.proven <= row.sampled
+
+
 def test_rates_at_any_threshold():
     inf = np.inf
     rates = Thresholds(np.array([-inf, -1, 0, 1, inf, 2], np.float32), np.array([0, 1, 0, 0, 0, 1], bool))

@@ -185,6 +185,7 @@ def command_line(command: str, options: dict[str, object]) -> str:
 
 def _end(folder, outcome, supports, json: bool) -> int:
     """Write the outputs, tell people or programs, and give the exit status."""
+    import warp_bounding.tables as tables
     from warp_bounding.tables import PROTOCOLS, Means, write_outputs
 
     err = Console(stderr=True, highlight=False, soft_wrap=True)
@@ -210,6 +211,10 @@ def _end(folder, outcome, supports, json: bool) -> int:
         cells = {"cells": outcome.total, "done": outcome.done, "failed": outcome.failed}
         print_json({"path": str(folder.path), **cells, "interrupted": outcome.interrupted, "columns": columns})
     else:
+        for m in means:
+            line = tables.against_the_paper(m, plain=True)
+            if line:
+                console(False).print(f"{m.protocol} protocol: {line}", markup=False)
         console(False).print(f"{outcome.done} of {outcome.total} cells; the table is {folder.page}", markup=False)
     return 1 if outcome.failed or broken or outcome.interrupted else 0
 

@@ -112,7 +112,7 @@ def queries_at(bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarr
         bounder: The one that was searched.
         grid: The object.
         v: ``(N, ndim)`` coordinates of the domain; or ``(N, n)`` normals of planes, which become the planes that touch the object; or
-            ``(N, 2n + 1)`` numbers ``(p, t, m)`` of rays: the point ``p = a + t w``, and a direction m of any length.
+            ``(N, n)`` points of boxes, which become the boxes that are no more than these; or ``(N, 2n + 1)`` numbers ``(p, t, m)`` of rays: the point ``p = a + t w``, and a direction m of any length.
 
     Raises:
         BounderError: If these are other numbers.
@@ -120,6 +120,8 @@ def queries_at(bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarr
     kind, n, count = bounder.query_kind, grid.ndim, v.shape[1]
     if kind == "plane" and count == n:
         v = _touching(bounder, grid, v)
+    elif kind == "box" and count == n:
+        v = np.concatenate([v, v], axis=1)
     elif kind == "ray" and count == 2 * n + 1:
         m = v[:, n + 1 :]
         w = m / np.linalg.norm(m, axis=1, keepdims=True) * bounder.domain.stretch.astype(np.float64)

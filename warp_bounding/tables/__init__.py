@@ -7,6 +7,7 @@ Importing this package imports neither torch nor matplotlib.
 from warp_bounding.tables.budgets import PRESETS, Preset, parse_budget
 from warp_bounding.tables.columns import select_columns, select_methods
 from warp_bounding.tables.folder import Folder, open_folder
+from warp_bounding.tables.markdown import against_the_paper
 from warp_bounding.tables.means import Means
 from warp_bounding.tables.outputs import write_outputs, write_page
 from warp_bounding.tables.plan import Job, Share, TimeLeft, duration, plan, shares
@@ -29,6 +30,7 @@ __all__ = [
     "Share",
     "TimeLeft",
     "Tools",
+    "against_the_paper",
     "duration",
     "find_shapes",
     "load_shapes",

@@ -8,7 +8,7 @@ from warp_bounding.tables.means import Mean, Means
 from warp_bounding.tables.rows import PROTOCOLS, Row
 from warp_bounding.tables.settings import Settings
 
-__all__ = ["page"]
+__all__ = ["against_the_paper", "page"]
 
 NO_METHOD, NOT_YET, SAME = "–", "…", "="
 GROUPS = (
@@ -44,7 +44,7 @@ def page(folder: Folder, supports: Supports, failed: Sequence[str] = (), picture
     lines += ["", *_legend(tables)]
     for means in tables:
         lines += ["", f"## False positives, {means.protocol} protocol", "", HEADLINES[means.protocol], ""]
-        lines += [*_table(means, supports), "", *_against_the_paper(means)]
+        lines += [*_table(means, supports), "", against_the_paper(means)]
     if picture:
         lines += ["", "## Every object", "", f"![False positives of every object, by method, sorted]({picture})", ""]
         lines += [
@@ -61,16 +61,44 @@ def page(folder: Folder, supports: Supports, failed: Sequence[str] = (), picture
     return "\n".join([*lines, ""])
 
 
+def against_the_paper(means: Means, *, plain: bool = False) -> str:
+    """Our best network of each column beside the paper's best, in one sentence; empty where there is none.
+
+    Args:
+        means: Of one protocol.
+        plain: Without Markdown.
+    """
+    parts, lower, complete = [], 0, 0
+    for column, names in means.objects.items():
+        found = means.best_network(column)
+        if found is None:
+            continue
+        variant, mean = found
+        below = mean.fp_rate < column.paper_network
+        lower += below
+        complete += len(names) == column.paper_objects
+        text = f"**{mean.fp_rate:.2f}**" if below and not plain else f"{mean.fp_rate:.2f}"
+        sign = "" if plain else _sign(variant, mean, len(names))
+        parts.append(f"{column.title} {text}{sign} ({column.paper_network}, {variant.name})")
+    if not parts:
+        return ""
+    whole = "" if complete == len(parts) else f", {complete} of them over all of the paper's objects"
+    head = "Our best network against the paper's best network (in brackets, with the name of ours), mean false positives %: "
+    return f"{head}{'; '.join(parts)}. Lower in {lower} of {len(parts)} columns{whole}."
+
+
 def _made_with(folder: Folder, rows: Sequence[Row]) -> list[str]:
     s = folder.settings
     objects = {n: len({r.object for r in rows if r.dimension == n}) for n in sorted({r.dimension for r in rows})}
     threads = sorted({str(r.threads) for r in rows}) or ["?"]
+    monotone = any(r.method == "monotone-mlp" for r in rows) and s.activation == "sin"
     lines = ["Made with", "", "```", *(folder.commands or ["(no command yet)"]), "```", ""]
     lines += [
         f"- {_budgets(s)}, its proof included; sizes as in the paper's supplement "
         f"({', '.join(f'{c.ndim}D {c.hidden}' for c in COLUMNS if c.query == 'point')}), activation {s.activation}, seed {s.seed}",
         f"- rates over {s.samples:,} random queries (seed {s.sample_seed}), rays of length {s.length:g}",
         f"- {len(rows):,} cells in [table1.csv](table1.csv), objects: {', '.join(f'{count} in {n}D' for n, count in objects.items()) or 'none'}",
+        *(["- networks that are monotone by construction have tanh as their activation"] if monotone else []),
         f"- device {s.device}, CPU threads {' and '.join(threads)}",
     ]
     return lines + [f"- {version}" for version in sorted({r.versions for r in rows})]
@@ -144,27 +172,6 @@ def _table(means: Means, supports: Supports) -> list[str]:
             text = f"**{missed:,}** of {samples:,}, **promise broken**" if missed else f"0 of {samples:,}"
             lines.append(f"| {variant.label} | {' | '.join(cells)} | {text} |")
     return lines
-
-
-def _against_the_paper(means: Means) -> list[str]:
-    """Our best network of each column beside the paper's best."""
-    parts, lower, complete = [], 0, 0
-    for column, names in means.objects.items():
-        found = means.best_network(column)
-        if found is None:
-            continue
-        variant, mean = found
-        below = mean.fp_rate < column.paper_network
-        lower += below
-        complete += len(names) == column.paper_objects
-        text = f"**{mean.fp_rate:.2f}**" if below else f"{mean.fp_rate:.2f}"
-        sign = _sign(variant, mean, len(names))
-        parts.append(f"{column.title} {text}{sign} ({column.paper_network}, {variant.name})")
-    if not parts:
-        return []
-    whole = "" if complete == len(parts) else f", {complete} of them over all of the paper's objects"
-    head = "Our best network against the paper's best network (in brackets, with the name of ours), mean false positives %: "
-    return [f"{head}{'; '.join(parts)}. Lower in **{lower} of {len(parts)}** columns{whole}."]
 
 
 def _cell(means: Means, variant: Variant, column: Column, supports: Supports) -> str:

@@ -166,7 +166,8 @@ def _measure(job: Job, grid, folder: Folder, table: Path, tools: Tools, say: Cal
     sampled = float(hard.min())
     twin = bounder.to(str(bounder.device))
     started = time.perf_counter()
-    points = None if job.column.query == "plane" else bounder.domain.to_local(lowest)
+    known = job.column.query != "plane" and job.variant.method == "mlp"  # others are searched over other numbers
+    points = bounder.domain.to_local(lowest) if known else None
     search = prove(twin, grid, seconds=s.seconds, eps=rates.room(sampled), points=points)
     spent = time.perf_counter() - started
     if interrupted.is_set():

@@ -1,9 +1,12 @@
 """What the run needs of the library, so that tests can put something quick in its place."""
 
 import platform
+import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 from warp_bounding.tables.columns import Supports
@@ -43,6 +46,22 @@ class Tools:
         return cls(fit, evaluate, save, load, load_indicator, supports)
 
 
+@lru_cache
+def _commit() -> str | None:
+    """Of the checkout that this is run from, if it is one."""
+    root = Path(__file__).parents[2]
+    if not (root / ".git").exists():
+        return None
+    try:
+        found = subprocess.run(
+            ["git", "rev-parse", "--short=9", "HEAD"], cwd=root, capture_output=True, text=True, timeout=10, check=True
+        )
+    except (OSError, subprocess.SubprocessError):  # no git there
+        return None
+    return found.stdout.strip() or None
+
+
+@lru_cache
 def versions() -> str:
     """Of this library and what it stands on."""
 
@@ -52,5 +71,7 @@ def versions() -> str:
         except metadata.PackageNotFoundError:
             return "none"
 
-    parts = (f"warp-bounding {__version__}", f"warp {version('warp-lang')}", f"torch {version('torch')}")
+    commit = _commit()
+    own = f"warp-bounding {__version__}{f' ({commit})' if commit else ''}"
+    parts = (own, f"warp {version('warp-lang')}", f"torch {version('torch')}")
     return ", ".join((*parts, f"Python {platform.python_version()}"))
