@@ -279,3 +279,57 @@ def test_a_folder_without_permission(tmp_path):
 def test_an_unknown_device(saved):
     with pytest.raises(wb.BoundingError, match="device must be one of"):
         wb.load(saved, device="cuda:99")
+
+
+def claim(**fields):
+    return lambda document: document["certificate"].update(fields)
+
+
+CLAIMS = {
+    "kind": claim(kind="certain"),
+    "boxes": claim(boxes=-1),
+    "cells": claim(cells=0),
+    "more cells than there are": claim(cells=10**6),
+    "seconds": claim(seconds=float("nan")),
+    "bound": claim(lower_bound=float("nan")),
+    "bound infinite": claim(lower_bound=float("inf")),
+    "rounding nan": claim(rounding_bound=float("nan")),
+    "rounding negative": claim(rounding_bound=-1.0),
+    "delta": claim(delta=[0.0, 0.0]),
+    "delta large": claim(delta=[1.0, 1.0]),
+    "delta short": claim(delta=[1e-4]),
+    "shape": claim(indicator="0" * 64),
+    "counterexample": claim(counterexample=[0.5, 0.5]),
+    "samples of a proof": claim(samples=5),
+    "rate of a proof": claim(fn_rate_bound=0.0),
+    "message": claim(message=None),
+    "statistical without samples": claim(kind="statistical"),
+    "statistical, too good": claim(
+        kind="statistical", samples=100, fn_rate_bound=1e-6, confidence=0.95, worst_margin=0.1
+    ),
+    "statistical, certain": claim(kind="statistical", samples=100, fn_rate_bound=0.5, confidence=1.0, worst_margin=0.1),
+    "statistical, missed": claim(
+        kind="statistical", samples=100, fn_rate_bound=0.5, confidence=0.95, worst_margin=-0.1
+    ),
+}
+
+
+@pytest.mark.parametrize("edit", CLAIMS)
+def test_a_certificate_that_contradicts_the_bounder_is_refused(saved, edit):
+    """Edited by hand it fails its digest; with a digest computed anew its numbers do not add up."""
+    rewrite(saved, CLAIMS[edit])
+    check_refused(saved)
+
+
+def test_a_certificate_edited_by_hand_fails_its_digest(saved):
+    content = saved.read_bytes()
+    assert content.count(b'\\"kind\\": \\"proven\\"') == 1
+    saved.write_bytes(content.replace(b'\\"cells\\": 40', b'\\"cells\\": 41'))
+    check_refused(saved, "SHA-256")
+
+
+def test_a_network_that_claims_to_round_less_is_refused(tmp_path):
+    path = tmp_path / "b.safetensors"
+    fitted("mlp", "c").save(path)
+    rewrite(path, claim(rounding_bound=0.0))
+    check_refused(path, "rounds by")

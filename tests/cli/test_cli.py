@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from bounding_shapes import HIDDEN, shape
 
+import warp_bounding as wb
 from warp_bounding.cli import main
 
 ROOT = Path(__file__).parents[2]
@@ -100,9 +101,62 @@ def test_certify(files, capsys):
     assert result["certificate"]["kind"] == "refuted"
     assert result["same_indicator"] is False
     assert len(result["certificate"]["counterexample"]) == 2
+    assert result["certified_indicator"] == shape("c").digest != result["certificate"]["indicator"]
     status, out, _ = run(capsys, "certify", path, files / "blob.npy")
     assert status == 1
-    assert "inapplicable" in out
+    assert "inapplicable: the shape is 3D, the bounder 2D" in out
+
+
+def test_certify_a_shape_that_is_not_the_certified_one(files, capsys):
+    """The geometry decides: a part of the shape is proven too, and the text says that it is another shape."""
+    path, _ = fit(capsys, files)
+    part = shape("c").occupancy.copy()
+    part[2:4] = False
+    np.save(files / "part.npy", part)
+    status, out, _ = run(capsys, "certify", path, files / "part.npy")
+    assert status == 0
+    assert out.startswith("proven")
+    assert "not the shape that the file's certificate is about" in out
+    assert shape("c").digest[:16] in out
+    assert "given here" in out
+    status, out, _ = run(capsys, "certify", path, files / "c.npy")
+    assert status == 0
+    assert "not the shape" not in out
+
+
+@pytest.mark.parametrize("query", ["point", "ray", "box"])
+def test_certify_a_shape_that_the_domain_does_not_hold(files, capsys, query):
+    """Voxels at their place, but more of them than the bounder was made for."""
+    import trimesh
+
+    meshes = {}
+    for name, size in (("small", 1.0), ("large", 2.0)):
+        meshes[name] = files / f"{name}.ply"
+        trimesh.creation.box((size, size, size)).export(meshes[name])
+    options = ("--query", query, "--resolution", 8)
+    path, (status, *_) = fit(capsys, files, *options, source="small.ply")
+    assert status == 0
+    status, out, err = run(capsys, "certify", path, meshes["large"])
+    assert status == 1
+    assert "outside the domain" in out
+    assert err == ""
+
+
+@pytest.mark.parametrize("query", ["point", "ray", "plane", "box"])
+def test_a_budget_too_small_ends_honestly(files, capsys, query):
+    options = ("--query", query, "--hidden", WIDTHS, "--budget", 0.01, "--json")
+    path, (status, out, _) = fit(capsys, files, *options, method="mlp")
+    result = json.loads(out)
+    assert status == 0
+    assert result["fn"] == 0
+    certificate = result["certificate"]
+    assert certificate["kind"] in ("proven", "statistical")
+    assert (certificate["samples"] > 0) == (certificate["kind"] == "statistical")
+    assert wb.load(path, device="cpu").certificate.kind == certificate["kind"]
+    status, out, _ = run(capsys, "certify", path, files / "c.npy", "--budget", 0.01, "--json")
+    again = json.loads(out)
+    assert status == (0 if again["proven"] else 1)
+    assert again["certificate"]["kind"] in ("proven", "statistical", "undecided")
 
 
 @pytest.mark.parametrize("method", ["aabb", "voxels", "mlp"])
@@ -171,6 +225,8 @@ BAD = {
     "unknown method": ["fit", "{c}", "-o", "{out}", "--method", "magic"],
     "unknown query": ["fit", "{c}", "-o", "{out}", "--query", "cone"],
     "missing shape": ["fit", "{dir}/none.npy", "-o", "{out}"],
+    "voxels have no rule for boxes": ["fit", "{c}", "-o", "{out}", "--query", "box", "--method", "voxels"],
+    "networks have no parametric space": ["fit", "{c}", "-o", "{out}", "--query", "box", "--space", "parametric"],
     "hidden 0": ["fit", "{c}", "-o", "{out}", "--hidden", "0"],
     "hidden words": ["fit", "{c}", "-o", "{out}", "--hidden", "wide"],
     "hidden nothing": ["fit", "{c}", "-o", "{out}", "--hidden", ""],

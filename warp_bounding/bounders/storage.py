@@ -18,6 +18,7 @@ import safetensors.numpy
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.certificate import Certificate
+from warp_bounding.bounders.claims import check_claims
 from warp_bounding.bounders.regions import RegionDomain
 from warp_bounding.errors import BoundingError, FileFormatError
 from warp_bounding.version import __version__
@@ -105,6 +106,7 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
         _check_info(document)
         if certificate:
             _check_certificate(bounder, certificate, threshold)
+            check_claims(bounder, certificate, document)
         bounder.info = {field: document.get(field) for field in INFO_FIELDS} | {"library": document["library"]}
     except BoundingError as error:
         raise FileFormatError(f"{path}: {error}") from error

@@ -28,11 +28,19 @@ def command(
     indicator = load_indicator(shape)
     with bar("certify") as update:
         certificate = certify(bounder, indicator, seconds=budget, progress=update)
-    same = certificate.indicator == bounder.info.get("indicator")
+    fitted = bounder.info.get("indicator")
+    same = certificate.indicator == fitted
     if json:
         summary = certificate_summary(bounder, certificate)
         print_json(
-            {"path": file, "shape": shape, "proven": certificate.proven, "same_indicator": same, "certificate": summary}
+            {
+                "path": file,
+                "shape": shape,
+                "proven": certificate.proven,
+                "same_indicator": same,
+                "certified_indicator": fitted,
+                "certificate": summary,
+            }
         )
     else:
         out = console(False)
@@ -40,6 +48,11 @@ def command(
         if certificate.counterexample:
             out.print(f"counterexample: {certificate.counterexample}")
         if not same:
-            out.print("The cells differ from the ones it was fitted to; the verdict is about the shape given here.")
+            given = certificate.indicator[:16] or "of another kind"
+            out.print(
+                f"This is not the shape that the file's certificate is about: its SHA-256 is {given}, that one's "
+                f"{(fitted or 'unknown')[:16]}. The certificate says nothing of it; the verdict above is about the shape "
+                "given here, from its geometry alone."
+            )
         out.print(f"{certificate.boxes:,} boxes, {certificate.seconds:.2f} s")
     return 0 if certificate.proven else 1
