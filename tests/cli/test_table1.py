@@ -141,6 +141,18 @@ def test_what_fails_is_told_and_tried_again(place, library, capsys):
     assert "Failed" not in (place / "out/README.md").read_text()
 
 
+def test_what_fails_unexpectedly_does_not_end_the_run(place, library, capsys):
+    library(failing=("mlp",))
+    quick = ("--columns", "2d-ray,2d-box", "--methods", "mlp,aabb", "--objects", "aa", "--json")
+    status, out, err = table1(capsys, place, *quick)
+    assert status == 1
+    assert "Traceback" not in err
+    failed = json.loads(out)["failed"]
+    assert len(failed) == 2
+    assert failed[0].startswith("2d-ray aa: mlp (exact): IndexError: out of bounds (fake_library.py, line ")
+    assert {r["method"] for r in rows(place)} == {"aabb"}
+
+
 def test_a_broken_promise_is_told(place, library, capsys):
     library(missing=("aabb",))
     status, _, err = table1(capsys, place, "--columns", "2d-point", "--methods", "aabb,occupancy", "--objects", "aa")

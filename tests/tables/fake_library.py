@@ -61,6 +61,8 @@ class Library:
         self._note("fit", grid.name, query, method, space, leaves)
         progress(0.5, 1.0, "half")
         if method in self.failing:
+            if query == "ray":
+                raise IndexError("out of bounds")
             raise BounderError(f"{method} cannot\nbe fitted")
         if method == self.interrupted:
             with contextlib.suppress(KeyboardInterrupt):

@@ -60,6 +60,9 @@ def test_what_a_plan_takes(tmp_path):
     assert ray.seconds > 86
     left = TimeLeft(jobs, settings)
     assert left.seconds == pytest.approx(point.seconds + ray.seconds)
+    networks = [j for j in jobs if (j.variant.method, j.column) == ("mlp", RAY)]
+    left.finish(networks[0], 50.0, 1.0)
+    assert (left.fit(networks[1]), left.measure(networks[1])) == (50.0, 1.0)
     fitted = {j.name for j in jobs}
     assert shares(jobs, settings, fitted)[1].fits == {}
     assert TimeLeft(jobs, settings, fitted).seconds < 15

@@ -3,6 +3,7 @@
 import contextlib
 import signal
 import threading
+import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from warp_bounding.tables.tools import Tools
 
 __all__ = ["FAILURES", "fit_bounder", "interruptions", "load_bounder", "reason_of"]
 
-FAILURES = (BoundingError, RuntimeError, ArithmeticError, MemoryError)  # of one cell; torch and Warp raise RuntimeError
+FAILURES = (Exception,)  # whatever ends one cell of a long run is reported, and the others go on
 
 
 def fit_bounder(job: Job, grid: Any, settings: Settings, tools: Tools, progress: Callable[..., None]) -> Any:
@@ -50,9 +51,13 @@ def load_bounder(path: Path, grid: Any, settings: Settings, tools: Tools, say: C
 
 
 def reason_of(error: BaseException) -> str:
-    """A failure in one line."""
+    """A failure in one line; of what is no error of ours, also its type and where it was raised."""
     reason = " ".join(str(error).split()) or type(error).__name__
-    return reason if isinstance(error, BoundingError) else f"{type(error).__name__}: {reason}"
+    if isinstance(error, BoundingError):
+        return reason
+    frames = traceback.extract_tb(error.__traceback__)
+    where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
+    return f"{type(error).__name__}: {reason}{where}"
 
 
 @contextlib.contextmanager

@@ -92,7 +92,7 @@ def plan(
 
 
 class TimeLeft:
-    """Estimates the rest of a run: the budget for a learned fit, for everything else what it has taken so far."""
+    """Estimates the rest of a run by what it has taken so far; before that, a learned fit takes its budget."""
 
     def __init__(self, jobs: Sequence[Job], settings: Settings, fitted: Collection[str] = ()):
         """Begin.
@@ -114,8 +114,9 @@ class TimeLeft:
         self._rest.remove(job)
         each = evaluate_seconds / len(job.protocols)
         self._add(each, ("evaluate", job.column))
-        if fit_seconds and not job.variant.learned:
-            self._add(fit_seconds, ("fit", job.column, job.variant), ("fit", job.column), ("fit",))
+        if fit_seconds:
+            own = ("fit", job.column, job.variant)
+            self._add(fit_seconds, *([own] if job.variant.learned else [own, ("fit", job.column), ("fit",)]))
 
     def _add(self, seconds: float, *keys: tuple) -> None:
         for key in keys:
@@ -132,7 +133,8 @@ class TimeLeft:
             return 0.0
         if job.variant.learned:
             budget = self._settings.budget_of(job.column, job.variant)
-            return min(budget, KDOP_SECONDS) if job.variant.method == "learned-kdop" else budget
+            guess = min(budget, KDOP_SECONDS) if job.variant.method == "learned-kdop" else budget
+            return self._mean(guess, ("fit", job.column, job.variant))
         return self._mean(CLASSIC_FIT[job.column.ndim], ("fit", job.column, job.variant), ("fit", job.column), ("fit",))
 
     def measure(self, job: Job) -> float:
