@@ -130,7 +130,7 @@ class Trainer:
 
         Args:
             clock: The budget; its count of steps goes on.
-            counterexamples: Called at every refresh with this trainer and the used fraction; may call ``add``.
+            counterexamples: Called before every refresh with this trainer and the used fraction; may call ``add``.
             progress: Called at every refresh with the used fraction and a note on rates.
         """
         recipe, threads = self.recipe, cpu_threads()
@@ -155,6 +155,8 @@ class Trainer:
                 optimiser.step(workers[0].gradients, recipe.rate * warm * cosine)
                 step += 1
                 clock.count += 1
+            if counterexamples:
+                counterexamples(self, 1.0)
             self._refresh(team, workers, 1.0)
         finally:
             team.close()

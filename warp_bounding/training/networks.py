@@ -39,6 +39,8 @@ __all__ = ["TRAINERS", "NetworkOptions", "Problem", "fit_network"]
 TRAINERS = {"default": Trainer, "paper": PaperTrainer}
 SEARCHES = (0.5, 0.7, 0.9)  # used fractions at which the prover looks for counterexamples
 SEARCH_SHARE = 0.02  # of the budget, each
+MONOTONE_START = 0.2  # used fraction from which the prover looks at a monotone network at every refresh
+MONOTONE_EPS, MONOTONE_BOXES = 0.1, 20_000  # and how closely: such a search takes a few hundred boxes
 PROOF_SHARE = 0.03  # of the budget, reserved for a proof of points before a search has told what it takes
 LONG_PROOF_SHARE = 0.2  # reserved where the last search did not end in its time
 RESERVE = {"point": PROOF_SHARE, "ray": 0.15, "plane": 0.15, "box": 0.15}  # of the budget: what sets the threshold
@@ -179,7 +181,10 @@ class _Fit:
         waiting = list(SEARCHES)
 
         def counterexamples(_, used: float) -> None:
-            if waiting and used >= waiting[0]:
+            if self.monotone:
+                if used >= MONOTONE_START:
+                    self._counterexamples(trainer)
+            elif waiting and waiting[0] <= used < 1:
                 waiting.pop(0)
                 if self.as_points:
                     self._counterexamples(trainer)
@@ -230,7 +235,10 @@ class _Fit:
         bounder = kind(problem.domain, trainer.network.tensors(), self.options.sizes, problem.device)
         limit = {"seconds": SEARCH_SHARE * budget} if clock.timed else {"boxes": SEARCH_BOXES}
         points = trainer.worst_points()
-        eps = _tolerance(bounder, problem, points)
+        if self.monotone:  # cheap and often: where f is steep, samples alone would take a network for better than it is
+            eps, limit = MONOTONE_EPS, {"boxes": MONOTONE_BOXES}
+        else:
+            eps = _tolerance(bounder, problem, points)
         target = of_points(bounder)
         search = minimum(target, *positive_boxes(target, problem.grid), eps=eps, points=points, **limit)
         self.boxes += search.boxes
