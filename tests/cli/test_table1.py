@@ -257,12 +257,12 @@ def test_presets(place, library, capsys):
     quick = ("--columns", "2d-point", "--methods", "mlp", "--objects", "aa")
     assert table1(capsys, place, *quick, "--preset", "hour", "--samples", "123")[0] == 0
     assert [(r["protocol"], r["samples"], r["budget"]) for r in rows(place)] == [
-        ("exact", "123", "5.0"),
-        ("sampled", "123", "5.0"),
+        ("exact", "123", "4.0"),
+        ("sampled", "123", "4.0"),
     ]
     page = (place / "out/README.md").read_text()
     assert "--preset hour --samples 123" in page
-    assert "5 s for each learned fit; where others are named, the last that fits: 3d 8 s, " in page
+    assert "4 s for each learned fit; where others are named, the last that fits: 3d 6 s, " in page
     check_bad(*table1(capsys, place, *quick, "--preset", "day"))
 
 

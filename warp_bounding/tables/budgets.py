@@ -29,12 +29,12 @@ class Preset(NamedTuple):
 
 PRESETS = {
     "full": Preset(
-        "20,2d=15,2d-ray=30,2d-box=25,3d-point=30,3d-ray=60,3d-box=40,4d-point=60,4d-ray=90,4d-box=60,"
+        "20,2d=14,2d-ray=28,2d-box=24,3d-point=30,3d-ray=60,3d-box=40,4d-point=60,4d-ray=90,4d-box=60,"
         "learned-kdop=5,relu-field=15,occupancy=8",
         400_000,
         "both",
     ),
-    "hour": Preset("5,3d=8,4d=15,3d-ray=16,4d-ray=20,learned-kdop=3,relu-field=5,occupancy=3", 100_000, "both"),
+    "hour": Preset("4,3d=6,4d=12,3d-ray=13,4d-ray=16,learned-kdop=2,relu-field=4,occupancy=2", 100_000, "both"),
 }
 
 

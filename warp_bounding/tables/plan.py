@@ -14,6 +14,9 @@ __all__ = ["Job", "Share", "TimeLeft", "duration", "plan", "shares"]
 
 # What is expected before anything has been measured, on two cores; seconds.
 KDOP_SECONDS = 11.0  # after which a learned k-DOP's fit has ended whatever its budget
+PARAMETRIC_PROOF = {4: 15.0}  # of its volumes around parameters, by dimension
+FIELD_PROOF = {"2d-ray": 25.0, "4d-point": 20.0}
+THRESHOLD = {2: 4.0, 3: 6.0, 4: 11.0}  # of a network of rays or boxes; its exit takes as long again
 CLASSIC_FIT = {2: 0.1, 3: 0.5, 4: 1.7}  # by dimension
 EVALUATE = {"3d-plane": 1.0, "4d-plane": 4.5, "4d-box": 1.5, "4d-point": 0.6, "2d-point": 0.3, "2d-box": 0.4}
 SLOWEST_USUAL = 0.8  # a million queries of the other columns
@@ -91,6 +94,18 @@ def plan(
     return sorted(jobs, key=lambda j: (rank[j.shape], j.variant.learned)), total
 
 
+def _expected(job: Job, budget: float) -> float:
+    """Seconds of a learned fit with a budget: some end before, and what sets a threshold takes its time however short the budget."""
+    method, column = job.variant.method, job.column
+    if method == "learned-kdop":
+        return min(budget, KDOP_SECONDS) + (PARAMETRIC_PROOF.get(column.ndim, 0.0) if job.variant.parametric else 0.0)
+    if method == "relu-field":
+        return max(budget, FIELD_PROOF.get(column.name, 0.0))
+    if method in ("mlp", "mlp-early") and column.query in ("ray", "box"):
+        return max(budget, THRESHOLD[column.ndim] * (2 if method == "mlp-early" else 1))
+    return budget
+
+
 class TimeLeft:
     """Estimates the rest of a run by what it has taken so far; before that, a learned fit takes its budget."""
 
@@ -133,8 +148,7 @@ class TimeLeft:
             return 0.0
         if job.variant.learned:
             budget = self._settings.budget_of(job.column, job.variant)
-            guess = min(budget, KDOP_SECONDS) if job.variant.method == "learned-kdop" else budget
-            return self._mean(guess, ("fit", job.column, job.variant))
+            return self._mean(_expected(job, budget), ("fit", job.column, job.variant))
         return self._mean(CLASSIC_FIT[job.column.ndim], ("fit", job.column, job.variant), ("fit", job.column), ("fit",))
 
     def measure(self, job: Job) -> float:
