@@ -1,9 +1,9 @@
 """``monotone-mlp``: a network for boxes that can only answer *maybe* more as a box grows, and is proven for that reason.
 
-Positives are an up-set: a box that holds one that meets the object meets it too. The network knows that: with ``v = (low, high)``, f is nonincreasing in low
-and nondecreasing in high, by the signs of its weights alone. Every positive holds a point p of the object, ``low <= p <= high``, so ``f(low, high) >= f(p, p)``,
-and the least f over all positives is the least over the points of the object: a proof in n dimensions instead of 2 n
-(``point_network``, ``proof.monotone``).
+Positives are an up-set: a box that holds one that meets the object meets it too. The network knows that: with
+``v = (low, high)``, f is nonincreasing in low and nondecreasing in high, by the signs of its weights alone. Every positive
+holds a point p of the object, ``low <= p <= high``, so ``f(low, high) >= f(p, p)``, and the least f over all positives is the
+least over the points of the object: a proof in n dimensions instead of 2 n (``point_network``, ``proof.monotone``).
 
 Signs: a neuron rises or falls as the box grows, and a weight leads a rising neuron into another by a number that is not
 negative, a falling one by one that is not positive; low falls, high rises, f rises. Any monotone activation will do. For
@@ -80,8 +80,8 @@ class MonotoneMlp(Mlp):
     def point_network(self) -> Network:
         """``g(p) <= f(low, high)`` for every box that the pipeline makes of one that holds p; coordinates of ``domain.base``.
 
-        The input error moves a box's corners by delta at most, to ``low <= p + delta`` and ``high >= p - delta``, so
-        ``g(p) = f(p + delta, p - delta)``: a first layer with the sum of both halves' weights, and a bias that is moved. The
+        The input error moves a box's corners by delta at most, to ``low <= p + delta`` and ``high >= p - delta``, and clipping
+        to the domain, in which p lies, leaves it at that. So ``g(p) = f(p + delta, p - delta)``: a first layer with the sum of both halves' weights, and a bias that is moved. The
         float64 rounding of these numbers, and of p (as in ``Domain.widened``), moves it a little further.
         """
         base, n = self.domain.base, self.ndim
