@@ -20,22 +20,22 @@ def test_relaxation_of_one_neuron(activation, seed, exponent):
     rng = np.random.default_rng(seed)
     z = rng.normal(size=(1, 400)) * 10.0 ** rng.uniform(-3, 2)
     width = 10.0**exponent * rng.uniform(0.1, 1, z.shape)
-    slope, mean, spread = relax(z.copy(), width, activation)
-    t = np.linspace(-1, 1, 201)[:, None] * width
-    x = z + t
-    act = FUNCTIONS[activation](x.astype(np.longdouble))
-    rounding = (
-        8 * 2.0**-52 * (1 + np.abs(z) + width)
-    )  # of float64 here and there: `bound` pays for it apart ("padding")
-    assert (np.abs(act - (slope * (x - z) + mean)) <= spread + rounding).all()
+    noise = width * rng.choice([0.0, 1e-3, 0.3, 3.0], z.shape)
+    slope, mean, bend, spread = relax(z.copy(), width, noise, activation)
+    for t in np.linspace(-1, 1, 41)[:, None]:
+        line = t * width
+        x = z + line + np.linspace(-1, 1, 21)[:, None] * noise
+        act = FUNCTIONS[activation](x.astype(np.longdouble))
+        rounding = 8 * 2.0**-52 * (1 + np.abs(z) + width + noise)  # `bound` pays for it apart ("padding")
+        assert (np.abs(act - (slope * (x - z) + mean + bend * line**2)) <= spread + rounding).all()
     assert (np.abs(slope) <= 1).all()
 
 
 def test_relaxations_are_tight_where_boxes_are_small():
     z, width = np.linspace(-5, 5, 1001)[None], np.full((1, 1001), 1e-3)
-    assert relax(z, width, "sin")[2].max() < 3e-7
-    assert relax(z, width, "relu")[2].max() <= 2.5e-4
-    assert relax(z, width, "tanh")[2].max() < 2e-7
+    assert relax(z, width, 0 * width, "sin")[3].max() < 1e-10
+    assert relax(z, width, 0 * width, "relu")[3].max() <= 2.5e-4
+    assert relax(z, width, 0 * width, "tanh")[3].max() < 2e-7
 
 
 def test_the_relaxation_of_tanh_is_tight_where_intervals_are_wide():
@@ -46,7 +46,7 @@ def test_the_relaxation_of_tanh_is_tight_where_intervals_are_wide():
     act, best = np.tanh(x), np.full(200, np.inf)
     for slope in np.concatenate([np.zeros(1), np.geomspace(1e-4, 1, 400)]):
         best = np.minimum(best, np.ptp(act - slope * x, axis=0) / 2)
-    ratio = relax(z, width, "tanh")[2][0] / best
+    ratio = relax(z, width, 0 * width, "tanh")[3][0] / best
     assert np.median(ratio) < 1.2
     assert ratio.max() < 2.5
 
@@ -119,15 +119,15 @@ def test_fused_kernel_is_its_plain_twin(hidden, activation, octaves, rng):
     network = random_mlp(shape("blob"), hidden, activation, octaves).network
     lower = rng.uniform(-1, 0.8, (1000, 3))
     upper = np.minimum(lower + 10.0 ** rng.uniform(-12, 0, (1000, 1)), 1.0)
-    least, axis, corner, value, slope = network.bound(lower, upper)
+    least, axis, corner, value, slope, level = network.bound(lower, upper)
     plain, plain_axis, plain_corner = network.bound_plain(lower, upper)
     center, radius = (lower + upper) / 2, (upper - lower) / 2
-    for u in rng.uniform(-1, 1, (20, 1000, 3)):  # the bound is the least value of a linear one
-        linear = least + (np.abs(slope) * radius).sum(axis=1) + (slope * radius * u).sum(axis=1)
+    for u in rng.uniform(-1, 1, (20, 1000, 3)):
+        linear = level + (slope * radius * u).sum(axis=1)
         assert (network(center + radius * u) >= linear - 1e-12 * (1 + np.abs(linear))).all()
     assert np.abs(least - plain).max() < 1e-7 * (1 + np.abs(plain).max())
     assert np.abs(value - network(corner)).max() < 1e-9
-    assert (np.atleast_2d(axis)[0] == plain_axis).mean() > 0.98
+    assert (np.atleast_2d(axis)[0] == plain_axis).mean() > 0.95  # boxes without width have no best axis
     assert (corner == plain_corner).all(axis=1).mean() > 0.98
     for count in (0, 1, 7, 8, 9, 63, 65):
         assert (network.bound(lower[:count], upper[:count])[0] == least[:count]).all()

@@ -443,8 +443,8 @@ class Mlp(Bounder):
         """See ``Bounder``; linear relaxations (``network``)."""
         if self.moments or self.query_kind == "plane":
             raise BounderError(f"{self.method}: boxes of {self.query_kind} coordinates are not bounded one by one")
-        least, axes, point, value, _ = self.network.bound(lower, upper)
-        return BoxBounds(least, axes[0], point, value, axes[1])
+        bounds = self.network.bound(lower, upper)
+        return BoxBounds(bounds.lower, bounds.axes[0], bounds.point, bounds.value, bounds.axes[1])
 
     def rounding_bound(self) -> float:
         """See ``Bounder``."""

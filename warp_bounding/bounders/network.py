@@ -3,11 +3,13 @@
 Hidden layer: ``h' = act(W h + b)``, act the sine, ReLU or tanh; the output is linear. An optional positional encoding puts
 fixed features ``[v, sin(F v + g)]`` before the first layer; it is a sine layer whose first rows pass ``v`` through.
 
-Bounds use one linear relaxation per neuron with the *same* slope on both sides, ``act(z) in s (z - m) + [c - e, c + e]``
-for ``|z - m| <= d`` (a zonotope's; Singh et al., *Fast and Effective Robustness Certification*, 2018). With equal slopes
-layers compose exactly: only the half-widths e remain. For the output they are carried back through the actual
-coefficients (backward substitution, as in CROWN, Zhang et al. 2018); for pre-activations behind the second hidden layer
-through absolute values. Any slope is sound; tightness alone depends on it.
+Bounds use one relaxation per neuron with the *same* slope on both sides, ``act(z + x) in mean + slope x + [-e, e]`` (a
+zonotope's; Singh et al., *Fast and Effective Robustness Certification*, 2018), and for the sine a parabola in the linear
+part l of x besides, ``bend l^2`` (``sine_relaxation``). With equal slopes layers compose exactly: only the half-widths e remain. For
+the output they, lines and parabolas are carried back through the actual coefficients (backward substitution, as in CROWN, Zhang et
+al. 2018): parabolas of many neurons cancel to a large part, so that what is left in small boxes is of third order in their size. For
+pre-activations behind the second hidden layer all that is not linear is taken in absolute value. Any slope and any parabola is
+sound; tightness alone depends on it.
 """
 
 from dataclasses import dataclass
@@ -15,8 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from warp_bounding.arithmetic import LARGEST, SINE_LIMIT, TINY, UNIT64, gamma, sine_error, tanh_error
-from warp_bounding.bounders.network_kernel import bound_boxes
-from warp_bounding.bounders.network_source import SINE_SLACK, NetworkSizes
+from warp_bounding.bounders.charts import Chart, PlainChart
+from warp_bounding.bounders.network_kernel import NetworkBounds, bound_boxes
+from warp_bounding.bounders.network_source import BULK, NetworkSizes
+from warp_bounding.bounders.sine_relaxation import relax_sin
 from warp_bounding.bounders.tanh_relaxation import relax_tanh
 from warp_bounding.errors import BounderError
 
@@ -67,11 +71,19 @@ class Network:
             stack.append(Layer(weight.astype(np.float64), bias.astype(np.float64), activation))
         self.hidden = stack
         self.output = Layer(layers[-1][0].astype(np.float64), layers[-1][1].astype(np.float64), "none")
-        self._measure()
-        layers = tuple((x.weight.shape[1], x.weight.shape[0], x.activation, x.linear) for x in self.hidden)
-        self._sizes = NetworkSizes(len(self.limit), layers)
+        self.padding, self.rounding, self.largest = self._measure(self.limit)
         parts = [part for x in self.hidden for part in (x.bias, x.weight.reshape(-1), np.abs(x.weight).reshape(-1))]
         self._packed = np.concatenate([*parts, self.output.bias, self.output.weight[0]])
+
+    @property
+    def packed(self) -> np.ndarray:
+        """Weights as ``bound_boxes`` reads them."""
+        return self._packed
+
+    def sizes(self, chart: Chart | None = None) -> NetworkSizes:
+        """What the kernels of bounds depend on; boxes of the inputs themselves if there is no chart."""
+        layers = tuple((x.weight.shape[1], x.weight.shape[0], x.activation, x.linear) for x in self.hidden)
+        return NetworkSizes(len(self.limit), layers, chart or PlainChart(len(self.limit)))
 
     def __call__(self, v: np.ndarray) -> np.ndarray:
         """``f`` of ``(N, n)`` float64 coordinates, ``(N,)`` float64."""
@@ -82,14 +94,19 @@ class Network:
             h[:, : layer.linear] = z[:, : layer.linear]
         return (h @ self.output.weight.T + self.output.bias)[:, 0]
 
-    def _measure(self) -> None:
-        """Walk through the layers once: magnitudes, float32 rounding (E) and float64 rounding of the bounds."""
-        size, error = (
-            self.limit.copy(),
-            self._input_error.copy(),
-        )  # of h: largest absolute value; error of the computed h
-        self.padding = []  # per layer: float64 rounding of anything that `bound` computes there
-        operations, chain = 16, self.limit.copy()  # chain: sums of absolute terms, activations of slope 1 in between
+    def padding_for(self, limit: np.ndarray) -> np.ndarray:
+        """The float64 rounding of bounds, per layer, over inputs of this size ``(n,)``.
+
+        Raises:
+            BounderError: See class.
+        """
+        return np.array(self._measure(limit)[0])
+
+    def _measure(self, limit: np.ndarray) -> tuple[list[float], float, float]:
+        """Walk through the layers once: float64 rounding of the bounds, float32 rounding (E) and magnitude of the output."""
+        size, error = limit.copy(), self._input_error.copy()  # of h: largest absolute value; error of the computed h
+        padding = []  # per layer: float64 rounding of anything that `bound` computes there
+        operations, chain = 16, limit.copy()  # chain: sums of absolute terms, activations of slope 1 in between
         for index, layer in enumerate([*self.hidden, self.output]):
             terms = len(layer.weight[0])
             weight = np.abs(layer.weight)
@@ -105,9 +122,8 @@ class Network:
                 )
             operations += 4 * terms + 32
             chain = weight @ chain + largest + 1.0
-            self.padding.append(gamma(operations, UNIT64) * (float(chain.max()) + 4.0))
+            padding.append(gamma(operations, UNIT64) * (float(chain.max()) + 4.0))
             if layer.activation == "none":
-                self.rounding, self.largest = float(rounding[0]) * (1 + 1e-6), float(largest[0]) * (1 + 1e-6)
                 break
             argument = float((largest + rounding)[layer.linear :].max(initial=0.0))
             if layer.activation == "sin":
@@ -123,21 +139,20 @@ class Network:
             else:
                 error, size = rounding, largest
             error[: layer.linear] = 0.0  # copied, not computed
-            size[: layer.linear] = self.limit[: layer.linear]
+            size[: layer.linear] = limit[: layer.linear]
+        return padding, float(rounding[0]) * (1 + 1e-6), float(largest[0]) * (1 + 1e-6)
 
-    def bound(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Lower bounds of f over boxes, by the fused kernel (``bound_plain`` is its twin).
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> NetworkBounds:
+        """Lower bounds of f over boxes of its inputs, by the fused kernel (``bound_plain`` is its twin).
 
         Args:
             lower: ``(N, n)`` float64.
             upper: ``(N, n)`` float64.
 
         Returns:
-            ``(N,)`` certified lower bounds (float64 rounding subtracted), ``(2, N)`` axes whose halving should help most, now
-            and after that, ``(N, n)`` the corner where the linear part is least, ``(N,)`` f there, and ``(N, n)`` the slopes of
-            that linear part: ``f >= least + sum_k |slope_k| radius_k + slope . (v - center)`` on the box.
+            See ``NetworkBounds``; ``f >= level + slope . (v - center)`` on the box.
         """
-        return bound_boxes(self._sizes, self._packed, np.array(self.padding), lower, upper)
+        return bound_boxes(self.sizes(), self._packed, np.array(self.padding), lower, upper)
 
     def bound_plain(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Lower bounds of f over boxes, in NumPy.
@@ -151,73 +166,72 @@ class Network:
             ``(N, n)`` the corner where the linear part is least.
         """
         center, radius = (lower + upper) / 2, (upper - lower) / 2
-        mean, slope, spread, noise = center, None, None, 0.0
-        trace = []  # per hidden layer: |d z / d v_k| for each k, half-width of z, slope, spread
+        mean, slope, noise = center, None, 0.0
+        trace = []  # per hidden layer: generators g of z, near, width of z, slope, bend, spread
         for index, layer in enumerate(self.hidden):
-            # h = mean + slope * (sum_k part_k (v_k - center_k) + noise) + e with |e| <= spread; noise is bounded entry by entry
+            # h = mean + slope * (sum_k g_k zeta_k) + bend * (near'^2 - near^2 / 2) + noise; what is not linear is bounded entry by entry
             z = mean @ layer.weight.T + layer.bias
             if index == 0:
-                parts = list(layer.weight.T)
+                parts = [column * radius[:, k, None] for k, column in enumerate(layer.weight.T)]
+                noise = np.zeros_like(z)
             else:
                 parts = [(part * slope) @ layer.weight.T for part in parts]
-                noise = (np.abs(slope) * noise + spread) @ np.abs(layer.weight).T
-            rates = [np.abs(part) for part in parts]
-            width = sum(rate * radius[:, k, None] for k, rate in enumerate(rates)) + noise + self.padding[index]
-            slope, mean, spread = relax(z, width, layer.activation)
-            slope[:, : layer.linear], mean[:, : layer.linear], spread[:, : layer.linear] = (
-                1.0,
-                z[:, : layer.linear],
-                0.0,
-            )
-            spread += self.padding[index]
-            trace.append((rates, width, slope, spread))
+                noise = noise @ np.abs(layer.weight).T
+            near, pad = sum(np.abs(part) for part in parts), self.padding[index]
+            slope, mean, bend, spread = relax(z, near, noise + pad, layer.activation)
+            k = layer.linear
+            slope[:, :k], mean[:, :k], bend[:, :k], spread[:, :k] = 1.0, z[:, :k], 0.0, 0.0
+            spread, half = spread + pad, near * near / 2
+            trace.append((parts, near, near + noise + pad, slope, bend, spread))
+            mean, noise = mean + bend * half, np.abs(slope) * noise + np.abs(bend) * half + spread
         least = mean @ self.output.weight[0] + self.output.bias[0] - self.padding[-1]
-        # Backwards: what each neuron's relaxation costs the output, and whose fault it is.
+        # Backwards: lines and parabolas weighed by the output's coefficients, and what each neuron's rest costs and whose fault it is.
+        n = center.shape[1]
         coefficient = np.broadcast_to(self.output.weight[0], slope.shape)
-        score = np.zeros_like(radius)
-        for index, (rates, width, slope, spread) in reversed(list(enumerate(trace))):
-            loss = np.abs(coefficient) * spread
-            least -= loss.sum(axis=1)
-            share = loss / width
-            for k, rate in enumerate(rates):
-                score[:, k] += (share * rate).sum(axis=1)
+        score, square = np.zeros_like(center), np.zeros((len(center), n, n))
+        for index, (parts, near, width, slope, bend, spread) in reversed(list(enumerate(trace))):
+            loss, bow = np.abs(coefficient) * spread, coefficient * bend
+            least -= loss.sum(axis=1) + (bow * near * near / 2).sum(axis=1)
+            least -= BULK * (np.abs(bow) * near * near).sum(axis=1)
+            for k in range(n):
+                score[:, k] += (loss / width * np.abs(parts[k])).sum(axis=1)
+                for m in range(n):
+                    square[:, k, m] += (bow * parts[k] * parts[m]).sum(axis=1)
             coefficient = (coefficient * slope) @ self.hidden[index].weight
-        least -= (np.abs(coefficient) * radius).sum(axis=1)
-        return least, np.argmax(score * radius, axis=1), np.where(coefficient > 0, lower, upper)
+        corner = np.where(coefficient > 0, lower, upper)
+        slope, size = np.abs(coefficient * radius), np.abs(square)
+        diagonal = np.einsum("nkk->nk", square)
+        score += size.sum(axis=2)
+        least -= size.sum(axis=(1, 2)) - np.maximum(diagonal, 0).sum(axis=1)
+        up = np.maximum(diagonal, 0)
+        inner = -(slope**2) / (4 * np.where(up > 0, up, 1.0))
+        least += np.where(slope < 2 * up, inner, up - slope).sum(axis=1)
+        return least, np.argmax(score, axis=1), corner
 
 
-def relax(z: np.ndarray, width: np.ndarray, activation: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Linear relaxation of an activation, one slope on both sides.
+def relax(
+    z: np.ndarray, near: np.ndarray, noise: np.ndarray, activation: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """``act(z + l + y)`` as ``mean + slope (l + y) + bend l^2 +- spread``: a line, for the sine a parabola (``relax_sin``).
 
-    ReLU: the chord. Sine, with ``x = z + t``, ``|t| <= d``: ``sin x = sin z cos t + cos z sin t``. By Taylor, for all t >= 0,
-    ``1 - t^2/2 <= cos t <= 1`` and ``t - t^3/6 <= sin t <= t - t^3/6 + t^5/120``. So cos t lies within ``d^2/4`` of ``1 - d^2/4``,
-    and sin t within ``d^3 / (9 sqrt 3) + d^5 / 120`` of ``t (1 - d^2/6)``, as ``t (d^2 - t^2) / 6 <= d^3 / (9 sqrt 3)``. Where this is
-    worse than ``[-1, 1]``, the latter is taken.
-
-    Tanh: see ``tanh_relaxation``.
+    ReLU: the chord. Tanh: see ``tanh_relaxation``.
 
     Args:
         z: ``(N, H)``, centres.
-        width: ``(N, H)``, half-widths d > 0.
+        near: ``(N, H)``, largest ``|l|``.
+        noise: ``(N, H)``, largest ``|y|``; of both together one is above 0.
         activation: ``"sin"``, ``"relu"`` or ``"tanh"``.
 
     Returns:
-        slope, mean, spread with ``act(x) in slope (x - z) + mean +- spread``; float64 rounding is the caller's.
+        slope, mean, bend, spread; float64 rounding is the caller's.
     """
-    if activation == "relu":
-        low, high = z - width, z + width
-        slope = np.clip(high / (2 * width), 0.0, 1.0)
-        spread = np.where((low < 0) & (high > 0), -slope * low / 2, 0.0)
-        return slope, slope * z + spread, spread
+    if activation == "sin":
+        return relax_sin(z, near, noise)
+    width = near + noise
     if activation == "tanh":
-        return relax_tanh(z, width)
-    sine, cosine, square = np.sin(z), np.cos(z), width * width
-    spread = (
-        np.abs(cosine) * (width * square * (1 / (9 * np.sqrt(3.0)) + square / 120))
-        + np.abs(sine) * (square / 4)
-        + 4 * SINE_SLACK
-    )
-    slope, mean = cosine * (1 - square / 6), sine * (1 - square / 4)
-    wide = spread > 1
-    slope[wide], mean[wide], spread[wide] = 0.0, 0.0, 1.0
-    return slope, mean, spread
+        slope, mean, spread = relax_tanh(z, width)
+        return slope, mean, np.zeros_like(mean), spread
+    low, high = z - width, z + width
+    slope = np.clip(high / (2 * width), 0.0, 1.0)
+    spread = np.where((low < 0) & (high > 0), -slope * low / 2, 0.0)
+    return slope, slope * z + spread, np.zeros_like(z), spread

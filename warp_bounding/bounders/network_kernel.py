@@ -1,6 +1,7 @@
 """The bounds of ``Network.bound`` as one fused native kernel, float64, one box per SIMD lane; its plain twin is there."""
 
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 import warp as wp
@@ -9,7 +10,27 @@ from warp_bounding.bounders.network_source import BLOCK, NetworkSizes, snippet
 from warp_bounding.launch import launch_blocks
 from warp_bounding.native import named, unique_name
 
-__all__ = ["bound_boxes"]
+__all__ = ["NetworkBounds", "bound_boxes", "double_array"]
+
+
+class NetworkBounds(NamedTuple):
+    """Bounds over N boxes of the numbers z of a chart.
+
+    Attributes:
+        lower: ``(N,)`` certified lower bounds, infinity where a box holds no positive.
+        axes: ``(2, N)`` int32, the number to halve, and the one to halve next.
+        point: ``(N, Z)``, a positive where f looks lowest.
+        value: ``(N,)`` f there, infinity where there is none.
+        slope: ``(N, K)``, slopes in the network's inputs.
+        level: ``(N,)``, ``f >= level + slope . (v - center)`` on the box (inputs that are the chart's numbers themselves).
+    """
+
+    lower: np.ndarray
+    axes: np.ndarray
+    point: np.ndarray
+    value: np.ndarray
+    slope: np.ndarray
+    level: np.ndarray
 
 
 @cache
@@ -18,80 +39,105 @@ def _kernel(sizes: NetworkSizes) -> wp.Kernel:
 
     @name.func_native(snippet(sizes))
     def bound_block(
-        lower: wp.array(dtype=wp.float64),
-        upper: wp.array(dtype=wp.float64),
+        boxes: wp.array(dtype=wp.float64),
         count: int,
         block: int,
         weights: wp.array(dtype=wp.float64),
         paddings: wp.array(dtype=wp.float64),
+        numbers: wp.array(dtype=wp.float64),
+        table: wp.array(dtype=wp.int32),
         least_out: wp.array(dtype=wp.float64),
         value_out: wp.array(dtype=wp.float64),
-        axis: wp.array(dtype=wp.int32),
+        axes: wp.array(dtype=wp.int32),
         point: wp.array(dtype=wp.float64),
         gradient_out: wp.array(dtype=wp.float64),
+        level_out: wp.array(dtype=wp.float64),
     ): ...
 
     @name.kernel
-    def boxes(
+    def bound_all(
         # inputs
-        lower: wp.array(dtype=wp.float64),
-        upper: wp.array(dtype=wp.float64),
+        boxes: wp.array(dtype=wp.float64),
         count: int,
         first: int,
         weights: wp.array(dtype=wp.float64),
         paddings: wp.array(dtype=wp.float64),
+        numbers: wp.array(dtype=wp.float64),
+        table: wp.array(dtype=wp.int32),
         # outputs
         least_out: wp.array(dtype=wp.float64),
         value_out: wp.array(dtype=wp.float64),
-        axis: wp.array(dtype=wp.int32),
+        axes: wp.array(dtype=wp.int32),
         point: wp.array(dtype=wp.float64),
         gradient_out: wp.array(dtype=wp.float64),
+        level_out: wp.array(dtype=wp.float64),
     ):
         bound_block(
-            lower, upper, count, first + wp.tid(), weights, paddings, least_out, value_out, axis, point, gradient_out
+            boxes,
+            count,
+            first + wp.tid(),
+            weights,
+            paddings,
+            numbers,
+            table,
+            least_out,
+            value_out,
+            axes,
+            point,
+            gradient_out,
+            level_out,
         )
 
-    return boxes
+    return bound_all
+
+
+def double_array(values: np.ndarray, device: wp.Device) -> wp.array:
+    """Float64 numbers on a device; a CPU's array shares memory with ``values``, which the caller keeps alive."""
+    return wp.array(values.reshape(-1), dtype=wp.float64, device=device, copy=not device.is_cpu)
 
 
 def bound_boxes(
-    sizes: NetworkSizes, weights: np.ndarray, padding: np.ndarray, lower: np.ndarray, upper: np.ndarray, device="cpu"
-):
+    sizes: NetworkSizes,
+    weights: np.ndarray,
+    padding: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    numbers: np.ndarray | None = None,
+    table: np.ndarray | None = None,
+    device="cpu",
+) -> NetworkBounds:
     """Bounds of a network over boxes.
 
     Args:
-        sizes: Of the hidden layers.
+        sizes: Of the hidden layers, and the chart.
         weights: float64: per hidden layer biases ``(H,)``, weights ``(H, K)`` in row order and their absolute values, then the output's
             bias and weights.
         padding: float64, one number a layer, the output last: rounding that is set aside there.
-        lower: ``(N, n)`` float64.
-        upper: ``(N, n)`` float64.
+        lower: ``(N, Z)`` float64, numbers of the chart.
+        upper: ``(N, Z)`` float64.
+        numbers: float64 parameters of the chart.
+        table: int32 parameters of the chart.
         device: Warp device.
-
-    Returns:
-        Lower bounds ``(N,)``, axes ``(2, N)`` int32 (to halve, and to halve next), points ``(N, n)``, f there ``(N,)``, and the
-        slopes ``(N, n)`` of the linear function that the bound is the least value of.
     """
-    count, n = lower.shape
+    count, size = lower.shape
     device = wp.get_device(device)
-
-    def give(values: np.ndarray) -> wp.array:
-        return wp.array(
-            np.ascontiguousarray(values, dtype=np.float64).reshape(-1),
-            dtype=wp.float64,
-            device=device,
-            copy=not device.is_cpu,
-        )
-
-    held = [np.ascontiguousarray(a, dtype=np.float64) for a in (lower, upper)]  # kept alive until the results are here
+    held = [
+        np.ascontiguousarray(a, dtype=np.float64) for a in (np.concatenate([lower, upper], axis=1), weights, padding)
+    ]
+    held.append(np.zeros(1) if numbers is None else np.ascontiguousarray(numbers, dtype=np.float64))
     outputs = [wp.empty(count, dtype=wp.float64, device=device) for _ in range(2)]
     outputs += [
         wp.empty(2 * count, dtype=wp.int32, device=device),
-        wp.empty(count * n, dtype=wp.float64, device=device),
-        wp.empty(count * n, dtype=wp.float64, device=device),
+        wp.empty(count * size, dtype=wp.float64, device=device),
+        wp.empty(count * sizes.ndim, dtype=wp.float64, device=device),
+        wp.empty(count, dtype=wp.float64, device=device),
     ]
     if count:
-        inputs = [give(held[0]), give(held[1]), count, 0, give(weights), give(padding)]
-        launch_blocks(_kernel(sizes), count, inputs, outputs, device, first_index=3, block=BLOCK)
-    least, value, axis, point, gradient = (o.numpy() for o in outputs)
-    return least, axis.reshape(2, count), point.reshape(count, n), value, gradient.reshape(count, n)
+        boxes, *parameters = (double_array(a, device) for a in held)
+        words = wp.array(np.zeros(1, np.int32) if table is None else table, dtype=wp.int32, device=device)
+        inputs = [boxes, count, 0, *parameters, words]
+        launch_blocks(_kernel(sizes), count, inputs, outputs, device, first_index=2, block=BLOCK)
+    least, value, axes, point, slope, level = (o.numpy() for o in outputs)
+    shapes = [(2, count), (count, size), (count,), (count, sizes.ndim), (count,)]
+    parts = (axes, point, value, slope, level)
+    return NetworkBounds(least, *(part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)))

@@ -1,24 +1,28 @@
 """The text of the kernel in ``network_kernel``: bounds of a network over a box, one box per SIMD lane.
 
-A thread takes a block of boxes through all layers and back without leaving its cache; the arithmetic is
-``(n + 3) H^2`` multiply-adds a box for two layers of H neurons. Sums may be taken in any order and fused: the rounding that
-the network sets aside (``padding``) covers all of them, and ``SINE_SLACK`` the kernel's own sine and cosine, Taylor
-polynomials of degree 19 and 20 after a range reduction in three steps. ``Network.bound_plain`` is the plain twin.
+A chart (``charts``) turns a box of numbers into the network's inputs, an affine function of ``zeta`` in [-1, 1]^columns and
+noise. A thread takes a block of boxes through all layers and back without leaving its cache. Forwards, each neuron is a
+parabola (the sine) or a line in the linear part of its argument, plus noise; backwards, the actual coefficients of the
+output weigh lines and parabolas, which so may cancel, and only the rest counts in absolute value. The arithmetic
+is ``(columns + 3) H^2`` multiply-adds a box for two layers of H neurons. Sums may be taken in any order and fused: the rounding
+that the network sets aside (``padding``, and ``BULK``) covers all of them, ``SINE_SLACK`` and ``TANH_SLACK`` the kernel's own
+functions. ``Network.bound_plain`` is the plain twin.
 """
 
 from dataclasses import dataclass
 
-import numpy as np
-
+from warp_bounding.bounders.charts import Chart
+from warp_bounding.bounders.sine_relaxation import sine_text
 from warp_bounding.bounders.tanh_relaxation import tanh_text
 
-__all__ = ["BLOCK", "SINE_SLACK", "NetworkSizes", "snippet"]
+__all__ = ["BLOCK", "NetworkSizes", "axis_text", "body", "lanes_text", "load_text", "snippet"]
 
-# |error| of sine and cosine for |z| <= 2^12: Taylor remainders under 3e-16, the reduction under 2^-52 (1 + n 2^-30), about
-# 30 roundings of terms under 2; all under 1e-14. Mean, slope and spread carry it at most 4 times.
-SINE_SLACK = 1e-13
 BLOCK = 64  # boxes that one CPU thread of the kernel works on; CUDA: one
 HALVED = 0.3  # a relaxation's cost falls with the square of a box's width, or nearly so
+BULK = 1e-12  # of all squares: above the rounding of sums of up to 4000 of them
+FIRST_LAYER = (
+    1e-9  # share of the first layer's rates in the choice of an axis: where all behind it is saturated, they decide
+)
 ROWS = 4  # neurons that share each input as it is loaded
 
 
@@ -28,6 +32,7 @@ class NetworkSizes:
 
     ndim: int
     layers: tuple[tuple[int, int, str, int], ...]
+    chart: Chart
 
     name = "network_bound"
 
@@ -36,38 +41,8 @@ def _constant(value: float) -> str:
     return float(value).hex()
 
 
-def _sincos() -> str:
-    """A lambda ``sincos(z, s, c)``."""
-    high = float.fromhex("0x1.921fb544p+1")  # the first 34 bits of pi; times n < 2^12 exact
-    middle = float.fromhex("0x1.0b4611a6p-33")  # the next 32
-    low = float.fromhex("0x1.3198a2e037073p-68")  # and the rest to double precision
-    sine, cosine = "V s_ = ", "V c_ = "
-    factorial = [1.0]
-    for k in range(1, 21):
-        factorial.append(factorial[-1] * k)
-    s_terms = [_constant((-1) ** (k // 2) / factorial[k]) for k in range(1, 20, 2)]
-    c_terms = [_constant((-1) ** (k // 2) / factorial[k]) for k in range(0, 21, 2)]
-    sine += (
-        "zero + "
-        + s_terms[-1]
-        + "; "
-        + " ".join(f"s_ = s_ * r2 + {t};" for t in reversed(s_terms[:-1]))
-        + " s_ = s_ * r;"
-    )
-    cosine += "zero + " + c_terms[-1] + "; " + " ".join(f"c_ = c_ * r2 + {t};" for t in reversed(c_terms[:-1]))
-    return f"""
-auto sincos = [&](V z, V& s, V& c) {{
-    const V q = z * {_constant(1 / np.pi)} + 6755399441055744.0; const V n = q - 6755399441055744.0;
-    const V r = ((z - n * {_constant(high)}) - n * {_constant(middle)}) - n * {_constant(low)}; const V r2 = r * r;
-    {sine}
-    {cosine}
-    FLIP(s, s_) FLIP(c, c_)
-}};
-"""
-
-
 def _relax(activation: str) -> str:
-    """A lambda ``relax_<activation>(z, width, slope, mean, spread)``; see ``network.relax``."""
+    """Lambdas ``act_<activation>`` and ``relax_<activation>(z, width, slope, mean, spread)``; of the sine, see there."""
     if activation == "tanh":
         return tanh_text()
     if activation == "relu":
@@ -80,71 +55,63 @@ auto relax_relu = [&](V z, V d, V& slope, V& mean, V& spread) {
 };
 auto act_relu = [&](V z) { return z > zero ? z : zero; };
 """
-    cube = _constant(1 / (9 * np.sqrt(3.0)))
-    return f"""
-auto relax_sin = [&](V z, V d, V& slope, V& mean, V& spread) {{
-    V s, c; sincos(z, s, c); const V d2 = d * d;
-    const V as = s < zero ? -s : s; const V ac = c < zero ? -c : c;
-    const V e = ac * (d * d2 * ({cube} + d2 * {_constant(1 / 120)})) + as * d2 * 0.25 + {_constant(4 * SINE_SLACK)};
-    slope = c - c * d2 * {_constant(1 / 6)}; mean = s - s * d2 * 0.25;
-    slope = e > 1.0 ? zero : slope; mean = e > 1.0 ? zero : mean; spread = e > 1.0 ? zero + 1.0 : e;
-}};
-auto act_sin = [&](V z) {{ V s, c; sincos(z, s, c); return s; }};
-"""
+    return sine_text()
 
 
-def _body(sizes: NetworkSizes) -> str:
-    """From ``V low[], high[]`` to ``V least, value, score[]``, ``V gradient[]``; weights at ``w``."""
-    n = sizes.ndim
-    each = range(n)
-    lines = [f"V least = zero, value = zero, score[{n}], gradient[{n}], center[{n}], radius[{n}];"]
-    lines += [
-        f"center[{k}] = (low[{k}] + high[{k}]) * 0.5; radius[{k}] = (high[{k}] - low[{k}]) * 0.5; score[{k}] = zero;"
-        for k in each
+def lanes_text(sizes: NetworkSizes, inputs: str) -> tuple[str, str]:
+    """What stands before the text of ``body``: types, tools and the chart's names, on a CPU and on CUDA.
+
+    Args:
+        sizes: Of the network.
+        inputs: C statements that name the kernel's arrays.
+    """
+    tools = "".join(_relax(a) for a in sorted({layer[2] for layer in sizes.layers}))
+    cpu_tools = tools.replace("FLIP(s, s_)", "const I sign = (I)q << 63; s = (V)((I)s_ ^ sign);").replace(
+        "FLIP(c, c_)", "c = (V)((I)c_ ^ sign);"
+    )
+    cuda_tools = tools.replace("FLIP(s, s_)", "const bool odd = ((long long)n) & 1; s = odd ? -s_ : s_;").replace(
+        "FLIP(c, c_)", "c = odd ? -c_ : c_;"
+    )
+    cpu = f"""
+#pragma clang fp contract(fast)
+#define LANE(x) x[l]
+constexpr int L = 8;
+typedef double V __attribute__((vector_size(8 * L))); typedef long long I __attribute__((vector_size(8 * L)));
+const V zero = {{}};
+auto root = [](V x) {{ return __builtin_elementwise_sqrt(x); }};
+{inputs}
+{cpu_tools}"""
+    cuda = f"""
+#define LANE(x) x
+constexpr int L = 1;
+typedef double V;
+const V zero = 0.0;
+auto root = [](V x) {{ return sqrt(x); }};
+{inputs}
+{cuda_tools}"""
+    return cpu, cuda
+
+
+def body(sizes: NetworkSizes) -> str:
+    """From ``V low[], high[]`` to ``V least, value, valid, dead``, ``score[]``, ``owner[]``, ``z[]``, ``gradient[]``; weights at ``w``."""
+    chart, K = sizes.chart, sizes.ndim
+    pairs = list(enumerate(chart.pairs))
+    entries = [[(index, i) for index, (i, k) in pairs if k == column] for column in range(chart.columns)]
+    each = range(chart.columns)
+    squares = _squares(chart.columns)
+    lines = [
+        f"V least = zero, value = zero, valid = zero + 1.0, dead = zero, lost = zero; V score[{chart.columns}], slope[{chart.columns}];",
+        f"V owner[{chart.columns}], gradient[{K}], center[{K}], noise[{K}], rest[{K}], gen[{len(pairs)}], z[{chart.size}], h[{K}];",
+        "(void)dead; (void)valid; (void)noise; (void)rest; (void)lost;",
+        chart.expand(),
+        chart.owners(),
+        *(f"score[{k}] = zero;" for k in each),
+        f"V level = zero, bulk = zero, square[{len(squares)}]; (void)bulk; {' '.join(f'square[{i}] = zero;' for i in range(len(squares)))}",
     ]
-    at = 0
-    offsets = []
+    at, offsets = 0, []
     for index, (inputs, neurons, _, _) in enumerate(sizes.layers):
         offsets.append(at)
-        a = index
-        lines.append(
-            f"V mean{a}[{neurons}], noise{a}[{neurons}], width{a}[{neurons}], slope{a}[{neurons}], spread{a}[{neurons}];"
-        )
-        lines.append(f"V {', '.join(f'rate{a}_{k}[{neurons}], part{a}_{k}[{neurons}]' for k in each)};")
-        lines.append(
-            f"{{ const double* b = w + {at}; const double* weight = b + {neurons}; const double pad = padding[{a}];"
-        )
-        if index == 0:
-            lines.append(f"for (int j = 0; j < {neurons}; ++j) {{ V z = zero + b[j], d = zero + pad, g[{n}];")
-            for k in each:
-                lines.append(f"{{ const double x = weight[j * {n} + {k}]; g[{k}] = zero + x; z += center[{k}] * x; }}")
-            lines.append("const V from = zero;")
-            lines += _neuron(sizes, index, "j", n)
-            lines.append("}")
-        else:
-            for first, rows, blocks in _blocks(neurons):
-                lines.append(f"for (int t = 0; t < {blocks}; ++t) {{ const int j = {first} + t * {rows};")
-                lines.append(f"const double* x = weight + j * {inputs}; const double* ax = x + {neurons * inputs};")
-                for r in range(rows):
-                    lines.append(
-                        f"V z{r} = zero + b[j + {r}], o{r} = zero; V {', '.join(f'g{r}_{k} = zero' for k in each)};"
-                    )
-                lines.append(f"for (int i = 0; i < {inputs}; ++i) {{ const V m = mean{a - 1}[i], e = noise{a - 1}[i];")
-                lines.append(" ".join(f"const V p{k} = part{a - 1}_{k}[i];" for k in each))
-                for r in range(rows):
-                    lines.append(
-                        f"{{ const double y = x[{r * inputs} + i]; z{r} += m * y; o{r} += e * ax[{r * inputs} + i];"
-                    )
-                    lines.append(" ".join(f"g{r}_{k} += p{k} * y;" for k in each) + " }")
-                lines.append("}")
-                for r in range(rows):
-                    lines.append(
-                        f"{{ V z = z{r}, d = o{r} + pad; const V from = o{r}; V g[{n}]; {' '.join(f'g[{k}] = g{r}_{k};' for k in each)}"
-                    )
-                    lines += _neuron(sizes, index, f"j + {r}", n)
-                    lines.append("}")
-                lines.append("}")
-        lines.append("}")
+        lines += _forward(sizes, index, at, entries)
         at += neurons * (2 * inputs + 1)
     last, count = len(sizes.layers) - 1, sizes.layers[-1][1]
     lines.append(f"V back{last}[{count}]; least = zero + (w[{at}] - padding[{last + 1}]);")
@@ -159,13 +126,44 @@ def _body(sizes: NetworkSizes) -> str:
         lines.append(f"for (int i = 0; i < {inputs}; ++i) {below}[i] = zero;")
         lines.append(f"for (int j = 0; j < {neurons}; ++j) {{ V c = back{index}[j]; const V a = c < zero ? -c : c;")
         lines.append(f"const V loss = a * spread{index}[j]; least -= loss; const V share = loss / width{index}[j];")
-        lines += [f"score[{k}] += share * rate{index}_{k}[j];" for k in each]
+        lines += [f"{{ const V g = rate{index}_{k}[j]; score[{k}] += share * (g < zero ? -g : g); }}" for k in each]
+        if sizes.layers[index][2] == "sin":
+            lines.append(
+                f"{{ const V b = c * bend{index}[j]; const V n2 = near{index}[j] * near{index}[j]; least -= b * n2 * 0.5;"
+            )
+            lines.append("bulk += (b < zero ? -b : b) * n2;")
+            lines += [f"const V g{k} = rate{index}_{k}[j]; const V b{k} = b * g{k};" for k in each]
+            lines += [f"square[{i}] += b{k} * g{m};" for i, (k, m) in enumerate(squares)]
+            lines.append("}")
         lines.append(f"c *= slope{index}[j]; const double* x = w + {offsets[index] + neurons} + j * {inputs};")
         lines.append(f"for (int i = 0; i < {inputs}; ++i) {below}[i] += c * x[i]; }}")
-    lines.append(f"V h[{n}];")
-    for k in each:
-        lines.append(f"{{ const V a = gradient[{k}] < zero ? -gradient[{k}] : gradient[{k}]; least -= a * radius[{k}];")
-        lines.append(f"score[{k}] *= radius[{k}]; h[{k}] = gradient[{k}] > zero ? low[{k}] : high[{k}]; }}")
+    if chart.noisy:
+        lines += [f"lost += (gradient[{i}] < zero ? -gradient[{i}] : gradient[{i}]) * rest[{i}];" for i in range(K)]
+        lines += ["least -= lost;", chart.blame()]
+    lines += [f"square[{i}] *= 2.0;" for i, (k, m) in enumerate(squares) if k != m]
+    lines += [
+        chart.bend(squares),
+        f"bulk += {' + '.join(f'(square[{i}] < zero ? -square[{i}] : square[{i}])' for i in range(len(squares)))};",
+    ]
+    lines += [f"slope[{k}] = {' + '.join(f'gradient[{i}] * gen[{e}]' for e, i in entries[k])};" for k in each]
+    for start, factors in chart.constraints():
+        lines += _constrain(chart, start, factors)
+    for i, (k, m) in enumerate(
+        squares
+    ):  # the quadratic form over the cube: entry by entry, the diagonal with the slopes
+        size = f"const V q = square[{i}] < zero ? -square[{i}] : square[{i}];"
+        if k != m:
+            lines.append(f"{{ {size} least -= q; score[{k}] += q * 0.5; score[{m}] += q * 0.5; }}")
+        else:
+            lines.append(f"{{ {size} score[{k}] += q; least -= square[{i}] < zero ? q : zero; }}")
+    lines.append(f"least -= bulk * {_constant(BULK)}; level = least;")
+    for k in each:  # min of slope zeta + square zeta^2 for square > 0: at the end, or in between
+        i = squares.index((k, k))
+        lines.append(
+            f"{{ const V s = slope[{k}] < zero ? -slope[{k}] : slope[{k}]; const V q = square[{i}] > zero ? square[{i}] : zero;"
+            f" const V end = q - s; const V inner = s * s * -0.25 / (q > zero ? q : zero + 1.0); least += s < q + q ? inner : end; }}"
+        )
+    lines.append(chart.realize())
     source = "h"
     for index, (inputs, neurons, activation, linear) in enumerate(sizes.layers):  # f at the corner that looks lowest
         lines.append(f"V y{index}[{neurons}]; {{ const double* b = w + {offsets[index]};")
@@ -184,97 +182,177 @@ def _body(sizes: NetworkSizes) -> str:
     return "\n".join(lines)
 
 
+def _forward(sizes: NetworkSizes, index: int, at: int, entries: list[list[tuple[int, int]]]) -> list[str]:
+    """One hidden layer's means, slopes, spreads and generators, from those of the layer below or from the chart's."""
+    chart, (inputs, neurons, _, _), a = sizes.chart, sizes.layers[index], index
+    columns = range(chart.columns)
+    lines = [
+        f"V mean{a}[{neurons}], noise{a}[{neurons}], width{a}[{neurons}], slope{a}[{neurons}], spread{a}[{neurons}];",
+        f"V {', '.join(f'rate{a}_{k}[{neurons}], part{a}_{k}[{neurons}]' for k in columns)}, near{a}[{neurons}], bend{a}[{neurons}];",
+        f"{{ const double* b = w + {at}; const double* weight = b + {neurons}; const double pad = padding[{a}];",
+    ]
+    if index == 0:
+        lines.append(f"for (int j = 0; j < {neurons}; ++j) {{ const double* x = weight + j * {inputs};")
+        lines.append(f"V z = zero + b[j], from = zero; V g[{chart.columns}];")
+        lines += [f"z += center[{i}] * x[{i}];" for i in range(inputs)]
+        lines += [f"g[{k}] = {' + '.join(f'gen[{e}] * x[{i}]' for e, i in entries[k])};" for k in columns]
+        if chart.noisy:
+            lines += [f"from += noise[{i}] * x[{neurons * inputs} + {i}];" for i in range(inputs)]
+        lines += _neuron(sizes, index, "j")
+        lines += [f"score[{k}] += (g[{k}] < zero ? -g[{k}] : g[{k}]) * {_constant(FIRST_LAYER)};" for k in columns] + [
+            "}"
+        ]
+    else:
+        for first, rows, blocks in _blocks(neurons):
+            lines.append(f"for (int t = 0; t < {blocks}; ++t) {{ const int j = {first} + t * {rows};")
+            lines.append(f"const double* x = weight + j * {inputs}; const double* ax = x + {neurons * inputs};")
+            for r in range(rows):
+                lines.append(
+                    f"V z{r} = zero + b[j + {r}], o{r} = zero; V {', '.join(f'g{r}_{k} = zero' for k in columns)};"
+                )
+            lines.append(f"for (int i = 0; i < {inputs}; ++i) {{ const V m = mean{a - 1}[i], e = noise{a - 1}[i];")
+            lines.append(" ".join(f"const V p{k} = part{a - 1}_{k}[i];" for k in columns))
+            for r in range(rows):
+                lines.append(
+                    f"{{ const double y = x[{r * inputs} + i]; z{r} += m * y; o{r} += e * ax[{r * inputs} + i];"
+                )
+                lines.append(" ".join(f"g{r}_{k} += p{k} * y;" for k in columns) + " }")
+            lines.append("}")
+            for r in range(rows):
+                copied = " ".join(f"g[{k}] = g{r}_{k};" for k in columns)
+                lines.append(f"{{ V z = z{r}; const V from = o{r}; V g[{chart.columns}]; {copied}")
+                lines += [*_neuron(sizes, index, f"j + {r}"), "}"]
+            lines.append("}")
+    return [*lines, "}"]
+
+
+def _constrain(chart: Chart, start: str, factors: list[tuple[int, str]]) -> list[str]:
+    """Add a constraint ``q0 + q . zeta <= 0`` to the linear bound, times the multiplier that serves it best.
+
+    For any multiplier ``t >= 0`` the bound ``least - sum |slope + t q| + t q0`` holds at all points that obey the constraint; it is
+    concave in t, and largest where an entry of ``slope + t q`` vanishes, or at 0.
+    """
+    q = [[] for _ in range(chart.columns)]
+    for index, (i, k) in enumerate(chart.pairs):
+        q[k] += [f"{factor} * gen[{index}]" for j, factor in factors if j == i]
+    moved = [k for k in range(chart.columns) if q[k]]
+    lines = [f"{{ const V excess = {start}; V best = zero, gain = zero;"]
+    lines += [f"const V q{k} = {' + '.join(q[k])};" for k in moved]
+    before = " + ".join(f"(slope[{k}] < zero ? -slope[{k}] : slope[{k}])" for k in moved)
+    lines.append(f"const V before = {before};")
+    for k in moved:
+        lines.append(f"{{ const V own = q{k} == zero ? zero + 1.0 : q{k}; V t = -slope[{k}] / own;")
+        lines.append(f"t = q{k} == zero ? zero : t; t = t > zero ? t : zero; V after = t * excess + before;")
+        lines += [f"{{ const V s = slope[{j}] + t * q{j}; after -= s < zero ? -s : s; }}" for j in moved]
+        lines.append("best = after > gain ? t : best; gain = after > gain ? after : gain; }")
+    lines += [f"slope[{k}] += best * q{k};" for k in moved]
+    lines.append("least += best * excess - (best * (excess < zero ? -excess : excess) + before + 1.0) * 1e-14; }")
+    return lines
+
+
 def _blocks(neurons: int) -> list[tuple[int, int, int]]:
     """``(first, rows, repetitions)`` of blocks of ``ROWS`` neurons, and the rest."""
     blocks = [(0, ROWS, neurons // ROWS), (neurons // ROWS * ROWS, neurons % ROWS, 1)]
     return [block for block in blocks if block[1] and block[2]]
 
 
-def _neuron(sizes: NetworkSizes, index: int, j: str, n: int) -> list[str]:
-    """From z, d (half-width but for the box's own share), g (gradient) and from (noise of earlier layers) to the layer's arrays."""
+def _squares(columns: int) -> list[tuple[int, int]]:
+    """Entries of a quadratic form in zeta."""
+    return [(k, m) for k in range(columns) for m in range(k, columns)]
+
+
+def _neuron(sizes: NetworkSizes, index: int, j: str) -> list[str]:
+    """From z, g (generators) and from (noise of earlier layers) to the layer's arrays.
+
+    The activation is ``m + s (l + y) + k l^2 +- e``; what is passed on has its centre at ``m + k near^2 / 2``.
+    """
     _, _, activation, linear = sizes.layers[index]
-    lines = []
-    for k in range(n):
-        lines.append(
-            f"{{ const V a = g[{k}] < zero ? -g[{k}] : g[{k}]; rate{index}_{k}[{j}] = a; d += a * radius[{k}]; }}"
-        )
-    lines.append(f"V s, m, e; relax_{activation}(z, d, s, m, e);")
+    columns = range(sizes.chart.columns)
+    lines = ["V near = zero;"]
+    lines += [
+        f"{{ const V a = g[{k}] < zero ? -g[{k}] : g[{k}]; rate{index}_{k}[{j}] = g[{k}]; near += a; }}"
+        for k in columns
+    ]
+    lines.append("const V d = near + from + pad; V s, m, e, k = zero;")
+    if activation == "sin":
+        lines.append("relax_sin(z, near, from + pad, s, m, k, e);")
+    else:
+        lines.append(f"relax_{activation}(z, d, s, m, e);")
     if linear:
-        lines.append(f"if ({j} < {linear}) {{ s = zero + 1.0; m = z; e = zero; }}")
-    lines.append("e += pad; const V as = s < zero ? -s : s;")
+        lines.append(f"if ({j} < {linear}) {{ s = zero + 1.0; m = z; e = zero; k = zero; }}")
     lines.append(
-        f"mean{index}[{j}] = m; slope{index}[{j}] = s; spread{index}[{j}] = e; width{index}[{j}] = d; noise{index}[{j}] = as * from + e;"
+        "e += pad; const V as = s < zero ? -s : s; const V ak = k < zero ? -k : k; const V half = near * near * 0.5;"
     )
-    lines += [f"part{index}_{k}[{j}] = g[{k}] * s;" for k in range(n)]
+    lines.append(
+        f"mean{index}[{j}] = m + k * half; slope{index}[{j}] = s; spread{index}[{j}] = e; width{index}[{j}] = d; noise{index}[{j}] = as * from + ak * half + e;"
+    )
+    lines.append(f"near{index}[{j}] = near; bend{index}[{j}] = k;")
+    lines += [f"part{index}_{k}[{j}] = g[{k}] * s;" for k in columns]
     return lines
+
+
+def load_text(size: int, source: str, row: str) -> str:
+    """C statements that fill ``low[]`` and ``high[]`` of lane ``l`` from ``2 size`` numbers of ``source`` at row ``row``."""
+    return " ".join(
+        f"LANE(low[{k}]) = {source}[(long long)({row}) * {2 * size} + {k}]; LANE(high[{k}]) = {source}[(long long)({row}) * {2 * size} + {size + k}];"
+        for k in range(size)
+    )
+
+
+def axis_text(columns: int) -> str:
+    """C statements that declare ``int axis``, the number of z that is best halved in lane ``l``."""
+    lines = ["int axis; { double most = LANE(score[0]); axis = (int)LANE(owner[0]);"]
+    lines += [
+        f"if (LANE(score[{k}]) > most) {{ most = LANE(score[{k}]); axis = (int)LANE(owner[{k}]); }}"
+        for k in range(1, columns)
+    ]
+    return " ".join([*lines, "}"])
 
 
 def snippet(sizes: NetworkSizes) -> str:
     """The body of the native function ``bound_block`` of ``network_kernel``: one block of boxes on a CPU, one box on CUDA."""
-    n = sizes.ndim
-    tools = _sincos() + "".join(_relax(a) for a in sorted({layer[2] for layer in sizes.layers}))
-    vector_flip = "const I sign = (I)q << 63;"
-    scalar_flip = "const bool odd = ((long long)n) & 1;"
-    pick = "\n".join(
-        f"if (score[{k}]{{at}} > most) {{{{ most = score[{k}]{{at}}; best = {k}; }}}}" for k in range(1, n)
+    chart = sizes.chart
+    size, columns, K = chart.size, chart.columns, sizes.ndim
+    cpu, cuda = lanes_text(
+        sizes, "const double* w = weights.data; const double* padding = paddings.data; const double* rows = boxes.data;"
     )
-    after = f"(k == best ? {_constant(HALVED)} : 1.0)"  # what halving the best axis leaves of its score
-    again = f"double left[{n}]; {' '.join(f'left[{k}] = score[{k}]{{at}};' for k in range(n))}"
-    again += (
-        f" int second = 0; double next = -1.0; for (int k = 0; k < {n}; ++k) {{{{ const double x = left[k] * {after};"
-    )
-    again += " if (x > next) {{ next = x; second = k; }} }}"
-    write = "\n".join(
-        f"point.data[{{o}} * {n} + {k}] = gradient[{k}]{{at}} > 0.0 ? low[{k}]{{at}} : high[{k}]{{at}};"
-        for k in range(n)
-    )
-    store = (
-        "{{ int best = 0; double most = score[0]{at}; (void)most;\n"
-        + pick
-        + "\n"
-        + " ".join(f"gradient_out.data[{{o}} * {n} + {k}] = gradient[{k}]{{at}};" for k in range(n))
-        + "least_out.data[{o}] = least{at}; value_out.data[{o}] = value{at}; axis.data[{o}] = best; "
-        + again
-        + " axis.data[count + {o}] = second;\n"
-        + write
-        + " }}"
-    )
-    inputs = "const double* w = weights.data; const double* padding = paddings.data;"
-    body = _body(sizes)
-    cpu_tools = tools.replace("FLIP(s, s_)", vector_flip + " s = (V)((I)s_ ^ sign);").replace(
-        "FLIP(c, c_)", "c = (V)((I)c_ ^ sign);"
-    )
-    cuda_tools = tools.replace("FLIP(s, s_)", scalar_flip + " s = odd ? -s_ : s_;").replace(
-        "FLIP(c, c_)", "c = odd ? -c_ : c_;"
-    )
-    load = "\n".join(
-        f"low[{k}]{{at}} = lower.data[(long long){{j}} * {n} + {k}]; high[{k}]{{at}} = upper.data[(long long){{j}} * {n} + {k}];"
-        for k in range(n)
-    )
+    store = [
+        axis_text(columns),
+        "const long long o = i + l; (void)level; least_out.data[o] = LANE(dead) != 0.0 ? INFINITY : LANE(least);",
+        "value_out.data[o] = LANE(valid) != 0.0 && LANE(dead) == 0.0 ? LANE(value) : INFINITY; axes.data[o] = axis;",
+        f"{{ double next = -1.0; int second = axis; {_second(columns)} axes.data[count + o] = second; }}",
+        *(f"point.data[o * {size} + {k}] = LANE(z[{k}]);" for k in range(size)),
+        *(f"gradient_out.data[o * {K} + {k}] = LANE(gradient[{k}]);" for k in range(K)),
+        "level_out.data[o] = LANE(level);",
+    ]
+    store = "\n".join(store)
+    text = body(sizes)
     return f"""
 #if !defined(__CUDA_ARCH__)
-#pragma clang fp contract(fast)
-constexpr int L = 8;
-typedef double V __attribute__((vector_size(8 * L))); typedef long long I __attribute__((vector_size(8 * L)));
-const V zero = {{}};
-{inputs}
-{cpu_tools}
+{cpu}
 const int begin = block * {BLOCK}; const int end = begin + {BLOCK} < count ? begin + {BLOCK} : count;
 for (int i = begin; i < end; i += L) {{
-V low[{n}], high[{n}];
-for (int l = 0; l < L; ++l) {{ const int j = i + l < end ? i + l : end - 1; {load.format(at="[l]", j="j")} }}
-{body}
-for (int l = 0; l < L && i + l < end; ++l) {store.format(at="[l]", o="(long long)(i + l)")}
+V low[{size}], high[{size}];
+for (int l = 0; l < L; ++l) {{ const int j = i + l < end ? i + l : end - 1; {load_text(size, "rows", "j")} }}
+{text}
+for (int l = 0; l < L && i + l < end; ++l) {{ {store} }}
 }}
 #else
-typedef double V;
-const V zero = 0.0;
-{inputs}
-{cuda_tools}
-const int i = block; if (i >= count) return;
-V low[{n}], high[{n}];
-{load.format(at="", j="i")}
-{body}
-{store.format(at="", o="(long long)i")}
+{cuda}
+const int i = block, l = 0; if (i >= count) return;
+V low[{size}], high[{size}];
+{load_text(size, "rows", "i")}
+{text}
+{{ {store} }}
 #endif
+#undef LANE
 """
+
+
+def _second(columns: int) -> str:
+    """C statements that set ``second``, the number to halve after ``axis``."""
+    return " ".join(
+        f"{{ const double s = LANE(score[{k}]) * ((int)LANE(owner[{k}]) == axis ? {_constant(HALVED)} : 1.0);"
+        f" if (s > next) {{ next = s; second = (int)LANE(owner[{k}]); }} }}"
+        for k in range(columns)
+    )

@@ -4,28 +4,43 @@ import numpy as np
 
 from warp_bounding.indicators.grid import IndicatorGrid
 
-__all__ = ["full_blocks"]
+__all__ = ["blocks_of", "full_blocks", "summed_area"]
+
+
+def summed_area(occupancy: np.ndarray) -> np.ndarray:
+    """The summed-area table ``(R_1 + 1, ...)`` int64: entry i counts the occupied cells before i on every axis."""
+    table = np.zeros([r + 1 for r in occupancy.shape], dtype=np.int64)
+    table[(slice(1, None),) * occupancy.ndim] = occupancy
+    for axis in range(occupancy.ndim):
+        np.cumsum(table, axis=axis, out=table)
+    return table
 
 
 def full_blocks(grid: IndicatorGrid) -> tuple[np.ndarray, np.ndarray]:
-    """Halve the grid along its longest axis until every box is full or empty (a k-d tree over a summed-area table).
+    """Few boxes that cover the object; see ``blocks_of``."""
+    return blocks_of(grid.occupancy)
+
+
+def blocks_of(occupancy: np.ndarray, flat: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Halve a grid along its longest axis until every box is full or empty (a k-d tree over a summed-area table).
 
     Args:
-        grid: The object.
+        occupancy: bool, n axes.
+        flat: An axis along which boxes are one cell thick; none if ``None``.
 
     Returns:
-        First cells ``(N, n)`` int64 and one past the last cells ``(N, n)``; the boxes are disjoint and cover the object.
+        First cells ``(N, n)`` int64 and one past the last cells ``(N, n)``; the boxes are disjoint and cover what is occupied.
     """
-    table = np.zeros([r + 1 for r in grid.shape], dtype=np.int64)
-    table[(slice(1, None),) * grid.ndim] = grid.occupancy
-    for axis in range(grid.ndim):
-        np.cumsum(table, axis=axis, out=table)
-    first, last = np.zeros((1, grid.ndim), np.int64), np.array([grid.shape], np.int64)
+    table, ndim = summed_area(occupancy), occupancy.ndim
+    layers = 1 if flat is None else occupancy.shape[flat]
+    first, last = np.zeros((layers, ndim), np.int64), np.tile(occupancy.shape, (layers, 1)).astype(np.int64)
+    if flat is not None:
+        first[:, flat], last[:, flat] = np.arange(layers), np.arange(layers) + 1
     found = []
     while len(first):
         count = np.zeros(len(first), dtype=np.int64)
-        for corner in np.ndindex((2,) * grid.ndim):
-            sign = (-1) ** (grid.ndim - sum(corner))
+        for corner in np.ndindex((2,) * ndim):
+            sign = (-1) ** (ndim - sum(corner))
             count += sign * table[tuple(np.where(corner, last, first).T)]
         full = count == (last - first).prod(axis=1)
         found.append((first[full], last[full]))

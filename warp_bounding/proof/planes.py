@@ -65,8 +65,8 @@ class SupportGap:
         center, radius = (lower + upper) / 2, (upper - lower) / 2
         least, point = np.full(len(lower), np.inf), center.copy()
         for network, corners in zip(self.networks, self.corners, strict=True):
-            value, _, _, _, slope = network.bound(lower, upper)
-            value = value + (np.abs(slope) * radius).sum(axis=1)
+            bounds = network.bound(lower, upper)
+            slope, value = bounds.slope, bounds.level
             size = 4 + np.abs(value).max(initial=0.0) + np.abs(slope).sum(axis=1).max(initial=0.0)
             rounding = gamma(64, UNIT64) * (size + np.abs(corners).sum(axis=1).max())
             for start in range(0, len(lower), AT_A_TIME):

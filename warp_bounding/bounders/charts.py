@@ -1,0 +1,99 @@
+"""Charts: how a box of numbers z becomes inputs of a network, ``center + generators zeta + noise`` with ``|zeta| <= 1``.
+
+A proof searches over boxes of numbers that parametrise positive queries (a point; a ray's entry point, time and direction;
+a box's corners), and the network sees a linear function of them and what that leaves over. A chart writes this down as C
+text over a type V (a box a SIMD lane on a CPU, a double on CUDA):
+
+* ``expand``: from ``V low[Z], high[Z]`` to ``V center[K]``, ``V gen[P]`` (the generators that are not always zero), ``V noise[K]``
+  (all that is left over), ``V rest[K]`` (that without the quadratic terms that ``bend`` adds) and ``V dead`` (1 where the box
+  holds no positive); it may shrink the box;
+* ``constraints``: linear functions ``q0 + q . zeta`` that are at most 0 at positives, for what a box sticks out;
+* ``realize``: from the signs of ``V slope[columns]`` to ``V z[Z]``, a positive near the corner where f looks lowest, its inputs
+  ``V h[K]`` and ``V valid`` (0 where there is none);
+* ``owners``: ``V owner[columns]``, the number of z that halving a column halves.
+
+``numbers.data`` holds float64 parameters, ``table.data`` int32 ones. Rounding in float64 is part of ``noise``.
+"""
+
+from dataclasses import dataclass
+
+__all__ = ["Chart", "PlainChart"]
+
+
+@dataclass(frozen=True)
+class Chart:
+    """What the kernels need to know; K inputs of the network."""
+
+    inputs: int
+
+    noisy = True
+    name = "chart"
+
+    @property
+    def size(self) -> int:
+        """Numbers Z of a point z."""
+        return self.inputs
+
+    @property
+    def columns(self) -> int:
+        """Generators."""
+        return self.inputs
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """``(input, column)`` of the generators' entries that may differ from 0, in the order of ``gen``."""
+        return [(k, k) for k in range(self.inputs)]
+
+    @property
+    def parameters(self) -> int:
+        """Length of ``numbers``."""
+        return 0
+
+    def expand(self) -> str:
+        """See module."""
+        raise NotImplementedError
+
+    def constraints(self) -> list[tuple[str, list[tuple[int, str]]]]:
+        """``(q0, [(input, factor), ...])`` for each; the column of an input's generators enters with the factor."""
+        return []
+
+    def realize(self) -> str:
+        """See module."""
+        raise NotImplementedError
+
+    def owners(self) -> str:
+        """See module."""
+        return " ".join(f"owner[{k}] = zero + {k}.0;" for k in range(self.columns))
+
+    def blame(self) -> str:
+        """Add to ``V score[columns]`` the loss by ``noise`` (``|gradient|`` times it) that smaller boxes avoid."""
+        return ""
+
+    def bend(self, squares: list[tuple[int, int]]) -> str:
+        """Add the inputs' own quadratic terms, weighed by ``gradient``, to ``V square[]``, whose entries are those of ``squares``."""
+        return ""
+
+    def split(self) -> str:
+        """C statement that sets ``double middle`` of number ``axis`` between ``double a`` and ``double b``."""
+        return "middle = (a + b) * 0.5;"
+
+
+@dataclass(frozen=True)
+class PlainChart(Chart):
+    """The numbers are the inputs themselves: points."""
+
+    noisy = False
+    name = "plain"
+
+    def expand(self) -> str:
+        """See ``Chart``."""
+        return "\n".join(
+            f"center[{k}] = (low[{k}] + high[{k}]) * 0.5; gen[{k}] = (high[{k}] - low[{k}]) * 0.5;"
+            for k in range(self.inputs)
+        )
+
+    def realize(self) -> str:
+        """See ``Chart``."""
+        return "\n".join(
+            f"z[{k}] = slope[{k}] > zero ? low[{k}] : high[{k}]; h[{k}] = z[{k}];" for k in range(self.inputs)
+        )

@@ -1,0 +1,45 @@
+"""Boxes that meet an object, as boxes of a chart (``box_chart``): all pairs of corners, cut down by a summed-area table."""
+
+import numpy as np
+
+from warp_bounding.arithmetic import UNIT64, gamma
+from warp_bounding.bounders.box_chart import BoxChart
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.indicators.blocks import summed_area
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.proof.depth_first import Charted
+
+__all__ = ["boxes_of", "charted_boxes"]
+
+
+def charted_boxes(bounder: Mlp, grid: IndicatorGrid) -> Charted:
+    """The boxes that meet an object, for a network of box queries.
+
+    Args:
+        bounder: Its domain holds the object.
+        grid: The object.
+    """
+    n, base = grid.ndim, bounder.domain.base
+    origin = base.to_local(grid.position(np.zeros(n)))
+    unit = base.to_local(grid.position(np.ones(n))) - origin
+    limit = base.limit.astype(np.float64) + 2 * base.delta
+    noise = base.delta * (1 + 1e-9) + gamma(64, UNIT64) * (limit + np.abs(origin) + unit * np.array(grid.shape))
+    table = summed_area(grid.occupancy)
+    strides = [int(np.prod(table.shape[k + 1 :])) for k in range(n)]
+    words = np.concatenate([grid.shape, strides, table.reshape(-1)]).astype(np.int32)
+    lower, upper = -np.full((1, 2 * n), 0.5), np.tile(np.array(grid.shape) - 0.5, 2)[None]
+    return Charted(
+        bounder.network,
+        BoxChart(2 * n),
+        lower,
+        upper,
+        np.concatenate([unit, origin, noise]),
+        np.tile(limit + noise, 2),
+        words,
+    )
+
+
+def boxes_of(z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    """Coordinates ``v = (low, high)`` ``(N, 2n)`` of numbers ``(N, 2n)`` of the chart, whose own ``numbers`` are given."""
+    n = z.shape[1] // 2
+    return z * np.tile(numbers[:n], 2) + np.tile(numbers[n : 2 * n], 2)
