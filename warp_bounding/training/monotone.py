@@ -27,6 +27,7 @@ RECIPE = Recipe(first_gain=5.0, later_gain=3.0, sharpness=0.3)
 SPREAD = 0.8  # of the planes that the first layer begins with: |coordinates| of a point on each
 LEAST_ROOT = 0.1  # of an initial weight: one at 0 would stay there
 FALLING = 0.5  # share of the ReLU's neurons that fall as the box grows: those are concave
+MOST_ADDED = 256  # points of a search that join the hard ones
 RELU_MEAN = 0.3  # of a ReLU behind the first layer, in units of its gain, about
 
 
@@ -73,6 +74,12 @@ class MonotoneTrainer(Trainer):
         self, samples: LeastBoxSamples, hidden: tuple[int, ...], activation: str, recipe: Recipe | None = None
     ):
         super().__init__(samples, hidden, activation, recipe=recipe or RECIPE)
+
+    def add(self, v: np.ndarray) -> None:
+        """See ``Trainer``; lowest first, of which one a cell is kept: a search's points crowd around few minima."""
+        state = self.samples.locate(v)
+        first = np.unique(state[: self.samples.grid.ndim].numpy(), axis=1, return_index=True)[1]
+        self.add_states(state[:, torch.from_numpy(np.sort(first)[:MOST_ADDED])])
 
     def worst_points(self) -> np.ndarray:
         """``(K, n)`` float64, the worst points of the object known, local space: where a proof's search may begin."""
