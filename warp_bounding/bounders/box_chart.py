@@ -9,6 +9,8 @@ The network's inputs are ``z`` times a cell's size; computed boxes are off by ``
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from warp_bounding.bounders.charts import Chart
 
 __all__ = ["BoxChart"]
@@ -117,3 +119,8 @@ class BoxChart(Chart):
             "middle = (a + b) * 0.5; { const double edge = floor(middle) + 0.5; const double other = edge > middle ? edge - 1.0 : edge + 1.0;"
             " if (edge > a && edge < b) middle = edge; else if (other > a && other < b) middle = other; }"
         )
+
+    def coordinates(self, z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+        """See ``Chart``."""
+        n = self.ndim
+        return z * np.tile(numbers[:n], 2) + np.tile(numbers[n : 2 * n], 2)

@@ -17,6 +17,8 @@ text over a type V (a box a SIMD lane on a CPU, a double on CUDA):
 
 from dataclasses import dataclass
 
+import numpy as np
+
 __all__ = ["Chart", "PlainChart"]
 
 
@@ -77,6 +79,10 @@ class Chart:
         """C statement that sets ``double middle`` of number ``axis`` between ``double a`` and ``double b``."""
         return "middle = (a + b) * 0.5;"
 
+    def coordinates(self, z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+        """Coordinates ``v`` of a query ``(N, K)`` for points ``(N, Z)`` of a chart with these ``numbers``, float64."""
+        raise NotImplementedError
+
 
 @dataclass(frozen=True)
 class PlainChart(Chart):
@@ -97,3 +103,7 @@ class PlainChart(Chart):
         return "\n".join(
             f"z[{k}] = slope[{k}] > zero ? low[{k}] : high[{k}]; h[{k}] = z[{k}];" for k in range(self.inputs)
         )
+
+    def coordinates(self, z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+        """See ``Chart``."""
+        return z

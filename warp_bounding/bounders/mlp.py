@@ -439,6 +439,11 @@ class Mlp(Bounder):
             return values[0]
         return np.minimum(values[0] - v[:, -1], values[1] + v[:, -1])
 
+    @property
+    def provable(self) -> bool:
+        """See ``Bounder``: every query, but for networks that are given a ray's moments."""
+        return self.conservative and not self.moments
+
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """See ``Bounder``; linear relaxations (``network``)."""
         if self.moments or self.query_kind == "plane":

@@ -23,6 +23,7 @@ class NetworkBounds(NamedTuple):
         value: ``(N,)`` f there, infinity where there is none.
         slope: ``(N, K)``, slopes in the network's inputs.
         level: ``(N,)``, ``f >= level + slope . (v - center)`` on the box (inputs that are the chart's numbers themselves).
+        boxes: ``(N, 2, Z)``, corners of what is left of the boxes where the chart cuts off what holds no positive.
     """
 
     lower: np.ndarray
@@ -31,6 +32,7 @@ class NetworkBounds(NamedTuple):
     value: np.ndarray
     slope: np.ndarray
     level: np.ndarray
+    boxes: np.ndarray
 
 
 @cache
@@ -132,12 +134,12 @@ def bound_boxes(
         wp.empty(count * sizes.ndim, dtype=wp.float64, device=device),
         wp.empty(count, dtype=wp.float64, device=device),
     ]
+    boxes, *parameters = (double_array(a, device) for a in held)
     if count:
-        boxes, *parameters = (double_array(a, device) for a in held)
         words = wp.array(np.zeros(1, np.int32) if table is None else table, dtype=wp.int32, device=device)
         inputs = [boxes, count, 0, *parameters, words]
         launch_blocks(_kernel(sizes), count, inputs, outputs, device, first_index=2, block=BLOCK)
     least, value, axes, point, slope, level = (o.numpy() for o in outputs)
     shapes = [(2, count), (count, size), (count,), (count, sizes.ndim), (count,)]
-    parts = (axes, point, value, slope, level)
-    return NetworkBounds(least, *(part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)))
+    parts = [part.reshape(shape) for part, shape in zip((axes, point, value, slope, level), shapes, strict=True)]
+    return NetworkBounds(least, *parts, boxes.numpy().reshape(count, 2, size))

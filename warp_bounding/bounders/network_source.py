@@ -23,7 +23,7 @@ BULK = 1e-12  # of all squares: above the rounding of sums of up to 4000 of them
 FIRST_LAYER = (
     1e-9  # share of the first layer's rates in the choice of an axis: where all behind it is saturated, they decide
 )
-ROWS = 4  # neurons that share each input as it is loaded
+ROWS, REGISTERS = 4, 28  # neurons that share each input as it is loaded; sums that are kept at a time
 
 
 @dataclass(frozen=True)
@@ -203,7 +203,7 @@ def _forward(sizes: NetworkSizes, index: int, at: int, entries: list[list[tuple[
             "}"
         ]
     else:
-        for first, rows, blocks in _blocks(neurons):
+        for first, rows, blocks in _blocks(neurons, chart.columns):
             lines.append(f"for (int t = 0; t < {blocks}; ++t) {{ const int j = {first} + t * {rows};")
             lines.append(f"const double* x = weight + j * {inputs}; const double* ax = x + {neurons * inputs};")
             for r in range(rows):
@@ -250,9 +250,10 @@ def _constrain(chart: Chart, start: str, factors: list[tuple[int, str]]) -> list
     return lines
 
 
-def _blocks(neurons: int) -> list[tuple[int, int, int]]:
-    """``(first, rows, repetitions)`` of blocks of ``ROWS`` neurons, and the rest."""
-    blocks = [(0, ROWS, neurons // ROWS), (neurons // ROWS * ROWS, neurons % ROWS, 1)]
+def _blocks(neurons: int, columns: int = 1) -> list[tuple[int, int, int]]:
+    """``(first, rows, repetitions)`` of blocks of neurons whose sums fit the registers, and the rest."""
+    rows = max(min(ROWS, REGISTERS // (columns + 2)), 1)
+    blocks = [(0, rows, neurons // rows), (neurons // rows * rows, neurons % rows, 1)]
     return [block for block in blocks if block[1] and block[2]]
 
 
@@ -314,7 +315,7 @@ def snippet(sizes: NetworkSizes) -> str:
     chart = sizes.chart
     size, columns, K = chart.size, chart.columns, sizes.ndim
     cpu, cuda = lanes_text(
-        sizes, "const double* w = weights.data; const double* padding = paddings.data; const double* rows = boxes.data;"
+        sizes, "const double* w = weights.data; const double* padding = paddings.data; double* rows = boxes.data;"
     )
     store = [
         axis_text(columns),
@@ -324,6 +325,10 @@ def snippet(sizes: NetworkSizes) -> str:
         *(f"point.data[o * {size} + {k}] = LANE(z[{k}]);" for k in range(size)),
         *(f"gradient_out.data[o * {K} + {k}] = LANE(gradient[{k}]);" for k in range(K)),
         "level_out.data[o] = LANE(level);",
+        *(
+            f"rows[o * {2 * size} + {k}] = LANE(low[{k}]); rows[o * {2 * size} + {size + k}] = LANE(high[{k}]);"
+            for k in range(size)
+        ),
     ]
     store = "\n".join(store)
     text = body(sizes)

@@ -17,6 +17,8 @@ in object space. The network's inputs are ``w = stretch u`` and ``a = p - t w``:
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from warp_bounding.bounders.charts import Chart
 
 __all__ = ["RayChart"]
@@ -210,3 +212,9 @@ class RayChart(Chart):
             with_t = squares.index((n - 1, n + c))
             lines.append(f"square[{with_t}] -= rt * ({' + '.join(f'gradient[{i}] * gw{i}_{c}' for i in range(n))});")
         return " ".join([*lines, "}"])
+
+    def coordinates(self, z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+        """See ``Chart``."""
+        n, m = self.ndim, z[:, self.ndim + 1 :]
+        w = m / np.linalg.norm(m, axis=1, keepdims=True) * numbers[:n]
+        return np.concatenate([z[:, :n] - z[:, n : n + 1] * w, w], axis=1)

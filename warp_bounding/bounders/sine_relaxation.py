@@ -7,7 +7,7 @@
 * ``sin x`` lies within ``D^3 / 24 + D^5 / 120`` of ``(1 - D^2 / 8) x``: likewise, and ``x^3`` within ``D^3 / 4`` of ``3 D^2 x / 4``.
 
 Of ``x = l + y`` only l is known as a linear function (of zeta, ``|l| <= near``), y is noise (``|y| <= noise``): ``x^2`` is within
-``2 near noise + noise^2`` of ``l^2``. Where a line is as good as the parabola, ``cos x`` within ``D^2 / 4`` of ``1 - D^2 / 4``, it is taken, and
+``2 near noise + noise^2 / 2`` of ``l^2 + noise^2 / 2``. Where a line is as good as the parabola, ``cos x`` within ``D^2 / 4`` of ``1 - D^2 / 4``, it is taken, and
 where neither is better than [-1, 1], that is.
 """
 
@@ -37,10 +37,11 @@ def relax_sin(z: np.ndarray, near: np.ndarray, noise: np.ndarray) -> tuple[np.nd
     odd = np.abs(cosine) * (size * square * (1 / 24 + square / 120)) + 4 * SINE_SLACK * (1 + square)
     bend = sine * (square / 24 - 0.5)
     line = np.abs(sine) * (square / 4) + odd
-    curve = np.abs(sine) * (square * square * (1 / 192 + square / 720)) + np.abs(bend) * (noise * (near + size)) + odd
+    half = noise * noise / 2
+    curve = np.abs(sine) * (square * square * (1 / 192 + square / 720)) + np.abs(bend) * (2 * noise * near + half) + odd
     curved = curve < line
     spread = np.where(curved, curve, line)
-    mean = sine * np.where(curved, 1 - square * square / 192, 1 - square / 4)
+    mean = np.where(curved, sine * (1 - square * square / 192) + bend * half, sine * (1 - square / 4))
     bend = np.where(curved, bend, 0.0)
     slope = cosine * (1 - square / 8)
     flat = spread + np.abs(bend) * near * near / 2 > 1
@@ -56,9 +57,9 @@ auto relax_sin = [&](V z, V near, V noise, V& slope, V& mean, V& bend, V& spread
     const V as = s < zero ? -s : s; const V ac = c < zero ? -c : c;
     const V odd = ac * (d * d2 * (d2 * {_constant(1 / 120)} + {_constant(1 / 24)})) + (d2 + 1.0) * {_constant(4 * SINE_SLACK)};
     V k = s * (d2 * {_constant(1 / 24)} - 0.5); const V ak = k < zero ? -k : k;
-    const V line = as * d2 * 0.25 + odd;
-    const V curve = as * d4 * (d2 * {_constant(1 / 720)} + {_constant(1 / 192)}) + ak * (noise * (near + d)) + odd;
-    V e = curve < line ? curve : line; V m = curve < line ? s - s * d4 * {_constant(1 / 192)} : s - s * d2 * 0.25;
+    const V line = as * d2 * 0.25 + odd; const V half = noise * noise * 0.5;
+    const V curve = as * d4 * (d2 * {_constant(1 / 720)} + {_constant(1 / 192)}) + ak * (noise * near * 2.0 + half) + odd;
+    V e = curve < line ? curve : line; V m = curve < line ? s - s * d4 * {_constant(1 / 192)} + k * half : s - s * d2 * 0.25;
     k = curve < line ? k : zero; const V size = e + (curve < line ? ak * near * near * 0.5 : zero);
     slope = size > 1.0 ? zero : c - c * d2 * 0.125; mean = size > 1.0 ? zero : m; bend = size > 1.0 ? zero : k;
     spread = size > 1.0 ? zero + 1.0 : e;

@@ -1,7 +1,9 @@
 """Proofs: branch and bound over every input that can come from the object, and proving anew what a file claims."""
 
+from warp_bounding.proof.certify import certify
 from warp_bounding.proof.document import conjunction
-from warp_bounding.proof.prove import certify, positive_boxes, provable, prove
+from warp_bounding.proof.least import charted, least_value, positive_boxes
+from warp_bounding.proof.prove import provable, prove, settle
 from warp_bounding.proof.search import Search, minimum
 from warp_bounding.proof.soak import Soak, soak
 from warp_bounding.proof.statistics import attempt_confidence, attest, fn_rate_bound, fresh_seed, try_positives
@@ -12,13 +14,16 @@ __all__ = [
     "attempt_confidence",
     "attest",
     "certify",
+    "charted",
     "conjunction",
     "fn_rate_bound",
     "fresh_seed",
+    "least_value",
     "minimum",
     "positive_boxes",
     "provable",
     "prove",
+    "settle",
     "soak",
     "try_positives",
 ]

@@ -9,7 +9,7 @@ from warp_bounding.indicators.blocks import summed_area
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.depth_first import Charted
 
-__all__ = ["boxes_of", "charted_boxes"]
+__all__ = ["charted_boxes"]
 
 
 def charted_boxes(bounder: Mlp, grid: IndicatorGrid) -> Charted:
@@ -37,9 +37,3 @@ def charted_boxes(bounder: Mlp, grid: IndicatorGrid) -> Charted:
         np.tile(limit + noise, 2),
         words,
     )
-
-
-def boxes_of(z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """Coordinates ``v = (low, high)`` ``(N, 2n)`` of numbers ``(N, 2n)`` of the chart, whose own ``numbers`` are given."""
-    n = z.shape[1] // 2
-    return z * np.tile(numbers[:n], 2) + np.tile(numbers[n : 2 * n], 2)

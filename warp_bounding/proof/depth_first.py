@@ -29,7 +29,7 @@ WORST = 2048  # low points that are kept
 STEP = 0.4  # of the gap, from one target to the next
 GROWTH = 2.5  # exponent with which the work is expected to grow in 1 / gap, until it is known
 HEADROOM = 1.3  # times the work that a target is expected to take must be left for it
-STEEPEST = 6.0
+FLATTEST, STEEPEST = 0.5, 6.0
 
 Progress = Callable[[int, float, float], None]
 
@@ -44,8 +44,8 @@ class Charted:
         lower: ``(N, Z)`` float64, lower corners of boxes that cover all positives.
         upper: ``(N, Z)`` float64.
         numbers: float64 parameters of the chart.
-        table: int32 parameters of the chart.
         limit: ``(K,)``, largest inputs of the network that boxes reach, noise included.
+        table: int32 parameters of the chart.
     """
 
     network: Network
@@ -68,6 +68,10 @@ class Charted:
             self.table,
             device,
         )
+
+    def coordinates(self, z: np.ndarray) -> np.ndarray:
+        """Coordinates ``v`` of a query for numbers of the chart."""
+        return self.chart.coordinates(z, self.numbers)
 
 
 @dataclass(frozen=True)
@@ -228,11 +232,9 @@ def charted_minimum(
             break
         if history:
             last_gap, last_work = history[-1]
-            power = GROWTH
-            if len(history) > 1 and last_work > 4 * len(cover.lower):
-                (g0, w0), (g1, w1) = history[-2:]
-                power = np.clip(np.log(w1 / w0) / np.log(g0 / g1), 0.5, STEEPEST) if g0 > g1 else GROWTH
-            affordable = last_gap * (HEADROOM * last_work / left) ** (1 / power) if np.isfinite(left) else 0.0
+            affordable = 0.0
+            if np.isfinite(left):
+                affordable = last_gap * (HEADROOM * last_work / left) ** (1 / _power(history))
             if affordable > 0.95 * (best - proven):
                 break
             wanted = max(wanted, affordable)
@@ -256,4 +258,21 @@ def charted_minimum(
         boxes=done,
         seconds=time.perf_counter() - started,
         complete=best - proven <= eps,
+        needed=_needed(history, eps, rate),
     )
+
+
+def _needed(history: list[tuple[float, float]], eps: float, rate: float | None) -> float:
+    """Seconds that a target ``eps`` under the minimum is expected to take, from the gaps and the work so far; infinity if nothing is known."""
+    if not history or not rate:
+        return np.inf
+    gap, work = history[-1]
+    return work / rate * max(gap / eps, 1.0) ** _power(history)
+
+
+def _power(history: list[tuple[float, float]]) -> float:
+    """The exponent with which the work grows in 1 / gap."""
+    if len(history) < 2:
+        return GROWTH
+    (g0, w0), (g1, w1) = history[-2:]
+    return float(np.clip(np.log(w1 / w0) / np.log(g0 / g1), FLATTEST, STEEPEST)) if g0 > g1 else GROWTH

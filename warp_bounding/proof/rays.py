@@ -7,16 +7,21 @@ crosses a face that holds p, that is exposed, and that the ray crosses inwards. 
 origins in the object with all directions, cover all positives.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.ray_chart import RayChart
+from warp_bounding.bounders.regions import RegionDomain
 from warp_bounding.indicators.blocks import blocks_of, full_blocks
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.depth_first import Charted
 
-__all__ = ["charted_rays", "rays_of"]
+__all__ = ["charted_rays", "single_faces"]
+
+CELLS = 256  # at a time, of those that are taken one by one
 
 
 def charted_rays(bounder: Mlp, grid: IndicatorGrid) -> Charted:
@@ -28,41 +33,63 @@ def charted_rays(bounder: Mlp, grid: IndicatorGrid) -> Charted:
     """
     n, domain = grid.ndim, bounder.domain
     local = domain.base.to_local
-    lower, upper = [], []
-
-    def add(first: np.ndarray, last: np.ndarray, latest: float, directions: tuple[np.ndarray, np.ndarray]) -> None:
-        """Boxes of p between two corners in cells, t up to a time, and all of some boxes of directions."""
-        p_low, p_high = local(grid.position(first)), local(grid.position(last))
-        for side, p, t, m in ((lower, p_low, 0.0, directions[0]), (upper, p_high, latest, directions[1])):
-            rows = np.concatenate(
-                [np.repeat(p, len(m), axis=0), np.full((len(p) * len(m), 1), t), np.tile(m, (len(p), 1))], axis=1
-            )
-            side.append(rows)
-
     first, last = full_blocks(grid)
-    add(first - 0.5, last - 0.5, 0.0, _directions(n))
+    boxes = [_boxes(domain, grid, first - 0.5, last - 0.5, 0.0, _directions(n))]
     for axis in range(n):
         for sign in (1, -1):
             first, last = blocks_of(_exposed(grid.occupancy, axis, sign), flat=axis)
             first, last = first - 0.5, last - 0.5
             (first if sign > 0 else last)[:, axis] = (last if sign > 0 else first)[:, axis]
-            add(first, last, 1.0, _directions(n, axis, -sign))
+            boxes.append(_boxes(domain, grid, first, last, 1.0, _directions(n, axis, -sign)))
+    lower, upper = (np.concatenate(side) for side in zip(*boxes, strict=True))
     stretch, base = domain.stretch.astype(np.float64), domain.base
     limit = base.limit.astype(np.float64)
     slop = gamma(128, UNIT64) * (limit + 2 * stretch)
     numbers = [stretch, limit, local(grid.lower), local(grid.upper), *np.split(domain.delta, 2), slop]
     reach = np.concatenate([limit + 2 * stretch, stretch * (1 + 1e-3)])
-    return Charted(
-        bounder.network, RayChart(2 * n), np.concatenate(lower), np.concatenate(upper), np.concatenate(numbers), reach
-    )
+    return Charted(bounder.network, RayChart(2 * n), lower, upper, np.concatenate(numbers), reach)
 
 
-def rays_of(z: np.ndarray, stretch: np.ndarray) -> np.ndarray:
-    """Coordinates ``v = (a, w)`` ``(N, 2n)`` of numbers ``(N, 2n + 1)`` of the chart."""
-    n = len(stretch)
-    m = z[:, n + 1 :]
-    w = m / np.linalg.norm(m, axis=1, keepdims=True) * stretch
-    return np.concatenate([z[:, :n] - z[:, n : n + 1] * w, w], axis=1)
+def single_faces(bounder: Mlp, grid: IndicatorGrid) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """The same set in other boxes, cell by cell and face by face, some at a time, for those who prove anew.
+
+    Args:
+        bounder: Its domain holds the object.
+        grid: The object.
+
+    Returns:
+        Lower and upper corners ``(N, 2 n + 1)``.
+    """
+    n, domain = grid.ndim, bounder.domain
+    occupied = {tuple(cell) for cell in grid.occupied.tolist()}
+    for start in range(0, len(grid.occupied), CELLS):
+        cells = grid.occupied[start : start + CELLS].astype(np.float64)
+        yield _boxes(domain, grid, cells - 0.5, cells + 0.5, 0.0, _directions(n))
+        for axis in range(n):
+            for sign in (1, -1):
+                step = np.eye(n)[axis] * sign
+                bare = np.array(
+                    [tuple(cell) not in occupied for cell in (cells + step).astype(int).tolist()], dtype=bool
+                )
+                middle = cells[bare] + step / 2
+                half = 0.5 * (1 - np.abs(step))
+                yield _boxes(domain, grid, middle - half, middle + half, 1.0, _directions(n, axis, -sign))
+
+
+def _boxes(
+    domain: RegionDomain,
+    grid: IndicatorGrid,
+    first: np.ndarray,
+    last: np.ndarray,
+    latest: float,
+    directions: tuple[np.ndarray, np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes of p between two corners in cells, t up to a time, and all of some boxes of directions."""
+    sides = []
+    for corner, t, m in ((first, 0.0, directions[0]), (last, latest, directions[1])):
+        p = np.repeat(domain.base.to_local(grid.position(corner)), len(m), axis=0)
+        sides.append(np.concatenate([p, np.full((len(p), 1), t), np.tile(m, (len(corner), 1))], axis=1))
+    return sides[0], sides[1]
 
 
 def _exposed(occupancy: np.ndarray, axis: int, sign: int) -> np.ndarray:

@@ -35,6 +35,8 @@ class Search:
         boxes: Boxes that were bounded.
         seconds: Wall time.
         complete: Whether the two bounds agree within ``eps``, or as nearly as float64 can tell.
+        needed: Seconds that a complete search is expected to take; infinity where that is not known.
+        numbers: The lowest points as numbers of a chart, where there is one.
     """
 
     lower_bound: float
@@ -43,6 +45,8 @@ class Search:
     boxes: int
     seconds: float
     complete: bool
+    needed: float = np.inf
+    numbers: np.ndarray | None = None
 
 
 def minimum(

@@ -23,6 +23,7 @@ from warp_bounding.bounders.certificate import Certificate, fn_rate_bound
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.document import document
+from warp_bounding.proof.search import Search
 from warp_bounding.queries.positives import DISTRIBUTION, draw_positives
 
 __all__ = ["CONFIDENCE", "attempt_confidence", "attest", "fn_rate_bound", "fresh_seed", "try_positives"]
@@ -91,6 +92,7 @@ def attest(
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
     seconds: float = float("inf"),
+    search: Search | None = None,
 ) -> Certificate:
     """Set a threshold below the least value that a search has found, and give the bounder a statistical certificate.
 
@@ -105,6 +107,7 @@ def attest(
         count: Fresh positives.
         seed: Of these; every attempt draws others.
         progress: Called with positives tried and in all.
+        search: A proof that did not come close enough in its time; the certificate tells what it did show.
         seconds: Time allowed for the attempt that passes; see ``try_positives``. The bound is that of the positives asked.
 
     Raises:
@@ -131,9 +134,15 @@ def attest(
     message = (
         f"Statistical, not proven: {done:,} fresh positives ({DISTRIBUTION[bounder.query_kind]}), none answered with no; "
         f"at {CONFIDENCE:.0%} confidence fewer than {rate:.2g} of such queries are missed (attempt {restart + 1}{before}, judged "
-        f"at {judged:.6%}, so that all attempts together keep to {CONFIDENCE:.0%}). The threshold was set by an adversarial "
-        f"search, {bounder.query_kind} queries have no proof yet."
+        f"at {judged:.6%}, so that all attempts together keep to {CONFIDENCE:.0%}). The threshold was set by an adversarial search. "
     )
+    if search is None:
+        message += "No proof was tried."
+    else:
+        message += (
+            f"A proof did not end in {search.seconds:.3g} s: it shows f >= {search.lower_bound:.6g} on all positives, "
+            f"{least - search.lower_bound:.3g} below the least one known."
+        )
     certificate = document(
         bounder,
         grid,

@@ -5,9 +5,11 @@
 is on a cell's face, they reach away from it only. They are most of the positives, of all sizes from 0 to the domain.
 """
 
+import numpy as np
 import torch
 
 from warp_bounding.training.region_samples import RegionSamples
+from warp_bounding.training.samples import columns
 
 __all__ = ["BoxSamples"]
 
@@ -43,6 +45,28 @@ class BoxSamples(RegionSamples):
         full = torch.where(self.cells.rand(1, count) < SLABS, FULL_SHARES[1], FULL_SHARES[0])
         reach = torch.where(kind < full, 1.0, reach)
         return torch.where(kind > 1 - NONE_SHARE, 0.0, reach)
+
+    def at(self, z: np.ndarray) -> torch.Tensor:
+        """See ``Samples``: the chart is ``box_chart``'s."""
+        n = self.grid.ndim
+        cells, points = [], []
+        for low, high in zip(z[:, :n], z[:, n:], strict=True):
+            first, last = np.ceil(low - 0.5).astype(int).clip(0), np.floor(high + 0.5).astype(int) + 1
+            met = np.argwhere(self.grid.occupancy[tuple(slice(a, b) for a, b in zip(first, last, strict=True))])
+            if len(met):
+                cell = first + met[0]
+                cells.append(cell)
+                points.append((np.maximum(low, cell - 0.5) + np.minimum(high, cell + 0.5)) / 2)
+            else:
+                cells.append(np.full(n, -1))
+                points.append(np.zeros(n))
+        cells, points = np.array(cells).reshape(-1, n), np.array(points).reshape(-1, n)
+        kept = (cells >= 0).all(axis=1)
+        state = [columns(cells[kept]), columns(points[kept] - cells[kept])]
+        p, low, high = (self.cells.to_local(columns(x[kept])) for x in (points, z[:, :n], z[:, n:]))
+        below = (p - low) / (p - self.cells.lower).clamp_(min=LEAST)
+        above = (high - p) / (self.cells.upper - p).clamp_(min=LEAST)
+        return torch.cat([*state, below.clamp_(0, 1), above.clamp_(0, 1)])
 
     def coordinates(self, state: torch.Tensor) -> torch.Tensor:
         """See ``Samples``."""

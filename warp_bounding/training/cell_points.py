@@ -91,8 +91,8 @@ class CellPoints:
         """``(n, K)`` local coordinates of the corners between occupied and empty cells."""
         return self.to_local(columns(_boundary_vertices(self.grid.occupancy)) - 0.5)
 
-    def locate(self, y: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
-        """Cells and offsets of points found elsewhere.
+    def locate(self, y: np.ndarray) -> tuple[torch.Tensor, torch.Tensor, np.ndarray]:
+        """Cells and offsets of points found elsewhere, and which of them they are: ``(N,)`` bool.
 
         Args:
             y: ``(N, n)`` float64, local space; a point in no occupied cell, by rounding, is dropped.
@@ -102,7 +102,7 @@ class CellPoints:
         inside = ((cell >= 0) & (cell < self.grid.shape)).all(axis=1)
         inside[inside] = self.grid.occupancy[tuple(cell[inside].T)]
         cell, t = cell[inside], t[inside]
-        return columns(cell), columns(np.clip(t - cell, -0.5, 0.5))
+        return columns(cell), columns(np.clip(t - cell, -0.5, 0.5)), inside
 
 
 def _boundary_vertices(occupancy: np.ndarray) -> np.ndarray:

@@ -27,7 +27,8 @@ from warp_bounding.queries import check_query, oracle, sample
 from warp_bounding.queries.positives import draw_positives
 from warp_bounding.training.field import train_relu_field
 from warp_bounding.training.kdop import train_learned_kdop
-from warp_bounding.training.networks import TRAINERS, NetworkOptions, Problem, fit_network
+from warp_bounding.training.networks import TRAINERS, NetworkOptions, fit_network
+from warp_bounding.training.problem import Problem
 
 __all__ = ["fit"]
 

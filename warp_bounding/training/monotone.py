@@ -55,7 +55,7 @@ class LeastBoxSamples(BoxSamples):
 
     def locate(self, v: np.ndarray) -> torch.Tensor:
         """See ``Samples``; of points ``(N, n)``."""
-        return torch.cat(self.cells.locate(v))
+        return torch.cat(self.cells.locate(v)[:2])
 
 
 class MonotoneTrainer(Trainer):

@@ -2,8 +2,9 @@
 
 Points are trained with the prover in the loop: now and then branch and bound looks for the least value of f on the object,
 what it finds goes into training, and the last part of the budget is the proof itself. Planes' supports need no labels, and
-their proof is short. A monotone network's boxes are trained and proven as points. Other networks of rays and boxes have no
-proof yet: an adversarial search sets the threshold, fresh positives attest it.
+their proof is short. A monotone network's boxes are trained and proven as points. Rays and boxes of other networks are searched
+by an adversary first, whose least value the prover then has to meet; where it has no time to, the adversary's threshold stands
+and fresh positives attest it.
 A network with exits is several networks that share layers; each gets a threshold of its own, in the same way.
 """
 
@@ -13,15 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from warp_bounding.bounders.domain import Domain
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.mlp_early import MlpEarly, part_of
 from warp_bounding.bounders.monotone_mlp import MonotoneMlp
-from warp_bounding.bounders.regions import RegionDomain
-from warp_bounding.indicators import IndicatorGrid
-from warp_bounding.proof import attest, conjunction, minimum, positive_boxes, prove
+from warp_bounding.proof import conjunction, least_value, minimum, positive_boxes, prove
 from warp_bounding.proof.monotone import of_points
-from warp_bounding.queries import oracle, sample
 from warp_bounding.training.adversary import adversarial_minimum
 from warp_bounding.training.clock import Clock
 from warp_bounding.training.early import EXIT_SHARE, EarlyTrainer, train_exits
@@ -30,11 +27,13 @@ from warp_bounding.training.monotone import LeastBoxSamples, MonotoneTrainer
 from warp_bounding.training.network import TrainableNetwork
 from warp_bounding.training.occupancy import train_occupancy
 from warp_bounding.training.paper import PaperTrainer
+from warp_bounding.training.problem import Problem
 from warp_bounding.training.samples import Samples, samples_of
 from warp_bounding.training.support import SupportTrainer
 from warp_bounding.training.team import single_threaded_torch
+from warp_bounding.training.thresholds import decide, tolerance
 
-__all__ = ["TRAINERS", "NetworkOptions", "Problem", "fit_network"]
+__all__ = ["TRAINERS", "NetworkOptions", "fit_network"]
 
 TRAINERS = {"default": Trainer, "paper": PaperTrainer}
 SEARCHES = (0.5, 0.7, 0.9)  # used fractions at which the prover looks for counterexamples
@@ -51,22 +50,18 @@ SEARCH_BOXES, PROOF_BOXES = 1_000_000, 20_000_000  # what takes the place of tim
 SEARCH_ROUNDS = 12  # likewise, of the adversarial search
 TRAINING_ROUNDS = 2  # of the adversarial search, each time in training
 EXIT_STEPS = 40  # likewise, of each exit
-PROOF_COST = 1e-4  # share of all queries that a search may cost in false positives by ending early
-COST_SAMPLES = 200_000
+LOOK_SHARE, LOOK_BOXES = (
+    0.03,
+    200_000,
+)  # of the budget, of each look that the prover takes at rays and boxes in training
+SETTLED_SHARE = 0.1  # of the budget: for the adversary and fresh positives, where a proof comes after them
+LONGEST_PROOF = (
+    0.4  # of the budget: networks of rays and boxes that are expected to take longer are not put to the prover
+)
+SLOWER = 1.5  # times as long as expected a proof may take
 PLANE_TOLERANCE = 1e-3  # of a plane's offset, in domain half-widths
 
 Progress = Callable[[float, float, str], None]
-
-
-@dataclass(frozen=True)
-class Problem:
-    """What is to be bounded, for which queries, where."""
-
-    grid: IndicatorGrid
-    domain: Domain | RegionDomain
-    query: str
-    seed: int
-    device: str | None
 
 
 @dataclass(frozen=True)
@@ -120,6 +115,7 @@ class _Fit:
         self.as_points = problem.query == "point" or self.monotone  # proven over the object's points
         self.reserve = RESERVE["point" if self.as_points else problem.query]
         self.interrupted, self.boxes = False, 0
+        self.hopeful = problem.query != "point"  # whether the prover is expected to be done in time with rays and boxes
 
     def run(self) -> tuple[Mlp, dict]:
         """See ``fit_network``."""
@@ -206,7 +202,7 @@ class _Fit:
             if self.as_points:
                 record = self._prove(part, points[index], len(parts) - index)
             else:
-                record = self._attest(part, samples, networks[index], states[index], len(parts) - index)
+                record = self._decide(part, samples, networks[index], states[index], len(parts) - index)
         return self._whole(parts), record
 
     def _train(self, job: Callable[[], None]) -> None:
@@ -238,7 +234,7 @@ class _Fit:
         if self.monotone:  # cheap and often: where f is steep, samples alone would take a network for better than it is
             eps, limit = MONOTONE_EPS, {"boxes": MONOTONE_BOXES}
         else:
-            eps = _tolerance(bounder, problem, points)
+            eps = tolerance(bounder, problem, points)
         target = of_points(bounder)
         search = minimum(target, *positive_boxes(target, problem.grid), eps=eps, points=points, **limit)
         self.boxes += search.boxes
@@ -249,10 +245,28 @@ class _Fit:
             clock.reserved = expected * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds
 
     def _hard_positives(self, trainer: Trainer, samples: Samples) -> None:
-        """Let the adversary look at the network as it is; the worst positives it finds become training samples."""
-        seconds = SEARCH_SHARE * self.options.budget if self.clock.timed else float("inf")
+        """Let adversary and prover look at the network as it is; the worst positives they find become training samples.
+
+        What the prover gets done tells whether it will be done with the last network in time.
+        """
+        budget, clock, problem = self.options.budget, self.clock, self.problem
+        seconds = SEARCH_SHARE * budget if clock.timed else float("inf")
         found = adversarial_minimum(samples, trainer.network, seconds, trainer.hard_states(), rounds=TRAINING_ROUNDS)
         trainer.add_states(found.states)
+        bounder = Mlp(problem.domain, trainer.network.tensors(), self.options.sizes, problem.device)
+        if not bounder.provable:
+            self.hopeful = False
+            return
+        limit = {"seconds": LOOK_SHARE * budget} if clock.timed else {"boxes": LOOK_BOXES}
+        eps = tolerance(bounder, problem, found.worst)
+        search = least_value(bounder, problem.grid, eps=eps, points=found.worst, **limit)
+        self.boxes += search.boxes
+        trainer.add_states(samples.at(search.numbers))
+        if clock.timed:
+            expected = SLOWER * (search.seconds if search.complete else search.needed)
+            self.hopeful = expected <= LONGEST_PROOF * budget
+            reserved = expected + SETTLED_SHARE * budget if self.hopeful else self.reserve * budget
+            clock.reserved = reserved * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds
 
     # --- thresholds --------------------------------------------------------------------------------------------------
 
@@ -279,30 +293,25 @@ class _Fit:
 
     def _prove(self, part: Mlp, points: np.ndarray, parts_left: int) -> dict:
         self._report(1.0, "proof")
-        eps = _tolerance(part, self.problem, points)
+        eps = tolerance(part, self.problem, points)
         search = prove(part, self.problem.grid, eps=eps, points=points, **self._limit(parts_left))
         return {"gap": float(search.upper_bound - search.lower_bound)}
 
-    def _attest(
+    def _decide(
         self, part: Mlp, samples: Samples, network: TrainableNetwork, states: torch.Tensor, parts_left: int
     ) -> dict:
         self._report(1.0, "adversarial search")
         budget, rounds = self.options.budget, {} if self.clock.timed else {"rounds": SEARCH_ROUNDS}
         left = (budget - self.clock.seconds) / parts_left - ATTEST_SECONDS
-        seconds = max(left, 0.05 * budget) if self.clock.timed else float("inf")
+        share = min(left, SETTLED_SHARE * budget) if self.hopeful else left
+        seconds = max(share, 0.05 * budget) if self.clock.timed else float("inf")
         found = adversarial_minimum(samples, network, seconds, states=states, **rounds)
-        self._report(1.0, "fresh positives")
-        room = _tolerance(part, self.problem, found.worst)
-        attest(part, self.problem.grid, least=found.value, room=room, seed=self.problem.seed)
-        return {"gap": room, "search_seconds": round(found.seconds, 3), "search_complete": found.complete}
-
-
-def _tolerance(bounder: Mlp, problem: Problem, worst: np.ndarray) -> float:
-    """How far below the least known value a threshold may lie before it costs ``PROOF_COST`` in false positives."""
-    x = sample(problem.query, problem.grid, COST_SAMPLES, np.random.default_rng(0))
-    truth = oracle(problem.query, problem.grid, bounder.device, bounder.domain.length or 1.0)(x)
-    values = bounder.values(x).numpy()[~truth]
-    least = float(of_points(bounder).reference(worst).min())
-    below = np.sort(values[np.isfinite(values) & (values < least)])[::-1]
-    count = int(PROOF_COST * COST_SAMPLES)
-    return max(least - float(below[count]), 1e-6) if len(below) > count else 1e-3
+        limits = None
+        if self.hopeful:
+            limits = (
+                {"seconds": max(left - found.seconds, LEAST_SHARE * budget)}
+                if self.clock.timed
+                else {"boxes": SEARCH_BOXES}
+            )
+        record = decide(part, self.problem, found.worst, limits, lambda note: self._report(1.0, note))
+        return record | {"search_seconds": round(found.seconds, 3), "search_complete": found.complete}

@@ -7,6 +7,7 @@ through the object, and the protocol's own directions are half of all.
 """
 
 import math
+from itertools import product
 
 import numpy as np
 import torch
@@ -14,6 +15,7 @@ import torch
 from warp_bounding.bounders.regions import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.training.region_samples import RegionSamples
+from warp_bounding.training.samples import columns
 
 __all__ = ["RaySamples"]
 
@@ -26,6 +28,7 @@ REACH = 3.0  # t and the direction move by so many cells where p moves by one
 ON_BORDER = 1e-5  # of t: an origin that is on the domain's border
 SLOWEST = 0.05  # w across a border, in its gradient: where a ray runs along it, a slide would be endless
 LEAST = 1e-12
+ASIDE = 1e-4  # of a cell
 
 
 class RaySamples(RegionSamples):
@@ -97,6 +100,22 @@ class RaySamples(RegionSamples):
             direction[k + 1 :] *= torch.sin(angle[k])
         both = torch.cat([direction, normal], 1)
         return both.index_select(1, torch.randperm(count, generator=self.generator))
+
+    def at(self, z: np.ndarray) -> torch.Tensor:
+        """See ``Samples``: the chart is ``ray_chart``'s."""
+        n = self.grid.ndim
+        p, t, m = z[:, :n], z[:, n], z[:, n + 1 :]
+        u = m / np.linalg.norm(m, axis=1, keepdims=True)
+        cells, offset = np.zeros_like(p), np.zeros_like(p)
+        found = np.zeros(len(p), dtype=bool)
+        for side in product(
+            (-1.0, 1.0), repeat=n
+        ):  # p lies on a face, or on an edge: a little to one side there is a cell
+            cell, part, kept = self.cells.locate(p + np.array(side) * ASIDE * self.cells.unit.numpy()[:, 0])
+            new = kept & ~found
+            cells[new], offset[new] = (x.numpy().T[new[kept]] for x in (cell, part))
+            found |= new
+        return torch.cat([columns(x[found]) for x in (cells, offset, t[:, None], u)])
 
     def coordinates(self, state: torch.Tensor) -> torch.Tensor:
         """See ``Samples``."""

@@ -66,6 +66,10 @@ class Samples:
         """States of positives found elsewhere, ``(N, ndim)`` float64; one that is none, by rounding, is dropped."""
         raise NotImplementedError(f"{self.query}: counterexamples come as states")
 
+    def at(self, z: np.ndarray) -> torch.Tensor:
+        """States of positives that a proof's search has found, given as numbers of its chart ``(N, Z)``; some may be dropped."""
+        raise NotImplementedError(f"{self.query}: there is no chart")
+
 
 def samples_of(grid: IndicatorGrid, domain: Domain | RegionDomain, seed: int = 0) -> Samples:
     """The samples of a domain's kind of query.

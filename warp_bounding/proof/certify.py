@@ -1,0 +1,296 @@
+"""Proving from scratch what a file claims: ``f >= threshold + E`` over all positives, by code that shares nothing with the search.
+
+Only the methods' bound rules are the same. Points are taken cell by cell, rays face by face, boxes from all pairs of corners,
+and halved until every bound reaches the target or a counterexample is found. Planes are searched over their normals.
+Where a method has no proof, fresh positives are put to it (``statistics``).
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from warp_bounding.arithmetic import UNIT64
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.certificate import Certificate
+from warp_bounding.errors import BoundingError
+from warp_bounding.indicators import load_indicator
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.proof.depth_first import Charted
+from warp_bounding.proof.document import conjunction, document
+from warp_bounding.proof.least import charted
+from warp_bounding.proof.monotone import of_points
+from warp_bounding.proof.planes import SupportGap
+from warp_bounding.proof.prove import mismatch, outside, provable
+from warp_bounding.proof.rays import CELLS, single_faces
+from warp_bounding.proof.search import halve, minimum
+from warp_bounding.proof.statistics import CONFIDENCE, POSITIVES, fn_rate_bound, fresh_seed, try_positives
+from warp_bounding.queries import oracle
+
+__all__ = ["certify"]
+
+CHUNK = 16384  # boxes or cells that are taken at a time
+SUSPECTS = 1024  # low points that are tried as counterexamples
+PULL = 1e-4  # towards the cell's centre, of points that may break the proof
+NARROWEST = 1e-9  # boxes of this width are not halved any more
+LEAST_SECONDS = 1.0  # for positives that may refute what the proof could not decide
+AROUND = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)  # in v, around low points of regions, where a true counterexample is looked for
+
+
+class _Checked(NamedTuple):
+    """Least bound, boxes, points (object space, or of a chart) that break the proof, whether there was time for all."""
+
+    least: float
+    boxes: int
+    suspects: np.ndarray | None = None
+    complete: bool = True
+
+
+def certify(
+    bounder: Bounder, shape, *, seconds: float = 300.0, progress: Callable[[int, int], None] | None = None
+) -> Certificate:
+    """Prove from scratch that a bounder has no false negative on a shape. Raises nothing for a bounder that does; tells the truth.
+
+    Args:
+        bounder: Its threshold and weights are taken as they are, its own certificate is not looked at.
+        shape: An ``IndicatorGrid`` or ``IndicatorMesh``, or anything that ``load_indicator`` takes; voxelised with the bounder's
+            own resolution and margin.
+        seconds: Time allowed.
+        progress: Called with cells done and cells in all.
+
+    Returns:
+        A certificate of kind ``"proven"``, ``"refuted"`` (with a counterexample), ``"undecided"`` or ``"inapplicable"``.
+    """
+    started = time.perf_counter()
+    try:
+        grid = _as_grid(bounder, shape)
+    except BoundingError as error:
+        return _inapplicable(bounder, shape, str(error))
+    reason = mismatch(bounder, grid) or bounder.domain.fault()
+    if not bounder.conservative:
+        reason = f"{bounder.method} is not conservative"
+    if reason:
+        return _inapplicable(bounder, shape, reason)
+    certificates = []
+    for part in bounder.parts:
+        left = seconds - (time.perf_counter() - started)
+        certificates.append(_certify(part, grid, max(left, 0.0), progress))
+        if certificates[-1].kind not in ("proven", "statistical"):
+            break
+    return conjunction(certificates)
+
+
+def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress) -> Certificate:
+    """``certify`` for one part of a conjunction."""
+    started = time.perf_counter()
+    threshold, error = float(bounder.threshold), bounder.rounding_bound()
+    target = _plus(threshold, error)
+    cells, least, boxes = grid.occupied, np.inf, 0
+
+    def result(kind: str, message: str, bound: float, counterexample=None, examined: int = 0) -> Certificate:
+        spent = time.perf_counter() - started
+        return document(bounder, grid, kind, threshold, bound, boxes + examined, spent, message, counterexample)
+
+    beyond = outside(bounder, grid)
+    if len(beyond):
+        point = _denied(bounder, grid, grid.position(beyond)) if bounder.query_kind == "point" else None
+        text = "the shape reaches outside the domain that the bounder was made for"
+        return result("refuted" if point is not None else "undecided", text, threshold, point)
+    checked = of_points(bounder)
+    if bounder.query_kind != "point" and checked is bounder:
+        return _certify_regions(bounder, grid, target, seconds, result, progress)
+    for start in range(0, len(cells), CHUNK):
+        part = _check_cells(checked, grid, target, started + seconds, cells[start : start + CHUNK])
+        least, boxes = min(least, part.least), boxes + part.boxes
+        if part.suspects is not None or not part.complete:
+            break
+        if progress:
+            progress(min(start + CHUNK, len(cells)), len(cells))
+    if not part.complete:
+        return result("undecided", f"no decision within {seconds:g} s", least)
+    if part.suspects is not None:
+        point = _denied(bounder, grid, part.suspects)
+        if point is not None:
+            text = f"a {bounder.query_kind} that meets the object is answered with no"
+            return result("refuted", text, least, point)
+        return result("undecided", "f comes closer to the threshold than the proof's margins for rounding allow", least)
+    dilated = f" dilated by {grid.margin:g}" if grid.margin else ""
+    return result(
+        "proven",
+        f"Proven from scratch: all {len(cells)} occupied cells of {grid.name}{dilated} are answered with maybe.",
+        least,
+    )
+
+
+def _certify_regions(
+    bounder: Bounder, grid: IndicatorGrid, target: float, seconds: float, result, progress
+) -> Certificate:
+    """``certify`` for rays, planes and boxes."""
+    if not provable(bounder):
+        return _attested(bounder, grid, seconds, result)
+    complete, suspects, cover = True, None, None if bounder.closed_form else charted(bounder, grid)
+    if bounder.closed_form:
+        least, boxes = bounder.least(grid)
+    elif cover is not None:
+        least, boxes, suspects, complete = _check_charted(bounder, grid, cover, target, seconds, progress)
+    else:
+        least, boxes, complete = _check_normals(bounder, grid, target, seconds)
+    if least >= target:
+        return result(
+            "proven",
+            f"Proven from scratch: every {bounder.query_kind} that meets {grid.name} is answered with maybe.",
+            least,
+            examined=boxes,
+        )
+    missed = None if suspects is None else _denied_region(bounder, grid, cover.coordinates(suspects))
+    if missed is None:
+        missed = try_positives(bounder, grid, POSITIVES, fresh_seed(), seconds=max(seconds, LEAST_SECONDS))[2]
+    if missed is not None:
+        return result("refuted", "a query that meets the object is answered with no", least, missed, boxes)
+    text = "f comes closer to the threshold than the proof allows" if complete else f"no decision within {seconds:g} s"
+    return result("undecided", text, least, examined=boxes)
+
+
+def _attested(bounder: Bounder, grid: IndicatorGrid, seconds: float, result) -> Certificate:
+    """What fresh positives tell where there is no proof."""
+    done, lowest, missed = try_positives(bounder, grid, POSITIVES, fresh_seed(), seconds=seconds)
+    if missed is not None:
+        return result("refuted", "a query that meets the object is answered with no", lowest, missed)
+    if not done:
+        return result("undecided", f"no positive could be asked within {seconds:g} s", float(bounder.threshold))
+    rate = fn_rate_bound(done)
+    text = (
+        f"Statistical, not proven: {done:,} fresh positives, none answered with no; at {CONFIDENCE:.0%} confidence fewer "
+        f"than {rate:.2g} of such queries are missed."
+    )
+    certificate = result("statistical", text, lowest)
+    margin = lowest - float(bounder.threshold)
+    return replace(certificate, samples=done, fn_rate_bound=rate, confidence=CONFIDENCE, worst_margin=margin)
+
+
+def _check_normals(bounder: Bounder, grid: IndicatorGrid, target: float, seconds: float) -> tuple[float, int, bool]:
+    """Planes of a network: the least gap over all normals, as closely as the target asks for, boxes, and whether the search ended."""
+    gap = SupportGap(bounder, grid)
+    found = float(gap.reference(gap.boxes()[0]).min())
+    search = minimum(gap, *gap.boxes(), eps=max(1e-4, 0.25 * (found - target)), seconds=seconds)
+    while search.lower_bound < target <= search.upper_bound and search.complete and search.seconds < seconds:
+        eps = 0.5 * (search.upper_bound - target)
+        if eps < NARROWEST:
+            break
+        search = minimum(gap, *gap.boxes(), eps=eps, seconds=seconds, points=search.worst)
+    return search.lower_bound, search.boxes, search.complete
+
+
+def _check_charted(
+    bounder: Bounder, grid: IndicatorGrid, cover: Charted, target: float, seconds: float, progress
+) -> _Checked:
+    """Rays and boxes of a network; suspects are numbers of the chart."""
+    deadline = time.perf_counter() + seconds
+    sets = single_faces(bounder, grid) if bounder.query_kind == "ray" else [(cover.lower, cover.upper)]
+    least, boxes = np.inf, 0
+    for index, (lower, upper) in enumerate(sets):
+        stack = [(lower, upper)]
+        while stack:  # newest first: memory grows with depth only
+            lower, upper = stack.pop()
+            if len(lower) > CHUNK:
+                stack += [(lower[part], upper[part]) for part in (slice(CHUNK, None), slice(CHUNK))]
+                continue
+            bounds = cover.bound(lower, upper)
+            boxes += len(lower)
+            low = bounds.lower < target
+            least = min(least, float(bounds.lower[~low].min(initial=np.inf)))
+            if not low.any():
+                continue
+            corners = bounds.boxes[low]
+            width = np.take_along_axis(corners[:, 1] - corners[:, 0], bounds.axes[0, low, None].astype(np.int64), 1)
+            if (bounds.value[low] < target).any() or width.min() < NARROWEST:
+                lowest = np.argsort(bounds.value[low])[:SUSPECTS]
+                return _Checked(float(bounds.lower[low].min()), boxes, bounds.point[low][lowest])
+            if time.perf_counter() > deadline:
+                return _Checked(float(bounds.lower[low].min()), boxes, complete=False)
+            stack.append(halve(corners[:, 0], corners[:, 1], bounds.axes[0, low]))
+        if progress and bounder.query_kind == "ray":
+            progress(min(index * CELLS // (1 + 2 * grid.ndim), len(grid.occupied)), len(grid.occupied))
+    return _Checked(least, boxes)
+
+
+def _denied_region(bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray | None:
+    """A float32 query at or close around some coordinates that meets the object and that the deployed bounder answers with no."""
+    rng, truth = (
+        np.random.default_rng(0),
+        oracle(bounder.query_kind, grid, bounder.device, bounder.domain.length or 1.0),
+    )
+    for step in AROUND:
+        x = bounder.domain.to_object(v + step * rng.uniform(-1, 1, v.shape)).astype(np.float32)
+        missed = np.flatnonzero((bounder.query(x).numpy() == 0) & truth(x))
+        if len(missed):
+            return x[missed[0]]
+    return None
+
+
+def _check_cells(bounder: Bounder, grid: IndicatorGrid, target: float, deadline: float, cells: np.ndarray) -> _Checked:
+    """Check ``f >= target`` over all that the pipeline can make of the points of some cells."""
+    first, last = grid.position(cells - 0.5), grid.position(cells + 0.5)
+    low, high = bounder.domain.widened(first, last)
+    stack, least, boxes = [(low, high, np.arange(len(cells)))], np.inf, 0
+    while stack:  # in chunks, so that memory grows with depth, not with the number of boxes
+        low, high, owner = stack.pop()
+        if len(low) > CHUNK:
+            stack += [(low[part], high[part], owner[part]) for part in (slice(CHUNK, None), slice(CHUNK))]
+            continue
+        bounds = bounder.bound(low, high)
+        boxes += len(low)
+        proven = bounds.lower >= target
+        least = min(least, float(bounds.lower[proven].min(initial=np.inf)))
+        low, high, owner, failed = low[~proven], high[~proven], owner[~proven], bounds.lower[~proven]
+        if not len(low):
+            continue
+        below = bounds.value[~proven] < target
+        if below.any() or (high - low).max(axis=1).min() < NARROWEST:
+            suspects, cell = np.concatenate([bounds.point[~proven], (low + high) / 2]), np.tile(owner, 2)
+            lowest = np.argsort(bounder.reference(suspects))[:SUSPECTS]
+            suspects, cell = suspects[lowest], cell[lowest]
+            inside = np.clip(bounder.domain.to_object(suspects), first[cell], last[cell])  # P_delta is a little wider
+            inner = inside + PULL * (
+                (first[cell] + last[cell]) / 2 - inside
+            )  # a corner's float32 neighbour may lie outside
+            inside = np.concatenate([inside, inner])
+            return _Checked(float(failed.min()), boxes, inside)
+        if time.perf_counter() > deadline:
+            return _Checked(float(failed.min()), boxes, complete=False)
+        low, high = halve(low, high, bounds.axis[~proven])
+        stack.append((low, high, np.tile(owner, 2)))
+    return _Checked(least, boxes)
+
+
+def _as_grid(bounder: Bounder, shape) -> IndicatorGrid:
+    """The shape's cells, made as they were for the fit."""
+    shape, margin = load_indicator(shape), bounder.info.get("margin") or 0.0
+    resolution = None if isinstance(shape, IndicatorGrid) else bounder.info.get("resolution")
+    return shape.to_grid(resolution=resolution, margin=margin)
+
+
+def _denied(bounder: Bounder, grid: IndicatorGrid, x: np.ndarray) -> np.ndarray | None:
+    """The first of these points, as float32, that lies in the object and that the deployed bounder answers with no.
+
+    Boxes: as a box that is no more than the point.
+    """
+    x = np.asarray(x, dtype=np.float64).astype(np.float32)
+    x = x[grid.contains(x)]
+    if not len(x):
+        return None
+    x = x if bounder.query_kind == "point" else np.concatenate([x, x], axis=1)
+    missed = np.flatnonzero(bounder.query(x).numpy() == 0)
+    return x[missed[0]] if len(missed) else None
+
+
+def _plus(a: float, b: float) -> float:
+    """``a + b`` rounded up."""
+    return float(np.nextafter(a + b, np.inf)) + UNIT64 * abs(a)
+
+
+def _inapplicable(bounder: Bounder, shape, reason: str) -> Certificate:
+    certificate = document(bounder, None, "inapplicable", float(bounder.threshold), 0.0, 0, 0.0, reason)
+    return replace(certificate, indicator=getattr(shape, "digest", ""))
