@@ -108,7 +108,7 @@ def test_kernel_against_the_dense_reference(hidden, activation, octaves, width, 
     else:
         loose, most = values.min(axis=0) - ours, values.min(axis=0) - reference
         assert (loose <= 1.3 * most + 1e-8).all()
-        assert np.median(loose / most) < 1.02
+        assert np.median(loose / most) < 1.05
 
 
 def test_merging_costs_little_where_boxes_are_small(rng):

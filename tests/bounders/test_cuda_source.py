@@ -7,8 +7,13 @@ import warp as wp
 from bounding_shapes import random_bounder, random_mlp, shape
 
 from warp_bounding.bounders import METHODS
+from warp_bounding.bounders.box_chart import BoxChart
+from warp_bounding.bounders.charts import PlainChart
 from warp_bounding.bounders.functions import batch_kernel
 from warp_bounding.bounders.network_kernel import _kernel as bound_kernel
+from warp_bounding.bounders.network_source import NetworkSizes
+from warp_bounding.bounders.ray_chart import RayChart
+from warp_bounding.proof.depth_first_kernel import depth_first_kernel
 
 ARCHITECTURE = 86
 
@@ -32,4 +37,11 @@ def test_batch_kernels_compile(method, tmp_path):
 def test_kernels_of_networks_compile(activation, tmp_path):
     network = random_mlp(shape("blob"), (8,), activation, 1)
     check_compiles(batch_kernel(network.source, False, True), tmp_path)
-    check_compiles(bound_kernel(network.network._sizes), tmp_path)
+    check_compiles(bound_kernel(network.network.sizes()), tmp_path)
+
+
+@pytest.mark.parametrize("chart", [PlainChart(3), RayChart(6), RayChart(4), BoxChart(6)], ids=repr)
+def test_searches_compile(chart, tmp_path):
+    sizes = NetworkSizes(chart.inputs, ((chart.inputs, 5, "sin", 0), (5, 4, "tanh", 0)), chart)
+    check_compiles(bound_kernel(sizes), tmp_path / "bound")
+    check_compiles(depth_first_kernel(sizes), tmp_path / "search")

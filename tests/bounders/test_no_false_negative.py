@@ -5,8 +5,7 @@ import pytest
 from bounding_shapes import CONSERVATIVE, SHAPES, domain_points, fitted, object_points, random_mlp, shape
 
 from warp_bounding.bounders import METHODS
-from warp_bounding.proof import prove
-from warp_bounding.proof.prove import positive_boxes
+from warp_bounding.proof import positive_boxes, prove
 from warp_bounding.proof.search import minimum
 
 

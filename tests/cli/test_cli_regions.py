@@ -7,8 +7,11 @@ import pytest
 from bounding_shapes import shape
 from PIL import Image
 from test_cli import check_bad, run
+from test_statistics import without_proof
 
-KINDS = {"ray": "statistical", "plane": "proven", "box": "statistical"}
+from warp_bounding.proof import attest
+
+KINDS = dict.fromkeys(("ray", "plane", "box"), "proven")
 FIT = ("--steps", 30, "--hidden", 8, "--samples", 20_000)
 
 
@@ -108,11 +111,11 @@ def test_info(fitted, capsys):
     words = ["mlp, 2D", query, KINDS[query], "geometric", "not proven", "what is proven" if proven else "what is known"]
     words += ["0.75 (object units)"] if query == "ray" else []
     claim = f"No {query} that meets the object is ever answered with no."
-    words += [claim, "input error", "CPU or CUDA"] if proven else ["alpha = 0.05", "sampled", "half uniform"]
+    words += [claim, "input error", "CPU or CUDA"]
     assert all(word in out for word in words), out
     assert len(out.splitlines()) < 25
     assert max(map(len, out.splitlines())) <= 110
-    assert ("fresh positives in" in out) != proven
+    assert "fresh positives in" not in out
     status, out, _ = run(capsys, "info", path, "--json")
     held = json.loads(out)
     assert status == (0 if proven else 1)
@@ -121,6 +124,24 @@ def test_info(fitted, capsys):
     assert held["certificate"] == result["certificate"]
     assert ("what is proven" in held["statement"]) == proven
     assert "not proven" in held["statement"]
+
+
+def test_info_of_what_is_not_proven(tmp_path, capsys):
+    path = tmp_path / "s.safetensors"
+    bounder = without_proof()
+    attest(bounder, shape("c"), least=0.0, room=0.0, count=10_000)
+    bounder.save(path)
+    status, out, err = run(capsys, "info", path)
+    assert (status, err) == (1, "")
+    assert all(
+        word in out for word in ("statistical", "not proven", "what is known", "alpha = 0.05", "half uniform")
+    ), out
+    assert "fresh positives in" in out
+    np.save(tmp_path / "c.npy", shape("c").occupancy)
+    status, out, _ = run(capsys, "certify", path, tmp_path / "c.npy")
+    assert status == 1
+    assert out.startswith("statistical")
+    assert "not proven" in out
 
 
 @pytest.mark.parametrize("query", KINDS)

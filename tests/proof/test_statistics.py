@@ -12,9 +12,10 @@ from scipy.stats import beta
 
 import warp_bounding as wb
 from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.regions import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorGrid
-from warp_bounding.proof import attempt_confidence, attest, certify, fn_rate_bound, fresh_seed, try_positives
+from warp_bounding.proof import attempt_confidence, attest, certify, fn_rate_bound, fresh_seed, prove, try_positives
 from warp_bounding.queries import oracle
 from warp_bounding.queries.positives import DISTRIBUTION, draw_positives
 
@@ -114,10 +115,21 @@ def fitted(query, name="c"):
     return twin.freeze(float(made.threshold), made.certificate)
 
 
-@pytest.mark.parametrize("query", ["ray", "box"])
-def test_fits_without_a_proof_say_so(query, tmp_path):
-    bounder = fitted(query)
-    certificate = bounder.certificate
+def without_proof() -> Mlp:
+    """Random weights; a network that is given a ray's moments has no proof."""
+    rng, tensors = np.random.default_rng(3), {}
+    for index, (k, h) in enumerate(((5, 6), (6, 1))):
+        tensors[f"layers.{index}.weight"] = rng.normal(size=(h, k)).astype(np.float32)
+        tensors[f"layers.{index}.bias"] = rng.normal(size=h).astype(np.float32)
+    sizes = {"hidden": [6], "activation": "sin", "octaves": 0, "moments": True}
+    bounder = Mlp(domain_of(shape("c"), "ray"), tensors, sizes, "cpu")
+    bounder.info = {"indicator": shape("c").digest, "margin": 0.0, "seed": 0}
+    return bounder
+
+
+def test_networks_without_a_proof_say_so(tmp_path):
+    bounder = without_proof()
+    certificate = attest(bounder, shape("c"), least=10.0, room=0.0)
     assert certificate.kind == "statistical"
     assert not certificate.proven
     assert certificate.samples >= 1_000_000
@@ -131,6 +143,19 @@ def test_fits_without_a_proof_say_so(query, tmp_path):
     again = wb.load(tmp_path / "s.safetensors", device="cpu")
     assert again.certificate == certificate
     assert certify(again, shape("c")).kind == "statistical"
+    with pytest.raises(BounderError, match="no proof"):
+        prove(bounder, shape("c"))
+
+
+@pytest.mark.parametrize("query", ["ray", "box"])
+def test_what_was_only_sampled_may_be_proven_later(query):
+    bounder = fitted(query)
+    assert bounder.certificate.proven
+    threshold = float(bounder.threshold)
+    certificate = attest(bounder, shape("c"), least=threshold + 2 * bounder.rounding_bound(), room=0.0)
+    assert certificate.kind == "statistical"
+    assert bounder.threshold <= threshold
+    assert certify(bounder, shape("c")).proven
 
 
 def test_a_threshold_that_starts_too_high_is_lowered_until_none_is_missed():

@@ -18,7 +18,7 @@ class Certificate:
     """A proof that a bounder has no false negative, or an honest account of why there is none.
 
     Attributes:
-        kind: ``"proven"``; ``"statistical"`` where no proof exists; or, from ``certify`` only, ``"refuted"`` (a counterexample is given), ``"undecided"`` (time ran out) or
+        kind: ``"proven"``; ``"statistical"`` where there is no proof, or it did not end in its time; or, from ``certify`` only, ``"refuted"`` (a counterexample is given), ``"undecided"`` (time ran out) or
             ``"inapplicable"`` (the shape cannot be the bounded one).
         query: Kind of query, such as ``"point"``.
         domain: ``[lower, upper]`` corners in object space.

@@ -2,8 +2,9 @@
 
 Which boxes must be halved depends on the target alone, not on the order, so a depth-first search with a few boxes a thread does
 the same work as one that keeps them all in order, and needs no memory. A search for the minimum first proves a low target,
-then higher ones, each from the start: the work grows steeply as the gap closes, so that all earlier targets together
-cost little beside the last. Whenever it must stop, the last target that was proven stands.
+then higher ones, each from the start, in long strides: as far as the time that is left is expected to reach. Whenever it must
+stop, the last target that was proven stands. The first boxes come in random order, so that the share of them that is done
+tells what the rest will take.
 """
 
 import time
@@ -26,10 +27,9 @@ CPU_BLOCKS, CUDA_BLOCKS = 64, 2048
 MOST = 1024  # boxes that a block bounds before it returns: some 50 ms a launch
 SHARE = 64  # boxes that a block is given at a time
 WORST = 2048  # low points that are kept
-STEP = 0.4  # of the gap, from one target to the next
-GROWTH = 2.5  # exponent with which the work is expected to grow in 1 / gap, until it is known
+STEP = 0.15  # of the gap, from one target to the next
+GROWTH = 0.5  # exponent with which the work grows in 1 / gap: 0.3 to 0.8 where boxes are small
 HEADROOM = 1.3  # times the work that a target is expected to take must be left for it
-FLATTEST, STEEPEST = 0.5, 6.0
 
 Progress = Callable[[int, float, float], None]
 
@@ -82,6 +82,7 @@ class Cleared:
         complete: Every box is closed: ``f >= least`` on all positives.
         least: Least bound of a closed box.
         boxes: Boxes bounded.
+        share: Of the first boxes, that are done or begun.
         points: ``(K, Z)`` low positives.
         values: ``(K,)`` f there.
     """
@@ -89,6 +90,7 @@ class Cleared:
     complete: bool
     least: float
     boxes: int
+    share: float
     points: np.ndarray
     values: np.ndarray
 
@@ -119,7 +121,8 @@ def clear(
     heights, done_out = np.zeros(blocks, np.int32), np.zeros(blocks, np.int64)
     closed_out, low_value = np.full(blocks, np.inf), np.full((blocks, KEPT), np.inf)
     low_point = np.zeros((blocks, KEPT, size))
-    reserve, left = np.stack([cover.lower, cover.upper], axis=1), len(cover.lower)
+    order = np.random.default_rng(0).permutation(len(cover.lower))
+    reserve, left = np.stack([cover.lower, cover.upper], axis=1)[order], len(order)
     held = [np.ascontiguousarray(cover.network.packed), cover.network.padding_for(cover.limit), cover.numbers]
     fixed = [double_array(np.ascontiguousarray(a, dtype=np.float64), dev) for a in held]
     fixed.append(wp.array(cover.table, dtype=wp.int32, device=dev))
@@ -132,7 +135,7 @@ def clear(
     while True:
         left -= _fill(stacks, heights, reserve[:left])
         if not heights.any():
-            return _cleared(True, least, done, found)
+            return _cleared(True, least, done, 1.0, found)
         most = int(min(MOST, max((boxes - done) / blocks, 1)))
         if not dev.is_cpu:
             for array, values in zip(shared[:2], host[:2], strict=True):
@@ -147,16 +150,16 @@ def clear(
         if len(found) > 64:
             found = [_lowest(found)]
         if low_value.min() < target:
-            return _cleared(False, least, done, found)
+            return _cleared(False, least, done, 1 - left / len(reserve), found)
         if progress:
             progress(done, 1 - left / len(reserve), target)
         if done >= boxes or time.perf_counter() - started > seconds:
-            return _cleared(not heights.any() and not left, least, done, found)
+            return _cleared(not heights.any() and not left, least, done, 1 - left / len(reserve), found)
 
 
-def _cleared(complete: bool, least: float, done: int, found: list) -> Cleared:
+def _cleared(complete: bool, least: float, done: int, share: float, found: list) -> Cleared:
     points, values = _lowest(found)
-    return Cleared(complete, least, done, points, values)
+    return Cleared(complete, least, done, share, points, values)
 
 
 def _lowest(found: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
@@ -218,7 +221,7 @@ def charted_minimum(
     first = clear(cover, -np.inf, device=device)  # every box once
     proven, done, best = first.least, first.boxes, min(upper, float(first.values.min(initial=np.inf)))
     found = [(first.points, first.values)]
-    history, rate = [], None
+    known = rate = None  # a gap, and the boxes that it took or is expected to take; boxes a second
 
     def shown(n: int, share: float, _: float) -> None:
         if progress:
@@ -226,28 +229,24 @@ def charted_minimum(
 
     while best - proven > eps and np.isfinite(best):
         spent = time.perf_counter() - started
-        wanted = max(eps, STEP * (best - proven))
         left = min(boxes - done, (seconds - spent) * rate if rate else np.inf)
         if seconds - spent <= 0 or left <= 0:
             break
-        if history:
-            last_gap, last_work = history[-1]
-            affordable = 0.0
-            if np.isfinite(left):
-                affordable = last_gap * (HEADROOM * last_work / left) ** (1 / _power(history))
+        wanted = max(eps, STEP * (best - proven))
+        if known:
+            affordable = known[0] * (HEADROOM * known[1] / left) ** (1 / GROWTH)
             if affordable > 0.95 * (best - proven):
                 break
-            wanted = max(wanted, affordable)
-        target = best - wanted
-        began = time.perf_counter()
+            wanted = max(eps, affordable)
+        target, began = best - wanted, time.perf_counter()
         outcome = clear(cover, target, seconds=seconds - spent, boxes=boxes - done, progress=shown, device=device)
-        done += outcome.boxes
-        rate = outcome.boxes / max(time.perf_counter() - began, 1e-6)
+        done, rate = done + outcome.boxes, outcome.boxes / max(time.perf_counter() - began, 1e-6)
         found.append((outcome.points, outcome.values))
         best = min(best, float(outcome.values.min(initial=np.inf)))
+        if outcome.complete or best >= target:
+            known = wanted, outcome.boxes / max(outcome.share, 1e-3)
         if outcome.complete:
             proven = max(proven, outcome.least)
-            history.append((max(best - target, 1e-300), outcome.boxes))
         elif best >= target:
             break  # out of time
     points, _ = _lowest(found)
@@ -258,21 +257,5 @@ def charted_minimum(
         boxes=done,
         seconds=time.perf_counter() - started,
         complete=best - proven <= eps,
-        needed=_needed(history, eps, rate),
+        needed=known[1] / rate * max(known[0] / eps, 1.0) ** GROWTH if known and rate else np.inf,
     )
-
-
-def _needed(history: list[tuple[float, float]], eps: float, rate: float | None) -> float:
-    """Seconds that a target ``eps`` under the minimum is expected to take, from the gaps and the work so far; infinity if nothing is known."""
-    if not history or not rate:
-        return np.inf
-    gap, work = history[-1]
-    return work / rate * max(gap / eps, 1.0) ** _power(history)
-
-
-def _power(history: list[tuple[float, float]]) -> float:
-    """The exponent with which the work grows in 1 / gap."""
-    if len(history) < 2:
-        return GROWTH
-    (g0, w0), (g1, w1) = history[-2:]
-    return float(np.clip(np.log(w1 / w0) / np.log(g0 / g1), FLATTEST, STEEPEST)) if g0 > g1 else GROWTH

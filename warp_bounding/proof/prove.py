@@ -59,7 +59,7 @@ def prove(
             f"{bounder.method}: {reason or 'the shape reaches outside the domain that the bounder was made for'}"
         )
     if not provable(bounder):
-        raise BounderError(f"{bounder.method}: {bounder.query_kind} queries have no proof yet")
+        raise BounderError(f"{bounder.method}: {bounder.query_kind} queries of networks like this one have no proof")
     search = least_value(bounder, grid, eps=eps, seconds=seconds, boxes=boxes, points=points, progress=progress)
     settle(bounder, grid, search)
     return search

@@ -1,4 +1,4 @@
-"""What can be said where no proof exists: after the threshold is frozen, fresh positives are asked and none may be missed.
+"""What can be said where there is no proof: after the threshold is frozen, fresh positives are asked and none may be missed.
 
 With N independent positives of a stated distribution and no failure, the rate of false negatives *under that distribution*
 is below ``1 - alpha^(1/N)`` with confidence ``1 - alpha`` (Clopper and Pearson 1934), about 3/N at 95 %. (That half of them

@@ -1,7 +1,7 @@
 """The least value of a network over all positives of a kind of query, as far as a search finds it.
 
-Where no proof exists, this sets the threshold. Starts are the samples' own positives, which prefer what barely touches,
-and the worst ones that training knew. All walk down f by projected gradient steps whose length adapts to each: longer
+The prover starts from what this finds, and where it does not end in its time, this sets the threshold. Starts are the samples'
+own positives, which prefer what barely touches, and the worst ones that training knew. All walk down f by projected gradient steps whose length adapts to each: longer
 after a success, shorter after a failure. The lowest are kept, few of a kind, walked to a standstill and mixed with relatives
 (a random step sideways) and fresh starts, until several rounds in a row have not found anything lower.
 

@@ -62,7 +62,7 @@ def fit(
 ) -> Bounder:
     """Fit a bounder to a shape, and prove it where there is a proof for the method and the query.
 
-    Networks of rays and boxes have none yet, but for monotone-mlp: their certificate is statistical, and says so.
+    A proof of an mlp's rays or boxes can take longer than the budget leaves for it; its certificate is then statistical, and says so.
 
     Args:
         shape: What ``load_indicator`` returns, or anything that it takes.

@@ -17,8 +17,7 @@ import torch
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.mlp_early import MlpEarly, part_of
 from warp_bounding.bounders.monotone_mlp import MonotoneMlp
-from warp_bounding.proof import conjunction, least_value, minimum, positive_boxes, prove
-from warp_bounding.proof.monotone import of_points
+from warp_bounding.proof import conjunction, least_value, prove
 from warp_bounding.training.adversary import adversarial_minimum
 from warp_bounding.training.clock import Clock
 from warp_bounding.training.early import EXIT_SHARE, EarlyTrainer, train_exits
@@ -58,7 +57,7 @@ SETTLED_SHARE = 0.1  # of the budget: for the adversary and fresh positives, whe
 LONGEST_PROOF = (
     0.4  # of the budget: networks of rays and boxes that are expected to take longer are not put to the prover
 )
-SLOWER = 1.5  # times as long as expected a proof may take
+SLOWER = 1.3  # times as long as expected a proof may take
 PLANE_TOLERANCE = 1e-3  # of a plane's offset, in domain half-widths
 
 Progress = Callable[[float, float, str], None]
@@ -235,12 +234,11 @@ class _Fit:
             eps, limit = MONOTONE_EPS, {"boxes": MONOTONE_BOXES}
         else:
             eps = tolerance(bounder, problem, points)
-        target = of_points(bounder)
-        search = minimum(target, *positive_boxes(target, problem.grid), eps=eps, points=points, **limit)
+        search = least_value(bounder, problem.grid, eps=eps, points=points, **limit)
         self.boxes += search.boxes
         trainer.add(search.worst)
         if clock.timed:  # the last proof will take about as long, on a network that is a little harder
-            expected = 2 * search.seconds if search.complete else LONG_PROOF_SHARE * budget
+            expected = 2 * search.seconds if search.complete else SLOWER * search.needed
             expected = min(max(expected, 0.01 * budget), LONG_PROOF_SHARE * budget)
             clock.reserved = expected * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds
 
