@@ -9,6 +9,7 @@ import warp_bounding as wb
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.domain import Domain
 from warp_bounding.bounders.mlp import Mlp, encoding_tensors
+from warp_bounding.bounders.regions import domain_of
 from warp_bounding.indicators import IndicatorGrid
 
 HIDDEN = (8,)  # of every fitted network: each new size costs a compilation
@@ -143,3 +144,15 @@ def object_points(grid: IndicatorGrid, rng: np.random.Generator, count: int = 40
     mixed = np.where(rng.random(x.shape) < 0.5, *near)
     x = np.concatenate([x, *near, mixed, grid.position(grid.occupied).astype(np.float32)])
     return x[grid.contains(x)]
+
+
+def without_proof() -> Mlp:
+    """Random weights; a network that is given a ray's moments has no proof."""
+    rng, tensors = np.random.default_rng(3), {}
+    for index, (k, h) in enumerate(((5, 6), (6, 1))):
+        tensors[f"layers.{index}.weight"] = rng.normal(size=(h, k)).astype(np.float32)
+        tensors[f"layers.{index}.bias"] = rng.normal(size=h).astype(np.float32)
+    sizes = {"hidden": [6], "activation": "sin", "octaves": 0, "moments": True}
+    bounder = Mlp(domain_of(shape("c"), "ray"), tensors, sizes, "cpu")
+    bounder.info = {"indicator": shape("c").digest, "margin": 0.0, "seed": 0}
+    return bounder

@@ -4,10 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from bounding_shapes import shape
+from bounding_shapes import shape, without_proof
 from PIL import Image
 from test_cli import check_bad, run
-from test_statistics import without_proof
 
 from warp_bounding.proof import attest
 

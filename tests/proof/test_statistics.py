@@ -7,12 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from bounding_shapes import shape
+from bounding_shapes import shape, without_proof
 from scipy.stats import beta
 
 import warp_bounding as wb
 from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.bounders.regions import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import attempt_confidence, attest, certify, fn_rate_bound, fresh_seed, prove, try_positives
@@ -113,18 +112,6 @@ def fitted(query, name="c"):
     twin = type(made)(made.domain, made.tensors, made.sizes, "cpu")
     twin.info = dict(made.info)
     return twin.freeze(float(made.threshold), made.certificate)
-
-
-def without_proof() -> Mlp:
-    """Random weights; a network that is given a ray's moments has no proof."""
-    rng, tensors = np.random.default_rng(3), {}
-    for index, (k, h) in enumerate(((5, 6), (6, 1))):
-        tensors[f"layers.{index}.weight"] = rng.normal(size=(h, k)).astype(np.float32)
-        tensors[f"layers.{index}.bias"] = rng.normal(size=h).astype(np.float32)
-    sizes = {"hidden": [6], "activation": "sin", "octaves": 0, "moments": True}
-    bounder = Mlp(domain_of(shape("c"), "ray"), tensors, sizes, "cpu")
-    bounder.info = {"indicator": shape("c").digest, "margin": 0.0, "seed": 0}
-    return bounder
 
 
 def test_networks_without_a_proof_say_so(tmp_path):

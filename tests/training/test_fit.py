@@ -151,7 +151,7 @@ WRONG = {
     "query": "cone",
     "method": "magic",
     "hidden": [0, (0,), (), (8, 0), (8, -1), (2.5,), (True,), (1025,), "eight", (8,) * 9, (1024,) * 3, None],
-    "activation": ["tanh", "", None],
+    "activation": ["softplus", "", None],
     "budget": [0, -1, float("nan"), float("inf"), "long", None, True],
     "seed": [-1, 1.5, 2**63, "a", None, True],
     "margin": [-1, float("nan"), float("inf"), "wide", None],

@@ -45,7 +45,11 @@ RESERVE = {"point": PROOF_SHARE, "ray": 0.15, "plane": 0.15, "box": 0.15}  # of 
 MORE_FOR_EXITS = 0.4  # of that, for the thresholds of exits
 LEAST_SHARE = 0.05  # of the budget: a proof gets this much, even where training took longer than it should
 ATTEST_SECONDS = 2.5  # about what a million fresh positives take
-SEARCH_BOXES, PROOF_BOXES = 1_000_000, 20_000_000  # what takes the place of time where the budget is in steps
+SEARCH_BOXES, REGION_BOXES, PROOF_BOXES = (
+    1_000_000,
+    300_000,
+    20_000_000,
+)  # what takes the place of time where the budget is in steps
 SEARCH_ROUNDS = 12  # likewise, of the adversarial search
 TRAINING_ROUNDS = 2  # of the adversarial search, each time in training
 EXIT_STEPS = 40  # likewise, of each exit
@@ -309,7 +313,7 @@ class _Fit:
             limits = (
                 {"seconds": max(left - found.seconds, LEAST_SHARE * budget)}
                 if self.clock.timed
-                else {"boxes": SEARCH_BOXES}
+                else {"boxes": REGION_BOXES}
             )
         record = decide(part, self.problem, found.worst, limits, lambda note: self._report(1.0, note))
         return record | {"search_seconds": round(found.seconds, 3), "search_complete": found.complete}
