@@ -14,6 +14,17 @@ DATA = Path(os.environ.get("WARP_BOUNDING_DATA") or Path(__file__).parents[2] / 
 SHAPES = sorted(p for p in DATA.glob("[234]D/*") if p.suffix in SUFFIXES) if DATA.is_dir() else []
 CLOSED = [name for name, kind in METHODS.items() if kind.closed_form]
 
+FEW = {"2D-star1", "3D-bunny", "4D-teapot"}  # the others need --slow
+
+
+def cases():
+    ids = [f"{p.parent.name}-{p.stem}" for p in SHAPES]
+    return [
+        pytest.param(p, id=name, marks=() if name in FEW else pytest.mark.slow)
+        for p, name in zip(SHAPES, ids, strict=True)
+    ]
+
+
 pytestmark = pytest.mark.skipif(not SHAPES, reason=f"the paper's shapes are not in {DATA}; set WARP_BOUNDING_DATA")
 
 
@@ -21,7 +32,7 @@ def test_all_shapes_are_there():
     assert len(SHAPES) == 21
 
 
-@pytest.mark.parametrize("path", SHAPES, ids=lambda p: f"{p.parent.name}-{p.stem}")
+@pytest.mark.parametrize("path", cases())
 def test_closed_forms(path):
     grid = wb.load_indicator(path)
     rates = {}

@@ -93,10 +93,10 @@ def test_a_fit_of_planes_is_proven_and_kept(tmp_path):
     assert wb.certify(again, grid).proven
 
 
-def test_rays_have_no_proof_yet():
+def test_networks_of_moments_have_no_proof():
     domain = domain_of(shape("c"), "ray")
-    tensors = {"layers.0.weight": np.ones((2, 4), np.float32), "layers.0.bias": np.zeros(2, np.float32)}
+    tensors = {"layers.0.weight": np.ones((2, 5), np.float32), "layers.0.bias": np.zeros(2, np.float32)}
     tensors |= {"layers.1.weight": np.ones((1, 2), np.float32), "layers.1.bias": np.zeros(1, np.float32)}
-    bounder = Mlp(domain, tensors, {"hidden": [2], "activation": "sin", "octaves": 0}, "cpu")
-    with pytest.raises(BounderError, match="no proof yet"):
-        prove(bounder, shape("c"))
+    sizes = {"hidden": [2], "activation": "sin", "octaves": 0, "moments": True}
+    with pytest.raises(BounderError, match="no proof"):
+        prove(Mlp(domain, tensors, sizes, "cpu"), shape("c"))

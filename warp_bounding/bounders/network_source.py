@@ -92,8 +92,13 @@ auto root = [](V x) {{ return sqrt(x); }};
     return cpu, cuda
 
 
-def body(sizes: NetworkSizes) -> str:
-    """From ``V low[], high[]`` to ``V least, value, valid, dead``, ``score[]``, ``owner[]``, ``z[]``, ``gradient[]``; weights at ``w``."""
+def body(sizes: NetworkSizes, tried: str = "true") -> str:
+    """From ``V low[], high[]`` to ``V least, value, valid, dead``, ``score[]``, ``owner[]``, ``z[]``, ``gradient[]``; weights at ``w``.
+
+    Args:
+        sizes: Of the network, and the chart.
+        tried: C condition under which f is evaluated where it looks lowest; else ``valid`` is 0.
+    """
     chart, K = sizes.chart, sizes.ndim
     pairs = list(enumerate(chart.pairs))
     entries = [[(index, i) for index, (i, k) in pairs if k == column] for column in range(chart.columns)]
@@ -163,9 +168,15 @@ def body(sizes: NetworkSizes) -> str:
             f"{{ const V s = slope[{k}] < zero ? -slope[{k}] : slope[{k}]; const V q = square[{i}] > zero ? square[{i}] : zero;"
             f" const V end = q - s; const V inner = s * s * -0.25 / (q > zero ? q : zero + 1.0); least += s < q + q ? inner : end; }}"
         )
-    lines.append(chart.realize())
-    source = "h"
-    for index, (inputs, neurons, activation, linear) in enumerate(sizes.layers):  # f at the corner that looks lowest
+    value = _value(sizes, offsets, at)
+    lines.append(f"if ({tried}) {{ {chart.realize()} {value} }} else {{ valid = zero; }}")
+    return "\n".join(lines)
+
+
+def _value(sizes: NetworkSizes, offsets: list[int], last: int) -> str:
+    """From the inputs ``h`` to ``value``; the output's numbers stand at ``last``, those of hidden layers at ``offsets``."""
+    source, lines = "h", []
+    for index, (inputs, neurons, activation, linear) in enumerate(sizes.layers):
         lines.append(f"V y{index}[{neurons}]; {{ const double* b = w + {offsets[index]};")
         for first, rows, blocks in _blocks(neurons):
             lines.append(f"for (int t = 0; t < {blocks}; ++t) {{ const int j = {first} + t * {rows};")
@@ -178,7 +189,10 @@ def body(sizes: NetworkSizes) -> str:
             lines.append("}")
         lines.append("}")
         source = f"y{index}"
-    lines.append(f"value = zero + w[{at}]; for (int j = 0; j < {count}; ++j) value += {source}[j] * w[{at + 1} + j];")
+    neurons = sizes.layers[-1][1]
+    lines.append(
+        f"value = zero + w[{last}]; for (int j = 0; j < {neurons}; ++j) value += {source}[j] * w[{last + 1} + j];"
+    )
     return "\n".join(lines)
 
 

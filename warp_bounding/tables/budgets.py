@@ -1,4 +1,4 @@
-"""Seconds for each learned fit: one number, and others for some columns or methods, as in ``20,3d=40,3d-ray=90,occupancy=5``.
+"""Seconds for each learned fit: one number, and others for some columns or methods, as in ``20,3d=40,3d-ray:mlp=240,occupancy=5``.
 
 What comes later goes before: of all words that name a fit's column or method, the last one counts. Presets are such texts, made
 to measure every object of the paper on two cores in a stated time.
@@ -29,8 +29,8 @@ class Preset(NamedTuple):
 
 PRESETS = {
     "full": Preset(
-        "20,2d=14,2d-ray=28,2d-box=24,3d-point=30,3d-ray=60,3d-box=40,4d-point=60,4d-ray=90,4d-box=60,"
-        "learned-kdop=5,relu-field=15,occupancy=8",
+        "16,2d=12,2d-ray=24,2d-box=14,3d-point=20,3d-ray=50,3d-box=40,4d-point=40,4d-ray=60,4d-box=60,"
+        "learned-kdop=5,relu-field=12,occupancy=6,3d-box:mlp=60,3d-ray:mlp=240,4d-point:mlp=150,4d-ray:mlp=180,4d-box:mlp=180",
         400_000,
         "both",
     ),
@@ -55,8 +55,10 @@ def parse_budget(text: str) -> tuple[float | None, str]:
             if general is not None:
                 raise BounderError(f"budget must have one number without a name, got {text!r}")
             general = value
-        elif not (columns_named(name) or name in LEARNED):
-            raise BounderError(f"budget must name columns (3d-ray, 3d, ray) or learned methods, got {word!r}")
+        elif not all(columns_named(part) or part in LEARNED for part in name.split(":")):
+            raise BounderError(
+                f"budget must name columns (3d-ray, 3d, ray), learned methods, or both (3d-ray:mlp), got {word!r}"
+            )
         else:
             parts.append(f"{name}={value:g}")
     return general, ",".join(parts)
@@ -74,7 +76,7 @@ def budget_of(column: Column, variant: Variant, general: float, budgets: str) ->
     seconds = general
     for word in budgets.split(",") if budgets else ():
         name, _, value = word.partition("=")
-        if name == variant.method or column in columns_named(name):
+        if all(part == variant.method or column in columns_named(part) for part in name.split(":")):
             seconds = float(value)
     return seconds
 
