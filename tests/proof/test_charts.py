@@ -158,6 +158,14 @@ def test_low_points_become_training_samples(query, name):
     assert bounder.reference(v).min() <= search.upper_bound + 0.1
 
 
+@pytest.mark.parametrize("name", ["blob", "star", "c"])
+def test_a_search_without_known_points_begins(name):
+    bounder = random_network("box", shape(name), activation="relu")
+    search = least_value(bounder, shape(name), eps=0.05, seconds=10.0)
+    assert search.complete
+    assert np.isfinite(search.upper_bound)
+
+
 def test_time_that_is_too_short_is_told():
     grid = grid_of("c")
     bounder = random_network("ray", grid, 8)

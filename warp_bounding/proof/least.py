@@ -24,6 +24,7 @@ from warp_bounding.proof.search import Search, minimum
 
 __all__ = ["charted", "least_value", "positive_boxes"]
 
+CENTERS = 64  # of cells, as positives to begin with
 CHARTS = {"point": charted_points, "ray": charted_rays, "box": charted_boxes}
 
 
@@ -74,6 +75,15 @@ def least_value(
     cover = charted(bounder, grid)
     if cover is None:
         return minimum(of_points(bounder), *positive_boxes(of_points(bounder), grid), points=points, **limits)
-    upper = np.inf if points is None or not len(points) else float(bounder.reference(points).min())
-    search = charted_minimum(cover, upper=upper, **limits)
+    known = _degenerate(bounder, grid) if points is None or not len(points) else points
+    search = charted_minimum(cover, upper=float(bounder.reference(known).min()), **limits)
     return replace(search, worst=cover.coordinates(search.worst), numbers=search.worst)
+
+
+def _degenerate(bounder: Bounder, grid: IndicatorGrid) -> np.ndarray:
+    """Queries that meet the object for certain: the centres of some cells, as points, or as rays and boxes without extent."""
+    centers = grid.position(grid.occupied[:: max(1, len(grid.occupied) // CENTERS)].astype(np.float64))
+    if bounder.query_kind == "point":
+        return bounder.domain.to_local(centers)
+    local = bounder.domain.base.to_local(centers)
+    return np.concatenate([local, local if bounder.query_kind == "box" else np.zeros_like(local)], axis=1)

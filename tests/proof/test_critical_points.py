@@ -1,0 +1,249 @@
+"""Float32 for real, where it matters: at a proof's lowest points no evaluation leaves the rounding bound, with zero slack.
+
+The points are those where the search for the least f ended, as float32 queries, neighbours in the last place, and the lowest
+positives around. There what is deployed (batch kernel; function in a user's kernel, whose threshold is moved; CPU, CUDA; placed
+in the world) and float32 in NumPy in several orders, fused or not, meet f in extended precision, by a forward pass of its own,
+at the coordinates that the device has: a network that hands on one of them reads them out.
+"""
+
+from functools import cache, partial
+
+import numpy as np
+import pytest
+import warp as wp
+from bounding_shapes import random_mlp, shape
+from monotone_networks import random_monotone
+from test_arithmetic import fused_sine, fused_tanh
+from test_charts import random_network
+from test_planes import random_supports
+
+from warp_bounding.arithmetic import round_down, round_up, sine, tanh32
+from warp_bounding.bounders.functions import Data, point_type
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.proof import least_value, settle
+from warp_bounding.proof.falsify import Walk, queries_at
+from warp_bounding.queries import oracle
+
+F32, EXACT = np.float32, np.longdouble
+CASES = {  # shape, and a network with random weights
+    "point": ("blob", partial(random_mlp, activation="relu", octaves=2)),
+    "ray-sin": ("c", partial(random_network, "ray")),
+    "ray-relu": ("blob", partial(random_network, "ray", activation="relu")),
+    "box": ("c", partial(random_network, "box", activation="tanh")),
+    "monotone": ("c", partial(random_monotone, hidden=(9, 7))),
+    "plane": ("blob", random_supports),
+}
+PARTS = {"point": "p", "ray": "pd", "plane": "np", "box": "pp"}  # place, direction, normal: how they move
+ORDERS = ("forwards", "backwards", "sorted", "pairs", "fused", "fused backwards")
+
+
+@cache
+def critical(case: str) -> tuple[Mlp, np.ndarray, np.ndarray]:
+    """A proven bounder, never to be changed; queries at and around its lowest points; the lowest positives among them."""
+    grid, rng = shape(CASES[case][0]), np.random.default_rng(6)
+    bounder = CASES[case][1](grid)
+    search = least_value(bounder, grid, eps=1e-3, boxes=60_000)
+    settle(bounder, grid, search)
+    q = [queries_at(bounder, grid, search.worst[:120]).astype(F32)]
+    for _ in range(4):
+        q.append(np.nextafter(q[-1], np.where(rng.random(q[0].shape) < 0.5, F32(np.inf), F32(-np.inf))))
+    q = upright(bounder, np.concatenate(q))
+    positives = Walk(bounder, grid).around(q)[0]
+    return bounder, np.concatenate([q, positives[:200]]), positives
+
+
+def upright(bounder, q: np.ndarray) -> np.ndarray:
+    """Boxes with their corners in order; other queries as they are."""
+    low, high = q[:, : bounder.ndim], q[:, bounder.ndim :]
+    return np.hstack([np.minimum(low, high), np.maximum(low, high)]) if bounder.query_kind == "box" else q
+
+
+@cache
+def reader(domain, coordinate: int, device: str) -> Mlp:
+    """``f = v_k`` to the last bit: 1 relu(v_k) - 1 relu(-v_k), all else 0; of planes, ``f = -c``."""
+    plane = domain.query == "plane"
+    first, last = np.zeros((2, domain.space_ndim if plane else domain.ndim), F32), np.zeros((1 + plane, 2), F32)
+    if not plane:
+        first[:, coordinate] = last[0] = 1, -1
+    parts = {"0.weight": first, "0.bias": np.zeros(2, F32), "1.weight": last, "1.bias": F32([0, 2**20])[: 1 + plane]}
+    sizes = {"hidden": [2], "activation": "relu", "octaves": 0}
+    return Mlp(domain, {f"layers.{name}": tensor for name, tensor in parts.items()}, sizes, device)
+
+
+def coordinates(bounder, q: np.ndarray) -> np.ndarray:
+    """``v`` ``(N, domain.ndim)`` float32 as the device has it; infinite where a query is not asked."""
+    domain, device, n = bounder.domain, str(bounder.device), bounder.ndim
+    if domain.query != "plane":
+        return np.stack([reader(domain, k, device).values(q).numpy() for k in range(domain.ndim)], axis=1)
+    e = q[:, :n] * domain.extra[:n]  # a product and a division: the same everywhere
+    m = e / np.take_along_axis(e, np.abs(e).argmax(axis=1)[:, None], axis=1)
+    return np.concatenate([m, -reader(domain, n, device).values(q).numpy()[:, None]], axis=1)
+
+
+def forward(bounder, v: np.ndarray, kind, affine, functions) -> np.ndarray:
+    """The network from its tensors: numbers of type ``kind``, sums by ``affine``."""
+    tensors, plane, v = bounder.tensors, bounder.query_kind == "plane", v.astype(kind)
+    layers, h = [f"layers.{i}" for i in range(len(bounder.hidden) + 1)], v[:, : bounder.ndim] if plane else v
+    for name in ["encoding", *layers] if bounder.features else layers:
+        z = affine(h, tensors[f"{name}.weight"].astype(kind), tensors[f"{name}.bias"].astype(kind))
+        if name == "encoding":
+            h = np.concatenate([h, functions["sin"](z)], axis=1)
+        else:
+            h = z if name == layers[-1] else functions[bounder.activation](z)
+    return np.minimum(h[:, 0] - v[:, -1], h[:, 1] + v[:, -1]) if plane else h[:, 0]
+
+
+def exact(bounder, v: np.ndarray) -> np.ndarray:
+    functions = {"sin": np.sin, "tanh": np.tanh, "relu": lambda z: np.maximum(z, 0)}
+    return forward(bounder, v, EXACT, lambda h, w, b: (h[:, None] * w).sum(axis=2) + b, functions)
+
+
+def float32_affine(h: np.ndarray, weight: np.ndarray, bias: np.ndarray, how: str) -> np.ndarray:
+    """``(N, H)``, each operation rounded to float32; "fused" keeps products exact."""
+    h, weight = (h[:, ::-1], weight[:, ::-1]) if "backwards" in how else (h, weight)
+    if "fused" in how:
+        total = np.tile(bias, (len(h), 1))
+        for k in range(h.shape[1]):
+            total = (total.astype(float) + h[:, k, None].astype(float) * weight[:, k].astype(float)).astype(F32)
+        return total
+    terms = np.concatenate([h[:, None] * weight, np.broadcast_to(bias[:, None], (len(h), len(bias), 1))], axis=2)
+    while how == "pairs" and terms.shape[2] > 1:
+        terms = np.concatenate([terms, np.zeros_like(terms[..., : terms.shape[2] % 2])], axis=2)
+        terms = terms[..., ::2] + terms[..., 1::2]
+    terms = np.sort(terms, axis=2) if how == "sorted" else terms
+    return np.add.accumulate(terms, axis=2)[..., -1]  # one after the other
+
+
+@cache
+def asking_kernel(test, vector, region: bool) -> wp.Kernel:
+    """A kernel as a user would write it."""
+
+    @wp.kernel(module="unique")
+    def ask_points(data: Data, q: wp.array2d(dtype=vector), answer: wp.array(dtype=wp.bool)):
+        answer[wp.tid()] = test(data, q[wp.tid(), 0])
+
+    @wp.kernel(module="unique")
+    def ask_regions(data: Data, q: wp.array2d(dtype=vector), answer: wp.array(dtype=wp.bool)):
+        answer[wp.tid()] = test(data, q[wp.tid(), 0], q[wp.tid(), 1])
+
+    return ask_regions if region else ask_points
+
+
+def ask(bounder, q: np.ndarray) -> np.ndarray:
+    """Answers of ``bounder.func`` inside a user's kernel."""
+    vector, device = point_type(bounder.ndim), bounder.device
+    halves = wp.array(q.reshape(len(q), -1, bounder.ndim), dtype=vector, device=device)
+    kernel = asking_kernel(bounder.func, vector, halves.shape[1] > 1)
+    answer = wp.zeros(len(q), dtype=wp.bool, device=device)
+    wp.launch(kernel, len(q), [bounder.data, halves], [answer], device=device)
+    return answer.numpy()
+
+
+def moved(bounder, q: np.ndarray, rotated, shift, factors, back: bool = False) -> np.ndarray:
+    """Queries from object space to the world, or back, in extended precision; boxes where ``rotated`` is a permutation."""
+    parts = []
+    for k, kind in enumerate(PARTS[bounder.query_kind]):
+        x = q[:, k * bounder.ndim : (k + 1) * bounder.ndim].astype(EXACT)
+        stretch, by = 1 / factors if kind == "n" else factors, shift if kind == "p" else 0.0
+        parts.append((x - by) @ rotated / stretch if back else (x * stretch) @ rotated.T + by)
+    return upright(bounder, np.concatenate(parts, axis=1))
+
+
+def placement(n: int, seed: int, turned: bool):
+    """Rotation, shift, factors, and the matrix ``xform``; by right angles and powers of two if not ``turned``."""
+    rng = np.random.default_rng(seed)
+    rotated, factors = np.eye(n)[rng.permutation(n)] * rng.choice([-1.0, 1.0], n), 2.0 ** rng.integers(-2, 3, n)
+    if turned:
+        rotated, factors = np.linalg.qr(rng.normal(size=(n, n)))[0], rng.uniform(0.5, 2, n)
+    shift = (rng.uniform(8, 12, n) * rng.choice([-1, 1], n)).astype(F32).astype(float)
+    return rotated, shift, factors, np.block([[rotated, shift[:, None]], [np.zeros(n), 1.0]])
+
+
+def known(bounder, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which queries are asked, nearly all; of these ``v``, and the exact f."""
+    v = coordinates(bounder, q)
+    asked = np.isfinite(v).all(axis=1)
+    assert asked.mean() > 0.8
+    return asked, v[asked], exact(bounder, v[asked])
+
+
+def check_values(compute, bounder, q: np.ndarray) -> None:
+    asked, v, f = known(bounder, q)
+    assert (computed := compute(bounder, q[asked], v)).dtype == F32
+    assert (np.abs(computed - f) <= bounder.rounding_bound()).all()
+
+
+def in_order(how: str, bounder, _, v: np.ndarray) -> np.ndarray:
+    sin, tanh = (fused_sine, fused_tanh) if "fused" in how else (sine, tanh32)
+    functions = {"sin": sin, "tanh": tanh, "relu": lambda z: np.maximum(z, F32(0))}
+    return forward(bounder, v, F32, partial(float32_affine, how=how), functions)
+
+
+def check_decisions(answer, bounder, q: np.ndarray) -> None:
+    """A threshold as high as a proof may set it for the point, which must pass; and one above all that E allows."""
+    (asked, _, f), error = known(bounder, q), bounder.rounding_bound()
+    for at in np.unique(np.quantile(f.astype(float), np.linspace(0, 1, 12), method="nearest")):
+        for threshold in (round_down(np.nextafter(at - error, -np.inf)), round_up(np.nextafter(at + error, np.inf))):
+            answers = answer(bounder.freeze(float(threshold), None), q)[asked].astype(bool)
+            assert answers[f - error >= threshold].all()
+            assert not answers[f + error < threshold].any()
+
+
+def check_placed(bounder, q: np.ndarray) -> None:
+    """Maps that round nothing: what is asked in the world is the same query in object space."""
+    for seed in range(3):
+        *move, xform = placement(bounder.ndim, seed, turned=False)
+        world = moved(bounder, q, *move).astype(F32)
+        home = moved(bounder, world, *move, back=True)
+        same = (home == home.astype(F32)).all(axis=1)
+        assert same.mean() > 0.5
+        place = {"xform": xform, "scale": move[2]}
+        answer = partial(lambda x, place, b, _: b.query(x, **place).numpy(), world[same], place)
+        check_decisions(answer, bounder, home[same].astype(F32))
+
+
+CHECKS = {
+    "values": partial(check_values, lambda bounder, q, _: bounder.values(q).numpy()),
+    "batch": partial(check_decisions, lambda bounder, q: bounder.query(q).numpy()),
+    "func": partial(check_decisions, ask),
+    "placed": check_placed,
+} | {how: partial(check_values, partial(in_order, how)) for how in ORDERS}
+
+
+@pytest.mark.parametrize("check", CHECKS)
+@pytest.mark.parametrize("case", CASES)
+def test_no_evaluation_leaves_the_rounding_bound(case, check, device):
+    bounder, q, _ = critical(case)
+    CHECKS[check](bounder.to(device), q)
+
+
+@pytest.mark.parametrize("check", CHECKS)
+@pytest.mark.parametrize("case", CASES)
+def test_a_bound_that_is_too_small_would_be_caught(case, check, monkeypatch):
+    (bounder, q, _), true = critical(case), Mlp.rounding_bound
+    monkeypatch.setattr(Mlp, "rounding_bound", lambda self: true(self) / 1000)
+    with pytest.raises(AssertionError):
+        CHECKS[check](bounder.to("cpu"), q)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_positives_are_never_denied(case, device):
+    """The lowest ones, by the bounder as it was proven: batch, function, and anywhere in the world."""
+    bounder, _, positives = critical(case)
+    truth = oracle(bounder.query_kind, shape(CASES[case][0]), "cpu", bounder.domain.length or 1.0)
+    bounder = bounder.to(device)
+    assert len(positives) > 100
+    assert bounder.certificate.proven
+    assert bounder.query(positives).numpy().all()
+    assert ask(bounder, positives).all()
+    for seed in range(4):
+        *move, xform = placement(bounder.ndim, seed, turned=seed > 1 and bounder.query_kind != "box")
+        world = moved(bounder, positives, *move).astype(F32)
+        back = moved(bounder, world, *move, back=True)
+        near = [upright(bounder, (back * (1 + EXACT(k) / 2**22)).astype(F32)) for k in (-1, 0, 1)]
+        sure = np.all([truth(x) for x in near], axis=0)  # around what that rounded
+        assert sure.mean() > 0.1
+        assert bounder.query(world[sure], xform=xform, scale=move[2]).numpy().all()
+    above = np.nextafter(bounder.values(positives).numpy().max(), F32(np.inf))
+    bounder.freeze(float(above), None)  # and they would be, by a threshold above f
+    assert not bounder.query(positives).numpy().any()
