@@ -1,4 +1,8 @@
-"""Boxes that meet an object, as boxes of a chart (``box_chart``): all pairs of corners, cut down by a summed-area table."""
+"""Boxes that meet an object, as boxes of a chart (``box_chart``): all pairs of corners, cut down by a summed-area table.
+
+Devices cut boxes at ``|v| = limit``, which may lie outside the grid on one side (the domain's centre is a float32 number), or on
+all (the bounder was made for a larger grid). So corners run over all that is within the limit, in cells of this grid.
+"""
 
 import numpy as np
 
@@ -27,7 +31,8 @@ def charted_boxes(bounder: Mlp, grid: IndicatorGrid) -> Charted:
     table = summed_area(grid.occupancy)
     strides = [int(np.prod(table.shape[k + 1 :])) for k in range(n)]
     words = np.concatenate([grid.shape, strides, table.reshape(-1)]).astype(np.int32)
-    lower, upper = -np.full((1, 2 * n), 0.5), np.tile(np.array(grid.shape) - 0.5, 2)[None]
+    edge = base.limit.astype(np.float64)
+    lower, upper = (np.tile((side - origin) / unit, 2)[None] for side in (-edge, edge))
     return Charted(
         bounder.network,
         BoxChart(2 * n),

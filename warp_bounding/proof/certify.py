@@ -1,8 +1,8 @@
-"""Proving from scratch what a file claims: ``f >= threshold + E`` over all positives, by code that shares nothing with the search.
+"""Proving from scratch what a file claims: ``f >= threshold + E`` over all positives, without the search's records or its loop.
 
-Only the methods' bound rules are the same. Points are taken cell by cell, rays face by face, boxes from all pairs of corners,
-and halved until every bound reaches the target or a counterexample is found. Planes are searched over their normals.
-Where a method has no proof, fresh positives are put to it (``statistics``).
+Points are taken cell by cell, rays face by face, boxes from all pairs of corners, and halved until every bound reaches the target
+or a counterexample is found. The bounds over one box, and for rays and boxes the chart, are those of the search; so is the search
+over the normals of planes. Where a method has no proof, fresh positives are put to it (``statistics``).
 """
 
 import time
@@ -199,7 +199,7 @@ def _check_charted(
                 continue
             bounds = cover.bound(lower, upper)
             boxes += len(lower)
-            low = bounds.lower < target
+            low = ~(bounds.lower >= target)
             least = min(least, float(bounds.lower[~low].min(initial=np.inf)))
             if not low.any():
                 continue

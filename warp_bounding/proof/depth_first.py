@@ -149,6 +149,8 @@ def clear(
         found.append((low_point[seen], low_value[seen]))
         if len(found) > 64:
             found = [_lowest(found)]
+        if not done_out.any():  # every stack is full
+            return _cleared(False, least, done, 1 - left / len(reserve), found)
         if low_value.min() < target:
             return _cleared(False, least, done, 1 - left / len(reserve), found)
         if progress:
@@ -218,8 +220,9 @@ def charted_minimum(
         See ``Search``; ``worst`` holds numbers of the chart.
     """
     started = time.perf_counter()
-    first = clear(cover, -np.inf, device=device)  # every box once
+    first = clear(cover, -np.inf, boxes=len(cover.lower), device=device)  # every box once
     proven, done, best = first.least, first.boxes, min(upper, float(first.values.min(initial=np.inf)))
+    proven = proven if first.complete else -np.inf
     found = [(first.points, first.values)]
     known = rate = None  # a gap, and the boxes that it took or is expected to take; boxes a second
 

@@ -78,6 +78,7 @@ class SupportGap:
                     loss += away
                 worst = loss.argmax(axis=1)
                 bound = value[part] - loss[np.arange(len(loss)), worst] - self.room - rounding
+                bound[np.isnan(bound)] = -np.inf
                 lower_yet = bound < least[part]
                 towards = center[part] - np.sign(slope[part] - corners[worst]) * radius[part]
                 point[part] = np.where(lower_yet[:, None], towards, point[part])

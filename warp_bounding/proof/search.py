@@ -95,7 +95,7 @@ def minimum(
         done += len(low)
         low_points, low_values = _lowest(low_points, low_values, bounds.point, bounds.value)
         best = min(best, float(bounds.value.min(initial=np.inf)))
-        bound = np.maximum(bounds.lower, parent)  # a half is no worse than the whole
+        bound = np.fmax(bounds.lower, parent)  # a half is no worse than the whole, nor is one without a bound (NaN)
         open_ = bound < best - eps
         closed = min(closed, bound[~open_].min(initial=np.inf))
         # Where the bound is much looser than it may be, its halves would only be halved again: quarter at once.
