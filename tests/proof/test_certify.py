@@ -47,6 +47,31 @@ def test_certify_proves_what_prove_proved(method, name):
     assert (np.array(proof.delta) >= 1 / 4096 * (1 - 1e-6)).all()
 
 
+@pytest.mark.parametrize("query", ["ray", "plane", "box"])
+@pytest.mark.parametrize("method", ["aabb", "obb", "kdop", "sphere", "bvh", "learned-kdop"])
+def test_one_more_voxel_is_found_by_regions(method, query):
+    grid = shape("c")
+    occupancy = grid.occupancy.copy()
+    corner = tuple(np.array(grid.shape) - 1)
+    assert not occupancy[corner]
+    occupancy[corner] = True
+    more = IndicatorGrid(occupancy, cells_per_unit=grid.cells_per_unit, offset=grid.offset)
+    options = {"steps": 20} if method == "learned-kdop" else {}
+    bounder = wb.fit(grid, method=method, query=query, device="cpu", **options)
+    assert wb.certify(bounder, grid).proven
+    proof = wb.certify(bounder, more, seconds=20)
+    assert proof.kind == "refuted", proof.message
+    assert bounder.query(np.float32([proof.counterexample])).numpy()[0] == 0
+
+
+@pytest.mark.parametrize("query", ["plane", "box"])
+def test_regions_of_a_network_with_exits_are_proven_part_by_part(query):
+    sizes = {"steps": 40, "hidden": (6, 6), "device": "cpu"}
+    bounder = wb.fit(shape("c"), method="mlp-early", query=query, **sizes)
+    with pytest.raises(BounderError, match="part by part"):
+        prove(bounder, shape("c"))
+
+
 @pytest.mark.parametrize("method", CONSERVATIVE)
 def test_a_raised_threshold_is_found(method):
     bounder, grid = copy_of(fitted(method, "blob")), shape("blob")

@@ -24,6 +24,7 @@ __all__ = ["Domain"]
 DELTA_SHARE = 1.0 / 4096.0  # of a cell: the input error that proofs allow for where rounding needs less
 DELTA_LARGEST_SHARE = 1.0 / 16.0  # of a cell: a shape that needs more is refused
 EXTENTS = (2.0**-60, 2.0**60)  # object units, of a domain: products with its scale then stay far from float32's ends
+POSITIONS = 1.0 + 2.0**-20  # leaves room for the float64 rounding of cells' positions far from the origin
 GROWTH = 1.0 + 1e-9  # covers the float64 evaluation of the bounds below, whose relative error is under 1e-14
 
 
@@ -99,7 +100,7 @@ class Domain:
             return "the domain's extents or scale are impossible"
         low, high = -self.to_local(self.lower), self.to_local(self.upper)
         needed = input_rounding(self.center, self.scale, np.maximum(low, high) * GROWTH, self.lower, self.upper)
-        if not (needed <= self.delta).all():
+        if not (needed * POSITIONS <= self.delta).all():
             return "the domain's delta does not cover the rounding of its own map"
         covered = self.limit >= np.maximum(low, high) * (1 + 1e-12) + self.delta
         if self.time:

@@ -24,7 +24,7 @@ from functools import cached_property
 import numpy as np
 
 from warp_bounding.arithmetic import TINY, gamma, round_down, round_up
-from warp_bounding.bounders.domain import DELTA_LARGEST_SHARE, Domain, input_rounding
+from warp_bounding.bounders.domain import DELTA_LARGEST_SHARE, GROWTH, POSITIONS, Domain, input_rounding
 from warp_bounding.bounders.locate import FAR, GUARD, SMALLEST, SUMMED
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -93,7 +93,9 @@ class RegionDomain:
                 f"{grid.name}: a ray of length {length:g} is so long that float32 cannot tell cells apart at its end"
             )
         spare = np.minimum(needed + PLACED, PLACED_SHARE * cell)
-        domain = cls(query, space, Domain.of(still, room=np.maximum(needed, spare)), grid.time, length)
+        domain = cls(
+            query, space, Domain.of(still, room=np.maximum(needed * POSITIONS * GROWTH, spare)), grid.time, length
+        )
         fault = domain.fault()
         if fault:
             raise BounderError(f"{grid.name}: {fault}")
@@ -114,7 +116,8 @@ class RegionDomain:
             return fault or "a region's base domain has no time of its own"
         if not np.isfinite(self.stretch).all() or (self.stretch > 2.0**16).any() or (self.stretch < 2.0**-60).any():
             return f"a ray of length {self.length} does not fit a domain of this size"
-        if not (region_rounding(self.base, self.query, self.length) <= self.base.delta).all():
+        needed = region_rounding(self.base, self.query, self.length)
+        if not (needed * POSITIONS <= self.base.delta).all():
             return "the domain's delta does not cover the rounding of its own map"
         return None
 

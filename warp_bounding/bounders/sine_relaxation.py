@@ -15,8 +15,10 @@ import numpy as np
 
 __all__ = ["SINE_SLACK", "relax_sin", "sine_text"]
 
-# |error| of the kernel's sine and cosine for |z| <= 2^12: Taylor remainders under 7e-12 (degrees 15 and 16 on [-pi/2, pi/2]),
+# |error| of the kernel's sine and cosine for |z| <= 2^13: Taylor remainders under 7e-12 (degrees 15 and 16 on [-pi/2, pi/2]),
 # the reduction under 2^-52 (1 + n 2^-30), about 30 roundings of terms under 2. Mean, slope and spread carry it at most 4 times.
+# Arguments are certified up to 2^12 with activations of size 1. A relaxed neuron's centre is a mean plus half a parabola, and at
+# most 2: where it is not flat, spread and half of the parabola's height together are at most 1. So centres of arguments stay below 2^13.
 SINE_SLACK = 1e-11
 
 
@@ -74,7 +76,7 @@ def _constant(value: float) -> str:
 
 def _sincos() -> str:
     """A lambda ``sincos(z, s, c)``."""
-    high = float.fromhex("0x1.921fb544p+1")  # the first 34 bits of pi; times n < 2^12 exact
+    high = float.fromhex("0x1.921fb544p+1")  # the first 34 bits of pi; times n < 2^12 (|z| < 2^13) exact
     middle = float.fromhex("0x1.0b4611a6p-33")  # the next 32
     low = float.fromhex("0x1.3198a2e037073p-68")  # and the rest to double precision
     factorial = np.cumprod([1.0, *range(1, 17)])

@@ -15,7 +15,7 @@ import numpy as np
 from warp_bounding.arithmetic import UNIT64
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.certificate import Certificate
-from warp_bounding.errors import BoundingError
+from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.depth_first import Charted
@@ -130,13 +130,18 @@ def _certify_regions(
     """``certify`` for rays, planes and boxes."""
     if not provable(bounder):
         return _attested(bounder, grid, seconds, result)
-    complete, suspects, cover = True, None, None if bounder.closed_form else charted(bounder, grid)
-    if bounder.closed_form:
-        least, boxes = bounder.least(grid)
-    elif cover is not None:
-        least, boxes, suspects, complete = _check_charted(bounder, grid, cover, target, seconds, progress)
-    else:
-        least, boxes, complete = _check_normals(bounder, grid, target, seconds)
+    least, boxes, complete, suspects, cover = -np.inf, 0, True, None, None
+    text = "f comes closer to the threshold than the proof allows"
+    try:
+        cover = None if bounder.closed_form else charted(bounder, grid)
+        if bounder.closed_form:
+            least, boxes = bounder.least(grid)
+        elif cover is not None:
+            least, boxes, suspects, complete = _check_charted(bounder, grid, cover, target, seconds, progress)
+        else:
+            least, boxes, complete = _check_normals(bounder, grid, target, seconds)
+    except BounderError as error:  # of this object: a volume does not hold it, or numbers leave the range of the proof
+        text = str(error)
     if least >= target:
         return result(
             "proven",
@@ -149,8 +154,8 @@ def _certify_regions(
         missed = try_positives(bounder, grid, POSITIVES, fresh_seed(), seconds=max(seconds, LEAST_SECONDS))[2]
     if missed is not None:
         return result("refuted", "a query that meets the object is answered with no", least, missed, boxes)
-    text = "f comes closer to the threshold than the proof allows" if complete else f"no decision within {seconds:g} s"
-    return result("undecided", text, least, examined=boxes)
+    text = text if complete else f"no decision within {seconds:g} s"
+    return result("undecided", text, max(least, -float(np.finfo(np.float32).max)), examined=boxes)
 
 
 def _attested(bounder: Bounder, grid: IndicatorGrid, seconds: float, result) -> Certificate:
@@ -175,11 +180,13 @@ def _check_normals(bounder: Bounder, grid: IndicatorGrid, target: float, seconds
     gap = SupportGap(bounder, grid)
     found = float(gap.reference(gap.boxes()[0]).min())
     search = minimum(gap, *gap.boxes(), eps=max(1e-4, 0.25 * (found - target)), seconds=seconds)
-    while search.lower_bound < target <= search.upper_bound and search.complete and search.seconds < seconds:
+    deadline = time.perf_counter() - search.seconds + seconds
+    while search.lower_bound < target <= search.upper_bound and search.complete and time.perf_counter() < deadline:
         eps = 0.5 * (search.upper_bound - target)
         if eps < NARROWEST:
             break
-        search = minimum(gap, *gap.boxes(), eps=eps, seconds=seconds, points=search.worst)
+        left = deadline - time.perf_counter()
+        search = minimum(gap, *gap.boxes(), eps=eps, seconds=left, points=search.worst)
     return search.lower_bound, search.boxes, search.complete
 
 

@@ -50,8 +50,8 @@ def prove(
         The search, with its lowest points.
 
     Raises:
-        BounderError: If the bounder was made for another domain, or no threshold separates anything (the proven minimum is
-            not finite).
+        BounderError: If the bounder was made for another domain, if it is several networks whose regions are proven one by one
+            (``Bounder.parts``), or no threshold separates anything (the proven minimum is not finite).
     """
     reason = mismatch(bounder, grid) or bounder.domain.fault()
     if reason or len(outside(bounder, grid)):
@@ -60,6 +60,8 @@ def prove(
         )
     if not provable(bounder):
         raise BounderError(f"{bounder.method}: {bounder.query_kind} queries of networks like this one have no proof")
+    if len(bounder.parts) > 1 and bounder.query_kind != "point":
+        raise BounderError(f"{bounder.method}: {bounder.query_kind} queries are proven part by part, see Bounder.parts")
     search = least_value(bounder, grid, eps=eps, seconds=seconds, boxes=boxes, points=points, progress=progress)
     settle(bounder, grid, search)
     return search
