@@ -27,6 +27,7 @@ __all__ = [
     "IndicatorError",
     "IndicatorGrid",
     "IndicatorMesh",
+    "IndicatorMotion",
     "QueryError",
     "Rates",
     "__version__",
@@ -40,7 +41,7 @@ __all__ = [
 _HOMES = {
     "warp_bounding.errors": ("BounderError", "BoundingError", "FileFormatError", "IndicatorError", "QueryError"),
     "warp_bounding.bounders": ("Bounder", "Certificate", "Data", "METHODS", "load"),
-    "warp_bounding.indicators": ("IndicatorGrid", "IndicatorMesh", "load_indicator"),
+    "warp_bounding.indicators": ("IndicatorGrid", "IndicatorMesh", "IndicatorMotion", "load_indicator"),
     "warp_bounding.proof": ("certify",),
     "warp_bounding.evaluation": ("Rates", "evaluate"),
     "warp_bounding.training": ("fit",),

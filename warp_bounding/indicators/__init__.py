@@ -7,5 +7,6 @@ mesh asks for them.
 from warp_bounding.indicators.formats import load_indicator
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.mesh import IndicatorMesh
+from warp_bounding.indicators.motion import IndicatorMotion
 
-__all__ = ["IndicatorGrid", "IndicatorMesh", "load_indicator"]
+__all__ = ["IndicatorGrid", "IndicatorMesh", "IndicatorMotion", "load_indicator"]

@@ -17,6 +17,7 @@ from warp_bounding.indicators.binvox import read_binvox
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.mesh import IndicatorMesh
 from warp_bounding.indicators.mesh_files import MESH_SUFFIXES, mesh_from_trimesh, read_mesh
+from warp_bounding.indicators.motion import IndicatorMotion
 from warp_bounding.indicators.reading import import_optional, reading
 from warp_bounding.indicators.usd import USD_SUFFIXES, read_usd
 
@@ -28,7 +29,7 @@ ALPHA_MODES = ("RGBA", "LA", "PA")
 PALETTE_MODES = ("P", "RGB", "L", "1")  # may name a transparent colour instead of carrying an alpha channel
 
 
-def load_indicator(source: object, *, time: bool | None = None) -> IndicatorGrid | IndicatorMesh:
+def load_indicator(source: object, *, time: bool | None = None) -> IndicatorGrid | IndicatorMesh | IndicatorMotion:
     """Make an indicator of a file, an array or a mesh.
 
     Args:
@@ -36,11 +37,11 @@ def load_indicator(source: object, *, time: bool | None = None) -> IndicatorGrid
             (coordinates x, y, z), ``.npy``, ``.npz`` (one array, or one named ``occupancy``), a mesh that trimesh reads
             (``.obj``, ``.ply``, ``.stl``, ``.glb``, ``.gltf``, ``.off``) or USD (``.usd``, ``.usda``, ``.usdc``,
             ``.usdz``); an n-D array, bool or numeric (0.5 and more is occupied); a ``trimesh.Trimesh`` or
-            ``trimesh.Scene``; an ``IndicatorGrid`` or ``IndicatorMesh``, which is returned as it is.
-        time: Whether coordinate 0 is time. By default it is for 4-D arrays; a mesh never moves.
+            ``trimesh.Scene``; an ``IndicatorGrid``, ``IndicatorMesh`` or ``IndicatorMotion``, which is returned as it is.
+        time: Whether coordinate 0 is time. By default it is for 4-D arrays and motions; a mesh never moves.
 
     Returns:
-        An ``IndicatorGrid`` for images, voxels and arrays, an ``IndicatorMesh`` for meshes.
+        An ``IndicatorGrid`` for images, voxels and arrays, an ``IndicatorMesh`` for meshes, an ``IndicatorMotion`` for one.
 
     Raises:
         IndicatorError: In one line, for everything that cannot be read or bounded.
@@ -48,6 +49,10 @@ def load_indicator(source: object, *, time: bool | None = None) -> IndicatorGrid
     if time is not None and not isinstance(time, bool | np.bool_):
         raise IndicatorError(f"time must be True, False or None, got {time!r}")
     indicator = _load(source, time)
+    if isinstance(indicator, IndicatorMotion):
+        if time is False:
+            raise IndicatorError(f"{indicator.name}: coordinate 0 of a motion is time, got time=False")
+        return indicator
     if isinstance(indicator, IndicatorMesh):
         if time:
             raise IndicatorError(f"{indicator.name}: a mesh has no time coordinate, got time=True")
@@ -57,8 +62,8 @@ def load_indicator(source: object, *, time: bool | None = None) -> IndicatorGrid
     return indicator
 
 
-def _load(source: object, time: bool | None) -> IndicatorGrid | IndicatorMesh:
-    if isinstance(source, IndicatorMesh):
+def _load(source: object, time: bool | None) -> IndicatorGrid | IndicatorMesh | IndicatorMotion:
+    if isinstance(source, IndicatorMesh | IndicatorMotion):
         return source
     if isinstance(source, IndicatorGrid):
         return source if time is None or time == source.time else replace(source, time=bool(time))

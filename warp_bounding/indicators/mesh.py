@@ -16,7 +16,16 @@ import numpy as np
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.grid import IndicatorGrid
 
-__all__ = ["IndicatorMesh", "check_faces"]
+__all__ = [
+    "OPEN_NOTE",
+    "IndicatorMesh",
+    "cells_around",
+    "cells_per_unit",
+    "check_faces",
+    "checked_margin",
+    "checked_resolution",
+    "is_closed",
+]
 
 DEFAULT_RESOLUTION = 64
 MAX_RESOLUTION = 1024
@@ -80,12 +89,7 @@ class IndicatorMesh:
         Every mesh that trimesh calls watertight is; beyond those, solids that touch in an edge, and closed surfaces
         with faces that collapsed to an edge.
         """
-        _, merged = np.unique(self.vertices, axis=0, return_inverse=True)
-        faces = merged.reshape(-1)[self.faces].astype(np.int64)
-        edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-        edges = edges[edges[:, 0] != edges[:, 1]]
-        _, count = np.unique(edges[:, 0] * len(self.vertices) + edges[:, 1], return_counts=True)
-        return bool((count % 2 == 0).all())
+        return is_closed(self.vertices, self.faces)
 
     @cached_property
     def digest(self) -> str:
@@ -111,20 +115,13 @@ class IndicatorMesh:
         Raises:
             IndicatorError: For an impossible resolution or margin, or a mesh too far away for its size.
         """
-        from warp_bounding.indicators.voxelization import SLACK, fill_inside, surface_cells
+        from warp_bounding.indicators.voxelization import fill_inside, surface_cells
 
-        resolution, margin = _checked_resolution(resolution), _checked_margin(margin)
-        scale = self._cells_per_unit(resolution, margin)
+        resolution, margin = checked_resolution(resolution), checked_margin(margin)
+        extent = float((self.bounds[1] - self.bounds[0]).max()) + 2 * margin
+        scale = cells_per_unit(extent, resolution, self.name)
         lower, upper = self.bounds * scale  # exact: 24 + 16 bits
-        # The cells that the surface cells' kernel may touch, all rounding included (2 * SLACK > SLACK), and one around.
-        reach = margin * scale + 0.5 + 2 * SLACK
-        first = np.ceil(lower - reach).astype(np.int64) - 1
-        last = np.floor(upper + reach).astype(np.int64) + 1
-        if np.abs(first).max() >= MAX_OFFSET:
-            raise IndicatorError(
-                f"{self.name}: expected a mesh within {MAX_OFFSET} cells of the origin, got "
-                f"{int(np.abs(first).max())} cells at resolution {resolution}; move it there"
-            )
+        first, last = cells_around(lower, upper, margin * scale, self.name)
         used, faces = np.unique(self.faces, return_inverse=True)
         in_cells = self.vertices[used].astype(np.float64) * scale - first
         occupancy = surface_cells(in_cells, faces.reshape(-1, 3), tuple((last - first + 1).tolist()), margin * scale)
@@ -140,17 +137,63 @@ class IndicatorMesh:
             note="; ".join(filter(None, [self.note, "" if self.watertight else OPEN_NOTE])),
         )
 
-    def _cells_per_unit(self, resolution: int, margin: float) -> float:
-        """Round the scale down to few significant bits: cells are never smaller than asked for."""
-        extent = float((self.bounds[1] - self.bounds[0]).max()) + 2 * margin
-        mantissa, exponent = math.frexp(resolution / extent)
-        scale = math.ldexp(math.floor(math.ldexp(mantissa, SCALE_BITS)), exponent - SCALE_BITS)
-        limits = np.finfo(np.float32)
-        if not limits.tiny <= scale <= limits.max:
-            raise IndicatorError(
-                f"{self.name}: expected an object that float32 cells can divide, got extent {extent:g}"
-            )
-        return scale
+
+def cells_per_unit(extent: float, resolution: int, name: str) -> float:
+    """Cubic cells along an extent, rounded to few significant bits: they are never smaller than asked for.
+
+    Args:
+        extent: Object units.
+        resolution: Cells along it.
+        name: For messages.
+
+    Raises:
+        IndicatorError: If float32 cells cannot divide it.
+    """
+    mantissa, exponent = math.frexp(resolution / extent)
+    scale = math.ldexp(math.floor(math.ldexp(mantissa, SCALE_BITS)), exponent - SCALE_BITS)
+    limits = np.finfo(np.float32)
+    if not limits.tiny <= scale <= limits.max:
+        raise IndicatorError(f"{name}: expected an object that float32 cells can divide, got extent {extent:g}")
+    return scale
+
+
+def cells_around(lower: np.ndarray, upper: np.ndarray, reach: float, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """First and last cell of a grid around an object: all that a kernel may touch, and one more on every side.
+
+    Args:
+        lower: ``(3,)``, in cells from the origin.
+        upper: ``(3,)``, likewise.
+        reach: By how much the object is dilated, in cells.
+        name: For messages.
+
+    Raises:
+        IndicatorError: If that is too far from the origin.
+    """
+    from warp_bounding.indicators.voxelization import SLACK
+
+    reach = reach + 0.5 + 2 * SLACK  # all rounding included: 2 * SLACK > SLACK
+    first = np.ceil(lower - reach).astype(np.int64) - 1
+    last = np.floor(upper + reach).astype(np.int64) + 1
+    if np.abs(first).max() >= MAX_OFFSET:
+        raise IndicatorError(
+            f"{name}: expected a mesh within {MAX_OFFSET} cells of the origin, got {int(np.abs(first).max())} cells; move it there"
+        )
+    return first, last
+
+
+def is_closed(vertices: np.ndarray, faces: np.ndarray) -> bool:
+    """Whether every edge bounds an even number of faces, once vertices with equal rows are merged.
+
+    Args:
+        vertices: ``(V, k)``.
+        faces: ``(F, 3)``.
+    """
+    _, merged = np.unique(vertices, axis=0, return_inverse=True)
+    faces = merged.reshape(-1)[faces].astype(np.int64)
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    edges = edges[edges[:, 0] != edges[:, 1]]
+    _, count = np.unique(edges[:, 0] * len(vertices) + edges[:, 1], return_counts=True)
+    return bool((count % 2 == 0).all())
 
 
 def check_faces(faces: np.ndarray, vertices: int, name: str) -> None:
@@ -175,7 +218,8 @@ def check_faces(faces: np.ndarray, vertices: int, name: str) -> None:
         raise IndicatorError(f"{name}: expected faces of vertices 0 to {vertices - 1}, got vertex {wrong}")
 
 
-def _checked_resolution(resolution: int | None) -> int:
+def checked_resolution(resolution: int | None) -> int:
+    """Cells along the longest axis; raises ``IndicatorError``."""
     if resolution is None:
         return DEFAULT_RESOLUTION
     try:
@@ -187,7 +231,8 @@ def _checked_resolution(resolution: int | None) -> int:
     return value
 
 
-def _checked_margin(margin: float) -> float:
+def checked_margin(margin: float) -> float:
+    """A length; raises ``IndicatorError``."""
     try:
         value = float(margin)
     except (TypeError, ValueError):

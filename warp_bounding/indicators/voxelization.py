@@ -166,13 +166,14 @@ def _occupy_cells(
     # inputs
     vertices: wp.array(dtype=wp.vec3d),
     faces: wp.array2d(dtype=wp.int32),
-    margin: wp.float64,
+    margins: wp.array(dtype=wp.float64),
     # outputs
     occupancy: wp.array3d(dtype=wp.uint8),
 ):
     """One triangle a thread. All threads write the same value, 1, so their order is of no account."""
     tid = wp.tid()
     a, b, c = vertices[faces[tid, 0]], vertices[faces[tid, 1]], vertices[faces[tid, 2]]
+    margin = margins[tid]
     lower, upper = wp.min(a, wp.min(b, c)), wp.max(a, wp.max(b, c))
     reach = margin + _HALF_CELL + _SLACK
     low, high = wp.vec3i(), wp.vec3i()
@@ -188,14 +189,16 @@ def _occupy_cells(
                     _occupy_block(a, b, c, margin, wp.vec3i(i, j, k), last, occupancy)
 
 
-def surface_cells(vertices: np.ndarray, faces: np.ndarray, shape: tuple[int, int, int], margin: float) -> np.ndarray:
+def surface_cells(
+    vertices: np.ndarray, faces: np.ndarray, shape: tuple[int, int, int], margin: float | np.ndarray
+) -> np.ndarray:
     """Occupy every closed cell that comes within the margin of a triangle.
 
     Args:
         vertices: ``(V, 3)`` float64, in cells: cell i spans [i - 1/2, i + 1/2]; absolute values under 2^11.
         faces: ``(F, 3)`` integer, indices of vertices.
         shape: Cells along each axis.
-        margin: In cells, from 0 to under 2^10.
+        margin: In cells, from 0 to under 2^10; one for all triangles, or ``(F,)``.
 
     Returns:
         Bool array of the given shape. Cells are occupied whose distance exceeds the margin by no more than about
@@ -204,7 +207,8 @@ def surface_cells(vertices: np.ndarray, faces: np.ndarray, shape: tuple[int, int
     occupancy = wp.zeros(shape, dtype=wp.uint8, device="cpu")
     corners = wp.array(np.ascontiguousarray(vertices, dtype=np.float64), dtype=wp.vec3d, device="cpu")
     triangles = wp.array(np.ascontiguousarray(faces, dtype=np.int32), dtype=wp.int32, device="cpu")
-    inputs = [corners, triangles, wp.float64(margin)]
+    margins = wp.array(np.array(np.broadcast_to(margin, len(faces)), dtype=np.float64), dtype=wp.float64, device="cpu")
+    inputs = [corners, triangles, margins]
     wp.launch(_occupy_cells, dim=len(faces), inputs=inputs, outputs=[occupancy], device="cpu")
     return occupancy.numpy().view(bool)
 
