@@ -1,0 +1,293 @@
+"""A broad phase for Newton: the particle-shape pairs that its contact pass goes through, cut down to those that may touch.
+
+A ``newton.CollisionPipeline`` tests every particle against every shape, one kernel thread a pair (``soft_rigid_contact_pairs``).
+``ParticleCull`` wraps one: before each pass it asks the bounders of the shapes, and lets the pipeline go through the pairs that they
+do not deny, in the order that it had them. Contacts are then the same, record by record, and so is every step that a solver makes.
+
+Why none is lost. For a mesh the pass asks for the closest point within ``reach = gap + (margin + radius) / scale`` of the particle,
+in the mesh's own coordinates, and makes a contact only where there is one. A bounder is accepted only if it is proven for this very
+mesh, dilated by ``reach`` and by what float32 does on the way (``margin_for``). Where a particle is so far from the origin that
+its place relative to the shape is less certain than that, or has a larger radius, the pair stays. Shapes may move, turn and be scaled.
+
+What this does not do: rigid contacts, self-contacts of cloth, and the passes over whole edges and faces
+(``enable_rigid_soft_full_surface_contact``) are left as they are; so are shapes without a bounder. The number of pairs is read back
+once a pass, so a pass cannot be captured in a CUDA graph.
+"""
+
+from collections.abc import Mapping
+from functools import cache
+
+import numpy as np
+import warp as wp
+
+from warp_bounding.arithmetic import UNIT32
+from warp_bounding.bounders import Bounder, Data
+from warp_bounding.bounders.compaction import compact
+from warp_bounding.bounders.functions import point_func
+from warp_bounding.bounders.source import Source
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators import IndicatorMesh
+from warp_bounding.launch import launch_blocks
+from warp_bounding.native import named, unique_name
+
+try:
+    import newton
+except ImportError as error:
+    raise ImportError("warp_bounding.newton needs Newton: pip install 'warp-bounding[newton]'") from error
+
+__all__ = ["ParticleCull", "margin_for"]
+
+MESHES = (int(newton.GeoType.MESH), int(newton.GeoType.CONVEX_MESH))
+# What float32 does between a particle's place and the closest point, in units of 2^-24: of the coordinates in the mesh (the closest
+# point 16, the division by the scale 1, the search's own products 8) and of the way; and of the coordinates in the world: two
+# transforms, once in the pass and once here, each a rotation by a quaternion and a sum: under 64 all told.
+IN_MESH, IN_WORLD = 32.0, 256.0
+_WORLD_ROUNDING = wp.constant(IN_WORLD * UNIT32)
+_MESH_ROUNDING = wp.constant(IN_MESH * UNIT32)
+
+
+def margin_for(mesh: newton.Mesh, reach: float, *, scale: float = 1.0, world: float = 0.0) -> float:
+    """The ``margin`` to fit a bounder with, so that ``ParticleCull`` takes it.
+
+    Args:
+        mesh: The shape's mesh.
+        reach: Largest particle radius + shape margin + the pipeline's soft contact gap, world units.
+        scale: The smallest scale that the mesh is used with.
+        world: Largest coordinate of particles and shapes, world units; pairs farther out are not cut.
+
+    Returns:
+        In the mesh's own units.
+    """
+    coordinates = float(np.abs(np.asarray(mesh.vertices)).max())
+    way = reach / min(scale, 1.0)  # the pass does not divide its gap by the scale: at least this for scales up to 1
+    return (way + IN_MESH * UNIT32 * (coordinates + way) + IN_WORLD * UNIT32 * 6.0 * world / scale) * (1 + 1e-6)
+
+
+class ParticleCull:
+    """A collision pipeline whose particle-shape pass skips what bounders deny.
+
+    Attributes:
+        pipeline: The pipeline; ``pipeline.collide`` by itself goes through all pairs again.
+        pairs: Pairs that there are.
+        survivors: Pairs that the last pass went through.
+    """
+
+    def __init__(
+        self,
+        pipeline: newton.CollisionPipeline,
+        bounders: Mapping[int, Bounder],
+        *,
+        unproven: bool = False,
+    ):
+        """Check that the bounders are those of the shapes.
+
+        Args:
+            pipeline: Its class is replaced by a subclass of it, in which the number of pairs is the length of their list.
+            bounders: Per index of a shape a bounder of its mesh, in the mesh's own coordinates: points, 3D, with a margin of
+                ``margin_for`` at least. One bounder may serve many shapes. Shapes without one keep all their pairs.
+            unproven: Take bounders without a proof, and with too small a margin, too; contacts may then be missed.
+
+        Raises:
+            BounderError: For a bounder that is not of this mesh or has too small a margin, with both numbers, or no proof; for a shape
+                that is no mesh; for a differentiable pipeline.
+        """
+        self.pipeline, self.model = pipeline, pipeline.model
+        if getattr(pipeline, "requires_grad", False):
+            raise BounderError("a differentiable pipeline reads its pairs again when it goes backwards; they must stay")
+        self._all = pipeline.soft_rigid_contact_pairs
+        self.pairs = self.survivors = len(self._all)
+        shape_count = self.model.shape_count
+        margins, sizes = np.zeros(shape_count, np.float32), np.zeros(shape_count, np.float32)
+        pairs = self._all.numpy()
+        self._groups = []
+        for bounder in {id(b): b for b in bounders.values()}.values():
+            shapes = sorted(s for s, b in bounders.items() if b is bounder)
+            for shape in shapes:
+                sizes[shape] = self._check(shape, bounder, unproven)
+                margins[shape] = np.inf if unproven else bounder.info["margin"]
+            members = np.flatnonzero(np.isin(pairs[:, 1], shapes)).astype(np.int32)
+            if len(members):
+                self._groups.append((bounder, wp.array(members, dtype=wp.int32, device=self._device)))
+        self._margins = wp.array(margins, dtype=wp.float32, device=self._device)
+        self._sizes = wp.array(sizes, dtype=wp.float32, device=self._device)
+        self._to_shape = wp.empty(shape_count, dtype=wp.transform, device=self._device)
+        self._keep = wp.full(self.pairs, 1, dtype=wp.uint8, device=self._device)
+        self._kept = wp.empty(self.pairs, dtype=wp.vec2i, device=self._device)
+        pipeline.__class__ = _counting(_plain(type(pipeline)))
+
+    @property
+    def _device(self) -> wp.Device:
+        return self.model.device
+
+    def collide(self, state: newton.State, contacts: newton.Contacts, **options) -> None:
+        """``pipeline.collide``, with the pairs that may touch.
+
+        Args:
+            state: As there.
+            contacts: As there; on return, what ``pipeline.collide`` would have made of it.
+            options: As there.
+        """
+        kept = self.candidates(state, options.get("soft_contact_margin"))
+        self.survivors = len(kept)
+        self.pipeline.soft_rigid_contact_pairs = kept
+        try:
+            self.pipeline.collide(state, contacts, **options)
+        finally:
+            self.pipeline.soft_rigid_contact_pairs = self._all
+
+    def candidates(self, state: newton.State, gap: float | None = None) -> wp.array:
+        """The pairs that may touch.
+
+        Args:
+            state: Places of particles and bodies.
+            gap: Soft contact gap of this pass; the pipeline's if ``None``.
+
+        Returns:
+            ``(K,)`` ``vec2i``, particle and shape, in the pipeline's order; valid until the next call.
+        """
+        model, device = self.model, self._device
+        if not self._groups or not state.particle_q:
+            return self._all
+        inputs = [state.body_q, model.shape_transform, model.shape_body]
+        wp.launch(_place, dim=model.shape_count, inputs=inputs, outputs=[self._to_shape], device=device)
+        gap = _gap(self.pipeline) if gap is None else gap
+        for bounder, members in self._groups:
+            shapes = [self._to_shape, model.shape_scale, model.shape_margin, self._margins, self._sizes, float(gap)]
+            particles = [state.particle_q, model.particle_radius]
+            inputs = [0, bounder.data, members, self._all, *particles, *shapes]
+            launch_blocks(_mark(bounder.source), len(members), inputs, [self._keep], device, first_index=0, block=1)
+        indices, total = compact(self._keep)
+        count = int(total.numpy()[0])
+        wp.launch(_gather, dim=count, inputs=[self._all, indices], outputs=[self._kept], device=device)
+        return self._kept[:count]
+
+    def _check(self, shape: int, bounder: Bounder, unproven: bool) -> float:
+        """Largest coordinate of a shape's mesh; refuse a bounder that is not one of it."""
+        if not 0 <= shape < self.model.shape_count:
+            raise BounderError(f"shape must be from 0 to {self.model.shape_count - 1}, got {shape}")
+        if int(self.model.shape_type.numpy()[shape]) not in MESHES:
+            raise BounderError(f"shape {shape}: expected a mesh, bounders of other shapes save nothing")
+        if bounder.query_kind != "point" or bounder.ndim != 3 or bounder.domain.time:
+            got = f"{bounder.ndim}D {bounder.query_kind}s"
+            raise BounderError(f"shape {shape}: expected a bounder of 3D points, got one of {got}")
+        if str(bounder.device) != str(self._device):
+            raise BounderError(f"shape {shape}: expected a bounder on {self._device}, got one on {bounder.device}")
+        mesh = self.model.shape_source[shape]
+        size = float(np.abs(np.asarray(mesh.vertices)).max())
+        if unproven:
+            return size
+        if bounder.certificate is None or not bounder.certificate.proven:
+            raise BounderError(f"shape {shape}: expected a proven bounder, got {bounder!r}")
+        if _digest(mesh, bounder) != bounder.info.get("indicator"):
+            raise BounderError(f"shape {shape}: the bounder was made for another mesh, {bounder.info.get('name')}")
+        scale = float(np.abs(self.model.shape_scale.numpy()[shape]).min())
+        radius = float(self.model.particle_radius.numpy().max(initial=0.0))
+        reach = radius + float(self.model.shape_margin.numpy()[shape]) + _gap(self.pipeline)
+        needed, given = margin_for(mesh, reach, scale=scale), bounder.info["margin"]
+        if not given >= needed:
+            raise BounderError(
+                f"shape {shape}: expected a bounder with a margin of {needed:.6g} at least, got {given:.6g}"
+            )
+        return size
+
+
+def _gap(pipeline: newton.CollisionPipeline) -> float:
+    """The soft contact gap; before Newton 1.8 it was called a margin."""
+    return float(pipeline.soft_contact_gap if hasattr(pipeline, "soft_contact_gap") else pipeline.soft_contact_margin)
+
+
+def _digest(mesh: newton.Mesh, bounder: Bounder) -> str:
+    """Of the cells that the bounder would have been made for."""
+    indicator = IndicatorMesh(np.asarray(mesh.vertices), np.asarray(mesh.indices).reshape(-1, 3))
+    return indicator.to_grid(resolution=bounder.info["resolution"], margin=bounder.info["margin"]).digest
+
+
+@cache
+def _counting(kind: type) -> type:
+    """A pipeline whose number of particle-shape pairs is that of its list."""
+    count = property(lambda self: len(self.soft_rigid_contact_pairs))
+    return type(
+        kind.__name__,
+        (kind,),
+        {"soft_contact_pair_count": count, "soft_rigid_contact_pair_count": count, "_plain": kind},
+    )
+
+
+def _plain(kind: type) -> type:
+    """Undo ``_counting``."""
+    return getattr(kind, "_plain", kind)
+
+
+@wp.kernel(enable_backward=False)
+def _place(
+    # inputs
+    body_q: wp.array(dtype=wp.transform),
+    shape_transform: wp.array(dtype=wp.transform),
+    shape_body: wp.array(dtype=int),
+    # outputs
+    to_shape: wp.array(dtype=wp.transform),
+):
+    """World to shape, by the operations of Newton's own pass."""
+    s = wp.tid()
+    place = wp.transform_identity()
+    if shape_body[s] >= 0:
+        place = body_q[shape_body[s]]
+    to_shape[s] = wp.transform_inverse(wp.transform_multiply(place, shape_transform[s]))
+
+
+@wp.kernel(enable_backward=False)
+def _gather(
+    # inputs
+    pairs: wp.array(dtype=wp.vec2i),
+    indices: wp.array(dtype=wp.int32),
+    # outputs
+    kept: wp.array(dtype=wp.vec2i),
+):
+    i = wp.tid()
+    kept[i] = pairs[indices[i]]
+
+
+@wp.func
+def _size(v: wp.vec3) -> float:
+    return wp.abs(v[0]) + wp.abs(v[1]) + wp.abs(v[2])
+
+
+@cache
+def _mark(source: Source) -> wp.Kernel:
+    """The kernel that asks bounders of one source about pairs."""
+    test = point_func(source)
+
+    @named(unique_name(source, "newton")).kernel
+    def mark(
+        # inputs
+        first: int,
+        data: Data,
+        members: wp.array(dtype=wp.int32),
+        pairs: wp.array(dtype=wp.vec2i),
+        particle_q: wp.array(dtype=wp.vec3),
+        particle_radius: wp.array(dtype=float),
+        to_shape: wp.array(dtype=wp.transform),
+        shape_scale: wp.array(dtype=wp.vec3),
+        shape_margin: wp.array(dtype=float),
+        margins: wp.array(dtype=float),
+        sizes: wp.array(dtype=float),
+        gap: float,
+        # outputs
+        keep: wp.array(dtype=wp.uint8),
+    ):
+        i = members[first + wp.tid()]
+        pair = pairs[i]
+        q, s = particle_q[pair[0]], pair[1]
+        place, scale = to_shape[s], shape_scale[s]
+        smallest = wp.min(wp.min(wp.abs(scale[0]), wp.abs(scale[1])), wp.abs(scale[2]))
+        # What a bounder must be dilated by for this pair: as far as the pass looks, and what rounding does, twice over.
+        reach = gap + (shape_margin[s] + particle_radius[pair[0]]) / smallest
+        world = (_size(q) + _size(wp.transform_get_translation(place))) / smallest
+        needed = reach + _MESH_ROUNDING * (sizes[s] + reach) + _WORLD_ROUNDING * world
+        x = wp.cw_div(wp.transform_point(place, q), scale)
+        answer = wp.uint8(1)
+        if needed <= margins[s] and not test(data, x):
+            answer = wp.uint8(0)
+        keep[i] = answer
+
+    return mark
