@@ -4,6 +4,8 @@ import time
 
 __all__ = ["Clock"]
 
+STRIDE = 0.05  # of the training budget
+
 
 class Clock:
     """How much of a budget is used up.
@@ -16,6 +18,11 @@ class Clock:
     def __init__(self, seconds: float, steps: int | None = None):
         self.started, self.total, self.steps, self.count = time.perf_counter(), seconds, steps, 0
         self.reserved = 0.0  # seconds at the end that belong to the proof
+
+    def reserve(self, seconds: float) -> None:
+        """Keep time for the proof, as far as the used fraction then goes forward by no more than ``STRIDE``: schedules must not jump."""
+        most = self.total - self.seconds / (self.fraction() + STRIDE)
+        self.reserved = min(seconds, max(most, self.reserved))
 
     @property
     def seconds(self) -> float:

@@ -35,8 +35,9 @@ from warp_bounding.training.thresholds import decide, tolerance
 __all__ = ["TRAINERS", "NetworkOptions", "fit_network"]
 
 TRAINERS = {"default": Trainer, "paper": PaperTrainer}
-SEARCHES = (0.5, 0.7, 0.9)  # used fractions at which the prover looks for counterexamples
+SEARCHES = (0.4, 0.65, 0.9)  # used fractions at which the prover looks for counterexamples
 SEARCH_SHARE = 0.02  # of the budget, each
+ADVERSARY_SHARE = 0.01  # of the budget, of each look that an adversary takes at rays and boxes before the prover does
 MONOTONE_START = 0.2  # used fraction from which the prover looks at a monotone network at every refresh
 MONOTONE_EPS, MONOTONE_BOXES = 0.1, 20_000  # and how closely: such a search takes a few hundred boxes
 PROOF_SHARE = 0.03  # of the budget, reserved for a proof of points before a search has told what it takes
@@ -54,14 +55,16 @@ SEARCH_ROUNDS = 12  # likewise, of the adversarial search
 TRAINING_ROUNDS = 2  # of the adversarial search, each time in training
 EXIT_STEPS = 40  # likewise, of each exit
 LOOK_SHARE, LOOK_BOXES = (
-    0.03,
+    0.02,
     200_000,
 )  # of the budget, of each look that the prover takes at rays and boxes in training
+MOST_ADDED = 256  # positives of such a look that become training samples
 SETTLED_SHARE = 0.1  # of the budget: for the adversary and fresh positives, where a proof comes after them
 LONGEST_PROOF = (
-    0.4  # of the budget: networks of rays and boxes that are expected to take longer are not put to the prover
+    0.25  # of the budget: networks of rays and boxes that are expected to take longer are not put to the prover
 )
 SLOWER = 1.3  # times as long as expected a proof may take
+MOST_OVER = 1.3  # times the time that is left: a proof that is expected to take longer is not tried
 PLANE_TOLERANCE = 1e-3  # of a plane's offset, in domain half-widths
 
 Progress = Callable[[float, float, str], None]
@@ -117,7 +120,7 @@ class _Fit:
         self.monotone = issubclass(kind, MonotoneMlp)
         self.as_points = problem.query == "point" or self.monotone  # proven over the object's points
         self.reserve = RESERVE["point" if self.as_points else problem.query]
-        self.interrupted, self.boxes = False, 0
+        self.interrupted, self.boxes, self.expected = False, 0, 0.0  # expected: seconds of a proof of rays or boxes
         self.hopeful = problem.query != "point"  # whether the prover is expected to be done in time with rays and boxes
 
     def run(self) -> tuple[Mlp, dict]:
@@ -244,7 +247,7 @@ class _Fit:
         if clock.timed:  # the last proof will take about as long, on a network that is a little harder
             expected = 2 * search.seconds if search.complete else SLOWER * search.needed
             expected = min(max(expected, 0.01 * budget), LONG_PROOF_SHARE * budget)
-            clock.reserved = expected * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds
+            clock.reserve(expected * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds)
 
     def _hard_positives(self, trainer: Trainer, samples: Samples) -> None:
         """Let adversary and prover look at the network as it is; the worst positives they find become training samples.
@@ -252,7 +255,7 @@ class _Fit:
         What the prover gets done tells whether it will be done with the last network in time.
         """
         budget, clock, problem = self.options.budget, self.clock, self.problem
-        seconds = SEARCH_SHARE * budget if clock.timed else float("inf")
+        seconds = ADVERSARY_SHARE * budget if clock.timed else float("inf")
         found = adversarial_minimum(samples, trainer.network, seconds, trainer.hard_states(), rounds=TRAINING_ROUNDS)
         trainer.add_states(found.states)
         bounder = Mlp(problem.domain, trainer.network.tensors(), self.options.sizes, problem.device)
@@ -263,12 +266,12 @@ class _Fit:
         eps = tolerance(bounder, problem, found.worst)
         search = least_value(bounder, problem.grid, eps=eps, points=found.worst, **limit)
         self.boxes += search.boxes
-        trainer.add_states(samples.at(search.numbers))
+        trainer.add_states(samples.spread(samples.at(search.numbers), MOST_ADDED))
         if clock.timed:
-            expected = SLOWER * (search.seconds if search.complete else search.needed)
-            self.hopeful = expected <= LONGEST_PROOF * budget
-            reserved = expected + SETTLED_SHARE * budget if self.hopeful else self.reserve * budget
-            clock.reserved = reserved * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds
+            self.expected = SLOWER * (search.seconds if search.complete else search.needed)
+            self.hopeful = self.expected <= LONGEST_PROOF * budget
+            reserved = self.expected + SETTLED_SHARE * budget if self.hopeful else self.reserve * budget
+            clock.reserve(reserved * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds)
 
     # --- thresholds --------------------------------------------------------------------------------------------------
 
@@ -305,6 +308,7 @@ class _Fit:
         self._report(1.0, "adversarial search")
         budget, rounds = self.options.budget, {} if self.clock.timed else {"rounds": SEARCH_ROUNDS}
         left = (budget - self.clock.seconds) / parts_left - ATTEST_SECONDS
+        self.hopeful &= not self.clock.timed or self.expected <= MOST_OVER * left
         share = min(left, SETTLED_SHARE * budget) if self.hopeful else left
         seconds = max(share, 0.05 * budget) if self.clock.timed else float("inf")
         found = adversarial_minimum(samples, network, seconds, states=states, **rounds)

@@ -12,6 +12,7 @@ from warp_bounding.training.samples import Samples, columns
 __all__ = ["RegionSamples"]
 
 FEWEST_NEGATIVES = 64
+APART = 2.0  # cells
 ATTEMPTS = 20  # at finding a negative
 
 
@@ -47,6 +48,15 @@ class RegionSamples(Samples):
             if not truth.all():
                 return v[:, ~truth]
         return v[:, :FEWEST_NEGATIVES]
+
+    def spread(self, state: torch.Tensor, most: int) -> torch.Tensor:
+        """Of states, hardest first, the first one in each box of ``APART`` cells of v, and no more than ``most``.
+
+        A search's points crowd around few minima, and would fill the hard pool with one place.
+        """
+        place = (self.coordinates(state) / (APART * self.cells.unit.repeat(2, 1))).floor()
+        first = np.unique(place.numpy(), axis=1, return_index=True)[1]
+        return state[:, torch.from_numpy(np.sort(first)[:most])]
 
     def point(self, state: torch.Tensor) -> torch.Tensor:
         """``(n, N)`` local coordinates of the point of the object."""

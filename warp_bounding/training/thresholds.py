@@ -21,7 +21,7 @@ PROOF_COST = {
     "plane": 1e-4,
     "box": 1e-3,
 }  # share of all queries that a search may cost at its end,
-LARGEST_COST = 1e-2  # or, of rays and boxes, where it has to end early
+LARGEST_COST = 2e-2  # or, of rays and boxes, where it has to end early
 SAMPLES = 200_000
 FINEST, USUAL = 1e-6, 1e-3  # least gap; gap where no negative tells
 
