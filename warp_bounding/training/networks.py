@@ -308,7 +308,8 @@ class _Fit:
         self._report(1.0, "adversarial search")
         budget, rounds = self.options.budget, {} if self.clock.timed else {"rounds": SEARCH_ROUNDS}
         left = (budget - self.clock.seconds) / parts_left - ATTEST_SECONDS
-        self.hopeful &= not self.clock.timed or self.expected <= MOST_OVER * left
+        longest = max(left, LEAST_SHARE * budget)
+        self.hopeful &= not self.clock.timed or self.expected <= MOST_OVER * longest
         share = min(left, SETTLED_SHARE * budget) if self.hopeful else left
         seconds = max(share, 0.05 * budget) if self.clock.timed else float("inf")
         found = adversarial_minimum(samples, network, seconds, states=states, **rounds)
