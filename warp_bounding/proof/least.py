@@ -75,15 +75,18 @@ def least_value(
     cover = charted(bounder, grid)
     if cover is None:
         return minimum(of_points(bounder), *positive_boxes(of_points(bounder), grid), points=points, **limits)
-    known = _degenerate(bounder, grid) if points is None or not len(points) else points
+    known = _certain(bounder, grid) if points is None or not len(points) else points
     search = charted_minimum(cover, upper=float(bounder.reference(known).min()), **limits)
     return replace(search, worst=cover.coordinates(search.worst), numbers=search.worst)
 
 
-def _degenerate(bounder: Bounder, grid: IndicatorGrid) -> np.ndarray:
-    """Queries that meet the object for certain: the centres of some cells, as points, or as rays and boxes without extent."""
+def _certain(bounder: Bounder, grid: IndicatorGrid) -> np.ndarray:
+    """Queries that meet the object for certain: the centres of some cells, as points, boxes without extent, rays from there."""
     centers = grid.position(grid.occupied[:: max(1, len(grid.occupied) // CENTERS)].astype(np.float64))
     if bounder.query_kind == "point":
         return bounder.domain.to_local(centers)
     local = bounder.domain.base.to_local(centers)
-    return np.concatenate([local, local if bounder.query_kind == "box" else np.zeros_like(local)], axis=1)
+    if bounder.query_kind == "box":
+        return np.concatenate([local, local], axis=1)
+    along = np.eye(grid.ndim)[np.arange(len(local)) % grid.ndim] * bounder.domain.stretch.astype(np.float64)
+    return np.concatenate([local, along], axis=1)
