@@ -25,6 +25,7 @@ BELOW = {
     "evaluation": ("proof", "bounders", "queries", "indicators"),
     "tables": ("training", "evaluation", "proof", "bounders", "queries", "indicators"),
     "cli": ("tables", "training", "evaluation", "proof", "bounders", "queries", "indicators"),
+    "newton": ("bounders", "indicators"),
     "arithmetic": (),
     "errors": (),
     "launch": (),

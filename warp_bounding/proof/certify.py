@@ -40,7 +40,7 @@ AROUND = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)  # in v, around low points of regions, wh
 
 
 class _Checked(NamedTuple):
-    """Least bound, boxes, points (object space, or of a chart) that break the proof, whether there was time for all."""
+    """Least bound, boxes, points (object space; of regions v) that break the proof, whether there was time for all."""
 
     least: float
     boxes: int
@@ -139,7 +139,7 @@ def _certify_regions(
         elif cover is not None:
             least, boxes, suspects, complete = _check_charted(bounder, grid, cover, target, seconds, progress)
         else:
-            least, boxes, complete = _check_normals(bounder, grid, target, seconds)
+            least, boxes, suspects, complete = _check_normals(bounder, grid, target, seconds)
     except BounderError as error:  # of this object: a volume does not hold it, or numbers leave the range of the proof
         text = str(error)
     if least >= target:
@@ -149,7 +149,7 @@ def _certify_regions(
             least,
             examined=boxes,
         )
-    missed = None if suspects is None else _denied_region(bounder, grid, cover.coordinates(suspects))
+    missed = None if suspects is None else _denied_region(bounder, grid, suspects)
     if missed is None:
         missed = try_positives(bounder, grid, POSITIVES, fresh_seed(), seconds=max(seconds, LEAST_SECONDS))[2]
     if missed is not None:
@@ -175,8 +175,8 @@ def _attested(bounder: Bounder, grid: IndicatorGrid, seconds: float, result) -> 
     return replace(certificate, samples=done, fn_rate_bound=rate, confidence=CONFIDENCE, worst_margin=margin)
 
 
-def _check_normals(bounder: Bounder, grid: IndicatorGrid, target: float, seconds: float) -> tuple[float, int, bool]:
-    """Planes of a network: the least gap over all normals, as closely as the target asks for, boxes, and whether the search ended."""
+def _check_normals(bounder: Bounder, grid: IndicatorGrid, target: float, seconds: float) -> _Checked:
+    """Planes of a network: the least gap over all normals, as closely as the target asks for; suspects touch the hull."""
     gap = SupportGap(bounder, grid)
     found = float(gap.reference(gap.boxes()[0]).min())
     search = minimum(gap, *gap.boxes(), eps=max(1e-4, 0.25 * (found - target)), seconds=seconds)
@@ -187,13 +187,14 @@ def _check_normals(bounder: Bounder, grid: IndicatorGrid, target: float, seconds
             break
         left = deadline - time.perf_counter()
         search = minimum(gap, *gap.boxes(), eps=eps, seconds=left, points=search.worst)
-    return search.lower_bound, search.boxes, search.complete
+    worst = search.worst[:SUSPECTS][gap.reference(search.worst[:SUSPECTS]) < target]
+    return _Checked(search.lower_bound, search.boxes, gap.touching(worst) if len(worst) else None, search.complete)
 
 
 def _check_charted(
     bounder: Bounder, grid: IndicatorGrid, cover: Charted, target: float, seconds: float, progress
 ) -> _Checked:
-    """Rays and boxes of a network; suspects are numbers of the chart."""
+    """Rays and boxes of a network."""
     deadline = time.perf_counter() + seconds
     sets = single_faces(bounder, grid) if bounder.query_kind == "ray" else [(cover.lower, cover.upper)]
     least, boxes = np.inf, 0
@@ -214,7 +215,8 @@ def _check_charted(
             width = np.take_along_axis(corners[:, 1] - corners[:, 0], bounds.axes[0, low, None].astype(np.int64), 1)
             if (bounds.value[low] < target).any() or width.min() < NARROWEST:
                 lowest = np.argsort(bounds.value[low])[:SUSPECTS]
-                return _Checked(float(bounds.lower[low].min()), boxes, bounds.point[low][lowest])
+                suspects = cover.coordinates(bounds.point[low][lowest])
+                return _Checked(float(bounds.lower[low].min()), boxes, suspects)
             if time.perf_counter() > deadline:
                 return _Checked(float(bounds.lower[low].min()), boxes, complete=False)
             stack.append(halve(corners[:, 0], corners[:, 1], bounds.axes[0, low]))

@@ -50,6 +50,11 @@ class SupportGap:
                 out.append(np.insert(intervals[..., side], k, 1.0, axis=1))
         return np.concatenate(lower), np.concatenate(upper)
 
+    def touching(self, m: np.ndarray) -> np.ndarray:
+        """Coordinates ``v = (m, c)`` of the planes with normals ``(N, n)`` that touch the object's hull on either side, ``(2 N, n + 1)``."""
+        ends = m @ self.corners[0].T
+        return np.concatenate([np.column_stack([m, ends.max(axis=1)]), np.column_stack([m, ends.min(axis=1)])])
+
     def reference(self, m: np.ndarray) -> np.ndarray:
         """The gap at normals ``(N, n)``, ``(N,)`` float64."""
         m = np.asarray(m, dtype=np.float64)
