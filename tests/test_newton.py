@@ -1,0 +1,121 @@
+"""Newton's particle-shape pass with and without the cull: the same contacts, record by record; bounders that do not fit are refused."""
+
+import os
+
+import numpy as np
+import pytest
+import warp as wp
+
+import warp_bounding as wb
+
+newton = pytest.importorskip("newton", reason="Newton is not installed: pip install '.[newton]'")
+
+import warp.examples  # noqa: E402
+
+from warp_bounding.newton import ParticleCull, margin_for  # noqa: E402
+
+pytestmark = pytest.mark.slow  # Newton's own kernels take a minute to compile
+RADIUS, RECORDS = 0.02, ("particle", "shape", "body_pos", "body_vel", "normal")
+
+
+@pytest.fixture(scope="module")
+def bunny() -> wb.IndicatorMesh:
+    return wb.load_indicator(os.path.join(warp.examples.get_asset_directory(), "bunny.usd"))
+
+
+def scene(bunny, *, moving=False, particles=4000, seed=0):
+    """Bunnies that are turned, scaled and (some) carried by bodies, a ground plane and a box without bounders, and particles."""
+    rng = np.random.default_rng(seed)
+    builder = newton.ModelBuilder(up_axis=newton.Axis.Y)
+    mesh = newton.Mesh(bunny.vertices, bunny.faces.reshape(-1))
+    shapes = []
+    for i in range(2):
+        for k in range(3):
+            turn = wp.quat_from_axis_angle(wp.normalize(wp.vec3(1.0, 2.0, float(i))), 0.7 * k)
+            place = wp.transform(wp.vec3(2.0 * i, 0.0, 2.0 * k), turn)
+            body = builder.add_body(xform=place, mass=1.0) if moving and k == 1 else -1
+            local = wp.transform(wp.vec3(0.1, 0.0, 0.0), wp.quat_identity()) if body >= 0 else place
+            shapes.append(
+                builder.add_shape_mesh(body=body, mesh=mesh, xform=local, scale=wp.vec3(1.0, 1.0 + 0.2 * k, 0.8))
+            )
+    builder.add_ground_plane()
+    builder.add_shape_box(
+        body=-1, xform=wp.transform(wp.vec3(1.0, 0.5, 1.0), wp.quat_identity()), hx=0.2, hy=0.2, hz=0.2
+    )
+    for x in rng.uniform([-1.5, -0.5, -1.5], [3.5, 2.0, 5.5], (particles, 3)):
+        builder.add_particle(wp.vec3(*x), wp.vec3(0.0), 0.01, radius=float(RADIUS * rng.uniform(0.5, 1.0)))
+    model = builder.finalize(device="cpu")
+    return model, mesh, shapes
+
+
+def bounder_of(bunny, mesh, pipeline, method="voxels", extra=1.0) -> wb.Bounder:
+    reach = RADIUS + pipeline.soft_contact_gap
+    return wb.fit(
+        bunny, method=method, margin=extra * margin_for(mesh, reach, scale=0.8, world=10.0), resolution=48, device="cpu"
+    )
+
+
+def records(contacts) -> list[np.ndarray]:
+    count = int(contacts.soft_contact_count.numpy()[0])
+    return [getattr(contacts, f"soft_contact_{name}").numpy()[:count].copy() for name in RECORDS]
+
+
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("gap", [0.01, 0.2])
+def test_contacts_are_the_same(bunny, moving, gap):
+    model, mesh, shapes = scene(bunny, moving=moving)
+    pipeline = newton.CollisionPipeline(model, soft_contact_gap=gap)
+    state, contacts = model.state(), pipeline.contacts()
+    pipeline.collide(state, contacts)
+    there = records(contacts)
+    assert len(there[0]) > 100
+    cull = ParticleCull(pipeline, dict.fromkeys(shapes, bounder_of(bunny, mesh, pipeline)))
+    rng = np.random.default_rng(1)
+    for _ in range(3):
+        cull.collide(state, contacts)
+        assert all((a == b).all() for a, b in zip(there, records(contacts), strict=True))
+        assert cull.survivors < 0.75 * cull.pairs
+        state.particle_q.assign(
+            state.particle_q.numpy() + rng.normal(size=(model.particle_count, 3)).astype(np.float32) * 0.1
+        )
+        if model.body_count:
+            place = state.body_q.numpy()
+            place[:, :3] += rng.normal(size=(len(place), 3)) * 0.2
+            state.body_q.assign(place)
+        pipeline.collide(state, contacts)
+        there = records(contacts)
+
+
+def test_particles_that_are_larger_or_far_away_are_not_lost(bunny):
+    model, mesh, shapes = scene(bunny, particles=500)
+    pipeline = newton.CollisionPipeline(model)
+    cull = ParticleCull(pipeline, dict.fromkeys(shapes, bounder_of(bunny, mesh, pipeline)))
+    state = model.state()
+    few = len(cull.candidates(state))
+    model.particle_radius.fill_(0.5)
+    assert len(cull.candidates(state)) == cull.pairs
+    model.particle_radius.fill_(RADIUS)
+    assert len(cull.candidates(state)) <= few * 1.2
+    state.particle_q.assign(state.particle_q.numpy() + np.float32(1e5))
+    assert len(cull.candidates(state)) == cull.pairs
+
+
+def test_what_does_not_fit_is_refused(bunny):
+    model, mesh, shapes = scene(bunny, particles=100)
+    pipeline = newton.CollisionPipeline(model)
+    with pytest.raises(wb.BounderError, match=r"margin of 0\.\d+ at least, got 0\.\d+"):
+        ParticleCull(pipeline, {shapes[0]: bounder_of(bunny, mesh, pipeline, extra=0.5)})
+    other = wb.fit(wb.IndicatorMesh(bunny.vertices * 1.5, bunny.faces), method="aabb", margin=0.1, device="cpu")
+    with pytest.raises(wb.BounderError, match="another mesh"):
+        ParticleCull(pipeline, {shapes[0]: other})
+    good = bounder_of(bunny, mesh, pipeline)
+    with pytest.raises(wb.BounderError, match="expected a mesh"):
+        ParticleCull(pipeline, {len(shapes) + 1: good})
+    with pytest.raises(wb.BounderError, match="from 0 to"):
+        ParticleCull(pipeline, {99: good})
+    with pytest.raises(wb.BounderError, match="differentiable"):
+        ParticleCull(newton.CollisionPipeline(model, requires_grad=True), {shapes[0]: good})
+    occupancy = wb.fit(bunny, method="occupancy", steps=5, margin=0.05, resolution=16, device="cpu")
+    with pytest.raises(wb.BounderError, match="proven"):
+        ParticleCull(pipeline, {shapes[0]: occupancy})
+    ParticleCull(pipeline, {shapes[0]: occupancy}, unproven=True)
