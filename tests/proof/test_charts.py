@@ -166,6 +166,25 @@ def test_a_search_without_known_points_begins(name):
     assert np.isfinite(search.upper_bound)
 
 
+@pytest.mark.parametrize("query", ["ray", "box"])
+def test_a_target_out_of_reach_is_given_up_for_a_lower_one(query):
+    grid = grid_of("c")
+    bounder = random_network(query, grid, 9, gain=4.0)
+    cover, x = charted(bounder, grid), positives(bounder, grid, 100_000, 3)
+    least = float(bounder.reference(bounder.domain.to_local(x)).min())
+    whole = charted_minimum(cover, eps=0.02, upper=least)
+    assert whole.complete
+    searches = [charted_minimum(cover, eps=1e-6, upper=least, boxes=whole.boxes / part) for part in (2, 2, 8, 1e9)]
+    first, again, shorter, least_of_all = searches
+    assert (first.lower_bound, first.boxes) == (again.lower_bound, again.boxes)
+    assert first.lower_bound >= shorter.lower_bound >= least_of_all.lower_bound
+    assert first.lower_bound > least_of_all.lower_bound
+    for search in searches:
+        assert search.lower_bound <= least
+        assert not search.complete
+        assert np.isfinite(search.lower_bound)
+
+
 def test_time_that_is_too_short_is_told():
     grid = grid_of("c")
     bounder = random_network("ray", grid, 8)

@@ -238,9 +238,12 @@ def test_boxes_that_are_dealt_out_anew_are_the_same(seed):
     def held() -> np.ndarray:
         return np.concatenate([stack[:height, 0, 0] for stack, height in zip(stacks, heights, strict=True)])
 
-    before = held()
-    taken = _fill(stacks, heights, reserve)
+    first = np.minimum(heights, rng.integers(0, STACK, blocks)).astype(np.int32)
+    before, waiting = held(), int(first.sum())
+    taken = _fill(stacks, heights, first, reserve)
     after = np.concatenate([held(), reserve[: len(reserve) - taken, 0, 0]])
     assert np.array_equal(np.sort(after), np.sort(np.concatenate([before, reserve[:, 0, 0]])))
     assert heights.max() <= STACK
+    assert (first <= heights).all()
+    assert first.sum() == waiting + taken
     assert heights.any() or not len(before) + len(reserve)

@@ -116,6 +116,24 @@ def test_clocks():
     assert Clock(1e-9).fraction() >= 1
 
 
+def test_reserves_do_not_make_schedules_jump():
+    clock = Clock(100.0)
+    clock.started -= 20.0
+    assert clock.fraction() == pytest.approx(0.2, abs=1e-3)
+    clock.reserve(39.0)
+    assert (clock.fraction(), clock.reserved) == (pytest.approx(0.2, abs=1e-3), 39.0)
+    clock.started -= 20.0
+    assert clock.fraction() == pytest.approx(0.2 + 0.8 * 20 / 41, abs=1e-3)
+    clock.reserve(90.0)  # more than there is: what is left of training goes on twice as fast
+    assert clock.fraction() == pytest.approx(0.2 + 0.8 * 20 / 41, abs=1e-3)
+    assert clock.reserved == pytest.approx(49.5, abs=1e-2)
+    clock.started -= 5.0
+    clock.reserve(0.0)
+    assert clock.fraction() == pytest.approx(1 - 0.8 * 21 / 41 * 5.5 / 10.5, abs=1e-3)
+    clock.started -= 55.0
+    assert clock.fraction() == pytest.approx(1.0, abs=1e-3)
+
+
 @pytest.mark.parametrize("size", [1, 2, 4])
 def test_teams(size):
     team, seen = Team(size), []

@@ -120,6 +120,14 @@ class BoxChart(Chart):
             " if (edge > a && edge < b) middle = edge; else if (other > a && other < b) middle = other; }"
         )
 
+    def middle(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """See ``Chart``."""
+        middle = (a + b) * 0.5
+        edge = np.floor(middle) + 0.5
+        other = np.where(edge > middle, edge - 1.0, edge + 1.0)
+        within = (edge > a) & (edge < b)
+        return np.where(within, edge, np.where((other > a) & (other < b), other, middle))
+
     def coordinates(self, z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         """See ``Chart``."""
         n = self.ndim

@@ -79,6 +79,10 @@ class Chart:
         """C statement that sets ``double middle`` of number ``axis`` between ``double a`` and ``double b``."""
         return "middle = (a + b) * 0.5;"
 
+    def middle(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """The twin of ``split``: where intervals ``(N,)`` of a number are halved."""
+        return (a + b) * 0.5
+
     def coordinates(self, z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         """Coordinates ``v`` of a query ``(N, K)`` for points ``(N, Z)`` of a chart with these ``numbers``, float64."""
         raise NotImplementedError

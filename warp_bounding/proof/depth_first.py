@@ -1,15 +1,15 @@
-"""Proving ``f >= target`` over charted boxes by depth-first search, and raising the target until it meets a positive.
+"""Proving ``f >= target`` over charted boxes by depth-first search, and the highest target that can be had in some time.
 
 Which boxes must be halved depends on the target alone, not on the order, so a depth-first search with a few boxes a thread does
-the same work as one that keeps them all in order, and needs no memory. A search for the minimum first proves a low target,
-then higher ones, each from the start, in long strides: as far as the time that is left is expected to reach. Whenever it must
-stop, the last target that was proven stands. The first boxes come in random order, so that the share of them that is done
-tells what the rest will take.
+the same work as one that keeps them all in order, and needs no memory. The first boxes come in random order, so that the share
+of them that is done tells early what the rest will take. A search for the minimum goes for the best target; where that is
+expected to take too long, it goes on with a lower one, which all boxes that are closed already reach. The least bound of a closed box
+is what is proven in the end.
 """
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import warp as wp
@@ -19,6 +19,7 @@ from warp_bounding.bounders.network import Network
 from warp_bounding.bounders.network_kernel import NetworkBounds, bound_boxes, double_array
 from warp_bounding.launch import launch_blocks
 from warp_bounding.proof.depth_first_kernel import KEPT, STACK, depth_first_kernel
+from warp_bounding.proof.pace import Pace
 from warp_bounding.proof.search import Search
 
 __all__ = ["Charted", "Cleared", "charted_minimum", "clear"]
@@ -27,11 +28,9 @@ CPU_BLOCKS, CUDA_BLOCKS = 64, 2048
 MOST = 1024  # boxes that a block bounds before it returns: some 50 ms a launch
 SHARE = 64  # boxes that a block is given at a time
 WORST = 2048  # low points that are kept
-STEP = 0.15  # of the gap, from one target to the next
-GROWTH = 0.5  # exponent with which the work grows in 1 / gap: 0.3 to 0.8 where boxes are small
-HEADROOM = 1.3  # times the work that a target is expected to take must be left for it
-
-Progress = Callable[[int, float, float], None]
+FIRST, MOST_FIRST = 4096, 131_072  # boxes that a search begins with, or their shares would tell nothing:
+FIRST_SHARE = 0.02  # of those that there is time for
+Progress = Callable[[int, float, float], bool | None]
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ class Cleared:
         complete: Every box is closed: ``f >= least`` on all positives.
         least: Least bound of a closed box.
         boxes: Boxes bounded.
-        share: Of the first boxes, that are done or begun.
+        share: Of the first boxes, that are done or begun, not those that wait.
         points: ``(K, Z)`` low positives.
         values: ``(K,)`` f there.
     """
@@ -111,57 +110,94 @@ def clear(
         target: In f.
         seconds: Time limit.
         boxes: Limit of boxes.
-        progress: Called with boxes bounded, the share of the first boxes that is done, and the target.
+        progress: Called with boxes bounded, the share of the first boxes that is done, and the target; ends the search with True.
         device: Warp device.
     """
-    started, dev = time.perf_counter(), wp.get_device(device)
-    kernel = depth_first_kernel(cover.network.sizes(cover.chart))
-    blocks, size = CPU_BLOCKS if dev.is_cpu else CUDA_BLOCKS, cover.chart.size
-    stacks = np.empty((blocks, STACK, 2, size))
-    heights, done_out = np.zeros(blocks, np.int32), np.zeros(blocks, np.int64)
-    closed_out, low_value = np.full(blocks, np.inf), np.full((blocks, KEPT), np.inf)
-    low_point = np.zeros((blocks, KEPT, size))
-    order = np.random.default_rng(0).permutation(len(cover.lower))
-    reserve, left = np.stack([cover.lower, cover.upper], axis=1)[order], len(order)
-    held = [np.ascontiguousarray(cover.network.packed), cover.network.padding_for(cover.limit), cover.numbers]
-    fixed = [double_array(np.ascontiguousarray(a, dtype=np.float64), dev) for a in held]
-    fixed.append(wp.array(cover.table, dtype=wp.int32, device=dev))
-    host = [stacks, heights, done_out, closed_out, low_value, low_point]
-    kinds = [wp.float64, wp.int32, wp.int64, *[wp.float64] * 3]
-    shared = [
-        wp.array(a.reshape(-1), dtype=t, device=dev, copy=not dev.is_cpu) for a, t in zip(host, kinds, strict=True)
-    ]
-    done, least, found = 0, np.inf, [(np.empty((0, size)), np.empty(0))]
-    while True:
-        left -= _fill(stacks, heights, reserve[:left])
-        if not heights.any():
-            return _cleared(True, least, done, 1.0, found)
-        most = int(min(MOST, max((boxes - done) / blocks, 1)))
-        if not dev.is_cpu:
-            for array, values in zip(shared[:2], host[:2], strict=True):
+    started, descent = time.perf_counter(), _Descent(cover, device)
+    while descent.waiting:
+        lowest = descent.step(target, boxes - descent.boxes)
+        stopped = progress is not None and progress(descent.boxes, descent.share, target)
+        late = descent.boxes >= boxes or time.perf_counter() - started > seconds
+        if stopped or late or descent.stuck or lowest < target:
+            break
+    return Cleared(not descent.waiting, descent.least, descent.boxes, descent.share, *descent.lowest())
+
+
+class _Descent:
+    """Boxes that wait, in a reserve and on the stacks of the kernel's blocks.
+
+    Args:
+        cover: The positives.
+        device: Warp device.
+
+    Attributes:
+        boxes: Boxes bounded.
+        count: First boxes.
+        least: Least bound of a closed box.
+        share: Of the first boxes, that are done or begun.
+        stuck: Whether the last step could not do anything: every stack is full.
+    """
+
+    def __init__(self, cover: Charted, device: str):
+        dev = wp.get_device(device)
+        self._kernel, self._device = depth_first_kernel(cover.network.sizes(cover.chart)), dev
+        blocks, size = CPU_BLOCKS if dev.is_cpu else CUDA_BLOCKS, cover.chart.size
+        self._stacks = np.empty((blocks, STACK, 2, size))
+        self._heights, self._first = np.zeros(blocks, np.int32), np.zeros(blocks, np.int32)
+        self._done, self._closed = np.zeros(blocks, np.int64), np.full(blocks, np.inf)
+        self._values, self._points = np.full((blocks, KEPT), np.inf), np.zeros((blocks, KEPT, size))
+        order = np.random.default_rng(0).permutation(len(cover.lower))
+        self._reserve, self._left = np.stack([cover.lower, cover.upper], axis=1)[order], len(order)
+        held = [np.ascontiguousarray(cover.network.packed), cover.network.padding_for(cover.limit), cover.numbers]
+        self._held = [np.ascontiguousarray(a, dtype=np.float64) for a in held]
+        self._fixed = [double_array(a, dev) for a in self._held]
+        self._fixed.append(wp.array(cover.table, dtype=wp.int32, device=dev))
+        self._host = [self._stacks, self._heights, self._first, self._done, self._closed, self._values, self._points]
+        kinds = [wp.float64, wp.int32, wp.int32, wp.int64, *[wp.float64] * 3]
+        self._shared = [
+            wp.array(a.reshape(-1), dtype=t, device=dev, copy=not dev.is_cpu)
+            for a, t in zip(self._host, kinds, strict=True)
+        ]
+        self._found = [(np.empty((0, size)), np.empty(0))]
+        self.boxes, self.count, self.least, self.share, self.stuck = 0, len(order), np.inf, 0.0, False
+
+    @property
+    def waiting(self) -> bool:
+        """Whether any box is open."""
+        return bool(self._left or self._heights.any())
+
+    def step(self, target: float, boxes: float = float("inf")) -> float:
+        """Let each block go on for a while, some 50 ms in all, and close what reaches a target; at -infinity everything at once.
+
+        Args:
+            target: In f.
+            boxes: About how many to bound at most.
+
+        Returns:
+            The lowest value of f at a positive that this step has found.
+        """
+        self._left -= _fill(self._stacks, self._heights, self._first, self._reserve[: self._left])
+        most = int(min(MOST, max(boxes / len(self._heights), 1)))
+        if not self._device.is_cpu:
+            for array, values in zip(self._shared[:3], self._host[:3], strict=True):
                 array.assign(values.reshape(-1))
-        launch_blocks(kernel, blocks, [0, float(target), most, *fixed], shared, dev, first_index=0, block=1)
-        if not dev.is_cpu:
-            for array, values in zip(shared, host, strict=True):
+        inputs = [0, float(target), most, *self._fixed]
+        launch_blocks(self._kernel, len(self._heights), inputs, self._shared, self._device, first_index=0, block=1)
+        if not self._device.is_cpu:
+            for array, values in zip(self._shared, self._host, strict=True):
                 values[...] = array.numpy().reshape(values.shape)
-        done, least = done + int(done_out.sum()), min(least, float(closed_out.min()))
-        seen = np.isfinite(low_value)
-        found.append((low_point[seen], low_value[seen]))
-        if len(found) > 64:
-            found = [_lowest(found)]
-        if not done_out.any():  # every stack is full
-            return _cleared(False, least, done, 1 - left / len(reserve), found)
-        if low_value.min() < target:
-            return _cleared(False, least, done, 1 - left / len(reserve), found)
-        if progress:
-            progress(done, 1 - left / len(reserve), target)
-        if done >= boxes or time.perf_counter() - started > seconds:
-            return _cleared(not heights.any() and not left, least, done, 1 - left / len(reserve), found)
+        self.boxes, self.least = self.boxes + int(self._done.sum()), min(self.least, float(self._closed.min()))
+        self.share = 1 - (self._left + int(self._first.sum())) / len(self._reserve)
+        self.stuck = not self._done.any()
+        seen = np.isfinite(self._values)
+        self._found.append((self._points[seen], self._values[seen]))
+        if len(self._found) > 64:
+            self._found = [_lowest(self._found)]
+        return float(self._values.min())
 
-
-def _cleared(complete: bool, least: float, done: int, share: float, found: list) -> Cleared:
-    points, values = _lowest(found)
-    return Cleared(complete, least, done, share, points, values)
+    def lowest(self) -> tuple[np.ndarray, np.ndarray]:
+        """The lowest positives found ``(K, Z)``, and f there."""
+        return _lowest(self._found)
 
 
 def _lowest(found: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
@@ -171,8 +207,10 @@ def _lowest(found: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.
     return points[order], values[order]
 
 
-def _fill(stacks: np.ndarray, heights: np.ndarray, reserve: np.ndarray) -> int:
+def _fill(stacks: np.ndarray, heights: np.ndarray, first: np.ndarray, reserve: np.ndarray) -> int:
     """Give empty blocks boxes from the end of ``reserve``, or else half of another block's: its oldest, which are its largest.
+
+    The lowest ``first`` boxes of each stack are such that come from the reserve.
 
     Returns:
         How many were taken from the reserve.
@@ -183,7 +221,8 @@ def _fill(stacks: np.ndarray, heights: np.ndarray, reserve: np.ndarray) -> int:
         if left:
             share = min(SHARE, -(-left // (len(empty) - place)))
             stacks[block, :share] = reserve[left - share : left]
-            heights[block], taken = share, taken + share
+            heights[block] = first[block] = share
+            taken += share
             continue
         donor = int(np.argmax(heights))
         if heights[donor] < 2:
@@ -192,6 +231,8 @@ def _fill(stacks: np.ndarray, heights: np.ndarray, reserve: np.ndarray) -> int:
         stacks[block, :share] = stacks[donor, :share]
         stacks[donor, : heights[donor] - share] = stacks[donor, share : heights[donor]].copy()
         heights[block], heights[donor] = share, heights[donor] - share
+        first[block] = min(first[donor], share)
+        first[donor] -= first[block]
     return taken
 
 
@@ -211,54 +252,62 @@ def charted_minimum(
         cover: The positives.
         eps: Gap between bound and found value at which the search ends.
         upper: f of a positive that is known.
-        seconds: Time after which the search ends with what it has.
+        seconds: Time after which the search ends with what it has; compiling kernels, once a shape of network, is not counted.
         boxes: Number of boxes after which it ends likewise, the same on every machine.
-        progress: Called with boxes done, the share of the present target that is done, and the gap that is proven.
+        progress: Called with boxes done, the share of the first boxes that is done, and the gap that is aimed at.
         device: Warp device.
 
     Returns:
         See ``Search``; ``worst`` holds numbers of the chart.
     """
+    one = replace(cover, lower=cover.lower[:1], upper=cover.upper[:1])
+    clear(_divided(one, 2, device), -np.inf, device=device)  # kernels that must be compiled are no part of the search
     started = time.perf_counter()
-    first = clear(cover, -np.inf, boxes=len(cover.lower), device=device)  # every box once
-    proven, done, best = first.least, first.boxes, min(upper, float(first.values.min(initial=np.inf)))
-    proven = proven if first.complete else -np.inf
-    found = [(first.points, first.values)]
-    known = rate = None  # a gap, and the boxes that it took or is expected to take; boxes a second
+    cover = _divided(cover, FIRST, device)
+    first = clear(cover, -np.inf, device=device)  # every box once
+    affordable = min(boxes, seconds * first.boxes / (time.perf_counter() - started))
+    many = min(FIRST_SHARE * affordable, MOST_FIRST) if np.isfinite(affordable) else FIRST
+    descent = _Descent(_divided(cover, many, device), device)
+    best = min(upper, float(first.values.min(initial=np.inf)))
 
-    def shown(n: int, share: float, _: float) -> None:
-        if progress:
-            progress(done + n, share, best - proven)
+    def done() -> int:
+        return first.boxes + descent.boxes
 
-    while best - proven > eps and np.isfinite(best):
+    def used() -> float:
         spent = time.perf_counter() - started
-        left = min(boxes - done, (seconds - spent) * rate if rate else np.inf)
-        if seconds - spent <= 0 or left <= 0:
-            break
-        wanted = max(eps, STEP * (best - proven))
-        if known:
-            affordable = known[0] * (HEADROOM * known[1] / left) ** (1 / GROWTH)
-            if affordable > 0.95 * (best - proven):
-                break
-            wanted = max(eps, affordable)
-        target, began = best - wanted, time.perf_counter()
-        outcome = clear(cover, target, seconds=seconds - spent, boxes=boxes - done, progress=shown, device=device)
-        done, rate = done + outcome.boxes, outcome.boxes / max(time.perf_counter() - began, 1e-6)
-        found.append((outcome.points, outcome.values))
-        best = min(best, float(outcome.values.min(initial=np.inf)))
-        if outcome.complete or best >= target:
-            known = wanted, outcome.boxes / max(outcome.share, 1e-3)
-        if outcome.complete:
-            proven = max(proven, outcome.least)
-        elif best >= target:
-            break  # out of time
-    points, _ = _lowest(found)
+        return max(done() / boxes, spent / seconds) if min(boxes, seconds) > 0 else 1.0
+
+    pace = Pace(eps, used())
+    while descent.waiting:
+        pace.update(used(), descent.share, descent.count)
+        best = min(best, descent.step(best - pace.gap if used() < 1 else -np.inf, boxes - done()))
+        if descent.stuck:  # float64 does not resolve such a gap
+            pace.widen()
+        if progress:
+            progress(done(), descent.share, pace.gap)
+    proven, spent = min(max(first.least, descent.least), best), time.perf_counter() - started
     return Search(
-        lower_bound=min(proven, best),
+        lower_bound=proven,
         upper_bound=best,
-        worst=points,
-        boxes=done,
-        seconds=time.perf_counter() - started,
+        worst=_lowest([(first.points, first.values), descent.lowest()])[0],
+        boxes=done(),
+        seconds=spent,
         complete=best - proven <= eps,
-        needed=known[1] / rate * max(known[0] / eps, 1.0) ** GROWTH if known and rate else np.inf,
+        needed=max(pace.whole * seconds, spent) if pace.whole else spent,
     )
+
+
+def _divided(cover: Charted, count: float, device: str) -> Charted:
+    """The same positives in so many boxes or more."""
+    lower, upper = cover.lower, cover.upper
+    for _ in range(2 * MOST_FIRST.bit_length()):  # halves without positives do not count
+        if len(lower) >= count:
+            break
+        bounds = cover.bound(lower, upper, device)
+        some = ~np.isposinf(bounds.lower)
+        boxes, axis, row = bounds.boxes[some], bounds.axes[0, some], np.arange(np.count_nonzero(some))
+        (lower, upper), middle = boxes.swapaxes(0, 1), cover.chart.middle(boxes[row, 0, axis], boxes[row, 1, axis])
+        less, more = upper.copy(), lower.copy()
+        less[row, axis] = more[row, axis] = middle
+        lower, upper = np.concatenate([lower, more]), np.concatenate([less, upper])
+    return replace(cover, lower=lower, upper=upper)

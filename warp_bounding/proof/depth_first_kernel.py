@@ -2,7 +2,7 @@
 
 A block (a thread on CUDA) has a stack of boxes in global memory. It takes as many as it has lanes, bounds them, closes those
 whose bound reaches the target and halves the others, until the stack is empty, its work is done, or a positive lies under
-the target. What is left on the stack is the caller's.
+the target; if that is -infinity, all are closed, without a limit, those with bound NaN at -infinity. What is left on the stack is the caller's.
 """
 
 from functools import cache
@@ -25,12 +25,13 @@ def _snippet(sizes: NetworkSizes) -> str:
     cpu, cuda = lanes_text(sizes, "const double* w = weights.data; const double* padding = paddings.data;")
     text = body(sizes, "tried")
     work = f"""
-double* stack = stacks.data + (long long)block * {STACK * row}; int held = heights.data[block]; long long done = 0;
+double* stack = stacks.data + (long long)block * {STACK * row}; int held = heights.data[block], first = firsts.data[block]; long long done = 0;
 double closed = INFINITY; double* kept_value = low_value.data + block * {KEPT}; double* kept_point = low_point.data + (long long)block * {KEPT * size};
 for (int k = 0; k < {KEPT}; ++k) kept_value[k] = INFINITY;
 bool broken = false; int turn = 0, rounds = 0;
-while (held > 0 && done < most && held + L <= {STACK} && !broken) {{
-const int taken = held < L ? held : L; held -= taken; const bool tried = !isfinite(target) || rounds++ % {RARELY} == 0; turn = (turn + tried) % {KEPT};
+const bool last = isinf(target) && target < 0.0;
+while (held > 0 && (last || (done < most && held + L <= {STACK} && !broken))) {{
+const int taken = held < L ? held : L; held -= taken; first = held < first ? held : first; const bool tried = !isfinite(target) || rounds++ % {RARELY} == 0; turn = (turn + tried) % {KEPT};
 V low[{size}], high[{size}];
 for (int l = 0; l < L; ++l) {{ const int j = held + (l < taken ? l : 0); {load_text(size, "stack", "j")} }}
 {text}
@@ -41,13 +42,14 @@ if (LANE(valid) != 0.0 && LANE(value) < kept_value[turn]) {{
 kept_value[turn] = LANE(value); broken = broken || LANE(value) < target;
 {" ".join(f"kept_point[turn * {size} + {k}] = LANE(z[{k}]);" for k in range(size))}
 }}
+if (last) {{ const double b = LANE(least) == LANE(least) ? LANE(least) : target; closed = b < closed ? b : closed; continue; }}
 if (LANE(least) >= target) {{ closed = LANE(least) < closed ? LANE(least) : closed; continue; }}
 {axis_text(chart.columns)}
 double* one = stack + (long long)held * {row}; double* two = one + {row}; held += 2;
 {" ".join(f"one[{k}] = two[{k}] = LANE(low[{k}]); one[{size + k}] = two[{size + k}] = LANE(high[{k}]);" for k in range(size))}
 {{ const double a = one[axis], b = one[{size} + axis]; double middle; {chart.split()} one[{size} + axis] = middle; two[axis] = middle; }}
 }} }}
-heights.data[block] = held; done_out.data[block] = done; closed_out.data[block] = closed;
+heights.data[block] = held; firsts.data[block] = first; done_out.data[block] = done; closed_out.data[block] = closed;
 """
     return f"""
 #if !defined(__CUDA_ARCH__)
@@ -65,7 +67,8 @@ heights.data[block] = held; done_out.data[block] = done; closed_out.data[block] 
 def depth_first_kernel(sizes: NetworkSizes) -> wp.Kernel:
     """The kernel for a network and a chart; a thread searches the block ``first + wp.tid()``.
 
-    Arrays: ``stacks`` ``(blocks, STACK, 2, Z)`` float64 and ``heights`` ``(blocks,)`` int32, in and out; ``done_out`` int64 boxes bounded,
+    Arrays: ``stacks`` ``(blocks, STACK, 2, Z)`` float64, ``heights`` ``(blocks,)`` int32 and ``firsts``, how many of the lowest have waited
+    from the start, in and out; ``done_out`` int64 boxes bounded,
     ``closed_out`` the least bound of a closed box, ``low_value`` ``(blocks, KEPT)`` and ``low_point`` low positives.
     """
     name = named(unique_name(sizes, "descent"))
@@ -81,6 +84,7 @@ def depth_first_kernel(sizes: NetworkSizes) -> wp.Kernel:
         table: wp.array(dtype=wp.int32),
         stacks: wp.array(dtype=wp.float64),
         heights: wp.array(dtype=wp.int32),
+        firsts: wp.array(dtype=wp.int32),
         done_out: wp.array(dtype=wp.int64),
         closed_out: wp.array(dtype=wp.float64),
         low_value: wp.array(dtype=wp.float64),
@@ -100,6 +104,7 @@ def depth_first_kernel(sizes: NetworkSizes) -> wp.Kernel:
         # outputs
         stacks: wp.array(dtype=wp.float64),
         heights: wp.array(dtype=wp.int32),
+        firsts: wp.array(dtype=wp.int32),
         done_out: wp.array(dtype=wp.int64),
         closed_out: wp.array(dtype=wp.float64),
         low_value: wp.array(dtype=wp.float64),
@@ -115,6 +120,7 @@ def depth_first_kernel(sizes: NetworkSizes) -> wp.Kernel:
             table,
             stacks,
             heights,
+            firsts,
             done_out,
             closed_out,
             low_value,

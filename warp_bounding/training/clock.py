@@ -4,7 +4,7 @@ import time
 
 __all__ = ["Clock"]
 
-STRIDE = 0.05  # of the training budget
+FASTER = 2.0  # times as fast the used fraction may go on when more time is reserved
 
 
 class Clock:
@@ -18,11 +18,14 @@ class Clock:
     def __init__(self, seconds: float, steps: int | None = None):
         self.started, self.total, self.steps, self.count = time.perf_counter(), seconds, steps, 0
         self.reserved = 0.0  # seconds at the end that belong to the proof
+        self._from = (0.0, 0.0)  # seconds and used fraction, from which it goes on evenly
 
     def reserve(self, seconds: float) -> None:
-        """Keep time for the proof, as far as the used fraction then goes forward by no more than ``STRIDE``: schedules must not jump."""
-        most = self.total - self.seconds / (self.fraction() + STRIDE)
-        self.reserved = min(seconds, max(most, self.reserved))
+        """Change what is kept for the proof. The used fraction goes on from where it is, at most ``FASTER`` than before: schedules do not jump."""
+        now, used = self.seconds, self.fraction()
+        left = self.total - self.reserved - now
+        self._from = (now, used)
+        self.reserved = min(seconds, self.total - now - left / FASTER)
 
     @property
     def seconds(self) -> float:
@@ -38,4 +41,5 @@ class Clock:
         """Share of the training budget that is used, 1 or more at its end."""
         if self.steps is not None:
             return self.count / self.steps
-        return self.seconds / max(self.total - self.reserved, 1e-9)
+        begin, used = self._from
+        return used + (1 - used) * (self.seconds - begin) / max(self.total - self.reserved - begin, 1e-9)

@@ -30,12 +30,13 @@ from warp_bounding.training.problem import Problem
 from warp_bounding.training.samples import Samples, samples_of
 from warp_bounding.training.support import SupportTrainer
 from warp_bounding.training.team import single_threaded_torch
-from warp_bounding.training.thresholds import decide, tolerance
+from warp_bounding.training.thresholds import Costs, decide, tolerance
 
 __all__ = ["TRAINERS", "NetworkOptions", "fit_network"]
 
 TRAINERS = {"default": Trainer, "paper": PaperTrainer}
 SEARCHES = (0.4, 0.65, 0.9)  # used fractions at which the prover looks for counterexamples
+LOOKS = (0.25, 0.5, 0.9)  # likewise, of rays and boxes
 SEARCH_SHARE = 0.02  # of the budget, each
 ADVERSARY_SHARE = 0.01  # of the budget, of each look that an adversary takes at rays and boxes before the prover does
 MONOTONE_START = 0.2  # used fraction from which the prover looks at a monotone network at every refresh
@@ -43,6 +44,7 @@ MONOTONE_EPS, MONOTONE_BOXES = 0.1, 20_000  # and how closely: such a search tak
 PROOF_SHARE = 0.03  # of the budget, reserved for a proof of points before a search has told what it takes
 LONG_PROOF_SHARE = 0.2  # reserved where the last search did not end in its time
 RESERVE = {"point": PROOF_SHARE, "ray": 0.15, "plane": 0.15, "box": 0.15}  # of the budget: what sets the threshold
+LONG_RESERVE = 0.4  # likewise, before the prover has looked at rays or boxes: it is easier to give time back
 MORE_FOR_EXITS = 0.4  # of that, for the thresholds of exits
 LEAST_SHARE = 0.05  # of the budget: a proof gets this much, even where training took longer than it should
 ATTEST_SECONDS = 2.5  # about what a million fresh positives take
@@ -50,21 +52,20 @@ SEARCH_BOXES, REGION_BOXES, PROOF_BOXES = (
     1_000_000,
     300_000,
     20_000_000,
-)  # what takes the place of time where the budget is in steps
+)  # what takes the place of time in budgets of steps
 SEARCH_ROUNDS = 12  # likewise, of the adversarial search
 TRAINING_ROUNDS = 2  # of the adversarial search, each time in training
 EXIT_STEPS = 40  # likewise, of each exit
 LOOK_SHARE, LOOK_BOXES = (
     0.02,
     200_000,
-)  # of the budget, of each look that the prover takes at rays and boxes in training
+)  # of the budget, or boxes, of each look of the prover at rays and boxes in training
 MOST_ADDED = 256  # positives of such a look that become training samples
-SETTLED_SHARE = 0.1  # of the budget: for the adversary and fresh positives, where a proof comes after them
-LONGEST_PROOF = (
-    0.25  # of the budget: networks of rays and boxes that are expected to take longer are not put to the prover
-)
-SLOWER = 1.3  # times as long as expected a proof may take
-MOST_OVER = 1.3  # times the time that is left: a proof that is expected to take longer is not tried
+SETTLED_SHARE, SETTLED_SECONDS = 0.1, 20.0  # of the budget, at most: for the adversary, where a proof comes after it
+LONGEST_PROOF = 0.6  # of the budget, of rays and boxes
+WORTH_PROVING = 1e-2  # share of all queries: networks whose proof is expected to cost more are not put to the prover
+SLOWER = 1.3  # times as long as expected a proof of points may take
+HARDER = (3.0, 1.1)  # times as long as at a used fraction of 0 to 1 the proof of the last network takes
 PLANE_TOLERANCE = 1e-3  # of a plane's offset, in domain half-widths
 
 Progress = Callable[[float, float, str], None]
@@ -120,15 +121,17 @@ class _Fit:
         self.monotone = issubclass(kind, MonotoneMlp)
         self.as_points = problem.query == "point" or self.monotone  # proven over the object's points
         self.reserve = RESERVE["point" if self.as_points else problem.query]
-        self.interrupted, self.boxes, self.expected = False, 0, 0.0  # expected: seconds of a proof of rays or boxes
-        self.hopeful = problem.query != "point"  # whether the prover is expected to be done in time with rays and boxes
+        self.settled = min(SETTLED_SHARE * options.budget, SETTLED_SECONDS)
+        self.interrupted, self.boxes = False, 0
+        self.hopeful = not self.as_points and problem.query != "plane"  # the prover will be in time with rays and boxes
 
     def run(self) -> tuple[Mlp, dict]:
         """See ``fit_network``."""
         options, clock = self.options, self.clock
         exits = EXIT_SHARE * (len(options.hidden) - 1) if self.early else 0.0
         self.exit_seconds = exits * options.budget
-        clock.reserved = self.reserve * (1 + MORE_FOR_EXITS * self.early) * options.budget + self.exit_seconds
+        reserve = LONG_RESERVE if self.hopeful else self.reserve
+        clock.reserved = reserve * (1 + MORE_FOR_EXITS * self.early) * options.budget + self.exit_seconds
         if not self.kind.conservative:
             clock.reserved = 0.0
             bounder, record = self._occupancy(), {}
@@ -180,7 +183,7 @@ class _Fit:
             trainer = MonotoneTrainer(samples, options.hidden, options.activation)
         else:
             trainer = trainer_of(samples, options.hidden, options.activation, options.octaves, options.moments)
-        waiting = list(SEARCHES)
+        waiting = list(SEARCHES if self.as_points else LOOKS)
 
         def counterexamples(_, used: float) -> None:
             if self.monotone:
@@ -259,19 +262,21 @@ class _Fit:
         found = adversarial_minimum(samples, trainer.network, seconds, trainer.hard_states(), rounds=TRAINING_ROUNDS)
         trainer.add_states(found.states)
         bounder = Mlp(problem.domain, trainer.network.tensors(), self.options.sizes, problem.device)
-        if not bounder.provable:
-            self.hopeful = False
-            return
-        limit = {"seconds": LOOK_SHARE * budget} if clock.timed else {"boxes": LOOK_BOXES}
-        eps = tolerance(bounder, problem, found.worst)
-        search = least_value(bounder, problem.grid, eps=eps, points=found.worst, **limit)
-        self.boxes += search.boxes
-        trainer.add_states(samples.spread(samples.at(search.numbers), MOST_ADDED))
+        expected, self.hopeful = 0.0, bounder.provable
+        if bounder.provable:
+            costs, least = Costs(bounder, problem), float(bounder.reference(found.worst).min())
+            eps = costs.room(least)
+            limit = {"seconds": LOOK_SHARE * budget} if clock.timed else {"boxes": LOOK_BOXES}
+            search = least_value(bounder, problem.grid, eps=eps, points=found.worst, **limit)
+            self.boxes += search.boxes
+            trainer.add_states(samples.spread(samples.at(search.numbers), MOST_ADDED))
+            harder = HARDER[0] + (HARDER[1] - HARDER[0]) * clock.fraction()
+            expected = harder * (search.seconds if search.complete else search.needed)
+            if clock.timed:
+                self.hopeful = costs.of_proof(least, eps, expected, LONGEST_PROOF * budget) <= WORTH_PROVING
         if clock.timed:
-            self.expected = SLOWER * (search.seconds if search.complete else search.needed)
-            self.hopeful = self.expected <= LONGEST_PROOF * budget
-            reserved = self.expected + SETTLED_SHARE * budget if self.hopeful else self.reserve * budget
-            clock.reserve(reserved * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds)
+            proof = min(expected, LONGEST_PROOF * budget) + self.settled if self.hopeful else self.reserve * budget
+            clock.reserve(proof * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds)
 
     # --- thresholds --------------------------------------------------------------------------------------------------
 
@@ -308,9 +313,7 @@ class _Fit:
         self._report(1.0, "adversarial search")
         budget, rounds = self.options.budget, {} if self.clock.timed else {"rounds": SEARCH_ROUNDS}
         left = (budget - self.clock.seconds) / parts_left - ATTEST_SECONDS
-        longest = max(left, LEAST_SHARE * budget)
-        self.hopeful &= not self.clock.timed or self.expected <= MOST_OVER * longest
-        share = min(left, SETTLED_SHARE * budget) if self.hopeful else left
+        share = min(left, self.settled) if self.hopeful else left
         seconds = max(share, 0.05 * budget) if self.clock.timed else float("inf")
         found = adversarial_minimum(samples, network, seconds, states=states, **rounds)
         limits = None

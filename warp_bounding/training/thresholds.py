@@ -10,6 +10,7 @@ import numpy as np
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.proof import attest, least_value, settle
 from warp_bounding.proof.monotone import of_points
+from warp_bounding.proof.pace import GROWTH
 from warp_bounding.queries import oracle, sample
 from warp_bounding.training.problem import Problem
 
@@ -48,6 +49,10 @@ class Costs:
     def between(self, lower: float, upper: float) -> float:
         """Share of all queries whose f lies between two values."""
         return float(np.diff(np.searchsorted(self.values, [lower, upper]))[0]) / SAMPLES
+
+    def of_proof(self, least: float, eps: float, needed: float, seconds: float) -> float:
+        """Share of all queries that a proof is expected to cost that has some seconds, where it needs others to come as near as ``eps``."""
+        return self.between(least - eps * max(needed / seconds, 1.0) ** (1 / GROWTH), least)
 
 
 def tolerance(bounder: Mlp, problem: Problem, worst: np.ndarray) -> float:
