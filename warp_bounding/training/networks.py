@@ -65,7 +65,7 @@ SETTLED_SHARE, SETTLED_SECONDS = 0.1, 20.0  # of the budget, at most: for the ad
 LONGEST_PROOF = 0.6  # of the budget, of rays and boxes
 WORTH_PROVING = 1e-2  # share of all queries: networks whose proof is expected to cost more are not put to the prover
 SLOWER = 1.3  # times as long as expected a proof of points may take
-HARDER = (3.0, 1.1)  # times as long as at a used fraction of 0 to 1 the proof of the last network takes
+HARDER = (4.2, 1.35)  # times as long as at a used fraction of 0 to 1 the proof of the last network takes
 PLANE_TOLERANCE = 1e-3  # of a plane's offset, in domain half-widths
 
 Progress = Callable[[float, float, str], None]
