@@ -13,7 +13,7 @@ __all__ = ["command"]
 def command(
     file: BounderFile,
     shape: Annotated[str, typer.Argument(help="The shape that it is to bound.")],
-    budget: Annotated[float, typer.Option(help="Seconds allowed.")] = 300.0,
+    budget: Annotated[float, typer.Option(help="Seconds allowed.")] = 900.0,
     json: Json = False,
 ) -> int:
     """Prove from scratch that FILE has no false negative on SHAPE. Exit status 0: proven; 1: not."""

@@ -49,7 +49,7 @@ class _Checked(NamedTuple):
 
 
 def certify(
-    bounder: Bounder, shape, *, seconds: float = 300.0, progress: Callable[[int, int], None] | None = None
+    bounder: Bounder, shape, *, seconds: float = 900.0, progress: Callable[[int, int], None] | None = None
 ) -> Certificate:
     """Prove from scratch that a bounder has no false negative on a shape. Raises nothing for a bounder that does; tells the truth.
 
