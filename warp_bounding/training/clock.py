@@ -20,10 +20,15 @@ class Clock:
         self.reserved = 0.0  # seconds at the end that belong to the proof
         self._from = (0.0, 0.0)  # seconds and used fraction, from which it goes on evenly
 
-    def reserve(self, seconds: float) -> None:
-        """Change what is kept for the proof. The used fraction goes on from where it is, at most ``FASTER`` than before: schedules do not jump."""
-        now, used = self.seconds, self.fraction()
-        left = self.total - self.reserved - now
+    def reserve(self, seconds: float, used: float | None = None) -> None:
+        """Change what is kept for the proof. The used fraction goes on evenly, at most ``FASTER``: schedules do not jump.
+
+        Args:
+            seconds: At the end of the budget.
+            used: Fraction from which it goes on, where the time since then was not training; the present one if ``None``.
+        """
+        now, used = self.seconds, self.fraction() if used is None else used
+        left = max(self.total - self.reserved - now, 0.0)
         self._from = (now, used)
         self.reserved = min(seconds, self.total - now - left / FASTER)
 

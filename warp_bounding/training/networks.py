@@ -123,7 +123,7 @@ class _Fit:
         self.reserve = RESERVE["point" if self.as_points else problem.query]
         self.settled = min(SETTLED_SHARE * options.budget, SETTLED_SECONDS)
         self.interrupted, self.boxes = False, 0
-        self.hopeful = not self.as_points and problem.query != "plane"  # the prover will be in time with rays and boxes
+        self.hopeful = not self.as_points and problem.query != "plane"  # rays and boxes: a proof is worth its time
 
     def run(self) -> tuple[Mlp, dict]:
         """See ``fit_network``."""
@@ -194,7 +194,7 @@ class _Fit:
                 if self.as_points:
                     self._counterexamples(trainer)
                 else:
-                    self._hard_positives(trainer, samples)
+                    self._hard_positives(trainer, samples, used)
 
         exits = None
         with single_threaded_torch():
@@ -252,10 +252,10 @@ class _Fit:
             expected = min(max(expected, 0.01 * budget), LONG_PROOF_SHARE * budget)
             clock.reserve(expected * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds)
 
-    def _hard_positives(self, trainer: Trainer, samples: Samples) -> None:
+    def _hard_positives(self, trainer: Trainer, samples: Samples, used: float) -> None:
         """Let adversary and prover look at the network as it is; the worst positives they find become training samples.
 
-        What the prover gets done tells whether it will be done with the last network in time.
+        What the prover gets done tells how much time its proof of the last network is worth.
         """
         budget, clock, problem = self.options.budget, self.clock, self.problem
         seconds = ADVERSARY_SHARE * budget if clock.timed else float("inf")
@@ -270,13 +270,13 @@ class _Fit:
             search = least_value(bounder, problem.grid, eps=eps, points=found.worst, **limit)
             self.boxes += search.boxes
             trainer.add_states(samples.spread(samples.at(search.numbers), MOST_ADDED))
-            harder = HARDER[0] + (HARDER[1] - HARDER[0]) * clock.fraction()
+            harder = HARDER[0] + (HARDER[1] - HARDER[0]) * used
             expected = harder * (search.seconds if search.complete else search.needed)
             if clock.timed:
                 self.hopeful = costs.of_proof(least, eps, expected, LONGEST_PROOF * budget) <= WORTH_PROVING
         if clock.timed:
             proof = min(expected, LONGEST_PROOF * budget) + self.settled if self.hopeful else self.reserve * budget
-            clock.reserve(proof * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds)
+            clock.reserve(proof * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds, used)
 
     # --- thresholds --------------------------------------------------------------------------------------------------
 
@@ -316,12 +316,9 @@ class _Fit:
         share = min(left, self.settled) if self.hopeful else left
         seconds = max(share, 0.05 * budget) if self.clock.timed else float("inf")
         found = adversarial_minimum(samples, network, seconds, states=states, **rounds)
-        limits = None
-        if self.hopeful:
-            limits = (
-                {"seconds": max(left - found.seconds, LEAST_SHARE * budget)}
-                if self.clock.timed
-                else {"boxes": REGION_BOXES}
-            )
+        limits, least = {"boxes": REGION_BOXES}, LEAST_SHARE * budget
+        if self.clock.timed:
+            left -= found.seconds
+            limits = {"seconds": max(left, least)} if self.hopeful or left > least else None
         record = decide(part, self.problem, found.worst, limits, lambda note: self._report(1.0, note))
         return record | {"search_seconds": round(found.seconds, 3), "search_complete": found.complete}
