@@ -8,21 +8,24 @@ from warp_bounding.proof.pace import Pace
 COUNT = 100_000
 
 
-def finish(work, gap, *, noise=0.0, stuck=0.0, seed=0):
+def finish(work, gap, *, noise=0.0, stuck=0.0, slow=False, seed=0):
     """Run a search whose share grows by ``1 / work(gap)`` a unit of time; the pace, and the time that it took."""
-    pace, rng, used, share = Pace(gap), np.random.default_rng(seed), 0.0, 0.0
+    pace, rng, used, share, boxes = Pace(gap), np.random.default_rng(seed), 0.0, 0.0, 0
     while share < 1:
-        pace.update(used, share, COUNT)
+        pace.update(used, share, boxes, COUNT)
         used += 0.001
+        speed = 0.5 if slow and 0.3 < used < 0.4 else 1.0
+        boxes += round(1000 * speed)
         if used > stuck:
-            share += 0.001 / work(pace.gap) * np.exp(rng.normal(0, noise))
+            share += 0.001 * speed / work(pace.gap) * np.exp(rng.normal(0, noise))
         assert used < 2
     return pace, used
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.5])
-def test_a_search_that_is_in_time_keeps_its_gap(noise):
-    pace, used = finish(lambda gap: 0.6, 0.1, noise=noise)
+@pytest.mark.parametrize("slow", [False, True])
+def test_a_search_that_is_in_time_keeps_its_gap(noise, slow):
+    pace, used = finish(lambda gap: 0.7, 0.1, noise=noise, slow=slow)
     assert (pace.gap, pace.whole) == (0.1, 0.0)
     assert used < 0.9
 
@@ -48,9 +51,9 @@ def test_a_search_that_does_not_move_widens_its_gap_too():
 
 def test_behind_the_end_gaps_widen_fast():
     pace = Pace(1.0)
-    pace.update(0.94, 1.0, COUNT)
+    pace.update(0.94, 1.0, 1000, COUNT)
     for used in np.arange(0.95, 1.0, 0.01):
-        pace.update(used, 1.0, COUNT)
+        pace.update(used, 1.0, 1000, COUNT)
     assert pace.gap > 30
 
 

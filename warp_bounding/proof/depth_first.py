@@ -279,7 +279,7 @@ def charted_minimum(
 
     pace = Pace(eps, used())
     while descent.waiting:
-        pace.update(used(), descent.share, descent.count)
+        pace.update(used(), descent.share, descent.boxes, descent.count)
         best = min(best, descent.step(best - pace.gap if used() < 1 else -np.inf, boxes - done()))
         if descent.stuck:  # float64 does not resolve such a gap
             pace.widen()

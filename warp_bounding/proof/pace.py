@@ -28,40 +28,41 @@ class Pace:
 
     def __init__(self, gap: float, used: float = 0.0):
         self.gap, self.whole = gap, 0.0
-        self._growth, self._judged = GROWTH, None
-        self._from = (used, 0.0)
+        self._growth, self._judged, self._start = GROWTH, None, used
+        self._from = (used, 0.0, 0)
 
-    def update(self, used: float, share: float, count: int) -> None:
+    def update(self, used: float, share: float, boxes: int, count: int) -> None:
         """Widen the gap if the search is late.
+
+        What the present gap takes is measured in boxes, and in time by the speed of the whole search so far: machines have slow moments.
 
         Args:
             used: Share of the limits that is used.
             share: Of the first boxes, that are done.
+            boxes: That were bounded.
             count: Of first boxes.
         """
-        time, done, left = used - self._from[0], share - self._from[1], END - used
+        time, done, work = (now - then for now, then in zip((used, share, boxes), self._from, strict=True))
+        left, here = END - used, (used, share, boxes)
         if left <= 0:
             if time >= OVERTIME:
-                self._change(self.gap * WIDER, used, share)
+                self.gap, self._from = self.gap * WIDER, here
             return
-        if done * count < SURE and time < PATIENCE * (left + time):
+        if not work or (done * count < SURE and time < PATIENCE * (left + time)):
             return
-        rate = time / max(done, 1 / count)
-        expected = rate * (1 - share)
+        whole = work / max(done, 1 / count) * (used - self._start) / boxes
+        expected = whole * (1 - share)
         if expected <= LATE * left:
             return
         if self._judged:
             gap, before = self._judged
-            self._growth = float(np.clip(np.log(before / rate) / np.log(self.gap / gap), FLATTEST, STEEPEST))
+            self._growth = float(np.clip(np.log(before / whole) / np.log(self.gap / gap), FLATTEST, STEEPEST))
         else:
-            self.whole = rate
-        self._judged = (self.gap, rate)
-        factor = (HEADROOM * expected / left) ** (1 / self._growth)
-        self._change(self.gap * min(factor, WIDEST), used, share)
+            self.whole = whole
+        self._judged = (self.gap, whole)
+        self.gap *= min((HEADROOM * expected / left) ** (1 / self._growth), WIDEST)
+        self._from = here
 
     def widen(self) -> None:
         """Widen the gap whatever the time."""
         self.gap *= 10.0
-
-    def _change(self, gap: float, used: float, share: float) -> None:
-        self.gap, self._from = gap, (used, share)

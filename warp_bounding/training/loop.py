@@ -86,6 +86,7 @@ class Trainer:
         network: The parameters as they are now.
         false_positives: Estimated share of false positives, of all uniform samples, at the last refresh.
         false_negatives: Share of the worst positives that the paper's threshold of 0 would deny.
+        decay: Of the hidden layers' weights, times the learning rate, a step: smaller weights bend f less, which shortens its proof.
     """
 
     def __init__(
@@ -102,6 +103,7 @@ class Trainer:
         self.network = TrainableNetwork(samples.ndim, hidden, activation, octaves, moments)
         self._initialise()
         self.false_positives = self.false_negatives = 1.0
+        self.decay = 0.0
         self._hard: torch.Tensor | None = None  # states
         self._best = (math.inf, self.network.flat.clone())
         self._batches: list[tuple] = []
@@ -152,7 +154,11 @@ class Trainer:
                     workers[0].gradient.add_(worker.gradient)
                 warm = min(1.0, (used + 1e-3) / recipe.warm_up)
                 cosine = recipe.rate_end + (1 - recipe.rate_end) * 0.5 * (1 + math.cos(math.pi * min(used, 1.0)))
-                optimiser.step(workers[0].gradients, recipe.rate * warm * cosine)
+                rate = recipe.rate * warm * cosine
+                optimiser.step(workers[0].gradients, rate)
+                if self.decay:
+                    for weight in self.network.layers[:-1]:
+                        weight.mul_(1 - rate * self.decay)
                 step += 1
                 clock.count += 1
             if counterexamples:

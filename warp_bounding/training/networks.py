@@ -63,6 +63,7 @@ LOOK_SHARE, LOOK_BOXES = (
 MOST_ADDED = 256  # positives of such a look that become training samples
 SETTLED_SHARE, SETTLED_SECONDS = 0.1, 20.0  # of the budget, at most: for the adversary, where a proof comes after it
 LONGEST_PROOF = 0.6  # of the budget, of rays and boxes
+LONG_PROOF, DECAY = 0.3, 0.05  # of the budget: for a proof that is expected to take longer, weights decay at this rate
 WORTH_PROVING = 1e-2  # share of all queries: networks whose proof is expected to cost more are not put to the prover
 SLOWER = 1.3  # times as long as expected a proof of points may take
 HARDER = (4.2, 1.35)  # times as long as at a used fraction of 0 to 1 the proof of the last network takes
@@ -274,6 +275,7 @@ class _Fit:
             expected = harder * (search.seconds if search.complete else search.needed)
             if clock.timed:
                 self.hopeful = costs.of_proof(least, eps, expected, LONGEST_PROOF * budget) <= WORTH_PROVING
+                trainer.decay = DECAY if self.hopeful and expected > LONG_PROOF * budget else trainer.decay
         if clock.timed:
             proof = min(expected, LONGEST_PROOF * budget) + self.settled if self.hopeful else self.reserve * budget
             clock.reserve(proof * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds, used)
