@@ -222,9 +222,29 @@ def test_a_search_in_depth_that_is_cut_short_promises_nothing_false():
         assert not outcome.complete
     assert clear(cover, whole.lower_bound - 1e-6).complete
     assert not clear(replace(cover, numbers=np.full_like(cover.numbers, np.nan)), -1e9, boxes=1000).complete
+    broken = charted_minimum(
+        replace(cover, numbers=np.full_like(cover.numbers, np.nan)), eps=1e-3, upper=least, boxes=1e5
+    )
+    assert (broken.lower_bound, broken.complete) == (-np.inf, False)
     many = replace(cover, lower=np.repeat(cover.lower, 10_000, axis=0), upper=np.repeat(cover.upper, 10_000, axis=0))
     assert not clear(many, -1e9, boxes=4096).complete  # all that were dealt out are closed, but there are others
     assert clear(many, -1e9).boxes == 10_000
+
+
+def test_boxes_are_halved_within_and_between_cells():
+    chart, rng = (
+        charted(network_of(domain_of(shape("c"), "box"), "relu", seed=8), shape("c")).chart,
+        np.random.default_rng(0),
+    )
+    a = rng.uniform(-3, 3, 1000)
+    b = a + rng.choice([1e-9, 0.3, 1.0, 7.0], 1000)
+    middle = chart.middle(a, b)
+    assert ((a < middle) & (middle < b)).all()
+    edges = np.floor(b - 0.5) + 0.5  # the last edge that is not above b
+    spans = (edges > a) & (edges < b)
+    assert (middle[spans] % 1 == 0.5).all()
+    assert spans.any()
+    assert not spans.all()
 
 
 @pytest.mark.parametrize("seed", range(20))

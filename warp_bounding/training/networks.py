@@ -64,7 +64,7 @@ MOST_ADDED = 256  # positives of such a look that become training samples
 SETTLED_SHARE, SETTLED_SECONDS = 0.1, 20.0  # of the budget, at most: for the adversary, where a proof comes after it
 LONGEST_PROOF = 0.6  # of the budget, of rays and boxes
 LONG_PROOF, DECAY = 0.3, 0.05  # of the budget: for a proof that is expected to take longer, weights decay at this rate
-WORTH_PROVING = 1e-2  # share of all queries: networks whose proof is expected to cost more are not put to the prover
+WORTH_PROVING = 1e-2  # share of all queries: where a proof is expected to cost more, training keeps the time
 SLOWER = 1.3  # times as long as expected a proof of points may take
 HARDER = (4.2, 1.35)  # times as long as at a used fraction of 0 to 1 the proof of the last network takes
 PLANE_TOLERANCE = 1e-3  # of a plane's offset, in domain half-widths
@@ -131,7 +131,8 @@ class _Fit:
         options, clock = self.options, self.clock
         exits = EXIT_SHARE * (len(options.hidden) - 1) if self.early else 0.0
         self.exit_seconds = exits * options.budget
-        reserve = LONG_RESERVE if self.hopeful else self.reserve
+        looks = self.hopeful and options.recipe == "default"  # the paper's recipe lets nobody look
+        reserve = LONG_RESERVE if looks else self.reserve
         clock.reserved = reserve * (1 + MORE_FOR_EXITS * self.early) * options.budget + self.exit_seconds
         if not self.kind.conservative:
             clock.reserved = 0.0
