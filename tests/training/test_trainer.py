@@ -134,6 +134,18 @@ def test_reserves_do_not_make_schedules_jump():
     assert clock.fraction() == pytest.approx(1.0, abs=1e-3)
 
 
+def test_what_is_reserved_after_the_end_does_not_begin_it_anew():
+    clock = Clock(1.0)
+    clock.started -= 1.2  # a look that took longer than it was given
+    for seconds, used in ((0.5, None), (0.0, None), (0.5, 0.9), (0.0, 1.3)):
+        clock.reserve(seconds, used)
+        clock.started -= 0.1
+        assert clock.fraction() == 1.0
+    early = Clock(1.0)
+    early.reserve(0.9, 1.2)  # out of time, as more was reserved than expected
+    assert early.fraction() >= 1.0
+
+
 @pytest.mark.parametrize("size", [1, 2, 4])
 def test_teams(size):
     team, seen = Team(size), []

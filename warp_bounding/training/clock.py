@@ -27,7 +27,7 @@ class Clock:
             seconds: At the end of the budget.
             used: Fraction from which it goes on, where the time since then was not training; the present one if ``None``.
         """
-        now, used = self.seconds, self.fraction() if used is None else used
+        now, used = self.seconds, min(self.fraction() if used is None else used, 1.0)
         left = max(self.total - self.reserved - now, 0.0)
         self._from = (now, used)
         self.reserved = min(seconds, self.total - now - left / FASTER)
@@ -43,8 +43,8 @@ class Clock:
         return self.steps is None
 
     def fraction(self) -> float:
-        """Share of the training budget that is used, 1 or more at its end."""
+        """Share of the training budget that is used; 1 at its end."""
         if self.steps is not None:
             return self.count / self.steps
-        begin, used = self._from
-        return used + (1 - used) * (self.seconds - begin) / max(self.total - self.reserved - begin, 1e-9)
+        (begin, used), now, end = self._from, self.seconds, self.total - self.reserved
+        return used + (1 - used) * (now - begin) / (end - begin) if now < end else 1.0
