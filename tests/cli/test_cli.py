@@ -156,7 +156,8 @@ def test_a_budget_too_small_ends_honestly(files, capsys, query):
     status, out, _ = run(capsys, "certify", path, files / "c.npy", "--budget", 0.01, "--json")
     again = json.loads(out)
     assert status == (0 if again["proven"] else 1)
-    assert again["certificate"]["kind"] in ("proven", "statistical", "undecided")
+    honest = {"proven", "undecided"} if certificate["kind"] == "proven" else {"proven", "undecided", "refuted"}
+    assert again["certificate"]["kind"] in honest  # fresh positives may refute what fewer of them let pass
 
 
 @pytest.mark.parametrize("method", ["aabb", "voxels", "mlp"])

@@ -128,7 +128,7 @@ def test_info(fitted, capsys):
 def test_info_of_what_is_not_proven(tmp_path, capsys):
     path = tmp_path / "s.safetensors"
     bounder = without_proof()
-    attest(bounder, shape("c"), least=0.0, room=0.0, count=10_000)
+    attest(bounder, shape("c"), least=0.0, room=20.0, count=10_000)
     bounder.save(path)
     status, out, err = run(capsys, "info", path)
     assert (status, err) == (1, "")
