@@ -17,7 +17,7 @@ import torch
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.mlp_early import MlpEarly, part_of
 from warp_bounding.bounders.monotone_mlp import MonotoneMlp
-from warp_bounding.proof import conjunction, least_value, prove
+from warp_bounding.proof import Search, conjunction, least_value, prove
 from warp_bounding.training.adversary import adversarial_minimum
 from warp_bounding.training.clock import Clock
 from warp_bounding.training.early import EXIT_SHARE, EarlyTrainer, train_exits
@@ -65,8 +65,8 @@ SETTLED_SHARE, SETTLED_SECONDS = 0.1, 20.0  # of the budget, at most: for the ad
 LONGEST_PROOF = 0.6  # of the budget, of rays and boxes
 LONG_PROOF, DECAY = 0.3, 0.05  # of the budget: for a proof that is expected to take longer, weights decay at this rate
 WORTH_PROVING = 1e-2  # share of all queries: where a proof is expected to cost more, training keeps the time
-SLOWER = 1.3  # times as long as expected a proof of points may take
 HARDER = (4.2, 1.35)  # times as long as at a used fraction of 0 to 1 the proof of the last network takes
+LATE_SHARE = 0.1  # of the budget: by so much a proof of points or planes may end late, where to come less near saves next to no work
 PLANE_TOLERANCE = 1e-3  # of a plane's offset, in domain half-widths
 
 Progress = Callable[[float, float, str], None]
@@ -190,11 +190,11 @@ class _Fit:
         def counterexamples(_, used: float) -> None:
             if self.monotone:
                 if used >= MONOTONE_START:
-                    self._counterexamples(trainer)
+                    self._counterexamples(trainer, used)
             elif waiting and waiting[0] <= used < 1:
                 waiting.pop(0)
                 if self.as_points:
-                    self._counterexamples(trainer)
+                    self._counterexamples(trainer, used)
                 else:
                     self._hard_positives(trainer, samples, used)
 
@@ -235,7 +235,7 @@ class _Fit:
             return samples_of(problem.grid, problem.domain, problem.seed)
         return LeastBoxSamples(problem.grid, problem.domain, torch.Generator().manual_seed(problem.seed))
 
-    def _counterexamples(self, trainer: Trainer) -> None:
+    def _counterexamples(self, trainer: Trainer, used: float) -> None:
         """Let the prover look at the network as it is; its lowest points become training samples."""
         problem, clock, budget = self.problem, self.clock, self.options.budget
         kind = MonotoneMlp if self.monotone else Mlp
@@ -249,9 +249,8 @@ class _Fit:
         search = least_value(bounder, problem.grid, eps=eps, points=points, **limit)
         self.boxes += search.boxes
         trainer.add(search.worst)
-        if clock.timed:  # the last proof will take about as long, on a network that is a little harder
-            expected = 2 * search.seconds if search.complete else SLOWER * search.needed
-            expected = min(max(expected, 0.01 * budget), LONG_PROOF_SHARE * budget)
+        if clock.timed:
+            expected = min(max(_last_proof(search, used), 0.01 * budget), LONG_PROOF_SHARE * budget)
             clock.reserve(expected * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds)
 
     def _hard_positives(self, trainer: Trainer, samples: Samples, used: float) -> None:
@@ -272,8 +271,7 @@ class _Fit:
             search = least_value(bounder, problem.grid, eps=eps, points=found.worst, **limit)
             self.boxes += search.boxes
             trainer.add_states(samples.spread(samples.at(search.numbers), MOST_ADDED))
-            harder = HARDER[0] + (HARDER[1] - HARDER[0]) * used
-            expected = harder * (search.seconds if search.complete else search.needed)
+            expected = _last_proof(search, used)
             if clock.timed:
                 self.hopeful = costs.of_proof(least, eps, expected, LONGEST_PROOF * budget) <= WORTH_PROVING
                 trainer.decay = DECAY if self.hopeful and expected > LONG_PROOF * budget else trainer.decay
@@ -301,8 +299,8 @@ class _Fit:
         """Time, or boxes, of the next part's proof."""
         if not self.clock.timed:
             return {"boxes": PROOF_BOXES}
-        left = (self.options.budget - self.clock.seconds) / parts_left
-        return {"seconds": max(left, LEAST_SHARE * self.options.budget)}
+        left = (1 + LATE_SHARE) * self.options.budget - self.clock.seconds
+        return {"seconds": max(left / parts_left, LEAST_SHARE * self.options.budget)}
 
     def _prove(self, part: Mlp, points: np.ndarray, parts_left: int) -> dict:
         self._report(1.0, "proof")
@@ -325,3 +323,8 @@ class _Fit:
             limits = {"seconds": max(left, least)} if self.hopeful or left > least else None
         record = decide(part, self.problem, found.worst, limits, lambda note: self._report(1.0, note))
         return record | {"search_seconds": round(found.seconds, 3), "search_complete": found.complete}
+
+
+def _last_proof(search: Search, used: float) -> float:
+    """Seconds that the proof of the last network is expected to take, by a search of the one at a used fraction: f gets steeper."""
+    return (HARDER[0] + (HARDER[1] - HARDER[0]) * used) * (search.seconds if search.complete else search.needed)
