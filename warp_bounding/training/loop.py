@@ -10,7 +10,7 @@ of the used fraction of the budget. Points that a proof's search finds enter the
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 
@@ -64,6 +64,14 @@ RECIPES = {
     "ray": Recipe(first_gain=1.5, sharpness=0.3),  # a ray sweeps over many cells: its truth is smoother than a point's
     "box": Recipe(first_gain=5.0, sharpness=0.3),
 }
+MANY = {"hard": 16384, "explore": 32768}  # rays and boxes from 3D on: six coordinates and more have many places to be low at
+BLUNT = {"sharpness": 1.0}  # from 4D on: where networks of the paper's sizes are far from the truth, the bulk needs gradient, too
+
+
+def recipe_of(query: str, inputs: int) -> Recipe:
+    """The default recipe for a kind of query of so many coordinates."""
+    changes = {} if query == "point" or inputs < 6 else MANY | (BLUNT if inputs >= 8 else {})
+    return replace(RECIPES[query], **changes)
 
 
 def schedule(end: float, used: float, start: float, stop: float, begin: float = 1.0) -> float:
@@ -98,7 +106,7 @@ class Trainer:
         moments: bool = False,
         recipe: Recipe | None = None,
     ):
-        self.recipe = recipe or RECIPES[samples.query]
+        self.recipe = recipe or recipe_of(samples.query, samples.ndim)
         self.samples, self.generator = samples, samples.generator
         self.network = TrainableNetwork(samples.ndim, hidden, activation, octaves, moments)
         self._initialise()
