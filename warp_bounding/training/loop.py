@@ -64,8 +64,13 @@ RECIPES = {
     "ray": Recipe(first_gain=1.5, sharpness=0.3),  # a ray sweeps over many cells: its truth is smoother than a point's
     "box": Recipe(first_gain=5.0, sharpness=0.3),
 }
-MANY = {"hard": 16384, "explore": 32768}  # rays and boxes from 3D on: six coordinates and more have many places to be low at
-BLUNT = {"sharpness": 1.0}  # from 4D on: where networks of the paper's sizes are far from the truth, the bulk needs gradient, too
+MANY = {
+    "hard": 16384,
+    "explore": 32768,
+}  # rays and boxes from 3D on: six coordinates and more have many places to be low at
+BLUNT = {
+    "sharpness": 1.0
+}  # from 4D on: where networks of the paper's sizes are far from the truth, the bulk needs gradient, too
 
 
 def recipe_of(query: str, inputs: int) -> Recipe:
