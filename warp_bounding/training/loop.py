@@ -64,19 +64,15 @@ RECIPES = {
     "ray": Recipe(first_gain=1.5, sharpness=0.3),  # a ray sweeps over many cells: its truth is smoother than a point's
     "box": Recipe(first_gain=5.0, sharpness=0.3),
 }
-MANY = {
-    "hard": 16384,
-    "explore": 32768,
-}  # rays and boxes from 3D on: six coordinates and more have many places to be low at
-BLUNT = {
-    "sharpness": 1.0
-}  # from 4D on: where networks of the paper's sizes are far from the truth, the bulk needs gradient, too
+# Rays and boxes in 4D, where networks of the paper's sizes are far from the truth: the bulk needs gradient, too, and eight
+# coordinates have many places to be low at.
+MANY_COORDINATES, FAR = 8, {"sharpness": 1.0, "hard": 16384, "explore": 32768}
 
 
 def recipe_of(query: str, inputs: int) -> Recipe:
     """The default recipe for a kind of query of so many coordinates."""
-    changes = {} if query == "point" or inputs < 6 else MANY | (BLUNT if inputs >= 8 else {})
-    return replace(RECIPES[query], **changes)
+    far = query != "point" and inputs >= MANY_COORDINATES
+    return replace(RECIPES[query], **(FAR if far else {}))
 
 
 def schedule(end: float, used: float, start: float, stop: float, begin: float = 1.0) -> float:
