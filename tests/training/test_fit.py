@@ -11,7 +11,9 @@ torch = pytest.importorskip("torch", reason="torch is not installed")
 
 import warp_bounding as wb  # noqa: E402
 from warp_bounding.errors import BounderError, BoundingError, IndicatorError, QueryError  # noqa: E402
+from warp_bounding.proof import Search  # noqa: E402
 from warp_bounding.training import networks  # noqa: E402
+from warp_bounding.training.clock import Clock  # noqa: E402
 from warp_bounding.training.paper import PaperTrainer  # noqa: E402
 
 
@@ -193,3 +195,22 @@ def test_right_k(k):
 def test_what_is_no_shape(source):
     with pytest.raises(IndicatorError):
         wb.fit(source, method="aabb")
+
+
+def test_the_last_proof_is_expected_to_take_longer_than_the_looks_at_earlier_networks(monkeypatch):
+    look, kept = 0.05, []
+
+    def least_value(bounder, grid, **_):
+        return Search(0.0, 1.0, np.zeros((0, grid.ndim)), 1, 0.01, complete=False, needed=look)
+
+    def reserve(clock, seconds, used=None):
+        kept.append((clock.fraction(), seconds))
+
+    monkeypatch.setattr(networks, "least_value", least_value)
+    monkeypatch.setattr(Clock, "reserve", reserve)
+    assert few("star", steps=None, budget=6.0).certificate.proven
+    assert kept
+    for used, seconds in kept:
+        assert look * networks.HARDER[1] <= seconds <= look * networks.HARDER[0]
+        assert used == 1.0 or seconds > look * networks.HARDER[1]
+    assert [seconds for _, seconds in kept] == sorted((seconds for _, seconds in kept), reverse=True)
