@@ -70,7 +70,7 @@ def fit(
         method: A name in ``METHODS``.
         hidden: Hidden widths, mlp.
         activation: ``"sin"``, ``"relu"`` or ``"tanh"``, mlp; monotone-mlp takes tanh in place of sin, which is not monotone.
-        budget: Seconds for training and proof, mlp; a proof of points or planes that is late may take a tenth more.
+        budget: Seconds for training and proof, mlp; a proof that is late may take a tenth more.
         seed: Of everything random.
         margin: The object is dilated by this length first, object (world) units.
         resolution: Cells along a mesh's longest axis; 64 if ``None``. Grids bring their own.

@@ -63,10 +63,11 @@ LOOK_SHARE, LOOK_BOXES = (
 MOST_ADDED = 256  # positives of such a look that become training samples
 SETTLED_SHARE, SETTLED_SECONDS = 0.1, 20.0  # of the budget, at most: for the adversary, where a proof comes after it
 LONGEST_PROOF = 0.6  # of the budget, of rays and boxes
-LONG_PROOF, DECAY = 0.3, 0.05  # of the budget: for a proof that is expected to take longer, weights decay at this rate
+LONG_PROOF = 0.3  # of the budget: where a proof is expected to take longer, weights decay,
+DECAY, MOST_DECAY = 0.05, 0.2  # at this rate, and faster by as much as it is longer
 WORTH_PROVING = 1e-2  # share of all queries: where a proof is expected to cost more, training keeps the time
 HARDER = (4.2, 1.35)  # times as long as at a used fraction of 0 to 1 the proof of the last network takes
-LATE_SHARE = 0.1  # of the budget: by so much a proof of points or planes may end late, where to come less near saves next to no work
+LATE_SHARE = 0.1  # of the budget: by so much a proof may end late, where to come less near saves next to no work
 PLANE_TOLERANCE = 1e-3  # of a plane's offset, in domain half-widths
 
 Progress = Callable[[float, float, str], None]
@@ -274,7 +275,9 @@ class _Fit:
             expected = _last_proof(search, used)
             if clock.timed:
                 self.hopeful = costs.of_proof(least, eps, expected, LONGEST_PROOF * budget) <= WORTH_PROVING
-                trainer.decay = DECAY if self.hopeful and expected > LONG_PROOF * budget else trainer.decay
+                longer = expected / (LONG_PROOF * budget)
+                if self.hopeful and longer > 1:
+                    trainer.decay = max(trainer.decay, min(DECAY * longer, MOST_DECAY))
         if clock.timed:
             proof = min(expected, LONGEST_PROOF * budget) + self.settled if self.hopeful else self.reserve * budget
             clock.reserve(proof * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds, used)
@@ -313,7 +316,7 @@ class _Fit:
     ) -> dict:
         self._report(1.0, "adversarial search")
         budget, rounds = self.options.budget, {} if self.clock.timed else {"rounds": SEARCH_ROUNDS}
-        left = (budget - self.clock.seconds) / parts_left - ATTEST_SECONDS
+        left = ((1 + LATE_SHARE * self.hopeful) * budget - self.clock.seconds) / parts_left - ATTEST_SECONDS
         share = min(left, self.settled) if self.hopeful else left
         seconds = max(share, 0.05 * budget) if self.clock.timed else float("inf")
         found = adversarial_minimum(samples, network, seconds, states=states, **rounds)
