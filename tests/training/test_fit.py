@@ -10,11 +10,15 @@ from bounding_shapes import HIDDEN, object_points, shape
 torch = pytest.importorskip("torch", reason="torch is not installed")
 
 import warp_bounding as wb  # noqa: E402
+from warp_bounding.bounders.regions import domain_of  # noqa: E402
 from warp_bounding.errors import BounderError, BoundingError, IndicatorError, QueryError  # noqa: E402
 from warp_bounding.proof import Search  # noqa: E402
 from warp_bounding.training import networks  # noqa: E402
 from warp_bounding.training.clock import Clock  # noqa: E402
+from warp_bounding.training.loop import recipe_of  # noqa: E402
 from warp_bounding.training.paper import PaperTrainer  # noqa: E402
+from warp_bounding.training.samples import samples_of  # noqa: E402
+from warp_bounding.training.team import single_threaded_torch  # noqa: E402
 
 
 @pytest.fixture(autouse=True)
@@ -214,3 +218,73 @@ def test_the_last_proof_is_expected_to_take_longer_than_the_looks_at_earlier_net
         assert look * networks.HARDER[1] <= seconds <= look * networks.HARDER[0]
         assert used == 1.0 or seconds > look * networks.HARDER[1]
     assert [seconds for _, seconds in kept] == sorted((seconds for _, seconds in kept), reverse=True)
+
+
+@pytest.mark.parametrize("share", [0.1, 1.0, 2.0, 100.0])
+def test_weights_decay_by_as_much_as_the_proof_of_rays_is_too_long(monkeypatch, share):
+    """``share``: of the time that a proof may take without decay, by the looks at what is trained."""
+    made, budget = [], 4.0
+
+    class Watched(networks.TRAINERS["default"]):
+        def __init__(self, *args, **options):
+            super().__init__(*args, **options)
+            made.append(self)
+
+    needed = (
+        share * networks.LONG_PROOF * budget / networks.HARDER[1]
+    )  # so that what is expected is at least that share
+
+    real = networks.least_value
+
+    def least_value(bounder, grid, **_):
+        numbers = real(bounder, grid, boxes=1).numbers
+        return Search(0.0, 1.0, np.zeros((0, 4)), 1, 0.01, complete=False, needed=needed, numbers=numbers)
+
+    monkeypatch.setattr(networks, "least_value", least_value)
+    monkeypatch.setattr(networks, "WORTH_PROVING", 1.0)
+    monkeypatch.setitem(networks.TRAINERS, "default", Watched)
+    few("c", query="ray", steps=None, budget=budget)
+    (trainer,) = made
+    most = min(share * networks.DECAY * networks.HARDER[0] / networks.HARDER[1], networks.MOST_DECAY)
+    assert trainer.decay <= most
+    assert trainer.decay >= (min(share * networks.DECAY, networks.MOST_DECAY) if share > 1 else 0.0)
+
+
+def test_weights_decay():
+    trained = {}
+    for decay in (0.0, 1.0):
+        trainer = networks.TRAINERS["default"](samples_of(shape("c"), domain_of(shape("c"), "point"), 0), HIDDEN, "sin")
+        trainer.decay = decay
+        with single_threaded_torch():
+            trainer.run(Clock(0.0, steps=30))
+        trained[decay] = [float(layer.abs().mean()) for layer in trainer.network.layers[:-1]]
+    assert all(less < more for less, more in zip(trained[1.0], trained[0.0], strict=True))
+
+
+def test_recipes_by_query_and_coordinates():
+    far = recipe_of("ray", 8)
+    assert far.hard > recipe_of("ray", 6).hard == recipe_of("point", 8).hard
+    assert far.sharpness > recipe_of("ray", 6).sharpness
+
+
+@pytest.mark.parametrize("hopeful", [True, False])
+def test_a_late_proof_may_take_a_tenth_more(monkeypatch, hopeful):
+    """And a fit that has given up its proof may not."""
+    budget, ends = 3.0, []
+
+    def decide(part, problem, found, limits, report=None):
+        ends.append(limits["seconds"] if limits else 0.0)
+        return real(part, problem, found, limits, report or (lambda note: None))
+
+    class Watched(networks._Fit):
+        def _decide(self, *args):
+            self.hopeful = hopeful
+            ends.append((1 + networks.LATE_SHARE * hopeful) * budget - self.clock.seconds)
+            return super()._decide(*args)
+
+    real = networks.decide
+    monkeypatch.setattr(networks, "decide", decide)
+    monkeypatch.setattr(networks, "_Fit", Watched)
+    few("c", query="ray", steps=None, budget=budget)
+    left, given = ends
+    assert given <= max(left, networks.LEAST_SHARE * budget)
