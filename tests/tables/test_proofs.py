@@ -10,10 +10,11 @@ import pytest
 
 import warp_bounding as wb
 from warp_bounding.cli import main
+from warp_bounding.proof import prove
 from warp_bounding.queries import oracle
 from warp_bounding.tables import Tools, open_folder
 from warp_bounding.tables.proof_rows import LINES, PROOFS
-from warp_bounding.tables.proofs import Thresholds
+from warp_bounding.tables.proofs import Thresholds, _as_asked
 from warp_bounding.tables.proofs_page import proofs_page, summary
 
 QUICK = ("--columns", "2d-point,2d-plane", "--methods", "mlp", "--samples", "4000", "--seconds", "20")
@@ -137,6 +138,50 @@ def test_boxes_of_monotone_networks(place, fits, capsys):
     (row,) = rows(place, "boxes")
     assert (row.kind, row.method, row.fn_proven) == ("proven", "monotone-mlp", 0)
     assert row.proven <= row.sampled
+
+
+def test_rays_from_outside_are_no_positives_as_they_are(place, fits, capsys):
+    """A device moves their origins to where they enter the domain; f at the origins themselves says nothing."""
+    quick = ("--columns", "2d-ray", "--methods", "mlp", "--samples", "2000", "--positives", "20000")
+    status, _, err = proofs(capsys, place, *quick, out="rays")
+    assert status == 0, err
+    for row in rows(place, "rays"):
+        network, _ = network_of(place, row, "rays")
+        assert row.kind == "proven"
+        assert network.certificate.proven
+        assert row.upper_bound >= network.certificate.lower_bound
+        assert row.lower_bound <= row.upper_bound <= row.sampled + row.rounding_bound
+        far = [np.float32([[-3.0, 0.4, 1.0, 0.1]]), np.float32([[0.4, 5.0, 0.2, -1.0]])]
+        for x in far:
+            v = network.domain.to_local(x)
+            assert not len(_as_asked(network, x, float(network.reference(v)[0]) + 1.0))
+            assert len(_as_asked(network, x, float(network.reference(v)[0])))
+
+
+def test_a_contradiction_is_told(place, fits, capsys, monkeypatch):
+    """If a positive lies below what a certificate says, one of the proofs is wrong: that must not pass for a row."""
+    quick = (
+        "--columns",
+        "2d-point",
+        "--methods",
+        "mlp",
+        "--objects",
+        "disc",
+        "--samples",
+        "2000",
+        "--positives",
+        "2000",
+    )
+
+    def wrong(bounder, grid, **options):
+        search = prove(bounder, grid, **options)
+        return dataclasses.replace(search, upper_bound=search.lower_bound - 1.0, lower_bound=search.lower_bound - 1.5)
+
+    monkeypatch.setattr("warp_bounding.tables.proofs.prove", wrong)
+    status, _, err = proofs(capsys, place, *quick, out="wrong")
+    assert status == 1
+    assert "the prover found a positive with f =" in err
+    assert not rows(place, "wrong")
 
 
 def test_rates_at_any_threshold():

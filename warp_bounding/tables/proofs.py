@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from warp_bounding.errors import FileFormatError
+from warp_bounding.errors import BounderError, FileFormatError
 from warp_bounding.launch import cpu_threads
 from warp_bounding.proof import prove
 from warp_bounding.proof.falsify import Walk, queries_at
@@ -167,9 +167,10 @@ def _measure(job: Job, grid, folder: Folder, table: Path, tools: Tools, say: Cal
     twin = bounder.to(str(bounder.device))
     started = time.perf_counter()
     known = job.column.query != "plane" and job.variant.method == "mlp"  # others are searched over other numbers
-    points = bounder.domain.to_local(lowest) if known else None
+    points = _as_asked(bounder, lowest, sampled) if known else None
     search = prove(twin, grid, seconds=s.seconds, eps=rates.room(sampled), points=points)
     spent = time.perf_counter() - started
+    _check(bounder, search)
     if interrupted.is_set():
         raise KeyboardInterrupt
     walk = Walk(twin, grid, s.fits.seed)
@@ -222,6 +223,27 @@ def _measure(job: Job, grid, folder: Folder, table: Path, tools: Tools, say: Cal
         indicator=grid.digest[:DIGEST],
         versions=versions(),
     )
+
+
+def _as_asked(bounder, x: np.ndarray, least: float) -> np.ndarray:
+    """``v`` of queries whose f is at least some value; without rays that a device moves to where they enter the domain first."""
+    v = bounder.domain.to_local(x)
+    return v[bounder.reference(v) >= least - bounder.rounding_bound()]
+
+
+def _check(bounder, search) -> None:
+    """Two searches cannot contradict each other: a positive lies above every bound that is proven.
+
+    Raises:
+        BounderError: If they do.
+    """
+    certificate = bounder.certificate
+    if certificate is None or not certificate.proven:
+        return
+    error = bounder.rounding_bound()
+    if search.upper_bound + error < certificate.lower_bound:
+        found, shown = search.upper_bound, certificate.lower_bound
+        raise BounderError(f"the certificate says f >= {shown:.6g}, the prover found a positive with f = {found:.6g}")
 
 
 def _hard_positives(bounder, grid, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
