@@ -146,6 +146,22 @@ def test_clear_tells_what_it_proved(query, name):
     assert not cut.complete or cut.boxes <= 10 + 64
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_who_asks_for_too_small_a_gap_gets_no_larger_one(seed):
+    """The set that is proven holds inputs that no point of it is: f there may lie lower than any point's, however small the boxes."""
+    grid = grid_of("c")
+    bounder = random_network("ray", grid, seed, gain=20.0)
+    cover = charted(bounder, grid)
+    usual = charted_minimum(cover, eps=0.1)
+    at = cover.bound(usual.worst[:1], usual.worst[:1])
+    left_over = float((at.value - at.lower)[0])
+    fine = charted_minimum(cover, eps=left_over / 4, boxes=20_000_000)
+    assert not fine.complete
+    assert usual.lower_bound <= fine.lower_bound < fine.upper_bound <= usual.upper_bound
+    for x in draw_positives("ray", grid, 100_000, seed, "cpu", 1.0):
+        assert bounder.values(x).numpy().min() >= fine.lower_bound - bounder.rounding_bound()
+
+
 @pytest.mark.parametrize(("query", "name"), CASES)
 def test_low_points_become_training_samples(query, name):
     grid = grid_of(name)

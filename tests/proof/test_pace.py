@@ -57,6 +57,14 @@ def test_behind_the_end_gaps_widen_fast():
     assert pace.gap > 30
 
 
+def test_a_gap_that_cannot_be_had_is_not_aimed_at():
+    pace = Pace(0.1)
+    pace.reach(0.05)
+    assert pace.gap == 0.1
+    pace.reach(0.3)
+    assert pace.gap == 0.3
+
+
 def test_gaps_can_be_widened_by_hand():
     pace = Pace(1.0)
     pace.widen()

@@ -78,7 +78,7 @@ class Cleared:
     """What a search for ``f >= target`` found.
 
     Attributes:
-        complete: Every box is closed: ``f >= least`` on all positives.
+        complete: Every box is closed and reaches the target.
         least: Least bound of a closed box.
         boxes: Boxes bounded.
         share: Of the first boxes, that are done or begun, not those that wait.
@@ -118,9 +118,10 @@ def clear(
         lowest = descent.step(target, boxes - descent.boxes)
         stopped = progress is not None and progress(descent.boxes, descent.share, target)
         late = descent.boxes >= boxes or time.perf_counter() - started > seconds
-        if stopped or late or descent.stuck or lowest < target:
+        if stopped or late or descent.stuck or min(lowest, descent.least) < target:
             break
-    return Cleared(not descent.waiting, descent.least, descent.boxes, descent.share, *descent.lowest())
+    complete = not descent.waiting and descent.least >= target
+    return Cleared(complete, descent.least, descent.boxes, descent.share, *descent.lowest())
 
 
 class _Descent:
@@ -281,7 +282,8 @@ def charted_minimum(
     while descent.waiting:
         pace.update(used(), descent.share, descent.boxes, descent.count)
         best = min(best, descent.step(best - pace.gap if used() < 1 else -np.inf, boxes - done()))
-        if descent.stuck:  # float64 does not resolve such a gap
+        pace.reach(best - descent.least)  # no more can be proven: what is closed is closed
+        if descent.stuck:
             pace.widen()
         if progress:
             progress(done(), descent.share, pace.gap)

@@ -3,6 +3,8 @@
 A block (a thread on CUDA) has a stack of boxes in global memory. It takes as many as it has lanes, bounds them, closes those
 whose bound reaches the target and halves the others, until the stack is empty, its work is done, or a positive lies under
 the target; if that is -infinity, all are closed, without a limit, those with bound NaN at -infinity. What is left on the stack is the caller's.
+A box that has become too small to be halved is closed, too: the least bound of a closed box then lies below the target, and that is
+what can be proven.
 """
 
 from functools import cache
@@ -16,6 +18,7 @@ __all__ = ["KEPT", "STACK", "depth_first_kernel"]
 
 STACK = 1024  # boxes that a block can hold; a stack grows by one box a lane and level, about 60 levels deep
 RARELY = 4  # f is tried once in so many steps: it takes a quarter of the time of a bound, and seldom tells anything new
+SMALLEST = 1e-8  # a box that is no wider than this is closed as it is: what it falls short of the target by, no halving will mend
 KEPT = 8  # low points that a block returns
 
 
@@ -45,8 +48,11 @@ kept_value[turn] = LANE(value); broken = broken || LANE(value) < target;
 if (last) {{ const double b = LANE(least) == LANE(least) ? LANE(least) : target; closed = b < closed ? b : closed; continue; }}
 if (LANE(least) >= target) {{ closed = LANE(least) < closed ? LANE(least) : closed; continue; }}
 {axis_text(chart.columns)}
-double* one = stack + (long long)held * {row}; double* two = one + {row}; held += 2;
+double* one = stack + (long long)held * {row}; double* two = one + {row};
 {" ".join(f"one[{k}] = two[{k}] = LANE(low[{k}]); one[{size + k}] = two[{size + k}] = LANE(high[{k}]);" for k in range(size))}
+if (one[{size} + axis] - one[axis] < {SMALLEST}) for (int k = 0; k < {size}; ++k) if (one[{size} + k] - one[k] > one[{size} + axis] - one[axis]) axis = k;
+if (one[{size} + axis] - one[axis] < {SMALLEST}) {{ const double b = LANE(least) == LANE(least) ? LANE(least) : -INFINITY; closed = b < closed ? b : closed; continue; }}
+held += 2;
 {{ const double a = one[axis], b = one[{size} + axis]; double middle; {chart.split()} one[{size} + axis] = middle; two[axis] = middle; }}
 }} }}
 heights.data[block] = held; firsts.data[block] = first; done_out.data[block] = done; closed_out.data[block] = closed;

@@ -63,6 +63,10 @@ class Pace:
         self.gap *= min((HEADROOM * expected / left) ** (1 / self._growth), WIDEST)
         self._from = here
 
+    def reach(self, gap: float) -> None:
+        """Aim no nearer than a gap that the search cannot come under any more."""
+        self.gap = max(self.gap, gap)
+
     def widen(self) -> None:
         """Widen the gap whatever the time."""
         self.gap *= 10.0
