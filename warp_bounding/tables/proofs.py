@@ -167,7 +167,7 @@ def _measure(job: Job, grid, folder: Folder, table: Path, tools: Tools, say: Cal
     twin = bounder.to(str(bounder.device))
     started = time.perf_counter()
     known = job.column.query != "plane" and job.variant.method == "mlp"  # others are searched over other numbers
-    points = _as_asked(bounder, lowest, sampled) if known else None
+    points = _as_asked(bounder, lowest) if known else None
     search = prove(twin, grid, seconds=s.seconds, eps=rates.room(sampled), points=points)
     spent = time.perf_counter() - started
     _check(bounder, search)
@@ -225,10 +225,13 @@ def _measure(job: Job, grid, folder: Folder, table: Path, tools: Tools, say: Cal
     )
 
 
-def _as_asked(bounder, x: np.ndarray, least: float) -> np.ndarray:
-    """``v`` of queries whose f is at least some value; without rays that a device moves to where they enter the domain first."""
+def _as_asked(bounder, x: np.ndarray) -> np.ndarray:
+    """``v`` of queries, without rays from outside the domain: a device moves these to where they enter it first."""
     v = bounder.domain.to_local(x)
-    return v[bounder.reference(v) >= least - bounder.rounding_bound()]
+    if bounder.query_kind != "ray":
+        return v
+    base = bounder.domain.base
+    return v[(np.abs(v[:, : base.ndim]) <= base.limit).all(axis=1)]
 
 
 def _check(bounder, search) -> None:
@@ -240,8 +243,7 @@ def _check(bounder, search) -> None:
     certificate = bounder.certificate
     if certificate is None or not certificate.proven:
         return
-    error = bounder.rounding_bound()
-    if search.upper_bound + error < certificate.lower_bound:
+    if search.upper_bound < certificate.lower_bound:
         found, shown = search.upper_bound, certificate.lower_bound
         raise BounderError(f"the certificate says f >= {shown:.6g}, the prover found a positive with f = {found:.6g}")
 
