@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -77,7 +78,7 @@ def test_it_learns():
 def test_the_budget_is_kept():
     started = time.perf_counter()
     bounder = few("star", steps=None, budget=3.0)
-    assert time.perf_counter() - started < 8  # 3 s, and whatever a loaded machine adds
+    assert time.perf_counter() - started < 30  # 3 s, and whatever compilers and a loaded machine add
     assert bounder.certificate.proven
     assert bounder.info["training"]["steps"] > 10
 
@@ -269,23 +270,26 @@ def test_recipes_by_query_and_coordinates():
 
 @pytest.mark.parametrize("hopeful", [True, False])
 def test_a_proof_may_be_late_and_a_fit_that_gave_it_up_may_not(monkeypatch, hopeful):
-    budget, seen = 3.0, []
+    budget, used, adversary, given = 10.0, 8.0, 0.5, []
 
     def decide(part, problem, found, limits, report):
-        seen.append(limits["seconds"] if limits else 0.0)
-        return real(part, problem, found, limits, report)
+        given.append(limits["seconds"])
+        return real(part, problem, found, None, report)
+
+    def adversarial_minimum(*args, **options):
+        return replace(search(*args, **options), seconds=adversary)
 
     class Watched(networks._Fit):
-        def _decide(self, *args):
-            self.hopeful = hopeful
-            seen.append(budget - self.clock.seconds)
+        def _decide(self, *args):  # as it is when training ends in time, on a clock that stands still
+            self.hopeful, self.settled, self.clock = hopeful, adversary, SimpleNamespace(seconds=used, timed=True)
             return super()._decide(*args)
 
-    real = networks.decide
+    real, search = networks.decide, networks.adversarial_minimum
     monkeypatch.setattr(networks, "decide", decide)
+    monkeypatch.setattr(networks, "adversarial_minimum", adversarial_minimum)
     monkeypatch.setattr(networks, "_Fit", Watched)
-    monkeypatch.setattr(networks, "LATE_SHARE", 1.0)
+    monkeypatch.setattr(networks, "LATE_SHARE", 0.5)
     monkeypatch.setattr(networks, "ATTEST_SECONDS", 0.0)
-    few("c", query="ray", steps=None, budget=budget)
-    in_time, given = seen
-    assert (in_time < given < in_time + budget) if hopeful else given <= in_time
+    few("c", query="ray", budget=budget)
+    late = 0.5 * budget if hopeful else 0.0
+    assert given == [pytest.approx(budget + late - used - adversary)]
