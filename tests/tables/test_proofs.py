@@ -83,7 +83,7 @@ def test_a_run_and_the_same_again(place, fits, capsys):
     assert [r.fitted for r in rows(place)] == ["table", "here", "here", "here"]
     for row in rows(place):
         network, grid = network_of(place, row, "out")
-        assert row.kind == "proven"
+        assert row.search == "complete"
         assert row.fn_proven == 0
         assert row.proven <= row.sampled
         assert row.lower_bound <= row.upper_bound <= row.sampled + 1e-6
@@ -136,7 +136,7 @@ def test_boxes_of_monotone_networks(place, fits, capsys):
     status, _, err = proofs(capsys, place, *quick, "--positives", "20000", out="boxes")
     assert status == 0, err
     (row,) = rows(place, "boxes")
-    assert (row.kind, row.method, row.fn_proven) == ("proven", "monotone-mlp", 0)
+    assert (row.search, row.method, row.fn_proven) == ("complete", "monotone-mlp", 0)
     assert row.proven <= row.sampled
 
 
@@ -147,7 +147,7 @@ def test_rays_from_outside_are_no_positives_as_they_are(place, fits, capsys):
     assert status == 0, err
     for row in rows(place, "rays"):
         network, _ = network_of(place, row, "rays")
-        assert row.kind == "proven"
+        assert row.search == "complete"
         assert network.certificate.proven
         assert row.upper_bound >= network.certificate.lower_bound
         assert row.lower_bound <= row.upper_bound <= row.sampled + row.rounding_bound
@@ -201,7 +201,7 @@ def test_rows_come_back_whole_and_damage_is_told(place, fits, capsys):
         folder.rows = {}
         assert "No network has been measured yet" in proofs_page(folder, ["2d-ray half: no luck"])
     table = place / "one/proofs.csv"
-    for changes in ({"kind": "guessed"}, {"samples": 501}, {"method": "magic"}, {"found_by": "luck"}):
+    for changes in ({"search": "guessed"}, {"samples": 501}, {"method": "magic"}, {"found_by": "luck"}):
         table.write_text(LINES.header + LINES.format(dataclasses.replace(row, **changes)))
         check_bad(*proofs(capsys, place, *quick, out="one"))
 

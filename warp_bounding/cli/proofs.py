@@ -101,7 +101,7 @@ class _Reporter:
             else "none found"
         )
         self.say(
-            f"{self._prefix} {row.column.name} {row.object}: {row.method}: {row.kind} in {row.proof_seconds:.1f} s, "
+            f"{self._prefix} {row.column.name} {row.object}: {row.method}: proof {row.search} in {row.proof_seconds:.1f} s, "
             f"{row.fp_sampled:.3f} -> {row.fp_proven:.3f} % false positives; at the sampled minimum: {missed}"
         )
 

@@ -11,7 +11,9 @@ from warp_bounding.tables.rows import Key
 from warp_bounding.tables.settings import Settings, agree, read_fields
 from warp_bounding.version import __version__
 
-__all__ = ["PROOFS", "ProofRow", "ProofSettings"]
+__all__ = ["PROOFS", "PROOF_COST", "ProofRow", "ProofSettings"]
+
+PROOF_COST = 1e-4  # share of all queries that a proof's gap may cost in false positives
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,8 @@ class ProofRow:
         object: Its name, the file's stem.
         query: Kind of query.
         method: Name in the registry.
-        kind: ``proven``, or ``undecided``: the proof's time ended; its bound is sound, but may be loose.
+        search: ``complete``: it came as near to the least f as was asked for; or ``cut short``, by time or by rounding: the
+            threshold is as proven, but costs more.
         fp_zero: False positives at threshold 0, an output of 0.5, per cent of all samples. Like the others about it ``None`` for
             planes, whose networks learn distances and no output between 0 and 1.
         fn_zero: False negatives there among the samples, a count.
@@ -68,7 +71,7 @@ class ProofRow:
     object: str
     query: str
     method: str
-    kind: str
+    search: str
     fp_zero: float | None
     fn_zero: int | None
     hard_fn_zero: int | None
@@ -142,8 +145,8 @@ def _parse(line: str) -> ProofRow:
     row = LINES.parse(line)
     if row.column not in COLUMNS or row.variant not in VARIANTS or not row.object:
         raise FileFormatError(f"there is no {row.method} for {row.dimension}d-{row.query}")
-    if row.kind not in ("proven", "undecided") or row.found_by not in ("", "prover", "walk"):
-        raise FileFormatError("kind or found_by makes no sense")
+    if row.search not in ("complete", "cut short") or row.found_by not in ("", "prover", "walk"):
+        raise FileFormatError("search or found_by makes no sense")
     return row
 
 

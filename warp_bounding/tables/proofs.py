@@ -24,7 +24,7 @@ from warp_bounding.tables.columns import Column, Variant
 from warp_bounding.tables.fitting import FAILURES, fit_bounder, interruptions, load_bounder, reason_of
 from warp_bounding.tables.folder import Folder
 from warp_bounding.tables.plan import Job, plan
-from warp_bounding.tables.proof_rows import ProofRow
+from warp_bounding.tables.proof_rows import PROOF_COST, ProofRow
 from warp_bounding.tables.run import DIGEST, Outcome
 from warp_bounding.tables.shapes import Shape
 from warp_bounding.tables.tools import Tools, versions
@@ -33,7 +33,6 @@ __all__ = ["METHODS", "ProofReporter", "Thresholds", "run_proofs"]
 
 METHODS = ("mlp", "monotone-mlp")
 LOWEST = 2048  # of the hard positives: where searches begin
-PROOF_COST = 1e-4  # share of all queries that a proof's gap may cost in false positives
 SMALLEST_GAP = 1e-6
 
 
@@ -187,7 +186,7 @@ def _measure(job: Job, grid, folder: Folder, table: Path, tools: Tools, say: Cal
         object=job.shape.name,
         query=job.column.query,
         method=job.variant.method,
-        kind="proven" if search.complete else "undecided",
+        search="complete" if search.complete else "cut short",
         **_at_zero(twin, grid, rates, hard, lowest, found),
         fp_sampled=rates.fp(sampled),
         fn_sampled=rates.fn(sampled),
