@@ -14,7 +14,6 @@ import warp.examples  # noqa: E402
 
 from warp_bounding.newton import ParticleCull, margin_for  # noqa: E402
 
-pytestmark = pytest.mark.slow  # Newton's own kernels take a minute to compile
 RADIUS, RECORDS = 0.02, ("particle", "shape", "body_pos", "body_vel", "normal")
 
 
@@ -61,7 +60,7 @@ def records(contacts) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("moving", [False, True])
-@pytest.mark.parametrize("gap", [0.01, 0.2])
+@pytest.mark.parametrize("gap", [0.01, pytest.param(0.2, marks=pytest.mark.slow)])
 def test_contacts_are_the_same(bunny, moving, gap):
     model, mesh, shapes = scene(bunny, moving=moving)
     pipeline = newton.CollisionPipeline(model, soft_contact_gap=gap)
@@ -98,6 +97,60 @@ def test_particles_that_are_larger_or_far_away_are_not_lost(bunny):
     assert len(cull.candidates(state)) <= few * 1.2
     state.particle_q.assign(state.particle_q.numpy() + np.float32(1e5))
     assert len(cull.candidates(state)) == cull.pairs
+
+
+@pytest.mark.parametrize(
+    "turn", [(0.0, 0.0, 0.0, 1.0), (0.7, 0.0, 0.0, 0.7), (0.0, 0.9, 0.0, 0.5), (0.0, 1e-4, 0.0, 1.0)]
+)
+def test_rotations_that_are_not_quite_ones(bunny, turn):
+    """A mesh that lies far from its origin, turned by a quaternion of another length than 1: taken as Newton takes it."""
+    far = wb.IndicatorMesh(bunny.vertices + np.float32([0.0, 0.0, 9.0]), bunny.faces)
+    mesh = newton.Mesh(far.vertices, far.faces.reshape(-1))
+    builder = newton.ModelBuilder(up_axis=newton.Axis.Y)
+    shape = builder.add_shape_mesh(body=-1, mesh=mesh, xform=wp.transform(wp.vec3(0.3, 0.2, 0.1), wp.quat(*turn)))
+    rng = np.random.default_rng(0)
+    x = far.vertices[rng.integers(len(far.vertices), size=3000)] + rng.normal(0, 0.1, (3000, 3))
+    for place in x:
+        at = wp.transform_point(wp.transform(wp.vec3(0.3, 0.2, 0.1), wp.quat(*turn)), wp.vec3(*place))
+        builder.add_particle(at, wp.vec3(0.0), 0.01, radius=RADIUS)
+    pipeline = newton.CollisionPipeline(builder.finalize(device="cpu"))
+    state, contacts = pipeline.model.state(), pipeline.contacts()
+    pipeline.collide(state, contacts)
+    there = records(contacts)
+    margin = margin_for(mesh, RADIUS + pipeline.soft_contact_gap, world=20.0)
+    cull = ParticleCull(pipeline, {shape: wb.fit(far, method="voxels", margin=margin, resolution=48, device="cpu")})
+    cull.collide(state, contacts)
+    assert all((a == b).all() for a, b in zip(there, records(contacts), strict=True))
+    assert len(there[0]) > 100 or turn[3] != 1.0
+    assert cull.survivors < cull.pairs
+
+
+def test_candidates_of_another_gap_are_refused(bunny):
+    model, mesh, shapes = scene(bunny, particles=200)
+    pipeline = newton.CollisionPipeline(model)
+    cull, state, contacts = (
+        ParticleCull(pipeline, {shapes[0]: bounder_of(bunny, mesh, pipeline)}),
+        model.state(),
+        pipeline.contacts(),
+    )
+    kept = cull.candidates(state)
+    cull.collide(state, contacts, candidates=kept)
+    with pytest.raises(wb.BounderError, match=r"contact gap of 0\.02, got ones for 0\.01"):
+        cull.collide(state, contacts, candidates=kept, soft_contact_margin=0.02)
+
+
+def test_no_pair_is_left(bunny):
+    model, mesh, shapes = scene(bunny, particles=200)
+    pipeline = newton.CollisionPipeline(model)
+    state, contacts = model.state(), pipeline.contacts()
+    state.particle_q.assign(state.particle_q.numpy() * 0.01 + np.float32([40.0, 7.0, 0.0]))
+    bounder = wb.fit(
+        bunny, method="voxels", margin=margin_for(mesh, 0.05, scale=0.8, world=60.0), resolution=48, device="cpu"
+    )
+    cull = ParticleCull(pipeline, dict.fromkeys(shapes, bounder))
+    cull.collide(state, contacts)
+    assert cull.survivors == 2 * model.particle_count  # those of the plane and the box, which have no bounder
+    assert not len(records(contacts)[0])
 
 
 def test_what_does_not_fit_is_refused(bunny):

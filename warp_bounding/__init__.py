@@ -31,7 +31,9 @@ __all__ = [
     "QueryError",
     "Rates",
     "__version__",
+    "cascade",
     "certify",
+    "clear_segments",
     "evaluate",
     "fit",
     "load",
@@ -42,7 +44,7 @@ _HOMES = {
     "warp_bounding.errors": ("BounderError", "BoundingError", "FileFormatError", "IndicatorError", "QueryError"),
     "warp_bounding.bounders": ("Bounder", "Certificate", "Data", "METHODS", "load"),
     "warp_bounding.indicators": ("IndicatorGrid", "IndicatorMesh", "IndicatorMotion", "load_indicator"),
-    "warp_bounding.proof": ("certify",),
+    "warp_bounding.proof": ("cascade", "certify", "clear_segments"),
     "warp_bounding.evaluation": ("Rates", "evaluate"),
     "warp_bounding.training": ("fit",),
 }

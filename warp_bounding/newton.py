@@ -15,7 +15,7 @@ once a pass, so a pass cannot be captured in a CUDA graph.
 """
 
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 import warp as wp
@@ -44,6 +44,11 @@ MESHES = (int(newton.GeoType.MESH), int(newton.GeoType.CONVEX_MESH))
 IN_MESH, IN_WORLD = 32.0, 256.0
 _WORLD_ROUNDING = wp.constant(IN_WORLD * UNIT32)
 _MESH_ROUNDING = wp.constant(IN_MESH * UNIT32)
+# Of the ball around a domain in the world, and of a distance from its middle: under 64 units in all.
+_BALL_ROUNDING = wp.constant(IN_WORLD * UNIT32)
+_UNIT_ROTATION = wp.constant(
+    1.0e-6
+)  # off which a quaternion's square may be, as floats leave it; other ones do not only rotate
 
 
 def margin_for(mesh: newton.Mesh, reach: float, *, scale: float = 1.0, world: float = 0.0) -> float:
@@ -98,6 +103,7 @@ class ParticleCull:
         self.pairs = self.survivors = len(self._all)
         shape_count = self.model.shape_count
         margins, sizes = np.zeros(shape_count, np.float32), np.zeros(shape_count, np.float32)
+        domains = np.zeros((shape_count, 2, 3), np.float32)
         pairs = self._all.numpy()
         self._groups = []
         for bounder in {id(b): b for b in bounders.values()}.values():
@@ -105,12 +111,16 @@ class ParticleCull:
             for shape in shapes:
                 sizes[shape] = self._check(shape, bounder, unproven)
                 margins[shape] = np.inf if unproven else bounder.info["margin"]
+                lower, upper = bounder.domain.lower, bounder.domain.upper
+                domains[shape] = (lower + upper) / 2, (upper - lower) / 2
             members = np.flatnonzero(np.isin(pairs[:, 1], shapes)).astype(np.int32)
             if len(members):
                 self._groups.append((bounder, wp.array(members, dtype=wp.int32, device=self._device)))
         self._margins = wp.array(margins, dtype=wp.float32, device=self._device)
         self._sizes = wp.array(sizes, dtype=wp.float32, device=self._device)
-        self._to_shape = wp.empty(shape_count, dtype=wp.transform, device=self._device)
+        self._domains = wp.array(domains, dtype=wp.vec3, device=self._device)
+        self._placed = wp.empty(shape_count, dtype=Placed, device=self._device)
+        self._asked_gap = _gap(pipeline)
         self._keep = wp.full(self.pairs, 1, dtype=wp.uint8, device=self._device)
         self._kept = wp.empty(self.pairs, dtype=wp.vec2i, device=self._device)
         pipeline.__class__ = _counting(_plain(type(pipeline)))
@@ -119,15 +129,25 @@ class ParticleCull:
     def _device(self) -> wp.Device:
         return self.model.device
 
-    def collide(self, state: newton.State, contacts: newton.Contacts, **options) -> None:
+    def collide(
+        self, state: newton.State, contacts: newton.Contacts, *, candidates: wp.array | None = None, **options
+    ) -> None:
         """``pipeline.collide``, with the pairs that may touch.
 
         Args:
             state: As there.
             contacts: As there; on return, what ``pipeline.collide`` would have made of it.
+            candidates: What ``candidates`` has returned for this very state; asked for if ``None``.
             options: As there.
+
+        Raises:
+            BounderError: If the candidates were asked for with another contact gap.
         """
-        kept = self.candidates(state, options.get("soft_contact_margin"))
+        gap = options.get("soft_contact_margin")
+        gap = _gap(self.pipeline) if gap is None else float(gap)
+        if candidates is not None and gap != self._asked_gap:
+            raise BounderError(f"expected candidates for a contact gap of {gap:g}, got ones for {self._asked_gap:g}")
+        kept = self.candidates(state, gap) if candidates is None else candidates
         self.survivors = len(kept)
         self.pipeline.soft_rigid_contact_pairs = kept
         try:
@@ -146,15 +166,15 @@ class ParticleCull:
             ``(K,)`` ``vec2i``, particle and shape, in the pipeline's order; valid until the next call.
         """
         model, device = self.model, self._device
+        self._asked_gap = gap = _gap(self.pipeline) if gap is None else float(gap)
         if not self._groups or not state.particle_q:
             return self._all
-        inputs = [state.body_q, model.shape_transform, model.shape_body]
-        wp.launch(_place, dim=model.shape_count, inputs=inputs, outputs=[self._to_shape], device=device)
-        gap = _gap(self.pipeline) if gap is None else gap
+        shapes = [model.shape_transform, model.shape_body, model.shape_scale, model.shape_margin]
+        inputs = [state.body_q, *shapes, self._domains, self._margins, self._sizes]
+        wp.launch(_place, dim=model.shape_count, inputs=inputs, outputs=[self._placed], device=device)
+        particles = [state.particle_q, model.particle_radius]
         for bounder, members in self._groups:
-            shapes = [self._to_shape, model.shape_scale, model.shape_margin, self._margins, self._sizes, float(gap)]
-            particles = [state.particle_q, model.particle_radius]
-            inputs = [0, bounder.data, members, self._all, *particles, *shapes]
+            inputs = [0, bounder.data, members, self._all, *particles, self._placed, gap]
             launch_blocks(_mark(bounder.source), len(members), inputs, [self._keep], device, first_index=0, block=1)
         indices, total = compact(self._keep)
         count = int(total.numpy()[0])
@@ -178,7 +198,8 @@ class ParticleCull:
             return size
         if bounder.certificate is None or not bounder.certificate.proven:
             raise BounderError(f"shape {shape}: expected a proven bounder, got {bounder!r}")
-        if _digest(mesh, bounder) != bounder.info.get("indicator"):
+        of_cells = [bounder.info.get(key) for key in ("indicator", "resolution", "margin")]
+        if None in of_cells or _digest(mesh, *of_cells[1:]) != of_cells[0]:
             raise BounderError(f"shape {shape}: the bounder was made for another mesh, {bounder.info.get('name')}")
         scale = float(np.abs(self.model.shape_scale.numpy()[shape]).min())
         radius = float(self.model.particle_radius.numpy().max(initial=0.0))
@@ -196,10 +217,17 @@ def _gap(pipeline: newton.CollisionPipeline) -> float:
     return float(pipeline.soft_contact_gap if hasattr(pipeline, "soft_contact_gap") else pipeline.soft_contact_margin)
 
 
-def _digest(mesh: newton.Mesh, bounder: Bounder) -> str:
-    """Of the cells that the bounder would have been made for."""
-    indicator = IndicatorMesh(np.asarray(mesh.vertices), np.asarray(mesh.indices).reshape(-1, 3))
-    return indicator.to_grid(resolution=bounder.info["resolution"], margin=bounder.info["margin"]).digest
+def _digest(mesh: newton.Mesh, resolution: int, margin: float) -> str:
+    """Of the cells that a bounder of a mesh is made for."""
+    vertices, indices = np.asarray(mesh.vertices, np.float32), np.asarray(mesh.indices, np.int32)
+    return _digest_of(vertices.tobytes(), indices.tobytes(), resolution, margin)
+
+
+@lru_cache(maxsize=64)
+def _digest_of(vertices: bytes, indices: bytes, resolution: int, margin: float) -> str:
+    vertices, faces = np.frombuffer(vertices, np.float32), np.frombuffer(indices, np.int32)
+    indicator = IndicatorMesh(vertices.reshape(-1, 3), faces.reshape(-1, 3))
+    return indicator.to_grid(resolution=resolution, margin=margin).digest
 
 
 @cache
@@ -218,21 +246,64 @@ def _plain(kind: type) -> type:
     return getattr(kind, "_plain", kind)
 
 
+@wp.struct
+class Placed:
+    """A shape as it lies in the world in one pass."""
+
+    to_shape: wp.transform
+    scale: wp.vec3
+    center: wp.vec3  # of a ball, world: beyond it the bounder denies everything
+    square: float  # of its radius
+    smallest: float  # scale
+    size: float  # largest coordinate of the mesh
+    away: float  # sum of the coordinates of to_shape's translation
+    shape_margin: float
+    margin: float  # of the bounder
+
+
+@wp.func
+def _size(v: wp.vec3) -> float:
+    return wp.abs(v[0]) + wp.abs(v[1]) + wp.abs(v[2])
+
+
 @wp.kernel(enable_backward=False)
 def _place(
     # inputs
     body_q: wp.array(dtype=wp.transform),
     shape_transform: wp.array(dtype=wp.transform),
     shape_body: wp.array(dtype=int),
+    shape_scale: wp.array(dtype=wp.vec3),
+    shape_margin: wp.array(dtype=float),
+    domains: wp.array2d(dtype=wp.vec3),
+    margins: wp.array(dtype=float),
+    sizes: wp.array(dtype=float),
     # outputs
-    to_shape: wp.array(dtype=wp.transform),
+    placed: wp.array(dtype=Placed),
 ):
-    """World to shape, by the operations of Newton's own pass."""
+    """World to shape, by the operations of Newton's own pass; and the ball around the bounder's domain."""
     s = wp.tid()
     place = wp.transform_identity()
     if shape_body[s] >= 0:
         place = body_q[shape_body[s]]
-    to_shape[s] = wp.transform_inverse(wp.transform_multiply(place, shape_transform[s]))
+    to_world = wp.transform_multiply(place, shape_transform[s])
+    scale = shape_scale[s]
+    center = wp.transform_point(to_world, wp.cw_mul(domains[s, 0], scale))
+    radius = wp.length(wp.cw_mul(domains[s, 1], scale))
+    radius = radius + _BALL_ROUNDING * (radius + _size(center) + _size(wp.transform_get_translation(to_world)))
+    p = Placed()
+    p.to_shape = wp.transform_inverse(to_world)
+    p.scale = scale
+    p.center = center
+    p.square = radius * radius
+    turn = wp.transform_get_rotation(to_world)
+    if not wp.abs(wp.dot(turn, turn) - 1.0) <= _UNIT_ROTATION:
+        p.square = wp.inf  # the bounder itself is asked, in the coordinates of Newton's pass
+    p.smallest = wp.min(wp.min(wp.abs(scale[0]), wp.abs(scale[1])), wp.abs(scale[2]))
+    p.size = sizes[s]
+    p.away = _size(wp.transform_get_translation(p.to_shape))
+    p.shape_margin = shape_margin[s]
+    p.margin = margins[s]
+    placed[s] = p
 
 
 @wp.kernel(enable_backward=False)
@@ -245,11 +316,6 @@ def _gather(
 ):
     i = wp.tid()
     kept[i] = pairs[indices[i]]
-
-
-@wp.func
-def _size(v: wp.vec3) -> float:
-    return wp.abs(v[0]) + wp.abs(v[1]) + wp.abs(v[2])
 
 
 @cache
@@ -266,11 +332,7 @@ def _mark(source: Source) -> wp.Kernel:
         pairs: wp.array(dtype=wp.vec2i),
         particle_q: wp.array(dtype=wp.vec3),
         particle_radius: wp.array(dtype=float),
-        to_shape: wp.array(dtype=wp.transform),
-        shape_scale: wp.array(dtype=wp.vec3),
-        shape_margin: wp.array(dtype=float),
-        margins: wp.array(dtype=float),
-        sizes: wp.array(dtype=float),
+        placed: wp.array(dtype=Placed),
         gap: float,
         # outputs
         keep: wp.array(dtype=wp.uint8),
@@ -278,16 +340,19 @@ def _mark(source: Source) -> wp.Kernel:
         i = members[first + wp.tid()]
         pair = pairs[i]
         q, s = particle_q[pair[0]], pair[1]
-        place, scale = to_shape[s], shape_scale[s]
-        smallest = wp.min(wp.min(wp.abs(scale[0]), wp.abs(scale[1])), wp.abs(scale[2]))
         # What a bounder must be dilated by for this pair: as far as the pass looks, and what rounding does, twice over.
-        reach = gap + (shape_margin[s] + particle_radius[pair[0]]) / smallest
-        world = (_size(q) + _size(wp.transform_get_translation(place))) / smallest
-        needed = reach + _MESH_ROUNDING * (sizes[s] + reach) + _WORLD_ROUNDING * world
-        x = wp.cw_div(wp.transform_point(place, q), scale)
+        reach = gap + (placed[s].shape_margin + particle_radius[pair[0]]) / placed[s].smallest
+        world = (_size(q) + placed[s].away) / placed[s].smallest
+        needed = reach + _MESH_ROUNDING * (placed[s].size + reach) + _WORLD_ROUNDING * world
         answer = wp.uint8(1)
-        if needed <= margins[s] and not test(data, x):
-            answer = wp.uint8(0)
+        if needed <= placed[s].margin:
+            away = q - placed[s].center
+            if wp.dot(away, away) > placed[s].square:
+                answer = wp.uint8(0)
+            else:
+                x = wp.cw_div(wp.transform_point(placed[s].to_shape, q), placed[s].scale)
+                if not test(data, x):
+                    answer = wp.uint8(0)
         keep[i] = answer
 
     return mark

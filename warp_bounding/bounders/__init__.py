@@ -3,6 +3,7 @@
 from warp_bounding.bounders.aabb import Aabb
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.bvh import Bvh
+from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.certificate import Certificate
 from warp_bounding.bounders.ellipsoid import Ellipsoid
 from warp_bounding.bounders.functions import Data
@@ -20,7 +21,7 @@ from warp_bounding.bounders.storage import load, save
 from warp_bounding.bounders.voxels import Voxels
 from warp_bounding.errors import BounderError
 
-__all__ = ["METHODS", "Bounder", "Certificate", "Data", "load", "method_class", "save", "supports"]
+__all__ = ["KINDS", "METHODS", "Bounder", "Cascade", "Certificate", "Data", "load", "method_class", "save", "supports"]
 
 METHODS: dict[str, type[Bounder]] = {
     c.method: c
@@ -29,6 +30,7 @@ METHODS: dict[str, type[Bounder]] = {
         *(ReluField, Mlp, MlpEarly, MonotoneMlp, Occupancy),
     )
 }
+KINDS: dict[str, type[Bounder]] = METHODS | {Cascade.method: Cascade}  # what a file may hold
 
 
 def method_class(method: str, query: str = "point", ndim: int = 3, space: str = "geometric") -> type[Bounder]:

@@ -72,7 +72,7 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
     Raises:
         FileFormatError: If the file is missing, damaged, truncated, foreign, edited or newer than this library.
     """
-    from warp_bounding.bounders import METHODS
+    from warp_bounding.bounders import KINDS
 
     path = Path(path)
     tensors, entry = _read(path)
@@ -91,7 +91,7 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
     ):  # the text too: 1.0 and 1.00 are one number
         raise FileFormatError(f"{path}: the content does not match its SHA-256; the file is damaged or was edited")
     try:
-        method = METHODS[document["method"]]
+        method = KINDS[document["method"]]
         bounder = method(RegionDomain.from_dict(document["domain"]), tensors, document["sizes"], device)
         threshold = document["threshold"]
         certificate = Certificate.from_dict(document["certificate"]) if document["certificate"] else None

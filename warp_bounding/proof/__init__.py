@@ -1,10 +1,12 @@
 """Proofs: branch and bound over every input that can come from the object, and proving anew what a file claims."""
 
+from warp_bounding.proof.cascade import cascade
 from warp_bounding.proof.certify import certify
 from warp_bounding.proof.document import conjunction
 from warp_bounding.proof.least import charted, least_value, positive_boxes
 from warp_bounding.proof.prove import provable, prove, settle
 from warp_bounding.proof.search import Search, minimum
+from warp_bounding.proof.segments import clear_segments
 from warp_bounding.proof.soak import Soak, soak
 from warp_bounding.proof.statistics import attempt_confidence, attest, fn_rate_bound, fresh_seed, try_positives
 
@@ -13,8 +15,10 @@ __all__ = [
     "Soak",
     "attempt_confidence",
     "attest",
+    "cascade",
     "certify",
     "charted",
+    "clear_segments",
     "conjunction",
     "fn_rate_bound",
     "fresh_seed",

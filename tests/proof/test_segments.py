@@ -1,0 +1,164 @@
+"""Segments: what is cleared meets the object nowhere, and most of what is free is cleared."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from bounding_shapes import EARLY, HIDDEN, shape
+from bounding_shapes import fitted as hardly_fitted
+
+import warp_bounding as wb
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.regions import domain_of
+from warp_bounding.errors import BounderError, QueryError
+from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.proof import prove
+from warp_bounding.proof import segments as segments_module
+
+CASES = [("mlp", "c"), ("mlp", "blob"), ("mlp-early", "blob"), ("mlp", "five")]
+
+
+@cache
+def fitted(method: str, name: str) -> wb.Bounder:
+    hidden = EARLY if method == "mlp-early" else HIDDEN
+    return wb.fit(shape(name), method=method, hidden=hidden, steps=300, device="cpu")
+
+
+def segments(grid: IndicatorGrid, count: int, rng) -> tuple[np.ndarray, np.ndarray]:
+    """From everywhere to everywhere, also from outside the domain; some short, some along an axis, some without a length."""
+    size = grid.upper - grid.lower
+    starts = grid.lower + (rng.random((count, grid.ndim)) * 1.4 - 0.2) * size
+    way = rng.normal(size=starts.shape) * size * 10.0 ** rng.uniform(-3, 0, (count, 1))
+    way[: count // 10, 1:] = 0.0
+    way[count // 10 : count // 8] = 0.0
+    return starts.astype(np.float32), (starts + way).astype(np.float32)
+
+
+@pytest.mark.parametrize(("method", "name"), CASES)
+def test_cleared_segments_meet_no_point_of_the_object(method, name, rng):
+    bounder, grid = fitted(method, name), shape(name)
+    starts, ends = segments(grid, 20_000, rng)
+    clear = wb.clear_segments(bounder, starts, ends)
+    for t in np.linspace(0, 1, 101):
+        assert not (grid.contains((1 - t) * starts[clear].astype(np.float64) + t * ends[clear])).any()
+    assert clear.any()
+    assert not clear.all()
+
+
+def test_segments_that_end_in_the_object_are_never_cleared(rng):
+    bounder, grid = fitted("mlp", "blob"), shape("blob")
+    cells = grid.occupied[rng.integers(len(grid.occupied), size=5000)]
+    ends = grid.position(cells + rng.choice([-0.5, 0.0, 0.5], cells.shape))
+    starts = segments(grid, 5000, rng)[0]
+    assert not wb.clear_segments(bounder, starts, ends).any()
+    assert not wb.clear_segments(bounder, ends, ends).any()
+
+
+@pytest.mark.parametrize("size", [1e3, 1e9, 1e300, 1.7e308])
+def test_segments_through_the_object_from_far_away_are_not_cleared(size, rng):
+    bounder, grid = fitted("mlp", "c"), shape("c")
+    through = grid.position(grid.occupied[rng.integers(len(grid.occupied), size=200)]).astype(np.float64)
+    way = np.array([[size, 0.0]])
+    assert not wb.clear_segments(bounder, through - way, through + way).any()
+    assert not wb.clear_segments(bounder, through, through + way).any()
+
+
+def test_a_network_at_the_very_edge_clears_no_corner_of_the_object(rng):
+    """A threshold as high as the proof allows, and segments that end on corners of cells, where f is least."""
+    bounder, grid = fitted("mlp", "c").to("cpu"), shape("c")
+    prove(bounder, grid, eps=1e-6)
+    corners = grid.position(
+        (grid.occupied[:, None] + [[-0.5, -0.5], [-0.5, 0.5], [0.5, -0.5], [0.5, 0.5]]).reshape(-1, 2)
+    )
+    away = corners + rng.normal(size=(20, len(corners), 2)) * 10.0 ** rng.uniform(-6, 0, (20, len(corners), 1))
+    for ends in away:
+        assert not wb.clear_segments(bounder, corners, ends).any()
+        assert not wb.clear_segments(bounder, ends, corners).any()
+
+
+@pytest.mark.parametrize(
+    ("activation", "octaves"), [("sin", 0), ("relu", 0), ("tanh", 0), ("sin", 2)], ids=lambda value: str(value)
+)
+def test_bounds_along_segments_hold(activation, octaves, rng):
+    """Of -f, over pieces of segments, against dense values in float64: no slack."""
+    grid = shape("blob")
+    domain, width = domain_of(grid, "point"), 3 * 2 * octaves
+    layers = [(7, 3 + width), (5, 7), (1, 5)]
+    tensors = {f"layers.{i}.weight": rng.normal(0, 1.5, s).astype(np.float32) for i, s in enumerate(layers)}
+    tensors |= {f"layers.{i}.bias": rng.normal(0, 1, s[0]).astype(np.float32) for i, s in enumerate(layers)}
+    if octaves:
+        tensors |= {
+            "encoding.weight": rng.normal(0, 1.5, (width, 3)).astype(np.float32),
+            "encoding.bias": rng.normal(0, 1, width).astype(np.float32),
+        }
+    bounder = Mlp(domain, tensors, {"hidden": [7, 5], "activation": activation, "octaves": octaves}, "cpu")
+    bounder.freeze(0.0, None)
+    a, w = rng.uniform(-1, 1, (400, 3)), rng.normal(size=(400, 3)) * 10.0 ** rng.uniform(-3, 0, (400, 1))
+    t = np.sort(rng.random((400, 2)), axis=1)
+    w /= np.maximum(1.0, np.abs(a + w).max(axis=1, keepdims=True) / bounder.domain.limit.min())  # ends in the domain
+    w = np.where(np.abs(a + w) > bounder.domain.limit, 0.0, w)
+    part = segments_module._Part(bounder)
+    low, high = (np.concatenate([a, w, t[:, [k]]], axis=1) for k in (0, 1))
+    lower = segments_module.bound_boxes(part.sizes, part.weights, part.padding, low, high).lower
+    for share in np.linspace(0, 1, 101):
+        points = a + (t[:, [0]] + share * (t[:, [1]] - t[:, [0]])) * w
+        assert (-bounder.reference(points) >= lower).all()
+    assert (lower > -np.inf).all()
+
+
+def test_a_network_that_is_linear_is_followed_to_its_threshold(rng):
+    """``f = relu(-x - 0.1 ...)``: the half-space that is denied is known, and all segments in it but the closest are cleared."""
+    grid = shape("c")
+    domain = domain_of(grid, "point")
+    tensors = {"layers.0.weight": np.float32([[1.0, 0.0]]), "layers.0.bias": np.float32([4.0])}
+    tensors |= {"layers.1.weight": np.float32([[1.0]]), "layers.1.bias": np.float32([0.0])}
+    bounder = Mlp(domain, tensors, {"hidden": [1], "activation": "relu", "octaves": 0}, "cpu")
+    prove(bounder, grid)
+    starts, ends = segments(grid, 5000, rng)
+    v = [domain.to_local(x)[:, 0] + 4.0 for x in (starts, ends)]
+    denied = np.maximum(*v) < float(bounder.threshold) - 1e-5
+    assert wb.clear_segments(bounder, starts, ends)[denied].all()
+    assert denied.sum() > 50
+
+
+def waves(grid: IndicatorGrid) -> wb.Bounder:
+    """``f = sin(9 x) - 3``, below which everything is denied: any halving of a long segment brings its bound nearer."""
+    domain = domain_of(grid, "point")
+    tensors = {"layers.0.weight": np.float32([[9.0, 0.0]]), "layers.0.bias": np.float32([0.0])}
+    tensors |= {"layers.1.weight": np.float32([[1.0]]), "layers.1.bias": np.float32([-3.0])}
+    bounder = Mlp(domain, tensors, {"hidden": [1], "activation": "sin", "octaves": 0}, "cpu")
+    return bounder.freeze(-1.9, None)
+
+
+def test_more_depth_clears_more(rng):
+    grid = shape("c")
+    bounder = waves(grid)
+    starts, ends = segments(grid, 5000, rng)
+    shares = [wb.clear_segments(bounder, starts, ends, depth=depth) for depth in (0, 3, 8)]
+    assert (shares[0] <= shares[1]).all()
+    assert (shares[1] <= shares[2]).all()
+    assert shares[2].sum() > shares[0].sum()
+
+
+def test_points_agree_with_queries(rng):
+    """A segment without a length is a point: cleared only if f is under the threshold by more than rounding, and then always."""
+    bounder, grid = fitted("mlp", "blob"), shape("blob")
+    x = (grid.lower + rng.random((5000, grid.ndim)) * (grid.upper - grid.lower)).astype(np.float32)
+    clear = wb.clear_segments(bounder, x, x)
+    f = bounder.reference(bounder.domain.to_local(x)) - float(bounder.threshold)
+    room = bounder.rounding_bound() + 1e-6
+    assert clear[f < -room].all()
+    assert not clear[f > room].any()
+
+
+def test_bad_input():
+    bounder = fitted("mlp", "blob")
+    with pytest.raises(BounderError, match="network of points"):
+        wb.clear_segments(hardly_fitted("aabb", "blob"), np.zeros((1, 3)), np.zeros((1, 3)))
+    with pytest.raises(QueryError, match=r"\(N, 3\)"):
+        wb.clear_segments(bounder, np.zeros((1, 2)), np.zeros((1, 2)))
+    bad = np.array([[np.nan, 0, 0], [np.inf, 0, 0]])
+    assert not wb.clear_segments(bounder, bad, np.zeros((2, 3))).any()
+    with pytest.raises(QueryError, match="depth must be at least 0, got -1"):
+        wb.clear_segments(bounder, np.zeros((1, 3)), np.zeros((1, 3)), depth=-1)
+    assert len(wb.clear_segments(bounder, np.zeros((0, 3)), np.zeros((0, 3)))) == 0

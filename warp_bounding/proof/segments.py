@@ -1,0 +1,115 @@
+"""Whole segments against a network of points: bounds of f along them, instead of samples.
+
+A network answers *no* at a point only where f is under its threshold, and at points of the object f is at least threshold + E
+(``prove``). So where f is proven to be under threshold + E all along a segment, no point of it lies in the object. An upper bound of f
+is a lower bound of -f, by the same relaxations as in every proof, over boxes of one number: the way along the segment.
+
+Float64. The segment that is bounded is ``a + t w`` of the computed a and w, t between the computed ends. Where both are within ``FAR``,
+a point of the true segment is off by less than 2^-29, four products and sums of 2^-52 each, and an object that is proven is dilated
+by delta, float32's share of the same map: at least a hundred times as much. Clipping errs outwards by ``INSIDE``, again more than
+t's own rounding times w. What lies farther out is not cleared.
+"""
+
+import numpy as np
+
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.network_kernel import bound_boxes
+from warp_bounding.bounders.segment_chart import SegmentChart
+from warp_bounding.errors import BounderError, QueryError
+from warp_bounding.proof.search import halve
+
+__all__ = ["clear_segments"]
+
+DEPTH = 8  # a piece is halved so often at most
+INSIDE = 1e-9  # of the domain, by which segments are clipped too late
+FAR = 2.0**20  # half sizes of the domain: no start or way is longer
+
+
+def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, depth: int = DEPTH) -> np.ndarray:
+    """Which segments are proven to meet the object nowhere.
+
+    Args:
+        bounder: A network (``mlp``, ``mlp-early``) of points, proven or not; where it is proven, so is the answer.
+        starts: ``(N, n)``, object space; taken as they are, float32 or float64.
+        ends: ``(N, n)``.
+        depth: How often a piece is halved at most; more clears more segments that pass close to the object.
+
+    Returns:
+        ``(N,)`` bool: no point of the closed segment lies in the object. False says nothing. NaN, infinity and what is a
+        million domains away: False.
+
+    Raises:
+        BounderError: For another kind of bounder.
+        QueryError: For arrays of another shape, or a negative depth.
+    """
+    if bounder.query_kind != "point" or not isinstance(bounder, Mlp) or bounder.domain.time:
+        raise BounderError(f"segments need a network of points at rest, got {bounder!r}")
+    starts, ends = np.asarray(starts, dtype=np.float64), np.asarray(ends, dtype=np.float64)
+    if starts.shape != ends.shape or starts.ndim != 2 or starts.shape[1] != bounder.ndim:
+        raise QueryError(f"starts and ends must both be (N, {bounder.ndim}), got {starts.shape} and {ends.shape}")
+    if depth < 0:
+        raise QueryError(f"depth must be at least 0, got {depth}")
+    with np.errstate(over="ignore", invalid="ignore"):
+        a = bounder.domain.to_local(starts)
+        w = bounder.domain.to_local(ends) - a
+        known = ((np.abs(a) <= FAR) & (np.abs(w) <= FAR)).all(axis=1)  # False for NaN
+    segments = np.flatnonzero(known)
+    a, w = a[segments], w[segments]
+    first, last, inside = _within(a, w, bounder.domain.limit.astype(np.float64))
+    a, w, owner = a[inside], w[inside], segments[inside]
+    low = np.concatenate([a, w, first[inside, None]], axis=1)
+    high = np.concatenate([a, w, last[inside, None]], axis=1)
+    parts, along = [_Part(part) for part in bounder.parts], 2 * bounder.ndim
+    failed = ~known
+    for level in range(depth + 1):
+        closed = np.zeros(len(low), dtype=bool)
+        for part in parts:
+            closed[~closed] = part.clears(low[~closed], high[~closed])
+        low, high, owner = low[~closed], high[~closed], owner[~closed]
+        middle = (low[:, along:] + high[:, along:]) / 2
+        points = low[:, : bounder.ndim] + middle * low[:, bounder.ndim : along]
+        hopeless = np.ones(len(low), dtype=bool)
+        for part in parts:  # a piece with a point that no part denies: no half with this point will be closed
+            hopeless[hopeless] = part.lets_through(points[hopeless])
+        failed[owner[hopeless]] = True
+        left = ~failed[owner]
+        low, high, owner = low[left], high[left], owner[left]
+        if level == depth or not len(owner):
+            break
+        low, high = halve(low, high, np.full(len(low), along))
+        owner = np.tile(owner, 2)
+    failed[owner] = True  # what was not closed
+    return ~failed
+
+
+class _Part:
+    """One network of a conjunction: it closes the pieces on which it is under its threshold."""
+
+    def __init__(self, part: Mlp):
+        network = part.network
+        self.sizes, self.part = network.sizes(SegmentChart(part.ndim)), part
+        self.weights = network.packed.copy()
+        self.weights[-1 - network.output.weight.shape[1] :] *= -1.0  # -f
+        self.padding = network.padding_for(part.domain.limit.astype(np.float64) * (1 + 2 * INSIDE))
+        self.target = np.nextafter(-(float(part.threshold) + part.rounding_bound()), np.inf)
+
+    def clears(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Pieces on which f is proven to stay under threshold + E."""
+        return bound_boxes(self.sizes, self.weights, self.padding, low, high).lower > self.target
+
+    def lets_through(self, points: np.ndarray) -> np.ndarray:
+        """Points ``v`` at which f does not."""
+        return ~(-self.part.reference(points) > self.target)
+
+
+def _within(a: np.ndarray, w: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The times in [0, 1] at which ``a + t w`` may be in the domain, and whether there are any."""
+    reach = limit * (1 + INSIDE)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.sort(np.stack([(-reach - a) / w, (reach - a) / w]), axis=0)
+    rests = np.abs(a) <= reach
+    first = np.where(w != 0, ends[0], np.where(rests, -np.inf, np.inf)).max(axis=1).clip(0.0)
+    last = np.where(w != 0, ends[1], np.where(rests, np.inf, -np.inf)).min(axis=1).clip(max=1.0)
+    inside = first <= last + INSIDE
+    return first.clip(0.0, 1.0), np.maximum(last, first).clip(0.0, 1.0), inside
