@@ -14,6 +14,7 @@ from itertools import accumulate
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.bounders.source import DENIED, Lanes, Source, literal
 from warp_bounding.errors import BounderError
 
@@ -102,19 +103,33 @@ class Cascade(Bounder):
         return True
 
     @classmethod
+    def check(cls, kinds: list[type[Bounder]]) -> None:
+        """Refuse bounders that cannot be put together.
+
+        Raises:
+            BounderError: If there is one only, or more than 8; one is not conservative; one but the last is a cascade or has exits; or
+                more than one has a bit field.
+        """
+        if not 2 <= len(kinds) <= MOST_PARTS:
+            raise BounderError(f"{cls.method}: expected 2 to {MOST_PARTS} bounders, got {len(kinds)}")
+        for kind in kinds:
+            if not kind.conservative:
+                raise BounderError(f"{cls.method}: {kind.method} is not conservative")
+        if any(issubclass(kind, (MlpEarly, Cascade)) for kind in kinds[:-1]):
+            raise BounderError(f"{cls.method}: only the last part may have exits")
+        if sum(bool(kind.bit_fields) for kind in kinds) > 1:
+            raise BounderError(f"{cls.method}: only one part may have a bit field")
+
+    @classmethod
     def of(cls, parts: list[Bounder]) -> "Cascade":
         """The conjunction, at the parts' thresholds; it holds no certificate yet.
 
         Raises:
-            BounderError: If there is one part only, or more than 8; one is not conservative; they are bounders of other queries or domains; one
-                but the last is a cascade or has exits; or more than one has a bit field.
+            BounderError: If they are bounders of other queries or domains, or cannot be put together (``check``).
         """
-        if not 2 <= len(parts) <= MOST_PARTS:
-            raise BounderError(f"{cls.method}: expected 2 to {MOST_PARTS} bounders, got {len(parts)}")
+        cls.check([type(part) for part in parts])
         last = parts[-1]
         for part in parts:
-            if not part.conservative:
-                raise BounderError(f"{cls.method}: {part.method} is not conservative")
             if part.domain.to_dict() != last.domain.to_dict():
                 raise BounderError(
                     f"{cls.method}: expected bounders of the same queries and domain, got {part!r} and {last!r}"
@@ -130,16 +145,17 @@ class Cascade(Bounder):
 
         super().__init__(domain, tensors, sizes, device)
         entries, self._tests = self.sizes.get("parts"), []
-        if not isinstance(entries, list) or not 2 <= len(entries) <= MOST_PARTS:
-            raise BounderError(f"{self.method}: expected a list of 2 to {MOST_PARTS} parts, got {entries!r}")
+        if not isinstance(entries, list) or not entries:
+            raise BounderError(f"{self.method}: expected a list of parts, got {entries!r}")
         known = {"thresholds"}
         for i, entry in enumerate(entries):
             kind = METHODS.get(entry.get("method")) if isinstance(entry, dict) else None
-            if kind is None or not kind.conservative:
-                raise BounderError(f"{self.method}: part {i} is no conservative bounder: {entry!r}")
+            if kind is None:
+                raise BounderError(f"{self.method}: part {i} is no bounder: {entry!r}")
             own = {name.removeprefix(f"{i}."): t for name, t in self.tensors.items() if name.startswith(f"{i}.")}
             known |= {f"{i}.{name}" for name in own}
             self._tests.append(kind(domain, own, entry["sizes"], device))
+        self.check([type(part) for part in self._tests])
         thresholds = self.tensors.get("thresholds")
         if set(self.tensors) != known or thresholds is None or thresholds.shape != (len(entries) - 1,):
             raise BounderError(
@@ -147,10 +163,6 @@ class Cascade(Bounder):
             )
         for part, threshold in zip(self._tests, thresholds, strict=False):
             part.freeze(threshold, None)
-        if any(part.source.early() for part in self._tests[:-1]):
-            raise BounderError(f"{self.method}: only the last part may have exits")
-        if sum(bool(part.bit_fields) for part in self._tests) > 1:
-            raise BounderError(f"{self.method}: only one part may have a bit field")
 
     @property
     def parts(self) -> list[Bounder]:

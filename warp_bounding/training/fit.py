@@ -5,12 +5,14 @@ Closed forms are fitted and proven at once, networks in ``networks``. What can b
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
-from warp_bounding.bounders import METHODS, Bounder, method_class
+from warp_bounding.bounders import Bounder, method_class
 from warp_bounding.bounders.base import checked_device
 from warp_bounding.bounders.bvh import Bvh, leaves_for_bytes
+from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.domain import Domain
 from warp_bounding.bounders.kdop import Kdop
 from warp_bounding.bounders.learned_kdop import LearnedKdop
@@ -22,7 +24,7 @@ from warp_bounding.bounders.regions import RegionDomain, domain_of
 from warp_bounding.bounders.relu_field import ReluField
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import load_indicator
-from warp_bounding.proof import prove
+from warp_bounding.proof import cascade, prove
 from warp_bounding.queries import check_query, oracle, sample
 from warp_bounding.queries.positives import draw_positives
 from warp_bounding.training.field import train_relu_field
@@ -35,6 +37,8 @@ __all__ = ["fit"]
 SPACES = ("geometric", "parametric")
 PARAMETRIC_SAMPLES = 20_000  # as in the paper's code
 KDOP_SECONDS = 10.0  # more does not make learned half-spaces tighter
+FRONT_SHARE = 0.1  # of what is left of the budget: for each learned part of a cascade before its networks
+LEAST_SHARE = 0.05  # of the budget, that is left for a part
 
 Progress = Callable[[float, float, str], None]
 
@@ -67,10 +71,11 @@ def fit(
     Args:
         shape: What ``load_indicator`` returns, or anything that it takes.
         query: Kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``.
-        method: A name in ``METHODS``.
+        method: A name in ``METHODS``; or several, as in ``"learned-kdop+mlp"``: a cascade, asked in this order, whose networks are
+            trained for what the parts before them let through.
         hidden: Hidden widths, mlp.
         activation: ``"sin"``, ``"relu"`` or ``"tanh"``, mlp; monotone-mlp takes tanh in place of sin, which is not monotone.
-        budget: Seconds for training and proof, mlp; a proof that is late may take a tenth more.
+        budget: Seconds for training and proof, mlp; a proof that is late may take a tenth more. Of all parts of a cascade together.
         seed: Of everything random.
         margin: The object is dilated by this length first, object (world) units.
         resolution: Cells along a mesh's longest axis; 64 if ``None``. Grids bring their own.
@@ -96,44 +101,78 @@ def fit(
     check_query(query)
     _check_options(budget, steps, seed, margin, length, space, recipe)
     checked_device(device)
-    if issubclass(METHODS.get(method, Bounder), Mlp):
-        hidden, octaves = check_hidden(hidden), check_octaves(octaves)
-        if activation not in ACTIVATIONS:
-            raise BounderError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {activation!r}")
-        if issubclass(METHODS[method], MonotoneMlp):
-            if octaves or recipe != "default":
-                raise BounderError(f"{method} takes no octaves and the default recipe only, got {octaves} and {recipe}")
-            activation = activation if activation in MONOTONE else MONOTONE[0]
     started = time.perf_counter()
     grid = load_indicator(shape).to_grid(resolution=resolution, margin=margin)
     space = "geometric" if query == "point" else space
-    kind = method_class(method, query, grid.ndim, space)
+    kinds = [method_class(name, query, grid.ndim, space) for name in method.split("+")]
+    if len(kinds) > 1:
+        Cascade.check(kinds)
+    networks = [issubclass(kind, Mlp) for kind in kinds]
+    options = [_network_options(kind, hidden, activation, octaves, steps, recipe) for kind in kinds]
     problem = Problem(grid, domain_of(grid, query, length, space), query, int(seed), device)
-    record: dict = {}
-    if issubclass(kind, Mlp):
-        options = NetworkOptions(hidden, activation, octaves, budget, steps, recipe)
-        bounder, record = fit_network(kind, problem, options, progress)
-    else:
-        options = {"seed": int(seed), "steps": steps, "device": device, "progress": _shown(progress)}
-        if kind is LearnedKdop:
-            seconds = min(budget, KDOP_SECONDS)
-            bounder, record = train_learned_kdop(grid, problem.domain, budget=seconds, k=k, **options)
-        elif kind is ReluField:
-            bounder, record = train_relu_field(grid, problem.domain, budget=budget, **options)
+    parts: list[Bounder] = []
+    for index, kind in enumerate(kinds):
+        begun, waiting = time.perf_counter(), sum(networks[index:])
+        left = max(budget - (begun - started), LEAST_SHARE * budget) if parts else budget
+        part = replace(problem, front=tuple(parts))
+        if networks[index]:
+            bounder, record = fit_network(kind, part, replace(options[index], budget=left / waiting), progress)
         else:
-            bounder = _fit_classic(problem, kind, k, leaves, hidden)
-        prove(bounder, grid)
-    bounder.info = {
-        "indicator": grid.digest,
-        "name": grid.name,
-        "grid_shape": list(grid.shape),
-        "margin": grid.margin,
-        "resolution": grid.resolution,
-        "seed": int(seed),
-        "note": grid.note,
-        "training": record | {"seconds": round(time.perf_counter() - started, 3)},
-    }
-    return bounder
+            seconds = min(left * (FRONT_SHARE if waiting else 1.0), KDOP_SECONDS if kind is LearnedKdop else left)
+            bounder, record = _fit_other(part, kind, k, leaves, hidden, seconds, steps, progress)
+            prove(bounder, grid)
+        bounder.info = {
+            "indicator": grid.digest,
+            "name": grid.name,
+            "grid_shape": list(grid.shape),
+            "margin": grid.margin,
+            "resolution": grid.resolution,
+            "seed": int(seed),
+            "note": grid.note,
+            "training": record | {"seconds": round(time.perf_counter() - (begun if index else started), 3)},
+        }
+        parts.append(bounder)
+    if len(parts) == 1:
+        return parts[0]
+    whole = cascade(*parts)
+    whole.info["training"]["seconds"] = round(time.perf_counter() - started, 3)
+    return whole
+
+
+def _network_options(kind, hidden, activation, octaves, steps, recipe) -> NetworkOptions | None:
+    """The options of a network, checked; its budget is set later. ``None`` for other bounders."""
+    if not issubclass(kind, Mlp):
+        return None
+    hidden, octaves = check_hidden(hidden), check_octaves(octaves)
+    if activation not in ACTIVATIONS:
+        raise BounderError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {activation!r}")
+    if issubclass(kind, MonotoneMlp):
+        if octaves or recipe != "default":
+            raise BounderError(
+                f"{kind.method} takes no octaves and the default recipe only, got {octaves} and {recipe}"
+            )
+        activation = activation if activation in MONOTONE else MONOTONE[0]
+    return NetworkOptions(hidden, activation, octaves, 0.0, steps, recipe)
+
+
+def _fit_other(
+    problem: Problem,
+    kind: type[Bounder],
+    k,
+    leaves,
+    hidden,
+    seconds: float,
+    steps: int | None,
+    progress: Progress | None,
+) -> tuple[Bounder, dict]:
+    """A bounder that is no network, and a record of how it went."""
+    grid, domain = problem.grid, problem.domain
+    options = {"seed": problem.seed, "steps": steps, "device": problem.device, "progress": _shown(progress)}
+    if kind is LearnedKdop:
+        return train_learned_kdop(grid, domain, budget=seconds, k=k, **options)
+    if kind is ReluField:
+        return train_relu_field(grid, domain, budget=seconds, **options)
+    return _fit_classic(problem, kind, k, leaves, hidden), {}
 
 
 def _check_options(budget, steps, seed, margin, length, space, recipe) -> None:

@@ -27,6 +27,7 @@ SAMPLES = 100_000  # of the protocol, at a time; the negatives among them are le
 FEW = 0.1  # share of negatives under which there are more samples,
 MOST_SAMPLES = 1_000_000  # up to this number
 BATCH = 4096
+MOST = 128  # half-spaces
 STEPS = 1500  # per start: more gain nothing
 STARTS = 3
 SOFTNESS = (0.2, 0.006)  # T, in units of v, from begin to end
@@ -57,7 +58,8 @@ def train_learned_kdop(
         domain: ``domain_of(grid, query, length, space)``.
         budget: Seconds at most; some seconds are enough.
         seed: Of everything random.
-        k: Half-spaces; as many as ``kdop`` has if ``None``.
+        k: Half-spaces, ``MOST`` at most; as many as ``kdop`` has if ``None``. Beyond ``kdop``'s numbers, training starts from its
+            default ones and random others.
         steps: Training steps in all instead of seconds: the result is then repeatable.
         device: Warp device of the bounder.
         progress: Called with the used fraction and a note. Ctrl-C ends training; the best so far is taken.
@@ -68,8 +70,10 @@ def train_learned_kdop(
     clock = Clock(budget, steps)
     support, generator = support_of(grid, domain), torch.Generator().manual_seed(seed)
     problem, (v, share) = problem_of(domain, support), _negatives(grid, domain, seed)
-    classic = tensor(classic_normals(domain, k))
+    classic = tensor(_classic(domain, k))
     start = _unit(classic)
+    if k is not None and k > len(start):
+        start = torch.cat([start, _unit(problem.start(k - len(start), generator))])
     clock.reserved = min(0.15 * budget, 2 * clock.seconds)
     found: list[tuple[float, torch.Tensor]] = []
     interrupted = False
@@ -87,7 +91,7 @@ def train_learned_kdop(
         except KeyboardInterrupt:
             interrupted = True
     found.sort(key=lambda pair: pair[0])
-    bounders = [LearnedKdop.of_normals(grid, domain, classic_normals(domain, k), support=support, device=device)]
+    bounders = [LearnedKdop.of_normals(grid, domain, classic.double().numpy(), support=support, device=device)]
     for _, normals in found[:FINALISTS]:
         try:
             bounders.append(
@@ -104,6 +108,21 @@ def train_learned_kdop(
         "fp_rate_kdop": rates[0] * share,
     }
     return bounders[best], record
+
+
+def _classic(domain: Domain | RegionDomain, k: int | None) -> np.ndarray:
+    """``kdop``'s half-spaces where it offers ``k`` of them, else its default ones.
+
+    Raises:
+        BounderError: For another ``k`` that is less than those, or more than ``MOST``.
+    """
+    try:
+        return classic_normals(domain, k)
+    except BounderError:
+        usual = classic_normals(domain)
+        if not isinstance(k, int) or not len(usual) < k <= MOST:
+            raise BounderError(f"learned-kdop takes as many half-spaces as kdop, or up to {MOST}, got k={k}") from None
+        return usual
 
 
 def _descend(

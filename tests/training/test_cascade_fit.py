@@ -1,0 +1,131 @@
+"""``fit`` of several methods at once: a cascade whose networks learn what the parts before them let through."""
+
+import pytest
+from bounding_shapes import shape
+
+torch = pytest.importorskip("torch", reason="torch is not installed")
+
+import warp_bounding as wb  # noqa: E402
+from warp_bounding.bounders.regions import domain_of  # noqa: E402
+from warp_bounding.errors import BounderError, QueryError  # noqa: E402
+from warp_bounding.training import networks  # noqa: E402
+from warp_bounding.training.problem import Problem  # noqa: E402
+from warp_bounding.training.samples import FEWEST, samples_of  # noqa: E402
+from warp_bounding.training.thresholds import Costs  # noqa: E402
+
+
+def few(name, method, **options):
+    return wb.fit(shape(name), method=method, **({"hidden": (8, 8), "steps": 60, "device": "cpu"} | options))
+
+
+@pytest.mark.parametrize("query", ["point", "ray", "plane", "box"])
+@pytest.mark.parametrize("method", ["aabb+mlp", "learned-kdop+mlp", "kdop+mlp-early"])
+def test_a_cascade_is_fitted_and_says_what_its_parts_say(query, method, tmp_path):
+    bounder, grid = few("blob", method, query=query), shape("blob")
+    assert bounder.method == "cascade"
+    parts = [entry["method"] for entry in bounder.sizes["parts"]]
+    assert parts == method.split("+")
+    assert bounder.certificate.kind in ("proven", "statistical")
+    assert bounder.info["indicator"] == grid.digest
+    assert len(bounder.info["training"]["parts"]) == 2
+    assert bounder.info["training"]["seconds"] >= sum(p["seconds"] for p in bounder.info["training"]["parts"]) - 0.01
+    assert wb.evaluate(bounder, grid, samples=50_000).fn == 0
+    bounder.save(tmp_path / "a.safetensors")
+    assert wb.load(tmp_path / "a.safetensors").certificate == bounder.certificate
+
+
+def test_boxes_behind_a_monotone_network():
+    bounder = few("blob", "learned-kdop+monotone-mlp", query="box")
+    assert bounder.certificate.proven
+    assert wb.certify(bounder, shape("blob")).proven
+
+
+@pytest.mark.parametrize("query", ["point", "ray", "box"])
+def test_networks_learn_from_what_the_front_lets_through(query, monkeypatch):
+    seen = []
+
+    class Watched(networks._Fit):
+        def _samples(self):
+            samples = super()._samples()
+            draw = samples.open_negatives
+
+            def watched(count):
+                v = draw(count)
+                seen.append((self.problem, v, count))
+                return v
+
+            samples.open_negatives = watched
+            return samples
+
+    monkeypatch.setattr(networks, "_Fit", Watched)
+    few("star", "kdop+mlp", query=query)
+    assert seen
+    for problem, v, count in seen:
+        assert v.shape[1] <= count
+        assert problem.asked(problem.domain.to_object(v.T.numpy())).mean() > 0.999  # but for what float32 rounds
+    kept = Costs(wb.fit(shape("star"), query=query, method="mlp", hidden=(8,), steps=3, device="cpu"), seen[0][0])
+    bare = Problem(seen[0][0].grid, seen[0][0].domain, query, 0, "cpu")
+    assert len(kept.values) < len(Costs(few("star", "mlp", query=query, steps=3), bare).values)
+
+
+def test_a_front_that_denies_all_leaves_some_negatives():
+    grid = shape("c")
+    samples = samples_of(grid, domain_of(grid, "point"), 0)
+    whole = samples.negatives(1000).shape[1]
+    assert samples.open_negatives(1000).shape[1] <= 1000
+    samples.asked = lambda v: torch.zeros(v.shape[1], dtype=torch.bool)
+    assert samples.open_negatives(1000).shape[1] == min(FEWEST, whole)
+
+
+def test_time_is_shared(monkeypatch):
+    given = []
+    real = networks._Fit.__init__
+
+    def note(self, kind, problem, options, progress):
+        given.append(options.budget)
+        real(self, kind, problem, options, progress)
+
+    monkeypatch.setattr(networks._Fit, "__init__", note)
+    few("c", "aabb+learned-kdop+mlp", steps=None, budget=4.0)
+    (left,) = given
+    assert 2.0 < left <= 4.0
+
+
+@pytest.mark.parametrize(
+    ("method", "message"),
+    [
+        ("aabb+occupancy", "occupancy is not conservative"),
+        ("mlp-early+mlp", "only the last part may have exits"),
+        ("voxels+voxels+mlp", "only one part may have a bit field"),
+        ("aabb+", "method must be one of"),
+        ("aabb+magic", "method must be one of"),
+        ("+".join(["aabb"] * 9), "2 to 8"),
+    ],
+)
+def test_what_is_no_cascade_is_refused_before_anything_is_fitted(method, message, monkeypatch):
+    monkeypatch.setattr(networks, "_Fit", None)
+    with pytest.raises(BounderError, match=message):
+        few("c", method)
+
+
+def test_parts_must_know_the_query():
+    with pytest.raises((BounderError, QueryError)):
+        few("blob", "voxels+mlp", query="ray")
+
+
+@pytest.mark.parametrize(
+    ("query", "name"), [("point", "blob"), ("ray", "blob"), ("box", "c"), ("plane", "c"), ("ray", "animated")]
+)
+def test_more_half_spaces_than_kdop_has(query, name):
+    usual, more = (few(name, "learned-kdop", query=query, k=k, steps=300) for k in (None, 40))
+    assert len(more.tensors["offsets"]) in (40, len(usual.tensors["offsets"]))  # kdop's own where these are better
+    assert more.certificate.proven
+    rates = [wb.evaluate(b, shape(name), samples=100_000) for b in (usual, more)]
+    assert rates[1].fn == 0
+    assert rates[1].fp_rate <= 1.05 * rates[0].fp_rate
+
+
+@pytest.mark.parametrize("k", [5, 13 - 2, 129, 0, -1])
+def test_a_number_of_half_spaces_that_there_is_not(k):
+    with pytest.raises(BounderError, match=f"up to 128, got k={k}"):
+        few("blob", "learned-kdop", k=k)
