@@ -3,6 +3,7 @@
 import pytest
 from fake_library import data_folder, supports
 
+from warp_bounding import bounders
 from warp_bounding.errors import BoundingError
 from warp_bounding.tables import PRESETS, Settings, duration, find_shapes, parse_budget, plan, select_columns, shares
 from warp_bounding.tables.budgets import budget_of
@@ -73,3 +74,16 @@ def test_what_a_plan_takes(tmp_path):
 )
 def test_durations(seconds, text):
     assert duration(seconds) == text
+
+
+def test_a_cascade_takes_the_time_of_its_last_part_unless_it_is_named():
+    box, words = Column(3, "box"), "3d=20,learned-kdop=5,3d-box:mlp=90"
+    cascade = Variant("learned-kdop+mlp")
+    assert budget_of(box, cascade, 10.0, words) == 90
+    assert budget_of(Column(3, "ray"), cascade, 10.0, words) == 20
+    assert budget_of(box, cascade, 10.0, words + ",3d:learned-kdop+mlp=7") == 7
+    assert budget_of(box, Variant("learned-kdop"), 10.0, words) == 5
+    assert cascade.space_in(box, bounders.supports) == "geometric"
+    assert bounders.supports("kdop+mlp", "ray", 3)
+    assert not bounders.supports("voxels+mlp", "ray", 3)
+    assert not bounders.supports("kdop+magic", "ray", 3)

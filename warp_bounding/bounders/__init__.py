@@ -48,5 +48,8 @@ def method_class(method: str, query: str = "point", ndim: int = 3, space: str = 
 
 
 def supports(method: str, query: str, ndim: int, space: str = "geometric") -> bool:
-    """Whether a method can bound a kind of query of an n-dimensional object, in a space; ``False`` for unknown methods."""
-    return method in METHODS and METHODS[method].supports(query, ndim, space)
+    """Whether a method can bound a kind of query of an n-dimensional object, in a space; ``False`` for unknown methods.
+
+    Of several, as in ``"kdop+mlp"``: whether each can.
+    """
+    return all(name in METHODS and METHODS[name].supports(query, ndim, space) for name in method.split("+"))

@@ -69,14 +69,14 @@ def budget_of(column: Column, variant: Variant, general: float, budgets: str) ->
 
     Args:
         column: The query.
-        variant: The method.
+        variant: The method; a cascade takes what its last part would.
         general: Seconds where no word fits.
         budgets: As ``parse_budget`` gives it.
     """
     seconds = general
     for word in budgets.split(",") if budgets else ():
         name, _, value = word.partition("=")
-        if all(part == variant.method or column in columns_named(part) for part in name.split(":")):
+        if all(part in (variant.method, variant.last) or column in columns_named(part) for part in name.split(":")):
             seconds = float(value)
     return seconds
 

@@ -96,7 +96,7 @@ def plan(
 
 def _expected(job: Job, budget: float) -> float:
     """Seconds of a learned fit with a budget: some end before, and what sets a threshold takes its time however short the budget."""
-    method, column = job.variant.method, job.column
+    method, column = job.variant.last, job.column
     if method == "learned-kdop":
         return min(budget, KDOP_SECONDS) + (PARAMETRIC_PROOF.get(column.ndim, 0.0) if job.variant.parametric else 0.0)
     if method == "relu-field":

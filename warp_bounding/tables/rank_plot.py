@@ -30,11 +30,13 @@ STYLES = {  # colour and marker; told apart in all common kinds of colour blindn
     "mlp": ("#d1420a", "o"),
     "mlp-early": ("#f0a30a", "d"),
     "monotone-mlp": ("#a8323e", ">"),
+    "learned-kdop+mlp": ("#7a2f00", "*"),
 }
 ORDER = (
     "mlp",
     "mlp-early",
     "monotone-mlp",
+    "learned-kdop+mlp",
     "relu-field",
     "learned-kdop",
     *(m for m in STYLES if m not in LEARNED),
