@@ -1,16 +1,16 @@
-"""``fit`` of several methods at once: a cascade whose networks learn what the parts before them let through."""
+"""``fit`` of several methods at once: a cascade, its time shared, its network's threshold judged behind the parts before it."""
 
+import numpy as np
 import pytest
 from bounding_shapes import shape
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
 
 import warp_bounding as wb  # noqa: E402
-from warp_bounding.bounders.regions import domain_of  # noqa: E402
 from warp_bounding.errors import BounderError, QueryError  # noqa: E402
+from warp_bounding.queries import sample  # noqa: E402
 from warp_bounding.training import networks  # noqa: E402
 from warp_bounding.training.problem import Problem  # noqa: E402
-from warp_bounding.training.samples import FEWEST, samples_of  # noqa: E402
 from warp_bounding.training.thresholds import Costs  # noqa: E402
 
 
@@ -41,40 +41,24 @@ def test_boxes_behind_a_monotone_network():
 
 
 @pytest.mark.parametrize("query", ["point", "ray", "box"])
-def test_networks_learn_from_what_the_front_lets_through(query, monkeypatch):
-    seen = []
-
-    class Watched(networks._Fit):
-        def _samples(self):
-            samples = super()._samples()
-            draw = samples.open_negatives
-
-            def watched(count):
-                v = draw(count)
-                seen.append((self.problem, v, count))
-                return v
-
-            samples.open_negatives = watched
-            return samples
-
-    monkeypatch.setattr(networks, "_Fit", Watched)
-    few("star", "kdop+mlp", query=query)
-    assert seen
-    for problem, v, count in seen:
-        assert v.shape[1] <= count
-        assert problem.asked(problem.domain.to_object(v.T.numpy())).mean() > 0.999  # but for what float32 rounds
-    kept = Costs(wb.fit(shape("star"), query=query, method="mlp", hidden=(8,), steps=3, device="cpu"), seen[0][0])
-    bare = Problem(seen[0][0].grid, seen[0][0].domain, query, 0, "cpu")
-    assert len(kept.values) < len(Costs(few("star", "mlp", query=query, steps=3), bare).values)
+def test_what_a_threshold_costs_is_counted_behind_the_front(query):
+    grid = shape("star")
+    front = few("star", "kdop", query=query)
+    network = few("star", "mlp", query=query, steps=3)
+    problems = [Problem(grid, network.domain, query, 0, "cpu", parts) for parts in ((), (front,))]
+    whole, behind = (Costs(network, problem) for problem in problems)
+    assert 0 < len(behind.values) < len(whole.values)
+    assert np.isin(behind.values, whole.values).all()
+    x = sample(query, grid, 1000, np.random.default_rng(0))
+    assert problems[0].asked(x).all()
+    assert (problems[1].asked(x) == front.query(x).numpy()).all()
 
 
-def test_a_front_that_denies_all_leaves_some_negatives():
-    grid = shape("c")
-    samples = samples_of(grid, domain_of(grid, "point"), 0)
-    whole = samples.negatives(1000).shape[1]
-    assert samples.open_negatives(1000).shape[1] <= 1000
-    samples.asked = lambda v: torch.zeros(v.shape[1], dtype=torch.bool)
-    assert samples.open_negatives(1000).shape[1] == min(FEWEST, whole)
+def test_a_network_behind_others_is_the_one_that_it_is_by_itself():
+    alone, behind = few("star", "mlp"), few("star", "learned-kdop+mlp")
+    assert all((behind.tensors[f"1.{name}"] == t).all() for name, t in alone.tensors.items())
+    assert len(behind.tensors["0.offsets"]) == 40
+    assert wb.evaluate(behind, shape("star")).fp_rate < wb.evaluate(alone, shape("star")).fp_rate
 
 
 def test_time_is_shared(monkeypatch):

@@ -37,6 +37,7 @@ __all__ = ["fit"]
 SPACES = ("geometric", "parametric")
 PARAMETRIC_SAMPLES = 20_000  # as in the paper's code
 KDOP_SECONDS = 10.0  # more does not make learned half-spaces tighter
+FRONT_FACES = 40  # of a learned-kdop before a network: a few milliseconds and bytes, and next to the convex hull
 FRONT_SHARE = 0.1  # of what is left of the budget: for each learned part of a cascade before its networks
 LEAST_SHARE = 0.05  # of the budget, that is left for a part
 
@@ -71,8 +72,8 @@ def fit(
     Args:
         shape: What ``load_indicator`` returns, or anything that it takes.
         query: Kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``.
-        method: A name in ``METHODS``; or several, as in ``"learned-kdop+mlp"``: a cascade, asked in this order, whose networks are
-            trained for what the parts before them let through.
+        method: A name in ``METHODS``; or several, as in ``"learned-kdop+mlp"``: a cascade, asked in this order; what the proof of a network
+            may cost is counted behind the parts before it.
         hidden: Hidden widths, mlp.
         activation: ``"sin"``, ``"relu"`` or ``"tanh"``, mlp; monotone-mlp takes tanh in place of sin, which is not monotone.
         budget: Seconds for training and proof, mlp; a proof that is late may take a tenth more. Of all parts of a cascade together.
@@ -83,7 +84,7 @@ def fit(
         space: ``"geometric"``: a region is tested against the volume; ``"parametric"``, as in the paper: the volume is fitted to
             the positives' own 2 n numbers. The same for points.
         octaves: Octaves of positional encoding, mlp; 0 for none, 4 as in the paper's supplement.
-        k: Half-spaces, kdop and learned-kdop; by default 4 for each number of a query.
+        k: Half-spaces, kdop and learned-kdop; by default 4 for each number of a query, and 40 for a learned-kdop before a network.
         leaves: Leaf boxes, bvh; if ``None``, as many as have the memory of a network of these ``hidden`` widths.
         steps: Training steps instead of seconds: the result is then repeatable to the bit on the same machine.
         recipe: ``"default"``, or ``"paper"`` for the paper's schedule.
@@ -119,7 +120,8 @@ def fit(
             bounder, record = fit_network(kind, part, replace(options[index], budget=left / waiting), progress)
         else:
             seconds = min(left * (FRONT_SHARE if waiting else 1.0), KDOP_SECONDS if kind is LearnedKdop else left)
-            bounder, record = _fit_other(part, kind, k, leaves, hidden, seconds, steps, progress)
+            faces = FRONT_FACES if k is None and waiting and kind is LearnedKdop and query != "plane" else k
+            bounder, record = _fit_other(part, kind, faces, leaves, hidden, seconds, steps, progress)
             prove(bounder, grid)
         bounder.info = {
             "indicator": grid.digest,

@@ -202,7 +202,7 @@ class Trainer:
     def _refresh(self, team: Team, workers: list[Evaluator], used: float) -> None:
         """Draw new samples, renew the hard pool, estimate the rates, plan the batches until the next refresh."""
         recipe, samples, network = self.recipe, self.samples, self.network
-        negative = network.encode(samples.open_negatives(recipe.pool))
+        negative = network.encode(samples.negatives(recipe.pool))
         state = samples.positives(recipe.pool)
         fresh = samples.coordinates(state)
         walked = self._descend(team, workers, samples.positives(recipe.explore), recipe.explore_moves)
@@ -230,7 +230,7 @@ class Trainer:
 
     def _estimate(self, below: torch.Tensor, above: torch.Tensor) -> None:
         """False positives at the least value known on the object; remember the parameters with the fewest."""
-        self.false_positives = float((below >= above.min()).sum()) / (self.samples.rounds * self.recipe.pool)
+        self.false_positives = float((below >= above.min()).sum()) / self.recipe.pool
         hard = above[-self._hard.shape[1] :]
         self.false_negatives = float((hard < 0).float().mean())
         if self.false_positives <= self._best[0]:

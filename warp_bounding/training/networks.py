@@ -232,13 +232,9 @@ class _Fit:
 
     def _samples(self) -> Samples:
         problem = self.problem
-        if self.monotone:
-            samples = LeastBoxSamples(problem.grid, problem.domain, torch.Generator().manual_seed(problem.seed))
-        else:
-            samples = samples_of(problem.grid, problem.domain, problem.seed)
-        if problem.front:
-            samples.asked = lambda v: torch.from_numpy(problem.asked(problem.domain.to_object(v.T.numpy())))
-        return samples
+        if not self.monotone:
+            return samples_of(problem.grid, problem.domain, problem.seed)
+        return LeastBoxSamples(problem.grid, problem.domain, torch.Generator().manual_seed(problem.seed))
 
     def _counterexamples(self, trainer: Trainer, used: float) -> None:
         """Let the prover look at the network as it is; its lowest points become training samples."""

@@ -18,9 +18,6 @@ from warp_bounding.indicators.grid import IndicatorGrid
 
 __all__ = ["Samples", "columns", "samples_of"]
 
-ROUNDS = 8  # about as many as of which one in a good front lets through
-FEWEST = 64
-
 
 class Samples:
     """Random samples of one kind of query, as columns.
@@ -31,7 +28,6 @@ class Samples:
         generator: Source of everything random.
         detail: ``(ndim, 1)``, how much detail ``v`` carries per unit, relative to the axis with most.
         vertices: ``(ndim, K)``, positives where a minimum is likely, all of them; may be none.
-        asked: Which of some ``v`` ``(ndim, N)`` are asked about at all, ``(N,)`` bool; ``None`` for all.
     """
 
     query = ""
@@ -39,20 +35,6 @@ class Samples:
     generator: torch.Generator
     detail: torch.Tensor
     vertices: torch.Tensor
-    asked: Callable[[torch.Tensor], torch.Tensor] | None = None
-
-    @property
-    def rounds(self) -> int:
-        """How many times as many samples ``open_negatives`` takes as it is asked for."""
-        return 1 if self.asked is None else ROUNDS
-
-    def open_negatives(self, count: int) -> torch.Tensor:
-        """``v`` of the negatives that are asked about among ``rounds * count`` samples, at most ``count``, never none."""
-        found = [self.negatives(count) for _ in range(self.rounds)]
-        if self.asked is None:
-            return found[0]
-        left = torch.cat([v[:, self.asked(v)] for v in found], 1)
-        return left[:, :count] if left.shape[1] else found[0][:, :FEWEST]
 
     def uniform(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
         """``v`` ``(ndim, count)`` of samples of the protocol, and their truth ``(count,)``."""
