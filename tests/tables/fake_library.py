@@ -55,9 +55,10 @@ class Library:
         with self.log.open("a") as file:
             file.write(" ".join(map(str, words)) + "\n")
 
-    def fit(self, grid, *, query, method, seed, space, progress, leaves=None, **options):
+    def fit(self, grid, *, query, method, seed, space, progress, leaves=None, last=None, **options):
         """See class."""
         assert set(options) == {"hidden", "activation", "budget", "length", "device"}
+        assert last is None or last.about["method"] == method.rpartition("+")[2] != method
         self._note("fit", grid.name, query, method, space, leaves)
         progress(0.5, 1.0, "half")
         if method in self.failing:

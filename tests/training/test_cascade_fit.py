@@ -113,3 +113,25 @@ def test_more_half_spaces_than_kdop_has(query, name):
 def test_a_number_of_half_spaces_that_there_is_not(k):
     with pytest.raises(BounderError, match=f"up to 128, got k={k}"):
         few("blob", "learned-kdop", k=k)
+
+
+def test_a_last_part_that_is_fitted_already_is_taken_as_it_is(monkeypatch):
+    network, grid = few("star", "mlp", query="ray"), shape("star")
+    monkeypatch.setattr(networks, "_Fit", None)
+    whole = few("star", "learned-kdop+mlp", query="ray", last=network)
+    assert whole.threshold == network.threshold
+    assert len(whole.tensors["0.offsets"]) == 40
+    assert whole.certificate.kind == network.certificate.kind
+    assert whole.info["training"]["seconds"] > network.info["training"]["seconds"]
+    assert wb.evaluate(whole, grid).fp_rate < wb.evaluate(network, grid).fp_rate
+
+
+def test_a_last_part_that_does_not_belong_there_is_refused():
+    network = few("star", "mlp")
+    for method in ("mlp", "mlp+kdop", "kdop+mlp-early"):
+        with pytest.raises(BounderError, match="last must be the last of several methods"):
+            few("star", method, last=network)
+    with pytest.raises(BounderError, match="same"):
+        few("c", "kdop+mlp", last=network)
+    with pytest.raises(BounderError, match="same queries and domain"):
+        few("star", "kdop+mlp", query="ray", last=network)

@@ -18,9 +18,12 @@ __all__ = ["FAILURES", "fit_bounder", "interruptions", "load_bounder", "reason_o
 FAILURES = (Exception,)  # whatever ends one cell of a long run is reported, and the others go on
 
 
-def fit_bounder(job: Job, grid: Any, settings: Settings, tools: Tools, progress: Callable[..., None]) -> Any:
-    """Fit the bounder of a job; an interruption may end it early, see ``interruptions``."""
+def fit_bounder(
+    job: Job, grid: Any, settings: Settings, tools: Tools, progress: Callable[..., None], last: Any | None = None
+) -> Any:
+    """Fit the bounder of a job, a cascade's from its ``last`` part; an interruption may end it early, see ``interruptions``."""
     options = {"leaves": job.variant.leaves} if job.variant.leaves is not None else {}
+    options |= {"last": last} if last is not None else {}
     return tools.fit(
         grid,
         query=job.column.query,

@@ -6,7 +6,7 @@ A fit that fails is reported at the end and the others go on. An interruption is
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 from warp_bounding.errors import FileFormatError, IndicatorError
@@ -152,12 +152,24 @@ def _bounder(job, grid, folder, tools, reporter, interrupted) -> tuple[Any, floa
         if bounder is not None:
             return bounder, _recorded(job, bounder, folder), 0.0
     started = time.perf_counter()
-    bounder = fit_bounder(job, grid, s, tools, _note(reporter, "fitting"))
+    last = _last(job, grid, folder, tools, reporter)
+    bounder = fit_bounder(job, grid, s, tools, _note(reporter, "fitting"), last)
     seconds = time.perf_counter() - started
     if interrupted.is_set():
         raise KeyboardInterrupt
     tools.save(bounder, path)
-    return bounder, seconds, seconds
+    before = 0.0 if last is None else (last.info.get("training") or {}).get("seconds", 0.0)
+    return bounder, seconds + before, seconds
+
+
+def _last(job: Job, grid: Any, folder: Folder, tools: Tools, reporter) -> Any | None:
+    """Of a cascade the last part, which is the same by itself, if this folder has it."""
+    if job.variant.last == job.variant.method:
+        return None
+    path = folder.bounder(replace(job, variant=Variant(job.variant.last)).name)
+    if not path.exists():
+        return None
+    return load_bounder(path, grid, folder.settings, tools, reporter.say)
 
 
 def _recorded(job: Job, bounder: Any, folder: Folder) -> float | None:

@@ -60,6 +60,7 @@ def fit(
     octaves: int = 0,
     k: int | None = None,
     leaves: int | None = None,
+    last: Bounder | None = None,
     steps: int | None = None,
     recipe: str = "default",
     device: str | None = None,
@@ -86,6 +87,7 @@ def fit(
         octaves: Octaves of positional encoding, mlp; 0 for none, 4 as in the paper's supplement.
         k: Half-spaces, kdop and learned-kdop; by default 4 for each number of a query, and 40 for a learned-kdop before a network.
         leaves: Leaf boxes, bvh; if ``None``, as many as have the memory of a network of these ``hidden`` widths.
+        last: The last part of a cascade, where it is fitted already; then only those before it are.
         steps: Training steps instead of seconds: the result is then repeatable to the bit on the same machine.
         recipe: ``"default"``, or ``"paper"`` for the paper's schedule.
         device: Warp device of the bounder; the default device if ``None``.
@@ -108,11 +110,13 @@ def fit(
     kinds = [method_class(name, query, grid.ndim, space) for name in method.split("+")]
     if len(kinds) > 1:
         Cascade.check(kinds)
+    if last is not None and (len(kinds) < 2 or type(last) is not kinds[-1]):
+        raise BounderError(f"last must be the last of several methods, {method!r}, got {last!r}")
     networks = [issubclass(kind, Mlp) for kind in kinds]
     options = [_network_options(kind, hidden, activation, octaves, steps, recipe) for kind in kinds]
     problem = Problem(grid, domain_of(grid, query, length, space), query, int(seed), device)
     parts: list[Bounder] = []
-    for index, kind in enumerate(kinds):
+    for index, kind in enumerate(kinds if last is None else kinds[:-1]):
         begun, waiting = time.perf_counter(), sum(networks[index:])
         left = max(budget - (begun - started), LEAST_SHARE * budget) if parts else budget
         part = replace(problem, front=tuple(parts))
@@ -134,10 +138,11 @@ def fit(
             "training": record | {"seconds": round(time.perf_counter() - (begun if index else started), 3)},
         }
         parts.append(bounder)
-    if len(parts) == 1:
+    if len(kinds) == 1:
         return parts[0]
-    whole = cascade(*parts)
-    whole.info["training"]["seconds"] = round(time.perf_counter() - started, 3)
+    whole = cascade(*parts) if last is None else cascade(*parts, last.to(str(parts[0].device)))
+    before = 0.0 if last is None else (last.info.get("training") or {}).get("seconds", 0.0)
+    whole.info["training"]["seconds"] = round(time.perf_counter() - started + before, 3)
     return whole
 
 
