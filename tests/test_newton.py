@@ -121,7 +121,7 @@ def test_rotations_that_are_not_quite_ones(bunny, turn):
     cull = ParticleCull(pipeline, {shape: wb.fit(far, method="voxels", margin=margin, resolution=48, device="cpu")})
     cull.collide(state, contacts)
     assert all((a == b).all() for a, b in zip(there, records(contacts), strict=True))
-    assert len(there[0]) > 100 or turn[3] != 1.0
+    assert len(there[0]) > 100
     assert cull.survivors < cull.pairs
 
 

@@ -37,7 +37,7 @@ __all__ = ["fit"]
 SPACES = ("geometric", "parametric")
 PARAMETRIC_SAMPLES = 20_000  # as in the paper's code
 KDOP_SECONDS = 10.0  # more does not make learned half-spaces tighter
-FRONT_FACES = 40  # of a learned-kdop before a network: a few milliseconds and bytes, and next to the convex hull
+FRONT_FACES = 40  # of a learned-kdop before a network; twice as many are hardly nearer to the convex hull
 FRONT_SHARE = 0.1  # of what is left of the budget: for each learned part of a cascade before its networks
 LEAST_SHARE = 0.05  # of the budget, that is left for a part
 

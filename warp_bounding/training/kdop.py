@@ -70,8 +70,8 @@ def train_learned_kdop(
     clock = Clock(budget, steps)
     support, generator = support_of(grid, domain), torch.Generator().manual_seed(seed)
     problem, (v, share) = problem_of(domain, support), _negatives(grid, domain, seed)
-    classic = tensor(_classic(domain, k))
-    start = _unit(classic)
+    classic = _classic(domain, k)
+    start = _unit(tensor(classic))
     if k is not None and k > len(start):
         start = torch.cat([start, _unit(problem.start(k - len(start), generator))])
     clock.reserved = min(0.15 * budget, 2 * clock.seconds)
@@ -91,7 +91,7 @@ def train_learned_kdop(
         except KeyboardInterrupt:
             interrupted = True
     found.sort(key=lambda pair: pair[0])
-    bounders = [LearnedKdop.of_normals(grid, domain, classic.double().numpy(), support=support, device=device)]
+    bounders = [LearnedKdop.of_normals(grid, domain, classic, support=support, device=device)]
     for _, normals in found[:FINALISTS]:
         try:
             bounders.append(
