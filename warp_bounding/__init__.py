@@ -34,6 +34,7 @@ __all__ = [
     "cascade",
     "certify",
     "clear_segments",
+    "compact",
     "evaluate",
     "fit",
     "load",
@@ -42,7 +43,7 @@ __all__ = [
 
 _HOMES = {
     "warp_bounding.errors": ("BounderError", "BoundingError", "FileFormatError", "IndicatorError", "QueryError"),
-    "warp_bounding.bounders": ("Bounder", "Certificate", "Data", "METHODS", "load"),
+    "warp_bounding.bounders": ("Bounder", "Certificate", "Data", "METHODS", "compact", "load"),
     "warp_bounding.indicators": ("IndicatorGrid", "IndicatorMesh", "IndicatorMotion", "load_indicator"),
     "warp_bounding.proof": ("cascade", "certify", "clear_segments"),
     "warp_bounding.evaluation": ("Rates", "evaluate"),

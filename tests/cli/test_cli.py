@@ -257,6 +257,8 @@ BAD = {
     "evaluate dimension": ["evaluate", "{out}", "{blob}"],
     "info nothing": ["info", "{dir}/none.safetensors"],
     "demo": ["demo", "dancing"],
+    "demo budget": ["demo", "particles", "--budget", "5"],
+    "demo option": ["demo", "particles", "--world", "maze.png"],
     "demo particles": ["demo", "particles", "--particles", "0"],
 }
 

@@ -1,16 +1,19 @@
-import sys
-
 import numpy as np
 import pytest
 import warp as wp
 
 import warp_bounding as wb
-from sims import pictures
-from sims.bounder_table import bounder_rows, load_network
-from sims.particles import compare, simulate
-from sims.rain import RADIUS, Example, Scene, collide
+from sims import drawing
+from sims.cores import launch_on_all_cores
+from sims.particles.broad import MovingBox, OfMotion
+from sims.particles.demo import MOVING_BOX, compare, run, simulate
+from sims.particles.example import CONTACT, CONTAINMENT, Example
+from sims.particles.kernels import RADIUS, collide
+from sims.particles.pictures import bounds_data, rain_data
+from sims.particles.scene import PERIOD, Scene
+from sims.prefitted import Recipe, fit
 
-PARTICLES, STEPS, RESOLUTION = 2000, 20, 48
+PARTICLES, STEPS, RESOLUTION = 2000, 20, 20
 CLASSICS = ("aabb", "kdop", "voxels")
 DEVICES = ["cpu", *(["cuda:0"] if wp.is_cuda_available() else [])]
 
@@ -22,26 +25,24 @@ def scene(request):
 
 @pytest.fixture(scope="module")
 def grid(scene):
-    return scene.shape.to_grid(resolution=RESOLUTION, margin=scene.margin)
+    return scene.grid(RESOLUTION)
 
 
 @pytest.fixture(scope="module")
 def bounders(scene, grid):
-    def fit(method):
-        return wb.fit(grid, method=method, margin=grid.margin, resolution=RESOLUTION, device=str(scene.device))
-
-    return {method: fit(method) for method in CLASSICS}
+    return {name: fit(Recipe(name), grid, device=str(scene.device)) for name in CLASSICS}
 
 
-@pytest.fixture(scope="module")
-def examples(scene, bounders):
-    return simulate(scene, bounders, particles=PARTICLES, steps=STEPS)
+@pytest.fixture(scope="module", params=[CONTAINMENT, CONTACT], ids=["containment", "contact"])
+def examples(request, scene, bounders):
+    broad = {MOVING_BOX: MovingBox(scene)} | {name: OfMotion(b, scene) for name, b in bounders.items()}
+    return simulate(scene, broad, reach=request.param, particles=PARTICLES, steps=STEPS)
 
 
 def denying(bounder):
     """The bounder with its threshold raised, so that it denies a part of the object."""
     raised = bounder.to(str(bounder.device))
-    inside = raised.values(np.float32([[-0.2, 0.6, 0.1]])).numpy()[0]
+    inside = raised.values(np.float32([[0.3, -0.2, 0.6, 0.1]])).numpy()[0]
     return raised.freeze(float(np.nextafter(inside, np.float32(np.inf))), None)
 
 
@@ -49,18 +50,27 @@ def test_there_is_rain_on_the_bunny(examples):
     reference = examples["none"]
     touched = [int(np.unpackbits(step).sum()) for step in reference.touched]
     assert min(touched) > 0
-    assert touched[0] > touched[-1]  # what began inside was pushed out at once
     assert np.isfinite(reference.positions.numpy()).all()
     assert reference.lives.numpy().max() >= 1  # some have reached the floor and begun again
 
 
-def test_no_contact_lies_deeper_than_it_may(examples, grid):
+def test_the_bunny_moves_and_comes_back(scene):
+    motion = scene.motion
+    begin, quarter, end = (motion.vertices_at(share * PERIOD) for share in (0.0, 0.25, 1.0))
+    assert np.abs(begin - quarter).max() > 0.3
+    assert np.abs(begin - end).max() < 1e-5
+    assert motion.watertight
+    assert scene.time(150) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_no_contact_lies_deeper_than_it_may(examples, scene, grid):
     reference = examples["none"]
     last = reference.positions.numpy()[reference.contacts.numpy() == 1]
-    assert grid.contains(last).all()  # pushed out to the contact distance, no further
+    assert len(last)
+    assert grid.contains(np.insert(last, 0, reference.time, axis=1).astype(np.float32)).all()
 
 
-@pytest.mark.parametrize("method", CLASSICS)
+@pytest.mark.parametrize("method", [MOVING_BOX, *CLASSICS])
 def test_a_proven_bounder_changes_nothing_but_the_number_of_calls(examples, method):
     reference, example = examples["none"], examples[method]
     example.test_final(reference)
@@ -70,15 +80,18 @@ def test_a_proven_bounder_changes_nothing_but_the_number_of_calls(examples, meth
 
 
 def test_a_tighter_bounder_calls_less(examples):
-    assert sum(examples["voxels"].calls) < sum(examples["kdop"].calls) < sum(examples["aabb"].calls)
+    calls = [sum(examples[name].calls) for name in ("voxels", "kdop", "aabb")]
+    assert calls[0] < calls[1] < calls[2]
+    assert calls[0] < sum(examples[MOVING_BOX].calls) < calls[2]
 
 
 @pytest.mark.parametrize("method", CLASSICS)
 def test_a_bounder_that_denies_a_part_of_the_object_is_found_out(scene, bounders, method):
-    runs = simulate(scene, {"broken": denying(bounders[method])}, particles=PARTICLES, steps=3)
-    rows, identical = compare(runs, {})
-    assert not identical
-    assert rows[1]["missed"] > 0
+    broken = {"broken": denying(bounders[method])}
+    runs = simulate(scene, {"broken": OfMotion(broken["broken"], scene)}, particles=PARTICLES, steps=3)
+    row = compare(runs, broken, {})[1]
+    assert not row.identical
+    assert row.missed > 0
     with pytest.raises(AssertionError, match="contacts were missed"):
         runs["broken"].test_final(runs["none"])
 
@@ -91,12 +104,15 @@ def test_the_same_seed_gives_the_same_rain(scene):
     assert first.state() == second.state() != other.state()
 
 
-def test_threads_do_not_change_the_rain(scene, examples, monkeypatch):
-    monkeypatch.setenv("WARP_BOUNDING_THREADS", "1")
-    single = Example(scene, particles=PARTICLES)
-    for _ in range(STEPS):
-        single.step()
-    assert single.state() == examples["none"].state()
+def test_threads_do_not_change_the_rain(scene, monkeypatch):
+    states = []
+    for threads in ("1", "3"):
+        monkeypatch.setenv("WARP_BOUNDING_THREADS", threads)
+        example = Example(scene, particles=PARTICLES)
+        for _ in range(5):
+            example.step()
+        states.append(example.state())
+    assert states[0] == states[1]
 
 
 def test_the_margin_covers_the_contact_distance_and_its_rounding(scene):
@@ -105,45 +121,108 @@ def test_the_margin_covers_the_contact_distance_and_its_rounding(scene):
 
 def test_the_sign_agrees_with_the_cells_far_from_the_bunny(scene, grid):
     """No particle outside the dilated object is ever pushed: the sign is never wrong there."""
-    example = Example(scene, particles=20_000, seed=11)
-    rng = np.random.default_rng(5)
-    x = grid.lower + rng.random((20_000, 3)) * (grid.upper - grid.lower)
-    example.positions.assign(x.astype(np.float32))
-    arrays = [example.positions, example.velocities, example.contacts]
-    example._launch(collide, 20_000, [scene.mesh.id, example._everyone, example._count], arrays)
-    assert not (example.contacts.numpy().astype(bool) & ~grid.contains(x.astype(np.float32))).any()
+    rng, count = np.random.default_rng(5), 20_000
+    for step in (0, 37, 110):
+        example = Example(scene, particles=count, seed=11)
+        example.steps = step
+        example._move_mesh()
+        example.mesh.refit()
+        x = grid.lower + rng.random((count, 4)) * (grid.upper - grid.lower)
+        x[:, 0] = example.time
+        x = x.astype(np.float32)
+        example.positions.assign(np.ascontiguousarray(x[:, 1:]))
+        arrays = [example.positions, example.velocities, example.contacts]
+        inputs = [example.mesh.id, CONTAINMENT, example._everyone, example._count]
+        launch_on_all_cores(collide, count, inputs, arrays, scene.device)
+        touched = example.contacts.numpy().astype(bool)
+        assert touched.any()
+        assert not (touched & ~grid.contains(x)).any()
 
 
-def test_rows_of_bounders(bounders, grid):
-    rows = bounder_rows(bounders, grid, samples=20_000)
-    assert [row["bounder"] for row in rows] == list(CLASSICS)
-    assert all(row["fn"] == 0 and row["proven"] and row["ns_query"] > 0 and row["bytes"] > 0 for row in rows)
+def test_no_point_of_the_bunny_is_deeper_than_containment_looks(scene, grid):
+    """Cells of the object are within reach of its surface."""
+    for step in (0, 37, 75, 110):
+        time = scene.time(step)
+        mesh = wp.Mesh(
+            wp.array(scene.motion.vertices_at(time), dtype=wp.vec3, device=scene.device),
+            wp.array(scene.motion.faces.reshape(-1), dtype=wp.int32, device=scene.device),
+        )
+        rng = np.random.default_rng(step)
+        x = (grid.lower + rng.random((20_000, 4)) * (grid.upper - grid.lower)).astype(np.float32)
+        x[:, 0] = time
+        x = x[grid.contains(x)][:, 1:]
+        found = wp.zeros(len(x), dtype=wp.int32, device=scene.device)
+        points = wp.array(np.ascontiguousarray(x), dtype=wp.vec3, device=scene.device)
+        wp.launch(within, dim=len(x), inputs=[mesh.id, CONTAINMENT, points], outputs=[found], device=scene.device)
+        assert found.numpy().all()
 
 
-def test_a_bounder_file_of_another_margin_is_refused(scene, bounders, tmp_path):
-    path = tmp_path / "aabb.safetensors"
-    bounders["aabb"].save(path)
-    assert (
-        load_network(path, scene.shape.to_grid(resolution=RESOLUTION, margin=scene.margin), device="cpu").method
-        == "aabb"
-    )
-    with pytest.raises(wb.BounderError, match="expected margin"):
-        load_network(path, scene.shape.to_grid(resolution=RESOLUTION, margin=0.05), device="cpu")
+@wp.kernel(enable_backward=False)
+def within(
+    # inputs
+    mesh: wp.uint64,
+    reach: float,
+    points: wp.array(dtype=wp.vec3),
+    # outputs
+    found: wp.array(dtype=wp.int32),
+):
+    i = wp.tid()
+    if wp.mesh_query_point_no_sign(mesh, points[i], reach).result:
+        found[i] = 1
+
+
+def test_the_demo(tmp_path, capsys):
+    recipes = {name: Recipe(name) for name in ("aabb", "voxels")}
+    recipes["mlp"] = Recipe("mlp", options={"hidden": (8, 8), "steps": 20})
+    recipes["aabb+mlp"] = Recipe("aabb+mlp")
+    recipes["occupancy"] = Recipe("occupancy", options={"hidden": (8, 8), "steps": 20})
+    options = {"particles": 1500, "steps": 4, "resolution": 12, "device": "cpu"}
+    result = run(tmp_path, recipes=recipes, refit=True, **options)
+    assert result["identical"]
+    assert [(r["section"], r["bounder"]) for r in result["runs"]] == [
+        (section, name) for section in ("containment", "contact") for name in ("none", MOVING_BOX, *recipes)
+    ]
+    assert all(r["missed"] == 0 and r["identical"] for r in result["runs"] if r["bounder"] != "occupancy")
+    assert {row["certificate"] for row in result["bounders"] if row["bounder"] != "occupancy"} == {"proven"}
+    text = capsys.readouterr().out
+    assert "missed none of the contacts" in text
+    again = run(tmp_path, recipes={"mlp": recipes["mlp"]}, bounder_file=tmp_path / "rain-mlp.safetensors", **options)
+    assert again["identical"]
+    with pytest.raises(wb.BounderError, match="at resolution 13, got 12"):
+        run(
+            tmp_path,
+            recipes={"mlp": recipes["mlp"]},
+            bounder_file=tmp_path / "rain-mlp.safetensors",
+            **options | {"resolution": 13},
+        )
+
+
+@pytest.mark.parametrize("option", ["particles", "steps"])
+def test_nothing_to_simulate_is_refused(tmp_path, option):
+    with pytest.raises(wb.BoundingError, match="at least 1"):
+        run(tmp_path, **{option: 0})
+
+
+def test_an_unknown_device_is_refused():
+    with pytest.raises(wb.QueryError, match="device must be one of"):
+        Scene.bunny("cuda:99")
 
 
 def test_without_opengl_pictures_are_skipped_with_one_line(examples, tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "executable", "/bin/false")
-    drawn = pictures.render(tmp_path, pictures.rain_data(examples["none"]))
+    monkeypatch.setattr(drawing.sys, "executable", "/bin/false")
+    drawn = drawing.draw_with("sims.particles.pictures", tmp_path, rain_data(examples["none"]))
     assert drawn.paths == []
     assert drawn.problem.startswith("No pictures: ")
     assert "\n" not in drawn.problem
     assert list(tmp_path.iterdir()) == []
 
 
-def test_pictures(examples, scene, bounders, tmp_path):
+def test_pictures(scene, bounders, tmp_path):
     pytest.importorskip("pyvista")
-    data = pictures.bounds_data(scene.shape, {"kdop": (bounders["kdop"], 1.0)}) | pictures.rain_data(examples["none"])
-    drawn = pictures.render(tmp_path, data)
+    example = Example(scene, particles=PARTICLES)
+    example.step()
+    data = bounds_data(scene, example.time, {"kdop": (bounders["kdop"], 1.0)}) | rain_data(example)
+    drawn = drawing.draw_with("sims.particles.pictures", tmp_path, data)
     if not drawn.paths:
         pytest.skip(drawn.problem)
     assert [path.name for path in drawn.paths] == ["bounds.png", "rain.png"]

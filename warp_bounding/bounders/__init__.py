@@ -5,6 +5,7 @@ from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.bvh import Bvh
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.certificate import Certificate
+from warp_bounding.bounders.compaction import compact
 from warp_bounding.bounders.ellipsoid import Ellipsoid
 from warp_bounding.bounders.functions import Data
 from warp_bounding.bounders.kdop import Kdop
@@ -21,7 +22,19 @@ from warp_bounding.bounders.storage import load, save
 from warp_bounding.bounders.voxels import Voxels
 from warp_bounding.errors import BounderError
 
-__all__ = ["KINDS", "METHODS", "Bounder", "Cascade", "Certificate", "Data", "load", "method_class", "save", "supports"]
+__all__ = [
+    "KINDS",
+    "METHODS",
+    "Bounder",
+    "Cascade",
+    "Certificate",
+    "Data",
+    "compact",
+    "load",
+    "method_class",
+    "save",
+    "supports",
+]
 
 METHODS: dict[str, type[Bounder]] = {
     c.method: c

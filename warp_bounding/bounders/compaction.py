@@ -5,6 +5,7 @@ Three launches: count per block, scan the counts, write. Both passes over the ma
 
 import warp as wp
 
+from warp_bounding.errors import QueryError
 from warp_bounding.launch import launch_blocks
 
 __all__ = ["compact"]
@@ -78,7 +79,13 @@ def compact(mask: wp.array) -> tuple[wp.array, wp.array]:
 
     Returns:
         ``(N,)`` int32, ascending indices in its first ``n`` entries, and ``n`` as a 1-element int32 array.
+
+    Raises:
+        QueryError: For another type or shape.
     """
+    if not isinstance(mask, wp.array) or mask.dtype != wp.uint8 or mask.ndim != 1 or not mask.is_contiguous:
+        got = f"{mask.dtype.__name__} of shape {mask.shape}" if isinstance(mask, wp.array) else type(mask).__name__
+        raise QueryError(f"mask must be a contiguous wp.array of uint8 of shape (N,), got {got}")
     device, count = mask.device, mask.shape[0]
     indices = wp.empty(count, dtype=wp.int32, device=device)
     if count == 0:

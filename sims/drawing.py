@@ -1,0 +1,118 @@
+"""Drawing with pyvista in a process of its own, off-screen: no display is needed.
+
+Where there is no OpenGL, VTK does not raise an exception, it crashes; so a crash costs the pictures, not the demo, and its complaints go
+to a log instead of the terminal. Without a display the process asks for EGL, then for OSMesa. A demo's module of pictures has a
+``draw(data, folder)`` that runs there.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+from importlib import import_module
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+__all__ = ["INK", "STONE", "Drawn", "draw_with", "light", "polygons", "upright"]
+
+SECONDS = 120  # for drawing
+WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
+STONE, INK = "#d8cfc4", "#22303c"
+
+
+class Drawn(NamedTuple):
+    """The pictures that were drawn, and in one line why some were not."""
+
+    paths: list[Path]
+    problem: str = ""
+
+    def lines(self) -> str:
+        """For people."""
+        return "\n".join([*(f"Picture: {path}" for path in self.paths), *([self.problem] if self.problem else [])])
+
+
+def draw_with(module: str, folder: Path, data: dict[str, np.ndarray]) -> Drawn:
+    """Let a module draw.
+
+    Args:
+        module: Its name; ``draw(data, folder)`` in it writes PNG files into a folder, with pyvista.
+        folder: Where they go; made if there is none. A picture is replaced only whole.
+        data: Arrays by name.
+
+    Returns:
+        The pictures, or why there are none.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    root = str(Path(__file__).resolve().parent.parent)
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".drawing") as work:
+        file, problem = Path(work) / "data.npz", ""
+        np.savez(file, **data)
+        for window in _windows():
+            environment = {**os.environ, **window}
+            environment["PYTHONPATH"] = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
+            command = [sys.executable, "-m", "sims.drawing", module, str(file), work]
+            try:
+                done = subprocess.run(
+                    command, env=environment, capture_output=True, text=True, timeout=SECONDS, check=False
+                )
+            except subprocess.TimeoutExpired:
+                problem = problem or f"drawing took more than {SECONDS} s"
+                continue
+            made = sorted(Path(work).glob("*.png"))
+            if done.returncode == 0 and made:
+                return Drawn([path.replace(folder / path.name) for path in made])
+            problem = problem or _reason(done)
+    return Drawn([], f"No pictures: {problem}. Everything else is complete.")
+
+
+def _windows() -> list[dict[str, str]]:
+    """Environments to try: the user's own choice or display first."""
+    if os.environ.get("VTK_DEFAULT_OPENGL_WINDOW") or not sys.platform.startswith("linux"):
+        return [{}]
+    off_screen = [{"VTK_DEFAULT_OPENGL_WINDOW": name, "DISPLAY": ""} for name in WINDOWS]
+    return [{}, *off_screen] if os.environ.get("DISPLAY") else off_screen
+
+
+def _reason(done: subprocess.CompletedProcess) -> str:
+    """Why the drawing process failed, in a few words."""
+    lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
+    if "No module named 'pyvista'" in done.stderr:
+        return "pyvista is not installed (pip install 'warp-bounding[sims]')"
+    if done.returncode < 0 or "OpenGL" in done.stderr or "EGL" in done.stderr or "OSMesa" in done.stderr:
+        return "this machine has no OpenGL for off-screen drawing (libEGL or libOSMesa)"
+    return f"drawing failed ({lines[-1] if lines else f'status {done.returncode}'})"
+
+
+# --- what runs in the process that draws ------------------------------------------------------------------------------
+
+
+def upright(points: np.ndarray) -> np.ndarray:
+    """Coordinates for drawing, y up turned into z up: x, -z, y."""
+    points = np.asarray(points, dtype=np.float64)
+    return np.stack([points[:, 0], -points[:, 2], points[:, 1]], axis=1)
+
+
+def polygons(vertices: np.ndarray, faces: np.ndarray):
+    """A pyvista surface of a mesh whose y is up."""
+    import pyvista
+
+    surface = pyvista.PolyData(upright(vertices), np.insert(np.asarray(faces), 0, 3, axis=1).reshape(-1))
+    return surface.compute_normals(split_vertices=False, feature_angle=180.0)
+
+
+def light(plotter, towards: tuple[float, float, float] = (0.0, 0.0, 0.8)) -> None:
+    """Three lights: key, fill, rim."""
+    import pyvista
+
+    plotter.remove_all_lights()
+    for position, strength in (((-3, -5, 6), 0.75), ((5, -3, 2), 0.3), ((0, 4, 5), 0.3)):
+        place = tuple(np.add(position, towards) - np.array([0, 0, 0.8]))
+        lamp = pyvista.Light(position=place, focal_point=towards, intensity=strength, light_type="scene light")
+        plotter.add_light(lamp)
+
+
+if __name__ == "__main__":
+    import_module(sys.argv[1]).draw(dict(np.load(sys.argv[2])), Path(sys.argv[3]))

@@ -1,0 +1,76 @@
+"""The broad phases of the rain: a box that is fitted to the mesh anew in every step, and bounders of the whole motion, which are not."""
+
+import numpy as np
+import warp as wp
+
+import warp_bounding as wb
+from sims.cores import launch_on_all_cores
+from sims.particles.kernels import box_mask, box_of, with_time
+from sims.particles.scene import Scene
+
+__all__ = ["MovingBox", "OfMotion"]
+
+EMPTY = np.array([[np.inf] * 3, [-np.inf] * 3], dtype=np.float32)
+
+
+class MovingBox:
+    """The axis-aligned box of the mesh as it is now, dilated by the margin.
+
+    The mesh's points are float32, the box is theirs; that adding the margin rounds is covered by the half of the margin's allowance for
+    rounding that the narrow phase does not need (``Scene.margin``).
+    """
+
+    def __init__(self, scene: Scene):
+        self.margin, self.device = scene.margin, scene.device
+        self._box = wp.array(EMPTY, dtype=wp.vec3, device=self.device)
+        self._empty = wp.array(EMPTY, dtype=wp.vec3, device=self.device)
+        self._mask = wp.empty(0, dtype=wp.uint8, device=self.device)
+
+    def candidates(self, time: float, points: wp.array, positions: wp.array) -> tuple[wp.array, wp.array]:
+        """Particles that may touch the mesh.
+
+        Args:
+            time: Of the step; not used.
+            points: ``(V,)`` vec3, the mesh's vertices now.
+            positions: ``(N,)`` vec3.
+
+        Returns:
+            As ``Bounder.candidates``.
+        """
+        count = len(positions)
+        if len(self._mask) != count:
+            self._mask = wp.empty(count, dtype=wp.uint8, device=self.device)
+        wp.copy(self._box, self._empty)
+        wp.launch(box_of, dim=len(points), inputs=[points], outputs=[self._box], device=self.device)
+        inputs = [self._box, self.margin, positions]
+        launch_on_all_cores(box_mask, count, inputs, [self._mask], self.device)
+        return wb.compact(self._mask)
+
+    def fp_rate(self, motion: wb.IndicatorMotion, grid: wb.IndicatorGrid, times: int = 50, seed: int = 1) -> float:
+        """False positives in per cent of random points of the grid's domain and time, as ``evaluate`` has them for bounders."""
+        rng, each, false = np.random.default_rng(seed), 8000, 0
+        lower, upper = grid.sample_lower, grid.sample_upper
+        for share in rng.random(times):
+            x = lower + rng.random((each, 4)) * (upper - lower)
+            x[:, 0] = lower[0] + share * (upper[0] - lower[0])
+            x = x.astype(np.float32)
+            vertices = motion.vertices_at(x[0, 0])[np.unique(motion.faces)]
+            low, high = vertices.min(axis=0) - self.margin, vertices.max(axis=0) + self.margin
+            inside = ((x[:, 1:] >= low) & (x[:, 1:] <= high)).all(axis=1)
+            false += int((inside & ~grid.contains(x)).sum())
+        return 100.0 * false / (times * each)
+
+
+class OfMotion:
+    """A bounder of time and space; nothing to refit."""
+
+    def __init__(self, bounder: wb.Bounder, scene: Scene):
+        self.bounder, self.device = bounder, scene.device
+        self._queries = wp.empty(0, dtype=wp.vec4, device=self.device)
+
+    def candidates(self, time: float, points: wp.array, positions: wp.array) -> tuple[wp.array, wp.array]:
+        """Particles that may touch the mesh; see ``MovingBox.candidates``."""
+        if len(self._queries) != len(positions):
+            self._queries = wp.empty(len(positions), dtype=wp.vec4, device=self.device)
+        launch_on_all_cores(with_time, len(positions), [time, positions], [self._queries], self.device)
+        return self.bounder.candidates(self._queries)

@@ -1,0 +1,144 @@
+"""The bounders of a demo: closed forms fitted at once, networks from files that come with the demos, or fitted anew.
+
+Files lie in ``sims/bounders``; ``python -m sims.refit`` makes them from the shapes inside installed packages. Each holds its certificate.
+A file is used only for the very cells that it was proven for: the demo makes its grid and compares.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import warp_bounding as wb
+from sims.report import UNPROVEN, bar
+
+__all__ = ["FOLDER", "Recipe", "bounder_from", "bounders_of", "check_fit", "fit", "stored"]
+
+FOLDER = Path(__file__).parent / "bounders"
+CLOSED = ("aabb", "obb", "sphere", "ellipsoid", "oriented-ellipsoid", "kdop", "bvh", "voxels")
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a bounder of a demo is fitted.
+
+    Attributes:
+        method: As ``warp_bounding.fit`` takes it.
+        query: Kind of query.
+        budget: Seconds, where it is learned.
+        options: More of what ``fit`` takes.
+    """
+
+    method: str
+    query: str = "point"
+    budget: float = 60.0
+    options: dict = field(default_factory=dict)
+
+    @property
+    def closed(self) -> bool:
+        """Whether a fit takes no time to speak of."""
+        return self.method in CLOSED
+
+
+def stored(scene: str, name: str, folder: Path = FOLDER) -> Path:
+    """Where the bounder of this name of a scene lies."""
+    return folder / f"{scene}-{name}.safetensors"
+
+
+def fit(
+    recipe: Recipe, grid: wb.IndicatorGrid, *, budget: float | None = None, seed: int = 0, device: str
+) -> wb.Bounder:
+    """Fit a bounder by its recipe; a budget (seconds) replaces the recipe's own, where it is smaller."""
+    seconds = recipe.budget if budget is None else min(budget, recipe.budget)
+    options = {"query": recipe.query, "method": recipe.method, "budget": seconds, "seed": seed, **recipe.options}
+    options |= {"margin": grid.margin, "resolution": grid.resolution, "device": device}
+    if recipe.closed:
+        return wb.fit(grid, **options)
+    with bar(f"fitting {recipe.method}, {seconds:g} s") as update:
+        return wb.fit(grid, **options, progress=update)
+
+
+def check_fit(bounder: wb.Bounder, grid: wb.IndicatorGrid, recipe: Recipe, source: str) -> None:
+    """Refuse a bounder that is not one of these cells.
+
+    Raises:
+        BounderError: Saying what was expected and what came, with both numbers.
+    """
+    if bounder.query_kind != recipe.query or bounder.ndim != grid.ndim:
+        got = f"{bounder.query_kind} queries in {bounder.ndim}D"
+        raise wb.BounderError(
+            f"{source}: expected a bounder of {recipe.query} queries in {grid.ndim}D, got one of {got}"
+        )
+    margin = bounder.info.get("margin") or 0.0
+    if margin != grid.margin:
+        why = "too small a margin" if margin < grid.margin else "another margin"
+        raise wb.BounderError(f"{source}: {why}, expected {grid.margin:.6g}, got {margin:.6g}")
+    if bounder.info.get("resolution") != grid.resolution:
+        got = bounder.info.get("resolution")
+        raise wb.BounderError(f"{source}: expected a bounder at resolution {grid.resolution}, got {got}")
+    if bounder.info.get("indicator") != grid.digest:
+        made, here = str(bounder.info.get("indicator"))[:12], grid.digest[:12]
+        name = bounder.info.get("name")
+        raise wb.BounderError(f"{source}: a bounder of another shape, {name}; expected cells {here}, got {made}")
+    proven = bounder.certificate is not None and bounder.certificate.kind in ("proven", "statistical")
+    if not proven and bounder.method not in UNPROVEN:
+        raise wb.BounderError(f"{source}: expected a bounder with a certificate, got {bounder!r}")
+
+
+def bounder_from(path: Path, grid: wb.IndicatorGrid, recipe: Recipe, *, device: str) -> wb.Bounder:
+    """A bounder from a file, if it is one of these cells.
+
+    Raises:
+        BounderError: If it is not, or there is no such file.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise wb.BounderError(f"{path}: there is no bounder for this shape; --refit fits one")
+    bounder = wb.load(path, device=device)
+    check_fit(bounder, grid, recipe, path.name)
+    return bounder
+
+
+def bounders_of(
+    scene: str,
+    grid: wb.IndicatorGrid,
+    recipes: dict[str, Recipe],
+    *,
+    refit: bool = False,
+    budget: float | None = None,
+    out: Path | None = None,
+    file: Path | None = None,
+    seed: int = 0,
+    device: str = "cpu",
+) -> dict[str, wb.Bounder]:
+    """All bounders of a scene.
+
+    Args:
+        scene: Name under which its files lie.
+        grid: The cells that it bounds.
+        recipes: By name; a name ``a+b`` whose parts are names before it is their cascade, and its recipe is not used.
+        refit: Fit the learned ones anew, into ``out``, rather than load them.
+        budget: Seconds for each of them, then.
+        out: Folder for what is fitted.
+        file: A file for ``mlp``, instead of the stored one.
+        seed: Of the fits.
+        device: Warp device.
+
+    Raises:
+        BounderError: For a file that is missing or of another shape, margin or resolution.
+    """
+    bounders: dict[str, wb.Bounder] = {}
+    for name, recipe in recipes.items():
+        parts = name.split("+")
+        if len(parts) > 1 and all(part in bounders for part in parts):
+            bounders[name] = wb.cascade(*(bounders[part] for part in parts))
+        elif recipe.closed:
+            bounders[name] = fit(recipe, grid, device=device)
+        elif name == "mlp" and file is not None:
+            bounders[name] = bounder_from(Path(file), grid, recipe, device=device)
+        elif refit:
+            bounders[name] = fit(recipe, grid, budget=budget, seed=seed, device=device)
+            if out is not None:
+                Path(out).mkdir(parents=True, exist_ok=True)
+                bounders[name].save(stored(scene, name, Path(out)))
+        else:
+            bounders[name] = bounder_from(stored(scene, name), grid, recipe, device=device)
+    return bounders

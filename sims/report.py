@@ -1,0 +1,163 @@
+"""What all demos print and return: one table of runs, a verdict, a row a bounder, and progress on standard error."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from itertools import groupby
+
+from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+import warp_bounding as wb
+
+__all__ = ["UNPROVEN", "Run", "bar", "bounder_rows", "kept", "result", "run_table", "verdict"]
+
+UNPROVEN = ("occupancy",)  # what is shown to go wrong; every other run must keep the promise
+SAMPLES = 400_000
+
+
+@dataclass
+class Run:
+    """What one run of a demo cost, and what it lost.
+
+    Attributes:
+        bounder: The broad phase; ``"none"`` for the reference.
+        narrow_calls: Queries that met the narrow phase, in all steps together.
+        ms_broad: Milliseconds a step of all that the broad phase costs: queries, refits, masks, compaction.
+        ms_narrow: Milliseconds a step of the narrow phase.
+        ms_step: Milliseconds of a whole step.
+        missed: Contacts (or hits, or collisions) that the reference has and this run lacks.
+        identical: Whether the result is the reference's, to the bit.
+        fp_rate: False positives of the bounder, per cent of random queries in its domain; ``None`` for the reference.
+        certificate: Kind of the bounder's certificate, ``"proven"`` or ``"statistical"``; empty where it has none.
+        section: Runs of one section have one reference, the first of them; empty where a demo has only one.
+        extra: More numbers of the demo's own, by name; they become keys beside the others.
+    """
+
+    bounder: str
+    narrow_calls: int
+    ms_broad: float
+    ms_narrow: float
+    ms_step: float
+    missed: int
+    identical: bool
+    fp_rate: float | None = None
+    certificate: str = ""
+    section: str = ""
+    extra: dict = field(default_factory=dict)
+
+    @property
+    def conservative(self) -> bool:
+        """Whether this run must keep the promise."""
+        return self.bounder not in UNPROVEN
+
+    def to_dict(self) -> dict:
+        """JSON-ready."""
+        values = asdict(self)
+        return values | values.pop("extra")
+
+
+@contextmanager
+def bar(description: str) -> Iterator[Callable[[float, float, str], None]]:
+    """A progress bar on standard error; yields ``update(done, total, note="")``."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=28),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[note]}"),
+    )
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task(description, total=1.0, note="")
+        yield lambda done, total=1.0, note="": progress.update(task, completed=done / total, note=note)
+
+
+def bounder_rows(bounders: dict[str, wb.Bounder], grid: wb.IndicatorGrid, samples: int = SAMPLES) -> list[dict]:
+    """How tight each bounder of a grid is.
+
+    Returns:
+        Per bounder: ``bounder``, ``query``, ``fp_rate`` (per cent of random queries), ``fn`` (a count), ``bytes``, ``certificate`` (its kind).
+    """
+    rows = []
+    with bar("measuring bounders") as update:
+        for done, (name, bounder) in enumerate(bounders.items()):
+            update(done, len(bounders), name)
+            rates = wb.evaluate(bounder, grid, samples=samples)
+            kind = bounder.certificate.kind if bounder.certificate else "none"
+            row = {"bounder": name, "query": bounder.query_kind, "fp_rate": rates.fp_rate, "fn": rates.fn}
+            rows.append(row | {"bytes": bounder.nbytes, "certificate": kind})
+    return rows
+
+
+def run_table(
+    title: str, runs: list[Run], *, steps: int, calls: str = "narrow calls", extra: dict[str, str] | None = None
+) -> Table:
+    """The runs for people.
+
+    Args:
+        title: Of the table.
+        runs: The reference first, or the reference of each section.
+        steps: By which calls are divided.
+        calls: What the narrow phase is called for, as a column's head.
+        extra: Columns for keys of ``Run.extra``: head by key.
+    """
+    extra = extra or {}
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("broad phase", no_wrap=True)
+    for head in (calls, "broad ms", "narrow ms", "step ms", *extra.values(), "missed", "FP %"):
+        table.add_column(head, justify="right")
+    table.add_column("certificate")
+    table.add_column("result")
+    for section, members in groupby(runs, key=lambda run: run.section):
+        if section:
+            table.add_section()
+            table.add_row(f"[bold]{section}[/]")
+        for place, run in enumerate(members):
+            outcome = "" if not place else "identical" if run.identical else "[bold red]differs[/]"
+            missed = "" if not place else f"[bold red]{run.missed:,}[/]" if run.missed else "0"
+            times = (f"{ms:.2f}" for ms in (run.ms_broad, run.ms_narrow, run.ms_step))
+            more = [_cell(run.extra.get(key)) for key in extra]
+            rate = "" if run.fp_rate is None else f"{run.fp_rate:.2f}"
+            proof = "" if not place else run.certificate or "[red]none[/]"
+            table.add_row(run.bounder, f"{run.narrow_calls / steps:,.0f}", *times, *more, missed, rate, proof, outcome)
+    return table
+
+
+def _cell(value) -> str:
+    if value is None:
+        return ""
+    return value if isinstance(value, str) else f"{value:,}" if isinstance(value, int) else f"{value:.3g}"
+
+
+def kept(runs: list[Run]) -> bool:
+    """Whether every conservative run has missed nothing and ended as the reference."""
+    return all(run.missed == 0 and run.identical for run in runs if run.conservative)
+
+
+def verdict(runs: list[Run], what: str = "contacts") -> str:
+    """A few sentences, with markup: what was kept, and what the unproven ones lost."""
+    broken = [run for run in runs if run.conservative and (run.missed or not run.identical)]
+    asked = [run for run in runs if run.conservative and run.certificate]
+    proven = sum(run.certificate == "proven" for run in asked)
+    if broken:
+        names = ", ".join(f"{run.bounder} ({run.section})" if run.section else run.bounder for run in broken)
+        lines = [f"[bold red]Broken promise: {names} missed {what}, or ended differently.[/]"]
+    else:
+        count = f"The {proven} runs with proven bounders"
+        if len(asked) > proven:
+            count += f", and the {len(asked) - proven} with statistical ones,"
+        lines = [f"{count} missed none of the {what}; their results are identical, to the bit, to the one without."]
+    for run in runs:
+        if not run.conservative:
+            where = f" ({run.section})" if run.section else ""
+            lines.append(f"[red]{run.bounder}[/]{where}, which has no proof, missed {run.missed:,} {what}.")
+    return " ".join(lines)
+
+
+def result(demo: str, shape: str, steps: int, runs: list[Run], pictures: list, **more) -> dict:
+    """What a demo returns, JSON-ready; ``identical`` is ``kept``: of the conservative runs."""
+    head = {"demo": demo, "shape": shape, "steps": steps, "runs": [run.to_dict() for run in runs]}
+    return head | {"identical": kept(runs), "pictures": [str(p) for p in pictures]} | more

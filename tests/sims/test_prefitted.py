@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+
+import warp_bounding as wb
+from sims import prefitted
+from sims.prefitted import Recipe, bounder_from, bounders_of, check_fit, fit, stored
+
+MLP = Recipe("mlp", options={"hidden": (8,), "steps": 10})
+
+
+def disc(radius=0.3, resolution=16) -> wb.IndicatorGrid:
+    x = np.stack(np.meshgrid(*[np.linspace(0, 1, resolution)] * 2, indexing="ij"), axis=-1)
+    return wb.IndicatorGrid(np.linalg.norm(x - 0.5, axis=-1) < radius)
+
+
+def test_closed_forms_are_fitted_and_networks_loaded(tmp_path, monkeypatch):
+    monkeypatch.setattr(prefitted, "FOLDER", tmp_path)
+    grid, recipes = disc(), {"aabb": Recipe("aabb"), "mlp": MLP, "aabb+mlp": Recipe("aabb+mlp")}
+    with pytest.raises(wb.BounderError, match="there is no bounder for this shape; --refit fits one"):
+        bounders_of("disc", grid, recipes)
+    made = bounders_of("disc", grid, recipes, refit=True, out=tmp_path)
+    assert list(made) == list(recipes)
+    assert made["aabb+mlp"].certificate.proven
+    path = stored("disc", "mlp", tmp_path)
+    assert path.is_file()
+    assert bounder_from(path, grid, MLP, device="cpu").threshold == made["mlp"].threshold
+
+
+def test_what_does_not_fit_is_refused_with_both_numbers(tmp_path):
+    grid = disc()
+    bounder = fit(MLP, grid, device="cpu")
+    check_fit(bounder, grid, MLP, "file")
+    with pytest.raises(wb.BounderError, match="another shape, array; expected cells"):
+        check_fit(bounder, disc(0.35), MLP, "file")
+    with pytest.raises(wb.BounderError, match=r"too small a margin, expected 0\.05, got 0"):
+        check_fit(bounder, grid.to_grid(margin=0.05), MLP, "file")
+    with pytest.raises(wb.BounderError, match="of box queries in 2D, got one of point queries in 2D"):
+        check_fit(bounder, grid, Recipe("mlp", query="box"), "file")
+    occupancy = fit(Recipe("occupancy", options={"hidden": (8,), "steps": 10}), grid, device="cpu")
+    check_fit(occupancy, grid, Recipe("occupancy"), "file")
+    bounder.certificate = None
+    with pytest.raises(wb.BounderError, match="expected a bounder with a certificate"):
+        check_fit(bounder, grid, MLP, "file")
+
+
+def test_a_smaller_budget_replaces_that_of_the_recipe(monkeypatch):
+    seen = []
+    monkeypatch.setattr(prefitted.wb, "fit", lambda grid, **options: seen.append(options["budget"]))
+    for budget in (None, 5.0, 500.0):
+        fit(Recipe("mlp", budget=60.0), disc(), budget=budget, device="cpu")
+    assert seen == [60.0, 5.0, 60.0]
