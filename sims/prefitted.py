@@ -67,6 +67,13 @@ def check_fit(bounder: wb.Bounder, grid: wb.IndicatorGrid, recipe: Recipe, sourc
         raise wb.BounderError(
             f"{source}: expected a bounder of {recipe.query} queries in {grid.ndim}D, got one of {got}"
         )
+    if bounder.method != recipe.method:
+        raise wb.BounderError(f"{source}: expected a bounder of method {recipe.method}, got {bounder.method}")
+    length = recipe.options.get("length", 1.0)
+    if recipe.query == "ray" and bounder.domain.length != length:
+        raise wb.BounderError(
+            f"{source}: expected a bounder of rays of length {length:g}, got {bounder.domain.length:g}"
+        )
     margin = bounder.info.get("margin") or 0.0
     if margin != grid.margin:
         why = "too small a margin" if margin < grid.margin else "another margin"

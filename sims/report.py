@@ -12,10 +12,11 @@ from rich.table import Table
 
 import warp_bounding as wb
 
-__all__ = ["UNPROVEN", "Run", "bar", "bounder_rows", "kept", "result", "run_table", "verdict"]
+__all__ = ["UNPROVEN", "Run", "bar", "bounder_rows", "kept", "output", "result", "run_table", "verdict"]
 
 UNPROVEN = ("occupancy",)  # what is shown to go wrong; every other run must keep the promise
 SAMPLES = 400_000
+WIDTH = 140
 
 
 @dataclass
@@ -57,6 +58,12 @@ class Run:
         """JSON-ready."""
         values = asdict(self)
         return values | values.pop("extra")
+
+
+def output(stderr: bool = False) -> Console:
+    """The console for tables and sentences; where it is no terminal, lines are as wide as tables need."""
+    console = Console(stderr=stderr, highlight=False, soft_wrap=True)
+    return console if console.is_terminal else Console(stderr=stderr, highlight=False, soft_wrap=True, width=WIDTH)
 
 
 @contextmanager
@@ -108,9 +115,9 @@ def run_table(
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column("broad phase", no_wrap=True)
     for head in (calls, "broad ms", "narrow ms", "step ms", *extra.values(), "missed", "FP %"):
-        table.add_column(head, justify="right")
-    table.add_column("certificate")
-    table.add_column("result")
+        table.add_column(head, justify="right", no_wrap=True)
+    table.add_column("certificate", no_wrap=True)
+    table.add_column("result", no_wrap=True)
     for section, members in groupby(runs, key=lambda run: run.section):
         if section:
             table.add_section()

@@ -19,7 +19,7 @@ from sims.particles.broad import MovingBox, OfMotion
 from sims.particles.example import CONTACT, CONTAINMENT, Example
 from sims.particles.scene import RESOLUTION, Scene
 from sims.prefitted import Recipe, bounders_of
-from sims.report import Run, bar, bounder_rows, result, run_table, verdict
+from sims.report import Run, bar, bounder_rows, output, result, run_table, verdict
 
 __all__ = ["MOVING_BOX", "RECIPES", "compare", "grids", "run", "simulate"]
 
@@ -84,7 +84,7 @@ def run(
     Raises:
         BoundingError: For an impossible option, an unknown device or a bounder file that does not fit.
     """
-    out, console = Path(out), console or Console(highlight=False, soft_wrap=True)
+    out, console = Path(out), console or output()
     particles = PARTICLES[quick] if particles is None else particles
     steps = STEPS[quick] if steps is None else steps
     if particles < 1 or steps < 1:

@@ -107,8 +107,8 @@ class Scene:
         return self.motion.to_grid(resolution=resolution, margin=self.margin)
 
     def time(self, step: int) -> float:
-        """Time within the period, a float32 number, at a step."""
-        return float(np.float32((step * DT) % PERIOD))
+        """Time within the period, a float32 number, in the middle of a step: never on the range's ends, where bounders say *maybe*."""
+        return float(np.float32(((step + 0.5) * DT) % PERIOD))
 
     @cached_property
     def rain(self) -> Rain:

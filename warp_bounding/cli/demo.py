@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from warp_bounding.cli.output import Device, Json, console, print_json, quiet_warp
+from warp_bounding.cli.output import Device, Json, print_json, quiet_warp
 from warp_bounding.errors import BoundingError
 
 __all__ = ["DEMOS", "command"]
@@ -25,7 +25,7 @@ def command(
     bounder: Annotated[str | None, typer.Option(help="A file to take the network `mlp` from.")] = None,
     world: Annotated[str | None, typer.Option(help="path: image, voxel or .map file, or a folder of them.")] = None,
     particles: Annotated[int | None, typer.Option(help="particles: how many.")] = None,
-    steps: Annotated[int | None, typer.Option(help="particles, cloth: simulation steps.")] = None,
+    steps: Annotated[int | None, typer.Option(help="Simulation steps; shadows: pictures.")] = None,
     seed: Annotated[int, typer.Option(help="Random seed.")] = 0,
     device: Device = "cpu",
     json: Json = False,
@@ -42,6 +42,8 @@ def command(
     given = {"bounder_file": bounder, "world": world, "particles": particles, "steps": steps}
     options = {key: value for key, value in given.items() if value is not None}
     try:
+        from sims.report import output
+
         run = import_module(f"sims.{name}").run
         _check(name, run, options)
         result = run(
@@ -51,7 +53,7 @@ def command(
             budget=budget,
             seed=seed,
             device=device,
-            console=console(json),
+            console=output(json),
             **options,
         )
     except ImportError as error:

@@ -1,0 +1,176 @@
+"""Pictures of a still life with shadows, one for each place of the sun, with and without bounders; see ``sims.shadows.scene``."""
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+
+import warp_bounding as wb
+from sims.cores import launch_on_all_cores
+from sims.report import bar
+from sims.shadows.kernels import cast, face_sun, stop
+from sims.shadows.scene import LENGTH, LIFT, REACH, TOLERANCE, Scene
+
+__all__ = ["Example", "check_rays", "simulate"]
+
+WARM_UP = (96, 72)  # pixels of the picture that loads kernels outside the timed part
+
+
+def check_rays(bounder: wb.Bounder, source: str) -> None:
+    """Refuse a bounder whose rays are not those of the demo.
+
+    Raises:
+        BounderError: For another kind of query, or another length of rays.
+    """
+    if bounder.query_kind != "ray":
+        raise wb.BounderError(f"{source}: expected a bounder of rays, got one of {bounder.query_kind}s")
+    if bounder.domain.length != LENGTH:
+        got = bounder.domain.length
+        raise wb.BounderError(f"{source}: expected a bounder of rays of length {LENGTH:g}, got length {got:g}")
+
+
+class Example:
+    """One series of pictures.
+
+    Attributes:
+        seconds: Per picture: broad phase, narrow phase, whole step.
+        rays: Per picture: shadow rays.
+        calls: Per picture: pairs of a shadow ray and an object that the narrow phase was called for.
+        hits: Per picture: those of them that met the object.
+        shadows: Per picture: ``(H, W)`` uint8, bit k - 1 set where the k-th object stops the pixel's ray.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        bounders: Mapping[str, wb.Bounder] | None = None,
+        *,
+        steps: int = 8,
+        sun: float | None = None,
+    ):
+        """Begin with the first place of the sun.
+
+        Args:
+            scene: Shared by all series that are to be compared.
+            bounders: The broad phase: for each object of the scene, by name, one of its rays; ``None`` for none.
+            steps: Places of the sun, evenly over the day; after that many pictures it begins again.
+            sun: One time of the day instead, from 0 to 1.
+
+        Raises:
+            BounderError: If an object has no bounder, or one of other rays.
+        """
+        self.scene, self.bounders = scene, None if bounders is None else dict(bounders)
+        if bounders is not None:
+            if set(bounders) != set(scene.shapes):
+                expected, got = ", ".join(scene.shapes), ", ".join(bounders)
+                raise wb.BounderError(f"expected a bounder for each of {expected}, got some for {got}")
+            for name, bounder in bounders.items():
+                check_rays(bounder, name)
+        self.suns = scene.suns((np.arange(steps) + 0.5) / steps if sun is None else np.array([sun]))
+        self._everyone = wp.array(np.arange(len(scene.seen.pixels)), dtype=wp.int32, device=scene.device)
+        self.seconds: list[tuple[float, float, float]] = []
+        self.rays: list[int] = []
+        self.calls: list[int] = []
+        self.hits: list[int] = []
+        self.shadows: list[np.ndarray] = []
+
+    def step(self) -> None:
+        """One picture of shadows, timed phase by phase. What the camera sees is known before."""
+        scene, device, seen = self.scene, self.scene.device, self.scene.seen
+        start = self._now()
+        sun = wp.vec3(*map(float, self.suns[len(self.shadows) % len(self.suns)]))
+        facing = wp.empty(len(seen.pixels), dtype=wp.uint8, device=device)
+        launch_on_all_cores(face_sun, len(seen.pixels), [sun, seen.normals], [facing], device)
+        chosen = np.flatnonzero(facing.numpy()).astype(np.int32)
+        count = len(chosen)
+        rays = wp.empty((count, 6), dtype=float, device=device)
+        lit = wp.array(chosen, dtype=wp.int32, device=device)
+        launch_on_all_cores(cast, count, [sun, LIFT, lit, seen.points, seen.normals], [rays], device)
+        all_of_them = wp.array([count], dtype=wp.int32, device=device)
+        shadow = np.zeros(scene.camera.width * scene.camera.height, dtype=np.uint8)
+        broad = narrow = 0.0
+        calls = hits = 0
+        for bit, (name, mesh) in enumerate(scene.meshes.items()):
+            stopped = wp.zeros(count, dtype=wp.uint8, device=device)
+            candidates, some, items = self._everyone, all_of_them, count
+            begin = self._now()
+            if self.bounders is not None and count:
+                candidates, some = self.bounders[name].candidates(rays)
+                items = int(some.numpy()[0])
+            found = self._now()
+            launch_on_all_cores(stop, items, [mesh.id, rays, REACH, TOLERANCE, candidates, some], [stopped], device)
+            end = self._now()
+            broad += found - begin if self.bounders is not None else 0.0
+            narrow += end - found
+            calls += items
+            answers = stopped.numpy()
+            hits += int(np.count_nonzero(answers))
+            shadow[seen.pixels[chosen]] |= answers << np.uint8(bit)
+        self.shadows.append(shadow.reshape(scene.camera.height, scene.camera.width))
+        self.seconds.append((broad, narrow, self._now() - start))
+        self.rays.append(count)
+        self.calls.append(calls)
+        self.hits.append(hits)
+
+    def _now(self) -> float:
+        wp.synchronize_device(self.scene.device)
+        return time.perf_counter()
+
+    def state(self) -> bytes:
+        """All pictures: which object stops the ray of which pixel."""
+        return b"".join(shadow.tobytes() for shadow in self.shadows)
+
+    def lost(self, reference: "Example", step: int = -1) -> np.ndarray:
+        """``(H, W)`` bool: pixels of a picture in shadow without a broad phase, and not here."""
+        return (reference.shadows[step] != 0) & (self.shadows[step] == 0)
+
+    def missed(self, reference: "Example") -> int:
+        """Shadow pixels of a series of the same length without a broad phase which this one lacks."""
+        pairs = zip(reference.shadows, self.shadows, strict=True)
+        return sum(int(((there != 0) & (here == 0)).sum()) for there, here in pairs)
+
+    def milliseconds(self) -> tuple[float, float, float]:
+        """Median per picture: broad phase, narrow phase, whole step."""
+        return tuple(1e3 * float(x) for x in np.median(self.seconds, axis=0))
+
+    def render(self, folder: Path) -> list[Path]:
+        """Draw the last picture, ``shadows.png``; see ``sims.shadows.pictures``."""
+        from sims.shadows.pictures import draw_one
+
+        return [draw_one(self, Path(folder))]
+
+    def test_final(self, reference: "Example") -> None:
+        """Check this series against one without a broad phase.
+
+        Raises:
+            AssertionError: If a shadow pixel was lost or a bit of the pictures differs.
+        """
+        missed = self.missed(reference)
+        assert missed == 0, f"{missed} shadow pixels were lost"
+        assert self.state() == reference.state(), "the pictures differ"
+
+
+def simulate(scene: Scene, methods: Mapping[str, Mapping[str, wb.Bounder]], *, steps: int = 8) -> dict[str, Example]:
+    """The same pictures once without a broad phase (``"none"``) and once with the bounders of each method.
+
+    Args:
+        scene: What is drawn.
+        methods: By name of a method, then of an object.
+        steps: Pictures of each series.
+
+    Returns:
+        The series, finished.
+    """
+    small = Scene.still_life(*WARM_UP, str(scene.device))
+    examples = {}
+    for name, bounders in {"none": None, **methods}.items():
+        if bounders is None or set(bounders) == set(small.shapes):
+            Example(small, bounders, steps=1).step()
+        examples[name] = example = Example(scene, bounders, steps=steps)
+        with bar(f"shadows, broad phase: {name}") as update:
+            for step in range(steps):
+                example.step()
+                update(step + 1, steps, "")
+    return examples
