@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out/demo
 
-.PHONY: demo test test-slow bench lint format clean
+.PHONY: demo test test-slow bench notebooks refit lint format clean
 
 demo: $(VENV)/.installed
 	$(BIN)/warp-bounding demo particles --out $(OUT)
@@ -17,6 +17,14 @@ test-slow: $(VENV)/.installed
 
 bench: $(VENV)/.installed
 	$(BIN)/python benchmarks/inference.py
+
+# execute the notebooks, in place
+notebooks: $(VENV)/.installed
+	$(BIN)/python notebooks/execute.py
+
+# fit the bounders that the demos load
+refit: $(VENV)/.installed
+	$(BIN)/python -m sims.refit
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .
