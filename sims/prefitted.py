@@ -46,8 +46,8 @@ def stored(scene: str, name: str, folder: Path = FOLDER) -> Path:
 def fit(
     recipe: Recipe, grid: wb.IndicatorGrid, *, budget: float | None = None, seed: int = 0, device: str
 ) -> wb.Bounder:
-    """Fit a bounder by its recipe; a budget (seconds) replaces the recipe's own, where it is smaller."""
-    seconds = recipe.budget if budget is None else min(budget, recipe.budget)
+    """Fit a bounder by its recipe; a budget (seconds) replaces the recipe's own."""
+    seconds = recipe.budget if budget is None else budget
     options = {"query": recipe.query, "method": recipe.method, "budget": seconds, "seed": seed, **recipe.options}
     options |= {"margin": grid.margin, "resolution": grid.resolution, "device": device}
     if recipe.closed:

@@ -36,6 +36,11 @@ def test_what_does_not_fit_is_refused_with_both_numbers(tmp_path):
         check_fit(bounder, grid.to_grid(margin=0.05), MLP, "file")
     with pytest.raises(wb.BounderError, match="of box queries in 2D, got one of point queries in 2D"):
         check_fit(bounder, grid, Recipe("mlp", query="box"), "file")
+    with pytest.raises(wb.BounderError, match="of method mlp-early, got mlp"):
+        check_fit(bounder, grid, Recipe("mlp-early"), "file")
+    rays = Recipe("aabb", query="ray", options={"length": 2.0})
+    with pytest.raises(wb.BounderError, match="rays of length 1, got 2"):
+        check_fit(fit(rays, grid, device="cpu"), grid, Recipe("aabb", query="ray"), "file")
     occupancy = fit(Recipe("occupancy", options={"hidden": (8,), "steps": 10}), grid, device="cpu")
     check_fit(occupancy, grid, Recipe("occupancy"), "file")
     bounder.certificate = None
@@ -43,9 +48,9 @@ def test_what_does_not_fit_is_refused_with_both_numbers(tmp_path):
         check_fit(bounder, grid, MLP, "file")
 
 
-def test_a_smaller_budget_replaces_that_of_the_recipe(monkeypatch):
+def test_a_budget_replaces_that_of_the_recipe(monkeypatch):
     seen = []
     monkeypatch.setattr(prefitted.wb, "fit", lambda grid, **options: seen.append(options["budget"]))
     for budget in (None, 5.0, 500.0):
         fit(Recipe("mlp", budget=60.0), disc(), budget=budget, device="cpu")
-    assert seen == [60.0, 5.0, 60.0]
+    assert seen == [60.0, 5.0, 500.0]

@@ -21,9 +21,9 @@ def command(
     out: Annotated[str, typer.Option(help="Folder for pictures, and for bounders that are fitted.")] = "out/demo",
     quick: Annotated[bool, typer.Option("--quick", help="A small form of the demo, for a first look.")] = False,
     refit: Annotated[bool, typer.Option("--refit", help="Fit the networks anew, rather than load them.")] = False,
-    budget: Annotated[float | None, typer.Option(help="Seconds a network, with --refit.")] = None,
+    budget: Annotated[float | None, typer.Option(help="Seconds a network, with --refit or --world.")] = None,
     bounder: Annotated[str | None, typer.Option(help="A file to take the network `mlp` from.")] = None,
-    world: Annotated[str | None, typer.Option(help="path: image, voxel or .map file, or a folder of them.")] = None,
+    world: Annotated[str | None, typer.Option(help="path: image, array or .map file, or a folder of them.")] = None,
     particles: Annotated[int | None, typer.Option(help="particles: how many.")] = None,
     steps: Annotated[int | None, typer.Option(help="Simulation steps; shadows: pictures.")] = None,
     seed: Annotated[int, typer.Option(help="Random seed.")] = 0,
@@ -36,8 +36,8 @@ def command(
     for option, value in (("particles", particles), ("steps", steps)):
         if value is not None and value < 1:
             raise BoundingError(f"{option} must be at least 1, got {value}")
-    if budget is not None and not refit:
-        raise BoundingError("budget is for --refit, which fits the networks anew")
+    if budget is not None and not refit and world is None:
+        raise BoundingError("budget is for --refit or --world, where networks are fitted; else they are loaded")
     quiet_warp(device)
     given = {"bounder_file": bounder, "world": world, "particles": particles, "steps": steps}
     options = {key: value for key, value in given.items() if value is not None}

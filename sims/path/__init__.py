@@ -1,0 +1,13 @@
+"""The demo ``path``: plans motions in 2D worlds, with the world's bounder asked before every exact check.
+
+    python -m sims.path --out out/path
+
+A probabilistic roadmap needs to know of thousands of states and edges whether they meet an obstacle. Each batch of them is first asked of a
+bounder; what the bounder clears is never checked again. With proven bounders the planner finds the same paths, to the bit, with a
+fraction of the exact checks; with a network that is only *mostly* conservative it plans through walls.
+"""
+
+from sims.path.demo import RECIPES, grids, run
+from sims.path.planner import Example
+
+__all__ = ["RECIPES", "Example", "grids", "run"]

@@ -1,0 +1,161 @@
+"""The broad phase of the planner: which states and which *whole* edges does a bounder clear?
+
+An edge is a closed straight segment between float32 states. It is cleared
+
+* by a network of points, where bound propagation proves that the network denies every point of it (``warp_bounding.clear_segments``);
+* by a bounder of boxes, where it denies the axis-aligned boxes of pieces that together cover it (``clear_by_boxes``);
+* by ``Samples``, where a bounder denies points along it. That is how it is often done, and no proof of anything.
+
+The first two are proofs wherever the bounder has one. What is not cleared is not blocked, but has to be checked exactly.
+"""
+
+from typing import Protocol
+
+import numpy as np
+
+import warp_bounding as wb
+
+__all__ = ["Boxes", "BroadPhase", "First", "Samples", "Segments", "clear_by_boxes"]
+
+HALVINGS = 3  # of an edge, for boxes: eight pieces at most
+NETWORK_HALVINGS = 4  # for networks, whose bounds are loose where a network varies a lot along a piece
+SPACING = 0.5  # cells between samples
+ROUNDING = 2.0**-48  # of a point along an edge, relative to the ends: eight roundings of 2^-53, four times over
+
+
+class BroadPhase(Protocol):
+    """What the planner asks first."""
+
+    def states(self, x: np.ndarray) -> np.ndarray:
+        """``(N,)`` bool: states, ``(N, 2)`` float32, that need no exact check."""
+
+    def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        """``(N,)`` bool: edges between states, ``(N, 2)`` float32 each, that need no exact check."""
+
+
+def clear_by_boxes(
+    bounder: wb.Bounder, starts: np.ndarray, ends: np.ndarray, *, halvings: int = HALVINGS
+) -> np.ndarray:
+    """Which segments are proven to meet the object nowhere, by the boxes of their pieces.
+
+    A piece is the part of a segment between two dyadic times; along each axis it lies between its ends. These are computed in float64,
+    moved apart by more than their rounding, and rounded outwards to float32: the box that is asked contains the piece.
+
+    Args:
+        bounder: Of boxes; where it is proven, so is the answer.
+        starts: ``(N, n)`` float32, object space.
+        ends: ``(N, n)`` float32.
+        halvings: How often a piece is halved at most where its box is not denied.
+
+    Returns:
+        ``(N,)`` bool: no point of the closed segment lies in the object. False says nothing.
+
+    Raises:
+        BounderError: For a bounder of other queries.
+        QueryError: For arrays of another shape, or a negative number of halvings.
+    """
+    if bounder.query_kind != "box" or bounder.domain.time:
+        raise wb.BounderError(f"expected a bounder of boxes at rest, got {bounder!r}")
+    starts, ends = np.asarray(starts, dtype=np.float64), np.asarray(ends, dtype=np.float64)
+    if starts.shape != ends.shape or starts.ndim != 2 or starts.shape[1] != bounder.ndim:
+        raise wb.QueryError(f"starts and ends must both be (N, {bounder.ndim}), got {starts.shape} and {ends.shape}")
+    if halvings < 0:
+        raise wb.QueryError(f"halvings must be at least 0, got {halvings}")
+    owner, failed = np.arange(len(starts)), np.zeros(len(starts), dtype=bool)
+    first, last = np.zeros(len(starts)), np.ones(len(starts))
+    for level in range(halvings + 1):
+        maybe = bounder.query(_boxes(starts[owner], ends[owner], first, last)).numpy() != 0
+        owner, first, last = owner[maybe], first[maybe], last[maybe]
+        if level == halvings or not len(owner):
+            break
+        middle = (first + last) / 2  # where even this point is not denied, no half will be
+        hopeless = bounder.query(_boxes(starts[owner], ends[owner], middle, middle)).numpy() != 0
+        failed[owner[hopeless]] = True
+        left = ~failed[owner]
+        owner, first, middle, last = owner[left], first[left], middle[left], last[left]
+        owner, first, last = np.tile(owner, 2), np.concatenate([first, middle]), np.concatenate([middle, last])
+    failed[owner] = True  # what was not cleared
+    return ~failed
+
+
+def _boxes(starts: np.ndarray, ends: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """``(N, 2n)`` float32 lower and upper corners of boxes around the pieces of segments between two times."""
+    way, slack = ends - starts, ROUNDING * np.maximum(np.abs(starts), np.abs(ends))
+    one, other = starts + first[:, None] * way, starts + last[:, None] * way
+    lower, upper = np.minimum(one, other) - slack, np.maximum(one, other) + slack
+    below, above = lower.astype(np.float32), upper.astype(np.float32)
+    below = np.where(below > lower, np.nextafter(below, np.float32(-np.inf)), below)
+    above = np.where(above < upper, np.nextafter(above, np.float32(np.inf)), above)
+    return np.concatenate([below, above], axis=1)
+
+
+class Boxes:
+    """A bounder of boxes: of states, which are boxes of no size, and of the boxes of pieces of edges."""
+
+    def __init__(self, bounder: wb.Bounder):
+        self.bounder = bounder
+
+    def states(self, x: np.ndarray) -> np.ndarray:
+        """See ``BroadPhase``."""
+        return self.bounder.query(np.concatenate([x, x], axis=1)).numpy() == 0
+
+    def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        """See ``BroadPhase``."""
+        return clear_by_boxes(self.bounder, starts, ends)
+
+
+class Segments:
+    """A network of points, and proofs along whole edges."""
+
+    def __init__(self, bounder: wb.Bounder):
+        self.bounder = bounder
+
+    def states(self, x: np.ndarray) -> np.ndarray:
+        """See ``BroadPhase``."""
+        return self.bounder.query(x).numpy() == 0
+
+    def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        """See ``BroadPhase``."""
+        return wb.clear_segments(self.bounder, starts, ends, depth=NETWORK_HALVINGS)
+
+
+class Samples:
+    """A bounder of points asked at points along an edge: it clears what it should not, even if the bounder is proven."""
+
+    def __init__(self, bounder: wb.Bounder, cells_per_unit: np.ndarray, spacing: float = SPACING):
+        self.bounder, self.cells_per_unit, self.spacing = bounder, cells_per_unit, spacing
+
+    def states(self, x: np.ndarray) -> np.ndarray:
+        """See ``BroadPhase``."""
+        return self.bounder.query(x).numpy() == 0
+
+    def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        """See ``BroadPhase``."""
+        if not len(starts):
+            return np.zeros(0, dtype=bool)
+        way = ends.astype(np.float64) - starts
+        pieces = np.maximum(1, np.ceil(np.linalg.norm(way * self.cells_per_unit, axis=1) / self.spacing)).astype(int)
+        first = np.concatenate([[0], np.cumsum(pieces + 1)[:-1]])
+        owner = np.repeat(np.arange(len(starts)), pieces + 1)
+        t = (np.arange(len(owner)) - first[owner]) / pieces[owner]
+        points = (starts[owner] + t[:, None] * way[owner]).astype(np.float32)
+        return np.maximum.reduceat(self.bounder.query(points).numpy(), first) == 0
+
+
+class First:
+    """One broad phase, and another one for what it does not clear."""
+
+    def __init__(self, first: BroadPhase, second: BroadPhase):
+        self.first, self.second = first, second
+
+    def states(self, x: np.ndarray) -> np.ndarray:
+        """See ``BroadPhase``."""
+        cleared = self.first.states(x)
+        cleared[~cleared] = self.second.states(x[~cleared])
+        return cleared
+
+    def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        """See ``BroadPhase``."""
+        cleared = self.first.edges(starts, ends)
+        cleared[~cleared] = self.second.edges(starts[~cleared], ends[~cleared])
+        return cleared

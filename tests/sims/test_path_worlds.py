@@ -1,0 +1,153 @@
+import numpy as np
+import pytest
+
+import warp_bounding as wb
+from sims.path.moving_ai import read_map, read_scen, scen_beside
+from sims.path.worlds import generated, maze, problems_of, random_states, rooms, worlds_at
+
+MAP = "type octile\nheight 3\nwidth 4\nmap\n.@..\nGTSW\n...O\n"
+SCEN = "version 1\n0\tm.map\t4\t3\t0\t0\t2\t2\t4.0\n1\tm.map\t4\t3\t3\t0\t1\t2\t3.5\n"
+
+
+@pytest.fixture
+def map_file(tmp_path):
+    path = tmp_path / "m.map"
+    path.write_text(MAP)
+    return path
+
+
+def test_the_generated_worlds_do_not_change():
+    """Their bounders come with the demo."""
+    digests = {world.name: world.grid.digest[:16] for world in generated()}
+    assert digests == {"rooms": "4d8d82b585e17248", "maze": "cf9dd4f19708ad1d"}
+    assert [world.scene for world in generated()] == ["path-rooms", "path-maze"]
+
+
+@pytest.mark.parametrize("make", [rooms, maze])
+def test_in_a_generated_world_everything_can_be_reached(make):
+    from scipy.ndimage import label
+
+    grid = make()
+    assert label(~grid.occupancy)[1] == 1
+    assert 0.1 < grid.occupancy.mean() < 0.4
+
+
+def test_a_map(map_file):
+    grid = read_map(map_file)
+    assert grid.occupancy.tolist() == [
+        [False, True, False, False],
+        [False, True, False, True],
+        [False, False, False, True],
+    ]
+    np.testing.assert_array_equal(grid.cells_per_unit, [3, 3])  # cells are squares
+    np.testing.assert_array_equal(grid.contains(np.float32([[0, 1 / 3], [0, 0], [1 / 3, 1]])), [True, False, True])
+
+
+def test_line_ends_of_other_systems(map_file):
+    lines = map_file.read_text()
+    map_file.write_bytes(lines.replace("\n", "\r\n").encode() + b"\r\n")
+    assert read_map(map_file).shape == (3, 4)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("type octile", "type hex", "line 1: expected 'type octile'"),
+        ("height 3", "height x", "line 2: expected 'height'"),
+        ("height 3", "width 3", "line 2: expected 'height'"),
+        ("width 4", "width 0", "line 3: expected 'width'"),
+        ("width 4", "width 9999999", "line 3: expected 'width'"),
+        ("\nmap\n", "\nmop\n", "line 4: expected 'map'"),
+        ("GTSW\n", "", "expected 3 rows, got 2"),
+        ("GTSW", "GTS", "line 6: expected 4 cells, got 3"),
+        ("GTSW", "GT?W", r"line 6: expected cells of .*, got '\?'"),
+        ("GTSW", "GTéW", "expected plain text"),
+        (MAP, "", "got the end of the file"),
+        (".@..\nGTSW\n...O", "....\n....\n....", "nothing to bound"),
+    ],
+)
+def test_a_map_that_is_none(map_file, old, new, message):
+    map_file.write_text(MAP.replace(old, new), encoding="utf-8")
+    with pytest.raises(wb.IndicatorError, match=message) as caught:
+        read_map(map_file)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_map_that_is_not_there(tmp_path):
+    with pytest.raises(wb.IndicatorError, match="cannot be read"):
+        read_map(tmp_path / "none.map")
+
+
+@pytest.mark.parametrize("name", ["m.map.scen", "m.scen"])
+def test_a_scenario(map_file, name):
+    path = map_file.with_name(name)
+    assert scen_beside(map_file) is None
+    path.write_text(SCEN)
+    assert scen_beside(map_file) == path
+    (world,) = worlds_at(map_file)
+    np.testing.assert_allclose(world.problems * 3, [[[0, 0], [2, 2]], [[0, 3], [2, 1]]], atol=1e-6)
+    assert world.problems.dtype == np.float32
+    assert problems_of(world, 1, 0).shape == (1, 2, 2)
+    np.testing.assert_array_equal(problems_of(world, 10, 0), world.problems)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("version 1", "version 2", "line 1: expected 'version 1'"),
+        ("\t4.0", "", "line 2: expected 9 fields, got 8"),
+        ("\t0\t0\t", "\tx\t0\t", "line 2: expected numbers"),
+        ("m.map\t4\t3\t0", "m.map\t3\t4\t0", "line 2: expected a map of 4 x 3 cells, got 3 x 4"),
+        ("\t2\t2\t", "\t4\t2\t", "line 2: expected cells of the map"),
+        ("\t2\t2\t", "\t2\t-1\t", "line 2: expected cells of the map"),
+        ("4.0", "nan", "line 2: expected a length"),
+        (SCEN, "version 1\n", "at least one problem"),
+        (SCEN, "", "got the end of the file"),
+    ],
+)
+def test_a_scenario_that_is_none(map_file, old, new, message):
+    path = map_file.with_name("m.scen")
+    path.write_text(SCEN.replace(old, new, 1))
+    with pytest.raises(wb.IndicatorError, match=message) as caught:
+        read_scen(path, read_map(map_file))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_of_worlds(map_file, tmp_path):
+    from PIL import Image
+
+    image = np.zeros((6, 5, 4), dtype=np.uint8)
+    image[2:4, 1:3, 3] = 255
+    Image.fromarray(image).save(tmp_path / "a b.png")
+    (tmp_path / "notes.txt").write_text("not a world")
+    worlds = worlds_at(tmp_path)
+    assert [world.name for world in worlds] == ["a b.png", "m.map"]
+    assert worlds[0].grid.shape == (6, 5)
+    assert worlds[0].scene == f"path-a-b-{worlds[0].grid.digest[:8]}"
+    assert not any(world.fitted for world in worlds)
+
+
+def test_what_is_no_world(tmp_path):
+    with pytest.raises(wb.IndicatorError, match="expected a folder with"):
+        worlds_at(tmp_path)
+    with pytest.raises(wb.IndicatorError, match="no such file"):
+        worlds_at(tmp_path / "nothing.png")
+    (tmp_path / "mesh.obj").write_text("v 0 0 0")
+    with pytest.raises(wb.IndicatorError, match=r"expected a world, one of .map .png .npy .npz, got '.obj'"):
+        worlds_at(tmp_path / "mesh.obj")
+    solid = tmp_path / "solid.npy"
+    np.save(solid, np.eye(4, dtype=bool)[None].repeat(2, 0))
+    with pytest.raises(wb.IndicatorError, match="expected a 2D world, got 3 dimensions"):
+        worlds_at(solid)
+
+
+def test_random_problems_and_states():
+    world = generated()[1]
+    problems = problems_of(world, 50, seed=3)
+    assert problems.shape == (50, 2, 2)
+    assert problems.dtype == np.float32
+    assert not world.grid.contains(problems.reshape(-1, 2)).any()
+    np.testing.assert_array_equal(problems, problems_of(world, 50, seed=3))
+    assert not np.array_equal(problems, problems_of(world, 50, seed=4))
+    x = random_states(world.grid, 100_000, np.random.default_rng(0)).astype(np.float64)
+    assert ((x > world.grid.lower) & (x < world.grid.upper)).all()
