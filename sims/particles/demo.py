@@ -31,7 +31,7 @@ RECIPES = {
     "kdop": Recipe("kdop"),
     "voxels": Recipe("voxels"),
     "learned-kdop": Recipe("learned-kdop", budget=20.0, options={"k": 40}),
-    "mlp": Recipe("mlp", budget=420.0, options={"hidden": (50, 50)}),
+    "mlp": Recipe("mlp", budget=600.0, options={"hidden": (75, 75)}),
     "mlp-early": Recipe("mlp-early", budget=300.0, options={"hidden": (50, 50)}),
     "aabb+mlp": Recipe("aabb+mlp"),
     "learned-kdop+mlp": Recipe("learned-kdop+mlp"),
