@@ -32,7 +32,8 @@ def plan(names: list[str]) -> list[tuple[str, str, Recipe, wb.IndicatorGrid]]:
     for demo in DEMOS:
         module = import_module(f"sims.{demo}")
         for scene, grid in module.grids().items():
-            learned = {n: r for n, r in module.RECIPES.items() if not r.closed and "+" not in n}
+            recipes = getattr(module, "SCENE_RECIPES", {}).get(scene, module.RECIPES)
+            learned = {n: r for n, r in recipes.items() if not r.closed and "+" not in n}
             files += [(scene, name, recipe, grid) for name, recipe in learned.items()]
     wanted = [f for f in files if not names or f[0] in names or f"{f[0]}-{f[1]}" in names]
     known = {f[0] for f in files} | {f"{f[0]}-{f[1]}" for f in files}

@@ -25,7 +25,16 @@ from warp_bounding.bounders import Bounder, compact
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorMesh
 from warp_bounding.launch import launch_blocks
-from warp_bounding.newton.kernels import IN_MESH, IN_WORLD, Placed, gather_pairs, mark_pairs, place_shapes
+from warp_bounding.newton.kernels import (
+    BALL,
+    IN_MESH,
+    IN_WORLD,
+    Placed,
+    block_size,
+    gather_pairs,
+    mark_pairs,
+    place_shapes,
+)
 
 try:
     import newton
@@ -108,6 +117,8 @@ class ParticleCull:
         self._sizes = wp.array(sizes, dtype=wp.float32, device=self._device)
         self._domains = wp.array(domains, dtype=wp.vec3, device=self._device)
         self._placed = wp.empty(shape_count, dtype=Placed, device=self._device)
+        self._balls = wp.empty((shape_count, BALL), dtype=wp.float32, device=self._device)
+        self._asked = wp.empty(self.pairs, dtype=wp.int32, device=self._device)
         self._asked_gap = _gap(pipeline)
         self._keep = wp.full(self.pairs, 1, dtype=wp.uint8, device=self._device)
         self._kept = wp.empty(self.pairs, dtype=wp.vec2i, device=self._device)
@@ -158,14 +169,16 @@ class ParticleCull:
         if not self._groups or not state.particle_q:
             return self._all
         shapes = [model.shape_transform, model.shape_body, model.shape_scale, model.shape_margin]
-        inputs = [state.body_q, *shapes, self._domains, self._margins, self._sizes]
-        wp.launch(place_shapes, dim=model.shape_count, inputs=inputs, outputs=[self._placed], device=device)
-        particles = [state.particle_q, model.particle_radius]
+        inputs = [state.body_q, *shapes, self._domains, self._margins, self._sizes, gap]
+        outputs = [self._placed, self._balls]
+        wp.launch(place_shapes, dim=model.shape_count, inputs=inputs, outputs=outputs, device=device)
+        pairs, size = (
+            [self._all, state.particle_q, model.particle_radius, self._placed, self._balls],
+            block_size(device),
+        )
         for bounder, members in self._groups:
-            inputs = [0, bounder.data, members, self._all, *particles, self._placed, gap]
-            launch_blocks(
-                mark_pairs(bounder.source), len(members), inputs, [self._keep], device, first_index=0, block=1
-            )
+            inputs, outputs = [0, size, len(members), bounder.data, members, *pairs], [self._asked, self._keep]
+            launch_blocks(mark_pairs(bounder.source), len(members), inputs, outputs, device, first_index=0, block=size)
         indices, total = compact(self._keep)
         count = int(total.numpy()[0])
         wp.launch(gather_pairs, dim=count, inputs=[self._all, indices], outputs=[self._kept], device=device)

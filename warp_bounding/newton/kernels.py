@@ -1,4 +1,8 @@
-"""Kernels of the cull: where shapes lie in one pass, which pairs a bounder lets through, and their list."""
+"""Kernels of the cull: where shapes lie in one pass, which pairs a bounder lets through, and their list.
+
+Most pairs are far apart. So a loop over a block of pairs asks first whether the particle lies outside a ball around the bounder's domain, and lists
+the others; only those go to the bounder.
+"""
 
 from functools import cache
 
@@ -10,7 +14,7 @@ from warp_bounding.bounders.functions import point_func
 from warp_bounding.bounders.source import Source
 from warp_bounding.native import named, unique_name
 
-__all__ = ["IN_MESH", "IN_WORLD", "Placed", "gather_pairs", "mark_pairs", "place_shapes"]
+__all__ = ["BALL", "IN_MESH", "IN_WORLD", "Placed", "block_size", "gather_pairs", "mark_pairs", "place_shapes"]
 
 # What float32 does between a particle's place and the closest point, in units of 2^-24: of the coordinates in the mesh (the closest
 # point 16, the division by the scale 1, the search's own products 8) and of the way; and of the coordinates in the world: two
@@ -20,8 +24,19 @@ _WORLD_ROUNDING = wp.constant(IN_WORLD * UNIT32)
 _MESH_ROUNDING = wp.constant(IN_MESH * UNIT32)
 # Of the ball around a domain in the world, and of a distance from its middle: under 64 units in all.
 _BALL_ROUNDING = wp.constant(IN_WORLD * UNIT32)
+# Of the sum that a bounder's margin is compared with: eight roundings.
+_SUM_ROUNDING = wp.constant(8.0 * UNIT32)
 # Off which a quaternion's square may be, as floats leave it; other ones do not only rotate.
 _UNIT_ROTATION = wp.constant(1.0e-6)
+
+
+BALL = 8  # numbers of a shape in ``balls``, see ``place_shapes``
+CPU_BLOCK = 1024  # pairs that one thread of a kernel goes through; CUDA: one
+
+
+def block_size(device: wp.Device) -> int:
+    """Pairs that one thread of ``mark_pairs`` goes through."""
+    return CPU_BLOCK if device.is_cpu else 1
 
 
 @wp.struct
@@ -30,13 +45,6 @@ class Placed:
 
     to_shape: wp.transform
     scale: wp.vec3
-    center: wp.vec3  # of a ball, world: beyond it the bounder denies everything
-    square: float  # of its radius
-    smallest: float  # scale
-    size: float  # largest coordinate of the mesh
-    away: float  # sum of the coordinates of to_shape's translation
-    shape_margin: float
-    margin: float  # of the bounder
 
 
 @wp.func
@@ -55,10 +63,17 @@ def place_shapes(
     domains: wp.array2d(dtype=wp.vec3),
     margins: wp.array(dtype=float),
     sizes: wp.array(dtype=float),
+    gap: float,
     # outputs
     placed: wp.array(dtype=Placed),
+    balls: wp.array2d(dtype=float),
 ):
-    """World to shape, by the operations of Newton's own pass; and the ball around the bounder's domain."""
+    """World to shape, by the operations of Newton's own pass; and what is asked of a particle q of radius r before its bounder is.
+
+    In ``balls``: 0 to 2 the centre of a ball in the world, 3 its squared radius: beyond it the bounder denies everything. And a bounder may be
+    asked at all only where ``[4] + [5] r + [6] (|q_x| + |q_y| + |q_z|) <= [7]``: its margin is then as far as the pass looks,
+    ``gap + (margin of the shape + r) / least scale``, and what rounding does.
+    """
     s = wp.tid()
     place = wp.transform_identity()
     if shape_body[s] >= 0:
@@ -71,17 +86,23 @@ def place_shapes(
     p = Placed()
     p.to_shape = wp.transform_inverse(to_world)
     p.scale = scale
-    p.center = center
-    p.square = radius * radius
+    placed[s] = p
+    square = radius * radius
     turn = wp.transform_get_rotation(to_world)
     if not wp.abs(wp.dot(turn, turn) - 1.0) <= _UNIT_ROTATION:
-        p.square = wp.inf  # the bounder itself is asked, in the coordinates of Newton's pass
-    p.smallest = wp.min(wp.min(wp.abs(scale[0]), wp.abs(scale[1])), wp.abs(scale[2]))
-    p.size = sizes[s]
-    p.away = _size(wp.transform_get_translation(p.to_shape))
-    p.shape_margin = shape_margin[s]
-    p.margin = margins[s]
-    placed[s] = p
+        square = wp.inf  # the bounder itself is asked, in the coordinates of Newton's pass
+    for k in range(3):
+        balls[s, k] = center[k]
+    balls[s, 3] = square
+    inverse = 1.0 / wp.min(wp.min(wp.abs(scale[0]), wp.abs(scale[1])), wp.abs(scale[2]))
+    widened = shape_margin[s] * inverse
+    reach = gap + widened
+    world = _size(wp.transform_get_translation(p.to_shape)) * inverse
+    rounding = _MESH_ROUNDING * (sizes[s] + wp.abs(reach)) + _WORLD_ROUNDING * world
+    balls[s, 4] = reach + rounding + _SUM_ROUNDING * (wp.abs(gap) + wp.abs(widened))
+    balls[s, 5] = inverse * (1.0 + _MESH_ROUNDING + _SUM_ROUNDING)
+    balls[s, 6] = inverse * _WORLD_ROUNDING
+    balls[s, 7] = margins[s]
 
 
 @wp.kernel(enable_backward=False)
@@ -97,6 +118,38 @@ def gather_pairs(
     kept[i] = pairs[indices[i]]
 
 
+@wp.func_native("""
+const int* const pair = (const int*)pairs.data;
+const float* const place = (const float*)particle_q.data;
+int count = 0;
+for (int m = begin; m < end; ++m) {
+    const int i = members.data[m];
+    const int p = pair[2 * i];
+    const float* const b = balls.data + 8 * pair[2 * i + 1];
+    const float x = place[3 * p], y = place[3 * p + 1], z = place[3 * p + 2];
+    const bool known = b[4] + b[5] * particle_radius.data[p] + b[6] * (fabsf(x) + fabsf(y) + fabsf(z)) <= b[7];
+    const float dx = x - b[0], dy = y - b[1], dz = z - b[2];
+    const bool away = dx * dx + dy * dy + dz * dz > b[3];
+    keep.data[i] = !(known && away);
+    asked.data[begin + count] = i;
+    count += known && !away;
+}
+return count;
+""")
+def _ask_balls(
+    members: wp.array(dtype=wp.int32),
+    begin: int,
+    end: int,
+    pairs: wp.array(dtype=wp.vec2i),
+    particle_q: wp.array(dtype=wp.vec3),
+    particle_radius: wp.array(dtype=float),
+    balls: wp.array2d(dtype=float),
+    asked: wp.array(dtype=wp.int32),
+    keep: wp.array(dtype=wp.uint8),
+) -> int:
+    """Decide the pairs that need no bounder, and list the others from ``asked[begin]`` on; returns how many these are."""
+
+
 @cache
 def mark_pairs(source: Source) -> wp.Kernel:
     """The kernel that asks bounders of one source about pairs."""
@@ -106,32 +159,28 @@ def mark_pairs(source: Source) -> wp.Kernel:
     def ask(
         # inputs
         first: int,
+        size: int,
+        count: int,
         data: Data,
         members: wp.array(dtype=wp.int32),
         pairs: wp.array(dtype=wp.vec2i),
         particle_q: wp.array(dtype=wp.vec3),
         particle_radius: wp.array(dtype=float),
         placed: wp.array(dtype=Placed),
-        gap: float,
+        balls: wp.array2d(dtype=float),
         # outputs
+        asked: wp.array(dtype=wp.int32),
         keep: wp.array(dtype=wp.uint8),
     ):
-        i = members[first + wp.tid()]
-        pair = pairs[i]
-        q, s = particle_q[pair[0]], pair[1]
-        # What a bounder must be dilated by for this pair: as far as the pass looks, and what rounding does, twice over.
-        reach = gap + (placed[s].shape_margin + particle_radius[pair[0]]) / placed[s].smallest
-        world = (_size(q) + placed[s].away) / placed[s].smallest
-        needed = reach + _MESH_ROUNDING * (placed[s].size + reach) + _WORLD_ROUNDING * world
-        answer = wp.uint8(1)
-        if needed <= placed[s].margin:
-            away = q - placed[s].center
-            if wp.dot(away, away) > placed[s].square:
-                answer = wp.uint8(0)
-            else:
-                x = wp.cw_div(wp.transform_point(placed[s].to_shape, q), placed[s].scale)
-                if not test(data, x):
-                    answer = wp.uint8(0)
-        keep[i] = answer
+        begin = (first + wp.tid()) * size
+        end = wp.min(begin + size, count)
+        left = _ask_balls(members, begin, end, pairs, particle_q, particle_radius, balls, asked, keep)
+        for k in range(left):
+            i = asked[begin + k]
+            pair = pairs[i]
+            shape = placed[pair[1]]
+            x = wp.cw_div(wp.transform_point(shape.to_shape, particle_q[pair[0]]), shape.scale)
+            if not test(data, x):
+                keep[i] = wp.uint8(0)
 
     return ask

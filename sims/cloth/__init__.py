@@ -1,0 +1,25 @@
+"""The demo ``cloth``: a cloth falls on the bunny and a star, simulated by Newton; and many meshes among many particles.
+
+    python -m sims.cloth --out out/demo
+
+``scene`` has the model, ``example`` a run, ``field`` the many meshes, ``demo`` what is printed and returned, ``pictures`` draws. It needs
+the extra ``sims``, with Newton in it.
+"""
+
+import newton  # noqa: F401  first: where it is missing, the error names it
+
+import warp_bounding as wb
+from sims.cloth.demo import run
+from sims.cloth.example import Example
+from sims.cloth.field import FIELD_RECIPES, GAPS, Field
+from sims.cloth.scene import RECIPES, SHAPES, Scene, grid_of
+
+__all__ = ["RECIPES", "SCENE_RECIPES", "Example", "Field", "Scene", "grids", "run"]
+
+SCENE_RECIPES = {f"field-{name}": FIELD_RECIPES for name in SHAPES}  # for the scenes that do not take all of RECIPES
+
+
+def grids(device: str = "cpu") -> dict[str, wb.IndicatorGrid]:
+    """By scene, that is the name under which bounders are stored, the cells that they are fitted to."""
+    of_cloth = {f"cloth-{name}": grid_of(name) for name in SHAPES}
+    return of_cloth | {f"field-{name}": grid_of(name, max(GAPS)) for name in SHAPES}
