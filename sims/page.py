@@ -1,0 +1,111 @@
+"""``results/demos``: what the demos measured, as JSON and as a page.
+
+warp-bounding demo NAME --out out/demo --json > results/demos/NAME.json     # for each of the demos
+python -m sims.page results/demos                                           # writes README.md there
+"""
+
+import json
+import os
+import platform
+import sys
+from itertools import groupby
+from pathlib import Path
+
+import warp_bounding as wb
+from sims.report import UNPROVEN
+from warp_bounding.cli.demo import DEMOS
+
+__all__ = ["page"]
+
+CALLS = {"particles": "narrow calls", "cloth": "pairs", "path": "exact checks", "shadows": "mesh rays"}
+STEP = {"particles": "step", "cloth": "step", "path": "world", "shadows": "picture"}
+ABOUT = {
+    "particles": "100,000 particles rain on the moving bunny; `moving aabb` is fitted anew in every step, the others never.",
+    "cloth": "A cloth falls on the bunny and a star, on one thread (Newton); ms_broad is the cull.",
+    "path": "Rooms and a maze: states and whole edges of a roadmap, cleared by a bounder or checked exactly.",
+    "shadows": "The bunny and a chair in the sun: shadow rays of all pixels against both meshes.",
+}
+
+
+def page(folder: Path) -> str:
+    """The page about the JSON files in a folder.
+
+    Raises:
+        BoundingError: If there are none, or one is not what a demo printed.
+    """
+    parts = ["# What the demos measured", ""]
+    parts += [
+        f"`warp-bounding demo NAME --json > results/demos/NAME.json`, then `python -m sims.page results/demos`. {_machine()}.",
+        "Milliseconds are medians, or means where a demo says so, and noisy; compare within a table. *Missed*: contacts, shadow pixels, colliding",
+        "states and edges that the run without a broad phase has and this one lacks. A `statistical` certificate is no proof.",
+    ]
+    found = [name for name in DEMOS if (folder / f"{name}.json").is_file()]
+    if not found:
+        raise wb.BoundingError(f"{folder}: expected files such as {DEMOS[0]}.json, found none")
+    for name in found:
+        parts += ["", *_demo(json.loads((folder / f"{name}.json").read_text()))]
+    return "\n".join(parts) + "\n"
+
+
+def _machine() -> str:
+    import warp
+
+    return f"Python {platform.python_version()}, Warp {warp.__version__}, {os.cpu_count()} cores"
+
+
+def _demo(answer: dict) -> list[str]:
+    name = answer["demo"]
+    lines = [f"## {name}", "", ABOUT[name], ""]
+    for section, runs in groupby(answer["runs"], key=lambda run: run["section"]):
+        runs = list(runs)
+        extra = [key for key in ("deepest", "collisions") if key in runs[0]]
+        heads = [f"{CALLS[name]} a {STEP[name]}", "broad ms", "narrow ms", f"{STEP[name]} ms", *extra, "missed", "FP %"]
+        lines += [f"*{section}*", ""] if section else []
+        lines += ["| broad phase | " + " | ".join(heads) + " | certificate | result |", "|---" * (len(heads) + 3) + "|"]
+        lines += [_row(run, answer["steps"], extra, run is runs[0]) for run in runs]
+        lines.append("")
+    if "field" in answer:
+        lines += _field(answer["field"])
+    return lines[:-1] if not lines[-1] else lines
+
+
+def _row(run: dict, steps: int, extra: list[str], first: bool) -> str:
+    cells = [f"`{run['bounder']}`" if not first else run["bounder"], f"{run['narrow_calls'] / steps:,.0f}"]
+    cells += [f"{run[key]:.2f}" for key in ("ms_broad", "ms_narrow", "ms_step")]
+    cells += [f"{run[key]:.3f}" if isinstance(run[key], float) else f"{run[key]}" for key in extra]
+    cells += (
+        ["", "", "", ""]
+        if first
+        else [
+            f"{run['missed']:,}",
+            "" if run["fp_rate"] is None else f"{run['fp_rate']:.2f}",
+            run["certificate"] or "none",
+            "identical" if run["identical"] else "differs",
+        ]
+    )
+    if run["bounder"] in UNPROVEN:
+        cells[-4] = f"**{cells[-4]}**"
+    return "| " + " | ".join(cells) + " |"
+
+
+def _field(rows: list[dict]) -> list[str]:
+    lines = [
+        "Many meshes among many particles: one contact pass of Newton, and how many times as fast it is with a cull (ratios in one run).",
+        "",
+    ]
+    names = [entry["bounder"] for entry in rows[0]["bounders"]]
+    lines += ["| contact gap | Newton's own, ms | pairs | " + " | ".join(f"`{n}`" for n in names) + " | contacts |"]
+    lines += ["|---" * (len(names) + 4) + "|"]
+    for row in rows:
+        ratios = " | ".join(f"{entry['ratio']:.2f}" for entry in row["bounders"])
+        same = "identical" if all(entry["identical"] for entry in row["bounders"]) else "differ"
+        lines.append(f"| {row['gap']:g} | {row['newton_ms']:.1f} | {row['pairs']:,} | {ratios} | {same} |")
+    return [*lines, ""]
+
+
+if __name__ == "__main__":
+    try:
+        target = Path(sys.argv[1] if len(sys.argv) > 1 else "results/demos")
+        (target / "README.md").write_text(page(target))
+    except wb.BoundingError as error:
+        sys.exit(f"page: {error}")

@@ -1,0 +1,101 @@
+"""``warp-bounding demo``: options, exit status, JSON, and what is said where a package is missing."""
+
+import json
+import sys
+
+import pytest
+
+import sims.particles
+from warp_bounding.cli import main
+from warp_bounding.cli.demo import DEMOS
+
+
+def run(capsys, *arguments):
+    """Status, standard output and standard error."""
+    with pytest.raises(SystemExit) as stop:
+        main([str(a) for a in arguments])
+    out, err = capsys.readouterr()
+    return stop.value.code, out, err
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """The options that the demo is called with, instead of the demo; ``identical`` is what it answers."""
+    options = {"identical": True}
+
+    def stand_in(
+        out, *, quick, refit, budget, seed, device, console, bounder_file=None, particles=None, steps=None
+    ) -> dict:
+        console.print("a table")
+        answer = {"demo": "particles", "identical": options["identical"], "runs": [], "pictures": []}
+        options.update(out=out, quick=quick, refit=refit, budget=budget, steps=steps, bounder_file=bounder_file)
+        return answer
+
+    monkeypatch.setattr(sims.particles, "run", stand_in)
+    return options
+
+
+def test_options_reach_the_demo(asked, capsys, tmp_path):
+    status, out, err = run(capsys, "demo", "particles", "--out", tmp_path, "--quick", "--steps", 7, "--bounder", "f.st")
+    assert (status, out.strip(), err) == (0, "a table", "")
+    assert asked["out"] == tmp_path
+    assert asked["quick"]
+    assert not asked["refit"]
+    assert (asked["steps"], asked["bounder_file"], asked["budget"]) == (7, "f.st", None)
+
+
+def test_json_is_alone_on_standard_output(asked, capsys, tmp_path):
+    status, out, err = run(capsys, "demo", "particles", "--out", tmp_path, "--json")
+    assert status == 0
+    assert json.loads(out)["demo"] == "particles"
+    assert err.strip() == "a table"
+
+
+def test_a_broken_promise_is_status_1(asked, capsys, tmp_path):
+    asked["identical"] = False
+    assert run(capsys, "demo", "particles", "--out", tmp_path)[0] == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["dancing"], "demo must be one of particles, cloth, path, shadows, got 'dancing'"),
+        (["particles", "--world", "maze.png"], "demo particles has no option --world"),
+        (["path", "--steps", "3"], "demo path has no option --steps"),
+        (["shadows", "--particles", "3"], "demo shadows has no option --particles"),
+        (["particles", "--steps", "0"], "steps must be at least 1, got 0"),
+        (["particles", "--budget", "5"], "budget is for --refit or --world"),
+    ],
+)
+def test_options_that_a_demo_does_not_have(capsys, arguments, message):
+    status, out, err = run(capsys, "demo", *arguments)
+    assert status == 2
+    assert out == ""
+    assert message in err
+    assert len(err.strip().splitlines()) == 1
+
+
+def test_without_newton_one_line_names_the_extra(capsys, monkeypatch):
+    for name in [
+        n for n in sys.modules if n.split(".")[0] == "newton" or n.startswith(("sims.cloth", "warp_bounding.newton"))
+    ]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "newton", None)
+    status, out, err = run(capsys, "demo", "cloth")
+    assert (status, out) == (2, "")
+    assert "the demo needs newton: pip install 'warp-bounding[sims]'" in err
+    assert len(err.strip().splitlines()) == 1
+
+
+def test_all_demos_are_there():
+    from importlib import import_module
+
+    for name in DEMOS:
+        try:
+            module = import_module(f"sims.{name}")
+        except ImportError as error:
+            pytest.skip(f"{name} needs {error.name}")
+        assert callable(module.run)
+        assert module.Example.test_final
+        assert module.grids
+        assert {"aabb", "mlp", "mlp-early", "learned-kdop", "occupancy"} <= set(module.RECIPES)

@@ -1,0 +1,49 @@
+"""Every demo in its small form, with the bounders that come with it: as a user runs it."""
+
+from importlib import import_module
+
+import pytest
+
+from sims.prefitted import bounder_from, stored
+from sims.refit import plan
+from warp_bounding.cli.demo import DEMOS
+
+KEYS = {"bounder", "narrow_calls", "ms_broad", "ms_narrow", "ms_step", "missed", "identical", "fp_rate", "certificate"}
+
+
+@pytest.mark.parametrize("name", DEMOS)
+def test_the_small_form_keeps_its_promise(name, tmp_path, capsys):
+    pytest.importorskip("newton" if name == "cloth" else "scipy")
+    answer = import_module(f"sims.{name}").run(tmp_path, quick=True)
+    assert answer["demo"] == name
+    assert answer["identical"]
+    assert {"shape", "steps", "runs", "pictures"} <= answer.keys()
+    assert all(run.keys() >= KEYS for run in answer["runs"])
+    for run in answer["runs"]:
+        if run["bounder"] != "occupancy":
+            assert run["missed"] == 0
+            assert run["identical"]
+    lost = [run for run in answer["runs"] if run["bounder"] == "occupancy"]
+    assert lost
+    assert all(run["missed"] > 0 and not run["identical"] for run in lost)
+    text = capsys.readouterr().out
+    assert "missed none" in text
+    assert "occupancy" in text
+
+
+def test_all_files_fit_the_scenes_that_they_are_for():
+    pytest.importorskip("newton")
+    files = plan([])
+    assert len(files) == len({(scene, name) for scene, name, *_ in files})
+    for scene, name, recipe, grid in files:
+        bounder = bounder_from(stored(scene, name), grid, recipe, device="cpu")
+        assert (bounder.certificate is None) == (name == "occupancy")
+        assert stored(scene, name).stat().st_size < 50_000
+
+
+def test_a_scene_that_there_is_not():
+    import warp_bounding as wb
+
+    pytest.importorskip("newton")
+    with pytest.raises(wb.BoundingError, match=r"expected scenes or files of .*rain-mlp.*, got snow"):
+        plan(["snow"])
