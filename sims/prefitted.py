@@ -25,17 +25,19 @@ class Recipe:
         query: Kind of query.
         budget: Seconds, where it is learned.
         options: More of what ``fit`` takes.
+        kept: Stored like what is learned, although it is a closed form, since a fit takes seconds.
     """
 
     method: str
     query: str = "point"
     budget: float = 60.0
     options: dict = field(default_factory=dict)
+    kept: bool = False
 
     @property
     def closed(self) -> bool:
-        """Whether a fit takes no time to speak of."""
-        return self.method in CLOSED
+        """Whether a fit takes no time to speak of, so that nothing is stored."""
+        return self.method in CLOSED and not self.kept
 
 
 def stored(scene: str, name: str, folder: Path = FOLDER) -> Path:

@@ -29,9 +29,10 @@ NARROW = {"containment": CONTAINMENT, "contact": CONTACT}
 RECIPES = {
     "aabb": Recipe("aabb"),
     "kdop": Recipe("kdop"),
+    "bvh": Recipe("bvh", options={"hidden": (50, 50)}, kept=True),  # of the network's memory
     "voxels": Recipe("voxels"),
     "learned-kdop": Recipe("learned-kdop", budget=20.0, options={"k": 40}),
-    "mlp": Recipe("mlp", budget=600.0, options={"hidden": (75, 75)}),
+    "mlp": Recipe("mlp", budget=420.0, options={"hidden": (50, 50)}),
     "mlp-early": Recipe("mlp-early", budget=300.0, options={"hidden": (50, 50)}),
     "aabb+mlp": Recipe("aabb+mlp"),
     "learned-kdop+mlp": Recipe("learned-kdop+mlp"),
