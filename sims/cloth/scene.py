@@ -44,7 +44,7 @@ DT = 1.0 / 480.0
 RESOLUTION = 64
 WORLD = 20.0  # largest coordinate of a particle or shape, in this scene and in the field
 ROUNDED = 1.0e4  # margins are rounded up to a multiple of its inverse
-HIDDEN = (8, 8)  # of all networks; `bvh` has their memory, half a kilobyte
+HIDDEN = (8, 8)  # of all networks but `occupancy`, which is a little smaller; `bvh` has their memory, half a kilobyte
 
 WIDTH, DROP, FALLING = 3.1, 0.04, 1.0  # of the cloth; its height over the bunny's ears and its speed
 MASS = 0.01  # of a particle, of a cloth of 65 x 65
@@ -71,7 +71,7 @@ RECIPES = {
     "mlp": Recipe("mlp", budget=40.0, options={"hidden": HIDDEN}),
     "mlp-early": Recipe("mlp-early", budget=40.0, options={"hidden": HIDDEN}),
     "aabb+mlp": Recipe("aabb+mlp"),
-    "occupancy": Recipe("occupancy", budget=20.0, options={"hidden": HIDDEN}),
+    "occupancy": Recipe("occupancy", budget=15.0, options={"hidden": (6, 6)}),
 }
 
 

@@ -26,13 +26,14 @@ from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorMesh
 from warp_bounding.launch import launch_blocks
 from warp_bounding.newton.kernels import (
-    BALL,
+    HULL,
     IN_MESH,
     IN_WORLD,
     Placed,
+    ask_bounders,
+    ask_hulls,
     block_size,
     gather_pairs,
-    mark_pairs,
     place_shapes,
 )
 
@@ -99,26 +100,23 @@ class ParticleCull:
         self._all = pipeline.soft_rigid_contact_pairs
         self.pairs = self.survivors = len(self._all)
         shape_count = self.model.shape_count
-        margins, sizes = np.zeros(shape_count, np.float32), np.zeros(shape_count, np.float32)
-        domains = np.zeros((shape_count, 2, 3), np.float32)
-        pairs = self._all.numpy()
-        self._groups = []
-        for bounder in {id(b): b for b in bounders.values()}.values():
-            shapes = sorted(s for s, b in bounders.items() if b is bounder)
-            for shape in shapes:
-                sizes[shape] = self._check(shape, bounder, unproven)
-                margins[shape] = np.inf if unproven else bounder.info["margin"]
-                lower, upper = bounder.domain.lower, bounder.domain.upper
-                domains[shape] = (lower + upper) / 2, (upper - lower) / 2
-            members = np.flatnonzero(np.isin(pairs[:, 1], shapes)).astype(np.int32)
-            if len(members):
-                self._groups.append((bounder, wp.array(members, dtype=wp.int32, device=self._device)))
+        margins, sizes = np.full(shape_count, -np.inf, np.float32), np.zeros(shape_count, np.float32)
+        domains, numbers = np.zeros((shape_count, 2, 3), np.float32), np.full(shape_count, -1, np.int32)
+        self._bounders = list({id(bounder): bounder for bounder in bounders.values()}.values())
+        for shape, bounder in bounders.items():
+            sizes[shape] = self._check(shape, bounder, unproven)
+            margins[shape] = np.inf if unproven else bounder.info["margin"]
+            lower, upper = bounder.domain.lower, bounder.domain.upper
+            domains[shape] = (lower + upper) / 2, (upper - lower) / 2
+            numbers[shape] = next(n for n, other in enumerate(self._bounders) if other is bounder)
+        self._numbers = wp.array(numbers, dtype=wp.int32, device=self._device)
         self._margins = wp.array(margins, dtype=wp.float32, device=self._device)
         self._sizes = wp.array(sizes, dtype=wp.float32, device=self._device)
         self._domains = wp.array(domains, dtype=wp.vec3, device=self._device)
         self._placed = wp.empty(shape_count, dtype=Placed, device=self._device)
-        self._balls = wp.empty((shape_count, BALL), dtype=wp.float32, device=self._device)
+        self._hulls = wp.empty((shape_count, HULL), dtype=wp.float32, device=self._device)
         self._asked = wp.empty(self.pairs, dtype=wp.int32, device=self._device)
+        self._left = wp.empty(-(-self.pairs // block_size(self._device)), dtype=wp.int32, device=self._device)
         self._asked_gap = _gap(pipeline)
         self._keep = wp.full(self.pairs, 1, dtype=wp.uint8, device=self._device)
         self._kept = wp.empty(self.pairs, dtype=wp.vec2i, device=self._device)
@@ -166,19 +164,19 @@ class ParticleCull:
         """
         model, device = self.model, self._device
         self._asked_gap = gap = _gap(self.pipeline) if gap is None else float(gap)
-        if not self._groups or not state.particle_q:
+        if not self._bounders or not self.pairs or not state.particle_q:
             return self._all
         shapes = [model.shape_transform, model.shape_body, model.shape_scale, model.shape_margin]
         inputs = [state.body_q, *shapes, self._domains, self._margins, self._sizes, gap]
-        outputs = [self._placed, self._balls]
+        outputs = [self._placed, self._hulls]
         wp.launch(place_shapes, dim=model.shape_count, inputs=inputs, outputs=outputs, device=device)
-        pairs, size = (
-            [self._all, state.particle_q, model.particle_radius, self._placed, self._balls],
-            block_size(device),
-        )
-        for bounder, members in self._groups:
-            inputs, outputs = [0, size, len(members), bounder.data, members, *pairs], [self._asked, self._keep]
-            launch_blocks(mark_pairs(bounder.source), len(members), inputs, outputs, device, first_index=0, block=size)
+        size, particles = block_size(device), [state.particle_q, model.particle_radius]
+        inputs, found = [0, size, self.pairs, self._all, *particles, self._hulls], [self._asked, self._left]
+        launch_blocks(ask_hulls, self.pairs, inputs, [*found, self._keep], device, first_index=0, block=size)
+        for number, bounder in enumerate(self._bounders):
+            inputs = [0, size, bounder.data, number, self._numbers, self._all, state.particle_q, self._placed, *found]
+            kernel = ask_bounders(bounder.source)
+            launch_blocks(kernel, self.pairs, inputs, [self._keep], device, first_index=0, block=size)
         indices, total = compact(self._keep)
         count = int(total.numpy()[0])
         wp.launch(gather_pairs, dim=count, inputs=[self._all, indices], outputs=[self._kept], device=device)

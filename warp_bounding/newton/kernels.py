@@ -1,7 +1,7 @@
 """Kernels of the cull: where shapes lie in one pass, which pairs a bounder lets through, and their list.
 
-Most pairs are far apart. So a loop over a block of pairs asks first whether the particle lies outside a ball around the bounder's domain, and lists
-the others; only those go to the bounder.
+Most pairs are far apart. So a loop over a block of pairs asks first whether the particle lies outside a ball around the bounder's domain, or outside
+the domain's box as it lies in the world, and lists the others; only those go to the bounder.
 """
 
 from functools import cache
@@ -14,7 +14,17 @@ from warp_bounding.bounders.functions import point_func
 from warp_bounding.bounders.source import Source
 from warp_bounding.native import named, unique_name
 
-__all__ = ["BALL", "IN_MESH", "IN_WORLD", "Placed", "block_size", "gather_pairs", "mark_pairs", "place_shapes"]
+__all__ = [
+    "HULL",
+    "IN_MESH",
+    "IN_WORLD",
+    "Placed",
+    "ask_bounders",
+    "ask_hulls",
+    "block_size",
+    "gather_pairs",
+    "place_shapes",
+]
 
 # What float32 does between a particle's place and the closest point, in units of 2^-24: of the coordinates in the mesh (the closest
 # point 16, the division by the scale 1, the search's own products 8) and of the way; and of the coordinates in the world: two
@@ -22,20 +32,20 @@ __all__ = ["BALL", "IN_MESH", "IN_WORLD", "Placed", "block_size", "gather_pairs"
 IN_MESH, IN_WORLD = 32.0, 256.0
 _WORLD_ROUNDING = wp.constant(IN_WORLD * UNIT32)
 _MESH_ROUNDING = wp.constant(IN_MESH * UNIT32)
-# Of the ball around a domain in the world, and of a distance from its middle: under 64 units in all.
-_BALL_ROUNDING = wp.constant(IN_WORLD * UNIT32)
+# Of the ball and the box around a domain in the world, and of a distance from its middle: under 64 units in all.
+_HULL_ROUNDING = wp.constant(IN_WORLD * UNIT32)
 # Of the sum that a bounder's margin is compared with: eight roundings.
 _SUM_ROUNDING = wp.constant(8.0 * UNIT32)
 # Off which a quaternion's square may be, as floats leave it; other ones do not only rotate.
 _UNIT_ROTATION = wp.constant(1.0e-6)
 
 
-BALL = 8  # numbers of a shape in ``balls``, see ``place_shapes``
+HULL = 20  # numbers of a shape in ``hulls``, see ``place_shapes``
 CPU_BLOCK = 1024  # pairs that one thread of a kernel goes through; CUDA: one
 
 
 def block_size(device: wp.Device) -> int:
-    """Pairs that one thread of ``mark_pairs`` goes through."""
+    """Pairs that one thread of a kernel goes through."""
     return CPU_BLOCK if device.is_cpu else 1
 
 
@@ -66,13 +76,15 @@ def place_shapes(
     gap: float,
     # outputs
     placed: wp.array(dtype=Placed),
-    balls: wp.array2d(dtype=float),
+    hulls: wp.array2d(dtype=float),
 ):
     """World to shape, by the operations of Newton's own pass; and what is asked of a particle q of radius r before its bounder is.
 
-    In ``balls``: 0 to 2 the centre of a ball in the world, 3 its squared radius: beyond it the bounder denies everything. And a bounder may be
-    asked at all only where ``[4] + [5] r + [6] (|q_x| + |q_y| + |q_z|) <= [7]``: its margin is then as far as the pass looks,
-    ``gap + (margin of the shape + r) / least scale``, and what rounding does.
+    In ``hulls``: 0 to 2 the centre of a ball in the world, 3 its squared radius, 8 to 16 the directions of a box about that centre, 17 to 19 half
+    of its size: beyond either the bounder denies everything. Rounding, when a hull is made and when it is asked, is within what is added: 256 units of
+    2^-24 of all lengths that enter, of which a rotation, a difference and a product take under 64. And a bounder may be asked at all only where
+    ``[4] + [5] r + [6] (|q_x| + |q_y| + |q_z|) <= [7]``: its margin is then as far as the pass looks,
+    ``gap + (margin of the shape + r) / least scale``, and what rounding does. A shape without a bounder has minus infinity there.
     """
     s = wp.tid()
     place = wp.transform_identity()
@@ -81,8 +93,9 @@ def place_shapes(
     to_world = wp.transform_multiply(place, shape_transform[s])
     scale = shape_scale[s]
     center = wp.transform_point(to_world, wp.cw_mul(domains[s, 0], scale))
-    radius = wp.length(wp.cw_mul(domains[s, 1], scale))
-    radius = radius + _BALL_ROUNDING * (radius + _size(center) + _size(wp.transform_get_translation(to_world)))
+    bare = wp.length(wp.cw_mul(domains[s, 1], scale))
+    rounding = _HULL_ROUNDING * (bare + _size(center) + _size(wp.transform_get_translation(to_world)))
+    radius = bare + rounding
     p = Placed()
     p.to_shape = wp.transform_inverse(to_world)
     p.scale = scale
@@ -92,17 +105,26 @@ def place_shapes(
     if not wp.abs(wp.dot(turn, turn) - 1.0) <= _UNIT_ROTATION:
         square = wp.inf  # the bounder itself is asked, in the coordinates of Newton's pass
     for k in range(3):
-        balls[s, k] = center[k]
-    balls[s, 3] = square
+        hulls[s, k] = center[k]
+        axis = wp.vec3(0.0, 0.0, 0.0)
+        axis[k] = 1.0
+        axis = wp.quat_rotate(turn, axis)
+        for j in range(3):
+            hulls[s, 8 + 3 * k + j] = axis[j]
+        half = wp.abs(domains[s, 1][k] * scale[k]) + rounding
+        if square == wp.inf:
+            half = wp.inf
+        hulls[s, 17 + k] = half
+    hulls[s, 3] = square
     inverse = 1.0 / wp.min(wp.min(wp.abs(scale[0]), wp.abs(scale[1])), wp.abs(scale[2]))
     widened = shape_margin[s] * inverse
     reach = gap + widened
     world = _size(wp.transform_get_translation(p.to_shape)) * inverse
-    rounding = _MESH_ROUNDING * (sizes[s] + wp.abs(reach)) + _WORLD_ROUNDING * world
-    balls[s, 4] = reach + rounding + _SUM_ROUNDING * (wp.abs(gap) + wp.abs(widened))
-    balls[s, 5] = inverse * (1.0 + _MESH_ROUNDING + _SUM_ROUNDING)
-    balls[s, 6] = inverse * _WORLD_ROUNDING
-    balls[s, 7] = margins[s]
+    moved = _MESH_ROUNDING * (sizes[s] + wp.abs(reach)) + _WORLD_ROUNDING * world
+    hulls[s, 4] = reach + moved + _SUM_ROUNDING * (wp.abs(gap) + wp.abs(widened))
+    hulls[s, 5] = inverse * (1.0 + _MESH_ROUNDING + _SUM_ROUNDING)
+    hulls[s, 6] = inverse * _WORLD_ROUNDING
+    hulls[s, 7] = margins[s]
 
 
 @wp.kernel(enable_backward=False)
@@ -122,37 +144,61 @@ def gather_pairs(
 const int* const pair = (const int*)pairs.data;
 const float* const place = (const float*)particle_q.data;
 int count = 0;
-for (int m = begin; m < end; ++m) {
-    const int i = members.data[m];
+for (int i = begin; i < end; ++i) {
     const int p = pair[2 * i];
-    const float* const b = balls.data + 8 * pair[2 * i + 1];
+    const float* const b = hulls.data + 20 * pair[2 * i + 1];
     const float x = place[3 * p], y = place[3 * p + 1], z = place[3 * p + 2];
     const bool known = b[4] + b[5] * particle_radius.data[p] + b[6] * (fabsf(x) + fabsf(y) + fabsf(z)) <= b[7];
     const float dx = x - b[0], dy = y - b[1], dz = z - b[2];
-    const bool away = dx * dx + dy * dy + dz * dz > b[3];
-    keep.data[i] = !(known && away);
+    bool maybe = known && !(dx * dx + dy * dy + dz * dz > b[3]);
+    if (maybe) for (int k = 0; k < 3; ++k) {
+        const float* const u = b + 8 + 3 * k;
+        maybe = maybe && !(fabsf(u[0] * dx + u[1] * dy + u[2] * dz) > b[17 + k]);
+    }
+    keep.data[i] = !known;
     asked.data[begin + count] = i;
-    count += known && !away;
+    count += maybe;
 }
 return count;
 """)
-def _ask_balls(
-    members: wp.array(dtype=wp.int32),
+def _ask_hulls(
     begin: int,
     end: int,
     pairs: wp.array(dtype=wp.vec2i),
     particle_q: wp.array(dtype=wp.vec3),
     particle_radius: wp.array(dtype=float),
-    balls: wp.array2d(dtype=float),
+    hulls: wp.array2d(dtype=float),
     asked: wp.array(dtype=wp.int32),
     keep: wp.array(dtype=wp.uint8),
 ) -> int:
     """Decide the pairs that need no bounder, and list the others from ``asked[begin]`` on; returns how many these are."""
 
 
+@wp.kernel(enable_backward=False)
+def ask_hulls(
+    # inputs
+    first: int,
+    size: int,
+    count: int,
+    pairs: wp.array(dtype=wp.vec2i),
+    particle_q: wp.array(dtype=wp.vec3),
+    particle_radius: wp.array(dtype=float),
+    hulls: wp.array2d(dtype=float),
+    # outputs
+    asked: wp.array(dtype=wp.int32),
+    left: wp.array(dtype=wp.int32),
+    keep: wp.array(dtype=wp.uint8),
+):
+    """A block of pairs: those that are decided without a bounder, and a list of the others with its length."""
+    block = first + wp.tid()
+    begin = block * size
+    end = wp.min(begin + size, count)
+    left[block] = _ask_hulls(begin, end, pairs, particle_q, particle_radius, hulls, asked, keep)
+
+
 @cache
-def mark_pairs(source: Source) -> wp.Kernel:
-    """The kernel that asks bounders of one source about pairs."""
+def ask_bounders(source: Source) -> wp.Kernel:
+    """The kernel that asks a bounder of this source about the pairs of its shapes that ``ask_hulls`` has listed."""
     test = point_func(source)
 
     @named(unique_name(source, "newton")).kernel
@@ -160,27 +206,27 @@ def mark_pairs(source: Source) -> wp.Kernel:
         # inputs
         first: int,
         size: int,
-        count: int,
         data: Data,
-        members: wp.array(dtype=wp.int32),
+        number: int,
+        numbers: wp.array(dtype=wp.int32),
         pairs: wp.array(dtype=wp.vec2i),
         particle_q: wp.array(dtype=wp.vec3),
-        particle_radius: wp.array(dtype=float),
         placed: wp.array(dtype=Placed),
-        balls: wp.array2d(dtype=float),
-        # outputs
         asked: wp.array(dtype=wp.int32),
+        left: wp.array(dtype=wp.int32),
+        # outputs
         keep: wp.array(dtype=wp.uint8),
     ):
-        begin = (first + wp.tid()) * size
-        end = wp.min(begin + size, count)
-        left = _ask_balls(members, begin, end, pairs, particle_q, particle_radius, balls, asked, keep)
-        for k in range(left):
-            i = asked[begin + k]
+        block = first + wp.tid()
+        for k in range(left[block]):
+            i = asked[block * size + k]
             pair = pairs[i]
-            shape = placed[pair[1]]
-            x = wp.cw_div(wp.transform_point(shape.to_shape, particle_q[pair[0]]), shape.scale)
-            if not test(data, x):
-                keep[i] = wp.uint8(0)
+            if numbers[pair[1]] == number:
+                shape = placed[pair[1]]
+                x = wp.cw_div(wp.transform_point(shape.to_shape, particle_q[pair[0]]), shape.scale)
+                if test(data, x):
+                    keep[i] = wp.uint8(1)
+                else:
+                    keep[i] = wp.uint8(0)
 
     return ask
