@@ -32,7 +32,8 @@ class Run:
         missed: Contacts (or hits, or collisions) that the reference has and this run lacks.
         identical: Whether the result is the reference's, to the bit.
         fp_rate: False positives of the bounder, per cent of random queries in its domain; ``None`` for the reference.
-        certificate: Kind of the bounder's certificate, ``"proven"`` or ``"statistical"``; empty where it has none.
+        certificate: Kind of the bounder's certificate, ``"proven"`` or ``"statistical"``; empty where it has none; ``"by construction"`` of
+            what is no bounder, and needs none.
         section: Runs of one section have one reference, the first of them; empty where a demo has only one.
         extra: More numbers of the demo's own, by name; they become keys beside the others.
     """
@@ -147,15 +148,14 @@ def kept(runs: list[Run]) -> bool:
 def verdict(runs: list[Run], what: str = "contacts") -> str:
     """A few sentences, with markup: what was kept, and what the unproven ones lost."""
     broken = [run for run in runs if run.conservative and (run.missed or not run.identical)]
-    asked = [run for run in runs if run.conservative and run.certificate]
-    proven = sum(run.certificate == "proven" for run in asked)
+    proven, statistical = (sum(run.certificate == kind for run in runs) for kind in ("proven", "statistical"))
     if broken:
         names = ", ".join(f"{run.bounder} ({run.section})" if run.section else run.bounder for run in broken)
         lines = [f"[bold red]Broken promise: {names} missed {what}, or ended differently.[/]"]
     else:
         count = f"The {proven} runs with proven bounders"
-        if len(asked) > proven:
-            count += f", and the {len(asked) - proven} with statistical ones,"
+        if statistical:
+            count += f", and the {statistical} with statistical ones,"
         lines = [f"{count} missed none of the {what}; their results are identical, to the bit, to the one without."]
     for run in runs:
         if not run.conservative:
