@@ -5,8 +5,6 @@ python -m sims.page results/demos                                           # wr
 """
 
 import json
-import os
-import platform
 import sys
 from itertools import groupby
 from pathlib import Path
@@ -33,24 +31,30 @@ def page(folder: Path) -> str:
     Raises:
         BoundingError: If there are none, or one is not what a demo printed.
     """
-    parts = ["# What the demos measured", ""]
-    parts += [
-        f"`warp-bounding demo NAME --json > results/demos/NAME.json`, then `python -m sims.page results/demos`. {_machine()}.",
-        "Milliseconds are medians, or means where a demo says so, and noisy; compare within a table. *Missed*: contacts, shadow pixels, colliding",
-        "states and edges that the run without a broad phase has and this one lacks. A `statistical` certificate is no proof.",
-    ]
     found = [name for name in DEMOS if (folder / f"{name}.json").is_file()]
     if not found:
         raise wb.BoundingError(f"{folder}: expected files such as {DEMOS[0]}.json, found none")
-    for name in found:
-        parts += ["", *_demo(json.loads((folder / f"{name}.json").read_text()))]
+    answers = [_read(folder / f"{name}.json") for name in found]
+    machines = "; ".join(sorted({answer["machine"] for answer in answers}))
+    parts = ["# What the demos measured", ""]
+    parts += [
+        f"`warp-bounding demo NAME --json > results/demos/NAME.json`, then `python -m sims.page results/demos`. {machines}.",
+        "Milliseconds are medians, and noisy; compare within a table. *Missed*: contacts, shadow pixels, colliding",
+        "states and edges that the run without a broad phase has and this one lacks. A `statistical` certificate is no proof.",
+    ]
+    for answer in answers:
+        parts += ["", *_demo(answer)]
     return "\n".join(parts) + "\n"
 
 
-def _machine() -> str:
-    import warp
-
-    return f"Python {platform.python_version()}, Warp {warp.__version__}, {os.cpu_count()} cores"
+def _read(path: Path) -> dict:
+    try:
+        answer = json.loads(path.read_text())
+    except json.JSONDecodeError as error:
+        raise wb.BoundingError(f"{path}: expected what a demo prints with --json, got something else") from error
+    if not isinstance(answer, dict) or not {"demo", "machine", "runs", "steps"} <= answer.keys():
+        raise wb.BoundingError(f"{path}: expected what a demo prints with --json, got something else")
+    return answer
 
 
 def _demo(answer: dict) -> list[str]:

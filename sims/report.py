@@ -1,10 +1,13 @@
 """What all demos print and return: one table of runs, a verdict, a row a bounder, and progress on standard error."""
 
+import os
+import platform
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from itertools import groupby
 
+import warp as wp
 from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -52,8 +55,8 @@ class Run:
 
     @property
     def conservative(self) -> bool:
-        """Whether this run must keep the promise."""
-        return self.bounder not in UNPROVEN
+        """Whether this run must keep the promise: what has neither a proof nor need of one promises nothing."""
+        return self.bounder not in UNPROVEN and self.certificate != "statistical"
 
     def to_dict(self) -> dict:
         """JSON-ready."""
@@ -148,23 +151,28 @@ def kept(runs: list[Run]) -> bool:
 def verdict(runs: list[Run], what: str = "contacts") -> str:
     """A few sentences, with markup: what was kept, and what the unproven ones lost."""
     broken = [run for run in runs if run.conservative and (run.missed or not run.identical)]
-    proven, statistical = (sum(run.certificate == kind for run in runs) for kind in ("proven", "statistical"))
+    proven = sum(run.certificate == "proven" for run in runs)
+    lines = []
     if broken:
-        names = ", ".join(f"{run.bounder} ({run.section})" if run.section else run.bounder for run in broken)
+        names = ", ".join(_named(run) for run in broken)
         lines = [f"[bold red]Broken promise: {names} missed {what}, or ended differently.[/]"]
-    else:
-        count = f"The {proven} runs with proven bounders"
-        if statistical:
-            count += f", and the {statistical} with statistical ones,"
-        lines = [f"{count} missed none of the {what}; their results are identical, to the bit, to the one without."]
+    elif proven:
+        count = f"The {proven} run{'s' * (proven > 1)} with proven bounders missed none of the {what}"
+        lines = [f"{count}; the results are identical, to the bit, to the one without."]
     for run in runs:
         if not run.conservative:
-            where = f" ({run.section})" if run.section else ""
-            lines.append(f"[red]{run.bounder}[/]{where}, which has no proof, missed {run.missed:,} {what}.")
+            proof = "which has no proof" if not run.certificate else "whose certificate is statistical"
+            lost = f"missed {run.missed:,} {what}" if run.missed or not run.identical else f"missed none of the {what}"
+            lines.append(f"[red]{_named(run)}[/], {proof}, {lost}.")
     return " ".join(lines)
+
+
+def _named(run: Run) -> str:
+    return f"{run.bounder} ({run.section})" if run.section else run.bounder
 
 
 def result(demo: str, shape: str, steps: int, runs: list[Run], pictures: list, **more) -> dict:
     """What a demo returns, JSON-ready; ``identical`` is ``kept``: of the conservative runs."""
     head = {"demo": demo, "shape": shape, "steps": steps, "runs": [run.to_dict() for run in runs]}
+    head["machine"] = f"Python {platform.python_version()}, Warp {wp.__version__}, {os.cpu_count()} cores"
     return head | {"identical": kept(runs), "pictures": [str(p) for p in pictures]} | more

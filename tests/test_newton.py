@@ -139,6 +139,36 @@ def test_candidates_of_another_gap_are_refused(bunny):
         cull.collide(state, contacts, candidates=kept, soft_contact_margin=0.02)
 
 
+def test_arrays_with_gaps_between_their_numbers(bunny):
+    """Views of larger arrays: Newton reads them as they are meant, and so must the cull."""
+    model, mesh, shapes = scene(bunny, particles=2000)
+    pipeline = newton.CollisionPipeline(model)
+    state, contacts = model.state(), pipeline.contacts()
+    pipeline.collide(state, contacts)
+    there = records(contacts)
+    for name, of in (("particle_q", state), ("particle_radius", model)):
+        values = getattr(of, name).numpy()
+        wide = np.stack([values, np.zeros_like(values) - 99.0], axis=1)
+        setattr(of, name, wp.array(wide, dtype=getattr(of, name).dtype, device="cpu")[:, 0])
+        assert not getattr(of, name).is_contiguous
+    cull = ParticleCull(pipeline, dict.fromkeys(shapes, bounder_of(bunny, mesh, pipeline)))
+    cull.collide(state, contacts)
+    here = records(contacts)
+    assert len(there[0]) == len(here[0]) > 10
+    assert all((a == b).all() for a, b in zip(there, here, strict=True))
+    assert cull.survivors < cull.pairs
+
+
+@pytest.mark.parametrize(
+    ("reach", "scale", "world"), [(-0.1, 1.0, 1.0), (0.1, 0.0, 1.0), (0.1, 1.0, -1.0), (0.1, 1.0, float("nan"))]
+)
+def test_a_margin_of_nonsense_is_refused(bunny, reach, scale, world):
+    mesh = newton.Mesh(bunny.vertices, bunny.faces.reshape(-1))
+    with pytest.raises(wb.BounderError, match="at least 0 and scale not 0"):
+        margin_for(mesh, reach, scale=scale, world=world)
+    assert margin_for(mesh, 0.1, scale=-2.0, world=1.0) == margin_for(mesh, 0.1, scale=2.0, world=1.0) > 0.1 / 2
+
+
 def test_no_pair_is_left(bunny):
     model, mesh, shapes = scene(bunny, particles=200)
     pipeline = newton.CollisionPipeline(model)

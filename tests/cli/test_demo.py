@@ -75,6 +75,14 @@ def test_options_that_a_demo_does_not_have(capsys, arguments, message):
     assert len(err.strip().splitlines()) == 1
 
 
+def test_a_file_is_no_folder(asked, capsys, tmp_path):
+    (tmp_path / "file").write_text("")
+    status, out, err = run(capsys, "demo", "particles", "--out", tmp_path / "file")
+    assert (status, out) == (2, "")
+    assert "out must be a folder that can be written to" in err
+    assert "quick" not in asked
+
+
 def test_without_newton_one_line_names_the_extra(capsys, monkeypatch):
     for name in [
         n for n in sys.modules if n.split(".")[0] == "newton" or n.startswith(("sims.cloth", "warp_bounding.newton"))

@@ -161,7 +161,9 @@ def test_a_broken_promise_is_told(place, library, capsys):
     assert "occupancy" not in err.partition("promise broken")[2]
 
 
-def test_an_interrupted_fit_is_no_result(place, library, capsys):
+def test_an_interrupted_fit_is_no_result(place, library, capsys, request):
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs begin without one
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
     library(interrupted="mlp")
     status, _, err = table1(capsys, place, *QUICK)
     assert status == 1

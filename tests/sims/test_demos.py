@@ -4,6 +4,7 @@ from importlib import import_module
 
 import pytest
 
+import warp_bounding as wb
 from sims.prefitted import bounder_from, stored
 from sims.refit import plan
 from warp_bounding.cli.demo import DEMOS
@@ -41,9 +42,16 @@ def test_all_files_fit_the_scenes_that_they_are_for():
         assert stored(scene, name).stat().st_size < 50_000
 
 
-def test_a_scene_that_there_is_not():
-    import warp_bounding as wb
+@pytest.mark.slow
+def test_what_is_proven_is_proven_anew():
+    pytest.importorskip("newton")
+    for scene, name, recipe, grid in plan([]):
+        bounder = bounder_from(stored(scene, name), grid, recipe, device="cpu")
+        if bounder.certificate is not None and bounder.certificate.proven:
+            assert wb.certify(bounder, grid).proven, (scene, name)
 
+
+def test_a_scene_that_there_is_not():
     pytest.importorskip("newton")
     with pytest.raises(wb.BoundingError, match=r"expected scenes or files of .*rain-mlp.*, got snow"):
         plan(["snow"])

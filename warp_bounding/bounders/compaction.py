@@ -17,7 +17,7 @@ CUDA_BLOCK = 64
 @wp.func_native("""
 const int begin = block * size; const int end = begin + size < count ? begin + size : count;
 int sum = 0;
-for (int i = begin; i < end; ++i) sum += mask.data[i];
+for (int i = begin; i < end; ++i) sum += mask.data[i] != 0;
 counts.data[block] = sum;
 """)
 def _count_block(
@@ -29,7 +29,7 @@ def _count_block(
 const int begin = block * size; const int end = begin + size < count ? begin + size : count;
 int at = block > 0 ? ends.data[block - 1] : 0;
 const int last = ends.data[block];
-for (int i = begin; i < end && at < last; ++i) { indices.data[at] = i; at += mask.data[i]; }
+for (int i = begin; i < end && at < last; ++i) { indices.data[at] = i; at += mask.data[i] != 0; }
 if (end == count) total.data[0] = last;
 """)
 def _write_block(
@@ -72,7 +72,7 @@ def _write(
 
 
 def compact(mask: wp.array) -> tuple[wp.array, wp.array]:
-    """Indices of the ones in a mask of zeros and ones.
+    """Indices of what is not zero in a mask.
 
     Args:
         mask: ``(N,)`` uint8.

@@ -46,8 +46,9 @@ def command(
 
         run = import_module(f"sims.{name}").run
         _check(name, run, options)
+        folder = _folder(out)
         result = run(
-            Path(out),
+            folder,
             quick=quick,
             refit=refit,
             budget=budget,
@@ -64,6 +65,15 @@ def command(
     if json:
         print_json(result)
     return 0 if result["identical"] else 1
+
+
+def _folder(out: str) -> Path:
+    """The folder, made if there is none: before a run, not after it."""
+    try:
+        Path(out).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BoundingError(f"out must be a folder that can be written to, got {out}: {error.strerror}") from error
+    return Path(out)
 
 
 def _check(name: str, run, options: dict[str, Any]) -> None:

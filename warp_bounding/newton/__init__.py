@@ -49,7 +49,7 @@ __all__ = ["ParticleCull", "margin_for"]
 MESHES = (int(newton.GeoType.MESH), int(newton.GeoType.CONVEX_MESH))
 
 
-def margin_for(mesh: newton.Mesh, reach: float, *, scale: float = 1.0, world: float = 0.0) -> float:
+def margin_for(mesh: newton.Mesh, reach: float, *, world: float, scale: float = 1.0) -> float:
     """The ``margin`` to fit a bounder with, so that ``ParticleCull`` takes it.
 
     Args:
@@ -60,7 +60,15 @@ def margin_for(mesh: newton.Mesh, reach: float, *, scale: float = 1.0, world: fl
 
     Returns:
         In the mesh's own units.
+
+    Raises:
+        BounderError: For a negative reach or world, or no scale.
     """
+    scale = abs(float(scale))
+    if not (reach >= 0 and world >= 0 and scale > 0):
+        raise BounderError(
+            f"reach and world must be at least 0 and scale not 0, got {reach:g}, {world:g} and {scale:g}"
+        )
     coordinates = float(np.abs(np.asarray(mesh.vertices)).max())
     way = reach / min(scale, 1.0)  # the pass does not divide its gap by the scale: at least this for scales up to 1
     return (way + IN_MESH * UNIT32 * (coordinates + way) + IN_WORLD * UNIT32 * 6.0 * world / scale) * (1 + 1e-6)
@@ -97,7 +105,7 @@ class ParticleCull:
         self.pipeline, self.model = pipeline, pipeline.model
         if getattr(pipeline, "requires_grad", False):
             raise BounderError("a differentiable pipeline reads its pairs again when it goes backwards; they must stay")
-        self._all = pipeline.soft_rigid_contact_pairs
+        self._all = pipeline.soft_rigid_contact_pairs.contiguous()
         self.pairs = self.survivors = len(self._all)
         shape_count = self.model.shape_count
         margins, sizes = np.full(shape_count, -np.inf, np.float32), np.zeros(shape_count, np.float32)
@@ -170,11 +178,12 @@ class ParticleCull:
         inputs = [state.body_q, *shapes, self._domains, self._margins, self._sizes, gap]
         outputs = [self._placed, self._hulls]
         wp.launch(place_shapes, dim=model.shape_count, inputs=inputs, outputs=outputs, device=device)
-        size, particles = block_size(device), [state.particle_q, model.particle_radius]
+        size = block_size(device)
+        particles = [array.contiguous() for array in (state.particle_q, model.particle_radius)]
         inputs, found = [0, size, self.pairs, self._all, *particles, self._hulls], [self._asked, self._left]
         launch_blocks(ask_hulls, self.pairs, inputs, [*found, self._keep], device, first_index=0, block=size)
         for number, bounder in enumerate(self._bounders):
-            inputs = [0, size, bounder.data, number, self._numbers, self._all, state.particle_q, self._placed, *found]
+            inputs = [0, size, bounder.data, number, self._numbers, self._all, particles[0], self._placed, *found]
             kernel = ask_bounders(bounder.source)
             launch_blocks(kernel, self.pairs, inputs, [self._keep], device, first_index=0, block=size)
         indices, total = compact(self._keep)
@@ -205,7 +214,7 @@ class ParticleCull:
         scale = float(np.abs(self.model.shape_scale.numpy()[shape]).min())
         radius = float(self.model.particle_radius.numpy().max(initial=0.0))
         reach = radius + float(self.model.shape_margin.numpy()[shape]) + _gap(self.pipeline)
-        needed, given = margin_for(mesh, reach, scale=scale), bounder.info["margin"]
+        needed, given = margin_for(mesh, reach, world=0.0, scale=scale), bounder.info["margin"]
         if not given >= needed:
             raise BounderError(
                 f"shape {shape}: expected a bounder with a margin of {needed:.6g} at least, got {given:.6g}"

@@ -38,6 +38,7 @@ _HULL_ROUNDING = wp.constant(IN_WORLD * UNIT32)
 _SUM_ROUNDING = wp.constant(8.0 * UNIT32)
 # Off which a quaternion's square may be, as floats leave it; other ones do not only rotate.
 _UNIT_ROTATION = wp.constant(1.0e-6)
+_LONGEST_ROTATION = wp.constant(2.0)
 
 
 HULL = 20  # numbers of a shape in ``hulls``, see ``place_shapes``
@@ -100,10 +101,11 @@ def place_shapes(
     p.to_shape = wp.transform_inverse(to_world)
     p.scale = scale
     placed[s] = p
-    square = radius * radius
     turn = wp.transform_get_rotation(to_world)
-    if not wp.abs(wp.dot(turn, turn) - 1.0) <= _UNIT_ROTATION:
-        square = wp.inf  # the bounder itself is asked, in the coordinates of Newton's pass
+    length = wp.dot(turn, turn)
+    beyond = 0.0
+    if not wp.abs(length - 1.0) <= _UNIT_ROTATION:
+        beyond = wp.inf  # the bounder itself is asked, in the coordinates of Newton's pass
     for k in range(3):
         hulls[s, k] = center[k]
         axis = wp.vec3(0.0, 0.0, 0.0)
@@ -111,11 +113,8 @@ def place_shapes(
         axis = wp.quat_rotate(turn, axis)
         for j in range(3):
             hulls[s, 8 + 3 * k + j] = axis[j]
-        half = wp.abs(domains[s, 1][k] * scale[k]) + rounding
-        if square == wp.inf:
-            half = wp.inf
-        hulls[s, 17 + k] = half
-    hulls[s, 3] = square
+        hulls[s, 17 + k] = wp.abs(domains[s, 1][k] * scale[k]) + rounding + beyond
+    hulls[s, 3] = radius * radius + beyond
     inverse = 1.0 / wp.min(wp.min(wp.abs(scale[0]), wp.abs(scale[1])), wp.abs(scale[2]))
     widened = shape_margin[s] * inverse
     reach = gap + widened
@@ -125,6 +124,8 @@ def place_shapes(
     hulls[s, 5] = inverse * (1.0 + _MESH_ROUNDING + _SUM_ROUNDING)
     hulls[s, 6] = inverse * _WORLD_ROUNDING
     hulls[s, 7] = margins[s]
+    if not length <= _LONGEST_ROTATION:
+        hulls[s, 7] = -wp.inf  # no bounder is asked: rounding is more than what is added
 
 
 @wp.kernel(enable_backward=False)
