@@ -73,7 +73,8 @@ def run(
         resolution: Cells along an object's longest side.
 
     Returns:
-        JSON-ready, see ``report.result``; of each run ``hits``: calls that found the ray stopped; ``size``, ``rays`` (shadow rays of all pictures), ``device``, ``bounders``: rows of each object.
+        JSON-ready, see ``report.result``; of each run ``hits``: calls that found the ray stopped; ``size``, ``rays`` (shadow rays of all
+            pictures), ``device``, ``bounders``: rows of each object.
 
     Raises:
         BoundingError: For an impossible option, an unknown device or a bounder file that does not fit.
