@@ -34,7 +34,9 @@ RECIPES = {
     "learned-kdop": Recipe("learned-kdop", budget=20.0, options={"k": 40}),
     "mlp": Recipe("mlp", budget=420.0, options={"hidden": (50, 50)}),
     "mlp-early": Recipe("mlp-early", budget=300.0, options={"hidden": (50, 50)}),
+    "bvh-1500": Recipe("bvh", options={"leaves": 1500}, kept=True),  # a tenth of the memory of voxels
     "aabb+mlp": Recipe("aabb+mlp"),
+    "mlp+bvh-1500": Recipe("mlp+bvh"),
     "learned-kdop+mlp": Recipe("learned-kdop+mlp"),
     "occupancy": Recipe("occupancy", budget=60.0, options={"hidden": (50, 50)}),
 }
