@@ -12,9 +12,24 @@ from itertools import pairwise
 
 import warp as wp
 
-__all__ = ["cores", "launch_on_all_cores"]
+import warp_bounding as wb
+
+__all__ = ["cores", "device_of", "launch_on_all_cores"]
 
 SMALLEST_SHARE = 256  # items per thread under which waking a thread costs more than it saves
+
+
+def device_of(name: str | None) -> wp.Device:
+    """The Warp device of this name; the default device if ``None``.
+
+    Raises:
+        QueryError: If there is none.
+    """
+    try:
+        return wp.get_device(name)
+    except (ValueError, RuntimeError) as error:
+        names = ", ".join(str(device) for device in wp.get_devices())
+        raise wb.QueryError(f"device must be one of {names}, got {name!r}") from error
 
 
 def cores() -> int:

@@ -24,6 +24,7 @@ import numpy as np
 import warp as wp
 
 import warp_bounding as wb
+from sims.cores import device_of
 from sims.particles.kernels import DRAG, DT, GRAVITY, RADIUS, WIND, Rain
 
 __all__ = ["PERIOD", "Scene", "bunny", "moving"]
@@ -84,13 +85,7 @@ class Scene:
         Raises:
             BoundingError: If there is no such device.
         """
-        try:
-            return cls(moving(bunny()), wp.get_device(device))
-        except (ValueError, RuntimeError) as error:
-            if isinstance(error, wb.BoundingError):
-                raise
-            names = ", ".join(str(d) for d in wp.get_devices())
-            raise wb.QueryError(f"device must be one of {names}, got {device!r}") from error
+        return cls(moving(bunny()), device_of(device))
 
     @property
     def margin(self) -> float:

@@ -29,7 +29,7 @@ import numpy as np
 import warp as wp
 
 import warp_bounding as wb
-from sims.cores import launch_on_all_cores
+from sims.cores import device_of, launch_on_all_cores
 from sims.shadows.chair import chair
 from sims.shadows.kernels import Camera, see_floor, see_mesh
 
@@ -111,12 +111,7 @@ class Scene:
         """
         shapes = objects()
         camera = look((0.9, 2.45, 5.0), (0.5, 0.66, 0.0), 33.0, width, height)
-        try:
-            place = wp.get_device(device)
-        except (ValueError, RuntimeError) as error:
-            names = ", ".join(str(d) for d in wp.get_devices())
-            raise wb.QueryError(f"device must be one of {names}, got {device!r}") from error
-        return cls(shapes, float(shapes["bunny"].bounds[0, 1]), camera, place)
+        return cls(shapes, float(shapes["bunny"].bounds[0, 1]), camera, device_of(device))
 
     def margin(self, name: str) -> float:
         """By what the bounder of an object must dilate it, world units: the tolerance of a hit, and what its check rounds."""
