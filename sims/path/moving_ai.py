@@ -45,7 +45,7 @@ def read_map(path: Path) -> wb.IndicatorGrid:
             raise wb.IndicatorError(f"{path}: line {number}: expected cells of {FREE}{BLOCKED}, got {min(unknown)!r}")
     occupancy = np.array([[cell in BLOCKED for cell in row] for row in rows])
     scale = np.full(2, max(height, width, 2) - 1.0)
-    return wb.IndicatorGrid(occupancy, cells_per_unit=scale, offset=np.zeros(2), name=str(path))
+    return wb.IndicatorGrid(occupancy, cells_per_unit=scale, offset=np.zeros(2), name=path.name)
 
 
 def scen_beside(path: Path) -> Path | None:

@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
+import warp_bounding as wb
 from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, load_indicator
 
 DATA = Path(os.environ.get("WARP_BOUNDING_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -209,3 +210,37 @@ def test_npz_is_a_zip_with_arrays(tmp_path):
     with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
         archive.write(tmp_path / "a.npy", "occupancy.npy")
     assert load_indicator(tmp_path / "a.npz").occupancy.tolist() == [True, False]
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.npy", "a.npz", "a.binvox", "a.obj", "a.glb", "a.usda"])
+def test_a_file_gives_its_name_and_not_its_folder(tmp_path, name, blob, write_binvox):
+    path = tmp_path / "somebody" / name
+    path.parent.mkdir()
+    match path.suffix:
+        case ".png":
+            save_png(path, np.uint8(255 * np.eye(4)))
+        case ".npy":
+            np.save(path, blob)
+        case ".npz":
+            np.savez(path, blob)
+        case ".binvox":
+            write_binvox(path, blob)
+        case ".usda":
+            pytest.importorskip("pxr", reason="usd-core is not installed")
+            text = """#usda 1.0
+def Mesh "m" {
+    point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
+    int[] faceVertexCounts = [3]
+    int[] faceVertexIndices = [0, 1, 2]
+}
+"""
+            path.write_text(text)
+        case _:
+            BOX.export(path)
+    shape = load_indicator(path)
+    assert shape.name == name
+    assert shape.to_grid().name == name
+    bounder = wb.fit(shape, method="aabb", device="cpu")
+    assert bounder.info["name"] == name
+    bounder.save(tmp_path / "b.safetensors")
+    assert b"somebody" not in (tmp_path / "b.safetensors").read_bytes()

@@ -94,7 +94,7 @@ def _load_file(path: Path, time: bool | None) -> IndicatorGrid | IndicatorMesh:
             return read_mesh(path)
         if suffix in USD_SUFFIXES:
             return read_usd(path)
-        return _grid(_ARRAY_READERS[suffix](path), str(path), time)
+        return _grid(_ARRAY_READERS[suffix](path), path.name, time)
     except (OSError, ValueError) as error:  # no permission, a name with a null byte, ...
         if isinstance(error, IndicatorError):
             raise

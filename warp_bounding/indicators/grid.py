@@ -34,7 +34,7 @@ class IndicatorGrid:
         occupancy: ``(R_0, ..., R_{n-1})`` bool, read-only; coordinate k is array axis k.
         cells_per_unit: ``(n,)`` float64, cells per unit of object length, each a positive float32.
         offset: ``(n,)`` float64, multiples of 1/2.
-        name: What it was read from, for messages.
+        name: What it was read from, for messages and files: of a file its name, never the folder that it lies in.
         time: Coordinate 0 is time (an animated shape); a query outside its range has no certain answer.
         margin: How far the object was dilated before it was divided into cells, object units.
         resolution: The ``resolution`` that a mesh was voxelised with; ``None`` where the grid was given as one.

@@ -30,7 +30,7 @@ def read_mesh(path: Path) -> IndicatorMesh:
     # process=False: trimesh's clean-up would drop vertices that are NaN, and with them the evidence of a damaged file.
     options = {"skip_materials": True} if path.suffix.lower() == ".obj" else {}
     with reading(path, f"a {path.suffix.lower()} mesh"):
-        return mesh_from_trimesh(trimesh.load_scene(str(path), process=False, **options), name=str(path))
+        return mesh_from_trimesh(trimesh.load_scene(str(path), process=False, **options), name=path.name)
 
 
 def mesh_from_trimesh(source: "trimesh.Trimesh | trimesh.Scene", *, name: str) -> IndicatorMesh:

@@ -70,7 +70,7 @@ def read_usd(path: Path) -> IndicatorMesh:
     notes = [f"not read, as they are not meshes: {', '.join(sorted(others))}"] if others else []
     notes += ["animated: only its first pose is bounded"] if moving else []
     vertices, faces = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    return IndicatorMesh(vertices, faces, name=str(path), note="; ".join(notes))
+    return IndicatorMesh(vertices, faces, name=path.name, note="; ".join(notes))
 
 
 def _mesh(mesh: "UsdGeom.Mesh", matrix: np.ndarray, time: "Usd.TimeCode", name: str) -> tuple[np.ndarray, np.ndarray]:
