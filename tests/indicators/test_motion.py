@@ -81,7 +81,7 @@ def test_it_does_not_depend_on_how_often_it_is_asked():
 def test_an_open_mesh_says_so():
     solid = SOLIDS["box"]()
     grid = IndicatorMotion(turning(solid), solid.faces[1:]).to_grid(resolution=6)
-    assert "open mesh" in grid.note
+    assert "surface only" in grid.note
 
 
 @pytest.mark.parametrize(

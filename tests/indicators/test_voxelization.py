@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from warp_bounding.indicators import IndicatorMesh, load_indicator
+from warp_bounding.indicators.closed_parts import Surface
 from warp_bounding.indicators.voxelization import fill_inside, surface_cells
 
 
@@ -131,14 +132,15 @@ def test_slack_outweighs_rounding(rng):
 
 @pytest.mark.parametrize("name", ["icosphere", "turned box", "torus", "turned open box", "thin plate"])
 @pytest.mark.parametrize("margin", [0.0, 0.07, 0.4])
-def test_no_surface_cell_is_far_from_the_mesh(rng, name, margin):
+def test_no_surface_cell_is_far_from_the_mesh(rng, monkeypatch, name, margin):
     """A cell within d of the surface has its centre within half a diagonal and d; outer cells are checked closer."""
     solid = SHAPES[name]()
     mesh = load_indicator(solid)
     grid = mesh.to_grid(resolution=16, margin=margin)
-    hollow = IndicatorMesh(mesh.vertices, np.concatenate([mesh.faces, mesh.faces[:1]]))  # odd: only its surface counts
+    hollow, none = IndicatorMesh(mesh.vertices, mesh.faces), np.zeros(len(mesh.faces), dtype=bool)
+    monkeypatch.setitem(vars(hollow), "surface", Surface(closed=none, loose=~none))  # as if it were open
     shell = hollow.to_grid(resolution=16, margin=margin)
-    assert "open mesh" in shell.note
+    assert "surface only" in shell.note
     assert (grid.occupancy | ~shell.occupancy).all()
     surface = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     cells = shell.occupied

@@ -1,4 +1,4 @@
-"""The indicator of a triangle mesh: its surface, and its inside where the surface is closed.
+"""The indicator of a triangle mesh: its surface, and its inside where the surface is closed (``closed_parts``).
 
 Every proof is about cells; ``to_grid`` makes them conservatively (``voxelization.py``), so a proof over the cells is a
 proof over the mesh. The mesh that counts is the one with these float32 vertices: what a file held in float64 is
@@ -14,24 +14,22 @@ from functools import cached_property
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.closed_parts import Surface, surface_of
 from warp_bounding.indicators.grid import IndicatorGrid
 
 __all__ = [
-    "OPEN_NOTE",
     "IndicatorMesh",
     "cells_around",
     "cells_per_unit",
     "check_faces",
     "checked_margin",
     "checked_resolution",
-    "is_closed",
 ]
 
 DEFAULT_RESOLUTION = 64
 MAX_RESOLUTION = 1024
 SCALE_BITS = 16  # significant bits of cells_per_unit: cell coordinates of float32 points are then exact in float64
 MAX_OFFSET = 2**22  # of a grid, in cells
-OPEN_NOTE = "open mesh: only its surface is bounded, not an inside"
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,13 +81,18 @@ class IndicatorMesh:
         return np.stack([used.min(axis=0), used.max(axis=0)]).astype(np.float64)
 
     @cached_property
-    def watertight(self) -> bool:
-        """Whether the surface is closed: once equal vertices are merged, every edge bounds an even number of faces.
+    def surface(self) -> Surface:
+        """Which faces belong to closed parts, whose inside is bounded too."""
+        return surface_of(self.vertices, self.faces)
 
-        Every mesh that trimesh calls watertight is; beyond those, solids that touch in an edge, and closed surfaces
-        with faces that collapsed to an edge.
+    @property
+    def watertight(self) -> bool:
+        """Whether the surface is closed: equal vertices are one, equal faces are one, and no face has an edge of its own.
+
+        Every mesh that trimesh calls watertight is; beyond those, solids that touch in an edge or share a wall, and closed
+        surfaces with faces that are doubled or have no area (``closed_parts``).
         """
-        return is_closed(self.vertices, self.faces)
+        return self.surface.watertight
 
     @cached_property
     def digest(self) -> str:
@@ -102,7 +105,7 @@ class IndicatorMesh:
     def to_grid(self, *, resolution: int | None = None, margin: float = 0.0) -> IndicatorGrid:
         """Divide the dilated mesh into cells, conservatively.
 
-        Every closed cell that meets the surface, the inside (of a closed surface) or their margin is occupied. The
+        Every closed cell that meets the surface, the inside (of its closed parts) or their margin is occupied. The
         cells are cubes; one empty cell lies around the dilated object on every side.
 
         Args:
@@ -115,7 +118,7 @@ class IndicatorMesh:
         Raises:
             IndicatorError: For an impossible resolution or margin, or a mesh too far away for its size.
         """
-        from warp_bounding.indicators.voxelization import fill_inside, surface_cells
+        from warp_bounding.indicators.voxelization import solid_cells
 
         resolution, margin = checked_resolution(resolution), checked_margin(margin)
         extent = float((self.bounds[1] - self.bounds[0]).max()) + 2 * margin
@@ -124,9 +127,8 @@ class IndicatorMesh:
         first, last = cells_around(lower, upper, margin * scale, self.name)
         used, faces = np.unique(self.faces, return_inverse=True)
         in_cells = self.vertices[used].astype(np.float64) * scale - first
-        occupancy = surface_cells(in_cells, faces.reshape(-1, 3), tuple((last - first + 1).tolist()), margin * scale)
-        if self.watertight:
-            occupancy = fill_inside(occupancy)
+        shape = tuple((last - first + 1).tolist())
+        occupancy = solid_cells(in_cells, faces.reshape(-1, 3), self.surface.closed, shape, margin * scale)
         return IndicatorGrid(
             occupancy,
             cells_per_unit=np.full(3, scale),
@@ -134,7 +136,7 @@ class IndicatorMesh:
             name=self.name,
             margin=margin,
             resolution=resolution,
-            note="; ".join(filter(None, [self.note, "" if self.watertight else OPEN_NOTE])),
+            note="; ".join(filter(None, [self.note, self.surface.note])),
         )
 
 
@@ -179,21 +181,6 @@ def cells_around(lower: np.ndarray, upper: np.ndarray, reach: float, name: str) 
             f"{name}: expected a mesh within {MAX_OFFSET} cells of the origin, got {int(np.abs(first).max())} cells; move it there"
         )
     return first, last
-
-
-def is_closed(vertices: np.ndarray, faces: np.ndarray) -> bool:
-    """Whether every edge bounds an even number of faces, once vertices with equal rows are merged.
-
-    Args:
-        vertices: ``(V, k)``.
-        faces: ``(F, 3)``.
-    """
-    _, merged = np.unique(vertices, axis=0, return_inverse=True)
-    faces = merged.reshape(-1)[faces].astype(np.int64)
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    edges = edges[edges[:, 0] != edges[:, 1]]
-    _, count = np.unique(edges[:, 0] * len(vertices) + edges[:, 1], return_counts=True)
-    return bool((count % 2 == 0).all())
 
 
 def check_faces(faces: np.ndarray, vertices: int, name: str) -> None:

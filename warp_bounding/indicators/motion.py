@@ -17,15 +17,14 @@ from itertools import pairwise
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.closed_parts import Surface, surface_of
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.mesh import (
-    OPEN_NOTE,
     cells_around,
     cells_per_unit,
     check_faces,
     checked_margin,
     checked_resolution,
-    is_closed,
 )
 
 __all__ = ["IndicatorMotion"]
@@ -94,10 +93,15 @@ class IndicatorMotion:
         return np.stack([used.min(axis=0), used.max(axis=0)]).astype(np.float64)
 
     @cached_property
-    def watertight(self) -> bool:
-        """Whether the surface is closed at all times: every edge bounds an even number of faces (``IndicatorMesh``)."""
+    def surface(self) -> Surface:
+        """Which faces belong to parts that are closed at all times, whose inside is bounded too."""
         paths = np.ascontiguousarray(self.frames.transpose(1, 0, 2)).reshape(self.frames.shape[1], -1)
-        return is_closed(paths, self.faces)
+        return surface_of(paths, self.faces)
+
+    @property
+    def watertight(self) -> bool:
+        """Whether the surface is closed at all times (``IndicatorMesh``); vertices are one that are equal at all keyframes."""
+        return self.surface.watertight
 
     @cached_property
     def digest(self) -> str:
@@ -158,7 +162,7 @@ class IndicatorMotion:
             time=True,
             margin=margin,
             resolution=resolution,
-            note="; ".join(filter(None, [self.note, "" if self.watertight else OPEN_NOTE])),
+            note="; ".join(filter(None, [self.note, self.surface.note])),
         )
 
     def _exactly_at(self, time: float) -> np.ndarray:
@@ -172,7 +176,7 @@ class IndicatorMotion:
         self, start: float, end: float, scale: float, first: np.ndarray, shape: tuple[int, int, int], reach: float
     ) -> np.ndarray:
         """The cells of space that are occupied at some time from ``start`` to ``end``."""
-        from warp_bounding.indicators.voxelization import SLACK, fill_inside, surface_cells
+        from warp_bounding.indicators.voxelization import SLACK, solid_cells
 
         used, faces = np.unique(self.faces, return_inverse=True)
         faces = faces.reshape(-1, 3)
@@ -186,6 +190,6 @@ class IndicatorMotion:
             dilation = reach + (way[faces].max(axis=1) / (2 * pieces)) * (1 + 1e-9) + SLACK
             for piece in range(pieces):
                 share = (piece + 0.5) / pieces
-                found = surface_cells((1 - share) * ends[0] + share * ends[1], faces, shape, dilation)
-                occupancy |= fill_inside(found) if self.watertight else found
+                middle = (1 - share) * ends[0] + share * ends[1]
+                occupancy |= solid_cells(middle, faces, self.surface.closed, shape, dilation)
         return occupancy

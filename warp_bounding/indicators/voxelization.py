@@ -17,7 +17,7 @@ Source: Akenine-Moeller, "Fast 3D triangle-box overlap testing" (2001) for the a
 import numpy as np
 import warp as wp
 
-__all__ = ["SLACK", "fill_inside", "surface_cells"]
+__all__ = ["SLACK", "fill_inside", "solid_cells", "surface_cells"]
 
 # By how much cells are grown on each side, in cells, to outweigh all rounding. All coordinates are under 2^11 cells
 # (the resolution is at most 1024), so for an axis d, as computed, with |d| its sum of absolute components, float64 errs
@@ -211,6 +211,34 @@ def surface_cells(
     inputs = [corners, triangles, margins]
     wp.launch(_occupy_cells, dim=len(faces), inputs=inputs, outputs=[occupancy], device="cpu")
     return occupancy.numpy().view(bool)
+
+
+def solid_cells(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    closed: np.ndarray,
+    shape: tuple[int, int, int],
+    margin: float | np.ndarray,
+) -> np.ndarray:
+    """Occupy every closed cell that comes within the margin of a triangle, or that may meet the inside of the closed parts.
+
+    Args:
+        vertices: See ``surface_cells``.
+        faces: See ``surface_cells``.
+        closed: ``(F,)`` bool, the faces of closed parts (``closed_parts.surface_of``).
+        shape: See ``surface_cells``; there must be room for one empty cell on every side.
+        margin: See ``surface_cells``.
+
+    Returns:
+        Bool array of the given shape.
+    """
+    margin = np.broadcast_to(margin, len(faces))
+    occupancy = np.zeros(shape, dtype=bool)
+    if closed.any():
+        occupancy |= fill_inside(surface_cells(vertices, faces[closed], shape, margin[closed]))
+    if not closed.all():
+        occupancy |= surface_cells(vertices, faces[~closed], shape, margin[~closed])
+    return occupancy
 
 
 def fill_inside(surface: np.ndarray) -> np.ndarray:

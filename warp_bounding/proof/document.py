@@ -33,7 +33,7 @@ def document(
         least: Its ``lower_bound``.
         boxes: See ``Certificate``.
         seconds: See ``Certificate``.
-        message: See ``Certificate``.
+        message: See ``Certificate``; what restricts the object (``IndicatorGrid.note``) is added to it.
         counterexample: See ``Certificate``.
         more: Other fields.
     """
@@ -51,7 +51,7 @@ def document(
         indicator="" if grid is None else grid.digest,
         cells=0 if grid is None else len(grid.occupied),
         counterexample=None if counterexample is None else [float(c) for c in counterexample],
-        message=message,
+        message=message if grid is None or not grid.note else f"{message} Note: {grid.note}.",
         **more,
     )
 
