@@ -58,8 +58,8 @@ ARRAY = np.arange(24).reshape(2, 3, 4) > 5
 
 BAD_FILES = {
     # --- images
-    "opaque.png": (png("RGB"), "alpha channel", "RGB"),
-    "grey.png": (png("L"), "alpha channel"),
+    "opaque.png": (png("RGB"), "alpha channel", "RGB", "threshold='<128'", "threshold='>=128'"),
+    "grey.png": (png("L"), "alpha channel", "threshold='<128'"),
     "cut.png": (png()[:-40], "PNG image"),
     "header.png": (png()[:20], "PNG image"),
     "other.png": (b"GIF89a and so on", "PNG image"),
@@ -155,6 +155,7 @@ BAD_FILES = {
     # --- anything else
     "shape.xyz": (b"1 2 3", "expected one of", "'.xyz'"),
     "shape": (b"1 2 3", "expected one of", "no extension"),
+    "bunny.safetensors": (b"a bounder", "expected a shape, got a bounder's file"),
 }
 for _name in "range.usda", "counts.usda", "edge.usda", "nan.usda":  # one property a line, as USD wants it
     _content, *_words = BAD_FILES[_name]

@@ -1,90 +1,126 @@
 """``load_indicator``: one door for files, arrays and meshes; and the readers of the formats that hold arrays.
 
 Which reader a file gets depends on its extension alone; what it holds must then be what the extension says. Meshes
-come from trimesh (``mesh_files.py``) and usd-core (``usd.py``), voxels from ``binvox.py``.
+come from trimesh (``mesh_files.py``) and usd-core (``usd.py``), voxels from ``binvox.py``, pixels from ``images.py``. What an
+array's values mean and where its cells lie is told in ``arrays.py``, meshes and arrays of other libraries in ``objects.py``.
 """
 
 import os
-import sys
-import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.arrays import Placement, Threshold, grid_of
 from warp_bounding.indicators.binvox import read_binvox
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.images import read_png
 from warp_bounding.indicators.mesh import IndicatorMesh
-from warp_bounding.indicators.mesh_files import MESH_SUFFIXES, mesh_from_trimesh, read_mesh
+from warp_bounding.indicators.mesh_files import MESH_SUFFIXES, read_mesh
 from warp_bounding.indicators.motion import IndicatorMotion
-from warp_bounding.indicators.reading import import_optional, reading
+from warp_bounding.indicators.objects import ACCEPTED, array_from, mesh_from
+from warp_bounding.indicators.reading import reading
 from warp_bounding.indicators.usd import USD_SUFFIXES, read_usd
 
 __all__ = ["SUFFIXES", "load_indicator"]
 
-TIME_NDIM = 4  # arrays of this many dimensions are animations unless the caller says otherwise
-OCCUPIED = 0.5  # numbers from here on are occupied
-ALPHA_MODES = ("RGBA", "LA", "PA")
-PALETTE_MODES = ("P", "RGB", "L", "1")  # may name a transparent colour instead of carrying an alpha channel
+BOUNDER_SUFFIX = ".safetensors"
 
 
-def load_indicator(source: object, *, time: bool | None = None) -> IndicatorGrid | IndicatorMesh | IndicatorMotion:
+def load_indicator(
+    source: object,
+    *,
+    time: bool | None = None,
+    threshold: float | str | None = None,
+    spacing: float | Sequence[float] | None = None,
+    origin: Sequence[float] | None = None,
+) -> IndicatorGrid | IndicatorMesh | IndicatorMotion:
     """Make an indicator of a file, an array or a mesh.
 
+    Coordinate k is array axis k: of an image, coordinate 0 is the row, from the top, and coordinate 1 the column.
+
     Args:
-        source: A path to ``.png`` (alpha of at least 0.5 is occupied; coordinate 0 is the row), ``.binvox``
-            (coordinates x, y, z), ``.npy``, ``.npz`` (one array, or one named ``occupancy``), a mesh that trimesh reads
-            (``.obj``, ``.ply``, ``.stl``, ``.glb``, ``.gltf``, ``.off``) or USD (``.usd``, ``.usda``, ``.usdc``,
-            ``.usdz``); an n-D array, bool or numeric (0.5 and more is occupied); a ``trimesh.Trimesh`` or
-            ``trimesh.Scene``; an ``IndicatorGrid``, ``IndicatorMesh`` or ``IndicatorMotion``, which is returned as it is.
+        source: A path to ``.png`` (alpha of at least 0.5 is occupied), ``.binvox`` (coordinates x, y, z), ``.npy``, ``.npz``
+            (one array, or one named ``occupancy``), a mesh that trimesh reads (``.obj``, ``.ply``, ``.stl``, ``.glb``,
+            ``.gltf``, ``.off``) or USD (``.usd``, ``.usda``, ``.usdc``, ``.usdz``); an n-D array of NumPy, torch or Warp that
+            holds truth values, or 0 and 1; a pair ``(vertices, faces)``, a ``trimesh.Trimesh`` or ``trimesh.Scene``, a
+            ``newton.Mesh`` or a ``wp.Mesh``; an ``IndicatorGrid``, ``IndicatorMesh`` or ``IndicatorMotion``, which is returned
+            as it is.
         time: Whether coordinate 0 is time. By default it is for 4-D arrays and motions; a mesh never moves.
+        threshold: Which values of an array, or grey values of an image, are occupied: a text such as ``"<128"``, ``"<=0"``,
+            ``">0.5"``, or a number, from which on they are.
+        spacing: Of an array, voxel file or image: the size of a cell, object units; one number, or one for each axis. By default the
+            centres of the first and the last cell lie on 0 and 1, as in the paper, on every axis, however many cells it has.
+        origin: Likewise: where the centre of the first cell is, object units; 0 on every axis by default. Whole or half cells
+            away from 0.
 
     Returns:
         An ``IndicatorGrid`` for images, voxels and arrays, an ``IndicatorMesh`` for meshes, an ``IndicatorMotion`` for one.
 
     Raises:
-        IndicatorError: In one line, for everything that cannot be read or bounded.
+        IndicatorError: In one line, for everything that cannot be read or bounded, or that may mean two things.
     """
     if time is not None and not isinstance(time, bool | np.bool_):
         raise IndicatorError(f"time must be True, False or None, got {time!r}")
-    indicator = _load(source, time)
-    if isinstance(indicator, IndicatorMotion):
+    limit = None if threshold is None else Threshold.of(threshold)
+    found = _load(source, limit)
+    if isinstance(found, _Array):
+        found = grid_of(found.values, found.name, time, limit, Placement(spacing, origin))
+    else:
+        given = {"threshold": threshold, "spacing": spacing, "origin": origin}
+        for option in (key for key, value in given.items() if value is not None):
+            kind = type(found).__name__
+            raise IndicatorError(
+                f"{found.name}: {option} is for arrays and images, got {option}={given[option]!r} for {kind}"
+            )
+    if isinstance(found, IndicatorMotion):
         if time is False:
-            raise IndicatorError(f"{indicator.name}: coordinate 0 of a motion is time, got time=False")
-        return indicator
-    if isinstance(indicator, IndicatorMesh):
+            raise IndicatorError(f"{found.name}: coordinate 0 of a motion is time, got time=False")
+        return found
+    if isinstance(found, IndicatorMesh):
         if time:
-            raise IndicatorError(f"{indicator.name}: a mesh has no time coordinate, got time=True")
-        return indicator
-    if indicator.time and indicator.ndim < 2:
-        raise IndicatorError(f"{indicator.name}: time and at least one more coordinate expected, got {indicator.ndim}")
-    return indicator
+            raise IndicatorError(f"{found.name}: a mesh has no time coordinate, got time=True")
+        return found
+    if time is not None and time != found.time:
+        found = replace(found, time=bool(time))
+    if found.time and found.ndim < 2:
+        raise IndicatorError(f"{found.name}: time and at least one more coordinate expected, got {found.ndim}")
+    return found
 
 
-def _load(source: object, time: bool | None) -> IndicatorGrid | IndicatorMesh | IndicatorMotion:
-    if isinstance(source, IndicatorMesh | IndicatorMotion):
+class _Array(NamedTuple):
+    """Values that a threshold and a placement make a grid of."""
+
+    values: np.ndarray
+    name: str
+
+
+def _load(source: object, threshold: Threshold | None) -> _Array | IndicatorGrid | IndicatorMesh | IndicatorMotion:
+    if isinstance(source, IndicatorGrid | IndicatorMesh | IndicatorMotion):
         return source
-    if isinstance(source, IndicatorGrid):
-        return source if time is None or time == source.time else replace(source, time=bool(time))
-    if isinstance(source, np.ndarray):
-        return _grid(source, "array", time)
     if isinstance(source, str | os.PathLike):
-        return _load_file(Path(os.fsdecode(source)), time)
-    trimesh = sys.modules.get("trimesh")  # whoever passes a Trimesh has imported it
-    if trimesh is not None and isinstance(source, trimesh.Trimesh | trimesh.Scene):
-        return mesh_from_trimesh(source, name="trimesh")
-    kind = type(source).__name__
-    raise IndicatorError(f"expected a path, a NumPy array, a trimesh.Trimesh or an indicator, got {kind}")
+        return _load_file(Path(os.fsdecode(source)), threshold)
+    array = array_from(source)
+    if array is not None:
+        return _Array(array, "array")
+    mesh = mesh_from(source)
+    if mesh is None:
+        raise IndicatorError(f"expected {ACCEPTED}, got {type(source).__name__}")
+    return mesh
 
 
-def _load_file(path: Path, time: bool | None) -> IndicatorGrid | IndicatorMesh:
+def _load_file(path: Path, threshold: Threshold | None) -> _Array | IndicatorMesh:
     suffix = path.suffix.lower()
     try:
         if not path.exists():
             raise IndicatorError(f"{path}: there is no such file")
         if not path.is_file():
             raise IndicatorError(f"{path}: expected a file, got {'a directory' if path.is_dir() else 'something else'}")
+        if suffix == BOUNDER_SUFFIX:
+            raise IndicatorError(f"{path}: expected a shape, got a bounder's file; load (or info) reads it")
         if suffix not in SUFFIXES:
             raise IndicatorError(f"{path}: expected one of {' '.join(SUFFIXES)}, got {suffix or 'no extension'!r}")
         with path.open("rb") as file:
@@ -94,39 +130,12 @@ def _load_file(path: Path, time: bool | None) -> IndicatorGrid | IndicatorMesh:
             return read_mesh(path)
         if suffix in USD_SUFFIXES:
             return read_usd(path)
-        return _grid(_ARRAY_READERS[suffix](path), path.name, time)
+        return _Array(_ARRAY_READERS[suffix](path, threshold is not None), path.name)
     except (OSError, ValueError) as error:  # no permission, a name with a null byte, ...
         if isinstance(error, IndicatorError):
             raise
         reason = getattr(error, "strerror", None) or str(error)
         raise IndicatorError(f"{path}: cannot be read: {reason}") from error
-
-
-def _grid(array: np.ndarray, name: str, time: bool | None) -> IndicatorGrid:
-    """Make the indicator of an array of truth values or numbers."""
-    if isinstance(array, np.ma.MaskedArray):
-        raise IndicatorError(f"{name}: expected a plain array, got a masked one; fill it first")
-    if array.dtype.kind not in "biuf":
-        raise IndicatorError(f"{name}: expected an array of bool or real numbers, got dtype {array.dtype}")
-    if array.dtype.kind == "f" and np.isnan(array).any():
-        count = int(np.isnan(array).sum())
-        raise IndicatorError(f"{name}: expected numbers, got NaN in {count} of {array.size} cells")
-    occupancy = array if array.dtype.kind == "b" else array >= OCCUPIED
-    return IndicatorGrid(occupancy, name=name, time=array.ndim == TIME_NDIM if time is None else bool(time))
-
-
-def _read_png(path: Path) -> np.ndarray:
-    """``(height, width)`` bool, where alpha is at least one half."""
-    image_module = import_optional("PIL.Image", "pillow", path)
-    with reading(path, "a PNG image"), warnings.catch_warnings():
-        warnings.simplefilter("error", image_module.DecompressionBombWarning)
-        with image_module.open(path, formats=("PNG",)) as image:
-            if getattr(image, "n_frames", 1) != 1:
-                raise IndicatorError(f"{path}: expected one picture, got an animation of {image.n_frames}")
-            if image.mode not in ALPHA_MODES and not (image.mode in PALETTE_MODES and "transparency" in image.info):
-                raise IndicatorError(f"{path}: expected an image with an alpha channel, got mode {image.mode} without")
-            alpha = np.asarray(image.convert("RGBA"))[..., 3]
-    return alpha / 255.0 >= OCCUPIED
 
 
 def _read_npy(path: Path) -> np.ndarray:
@@ -152,5 +161,11 @@ def _read_npz(path: Path) -> np.ndarray:
             return array
 
 
-_ARRAY_READERS = {".png": _read_png, ".binvox": read_binvox, ".npy": _read_npy, ".npz": _read_npz}
+# Each is given a path and whether a threshold waits for numbers.
+_ARRAY_READERS = {
+    ".png": lambda path, numbers: read_png(path, grey=numbers),
+    ".binvox": lambda path, _: read_binvox(path),
+    ".npy": lambda path, _: _read_npy(path),
+    ".npz": lambda path, _: _read_npz(path),
+}
 SUFFIXES = (*_ARRAY_READERS, *MESH_SUFFIXES, *USD_SUFFIXES)
