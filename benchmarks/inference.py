@@ -67,13 +67,12 @@ def network(domain: Domain, activation: str):
 
 def in_kernel(bounder, points: wp.array, out: wp.array):
     """A launch of somebody's own kernel that calls the bounder's function; Warp runs it on one core."""
-    test = bounder.func
 
     @wp.kernel(enable_backward=False, module="unique")
     def ask(data: wb.Data, q: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.uint8)):
         i = wp.tid()
         out[i] = wp.uint8(0)
-        if test(data, q[i]):
+        if wp.static(bounder.func)(data, q[i]):
             out[i] = wp.uint8(1)
 
     return lambda: wp.launch(ask, dim=len(points), inputs=[bounder.data, points], outputs=[out], device="cpu")

@@ -9,6 +9,8 @@ A bounder answers *maybe* or certainly *no* to "does this query touch that objec
     print(bounder.certificate.message)
     mask = bounder.query(points)  # uint8, 1 = maybe
 
+In a kernel of your own, ``wp.static(bounder.func)(data, q[i])`` asks one query; ``bounder.data`` is the argument ``data: wb.Data``.
+
 Importing this module imports neither torch nor trimesh nor pyvista; each is imported where it is needed.
 """
 

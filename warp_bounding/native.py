@@ -2,11 +2,12 @@
 
 import hashlib
 import platform
+from functools import cache
 from typing import Any
 
 import warp as wp
 
-__all__ = ["named", "unique_name"]
+__all__ = ["identity", "named", "unique_name"]
 
 
 def _options() -> dict[str, str]:
@@ -46,6 +47,12 @@ class named:  # noqa: N801 (used like a function: `@named(name).kernel`)
         return function
 
 
+@cache
+def identity(source: Any) -> str:
+    """64 bits, in 16 hexadecimal digits, that tell sources apart and stay the same from run to run; equal sources have equal ones."""
+    return hashlib.sha256(repr(source).encode()).hexdigest()[:16]
+
+
 def unique_name(source: Any, role: str) -> str:
     """A name that tells sources apart and stays the same from run to run, so that Warp finds its compiled kernels."""
-    return f"wb_{source.name}_{source.ndim}d_{hashlib.sha256(repr(source).encode()).hexdigest()[:8]}_{role}"
+    return f"wb_{source.name}_{source.ndim}d_{identity(source)}_{role}"

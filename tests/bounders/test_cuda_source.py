@@ -9,7 +9,7 @@ from bounding_shapes import random_bounder, random_mlp, shape
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.box_chart import BoxChart
 from warp_bounding.bounders.charts import PlainChart
-from warp_bounding.bounders.functions import batch_kernel
+from warp_bounding.bounders.functions import Data, batch_kernel
 from warp_bounding.bounders.network_kernel import _kernel as bound_kernel
 from warp_bounding.bounders.network_source import NetworkSizes
 from warp_bounding.bounders.ray_chart import RayChart
@@ -31,6 +31,18 @@ def check_compiles(kernel, folder):
 @pytest.mark.parametrize("method", METHODS)
 def test_batch_kernels_compile(method, tmp_path):
     check_compiles(batch_kernel(random_bounder(method, "blob").source, True, False), tmp_path)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_functions_compile(method, tmp_path):
+    test = random_bounder(method, "blob").func
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def ask(data: Data, q: wp.array(dtype=wp.vec3), answer: wp.array(dtype=wp.uint8)):
+        i = wp.tid()
+        answer[i] = wp.uint8(test(data, q[i]))
+
+    check_compiles(ask, tmp_path)
 
 
 @pytest.mark.parametrize("activation", ["sin", "relu", "tanh"])

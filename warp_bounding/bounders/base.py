@@ -28,7 +28,7 @@ from warp_bounding.bounders.domain import Domain
 from warp_bounding.bounders.functions import Data, batch_kernel, point_func
 from warp_bounding.bounders.placement import Placement
 from warp_bounding.bounders.regions import RegionDomain
-from warp_bounding.bounders.source import Source
+from warp_bounding.bounders.source import FRONT, Source
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.launch import launch_blocks
@@ -249,7 +249,7 @@ class Bounder(ABC):
 
     @property
     def nbytes(self) -> int:
-        """Memory that a query reads at most: parameters and bit field."""
+        """Memory that a query computes with at most: parameters, without what tells whose they are, and bit field."""
         header = len(self.domain.header) + 1 + len(self.domain.extra)
         return 4 * header + sum(t.nbytes for t in self.tensors.values())
 
@@ -257,21 +257,27 @@ class Bounder(ABC):
 
     @cached_property
     def func(self) -> wp.Function:
-        """``test(data, q)`` for your own kernels, or ``test(data, a, b)`` for regions; see ``point_func``."""
+        """``test(data, q)`` for your own kernels, or ``test(data, a, b)`` for regions; write ``wp.static(bounder.func)(data, q)``.
+
+        A name for it, ``test = bounder.func``, can be bound to another bounder's function before Warp builds the module; see
+        ``point_func``.
+        """
         return point_func(self.source)
 
     @property
     def data(self) -> Data:
         """The instance of ``Data`` that ``func`` takes, on this bounder's device."""
         if self._data is None:
+            source, words = self.source, self.words()
             weights = np.asarray(self.weights(), dtype=np.float32)
-            parameters = np.zeros(self.source.start + len(weights), dtype=np.float32)
+            parameters = np.zeros(source.start + len(weights), dtype=np.float32)
             header = np.concatenate([self.domain.header, [self.threshold], self.domain.extra])
-            parameters[: len(header)] = header
-            parameters[self.source.start :] = weights
+            parameters[:FRONT] = source.front(len(parameters), len(words))
+            parameters[FRONT : FRONT + len(header)] = header
+            parameters[source.start :] = weights
             data = Data()
             data.parameters = wp.array(parameters, dtype=wp.float32, device=self.device)
-            data.words = wp.array(self.words(), dtype=wp.uint32, device=self.device)
+            data.words = wp.array(words, dtype=wp.uint32, device=self.device)
             self._data = data
         return self._data
 

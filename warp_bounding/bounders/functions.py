@@ -15,8 +15,10 @@ __all__ = ["Data", "batch_kernel", "point_func", "point_type"]
 class Data:
     """What a bounder's function needs besides the query; pass it to your kernel as an argument.
 
+    A function answers *maybe* to data that were made for the function of another source, to a part of its own, and to empty ones.
+
     Attributes:
-        parameters: Domain, threshold and the method's numbers (see ``Source``).
+        parameters: Whose they are, domain, threshold and the method's numbers (see ``Source``).
         words: Bit field of ``voxels``; empty for other methods.
     """
 
@@ -41,6 +43,10 @@ def point_func(source: Source) -> wp.Function:
 
     Points: ``test(data: Data, q: vec_n) -> bool``. Regions: ``test(data: Data, a: vec_n, b: vec_n) -> bool`` with a ray's
     origin and direction, a plane's normal and point, a box's lower and upper corner.
+
+    In a kernel, write ``wp.static(bounder.func)(data, q)``. Warp looks a global name up again whenever it builds the module, and a name
+    that is bound to another function by then brings that one into all kernels of the module; ``wp.static`` does so once, where the
+    kernel is defined. Data of another source are answered with *maybe*.
     """
     name = named(unique_name(source, "test"))
     vector = point_type(source.ndim)

@@ -16,6 +16,8 @@ Nothing here decides what is conservative: the bodies' rounding is bounded in th
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+import numpy as np
+
 from warp_bounding.arithmetic import (
     SINE_COEFFICIENTS,
     SINE_INVERSE_PI,
@@ -28,10 +30,13 @@ from warp_bounding.arithmetic import (
 )
 from warp_bounding.bounders.locate import extra_count, locate
 from warp_bounding.launch import BLOCK
+from warp_bounding.native import identity
 
-__all__ = ["DENIED", "Lanes", "Source", "batch_snippet", "literal", "point_snippet"]
+__all__ = ["DENIED", "FRONT", "Lanes", "Source", "batch_snippet", "literal", "point_snippet"]
 
 DENIED = -(2.0**127)  # f where an early test has said no
+FRONT = 4  # numbers at the very beginning of ``parameters``, see ``Source.front``
+FINITE = 0xBFFFFFFF  # bits of a float32 that are neither an infinity nor NaN, which a copy might change
 
 
 @dataclass(frozen=True)
@@ -71,8 +76,8 @@ class Lanes:
 class Source:
     """What a method's native code depends on: sizes, never values. Equal sources share one compiled function.
 
-    ``parameters`` begin with ``center[n] scale[n] limit[n] threshold`` and what ``locate`` needs besides; the method's
-    numbers follow from ``start`` on.
+    ``parameters`` begin with what tells whose they are (``front``), ``center[n] scale[n] limit[n] threshold`` and what
+    ``locate`` needs besides; the method's numbers follow from ``start`` on.
 
     Attributes:
         ndim: Dimension n of the indicator.
@@ -97,7 +102,21 @@ class Source:
     @property
     def start(self) -> int:
         """Index in ``parameters`` where the method's own numbers begin, a multiple of 16."""
-        return -(-(3 * self.ndim + 1 + extra_count(self.query, self.ndim, self.time)) // 16) * 16
+        return -(-(FRONT + 3 * self.ndim + 1 + extra_count(self.query, self.ndim, self.time)) // 16) * 16
+
+    @property
+    def tag(self) -> tuple[int, int]:
+        """Two 32-bit numbers that the data of a function carry, 62 bits that equal sources share and others do not."""
+        bits = int(identity(self), 16)
+        return bits >> 32 & FINITE, bits & FINITE
+
+    def front(self, parameters: int, words: int) -> np.ndarray:
+        """``(FRONT,)`` float32, bits of whole numbers: the tag, and how many parameters and words there are.
+
+        A function compares them before it reads anything else, so the data of another source, or a part of its own, make it
+        answer *maybe*.
+        """
+        return np.array([*self.tag, parameters, words], dtype=np.uint32).view(np.float32)
 
     @property
     def columns(self) -> int:
@@ -150,8 +169,16 @@ typedef int I __attribute__((vector_size(4 * L)));
 """
 
 _HEAD = """
-const float* center = parameters.data; const float* scale = center + {n}; const float* limit = center + {n2};
-const float threshold = center[{n3}]; const float* extra = center + {n3} + 1; const float* w = center + {start};
+const float* center = parameters.data + {front}; const float* scale = center + {n}; const float* limit = center + {n2};
+const float threshold = center[{n3}]; const float* extra = center + {n3} + 1; const float* w = parameters.data + {start};
+"""
+
+_FOREIGN = """
+auto bits = [](float x) {{ union {{ float f; unsigned int i; }} u; u.f = x; return u.i; }};
+const float* front = parameters.data; const unsigned int numbers = parameters.shape[0], fields = words.shape[0];
+if (numbers < {front} || parameters.strides[0] != sizeof(float)) return true;
+if (bits(front[0]) != {first}u || bits(front[1]) != {second}u) return true;
+if (numbers < bits(front[2]) || fields < bits(front[3])) return true;
 """
 
 _CPU = (
@@ -166,6 +193,12 @@ constexpr int L = {other};
 """
     + _VECTOR_TYPES
 )
+
+
+def _head(source: Source) -> str:
+    """C statements that name the parts of ``parameters``."""
+    n = source.ndim
+    return _HEAD.format(front=FRONT, n=n, n2=2 * n, n3=3 * n, start=source.start)
 
 
 def _locate(source: Source, placed: bool) -> str:
@@ -191,8 +224,8 @@ def _locate(source: Source, placed: bool) -> str:
 
 def batch_snippet(source: Source, placed: bool, values: bool) -> str:
     """The body of a batch function: one block of queries on a CPU, one query on CUDA."""
-    n, m, columns = source.ndim, source.coordinates, source.columns
-    head = _HEAD.format(n=n, n2=2 * n, n3=3 * n, start=source.start)
+    m, columns = source.coordinates, source.columns
+    head = _head(source)
     place = "const float* place = placement.data;" if placed else ""
     locate = _locate(source, placed)
     yes, no, decide = ("1", "0", "!(f < threshold)")
@@ -322,7 +355,8 @@ def point_snippet(source: Source) -> str:
     region = source.query != "point"
     numbers = ", ".join([f"a[{k}]" for k in range(n)] + [f"b[{k}]" for k in range(n)])
     shared = [
-        _HEAD.format(n=n, n2=2 * n, n3=3 * n, start=source.start),
+        _FOREIGN.format(front=FRONT, first=source.tag[0], second=source.tag[1]),
+        _head(source),
         f"float v[{source.coordinates}]; bool asked, held; {{ typedef float V; const float zero = 0.0f;",
         f"const float q[{2 * n}] = {{{numbers}}};" if region else "",
         _locate(source, placed=False),
