@@ -40,7 +40,8 @@ def page(folder: Path) -> str:
     parts += [
         f"`warp-bounding demo NAME --json > results/demos/NAME.json`, then `python -m sims.page results/demos`. {machines}.",
         "Milliseconds are medians, and noisy; compare within a table. *Missed*: contacts, shadow pixels, colliding",
-        "states and edges that the run without a broad phase has and this one lacks. A `statistical` certificate is no proof.",
+        "states and edges that the run without a broad phase has and this one lacks. *FP %*: false positives of the shape's",
+        "cells, which cover a mesh by up to a cell and its margin. A `statistical` certificate is no proof.",
     ]
     for answer in answers:
         parts += ["", *_demo(answer)]

@@ -23,6 +23,7 @@ __all__ = [
     "Bounder",
     "BounderError",
     "BoundingError",
+    "BoundingWarning",
     "Certificate",
     "Data",
     "FileFormatError",
@@ -44,7 +45,14 @@ __all__ = [
 ]
 
 _HOMES = {
-    "warp_bounding.errors": ("BounderError", "BoundingError", "FileFormatError", "IndicatorError", "QueryError"),
+    "warp_bounding.errors": (
+        "BounderError",
+        "BoundingError",
+        "BoundingWarning",
+        "FileFormatError",
+        "IndicatorError",
+        "QueryError",
+    ),
     "warp_bounding.bounders": ("Bounder", "Certificate", "Data", "METHODS", "compact", "load"),
     "warp_bounding.indicators": ("IndicatorGrid", "IndicatorMesh", "IndicatorMotion", "load_indicator"),
     "warp_bounding.proof": ("cascade", "certify", "clear_segments"),

@@ -1,6 +1,6 @@
-"""Exceptions of the library: one small family, each also a ``ValueError`` so that callers may catch either."""
+"""Exceptions of the library: one small family, each also a ``ValueError`` so that callers may catch either; and its warnings."""
 
-__all__ = ["BounderError", "BoundingError", "FileFormatError", "IndicatorError", "QueryError"]
+__all__ = ["BounderError", "BoundingError", "BoundingWarning", "FileFormatError", "IndicatorError", "QueryError"]
 
 
 class BoundingError(ValueError):
@@ -21,3 +21,7 @@ class BounderError(BoundingError):
 
 class FileFormatError(BoundingError):
     """A bounder file is damaged, truncated, foreign, edited or newer than this library."""
+
+
+class BoundingWarning(UserWarning):
+    """What was asked for was done, and is probably not what was wanted."""

@@ -44,8 +44,11 @@ INTERRUPTED = 130  # what the parser makes of Ctrl-C
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit with its status."""
+    from warp_bounding.cli.output import told_warnings
+
     try:
-        status = _run(arguments)
+        with told_warnings():
+            status = _run(arguments)
     except KeyboardInterrupt:
         status = INTERRUPTED
     except BoundingError as error:

@@ -4,7 +4,8 @@ from typing import Annotated
 
 import typer
 
-from warp_bounding.cli.output import BounderFile, Json, bar, certificate_summary, console, print_json, quiet_warp
+from warp_bounding.cli.output import BounderFile, Json, bar, certificate_summary, console, print_json, quiet_warp, warn
+from warp_bounding.cli.shape import Origin, Spacing, Threshold, read_shape
 from warp_bounding.errors import BoundingError
 
 __all__ = ["command"]
@@ -14,18 +15,20 @@ def command(
     file: BounderFile,
     shape: Annotated[str, typer.Argument(help="The shape that it is to bound.")],
     budget: Annotated[float, typer.Option(help="Seconds allowed.")] = 900.0,
+    threshold: Threshold = None,
+    spacing: Spacing = None,
+    origin: Origin = None,
     json: Json = False,
 ) -> int:
     """Prove from scratch that FILE has no false negative on SHAPE. Exit status 0: proven; 1: not."""
     from warp_bounding.bounders import load
-    from warp_bounding.indicators import load_indicator
     from warp_bounding.proof import certify
 
     if not budget > 0:
         raise BoundingError(f"budget must be a positive number of seconds, got {budget}")
     quiet_warp()
     bounder = load(file, device="cpu")
-    indicator = load_indicator(shape)
+    indicator = read_shape(shape, threshold, spacing, origin)
     with bar("certify") as update:
         certificate = certify(bounder, indicator, seconds=budget, progress=update)
     fitted = bounder.info.get("indicator")
@@ -55,4 +58,6 @@ def command(
                 "given here, from its geometry alone."
             )
         out.print(f"{certificate.boxes:,} boxes, {certificate.seconds:.2f} s")
+    if same and bounder.info.get("note"):
+        warn(bounder.info["note"])
     return 0 if certificate.proven else 1

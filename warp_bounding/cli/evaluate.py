@@ -14,6 +14,7 @@ from warp_bounding.cli.output import (
     print_json,
     quiet_warp,
 )
+from warp_bounding.cli.shape import Origin, Spacing, Threshold, read_shape
 
 __all__ = ["command"]
 
@@ -24,18 +25,21 @@ def command(
     samples: Annotated[int, typer.Option(help="Number of random queries.")] = 1_000_000,
     protocol: Annotated[str, typer.Option(help="exact, or sampled as in the paper.")] = "exact",
     seed: Annotated[int, typer.Option(help="Random seed of the samples.")] = 1,
+    threshold: Threshold = None,
+    spacing: Spacing = None,
+    origin: Origin = None,
     device: Device = "cpu",
     json: Json = False,
 ) -> int:
     """Measure FILE on SHAPE: rates are per cent of all samples. Exit status 1 if a false negative was found."""
     from warp_bounding.bounders import load
     from warp_bounding.evaluation import evaluate
-    from warp_bounding.indicators import load_indicator
 
     quiet_warp(device)
     bounder = load(file, device=device)
+    indicator = read_shape(shape, threshold, spacing, origin)
     with bar("evaluate") as update:
-        rates = evaluate(bounder, load_indicator(shape), samples, protocol, seed=seed, progress=update)
+        rates = evaluate(bounder, indicator, samples, protocol, seed=seed, progress=update)
     if json:
         certificate = bounder.certificate
         summary = certificate_summary(bounder, certificate) if certificate else None
@@ -43,6 +47,6 @@ def command(
     else:
         text = f"{bounder.method}: {rates.fp_rate:.3f} % false positives, {rates.fn} false negatives"
         console(False).print(
-            f"{text}, {rates.positives:.3f} % positives in {rates.samples:,} samples ({rates.protocol})"
+            f"{text}, {rates.positives:.3f} % positives in {rates.samples:,} samples ({rates.protocol}), {rates.truth}"
         )
     return 0 if rates.fn == 0 else 1

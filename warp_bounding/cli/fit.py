@@ -14,7 +14,9 @@ from warp_bounding.cli.output import (
     console,
     print_json,
     quiet_warp,
+    warn,
 )
+from warp_bounding.cli.shape import Origin, Spacing, Threshold, read_shape
 
 __all__ = ["command"]
 
@@ -41,6 +43,10 @@ def command(
     ] = "default",
     seed: Annotated[int, typer.Option(help="Random seed.")] = 0,
     margin: Annotated[float, typer.Option(help="Dilate the object by this length first, object units.")] = 0.0,
+    threshold: Threshold = None,
+    spacing: Spacing = None,
+    origin: Origin = None,
+    force: Annotated[bool, typer.Option("--force", help="Take a margin that is larger than the object, too.")] = False,
     resolution: Annotated[int | None, typer.Option(help="Cells along a mesh's longest axis (64).")] = None,
     length: Annotated[float, typer.Option(help="Length of a ray, object units; other queries have none.")] = 1.0,
     space: Annotated[
@@ -61,7 +67,6 @@ def command(
     from warp_bounding.bounders.storage import check_writable
     from warp_bounding.errors import BounderError
     from warp_bounding.evaluation import evaluate
-    from warp_bounding.indicators import load_indicator
     from warp_bounding.training import fit
 
     quiet_warp(device)
@@ -72,7 +77,7 @@ def command(
     if samples < 1:
         raise BounderError(f"samples must be at least 1, got {samples}")
     check_writable(output)
-    indicator = load_indicator(shape)
+    indicator = read_shape(shape, threshold, spacing, origin)
     started = time.perf_counter()
     with bar("fit") as update:
         bounder = fit(
@@ -89,6 +94,7 @@ def command(
             recipe=recipe,
             seed=seed,
             margin=margin,
+            force=force,
             resolution=resolution,
             length=length,
             space=space,
@@ -110,18 +116,22 @@ def command(
                 "fn": rates.fn,
                 "samples": rates.samples,
                 "positives": rates.positives,
+                "truth": rates.truth,
                 "fit_seconds": round(seconds, 3),
                 "certificate": summary,
                 "training": bounder.info.get("training"),
+                "note": bounder.info.get("note"),
                 "path": output,
             }
         )
     else:
         out = console(False)
         out.print(
-            f"{bounder.method}: {rates.fp_rate:.2f} % false positives, {rates.fn} false negatives in {rates.samples:,} samples"
+            f"{bounder.method}: {rates.fp_rate:.2f} % false positives, {rates.fn} false negatives in {rates.samples:,} samples, "
+            f"{rates.truth}"
         )
         out.print(certificate.message if certificate else NOT_CONSERVATIVE)
-        note = bounder.info.get("note")
-        out.print(f"{seconds:.1f} s; written to {output}" + (f"; {note}" if note else ""))
+        out.print(f"{seconds:.1f} s; written to {output}")
+    if bounder.info.get("note"):
+        warn(bounder.info["note"])
     return 0  # what could be said of the bounder has been; one that misses its claim raises

@@ -58,7 +58,7 @@ def command(file: BounderFile, json: Json = False) -> int:
     if sizes:
         table.add_row("sizes", sizes if len(sizes) <= MOST_SIZES else sizes[:MOST_SIZES] + " ...")
     if info.get("note"):
-        table.add_row("note", str(info["note"]))
+        table.add_row("note", str(info["note"]), style="yellow")
     style = "green" if certificate and certificate.proven else "yellow"
     for key, value in words.items():
         table.add_row(key, value, style=style if key == "certificate" else None)

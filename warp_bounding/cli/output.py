@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import sys
+import warnings
 from collections.abc import Iterator
 from typing import Annotated, Any
 
@@ -12,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from warp_bounding.bounders import Bounder, Certificate
+from warp_bounding.errors import BoundingWarning
 from warp_bounding.proof.words import NOT_CONSERVATIVE
 
 __all__ = [
@@ -24,6 +26,8 @@ __all__ = [
     "console",
     "print_json",
     "quiet_warp",
+    "told_warnings",
+    "warn",
 ]
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output, and nothing else there.")]
@@ -34,6 +38,28 @@ BounderFile = Annotated[str, typer.Argument(metavar="FILE", help="A bounder that
 def console(as_json: bool) -> Console:
     """Where text for people goes: standard output, or standard error where that belongs to JSON."""
     return Console(stderr=as_json, highlight=False, soft_wrap=True)
+
+
+def warn(text: str) -> None:
+    """One yellow line on standard error: what a user should know, and what did not go wrong."""
+    console(True).print(" ".join(text.split()), style="yellow", markup=False)
+
+
+@contextlib.contextmanager
+def told_warnings() -> Iterator[None]:
+    """Tell the library's own warnings by ``warn``, each of them; all others as they were told before."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", BoundingWarning)
+        others = warnings.showwarning
+
+        def tell(message, category, *where, **more) -> None:
+            if issubclass(category, BoundingWarning):
+                warn(f"warp-bounding: {message}")
+            else:
+                others(message, category, *where, **more)
+
+        warnings.showwarning = tell
+        yield
 
 
 def print_json(value: dict[str, Any]) -> None:

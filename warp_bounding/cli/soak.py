@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from warp_bounding.cli.output import BounderFile, Device, Json, bar, console, print_json, quiet_warp
+from warp_bounding.cli.shape import Origin, Spacing, Threshold, read_shape
 from warp_bounding.errors import QueryError
 
 __all__ = ["command"]
@@ -20,6 +21,9 @@ def command(
     resume: Annotated[
         str | None, typer.Option(metavar="STATE.json", help="Keep what was done here, and go on from it if it exists.")
     ] = None,
+    threshold: Threshold = None,
+    spacing: Spacing = None,
+    origin: Origin = None,
     device: Device = "cpu",
     json: Json = False,
 ) -> int:
@@ -35,8 +39,9 @@ def command(
     wanted = _whole(count)
     quiet_warp(device)
     bounder = load(file, device=device)
+    indicator = read_shape(shape, threshold, spacing, origin)
     with bar("soak") as update:
-        result = soak(bounder, shape, wanted, seed=seed, state=resume, progress=update)
+        result = soak(bounder, indicator, wanted, seed=seed, state=resume, progress=update)
     same = result.indicator == bounder.info.get("indicator")
     if json:
         print_json(

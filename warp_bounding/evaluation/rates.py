@@ -27,6 +27,7 @@ class Rates:
         samples: Number of samples.
         protocol: ``"exact"`` or ``"sampled"`` (the truth from random points of a region, as in the paper; the same for points).
         seed: Of the samples.
+        truth: Of what the truth is, in words: of the cells that were bounded, which cover a mesh by up to a cell and its margin.
     """
 
     fp_rate: float
@@ -35,6 +36,7 @@ class Rates:
     samples: int
     protocol: str
     seed: int
+    truth: str = "of its cells"
 
     def to_dict(self) -> dict:
         """JSON-ready."""
@@ -50,7 +52,7 @@ def evaluate(
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Rates:
-    """Ask a bounder random queries of its kind and compare with the exact truth.
+    """Ask a bounder random queries of its kind and compare with the exact truth, that of the shape's cells.
 
     Args:
         bounder: Any bounder.
@@ -91,4 +93,6 @@ def evaluate(
         positive += int(truth.sum())
         if progress:
             progress(start + len(x), samples)
-    return Rates(100 * false_positive / samples, false_negative, 100 * positive / samples, int(samples), protocol, seed)
+    truth = "of its cells" + (f" at resolution {grid.resolution}" if grid.resolution else "")
+    rate, positive_rate = 100 * false_positive / samples, 100 * positive / samples
+    return Rates(rate, false_negative, positive_rate, int(samples), protocol, seed, truth)

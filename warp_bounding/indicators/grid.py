@@ -78,6 +78,14 @@ class IndicatorGrid:
         for name, value in (("occupancy", occupancy), ("cells_per_unit", scale), ("offset", offset)):
             object.__setattr__(self, name, value)
 
+    def __repr__(self) -> str:
+        cells, sides = " x ".join(map(str, self.shape)), " x ".join(f"{side:.4g}" for side in self.extent)
+        words = [f"{self.ndim}D", f"{cells} cells", f"{int(self.occupancy.sum()):,} occupied", f"extent {sides}"]
+        words += ["time first"] if self.time else []
+        words += [f"margin {self.margin:g}"] if self.margin else []
+        words += [f"resolution {self.resolution}"] if self.resolution else []
+        return f"<IndicatorGrid {self.name}: {', '.join(words + [self.note] * bool(self.note))}>"
+
     # --- where it is -------------------------------------------------------------------------------------------------
 
     @property
@@ -99,6 +107,11 @@ class IndicatorGrid:
     def upper(self) -> np.ndarray:
         """``(n,)`` float64, the domain's upper corner in object space: where the last cells end."""
         return self.position(np.array(self.shape) - 0.5)
+
+    @property
+    def extent(self) -> np.ndarray:
+        """``(n,)`` float64, the domain's sides, object units; without time, if coordinate 0 is time."""
+        return (self.upper - self.lower)[1 if self.time else 0 :]
 
     @property
     def sample_lower(self) -> np.ndarray:

@@ -69,6 +69,12 @@ class IndicatorMesh:
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
 
+    def __repr__(self) -> str:
+        sides = " x ".join(f"{side:.4g}" for side in self.extent)
+        counts = f"{len(self.vertices):,} vertices, {len(self.faces):,} faces"
+        notes = filter(None, [self.note, "closed" if self.watertight else self.surface.note])
+        return f"<IndicatorMesh {self.name}: 3D, {counts}, extent {sides}, {', '.join(notes)}>"
+
     @property
     def ndim(self) -> int:
         """Number of coordinates: 3."""
@@ -79,6 +85,11 @@ class IndicatorMesh:
         """``(2, 3)`` float64, lower and upper corner of the faces, object units; vertices of no face do not count."""
         used = self.vertices[self.faces.ravel()]
         return np.stack([used.min(axis=0), used.max(axis=0)]).astype(np.float64)
+
+    @property
+    def extent(self) -> np.ndarray:
+        """``(3,)`` float64, sides of the box around the faces, object units."""
+        return self.bounds[1] - self.bounds[0]
 
     @cached_property
     def surface(self) -> Surface:
@@ -121,7 +132,7 @@ class IndicatorMesh:
         from warp_bounding.indicators.voxelization import solid_cells
 
         resolution, margin = checked_resolution(resolution), checked_margin(margin)
-        extent = float((self.bounds[1] - self.bounds[0]).max()) + 2 * margin
+        extent = float(self.extent.max()) + 2 * margin
         scale = cells_per_unit(extent, resolution, self.name)
         lower, upper = self.bounds * scale  # exact: 24 + 16 bits
         first, last = cells_around(lower, upper, margin * scale, self.name)

@@ -81,6 +81,13 @@ class IndicatorMotion:
             value.setflags(write=False)
             object.__setattr__(self, key, value)
 
+    def __repr__(self) -> str:
+        sides = " x ".join(f"{side:.4g}" for side in self.extent)
+        counts = f"{len(self.frames)} keyframes of {self.frames.shape[1]:,} vertices, {len(self.faces):,} faces"
+        times = f"times {self.times[0]:g} to {self.times[-1]:g} in {self.time_cells} cells"
+        notes = filter(None, [self.note, "closed" if self.watertight else self.surface.note])
+        return f"<IndicatorMotion {self.name}: 4D, {counts}, extent {sides}, {times}, {', '.join(notes)}>"
+
     @property
     def ndim(self) -> int:
         """Number of coordinates: 4, time first."""
@@ -91,6 +98,11 @@ class IndicatorMotion:
         """``(2, 3)`` float64, lower and upper corner of the faces over all times, object units."""
         used = self.frames[:, np.unique(self.faces)].reshape(-1, 3)
         return np.stack([used.min(axis=0), used.max(axis=0)]).astype(np.float64)
+
+    @property
+    def extent(self) -> np.ndarray:
+        """``(3,)`` float64, sides of the box around the faces over all times, object units."""
+        return self.bounds[1] - self.bounds[0]
 
     @cached_property
     def surface(self) -> Surface:
@@ -142,7 +154,7 @@ class IndicatorMotion:
         resolution = DEFAULT_RESOLUTION if resolution is None else resolution
         resolution, margin = checked_resolution(resolution), checked_margin(margin)
         rounding = EVALUATION * float(np.abs(self.bounds).max())
-        extent = float((self.bounds[1] - self.bounds[0]).max()) + 2 * margin
+        extent = float(self.extent.max()) + 2 * margin
         scale = cells_per_unit(extent, resolution, self.name)
         reach = (margin + rounding) * scale
         first, last = cells_around(*(self.bounds * scale), reach + 2 * WAY, self.name)

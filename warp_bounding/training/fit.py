@@ -3,7 +3,9 @@
 Closed forms are fitted and proven at once, networks in ``networks``. What can be asked for stands in ``bounders.METHODS``.
 """
 
+import math
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -22,8 +24,9 @@ from warp_bounding.bounders.network import ACTIVATIONS
 from warp_bounding.bounders.parametric import fit_parametric
 from warp_bounding.bounders.regions import RegionDomain, domain_of
 from warp_bounding.bounders.relu_field import ReluField
-from warp_bounding.errors import BounderError
-from warp_bounding.indicators import load_indicator
+from warp_bounding.errors import BounderError, BoundingWarning
+from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, IndicatorMotion, load_indicator
+from warp_bounding.indicators.mesh import MAX_RESOLUTION
 from warp_bounding.proof import cascade, prove
 from warp_bounding.queries import check_query, oracle, sample
 from warp_bounding.queries.positives import draw_positives
@@ -54,6 +57,7 @@ def fit(
     budget: float = 60.0,
     seed: int = 0,
     margin: float = 0.0,
+    force: bool = False,
     resolution: int | None = None,
     length: float = 1.0,
     space: str = "geometric",
@@ -79,7 +83,9 @@ def fit(
         activation: ``"sin"``, ``"relu"`` or ``"tanh"``, mlp; monotone-mlp takes tanh in place of sin, which is not monotone.
         budget: Seconds for training and proof, mlp; a proof that is late may take a tenth more. Of all parts of a cascade together.
         seed: Of everything random.
-        margin: The object is dilated by this length first, object (world) units.
+        margin: The object is dilated by this length first, object (world) units. Under the size of a mesh's cells it is warned of: the
+            cells are what is bounded.
+        force: Take a margin that is larger than the object, too.
         resolution: Cells along a mesh's longest axis; 64 if ``None``. Grids bring their own.
         length: Of a ray, object units; other queries have none.
         space: ``"geometric"``: a region is tested against the volume; ``"parametric"``, as in the paper: the volume is fitted to
@@ -99,13 +105,17 @@ def fit(
     Raises:
         IndicatorError: If the shape cannot be read or bounded.
         QueryError: For an unknown kind of query.
-        BounderError: For an unknown method, or an option that makes no sense.
+        BounderError: For an unknown method, an option that makes no sense, or a margin larger than the object that is not forced.
     """
     check_query(query)
     _check_options(budget, steps, seed, margin, length, space, recipe)
     checked_device(device)
     started = time.perf_counter()
-    grid = load_indicator(shape).to_grid(resolution=resolution, margin=margin)
+    shape = load_indicator(shape)
+    _check_extent(shape, margin, force)
+    grid = shape.to_grid(resolution=resolution, margin=margin)
+    if not isinstance(shape, IndicatorGrid):
+        _warn_of_coarse_cells(grid)
     space = "geometric" if query == "point" else space
     kinds = [method_class(name, query, grid.ndim, space) for name in method.split("+")]
     if len(kinds) > 1:
@@ -144,6 +154,32 @@ def fit(
     before = 0.0 if last is None else (last.info.get("training") or {}).get("seconds", 0.0)
     whole.info["training"]["seconds"] = round(time.perf_counter() - started + before, 3)
     return whole
+
+
+def _check_extent(shape: IndicatorGrid | IndicatorMesh | IndicatorMotion, margin: float, force: bool) -> None:
+    """Refuse a margin that leaves nothing of the object's form, before it is spent time on."""
+    extent = float(shape.extent.max())
+    if margin > extent and not force:
+        raise BounderError(
+            f"margin must be at most the object's extent, {extent:.4g}, got {margin:g}; force=True (--force) takes it all the same"
+        )
+
+
+def _warn_of_coarse_cells(grid: IndicatorGrid) -> None:
+    """Warn where cells cover the object by more than the margin asks for: rates are those of the cells."""
+    size = 1 / float(grid.cells_per_unit[-1])
+    if 0 < grid.margin < size:
+        finer = math.ceil(grid.resolution * size / grid.margin)
+        advice = (
+            f"resolution={finer} has cells of the margin's size"
+            if finer <= MAX_RESOLUTION
+            else "give a finer resolution"
+        )
+        text = (
+            f"margin {grid.margin:g} is under the size of a cell, {size:.3g}: false positives are counted against the "
+            f"object's cells at resolution {grid.resolution}, which are wider than the margin; {advice}"
+        )
+        warnings.warn(text, BoundingWarning, stacklevel=3)
 
 
 def _network_options(kind, hidden, activation, octaves, steps, recipe) -> NetworkOptions | None:

@@ -1,0 +1,44 @@
+"""The shape of a command, and the options that say how an array or an image is meant; the same for all commands."""
+
+from typing import Annotated
+
+import typer
+
+from warp_bounding.errors import IndicatorError
+
+__all__ = ["Origin", "Spacing", "Threshold", "read_shape"]
+
+Threshold = Annotated[
+    str | None, typer.Option(help="Which values of an array, or grey values of an image, are occupied: '<128', '<=0'.")
+]
+Spacing = Annotated[
+    str | None,
+    typer.Option(help="Size of an array's or image's cells, one or one for each axis: 0.05 or 0.1,0.05; rows first."),
+]
+Origin = Annotated[
+    str | None, typer.Option(help="Where the centre of an array's or image's first cell is: -12.5,3; rows first.")
+]
+
+
+def read_shape(path: str, threshold: str | None, spacing: str | None, origin: str | None):
+    """``load_indicator`` of what a command line says.
+
+    Raises:
+        IndicatorError: In one line, for whatever cannot be read.
+    """
+    from warp_bounding.indicators import load_indicator
+
+    sizes = None if spacing is None else _numbers("spacing", spacing)
+    return load_indicator(
+        path,
+        threshold=threshold,
+        spacing=sizes[0] if sizes and len(sizes) == 1 else sizes,
+        origin=None if origin is None else _numbers("origin", origin),
+    )
+
+
+def _numbers(name: str, text: str) -> list[float]:
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError:
+        raise IndicatorError(f"{name} must be numbers such as 0.05 or 0.1,0.05, got {text!r}") from None
