@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sims.drawing import INK, STONE, light, polygons, upright
+from sims.drawing import CAPTIONS, INK, STONE, light, polygons, upright
 
 if TYPE_CHECKING:
     from sims.cloth.example import Example
@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 __all__ = ["cloth_data", "draw"]
 
 PICTURE = "cloth.png"
-PANEL = (900, 720)
+PANEL = (800, 560)
+TIPS = "White tips: the star's points between particles; only particles collide"
 CLOTH, WRONG = "#3f7fc4", "#d62718"
-CAPTIONS = {"mlp": "mlp: a network with a proof", "occupancy": "occupancy: a network with no proof"}
 
 
 def cloth_data(examples: "dict[str, Example]", reference: "Example | None" = None) -> dict[str, np.ndarray]:
@@ -43,9 +43,10 @@ def cloth_data(examples: "dict[str, Example]", reference: "Example | None" = Non
         head = CAPTIONS.get(name, name)
         under, deepest = int((depths > 0).sum()), example.deepest
         below = f"{under} particles under the surface" + (f" (red), the deepest {deepest:.3f}" if under else "")
+        missed = f"{example.missed:,} contacts missed"
         if reference is not None and example is not reference and example.identical(reference):
-            below = f"identical to the run without a bounder, to the bit; {below}"
-        data[f"caption{number}"] = np.array(f"{head}\n{example.missed:,} contacts missed\n{below}")
+            missed += "; identical to the run without a bounder, to the bit"
+        data[f"caption{number}"] = np.array(f"{head}\n{missed}\n{below}")
     return data
 
 
@@ -82,12 +83,13 @@ def draw(data: dict[str, np.ndarray], folder: Path) -> None:
             plotter.add_mesh(dots.glyph(geom=ball, scale=False, orient=False), color=WRONG, ambient=0.5)
         head, *lines = str(data[f"caption{number}"]).split("\n")
         plotter.add_text(head, position=(0.04, 0.92), viewport=True, font_size=15, color=INK)
-        plotter.add_text("\n".join(lines), position=(0.04, 0.83), viewport=True, font_size=11, color=INK)
+        plotter.add_text("\n".join(lines), position=(0.04, 0.84), viewport=True, font_size=11, color=INK)
+        plotter.add_text(TIPS, position=(0.04, 0.02), viewport=True, font_size=10, color=INK)
         light(plotter, (0.0, 0.0, 1.0))
         plotter.enable_anti_aliasing("ssaa")
         plotter.camera.position = (-1.0, -5.6, 4.6)
-        plotter.camera.focal_point = (0.03, 0.0, 0.87)
+        plotter.camera.focal_point = (0.08, 0.0, 0.86)
         plotter.camera.up = (0, 0, 1)
-        plotter.camera.view_angle = 25
+        plotter.camera.view_angle = 22
     plotter.screenshot(str(folder / PICTURE))
     plotter.close()

@@ -40,7 +40,8 @@ RECIPES = {
     "learned-kdop+mlp": Recipe("learned-kdop+mlp"),
     "occupancy": Recipe("occupancy", budget=60.0, options={"hidden": (50, 50)}),
 }
-PICTURED = ("kdop", "learned-kdop", "mlp")
+PICTURED = ("kdop", "learned-kdop", "mlp")  # their bounds, side by side
+RAINED = ("mlp", "occupancy")  # their runs, side by side
 WARM_UP = 4096  # particles of the run that loads kernels outside the timed part
 PARTICLES, STEPS = (100_000, 10_000), (150, 24)  # full, quick
 
@@ -102,11 +103,11 @@ def run(
     rates = {row["bounder"]: row["fp_rate"] for row in rows} | {
         MOVING_BOX: broad[MOVING_BOX].fp_rate(scene.motion, grid)
     }
-    runs, last = [], None
+    runs, first = [], None
     for section, reach in NARROW.items():
         examples = simulate(scene, broad, reach=reach, particles=particles, steps=steps, seed=seed)
         runs += compare(examples, bounders, rates, section)
-        last = last or examples["none"]
+        first = first or examples
     title = f"{particles:,} particles, {steps} steps, by narrow phase: calls and milliseconds a step (median)"
     console.print(run_table(title, runs, steps=steps, calls="narrow calls"))
     console.print(verdict(runs))
@@ -115,7 +116,8 @@ def run(
         from sims.particles.pictures import bounds_data, rain_data
 
         pictured = {name: (bounders[name], rates[name]) for name in PICTURED if name in bounders}
-        data = bounds_data(scene, last.time, pictured) | rain_data(last)
+        shown = {name: first[name] for name in RAINED if name in first} or {"none": first["none"]}
+        data = bounds_data(scene, first["none"].time, pictured) | rain_data(shown, bounders, first["none"])
         drawn = draw_with("sims.particles.pictures", out, data)
     console.print(drawn.lines())
     more = {"particles": particles, "device": str(scene.device), "bounders": rows}

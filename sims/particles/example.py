@@ -108,10 +108,18 @@ class Example:
         """Everything that the next step depends on, but time."""
         return b"".join(a.numpy().tobytes() for a in (self.positions, self.velocities, self.ages, self.lives))
 
+    def lost(self, reference: "Example") -> np.ndarray:
+        """Contacts that the reference, a run of the same length without a broad phase, has and this run lacks.
+
+        Returns:
+            ``(steps, particles)`` bool.
+        """
+        there, here = (np.stack(run.touched) for run in (reference, self))
+        return np.unpackbits(there & ~here, axis=1, count=self.particles).astype(bool)
+
     def missed(self, reference: "Example") -> int:
-        """Contacts that the reference, a run of the same length without a broad phase, has and this run lacks."""
-        pairs = zip(reference.touched, self.touched, strict=True)
-        return sum(int(np.unpackbits(there & ~here).sum()) for there, here in pairs)
+        """How many contacts are ``lost``."""
+        return int(self.lost(reference).sum())
 
     def milliseconds(self) -> tuple[float, float, float]:
         """Median per step: broad phase, narrow phase, whole step."""
@@ -122,7 +130,7 @@ class Example:
         from sims.drawing import draw_with
         from sims.particles.pictures import rain_data
 
-        return draw_with("sims.particles.pictures", folder, rain_data(self)).paths
+        return draw_with("sims.particles.pictures", folder, rain_data({"rain": self})).paths
 
     def test_final(self, reference: "Example") -> None:
         """Check this run against one without a broad phase.

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import warp as wp
+from PIL import Image
 
 import warp_bounding as wb
 from sims import drawing
@@ -11,7 +12,7 @@ from sims.particles.example import CONTACT, CONTAINMENT, Example
 from sims.particles.kernels import RADIUS, collide
 from sims.particles.pictures import bounds_data, rain_data
 from sims.particles.scene import PERIOD, Scene
-from sims.prefitted import Recipe, fit
+from sims.prefitted import FOLDER, Recipe, fit
 
 PARTICLES, STEPS, RESOLUTION = 2000, 20, 20
 CLASSICS = ("aabb", "kdop", "voxels")
@@ -211,20 +212,55 @@ def test_an_unknown_device_is_refused():
 
 def test_without_opengl_pictures_are_skipped_with_one_line(examples, tmp_path, monkeypatch):
     monkeypatch.setattr(drawing.sys, "executable", "/bin/false")
-    drawn = drawing.draw_with("sims.particles.pictures", tmp_path, rain_data(examples["none"]))
+    drawn = drawing.draw_with("sims.particles.pictures", tmp_path, rain_data({"none": examples["none"]}))
     assert drawn.paths == []
     assert drawn.problem.startswith("No pictures: ")
     assert "\n" not in drawn.problem
     assert list(tmp_path.iterdir()) == []
 
 
-def test_pictures(scene, bounders, tmp_path):
+@pytest.fixture(scope="module")
+def rains(scene, bounders):
+    """A run without a broad phase, one with a proven bounder, and one with a bounder that denies a part of the object; and the bounders."""
+    shown = {"kdop": bounders["kdop"], "broken": denying(bounders["kdop"])}
+    broad = {name: OfMotion(bounder, scene) for name, bounder in shown.items()}
+    return simulate(scene, broad, particles=PARTICLES, steps=3), shown
+
+
+def test_the_picture_of_the_rain_says_what_a_run_lost(rains):
+    runs, shown = rains
+    data = rain_data({name: runs[name] for name in shown}, shown, runs["none"])
+    kept, lost = (str(data[f"rain{number}_caption"]) for number in (0, 1))
+    assert "0 contacts missed in 3 steps\nidentical" in kept
+    assert f"{runs['broken'].missed(runs['none']):,} contacts missed in 3 steps\nred" in lost
+    assert not data["rain0_lost"].any()
+    assert 0 < data["rain1_lost"].sum() <= runs["broken"].missed(runs["none"])
+    assert data["rain0_balls"].sum() == runs["kdop"].calls[-1]  # what touches is pushed, and stays within the bound
+
+
+def test_pictures(scene, rains, tmp_path):
     pytest.importorskip("pyvista")
-    example = Example(scene, particles=PARTICLES)
-    example.step()
-    data = bounds_data(scene, example.time, {"kdop": (bounders["kdop"], 1.0)}) | rain_data(example)
+    runs, shown = rains
+    time = runs["none"].time
+    data = bounds_data(scene, time, {"kdop": (shown["kdop"], 1.0)})
+    data |= rain_data({name: runs[name] for name in shown}, shown, runs["none"])
     drawn = drawing.draw_with("sims.particles.pictures", tmp_path, data)
     if not drawn.paths:
         pytest.skip(drawn.problem)
     assert [path.name for path in drawn.paths] == ["bounds.png", "rain.png"]
     assert all(path.stat().st_size > 20_000 for path in drawn.paths)
+    colours = np.asarray(Image.open(tmp_path / "rain.png").convert("RGB")).astype(int)
+    red = (colours[:, :, 0] > 180) & (colours[:, :, 1:].max(axis=2) < 110)
+    kept, lost = np.split(red, 2, axis=1)
+    assert lost.sum() > 20
+    assert not kept.any()
+
+
+def test_an_island_of_a_bound_is_explained(scene, bounders):
+    """A bound of one piece needs no words; one with pieces apart from the object has them."""
+    motion_time = scene.time(0)
+    whole = bounds_data(scene, motion_time, {"kdop": (bounders["kdop"], 1.0)})
+    assert not str(whole["bound0_caption"]).split("\n")[2]
+    apart = wb.load(FOLDER / "rain-mlp.safetensors", device=str(scene.device))
+    islands = bounds_data(scene, motion_time, {"mlp": (apart, 1.0)})
+    assert "false positives" in str(islands["bound0_caption"]).split("\n")[2]
