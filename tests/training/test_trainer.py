@@ -1,4 +1,4 @@
-"""The parts of training against plain twins: gradients, optimiser, clock, team."""
+"""The parts of training against plain twins: gradients, clock, team."""
 
 from itertools import combinations
 
@@ -12,7 +12,6 @@ from warp_bounding.bounders.domain import Domain  # noqa: E402
 from warp_bounding.bounders.mlp import Mlp  # noqa: E402
 from warp_bounding.training.clock import Clock  # noqa: E402
 from warp_bounding.training.network import Evaluator, TrainableNetwork  # noqa: E402
-from warp_bounding.training.soap import Soap  # noqa: E402
 from warp_bounding.training.team import Team, single_threaded_torch  # noqa: E402
 
 NETWORKS = [  # coordinates, hidden, activation, octaves, moments
@@ -89,19 +88,6 @@ def test_moments_and_octaves_exclude_each_other():
         network_of(4, (5,), "sin", 1, True)
     with pytest.raises(ValueError, match="even"):
         network_of(3, (5,), "sin", 0, True)
-
-
-def test_soap_decreases_a_quadratic():
-    target = torch.randn(6, 9, generator=generator(1))
-    steep = torch.diag(torch.logspace(-1, 1, 9))
-    weights = [torch.zeros(6, 9), torch.zeros(1, 7)]
-    soap, losses = Soap(weights, 0.9, 0.95), []
-    for _ in range(300):
-        rest = weights[0] - target
-        losses.append(float((rest @ steep).square().sum() + (weights[1] - 3).square().sum()))
-        soap.step([2 * rest @ steep @ steep, 2 * (weights[1] - 3)], 0.05)
-    assert losses[-1] < 1e-3 * losses[0]
-    assert all(torch.isfinite(w).all() for w in weights)
 
 
 def test_clocks():
