@@ -1,11 +1,16 @@
 """Moving meshes: every point of the dilated object, at every time, lies in an occupied cell."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators import IndicatorMesh, IndicatorMotion
+from warp_bounding.indicators.motion import LEFT, MAX_TIMES, SPARE, time_axis
 
 
 def turning(mesh, keyframes=9, angle=np.pi, shift=(0.3, 0.0, 0.1)) -> np.ndarray:
@@ -31,10 +36,10 @@ def test_every_point_at_every_time_lies_in_an_occupied_cell(name, margin, rng):
     assert motion.watertight
     grid = motion.to_grid(resolution=14, margin=margin)
     assert grid.time
-    assert grid.lower[0] <= 2.0
-    assert grid.upper[0] >= 3.5
+    assert grid.lower[0] == 2.0
+    assert grid.upper[0] == 3.5
     ends = grid.position(np.arange(grid.shape[0] + 1)[:, None] - 0.5)[:, 0]
-    times = np.unique(np.concatenate([rng.uniform(2.0, 3.5, 20), motion.times, ends.clip(2.0, 3.5)]).astype(np.float32))
+    times = np.unique(np.concatenate([rng.uniform(2.0, 3.5, 20), motion.times, ends]).astype(np.float32))
     for t in times:
         corners = motion.vertices_at(t).astype(np.float64)[solid.faces]
         x = np.einsum("fkc,fcx->fkx", rng.dirichlet(np.ones(3) / 2, size=(len(corners), 30)), corners).reshape(-1, 3)
@@ -46,6 +51,32 @@ def test_every_point_at_every_time_lies_in_an_occupied_cell(name, margin, rng):
             away = rng.normal(size=x.shape)
             x += away / np.linalg.norm(away, axis=1, keepdims=True) * margin * rng.random((len(x), 1))
         assert grid.contains(np.column_stack([np.full(len(x), t, np.float64), x])).all()
+
+
+@given(
+    start=st.floats(-1e3, 1e3, width=32),
+    length=st.floats(2.0**-6, 1e3, width=32),
+    count=st.integers(1, MAX_TIMES),
+)
+@example(start=2.0, length=1.5, count=7)
+@example(start=-0.3, length=1e-2, count=MAX_TIMES)
+def test_cells_of_time_lie_between_the_keyframes(start, length, count):
+    start, end = float(start), float(np.float32(start + length))
+    rate, begin, cells = time_axis(start, end, count, "motion")
+    assert count <= cells <= count + SPARE
+    assert float(np.float32(rate)) == rate
+    assert (2 * begin).is_integer()
+    assert Fraction(start) <= Fraction(begin) / Fraction(rate)
+    assert (Fraction(begin) + cells) / Fraction(rate) <= Fraction(end)
+    assert (Fraction(end) - Fraction(start)) * Fraction(rate) - cells < 1
+
+
+@pytest.mark.parametrize("end", [1.0, 1.25, 3.0, 0.1, 1 / 3])
+@pytest.mark.parametrize("count", [1, 3, 32, 50])
+def test_a_motion_from_time_0_is_covered(end, count):
+    rate, begin, cells = time_axis(0.0, float(np.float32(end)), count, "motion")
+    assert (begin, cells) == (0.0, count)
+    assert float(np.float32(end)) * rate - cells <= LEFT
 
 
 def test_a_motion_that_rests_is_a_mesh():

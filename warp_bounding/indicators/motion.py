@@ -6,10 +6,13 @@ in the piece's middle; so the triangle there, dilated by that and by the margin,
 piece, and its cells are found as for a mesh at rest (``voxelization``). Nothing is sampled. Where the surface is closed, a flood
 from outside through the empty cells of a piece meets the surface at no time in it, so what it does not reach holds the inside.
 
-Outside the range of its keyframes the motion has no answer: bounders say *maybe*.
+Before its first and after its last keyframe nothing is known of the motion. So the cells of time lie between these two, however
+time is divided, and outside the cells bounders say *maybe*. They rarely meet both keyframes exactly: ``time_axis`` chooses cells that leave
+little of the range out.
 """
 
 import hashlib
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -20,6 +23,7 @@ from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.closed_parts import Surface, surface_of
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.mesh import (
+    SCALE_BITS,
     cells_around,
     cells_per_unit,
     check_faces,
@@ -32,6 +36,8 @@ __all__ = ["IndicatorMotion"]
 DEFAULT_RESOLUTION = 32
 DEFAULT_TIMES = 32
 MAX_TIMES = 1024
+SPARE = 4  # cells of time more than asked for, where they fit the range better
+LEFT = 0.01  # of a cell of time, that may be left out at the ends of the range before other cells are tried
 WAY = 0.25  # in cells: half of the longest way of a vertex within a piece (there are at most 3,600 pieces: no mesh goes farther than its grid)
 EVALUATION = (
     2.0**-23
@@ -46,8 +52,8 @@ class IndicatorMotion:
         frames: ``(K, V, 3)`` float32, read-only, object units: the vertices at each keyframe; at least two.
         faces: ``(F, 3)`` int32, read-only, indices of vertices.
         times: ``(K,)`` float32, read-only, ascending, in the unit of time; 0 to 1 in equal steps if ``None``.
-        time_cells: Cells that ``to_grid`` divides the range of time into.
-        name: What it was made from, for messages.
+        time_cells: Cells that ``to_grid`` divides the range of time into; up to 4 more where they fit it better.
+        name: What it was made from, for messages and files.
         note: A restriction that a user should know.
     """
 
@@ -128,7 +134,8 @@ class IndicatorMotion:
         """The vertices at a time, as a simulation should use them: what ``to_grid`` bounds holds for these very numbers.
 
         Args:
-            time: In the unit of ``times``; before the first and after the last keyframe the mesh rests.
+            time: In the unit of ``times``; outside their range the nearest keyframe is returned, of which bounders promise
+                nothing: they answer with *maybe* there.
 
         Returns:
             ``(V, 3)`` float32.
@@ -139,7 +146,8 @@ class IndicatorMotion:
         """Divide the dilated motion into cells of time and space, conservatively.
 
         A closed cell is occupied if at any of its times the surface, the inside (of a closed surface) or their margin, with vertices
-        as ``vertices_at`` rounds them, meets it. One empty cell lies around the object on every side in space.
+        as ``vertices_at`` rounds them, meets it. One empty cell lies around the object on every side in space, and no cell reaches
+        beyond the first or the last keyframe in time.
 
         Args:
             resolution: Cells along the longest axis of the dilated object, over all times, 2 to 1024; 32 by default.
@@ -159,10 +167,7 @@ class IndicatorMotion:
         reach = (margin + rounding) * scale
         first, last = cells_around(*(self.bounds * scale), reach + 2 * WAY, self.name)
         shape = tuple((last - first + 1).tolist())
-        start, end = float(self.times[0]), float(self.times[-1])
-        rate = cells_per_unit(end - start, self.time_cells, self.name)
-        begin = np.floor(2 * start * rate) / 2  # where the first cell begins, in cells: a multiple of 1/2
-        count = int(np.ceil(end * rate - begin))
+        rate, begin, count = time_axis(float(self.times[0]), float(self.times[-1]), self.time_cells, self.name)
         cells = [
             self._cells((begin + i) / rate, (begin + i + 1) / rate, scale, first, shape, reach) for i in range(count)
         ]
@@ -205,3 +210,33 @@ class IndicatorMotion:
                 middle = (1 - share) * ends[0] + share * ends[1]
                 occupancy |= solid_cells(middle, faces, self.surface.closed, shape, dilation)
         return occupancy
+
+
+def time_axis(start: float, end: float, count: int, name: str) -> tuple[float, float, int]:
+    """Cells of time that lie between two times and leave little of the range out.
+
+    A rate has few significant bits and a first face lies at a multiple of half a cell, so cells seldom begin and end where the range does.
+    Of all rates for ``count`` to ``count + SPARE`` cells, this is the first that leaves out ``LEFT`` of a cell or less, or else the best: of 32
+    cells between random times, half leave out less than 0.2 % of the range, all less than 1.5 %.
+
+    Args:
+        start: Unit of time, float32.
+        end: Unit of time, float32.
+        count: Cells that are asked for.
+        name: For messages.
+
+    Returns:
+        Cells per unit of time, where the first cell begins (in cells, a multiple of 1/2), and their number.
+
+    Raises:
+        IndicatorError: If float32 cells cannot divide the range.
+    """
+    step = math.ldexp(1.0, math.frexp(cells_per_unit(end - start, count, name))[1] - SCALE_BITS)
+    few, many = (n / (end - start) / step for n in (count, count + SPARE))
+    mantissa = np.arange(np.ceil(few), np.floor(many) + 1)
+    rate = step * mantissa[mantissa % 2.0 ** np.maximum(np.frexp(mantissa)[1] - SCALE_BITS, 0) == 0]
+    begin = np.ceil(2 * start * rate) / 2  # exact, as the products are: 24 + 16 bits
+    cells = np.floor(end * rate - begin)
+    left = (end - start) * rate - cells
+    best = int(np.argmin(np.maximum(left, LEFT)))
+    return float(rate[best]), float(begin[best]), int(cells[best])

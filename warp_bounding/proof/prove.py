@@ -97,12 +97,17 @@ def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate
 
 def mismatch(bounder: Bounder, grid: IndicatorGrid) -> str | None:
     """Why a grid's points cannot be this bounder's queries, or ``None``."""
-    if grid.ndim == bounder.ndim and grid.time == bounder.domain.time:
-        return None
-    kinds = [
-        f"{n}D" + (", animated" if t else "") for n, t in ((grid.ndim, grid.time), (bounder.ndim, bounder.domain.time))
-    ]
-    return f"the shape is {kinds[0]}, the bounder {kinds[1]}"
+    domain = bounder.domain.base
+    if grid.ndim != bounder.ndim or grid.time != bounder.domain.time:
+        sides = ((grid.ndim, grid.time), (bounder.ndim, bounder.domain.time))
+        kinds = [f"{n}D" + (", animated" if t else "") for n, t in sides]
+        return f"the shape is {kinds[0]}, the bounder {kinds[1]}"
+    if grid.time and (domain.lower[0] < grid.lower[0] or domain.upper[0] > grid.upper[0]):
+        known, asked = (
+            f"{a[0]:.7g} to {b[0]:.7g}" for a, b in ((grid.lower, grid.upper), (domain.lower, domain.upper))
+        )
+        return f"the shape is known at times from {known}, the bounder denies queries from {asked}"
+    return None
 
 
 def outside(bounder: Bounder, grid: IndicatorGrid) -> np.ndarray:
