@@ -61,7 +61,7 @@ def test_every_point_at_every_time_lies_in_an_occupied_cell(name, margin, rng):
 @example(start=2.0, length=1.5, count=7)
 @example(start=-0.3, length=1e-2, count=MAX_TIMES)
 def test_cells_of_time_lie_between_the_keyframes(start, length, count):
-    start, end = float(start), float(np.float32(start + length))
+    start, end = float(np.float32(start)), float(np.float32(start + length))
     rate, begin, cells = time_axis(start, end, count, "motion")
     assert count <= cells <= count + SPARE
     assert float(np.float32(rate)) == rate
