@@ -27,6 +27,7 @@ import warp as wp
 from rich.console import Console
 from rich.table import Table
 
+from warp_bounding.bounders.activations import SINE
 from warp_bounding.bounders.network import Network
 from warp_bounding.launch import cpu_threads
 from warp_bounding.training.network import TrainableNetwork
@@ -51,7 +52,7 @@ class TorchBounds:
     def __init__(self, network: Network, dtype: torch.dtype):
         self.weights = [torch.from_numpy(x.weight).to(dtype) for x in [*network.hidden, network.output]]
         self.biases = [torch.from_numpy(x.bias).to(dtype) for x in [*network.hidden, network.output]]
-        self.padding, self.sine = network.padding, network.hidden[0].activation == "sin"
+        self.padding, self.sine = network.padding, network.hidden[0].activation is SINE
 
     def relax(self, z: torch.Tensor, width: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Slope, mean and spread of the activation around ``z``: the chord, or Taylor's line."""
@@ -175,7 +176,7 @@ def contest(network: Network, lower: np.ndarray, upper: np.ndarray) -> tuple[dic
     looser = (least - our_least) / (1 + np.abs(least)) > LOOSER
     found = np.minimum(value, our_value)
     gap = float(np.median((found - our_least) / (found - least)))
-    if (our_least > found).any() or (looser.any() and network.hidden[0].activation == "relu"):
+    if (our_least > found).any() or (looser.any() and network.hidden[0].activation.name == "relu"):
         raise RuntimeError("the bounds are not right")
     return contestants, gap, float(looser.mean())
 

@@ -13,7 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from warp_bounding.arithmetic import SINE_LIMIT
-from warp_bounding.bounders.network import ACTIVATIONS, Network
+from warp_bounding.bounders.activations import ACTIVATIONS
+from warp_bounding.bounders.network import Network
 
 F32 = np.float32
 NETWORKS = [((25, 25), "sin", 0), ((25, 25), "relu", 0), ((13, 30, 5), "sin", 2), ((13, 30, 5), "relu", 0)]

@@ -8,24 +8,25 @@ from hypothesis import strategies as st
 
 from warp_bounding.arithmetic import sine, tanh32
 from warp_bounding.bounders import METHODS
-from warp_bounding.bounders.network import ACTIVATIONS, FUNCTIONS, Network, relax
+from warp_bounding.bounders.activations import ACTIVATIONS
+from warp_bounding.bounders.network import Network
 from warp_bounding.errors import BounderError
 
 F32 = np.float32
 
 
 @settings(deadline=None, max_examples=60)
-@given(st.sampled_from(ACTIVATIONS), st.integers(0, 2**32 - 1), st.floats(-13, 3))
+@given(st.sampled_from(list(ACTIVATIONS)), st.integers(0, 2**32 - 1), st.floats(-13, 3))
 def test_relaxation_of_one_neuron(activation, seed, exponent):
     rng = np.random.default_rng(seed)
     z = rng.normal(size=(1, 400)) * 10.0 ** rng.uniform(-3, 2)
     width = 10.0**exponent * rng.uniform(0.1, 1, z.shape)
     noise = width * rng.choice([0.0, 1e-3, 0.3, 3.0], z.shape)
-    slope, mean, bend, spread = relax(z.copy(), width, noise, activation)
+    slope, mean, bend, spread = ACTIVATIONS[activation].relax(z.copy(), width, noise)
     for t in np.linspace(-1, 1, 41)[:, None]:
         line = t * width
         x = z + line + np.linspace(-1, 1, 21)[:, None] * noise
-        act = FUNCTIONS[activation](x.astype(np.longdouble))
+        act = ACTIVATIONS[activation].value(x.astype(np.longdouble))
         rounding = 8 * 2.0**-52 * (1 + np.abs(z) + width + noise)  # `bound` pays for it apart ("padding")
         assert (np.abs(act - (slope * (x - z) + mean + bend * line**2)) <= spread + rounding).all()
     assert (np.abs(slope) <= 1).all()
@@ -33,9 +34,9 @@ def test_relaxation_of_one_neuron(activation, seed, exponent):
 
 def test_relaxations_are_tight_where_boxes_are_small():
     z, width = np.linspace(-5, 5, 1001)[None], np.full((1, 1001), 1e-3)
-    assert relax(z, width, 0 * width, "sin")[3].max() < 1e-10
-    assert relax(z, width, 0 * width, "relu")[3].max() <= 2.5e-4
-    assert relax(z, width, 0 * width, "tanh")[3].max() < 2e-7
+    assert ACTIVATIONS["sin"].relax(z, width, 0 * width)[3].max() < 1e-10
+    assert ACTIVATIONS["relu"].relax(z, width, 0 * width)[3].max() <= 2.5e-4
+    assert ACTIVATIONS["tanh"].relax(z, width, 0 * width)[3].max() < 2e-7
 
 
 def test_the_relaxation_of_tanh_is_tight_where_intervals_are_wide():
@@ -46,7 +47,7 @@ def test_the_relaxation_of_tanh_is_tight_where_intervals_are_wide():
     act, best = np.tanh(x), np.full(200, np.inf)
     for slope in np.concatenate([np.zeros(1), np.geomspace(1e-4, 1, 400)]):
         best = np.minimum(best, np.ptp(act - slope * x, axis=0) / 2)
-    ratio = relax(z, width, 0 * width, "tanh")[3][0] / best
+    ratio = ACTIVATIONS["tanh"].relax(z, width, 0 * width)[3][0] / best
     assert np.median(ratio) < 1.2
     assert ratio.max() < 2.5
 

@@ -16,8 +16,9 @@ from typing import ClassVar
 import numpy as np
 
 from warp_bounding.arithmetic import TINY, gamma
+from warp_bounding.bounders.activations import ACTIVATIONS, check_activation
 from warp_bounding.bounders.base import Bounder, BoxBounds
-from warp_bounding.bounders.network import ACTIVATIONS, Network
+from warp_bounding.bounders.network import Network
 from warp_bounding.bounders.source import Lanes, Source
 from warp_bounding.errors import BounderError
 
@@ -80,15 +81,7 @@ class MlpSource(Source):
 
     def activate(self, lanes: Lanes, target: str, z: str) -> str:
         """C statement ``target = act(z)``."""
-        if self.activation == "sin":
-            return lanes.sine(target, z)
-        if self.activation == "tanh":
-            return lanes.tanh(target, z)
-        return (
-            f"{{ V z_ = {z}; {target} = z_ > 0.0f ? z_ : z_ * 0.0f; }}"
-            if not lanes.vector
-            else (f"{{ V z_ = {z}; const V o_ = {{}}; {target} = z_ > o_ ? z_ : o_; }}")
-        )
+        return ACTIVATIONS[self.activation].statement(lanes, target, z)
 
     def encode(self, lanes: Lanes) -> list[str]:
         """C statements from ``v`` to the inputs ``h0``."""
@@ -335,10 +328,9 @@ class Mlp(Bounder):
         """See ``Bounder``; raises ``BounderError`` where tensors and sizes do not fit together."""
         super().__init__(domain, tensors, sizes, device)
         self.hidden = check_hidden(self.sizes.get("hidden", ()))
-        self.activation, octaves = self.sizes.get("activation"), check_octaves(self.sizes.get("octaves", 0))
+        self.activation = check_activation(self.sizes.get("activation"))
+        octaves = check_octaves(self.sizes.get("octaves", 0))
         moments = self.sizes.get("moments", False)
-        if self.activation not in ACTIVATIONS:
-            raise BounderError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {self.activation}")
         if not isinstance(moments, bool) or (moments and domain.query != "ray"):
             raise BounderError(f"moments are a ray's, got moments={moments} for {domain.query} queries")
         if moments and octaves:

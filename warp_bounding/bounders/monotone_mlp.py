@@ -19,6 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from warp_bounding.arithmetic import UNIT64, gamma
+from warp_bounding.bounders.activations import ACTIVATIONS
 from warp_bounding.bounders.domain import GROWTH
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.network import Network
@@ -26,7 +27,7 @@ from warp_bounding.errors import BounderError
 
 __all__ = ["MONOTONE", "MonotoneMlp"]
 
-MONOTONE = ("tanh", "relu")  # activations that never fall; the first is the default
+MONOTONE = tuple(name for name, activation in ACTIVATIONS.items() if activation.monotone == name)  # never fall
 
 
 class MonotoneMlp(Mlp):

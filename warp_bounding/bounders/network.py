@@ -1,6 +1,6 @@
 """A small network as numbers: layers, their exact evaluation, the rounding of any float32 evaluation, bounds over boxes.
 
-Hidden layer: ``h' = act(W h + b)``, act the sine, ReLU or tanh; the output is linear. An optional positional encoding puts
+Hidden layer: ``h' = act(W h + b)``, act one of ``activations``; the output is linear. An optional positional encoding puts
 fixed features ``[v, sin(F v + g)]`` before the first layer; it is a sine layer whose first rows pass ``v`` through.
 
 Bounds use one relaxation per neuron with the *same* slope on both sides, ``act(z + x) in mean + slope x + [-e, e]`` (a
@@ -16,18 +16,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from warp_bounding.arithmetic import LARGEST, SINE_LIMIT, TINY, UNIT64, gamma, sine_error, tanh_error
+from warp_bounding.arithmetic import LARGEST, TINY, UNIT64, gamma
+from warp_bounding.bounders.activations import ACTIVATIONS, SINE, Activation
 from warp_bounding.bounders.charts import Chart, PlainChart
 from warp_bounding.bounders.network_kernel import NetworkBounds, bound_boxes
 from warp_bounding.bounders.network_source import BULK, NetworkSizes
-from warp_bounding.bounders.sine_relaxation import relax_sin
-from warp_bounding.bounders.tanh_relaxation import relax_tanh
 from warp_bounding.errors import BounderError
 
-__all__ = ["ACTIVATIONS", "Network"]
-
-ACTIVATIONS = ("sin", "relu", "tanh")
-FUNCTIONS = {"sin": np.sin, "relu": lambda z: np.maximum(z, 0.0), "tanh": np.tanh}
+__all__ = ["Network"]
 
 
 @dataclass(frozen=True)
@@ -36,7 +32,7 @@ class Layer:
 
     weight: np.ndarray
     bias: np.ndarray
-    activation: str
+    activation: Activation | None  # none behind the output
     linear: int = 0  # this many leading rows are passed through
 
 
@@ -45,7 +41,7 @@ class Network:
 
     Args:
         layers: ``[(weight (H, K), bias (H,)), ...]``, the last one the scalar output.
-        activation: ``"sin"``, ``"relu"`` or ``"tanh"``, of the hidden layers.
+        activation: A name in ``ACTIVATIONS``, of the hidden layers.
         encoding: ``(weight (F, n), bias (F,))`` of the positional encoding, or ``None``.
         limit: ``(n,)``, largest ``|v|`` that is ever asked for.
         error: ``(n,)``, what computing an input rounds; 0 if ``None``.
@@ -55,7 +51,7 @@ class Network:
         largest: Bound of ``|f|``.
 
     Raises:
-        BounderError: If an argument of a sine can leave the range in which the kernels' sine is certified.
+        BounderError: If an argument can leave the range in which the kernels' activation is certified.
     """
 
     def __init__(self, layers, activation: str, encoding, limit: np.ndarray, error: np.ndarray | None = None):
@@ -66,11 +62,11 @@ class Network:
             n = len(self.limit)
             weight = np.concatenate([np.eye(n), np.asarray(encoding[0], dtype=np.float64)])
             bias = np.concatenate([np.zeros(n), np.asarray(encoding[1], dtype=np.float64)])
-            stack.append(Layer(weight, bias, "sin", linear=n))
+            stack.append(Layer(weight, bias, SINE, linear=n))
         for weight, bias in layers[:-1]:
-            stack.append(Layer(weight.astype(np.float64), bias.astype(np.float64), activation))
+            stack.append(Layer(weight.astype(np.float64), bias.astype(np.float64), ACTIVATIONS[activation]))
         self.hidden = stack
-        self.output = Layer(layers[-1][0].astype(np.float64), layers[-1][1].astype(np.float64), "none")
+        self.output = Layer(layers[-1][0].astype(np.float64), layers[-1][1].astype(np.float64), None)
         self.padding, self.rounding, self.largest = self._measure(self.limit)
         parts = [part for x in self.hidden for part in (x.bias, x.weight.reshape(-1), np.abs(x.weight).reshape(-1))]
         self._packed = np.concatenate([*parts, self.output.bias, self.output.weight[0]])
@@ -82,7 +78,7 @@ class Network:
 
     def sizes(self, chart: Chart | None = None) -> NetworkSizes:
         """What the kernels of bounds depend on; boxes of the inputs themselves if there is no chart."""
-        layers = tuple((x.weight.shape[1], x.weight.shape[0], x.activation, x.linear) for x in self.hidden)
+        layers = tuple((x.weight.shape[1], x.weight.shape[0], x.activation.name, x.linear) for x in self.hidden)
         return NetworkSizes(len(self.limit), layers, chart or PlainChart(len(self.limit)))
 
     def __call__(self, v: np.ndarray) -> np.ndarray:
@@ -90,7 +86,7 @@ class Network:
         h = np.asarray(v, dtype=np.float64)
         for layer in self.hidden:
             z = h @ layer.weight.T + layer.bias
-            h = FUNCTIONS[layer.activation](z)
+            h = layer.activation.value(z)
             h[:, : layer.linear] = z[:, : layer.linear]
         return (h @ self.output.weight.T + self.output.bias)[:, 0]
 
@@ -123,21 +119,16 @@ class Network:
             operations += 4 * terms + 32
             chain = weight @ chain + largest + 1.0
             padding.append(gamma(operations, UNIT64) * (float(chain.max()) + 4.0))
-            if layer.activation == "none":
+            if (activation := layer.activation) is None:
                 break
             argument = float((largest + rounding)[layer.linear :].max(initial=0.0))
-            if layer.activation == "sin":
-                if not argument <= SINE_LIMIT:
-                    where = "encoding" if layer.linear else f"hidden layer {index}"
-                    raise BounderError(
-                        f"{where}: arguments of the sine reach {argument:.3g}, it is certified up to {SINE_LIMIT}"
-                    )
-                error = rounding + sine_error(argument)
-                size = np.ones_like(largest)
-            elif layer.activation == "tanh":
-                error, size = rounding + tanh_error(), np.ones_like(largest)
-            else:
-                error, size = rounding, largest
+            if not argument <= activation.limit:
+                where = "encoding" if layer.linear else f"hidden layer {index}"
+                raise BounderError(
+                    f"{where}: arguments of {activation.name} reach {argument:.3g}, it is certified up to {activation.limit}"
+                )
+            error = rounding + activation.error(argument)
+            size = largest if activation.largest is None else np.full_like(largest, activation.largest)
             error[: layer.linear] = 0.0  # copied, not computed
             size[: layer.linear] = limit[: layer.linear]
         return padding, float(rounding[0]) * (1 + 1e-6), float(largest[0]) * (1 + 1e-6)
@@ -178,7 +169,7 @@ class Network:
                 parts = [(part * slope) @ layer.weight.T for part in parts]
                 noise = noise @ np.abs(layer.weight).T
             near, pad = sum(np.abs(part) for part in parts), self.padding[index]
-            slope, mean, bend, spread = relax(z, near, noise + pad, layer.activation)
+            slope, mean, bend, spread = layer.activation.relax(z, near, noise + pad)
             k = layer.linear
             slope[:, :k], mean[:, :k], bend[:, :k], spread[:, :k] = 1.0, z[:, :k], 0.0, 0.0
             spread, half = spread + pad, near * near / 2
@@ -207,31 +198,3 @@ class Network:
         inner = -(slope**2) / (4 * np.where(up > 0, up, 1.0))
         least += np.where(slope < 2 * up, inner, up - slope).sum(axis=1)
         return least, np.argmax(score, axis=1), corner
-
-
-def relax(
-    z: np.ndarray, near: np.ndarray, noise: np.ndarray, activation: str
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """``act(z + l + y)`` as ``mean + slope (l + y) + bend l^2 +- spread``: a line, for the sine a parabola (``relax_sin``).
-
-    ReLU: the chord. Tanh: see ``tanh_relaxation``.
-
-    Args:
-        z: ``(N, H)``, centres.
-        near: ``(N, H)``, largest ``|l|``.
-        noise: ``(N, H)``, largest ``|y|``; of both together one is above 0.
-        activation: ``"sin"``, ``"relu"`` or ``"tanh"``.
-
-    Returns:
-        slope, mean, bend, spread; float64 rounding is the caller's.
-    """
-    if activation == "sin":
-        return relax_sin(z, near, noise)
-    width = near + noise
-    if activation == "tanh":
-        slope, mean, spread = relax_tanh(z, width)
-        return slope, mean, np.zeros_like(mean), spread
-    low, high = z - width, z + width
-    slope = np.clip(high / (2 * width), 0.0, 1.0)
-    spread = np.where((low < 0) & (high > 0), -slope * low / 2, 0.0)
-    return slope, slope * z + spread, np.zeros_like(z), spread

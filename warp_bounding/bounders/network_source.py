@@ -2,7 +2,7 @@
 
 A chart (``charts``) turns a box of numbers into the network's inputs, an affine function of ``zeta`` in [-1, 1]^columns and
 noise. A thread takes a block of boxes through all layers and back without leaving its cache. Forwards, each neuron is a
-parabola (the sine) or a line in the linear part of its argument, plus noise; backwards, the actual coefficients of the
+parabola or a line (``activations``) in the linear part of its argument, plus noise; backwards, the actual coefficients of the
 output weigh lines and parabolas, which so may cancel, and only the rest counts in absolute value. The arithmetic
 is ``(columns + 3) H^2`` multiply-adds a box for two layers of H neurons. Sums may be taken in any order and fused: the rounding
 that the network sets aside (``padding``, and ``BULK``) covers all of them, ``SINE_SLACK`` and ``TANH_SLACK`` the kernel's own
@@ -11,9 +11,8 @@ functions. ``Network.bound_plain`` is the plain twin.
 
 from dataclasses import dataclass
 
+from warp_bounding.bounders.activations import ACTIVATIONS
 from warp_bounding.bounders.charts import Chart
-from warp_bounding.bounders.sine_relaxation import sine_text
-from warp_bounding.bounders.tanh_relaxation import tanh_text
 
 __all__ = ["BLOCK", "NetworkSizes", "axis_text", "body", "lanes_text", "load_text", "snippet"]
 
@@ -41,23 +40,6 @@ def _constant(value: float) -> str:
     return float(value).hex()
 
 
-def _relax(activation: str) -> str:
-    """Lambdas ``act_<activation>`` and ``relax_<activation>(z, width, slope, mean, spread)``; of the sine, see there."""
-    if activation == "tanh":
-        return tanh_text()
-    if activation == "relu":
-        return """
-auto relax_relu = [&](V z, V d, V& slope, V& mean, V& spread) {
-    const V low = z - d; const V high = z + d; V s = high / (d + d);
-    s = s < zero ? zero : s; s = s > zero + 1.0 ? zero + 1.0 : s;
-    V e = s * low * -0.5; e = low < zero ? e : zero; e = high > zero ? e : zero;
-    slope = s; mean = s * z + e; spread = e;
-};
-auto act_relu = [&](V z) { return z > zero ? z : zero; };
-"""
-    return sine_text()
-
-
 def lanes_text(sizes: NetworkSizes, inputs: str) -> tuple[str, str]:
     """What stands before the text of ``body``: types, tools and the chart's names, on a CPU and on CUDA.
 
@@ -65,7 +47,7 @@ def lanes_text(sizes: NetworkSizes, inputs: str) -> tuple[str, str]:
         sizes: Of the network.
         inputs: C statements that name the kernel's arrays.
     """
-    tools = "".join(_relax(a) for a in sorted({layer[2] for layer in sizes.layers}))
+    tools = "".join(ACTIVATIONS[name].text() for name in sorted({layer[2] for layer in sizes.layers}))
     cpu_tools = tools.replace("FLIP(s, s_)", "const I sign = (I)q << 63; s = (V)((I)s_ ^ sign);").replace(
         "FLIP(c, c_)", "c = (V)((I)c_ ^ sign);"
     )
@@ -132,7 +114,7 @@ def body(sizes: NetworkSizes, tried: str = "true") -> str:
         lines.append(f"for (int j = 0; j < {neurons}; ++j) {{ V c = back{index}[j]; const V a = c < zero ? -c : c;")
         lines.append(f"const V loss = a * spread{index}[j]; least -= loss; const V share = loss / width{index}[j];")
         lines += [f"{{ const V g = rate{index}_{k}[j]; score[{k}] += share * (g < zero ? -g : g); }}" for k in each]
-        if sizes.layers[index][2] == "sin":
+        if ACTIVATIONS[sizes.layers[index][2]].bends:
             lines.append(
                 f"{{ const V b = c * bend{index}[j]; const V n2 = near{index}[j] * near{index}[j]; least -= b * n2 * 0.5;"
             )
@@ -289,10 +271,7 @@ def _neuron(sizes: NetworkSizes, index: int, j: str) -> list[str]:
         for k in columns
     ]
     lines.append("const V d = near + from + pad; V s, m, e, k = zero;")
-    if activation == "sin":
-        lines.append("relax_sin(z, near, from + pad, s, m, k, e);")
-    else:
-        lines.append(f"relax_{activation}(z, d, s, m, e);")
+    lines.append(f"relax_{activation}(z, near, from + pad, s, m, k, e);")
     if linear:
         lines.append(f"if ({j} < {linear}) {{ s = zero + 1.0; m = z; e = zero; k = zero; }}")
     lines.append(

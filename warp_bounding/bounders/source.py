@@ -62,6 +62,12 @@ class Lanes:
             )
         return f"{{ V z_ = {z}; {body}{sign} }}"
 
+    def relu(self, target: str, z: str) -> str:
+        """Write a C statement that sets ``target`` to ``z``, or to 0 where that is negative."""
+        if self.vector:
+            return f"{{ V z_ = {z}; const V o_ = {{}}; {target} = z_ > o_ ? z_ : o_; }}"
+        return f"{{ V z_ = {z}; {target} = z_ > 0.0f ? z_ : z_ * 0.0f; }}"
+
     def tanh(self, target: str, z: str) -> str:
         """Write a C statement that sets ``target`` to the tanh of ``z``, by the operations of ``arithmetic.tanh32``."""
         numerator, denominator = (_horner(c, "s_") for c in (TANH_NUMERATOR, TANH_DENOMINATOR))

@@ -20,8 +20,9 @@ NARROW = 1.0  # half-width up to which an interval beside 0 takes its centre
 FLATTER = 0.2  # how fast q falls behind the width, elsewhere
 
 
-def relax_tanh(z: np.ndarray, width: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Slope, mean and spread of tanh on ``|x - z| <= width``; see ``network.relax``."""
+def relax_tanh(z: np.ndarray, near: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Slope, mean, bend (none) and spread of tanh on ``|x - z| <= near + noise``; see ``Activation.relax``."""
+    width = near + noise
     low, high, away, third = z - width, z + width, np.abs(z), width / np.sqrt(3.0)
     q = (0.96 * np.maximum(away, third) + 0.4 * np.minimum(away, third)) / (1 + FLATTER * width)
     q = np.maximum(np.where((away >= width) & (width <= NARROW), away, q), away - width)
@@ -34,11 +35,12 @@ def relax_tanh(z: np.ndarray, width: np.ndarray) -> tuple[np.ndarray, np.ndarray
     flat = at_high - at_low < most - least
     most, least = np.where(flat, at_high, most), np.where(flat, at_low, least)
     slope = np.where(flat, 0.0, slope)
-    return slope, (most + least) / 2 + slope * z, (most - least) / 2 + 4 * TANH_SLACK * (1 + width)
+    spread = (most - least) / 2 + 4 * TANH_SLACK * (1 + width)
+    return slope, (most + least) / 2 + slope * z, np.zeros_like(z), spread
 
 
 def tanh_text() -> str:
-    """C lambdas ``act_tanh(z)`` and ``relax_tanh(z, width, slope, mean, spread)``, the operations of ``relax_tanh``."""
+    """C lambdas ``act_tanh(z)`` and ``relax_tanh(z, near, noise, slope, mean, bend, spread)``, the operations of ``relax_tanh``."""
     factorial = np.cumprod([1.0, *range(1, DEGREE + 1)])
     power = " ".join(f"e = e * w + {float(1 / f).hex()};" for f in factorial[-2::-1])
     return f"""
@@ -47,8 +49,8 @@ auto act_tanh = [&](V x) {{
     V e = zero + {float(1 / factorial[-1]).hex()}; {power} {"e = e * e;" * SQUARINGS}
     const V t = 1.0 - 2.0 / (e + 1.0); return x < zero ? -t : t;
 }};
-auto relax_tanh = [&](V z, V d, V& slope, V& mean, V& spread) {{
-    const V low = z - d; const V high = z + d; const V away = z < zero ? -z : z; const V third = d * {(3.0**-0.5).hex()};
+auto relax_tanh = [&](V z, V near, V noise, V& slope, V& mean, V& bend, V& spread) {{
+    const V d = near + noise; const V low = z - d; const V high = z + d; const V away = z < zero ? -z : z; const V third = d * {(3.0**-0.5).hex()};
     V q = (away > third ? away * 0.96 + third * 0.4 : third * 0.96 + away * 0.4) / (d * {FLATTER} + 1.0);
     q = ((away >= d) & (d <= {NARROW})) ? away : q; q = q < away - d ? away - d : q;
     const V at_low = act_tanh(low); const V at_high = act_tanh(high); const V at_q = act_tanh(q);
@@ -59,6 +61,6 @@ auto relax_tanh = [&](V z, V d, V& slope, V& mean, V& spread) {{
     least = ((-q <= high) & (-q >= low) & (-inner < least)) ? -inner : least;
     const V step = at_high - at_low; const V gap = most - least;
     s = step < gap ? zero : s; most = step < gap ? at_high : most; least = step < gap ? at_low : least;
-    slope = s; mean = (most + least) * 0.5 + s * z; spread = (most - least) * 0.5 + (d + 1.0) * {(4 * TANH_SLACK).hex()};
+    slope = s; mean = (most + least) * 0.5 + s * z; bend = zero; spread = (most - least) * 0.5 + (d + 1.0) * {(4 * TANH_SLACK).hex()};
 }};
 """

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from warp_bounding.bounders.activations import ACTIVATIONS
 from warp_bounding.tables.columns import COLUMNS, Column, Supports, Variant
 from warp_bounding.tables.folder import Folder
 from warp_bounding.tables.means import Mean, Means
@@ -91,14 +92,15 @@ def _made_with(folder: Folder, rows: Sequence[Row]) -> list[str]:
     s = folder.settings
     objects = {n: len({r.object for r in rows if r.dimension == n}) for n in sorted({r.dimension for r in rows})}
     threads = sorted({str(r.threads) for r in rows}) or ["?"]
-    monotone = any(r.method == "monotone-mlp" for r in rows) and s.activation == "sin"
+    monotone = ACTIVATIONS[s.activation].monotone
+    replaced = monotone != s.activation and any(r.method == "monotone-mlp" for r in rows)
     lines = ["Made with", "", "```", *(folder.commands or ["(no command yet)"]), "```", ""]
     lines += [
         f"- {_budgets(s)}, its proof included; sizes as in the paper's supplement "
         f"({', '.join(f'{c.ndim}D {c.hidden}' for c in COLUMNS if c.query == 'point')}), activation {s.activation}, seed {s.seed}",
         f"- rates over {s.samples:,} random queries (seed {s.sample_seed}), rays of length {s.length:g}",
         f"- {len(rows):,} cells in [table1.csv](table1.csv), objects: {', '.join(f'{count} in {n}D' for n, count in objects.items()) or 'none'}",
-        *(["- networks that are monotone by construction have tanh as their activation"] if monotone else []),
+        *([f"- networks that are monotone by construction have {monotone} as their activation"] if replaced else []),
         f"- device {s.device}, CPU threads {' and '.join(threads)}",
     ]
     return lines + [f"- {version}" for version in sorted({r.versions for r in rows})]

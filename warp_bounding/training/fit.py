@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from warp_bounding.bounders import Bounder, method_class
+from warp_bounding.bounders.activations import ACTIVATIONS, check_activation
 from warp_bounding.bounders.base import checked_device
 from warp_bounding.bounders.bvh import Bvh, leaves_for_bytes
 from warp_bounding.bounders.cascade import Cascade
@@ -19,8 +20,7 @@ from warp_bounding.bounders.domain import Domain
 from warp_bounding.bounders.kdop import Kdop
 from warp_bounding.bounders.learned_kdop import LearnedKdop
 from warp_bounding.bounders.mlp import Mlp, check_hidden, check_octaves
-from warp_bounding.bounders.monotone_mlp import MONOTONE, MonotoneMlp
-from warp_bounding.bounders.network import ACTIVATIONS
+from warp_bounding.bounders.monotone_mlp import MonotoneMlp
 from warp_bounding.bounders.parametric import fit_parametric
 from warp_bounding.bounders.regions import RegionDomain, domain_of
 from warp_bounding.bounders.relu_field import ReluField
@@ -80,7 +80,8 @@ def fit(
         method: A name in ``METHODS``; or several, as in ``"learned-kdop+mlp"``: a cascade, asked in this order; what the proof of a network
             may cost is counted behind the parts before it.
         hidden: Hidden widths, mlp.
-        activation: ``"sin"``, ``"relu"`` or ``"tanh"``, mlp; monotone-mlp takes tanh in place of sin, which is not monotone.
+        activation: A name in ``ACTIVATIONS``, ``"sin"``, ``"relu"`` or ``"tanh"``, mlp; monotone-mlp takes tanh in place of sin, which is
+            not monotone.
         budget: Seconds for training and proof, mlp; a proof that is late may take a tenth more. Of all parts of a cascade together.
         seed: Of everything random.
         margin: The object is dilated by this length first, object (world) units. Under the size of a mesh's cells it is warned of: the
@@ -187,14 +188,13 @@ def _network_options(kind, hidden, activation, octaves, steps, recipe) -> Networ
     if not issubclass(kind, Mlp):
         return None
     hidden, octaves = check_hidden(hidden), check_octaves(octaves)
-    if activation not in ACTIVATIONS:
-        raise BounderError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {activation!r}")
+    check_activation(activation)
     if issubclass(kind, MonotoneMlp):
         if octaves or recipe != "default":
             raise BounderError(
                 f"{kind.method} takes no octaves and the default recipe only, got {octaves} and {recipe}"
             )
-        activation = activation if activation in MONOTONE else MONOTONE[0]
+        activation = ACTIVATIONS[activation].monotone
     return NetworkOptions(hidden, activation, octaves, 0.0, steps, recipe)
 
 

@@ -54,8 +54,8 @@ class Recipe:
     beta2: float = 0.95
     first_gain: float = 20.0  # initial weights: uniform in +-gain / sqrt(inputs)
     later_gain: float = 3.0
-    first_gain_relu: float = 3.0
-    later_gain_relu: float = 1.7
+    first_gain_plain: float = 3.0  # of activations that are no wave, and behind an encoding
+    later_gain_plain: float = 1.7
     chunk: int = 1024  # columns that a thread evaluates at a time
 
 
@@ -86,7 +86,7 @@ class Trainer:
     Args:
         samples: Of the kind of query; their generator is the source of everything random.
         hidden: Hidden widths.
-        activation: ``"sin"``, ``"relu"`` or ``"tanh"``.
+        activation: A name in ``ACTIVATIONS``.
         octaves: Of the positional encoding.
         moments: A ray's moments as further inputs, see ``TrainableNetwork``.
         recipe: Constants; those of the kind of query if ``None``.
@@ -120,8 +120,8 @@ class Trainer:
     def _initialise(self) -> None:
         """Weights to begin with."""
         network, samples = self.network, self.samples
-        sine = network.activation == "sin" and not network.octaves
-        gains = ("first_gain", "later_gain") if sine else ("first_gain_relu", "later_gain_relu")
+        waves = network.act.wave and not network.octaves
+        gains = ("first_gain", "later_gain") if waves else ("first_gain_plain", "later_gain_plain")
         network.initialise(*(getattr(self.recipe, g) for g in gains), self.generator)
         # An axis of few cells carries less detail than its range in v would suggest.
         network.layers[0][:, : samples.ndim] *= samples.detail.T

@@ -26,9 +26,7 @@ __all__ = ["LeastBoxSamples", "MonotoneTrainer"]
 RECIPE = Recipe(first_gain=5.0, later_gain=3.0, sharpness=0.3)
 SPREAD = 0.8  # of the planes that the first layer begins with: |coordinates| of a point on each
 LEAST_ROOT = 0.1  # of an initial weight: one at 0 would stay there
-FALLING = 0.5  # share of the ReLU's neurons that fall as the box grows: those are concave
 MOST_ADDED = 256  # points of a search that join the hard ones
-RELU_MEAN = 0.3  # of a ReLU behind the first layer, in units of its gain, about
 
 
 class LeastBoxSamples(BoxSamples):
@@ -64,7 +62,7 @@ class MonotoneTrainer(Trainer):
     Args:
         samples: The positives are points.
         hidden: Hidden widths.
-        activation: ``"tanh"`` or ``"relu"``.
+        activation: A name in ``MONOTONE``.
         recipe: Constants.
     """
 
@@ -88,8 +86,8 @@ class MonotoneTrainer(Trainer):
     def _initialise(self) -> None:
         """Supports of boxes in random directions, behind them positive weights around zero arguments."""
         network, generator, recipe = self.network, self.generator, self.recipe
-        n, relu = self.samples.grid.ndim, network.activation == "relu"
-        self._signs = _signs(network, FALLING if relu else 0.0)
+        n, act = self.samples.grid.ndim, network.act
+        self._signs = _signs(network, act.falling)
         for index, (layer, sign) in enumerate(zip(network.layers, self._signs, strict=True)):
             rows, inputs = sign.shape
             if index == 0:
@@ -103,9 +101,8 @@ class MonotoneTrainer(Trainer):
             else:
                 layer[:, :-1] = torch.rand(rows, inputs, generator=generator) * sign * (2 * recipe.later_gain)
                 layer[:, :-1] /= math.sqrt(inputs)
-                mean = RELU_MEAN * recipe.first_gain if relu else 0.0
                 layer[:, -1] = torch.randn(rows, generator=generator) * (recipe.later_gain / 2)
-                layer[:, -1] -= mean * layer[:, :-1].sum(1)
+                layer[:, -1] -= act.mean * recipe.first_gain * layer[:, :-1].sum(1)
 
     def _optimiser(self) -> Soap:
         """See ``Trainer``."""

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from warp_bounding.bounders.mlp import encoding_tensors
+from warp_bounding.training.activations import TRAINABLE
 
 __all__ = ["Evaluator", "TrainableNetwork"]
 
@@ -21,7 +22,7 @@ class TrainableNetwork:
     Args:
         ndim: Coordinates of ``v``.
         hidden: Hidden widths.
-        activation: ``"sin"``, ``"relu"`` or ``"tanh"``.
+        activation: A name in ``ACTIVATIONS``.
         octaves: Of the positional encoding; 0 for none.
         moments: Whether the moments ``a_i w_j - a_j w_i``, i < j, of ``v = (a, w)`` are inputs too.
 
@@ -33,6 +34,7 @@ class TrainableNetwork:
         if moments and (octaves or ndim % 2):
             raise ValueError(f"moments need an even number of coordinates and no octaves, got {ndim} and {octaves}")
         self.ndim, self.hidden, self.activation, self.octaves, self.moments = ndim, hidden, activation, octaves, moments
+        self.act = TRAINABLE[activation]
         self._first, self._second = torch.triu_indices(ndim // 2, ndim // 2, 1) if moments else (None, None)
         fixed = encoding_tensors(ndim, octaves)
         self.encoding = {name: torch.from_numpy(value) for name, value in fixed.items()} if octaves else {}
@@ -121,20 +123,12 @@ class Evaluator:
     def forward(self, x: torch.Tensor, *, keep: bool = False) -> torch.Tensor:
         """Outputs ``(N,)`` for columns ``x``; ``keep`` what ``backward`` needs. The result lives until the next call."""
         outputs, values, slopes, _, last = self._buffer(x.shape[1])
+        act = self.network.act
         for index, layer in enumerate(self.network.layers[:-1]):
             torch.mm(layer, x, out=values[index])
-            if self.network.activation == "sin":
-                torch.sin(values[index], out=outputs[index][:-1])
-                if keep:
-                    torch.cos(values[index], out=slopes[index])
-            elif self.network.activation == "tanh":
-                torch.tanh(values[index], out=outputs[index][:-1])
-                if keep:
-                    torch.mul(outputs[index][:-1], outputs[index][:-1], out=slopes[index]).neg_().add_(1)
-            else:
-                torch.clamp(values[index], min=0, out=outputs[index][:-1])
-                if keep:
-                    torch.gt(values[index], 0, out=slopes[index])
+            act.value(values[index], out=outputs[index][:-1])
+            if keep:
+                act.slope(values[index], outputs[index][:-1], slopes[index])
             x = outputs[index]
         return torch.mm(self.network.layers[-1], x, out=last[0])[0]
 

@@ -17,10 +17,10 @@ from warp_bounding.bounders.regions import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.launch import cpu_threads
 from warp_bounding.queries import oracle, sample
+from warp_bounding.training.activations import TRAINABLE
 from warp_bounding.training.clock import Clock
 from warp_bounding.training.network import TrainableNetwork
 from warp_bounding.training.soap import Soap
-from warp_bounding.training.support import GAINS
 from warp_bounding.training.team import Team, single_threaded_torch
 
 __all__ = ["train_occupancy"]
@@ -28,7 +28,7 @@ __all__ = ["train_occupancy"]
 BATCH = 4096
 POOL = 65536  # samples, renewed
 REFRESH = 50  # steps
-POINT_GAINS = (20.0, 3.0)  # initial weights of sines of points: as in the main recipe; ``GAINS`` elsewhere
+POINT_GAINS = (20.0, 3.0)  # initial weights of waves of points: as in the main recipe; elsewhere as for supports
 SHARPNESS = (
     10.0,
     100.0,
@@ -56,7 +56,7 @@ def train_occupancy(
         grid: The object.
         domain: Of the kind of query.
         hidden: Hidden widths.
-        activation: ``"sin"`` or ``"relu"``.
+        activation: A name in ``ACTIVATIONS``.
         clock: The budget. Ctrl-C ends training early, with the network as it is.
         octaves: Of the positional encoding; none for planes.
         moments: A ray's moments as further inputs.
@@ -82,16 +82,15 @@ class _Learner:
     """The network, and the samples it learns from. Layers are ``(out, in + 1)`` matrices, samples are rows."""
 
     def __init__(self, grid, domain, hidden, activation, octaves, moments, seed):
-        self.grid, self.domain, self.activation = grid, domain, activation
+        self.grid, self.domain, self.activation = grid, domain, TRAINABLE[activation]
         self.plane = domain.query == "plane"
         generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
         self.generator = generator
         self._oracle = oracle(domain.query, grid, "cpu", domain.length or 1.0)
         inputs = grid.ndim if self.plane else domain.ndim
         self._inputs = TrainableNetwork(inputs, hidden, activation, octaves, moments)
-        first, later = (
-            POINT_GAINS if domain.query == "point" and activation == "sin" and not octaves else GAINS[activation]
-        )
+        waves = domain.query == "point" and self.activation.wave and not octaves
+        first, later = POINT_GAINS if waves else self.activation.support_gains
         self._inputs.initialise(first, later, generator)
         self.layers = [layer.clone() for layer in self._inputs.layers]
         if self.plane:
@@ -118,8 +117,7 @@ class _Learner:
     def forward(self, h: torch.Tensor, offset: torch.Tensor) -> torch.Tensor:
         """``f`` ``(N,)``: log odds, or for planes what they are proportional to."""
         for layer in self.layers[:-1]:
-            h = torch.addmm(layer[:, -1], h, layer[:, :-1].T)
-            h = torch.sin(h) if self.activation == "sin" else torch.relu(h)
+            h = self.activation.value(torch.addmm(layer[:, -1], h, layer[:, :-1].T))
         out = torch.addmm(self.layers[-1][:, -1], h, self.layers[-1][:, :-1].T)
         return torch.minimum(out[:, 0] - offset, out[:, 1] + offset) if self.plane else out[:, 0]
 

@@ -17,6 +17,7 @@ from warp_bounding.bounders.regions import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import sample
 from warp_bounding.queries.components import hull_corners
+from warp_bounding.training.activations import TRAINABLE
 from warp_bounding.training.clock import Clock
 from warp_bounding.training.soap import Soap
 
@@ -32,7 +33,6 @@ DENSITY_WIDTH = 0.1  # in c, likewise
 SHARPNESS = (10.0, 3000.0)  # of the soft maximum, from begin to end of the ramp
 RAMP = 0.85
 RATE, RATE_END, WARM_UP = 1e-2, 1e-3, 0.02
-GAINS = {"sin": (3.0, 1.7), "relu": (1.7, 1.7)}
 
 
 class SupportTrainer:
@@ -42,18 +42,18 @@ class SupportTrainer:
         grid: The object.
         domain: Of plane queries, geometric.
         hidden: Hidden widths.
-        activation: ``"sin"`` or ``"relu"``.
+        activation: A name in ``ACTIVATIONS``.
         seed: Of everything random.
     """
 
     def __init__(
         self, grid: IndicatorGrid, domain: RegionDomain, hidden: tuple[int, ...], activation: str, seed: int = 0
     ):
-        self.grid, self.domain, self.activation, self.ndim = grid, domain, activation, grid.ndim
+        self.grid, self.domain, self.activation, self.ndim = grid, domain, TRAINABLE[activation], grid.ndim
         self.generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
         corners = domain.base.to_local(grid.position(hull_corners(grid.occupied) - 0.5))
         self._corners = torch.from_numpy(corners.astype(np.float32))
-        first, later = GAINS[activation]
+        first, later = self.activation.support_gains
         self._layers = []
         gains = [first, *[later] * (len(hidden) - 1), 1.0]
         for gain, (k, h) in zip(gains, pairwise([grid.ndim, *hidden, 2]), strict=True):
@@ -76,8 +76,7 @@ class SupportTrainer:
     def _forward(self, m: torch.Tensor) -> torch.Tensor:
         """H and G ``(N, 2)``."""
         for layer in self._layers[:-1]:
-            m = torch.addmm(layer[:, -1], m, layer[:, :-1].T)
-            m = torch.sin(m) if self.activation == "sin" else torch.relu(m)
+            m = self.activation.value(torch.addmm(layer[:, -1], m, layer[:, :-1].T))
         return torch.addmm(self._layers[-1][:, -1], m, self._layers[-1][:, :-1].T)
 
     def _supports(self, m: torch.Tensor) -> torch.Tensor:

@@ -1,0 +1,78 @@
+"""Training has each activation of the registry: its value, its slope, and exits on the features of the network itself."""
+
+import numpy as np
+import pytest
+from bounding_shapes import shape
+
+torch = pytest.importorskip("torch", reason="torch is not installed")
+
+from warp_bounding.bounders.activations import ACTIVATIONS  # noqa: E402
+from warp_bounding.bounders.mlp import Mlp  # noqa: E402
+from warp_bounding.bounders.regions import domain_of  # noqa: E402
+from warp_bounding.training.activations import TRAINABLE  # noqa: E402
+from warp_bounding.training.early import _Exit, _SupportExit  # noqa: E402
+from warp_bounding.training.loop import Trainer  # noqa: E402
+from warp_bounding.training.network import Evaluator  # noqa: E402
+from warp_bounding.training.samples import samples_of  # noqa: E402
+from warp_bounding.training.support import SupportTrainer  # noqa: E402
+from warp_bounding.training.team import Team, single_threaded_torch  # noqa: E402
+
+HIDDEN = (7, 6)
+
+
+def test_each_activation_has_its_half_in_training():
+    assert list(TRAINABLE) == list(ACTIVATIONS)
+
+
+@pytest.mark.parametrize("name", ACTIVATIONS)
+def test_values_are_those_of_the_bounder_and_slopes_are_autograds(name):
+    act = TRAINABLE[name]
+    z = torch.linspace(-6, 6, 400, dtype=torch.float64, requires_grad=True)
+    h = act.value(z)
+    assert np.allclose(h.detach().numpy(), ACTIVATIONS[name].value(z.detach().numpy()), atol=1e-12)
+    (slope,) = torch.autograd.grad(h.sum(), z)
+    with torch.no_grad():
+        out, value = torch.empty_like(z), torch.empty_like(z)
+        act.value(z, out=value)
+        act.slope(z, value, out)
+    assert torch.equal(value, h.detach())
+    assert torch.allclose(out, slope, atol=1e-12)
+
+
+def bounder_of(domain, tensors, hidden, activation) -> Mlp:
+    return Mlp(domain, tensors, {"hidden": list(hidden), "activation": activation, "octaves": 0}, "cpu")
+
+
+@pytest.mark.parametrize("activation", ACTIVATIONS)
+def test_an_exit_sees_the_features_of_its_network(activation):
+    """What an exit's training takes for its output is what the exit will compute."""
+    domain = domain_of(shape("c"), "point")
+    with single_threaded_torch():
+        trainer = Trainer(samples_of(shape("c"), domain, 0), HIDDEN, activation)
+        trainer.network.initialise(3.0, 1.5, trainer.generator)
+        own = _Exit(trainer, [trainer.network.layers[0]])
+        x = own.network.encode(torch.rand(2, 300) * 2 - 1)
+        team = Team(2)
+        try:
+            seen = own._activations(team, x) @ own.network.layers[-1][0]
+        finally:
+            team.close()
+        assert torch.allclose(seen, Evaluator(own.network, 300).forward(x), atol=1e-5)
+    computed = bounder_of(domain, own.network.tensors(), HIDDEN[:1], activation).reference(x[:2].T.numpy())
+    assert np.allclose(seen.numpy(), computed, atol=1e-5)
+
+
+@pytest.mark.parametrize("activation", ACTIVATIONS)
+def test_an_exit_of_planes_sees_the_features_of_its_network(activation):
+    domain = domain_of(shape("c"), "plane")
+    trainer = SupportTrainer(shape("c"), domain, HIDDEN, activation)
+    own = _SupportExit(trainer, [layer.detach() for layer in trainer._layers[:1]])
+    m = torch.rand(300, 2) * 2 - 1
+    seen = own._forward(m).detach().numpy()
+    tensors = trainer.tensors()
+    head = own.best()[-1].numpy()
+    first = {name: tensors[name] for name in ("layers.0.weight", "layers.0.bias")}
+    tensors = first | {"layers.1.weight": head[:, :-1].copy(), "layers.1.bias": head[:, -1].copy()}
+    parts = bounder_of(domain, tensors, HIDDEN[:1], activation).networks
+    computed = np.stack([part(m.double().numpy()) for part in parts], axis=1)
+    assert np.allclose(seen, computed, atol=1e-5)
