@@ -103,9 +103,17 @@ class Bounder(ABC):
             device: Warp device; the default device if ``None``.
 
         Raises:
-            BounderError: If a tensor is not finite or of the wrong type, or there is no such device.
+            BounderError: If a tensor is not finite or of the wrong type, the method does not bound such queries, or there is no
+                such device.
         """
         checked_device(device)
+        if not self.supports(domain.query, domain.space_ndim, domain.space):
+            where = " in parametric space" if domain.space == "parametric" else ""
+            raise BounderError(
+                f"{self.method} does not bound {domain.query} queries of {domain.space_ndim}D objects{where}"
+            )
+        if not isinstance(sizes, dict):
+            raise BounderError(f"sizes must be a table of names, got {sizes!r}")
         self.domain = domain
         self.sizes = dict(sizes)
         self.tensors = {name: np.array(value, order="C") for name, value in tensors.items()}
@@ -194,8 +202,8 @@ class Bounder(ABC):
         for start in range(0, len(cells), CELLS_AT_A_TIME):
             part = cells[start : start + CELLS_AT_A_TIME]
             boxes = self.domain.widened(grid.position(part - 0.5), grid.position(part + 0.5))
-            least = min(least, float(self.bound(*boxes).lower.min()))
-        return least, len(cells)
+            least = np.minimum(least, self.bound(*boxes).lower.min())  # NaN stays NaN, and proves nothing
+        return float(least), len(cells)
 
     # --- where it runs -----------------------------------------------------------------------------------------------
 

@@ -12,6 +12,7 @@ the axis of time, where the answer outside is *maybe*, the limit lies inside the
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -19,12 +20,17 @@ from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_down, round_up
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.grid import IndicatorGrid
 
-__all__ = ["Domain"]
+__all__ = ["Domain", "number", "truth"]
 
 DELTA_SHARE = 1.0 / 4096.0  # of a cell: the input error that proofs allow for where rounding needs less
 DELTA_LARGEST_SHARE = 1.0 / 16.0  # of a cell: a shape that needs more is refused
 EXTENTS = (2.0**-60, 2.0**60)  # object units, of a domain: products with its scale then stay far from float32's ends
+NEAREST, FARTHEST = (
+    0.5,
+    2.0,
+)  # of ``v``: between these lie a domain's ends and its limit; the rounding of all methods counts on it
 POSITIONS = 1.0 + 2.0**-20  # leaves room for the float64 rounding of cells' positions far from the origin
+DOUBLE = ("delta", "lower", "upper")  # float64 fields of a domain; the others are float32
 GROWTH = 1.0 + 1e-9  # covers the float64 evaluation of the bounds below, whose relative error is under 1e-14
 
 
@@ -99,6 +105,8 @@ class Domain:
         if not ((extents >= EXTENTS[0]) & (extents <= EXTENTS[1]) & (self.scale > 0)).all():
             return "the domain's extents or scale are impossible"
         low, high = -self.to_local(self.lower), self.to_local(self.upper)
+        if not ((np.minimum(low, high) >= NEAREST) & (self.limit <= FARTHEST)).all():
+            return "the domain's map does not take it to about [-1, 1]"
         needed = input_rounding(self.center, self.scale, np.maximum(low, high) * GROWTH, self.lower, self.upper)
         if not (needed * POSITIONS <= self.delta).all():
             return "the domain's delta does not cover the rounding of its own map"
@@ -167,14 +175,31 @@ class Domain:
     @classmethod
     def from_dict(cls, values: dict) -> "Domain":
         """Inverse of ``to_dict``; raises ``ValueError`` for numbers that are not a domain's (``fault``)."""
+        arrays = {k: np.array([number(a, k) for a in values[k]]) for k in ("center", "scale", "limit", *DOUBLE)}
         with np.errstate(over="ignore"):
-            single = {k: np.array(values[k], dtype=np.float32) for k in ("center", "scale", "limit")}
-        double = {k: np.array(values[k], dtype=np.float64) for k in ("delta", "lower", "upper")}
-        domain = cls(**single, **double, time=bool(values["time"]))
+            single = {k: a.astype(np.float32) for k, a in arrays.items() if k not in DOUBLE}
+        rounded = [k for k, a in single.items() if not (a == arrays[k]).all()]
+        if rounded:
+            raise ValueError(f"the domain's {rounded[0]} must be float32 numbers, got {values[rounded[0]]}")
+        domain = cls(**single, **{k: arrays[k] for k in DOUBLE}, time=truth(values["time"], "time"))
         fault = domain.fault()
         if fault:
             raise ValueError(fault)
         return domain
+
+
+def number(value: Any, name: str) -> float:
+    """``value`` itself, a JSON number; raises ``ValueError`` for anything else, truth values and text with digits included."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"{name} must be a number, got {value!r}")
+    return float(value)
+
+
+def truth(value: Any, name: str) -> bool:
+    """``value`` itself, a JSON truth value; raises ``ValueError`` for anything else."""
+    if not isinstance(value, bool):
+        raise ValueError(f"{name} must be true or false, got {value!r}")
+    return value
 
 
 def rounding_of_map(extent: np.ndarray) -> np.ndarray:

@@ -19,7 +19,9 @@ from warp_bounding.errors import BounderError
 
 __all__ = ["HalfSpaceBox", "HalfSpaceRay", "HalfSpacesSource", "half_space_region"]
 
-UNBOUNDED = 2.0**20  # where half-spaces have no second face: vertices there are kept, and do no harm
+UNBOUNDED = (
+    2.0**20
+)  # where half-spaces have no second face, or beyond the domain: vertices there are kept, and do no harm
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,9 @@ def half_space_region(
         return (HalfSpaceRay if domain.query == "ray" else HalfSpaceBox)(normals, offsets, domain)
     if len(offsets) <= domain.space_ndim:
         raise BounderError(f"expected more than {domain.space_ndim} half-spaces, got {len(offsets)}")
-    return SlabPlane(Slabs(normals, np.full(len(offsets), -UNBOUNDED), offsets, False), domain)
+    # A second face must cut nothing off that lies in the domain, however long the normals are.
+    reach = np.abs(normals) @ domain.base.limit.astype(np.float64) * (1 + 1e-9)
+    return SlabPlane(Slabs(normals, -np.maximum(reach, UNBOUNDED), offsets, False), domain)
 
 
 class HalfSpaceRay:

@@ -7,6 +7,7 @@ cannot be checked must be singular in rational arithmetic, so that no vertex is 
 
 from fractions import Fraction
 from itertools import combinations, product
+from math import comb
 
 import numpy as np
 
@@ -17,6 +18,7 @@ __all__ = ["MOST_VERTEX_DIMENSIONS", "checked_inverse", "polytope_vertices"]
 
 MOST_VERTEX_DIMENSIONS = 6  # choices of slabs grow with the factorial of the dimension
 MERGED = 2.0**-20  # vertices in one cube of this size are one
+MOST_CHOICES = 1 << 20  # of slabs that meet in a vertex: a file may not ask for more work
 
 
 def checked_inverse(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -60,6 +62,8 @@ def polytope_vertices(directions: np.ndarray, low: np.ndarray, high: np.ndarray)
     k, n = directions.shape
     if k < n:
         raise BounderError("the slabs do not bound a polytope")
+    if comb(k, n) > MOST_CHOICES:
+        raise BounderError(f"expected at most {MOST_CHOICES} choices of {n} slabs, got {comb(k, n)} of {k} slabs")
     found, errors = [], []
     sides = np.array(list(product((0, 1), repeat=n)))
     for chosen in combinations(range(k), n):
@@ -77,7 +81,7 @@ def polytope_vertices(directions: np.ndarray, low: np.ndarray, high: np.ndarray)
         keep = ((at >= low - room) & (at <= high + room)).all(axis=1)
         found.append(y[keep])
         errors.append(error[keep])
-    vertices, error = np.concatenate(found), np.concatenate(errors)
+    vertices, error = np.concatenate([np.zeros((0, n)), *found]), np.concatenate([np.zeros((0, n)), *errors])
     if len(vertices) <= n:
         raise BounderError("the slabs do not bound a polytope")
     keys, first, group = np.unique(np.round(vertices / MERGED), axis=0, return_index=True, return_inverse=True)

@@ -171,7 +171,7 @@ class LearnedKdop(Bounder):
         """
         if self._region is not None:
             least, count = self.volume.least(grid)
-            if least < 0:
+            if not least >= 0:
                 raise BounderError(f"{self.method}: the half-spaces do not hold all of the object")
             return 0.0, count
         if self.query_kind == "point":

@@ -83,6 +83,8 @@ class ParametricSupport:
             else np.array([self._search.bound(*z) for z in zip(x, y, strict=True)])
         )
         plain = np.abs(g) @ self.reach  # P lies inside this box
+        if not (np.isfinite(value) & np.isfinite(plain)).all():
+            raise BounderError("numbers are so large that a support cannot be bounded")
         return np.minimum(value, plain) + gamma(256, UNIT64) * (1 + np.abs(value) + plain)
 
     def _box(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:

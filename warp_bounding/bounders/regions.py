@@ -24,7 +24,7 @@ from functools import cached_property
 import numpy as np
 
 from warp_bounding.arithmetic import TINY, gamma, round_down, round_up
-from warp_bounding.bounders.domain import DELTA_LARGEST_SHARE, GROWTH, POSITIONS, Domain, input_rounding
+from warp_bounding.bounders.domain import DELTA_LARGEST_SHARE, GROWTH, POSITIONS, Domain, input_rounding, number, truth
 from warp_bounding.bounders.locate import FAR, GUARD, SMALLEST, SUMMED
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -271,9 +271,8 @@ class RegionDomain:
         if "query" not in values:
             return base
         length = values["length"]
-        domain = cls(
-            values["query"], values["space"], base, bool(values["moving"]), None if length is None else float(length)
-        )
+        length = None if length is None else number(length, "length")
+        domain = cls(values["query"], values["space"], base, truth(values["moving"], "moving"), length)
         fault = domain.fault()
         if fault:
             raise ValueError(fault)

@@ -25,6 +25,7 @@ __all__ = ["FieldMap", "ReluField", "ReluFieldSource"]
 
 REGION_NODES = 32  # along each number of a region
 MOST_NODES = 1 << 24
+LARGEST_COORDINATE = 2.0**60  # of a node: kernels cut them at the grid's ends, which they could not do with infinity
 MOST_BREAKS = 4  # of the field along one axis of a box whose bound is taken exactly
 SNAP = 1e-3  # nodes: an end of a box this near to a node is moved there, and its slope paid for
 AT_ONCE = 4096  # boxes
@@ -142,7 +143,7 @@ class ReluField(Bounder):
         """See ``Bounder``; raises ``BounderError`` where tensors and sizes do not fit together."""
         super().__init__(domain, tensors, sizes, device)
         nodes = tuple(self.sizes.get("nodes", ()))
-        if len(nodes) != domain.ndim or not all(isinstance(r, int) and r > 1 for r in nodes):
+        if len(nodes) != domain.ndim or not all(type(r) is int and r > 1 for r in nodes):
             raise BounderError(f"relu-field: expected {domain.ndim} numbers of nodes, got {nodes}")
         expected = {"values": nodes, "factor": (domain.ndim,), "summand": (domain.ndim,)}
         if {k: t.shape for k, t in self.tensors.items()} != expected:
@@ -152,6 +153,8 @@ class ReluField(Bounder):
             raise BounderError(f"relu-field: expected at most {MOST_NODES} nodes, and positive factors")
         self.field = FieldMap(self.tensors["factor"], self.tensors["summand"], nodes)
         self.check_range()
+        if not (self._coordinate_sizes < LARGEST_COORDINATE).all():  # of a field that is flat, too
+            raise BounderError("relu-field: numbers are so large that float32 sums may overflow")
 
     @property
     def source(self) -> ReluFieldSource:
@@ -178,6 +181,17 @@ class ReluField(Bounder):
         return np.clip(np.concatenate([*parts, np.zeros(0)]), 0, 1)
 
     @cached_property
+    def _coordinate_sizes(self) -> np.ndarray:
+        """``(m,)``, largest sum of absolute terms of a node coordinate before it is cut at the grid's ends."""
+        field = self.field
+        return np.abs(field.factor).astype(np.float64) * self.domain.limit + np.abs(field.summand.astype(np.float64))
+
+    @cached_property
+    def _blur(self) -> np.ndarray:
+        """``(m,)``, what float64 rounds in a node coordinate."""
+        return gamma(8, UNIT64) * (self._coordinate_sizes + 1)
+
+    @cached_property
     def _steepest(self) -> np.ndarray:
         """``(m,)``, largest slope of f along every axis, per node."""
         values = self.tensors["values"].astype(np.float64)
@@ -196,7 +210,7 @@ class ReluField(Bounder):
         for most in np.unique(breaks[few].max(axis=1, initial=0)):
             part = few & (breaks.max(axis=1) == most)
             least[part], point[part] = self._least(low[part], high[part], int(most))
-        rounding = gamma(64, UNIT64) * (1 + float(np.abs(self._values).max()))
+        rounding = gamma(64, UNIT64) * (1 + float(np.abs(self._values).max())) + float(self._blur @ self._steepest)
         least = least - (cut_low + cut_high) @ self._steepest - rounding
         point = np.clip(self.field.to_v(point), lower, upper)
         axis = np.argmax(high - low, axis=1)
@@ -222,7 +236,8 @@ class ReluField(Bounder):
         for lower, upper in positive_boxes(grid, self.domain, self.field):
             count += len(lower)
             first, last = self.field.coordinates(lower), self.field.coordinates(upper)
-            first, last = np.floor(first).astype(np.int64), np.ceil(last).astype(np.int64) - 1
+            first = np.floor(first - self._blur).astype(np.int64)
+            last = np.ceil(last + self._blur).astype(np.int64) - 1
             most = np.array(self.field.nodes) - 2
             first, last = np.clip(first, 0, most), np.clip(last, 0, most)
             last = np.maximum(first, last)
@@ -234,8 +249,8 @@ class ReluField(Bounder):
                 part = order[start : start + AT_ONCE]
                 if quick[part[0]] >= least:
                     break
-                least = min(least, float(self.bound(lower[part], upper[part]).lower.min()))
-        return least, count
+                least = np.minimum(least, self.bound(lower[part], upper[part]).lower.min())
+        return float(least), count
 
     @cached_property
     def _cell_minima(self) -> np.ndarray:
@@ -247,8 +262,7 @@ class ReluField(Bounder):
 
     def rounding_bound(self) -> float:
         """See ``Bounder``: the node coordinate moves, and f with it; then m levels of interpolation."""
-        size = np.abs(self.field.factor).astype(np.float64) * self.domain.limit + np.abs(self.field.summand)
-        moved = gamma(3) * (size + 1) + (4 + np.abs(self.field.factor) + self.domain.limit) * TINY
+        moved = gamma(3) * (self._coordinate_sizes + 1) + (4 + np.abs(self.field.factor) + self.domain.limit) * TINY
         largest = float(np.abs(self._values).max())
         return float((moved @ self._steepest + gamma(12 * len(moved)) * 2 * largest + 64 * TINY) * (1 + 1e-9))
 

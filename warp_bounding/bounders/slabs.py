@@ -198,7 +198,7 @@ class SlabBounder(Bounder):
         least, count = super().least(grid)
         if self._region is None:
             return least, count
-        if least < 0:
+        if not least >= 0:
             raise BounderError(f"{self.method}: the slabs do not hold all of the object")
         return 0.0, count
 

@@ -19,6 +19,7 @@ from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.certificate import Certificate
 from warp_bounding.bounders.claims import check_claims
+from warp_bounding.bounders.domain import number
 from warp_bounding.bounders.regions import RegionDomain
 from warp_bounding.errors import BoundingError, FileFormatError
 from warp_bounding.version import __version__
@@ -82,7 +83,7 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
         version = document["format"]
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise FileFormatError(f"{path}: the description inside is damaged") from error
-    if not isinstance(version, int) or version > FORMAT:
+    if type(version) is not int or version > FORMAT:
         raise FileFormatError(
             f"{path}: format {version} is newer than this library knows ({FORMAT}); please update warp-bounding"
         )
@@ -101,8 +102,8 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
             raise FileFormatError("query, dimension, space, length and motion are not those of the domain inside")
         if not method.supports(bounder.query_kind, bounder.ndim, bounder.domain.space):
             raise FileFormatError(f"{method.method} does not bound {bounder.query_kind} queries in {bounder.ndim}D")
-        if np.float32(threshold) != threshold:
-            raise FileFormatError(f"the threshold {threshold} is not a float32 number")
+        if not np.isfinite(number(threshold, "the threshold")) or np.float32(threshold) != threshold:
+            raise FileFormatError(f"the threshold {threshold} is not a finite float32 number")
         _check_info(document)
         if certificate:
             _check_certificate(bounder, certificate, threshold)

@@ -6,6 +6,7 @@ widens the object by less than a thousandth of a cell, the proofs' ``delta`` inc
 """
 
 from dataclasses import dataclass
+from math import prod
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 
 __all__ = ["Voxels", "VoxelsSource"]
+
+MOST_CELLS, MOST_ALONG = 2**31 - 1, 2**24  # kernels count cells in 32 bits; along an axis float32 tells them apart
 
 
 @dataclass(frozen=True)
@@ -90,9 +93,12 @@ class Voxels(Bounder):
         """See ``Bounder``; raises ``BounderError`` where tensors and sizes do not fit together."""
         super().__init__(domain, tensors, sizes, device)
         shape = tuple(self.sizes.get("shape", ()))
-        if len(shape) != domain.ndim or not all(isinstance(r, int) and r > 0 for r in shape):
-            raise BounderError(f"voxels: expected {domain.ndim} grid sizes, got {shape}")
-        words = -(-int(np.prod([int(r) for r in shape], dtype=object)) // 32)
+        whole = len(shape) == domain.ndim and all(type(r) is int and 0 < r <= MOST_ALONG for r in shape)
+        if not whole or prod(shape) > MOST_CELLS:
+            raise BounderError(
+                f"voxels: expected {domain.ndim} grid sizes up to {MOST_ALONG}, {MOST_CELLS} cells in all, got {shape}"
+            )
+        words = -(-prod(shape) // 32)
         expected = {"bits": (words,)} | dict.fromkeys(("factor", "summand", "reach"), (domain.ndim,))
         if {k: t.shape for k, t in self.tensors.items()} != expected:
             raise BounderError(
@@ -102,6 +108,12 @@ class Voxels(Bounder):
         size = np.abs(self.tensors["factor"]) * domain.limit.astype(np.float64) + np.abs(self.tensors["summand"])
         if not (size + np.abs(self.tensors["reach"]) < 2.0**60).all():
             raise BounderError("voxels: numbers are so large that float32 sums may overflow")
+        # ``bound`` takes the ends of a box to the ends of its cells, and counts on all cells within reach being looked at.
+        factor, reach = self.tensors["factor"], self.tensors["reach"]
+        if not ((factor > 0) & (reach >= 0) & (reach <= 0.5)).all():
+            raise BounderError(
+                f"voxels: expected positive factors and reaches from 0 to 1/2, got {factor.tolist()} and {reach.tolist()}"
+            )
 
     @property
     def source(self) -> VoxelsSource:

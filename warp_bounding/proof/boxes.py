@@ -9,11 +9,14 @@ import numpy as np
 from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.bounders.box_chart import BoxChart
 from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.errors import BounderError
 from warp_bounding.indicators.blocks import summed_area
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.depth_first import Charted
 
 __all__ = ["charted_boxes"]
+
+MOST_CELLS = 2.0**30  # from the grid's origin to the domain's ends: the chart counts cells in 32 bits
 
 
 def charted_boxes(bounder: Mlp, grid: IndicatorGrid) -> Charted:
@@ -33,6 +36,11 @@ def charted_boxes(bounder: Mlp, grid: IndicatorGrid) -> Charted:
     words = np.concatenate([grid.shape, strides, table.reshape(-1)]).astype(np.int32)
     edge = base.limit.astype(np.float64)
     lower, upper = (np.tile((side - origin) / unit, 2)[None] for side in (-edge, edge))
+    most = float(max(np.abs(lower).max(), np.abs(upper).max()))
+    if not most < MOST_CELLS:
+        raise BounderError(
+            f"{bounder.method}: the domain is {most:.3g} cells of the shape wide, more than the proof counts"
+        )
     return Charted(
         bounder.network,
         BoxChart(2 * n),

@@ -142,7 +142,7 @@ def _certify_regions(
             least, boxes, suspects, complete = _check_normals(bounder, grid, target, seconds)
     except BounderError as error:  # of this object: a volume does not hold it, or numbers leave the range of the proof
         text = str(error)
-    if least >= target:
+    if target <= least < np.inf:  # an object has positives, so a least value of nothing proves nothing
         return result(
             "proven",
             f"Proven from scratch: every {bounder.query_kind} that meets {grid.name} is answered with maybe.",

@@ -1,0 +1,62 @@
+"""``python tests/fuzz --minutes 60 --seed 1 --out DIR``: the mutation fuzzer for as long as one likes; Ctrl-C ends it.
+
+Exit status 1 if a lie was accepted, a file crashed the library, or one did not end. ``--first 1234 --files 1`` repeats an iteration.
+"""
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import warp as wp
+
+wp.config.log_level = getattr(wp, "LOG_ERROR", 40)
+wp.config.quiet = True
+wp.init()
+
+from fuzzing import Tally, fuzz
+from subjects import subjects
+
+EVERY = 10.0  # seconds between lines of progress
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--files", type=float, default=float("inf"), help="at most so many")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--first", type=int, default=0, help="number of the first file")
+    parser.add_argument("--among", default="", help="only subjects whose name holds this, such as 'learned-kdop plane'")
+    parser.add_argument("--out", type=Path, default=Path("out/fuzz"), help="folder for what is found")
+    asked = parser.parse_args()
+    among = [subject for subject in subjects() if asked.among in subject.name]
+    if not among:
+        parser.error(f"--among must be part of a subject's name, got {asked.among!r}")
+    shown = 0.0
+
+    def progress(tally: Tally, number: int, seconds: float) -> None:
+        nonlocal shown
+        if seconds - shown >= EVERY:
+            shown = seconds
+            print(f"{seconds / 60:6.1f} min, {tally.counts['files'] / seconds:5.1f} files/s: {tally}", flush=True)
+
+    started = time.perf_counter()
+    options = {"iterations": asked.files, "seconds": 60 * asked.minutes, "first": asked.first, "among": among}
+    tally = fuzz(asked.seed, **options, out=asked.out, progress=progress)
+    seconds = time.perf_counter() - started
+    print(f"{seconds / 60:.1f} min, {tally.counts['files'] / max(seconds, 1e-9):.1f} files/s: {tally}")
+    asked.out.mkdir(parents=True, exist_ok=True)
+    summary = {"seed": asked.seed, "seconds": round(seconds, 1), **tally.counts, "proven by subject": tally.proven}
+    (asked.out / "summary.json").write_text(json.dumps(summary, indent=1))
+    for record in tally.found[:20]:
+        print(json.dumps({k: v for k, v in record.items() if k != "error"}))
+        if "error" in record:
+            print(record["error"].strip().splitlines()[-1])
+    return 1 if tally.found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

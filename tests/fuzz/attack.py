@@ -1,0 +1,134 @@
+"""Positives put to a bounder that ``certify`` calls proven, through everything that is deployed: none may be answered with no.
+
+The queries are certain positives of the claim that the certificate states: float32, float64 and placed ones of the soak test's
+stream, and regions on corners, faces and hulls, nudged by single floats, whose truth the exact oracles know. They are asked in
+batches, in the world, and one by one by the function for other kernels. Some proven bounders are walked downhill, besides.
+"""
+
+from dataclasses import dataclass, field
+from functools import cache, lru_cache
+
+import numpy as np
+import warp as wp
+from bounding_shapes import object_points
+from region_cases import hard_regions
+
+from warp_bounding.bounders import Bounder, Data
+from warp_bounding.bounders.functions import point_func, point_type
+from warp_bounding.errors import QueryError
+from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.proof.falsify import Walk
+from warp_bounding.proof.soak import random_world
+from warp_bounding.queries import oracle
+from warp_bounding.queries.hard import HardPositives
+
+__all__ = ["Denied", "attack"]
+
+WORLDS = 6  # placements that are tried, each gentler, before the bounder is taken to allow none
+STEPS = 12  # of a walk
+
+
+@dataclass
+class Denied:
+    """A positive that a proven bounder answers with no."""
+
+    form: str
+    query: list[float]
+    placement: dict = field(default_factory=dict)
+
+
+def attack(
+    bounder: Bounder, grid: IndicatorGrid, rng: np.random.Generator, count: int = 4096, walk: bool = False
+) -> tuple[int, Denied | None]:
+    """Ask some ``4 count`` positives.
+
+    Args:
+        bounder: Proven, or so it is said.
+        grid: The object of the claim, margin included.
+        rng: Of the queries.
+        count: Positives of a kind.
+        walk: Whether to walk downhill, too.
+
+    Returns:
+        How many were asked, and the first that was denied.
+    """
+    length = bounder.domain.length or 1.0
+    hard, seed, asked = _positives(bounder.query_kind, grid, length), int(rng.integers(2**62)), 0
+    for form, x, options in _drawn(bounder, grid, hard, rng, seed, count):
+        missed = np.flatnonzero(bounder.query(x, **options).numpy() == 0)
+        asked += len(x)
+        if len(missed):
+            return asked, Denied(form, x[missed[0]].tolist(), {k: np.asarray(v).tolist() for k, v in options.items()})
+    near = _near(bounder.query_kind, grid, length, int(rng.integers(4)))
+    if walk:
+        near = np.concatenate([near, Walk(bounder, grid, seed % 2**31).down(near[:1024], STEPS)[0]])
+    near = near[oracle(bounder.query_kind, grid, "cpu", length)(near)] if walk else near
+    for form, answers in (("batch", bounder.query(near).numpy()), ("function", _ask(bounder, near))):
+        missed, asked = np.flatnonzero(answers == 0), asked + len(near)
+        if len(missed):
+            return asked, Denied(form, near[missed[0]].tolist())
+    return asked, None
+
+
+def _drawn(bounder, grid, hard: HardPositives, rng, seed: int, count: int):
+    """``(form, queries, options)`` of the soak test's stream."""
+    for form in ("float32", "float64"):
+        x, certain = hard.draw(seed, 0, count, form)
+        yield form, x.numpy()[certain.numpy() != 0], {}
+    nothing = np.zeros((0, hard.columns), np.float32)
+    for gentle in range(WORLDS):
+        world, options = random_world(grid, rng, gentle)
+        try:
+            bounder.query(nothing, **options)
+        except QueryError:
+            continue
+        x, certain = hard.draw(seed, count, count, "placed", world)
+        yield "placed", x.numpy()[certain.numpy() != 0], options
+        return
+
+
+@lru_cache(maxsize=256)
+def _positives(query: str, grid: IndicatorGrid, length: float) -> HardPositives:
+    return HardPositives(query, grid, length, "cpu")
+
+
+@lru_cache(maxsize=256)
+def _near(query: str, grid: IndicatorGrid, length: float, number: int, count: int = 2000) -> np.ndarray:
+    """Corners, faces and hulls, float32 neighbours included; all of them positives."""
+    rng = np.random.default_rng(number)
+    if query == "point":
+        return object_points(grid, rng, count)
+    x = hard_regions(query, grid, rng, length, count)
+    return x[oracle(query, grid, "cpu", length)(x)]
+
+
+@cache
+def _asking(source) -> wp.Kernel:
+    """A kernel as a user would write it."""
+    test, vector = point_func(source), point_type(source.ndim)
+    if source.query == "point":
+
+        @wp.kernel(module="unique", enable_backward=False)
+        def ask_points(data: Data, q: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
+            i = wp.tid()
+            if test(data, q[i]):
+                answer[i] = wp.uint8(1)
+
+        return ask_points
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def ask_regions(data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
+        i = wp.tid()
+        if test(data, a[i], b[i]):
+            answer[i] = wp.uint8(1)
+
+    return ask_regions
+
+
+def _ask(bounder: Bounder, x: np.ndarray) -> np.ndarray:
+    """Answers of ``bounder.func`` inside a user's kernel."""
+    answer, n = wp.zeros(len(x), dtype=wp.uint8, device="cpu"), bounder.ndim
+    parts = [np.ascontiguousarray(x[:, k : k + n]) for k in range(0, x.shape[1], n)]
+    arrays = [wp.array(part, dtype=point_type(n), device="cpu") for part in parts]
+    wp.launch(_asking(bounder.source), len(x), [bounder.data, *arrays], [answer], device="cpu")
+    return answer.numpy()

@@ -1,0 +1,189 @@
+"""The mutation fuzzer: ``certify`` must not call a spoilt file proven unless it bounds its shape.
+
+An honest bounder's file is spoilt (``mutations``), its digest, description and certificate are made right again, and it is loaded.
+What ``certify`` then calls proven against the true shape is attacked (``attack``). A denied positive is a lie that was accepted; the
+file and the query are kept. Errors other than the one that ``load`` promises, and work that does not end, are kept, too.
+
+Everything depends on the seed and the number of the iteration, so any iteration can be repeated by itself.
+"""
+
+import importlib
+import json
+import signal
+import time
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from attack import Denied, attack
+from mutations import File, mutate
+from subjects import Subject, subjects
+
+import warp_bounding as wb
+from warp_bounding.errors import FileFormatError
+from warp_bounding.proof.soak import soak_grid
+
+SECONDS = 1.0  # for a certificate
+STUCK = 60  # seconds after which an iteration counts as one that does not end
+WALKED = 0.05  # share of the proven files that are walked downhill
+MOST_MARGIN = 0.05  # of files that claim more the cells are not made
+
+
+@dataclass
+class Tally:
+    """Figures of a run.
+
+    Attributes:
+        counts: Files mutated, refused on load, not proven, still proven, hard queries asked, lies, crashes and stuck ones.
+        proven: Still proven, by subject.
+        found: What was found, as it is written to the record.
+    """
+
+    counts: Counter = field(default_factory=Counter)
+    proven: Counter = field(default_factory=Counter)
+    found: list[dict] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        names = ("files", "refused", "not proven", "proven", "queries", "lies", "crashes", "stuck")
+        return ", ".join(f"{name} {self.counts[name]:,}" for name in names)
+
+
+class _StuckError(Exception):
+    pass
+
+
+@contextmanager
+def undistracted():
+    """Without the search for a refutation (it takes a second and decides nothing here), and without NumPy's warnings."""
+    module = importlib.import_module("warp_bounding.proof.certify")
+    positives, module.POSITIVES = module.POSITIVES, 0
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        module.POSITIVES = positives
+
+
+@contextmanager
+def limited(seconds: int):
+    """Raise in the main thread when it takes longer."""
+
+    def stop(*_):
+        raise _StuckError
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def judge(path: Path, subject: Subject, rng: np.random.Generator, tally: Tally, count: int = 4096) -> Denied | None:
+    """Load, certify and attack one file; counts what came of it."""
+    try:
+        bounder = wb.load(path, device="cpu")
+    except FileFormatError as error:
+        if "\n" in str(error):
+            raise AssertionError(f"more than one line: {error}") from error
+        tally.counts["refused"] += 1
+        return None
+    if not (bounder.info.get("margin") or 0.0) <= MOST_MARGIN:
+        tally.counts["not proven"] += 1
+        return None
+    proof = wb.certify(bounder, subject.grid, seconds=SECONDS)
+    if not proof.proven:
+        tally.counts["not proven"] += 1
+        return None
+    tally.counts["proven"] += 1
+    tally.proven[subject.name] += 1
+    claimed = soak_grid(bounder, subject.grid)
+    claimed = subject.grid if claimed.digest == subject.grid.digest else claimed
+    asked, denied = attack(bounder, claimed, rng, count, walk=rng.random() < WALKED)
+    tally.counts["queries"] += asked
+    return denied
+
+
+def fuzz(
+    seed: int,
+    *,
+    iterations: float = float("inf"),
+    seconds: float = float("inf"),
+    first: int = 0,
+    among: list[Subject] | None = None,
+    out: Path | None = None,
+    count: int = 4096,
+    progress: Callable[[Tally, int, float], None] | None = None,
+) -> Tally:
+    """Spoil files until time or number are used up, or Ctrl-C.
+
+    Args:
+        seed: Of everything.
+        iterations: Files.
+        seconds: Time.
+        first: Number of the first iteration.
+        among: Subjects; all if ``None``.
+        out: Folder for what is found: ``found.jsonl`` and the files.
+        count: Positives of a kind that a proven file is attacked with.
+        progress: Called after each iteration with the figures, its number and the seconds so far.
+    """
+    among, tally, started, number = among or subjects(), Tally(), time.perf_counter(), first
+    honest: dict[str, File] = {}
+    with TemporaryDirectory() as folder, undistracted():
+        path = Path(folder) / "spoilt.safetensors"
+        try:
+            while number < first + iterations and time.perf_counter() - started < seconds:
+                rng = np.random.default_rng([seed, number])
+                subject = among[rng.integers(len(among))]
+                if subject.name not in honest:
+                    honest[subject.name] = File.of(subject.bounder, path)
+                file = honest[subject.name].copy()
+                done = mutate(file, rng)
+                file.agree(rng, len(subject.grid.occupied))
+                record = {"seed": seed, "iteration": number, "subject": subject.name, "mutations": done}
+                _one(file, path, subject, rng, tally, count, record, out)
+                number += 1
+                if progress:
+                    progress(tally, number, time.perf_counter() - started)
+        except KeyboardInterrupt:
+            pass
+    return tally
+
+
+def _one(
+    file: File, path: Path, subject: Subject, rng, tally: Tally, count: int, record: dict, out: Path | None
+) -> None:
+    """One iteration, and what is kept of it."""
+    tally.counts["files"] += 1
+    kind = None
+    try:
+        with limited(STUCK):
+            file.write(path)
+            denied = judge(path, subject, rng, tally, count)
+        if denied is not None:
+            kind = "lies"
+            record |= {"denied": asdict(denied)}
+    except _StuckError:
+        kind = "stuck"
+    except Exception:
+        kind = "crashes"
+        record |= {"error": traceback.format_exc()}
+    if kind is None:
+        return
+    tally.counts[kind] += 1
+    record |= {"kind": kind}
+    tally.found.append(record)
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        name = f"{kind}-{record['seed']}-{record['iteration']}.safetensors"
+        (out / name).write_bytes(path.read_bytes() if path.is_file() else b"")
+        with (out / "found.jsonl").open("a") as lines:
+            lines.write(json.dumps(record | {"file": name}) + "\n")

@@ -1,0 +1,116 @@
+"""Honest bounders to be spoilt: every method, kind of query and space that it has, on small shapes in 2D, 3D and 4D (animated)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from bounding_shapes import EARLY, HIDDEN, shape
+from monotone_networks import random_monotone
+
+from warp_bounding.arithmetic import round_down
+from warp_bounding.bounders import METHODS, Bounder, Cascade
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.mlp_early import MlpEarly
+from warp_bounding.bounders.parametric import fit_parametric
+from warp_bounding.bounders.regions import domain_of
+from warp_bounding.proof.least import least_value
+from warp_bounding.queries import QUERY_KINDS
+from warp_bounding.queries.positives import draw_positives
+
+SHAPES = ("c", "blob", "animated")
+PARAMETRIC = {"c": ("ray", "plane", "box"), "blob": ("box",)}  # the others take seconds to bound
+ACTIVATIONS = {"point": "sin", "ray": "relu", "plane": "tanh", "box": "sin"}
+CASCADES = (
+    ("point", "voxels+mlp"),
+    ("plane", "learned-kdop+mlp"),
+    ("box", "aabb+monotone-mlp"),
+    ("ray", "kdop+mlp-early"),
+)
+LENGTH = 0.75
+BOXES = 20_000  # of a search for a network's least value: what it has by then is proven
+POSITIVES = 500  # that a volume in parametric space takes its shape from
+
+
+@dataclass(frozen=True)
+class Subject:
+    """One honest bounder, made when it is asked for."""
+
+    name: str
+    shape: str
+    make: Callable[[], Bounder]
+
+    @property
+    def grid(self):
+        return shape(self.shape)
+
+    @property
+    def bounder(self) -> Bounder:
+        return _made(self)
+
+
+@cache
+def _made(subject: Subject) -> Bounder:
+    bounder = subject.make()
+    bounder.info = {"indicator": subject.grid.digest, "margin": 0.0, "grid_shape": list(subject.grid.shape), "seed": 0}
+    return bounder
+
+
+def settled(bounder: Bounder, name: str) -> Bounder:
+    """At the threshold that its proof gives."""
+    least = least_value(bounder, shape(name), boxes=BOXES, eps=0.05).lower_bound
+    return bounder.freeze(float(round_down(np.nextafter(least - bounder.rounding_bound(), -np.inf))), None)
+
+
+def network(name: str, query: str, hidden=HIDDEN, seed: int = 0) -> Mlp:
+    grid, rng, tensors = shape(name), np.random.default_rng(seed), {}
+    domain, outputs = domain_of(grid, query, LENGTH), 2 if query == "plane" else 1
+    inputs = grid.ndim if query in ("point", "plane") else domain.ndim
+    for index, (k, h) in enumerate(zip((inputs, *hidden), (*hidden, outputs), strict=True)):
+        tensors[f"layers.{index}.weight"] = (rng.normal(size=(h, k)) / np.sqrt(k)).astype(np.float32)
+        tensors[f"layers.{index}.bias"] = rng.normal(size=h).astype(np.float32)
+    return Mlp(domain, tensors, {"hidden": list(hidden), "activation": ACTIVATIONS[query], "octaves": 0}, "cpu")
+
+
+def made(method: str, name: str, query: str, space: str = "geometric") -> Bounder:
+    """A bounder at its threshold."""
+    grid, kind = shape(name), METHODS[method]
+    domain = domain_of(grid, query, LENGTH, space)
+    if method == "monotone-mlp":
+        return settled(random_monotone(grid, HIDDEN), name)
+    if method == "mlp-early":
+        whole, first = network(name, query, EARLY), network(name, query, EARLY[:1])
+        shared = {k: v for k, v in whole.tensors.items() if k.startswith("layers.0.")}
+        first = Mlp(first.domain, first.tensors | shared, first.sizes, "cpu")
+        return MlpEarly.of([settled(first, name), settled(whole, name)])
+    if issubclass(kind, Mlp):
+        return settled(network(name, query), name)
+    if space == "parametric" and method != "learned-kdop":
+        positives = next(draw_positives(query, grid, POSITIVES, 0, "cpu", LENGTH, outside=False))[:POSITIVES]
+        return settled(fit_parametric(kind, grid, domain, domain.to_local(positives), device="cpu"), name)
+    return settled(kind.fit(grid, domain, device="cpu"), name)
+
+
+def _maker(method: str, *which: str) -> Callable[[], Bounder]:
+    return lambda: made(method, *which)
+
+
+def _cascade(methods: str, name: str, query: str) -> Callable[[], Bounder]:
+    return lambda: Cascade.of([made(method, name, query) for method in methods.split("+")])
+
+
+def subjects() -> list[Subject]:
+    """All of them."""
+    found = []
+    for name in SHAPES:
+        for method, kind in METHODS.items():
+            for query in QUERY_KINDS:
+                for space in ("geometric", "parametric"):
+                    if space == "parametric" and query not in PARAMETRIC.get(name, ()):
+                        continue
+                    if kind.conservative and kind.supports(query, shape(name).ndim, space):
+                        text = f"{method} {query} {name}{' parametric' * (space == 'parametric')}"
+                        found.append(Subject(text, name, _maker(method, name, query, space)))
+    for query, methods in CASCADES:
+        found.append(Subject(f"{methods} {query} c", "c", _cascade(methods, "c", query)))
+    return found
