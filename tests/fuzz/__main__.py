@@ -9,21 +9,14 @@ import sys
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
-import warp as wp
-
-wp.config.log_level = getattr(wp, "LOG_ERROR", 40)
-wp.config.quiet = True
-wp.init()
-
-from fuzzing import Tally, fuzz
-from subjects import subjects
-
 EVERY = 10.0  # seconds between lines of progress
 
 
 def main() -> int:
+    sys.path.insert(0, str(Path(__file__).parents[1]))  # what all tests share
+    from fuzzing import fuzz
+    from subjects import subjects
+
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--files", type=float, default=float("inf"), help="at most so many")
@@ -37,7 +30,7 @@ def main() -> int:
         parser.error(f"--among must be part of a subject's name, got {asked.among!r}")
     shown = 0.0
 
-    def progress(tally: Tally, number: int, seconds: float) -> None:
+    def progress(tally, number: int, seconds: float) -> None:
         nonlocal shown
         if seconds - shown >= EVERY:
             shown = seconds

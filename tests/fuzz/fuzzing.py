@@ -87,7 +87,9 @@ def limited(seconds: int):
         signal.signal(signal.SIGALRM, before)
 
 
-def judge(path: Path, subject: Subject, rng: np.random.Generator, tally: Tally, count: int = 4096) -> Denied | None:
+def judge(
+    path: Path, subject: Subject, rng: np.random.Generator, tally: Tally, count: int = 4096, quick: bool = False
+) -> Denied | None:
     """Load, certify and attack one file; counts what came of it."""
     try:
         bounder = wb.load(path, device="cpu")
@@ -107,7 +109,7 @@ def judge(path: Path, subject: Subject, rng: np.random.Generator, tally: Tally, 
     tally.proven[subject.name] += 1
     claimed = soak_grid(bounder, subject.grid)
     claimed = subject.grid if claimed.digest == subject.grid.digest else claimed
-    asked, denied = attack(bounder, claimed, rng, count, walk=rng.random() < WALKED)
+    asked, denied = attack(bounder, claimed, rng, count, walk=rng.random() < WALKED and not quick, quick=quick)
     tally.counts["queries"] += asked
     return denied
 
@@ -121,6 +123,7 @@ def fuzz(
     among: list[Subject] | None = None,
     out: Path | None = None,
     count: int = 4096,
+    quick: bool = False,
     progress: Callable[[Tally, int, float], None] | None = None,
 ) -> Tally:
     """Spoil files until time or number are used up, or Ctrl-C.
@@ -133,6 +136,7 @@ def fuzz(
         among: Subjects; all if ``None``.
         out: Folder for what is found: ``found.jsonl`` and the files.
         count: Positives of a kind that a proven file is attacked with.
+        quick: See ``attack``.
         progress: Called after each iteration with the figures, its number and the seconds so far.
     """
     among, tally, started, number = among or subjects(), Tally(), time.perf_counter(), first
@@ -149,7 +153,7 @@ def fuzz(
                 done = mutate(file, rng)
                 file.agree(rng, len(subject.grid.occupied))
                 record = {"seed": seed, "iteration": number, "subject": subject.name, "mutations": done}
-                _one(file, path, subject, rng, tally, count, record, out)
+                _one(file, path, subject, tally, record, out, rng=rng, count=count, quick=quick)
                 number += 1
                 if progress:
                     progress(tally, number, time.perf_counter() - started)
@@ -158,16 +162,14 @@ def fuzz(
     return tally
 
 
-def _one(
-    file: File, path: Path, subject: Subject, rng, tally: Tally, count: int, record: dict, out: Path | None
-) -> None:
+def _one(file: File, path: Path, subject: Subject, tally: Tally, record: dict, out: Path | None, **options) -> None:
     """One iteration, and what is kept of it."""
     tally.counts["files"] += 1
     kind = None
     try:
         with limited(STUCK):
             file.write(path)
-            denied = judge(path, subject, rng, tally, count)
+            denied = judge(path, subject, tally=tally, **options)
         if denied is not None:
             kind = "lies"
             record |= {"denied": asdict(denied)}

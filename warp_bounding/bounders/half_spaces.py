@@ -53,9 +53,12 @@ def half_space_region(
         return (HalfSpaceRay if domain.query == "ray" else HalfSpaceBox)(normals, offsets, domain)
     if len(offsets) <= domain.space_ndim:
         raise BounderError(f"expected more than {domain.space_ndim} half-spaces, got {len(offsets)}")
-    # A second face must cut nothing off that lies in the domain, however long the normals are.
-    reach = np.abs(normals) @ domain.base.limit.astype(np.float64) * (1 + 1e-9)
-    return SlabPlane(Slabs(normals, -np.maximum(reach, UNBOUNDED), offsets, False), domain)
+    return SlabPlane(Slabs(normals, second_faces(normals, domain), offsets, False), domain)
+
+
+def second_faces(normals: np.ndarray, domain: RegionDomain) -> np.ndarray:
+    """``(k,)``, where half-spaces end that have no other side: beyond the domain, however long the normals are."""
+    return -np.maximum(np.abs(normals) @ domain.base.limit.astype(np.float64) * (1 + 1e-9), UNBOUNDED)
 
 
 class HalfSpaceRay:

@@ -83,6 +83,8 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
         version = document["format"]
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise FileFormatError(f"{path}: the description inside is damaged") from error
+    if type(version) is int and version < 1:
+        raise FileFormatError(f"{path}: format {version} is none that ever was")
     if type(version) is not int or version > FORMAT:
         raise FileFormatError(
             f"{path}: format {version} is newer than this library knows ({FORMAT}); please update warp-bounding"

@@ -1,0 +1,191 @@
+"""Lies that ``certify`` once called proven: each is refused where it is made, not proven, or true now.
+
+What they say is attacked as the fuzzer does, with the mend taken back where that can be done from outside: certify then accepts
+them again, and the attack finds the denied positive.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from attack import attack
+from bounding_shapes import shape
+from fuzzing import undistracted
+from mutations import File
+from subjects import made, network, settled
+
+import warp_bounding as wb
+from warp_bounding.bounders import Cascade, half_spaces
+from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.regions import RegionDomain, domain_of
+from warp_bounding.bounders.voxels import Voxels
+from warp_bounding.errors import BounderError, FileFormatError
+from warp_bounding.proof import boxes
+
+
+def proven(bounder, grid) -> bool:
+    with undistracted():
+        return wb.certify(bounder, grid, seconds=20).proven
+
+
+def denied(bounder, grid, rng) -> bool:
+    return attack(bounder, grid, rng, 2000, quick=True)[1] is not None
+
+
+def backwards() -> tuple[Domain, dict[str, np.ndarray], dict]:
+    """Voxels of twice as many cells along axis 0, in reverse order, of which every other one is empty: the middle of each of the
+    object's cells falls into an occupied one, its ends do not."""
+    grid, honest = shape("c"), made("voxels", "c", "point")
+    rows = grid.shape[0]
+    occupancy = np.zeros((2 * rows, grid.shape[1]), bool)
+    occupancy[::2] = grid.occupancy[::-1]
+    bits = np.packbits(occupancy.reshape(-1), bitorder="little")
+    tensors = {k: t.copy() for k, t in honest.tensors.items()}
+    tensors["bits"] = np.pad(bits, (0, -len(bits) % 4)).view("<u4").astype(np.uint32)
+    tensors["summand"][0] = 2 * rows - 0.5 - 2 * tensors["summand"][0]
+    tensors["factor"][0] *= 2
+    return honest.domain, tensors, {"shape": list(occupancy.shape)}
+
+
+def test_voxels_that_run_backwards_are_refused(rng):
+    """The ends of a box changed places in the proof, so that every box lay in one cell."""
+    domain, tensors, sizes = backwards()
+    reverse = tensors | {"factor": tensors["factor"] * np.float32([-1, 1])}
+    with pytest.raises(BounderError, match="positive factors"):
+        Voxels(domain, reverse, sizes, "cpu")
+    liar = Voxels(domain, tensors, sizes, "cpu").freeze(0.5, None)
+    liar.tensors = reverse  # past the check
+    assert proven(liar, shape("c"))
+    assert denied(liar, shape("c"), rng)
+
+
+@pytest.mark.parametrize("reach", [-1e-3, 0.75, 1e6])
+def test_voxels_reach_less_than_half_a_cell(reach):
+    honest = made("voxels", "c", "point")
+    with pytest.raises(BounderError, match="reaches from 0 to 1/2"):
+        Voxels(honest.domain, honest.tensors | {"reach": np.full(2, reach, np.float32)}, honest.sizes, "cpu")
+
+
+@pytest.mark.parametrize("name", ["c", "blob"])
+def test_long_normals_cut_nothing_off(name, rng, monkeypatch):
+    """Half-spaces have no second face; one that stands in for it at -2^20 lay inside the domain."""
+    honest, grid = made("learned-kdop", name, "plane"), shape(name)
+    tensors = {k: t * np.float32(2.0**24) for k, t in honest.tensors.items()}
+    long = settled(type(honest)(honest.domain, tensors, {}, "cpu"), name)
+    assert proven(long, grid)
+    assert not denied(long, grid, rng)
+    monkeypatch.setattr(half_spaces, "second_faces", lambda normals, _: np.full(len(normals), -(2.0**20)))
+    liar = settled(type(honest)(honest.domain, tensors, {}, "cpu"), name)
+    assert proven(liar, grid)
+    assert denied(liar, grid, rng)
+
+
+def wide_boxes():
+    """A network of boxes in a domain of 2^40 cells, that denies everything."""
+    grid, honest = shape("c"), network("c", "box")
+    half = np.full(2, 2.0**38)
+    center = np.full(2, 0.5, np.float32)
+    scale, limit = (1 / half).astype(np.float32), np.full(2, 1.25, np.float32)
+    base = Domain(center, scale, limit, np.full(2, 0.01), False, center - half, center + half)
+    domain = RegionDomain("box", "geometric", base, False, None)
+    assert domain.fault() is None
+    return type(honest)(domain, honest.tensors, honest.sizes, "cpu").freeze(1e4, None), grid
+
+
+def test_a_domain_of_too_many_cells_is_not_proven(rng, monkeypatch):
+    """Numbers of cells beyond 32 bits made the chart drop every box, and a least value of nothing was proof enough."""
+    liar, grid = wide_boxes()
+    assert denied(liar, grid, rng)
+    proof = wb.certify(liar, grid, seconds=5)
+    assert not proof.proven
+    monkeypatch.setattr(boxes, "MOST_CELLS", np.inf)
+    with undistracted():
+        assert not wb.certify(liar, grid, seconds=5).proven
+
+
+@pytest.mark.parametrize("query", ["ray", "plane", "box"])
+def test_parts_must_bound_the_queries_of_the_whole(query):
+    """A network has no parametric space: its proof would be one of other numbers than the kernel's."""
+    part = network("c", query)
+    domain = domain_of(shape("c"), query, 0.75, "parametric")
+    tensors = {f"{i}.{k}": t for i in range(2) for k, t in part.tensors.items()}
+    tensors["thresholds"] = np.zeros(1, np.float32)
+    with pytest.raises(BounderError, match="does not bound"):
+        Cascade(domain, tensors, {"parts": [{"method": "mlp", "sizes": part.sizes}] * 2}, "cpu")
+
+
+def test_a_flat_field_is_looked_up_inside_its_grid():
+    """Its rounding is 0 whatever the node coordinates are, infinite ones included, which have no index."""
+    honest = made("relu-field", "c", "point")
+    tensors = {k: t.copy() for k, t in honest.tensors.items()}
+    tensors["values"][:] = 1
+    tensors["factor"][:] = 3e38
+    with pytest.raises(BounderError, match="so large"):
+        type(honest)(honest.domain, tensors, honest.sizes, "cpu")
+
+
+def test_no_bound_is_no_proof(monkeypatch):
+    """A bound that is NaN must not get lost in a minimum."""
+    bounder, grid = made("aabb", "c", "ray"), shape("c")
+    spoilt = type(bounder).bound
+
+    def lost(self, lower, upper):
+        found = spoilt(self, lower, upper)
+        return found._replace(lower=found.lower * np.nan)
+
+    monkeypatch.setattr(type(bounder), "bound", lost)
+    with pytest.raises(BounderError, match="do not hold"):
+        bounder.least(grid)
+    assert not proven(bounder, grid)
+
+
+@pytest.mark.parametrize("by", [2.0**-40, 2.0**-3, 2.0**3, 2.0**40])
+def test_a_domain_is_taken_to_about_one(by):
+    domain = domain_of(shape("c"))
+    single = {k: (getattr(domain, k) * by).astype(np.float32) for k in ("scale", "limit")}
+    assert "[-1, 1]" in replace(domain, **single, delta=domain.delta * by).fault()
+
+
+@pytest.mark.parametrize(
+    ("directions", "words"),
+    [([[1, 2], [2, 4], [-1, -2]], "do not bound a polytope"), (np.ones((800, 3)), "choices")],
+    ids=["parallel", "many"],
+)
+def test_half_spaces_that_bound_nothing_are_refused(directions, words):
+    normals = np.array(directions, np.float32)
+    domain = domain_of(shape({2: "c", 3: "blob"}[normals.shape[1]]), "plane")
+    with pytest.raises(BounderError, match=words):
+        wb.bounders.LearnedKdop(domain, {"normals": normals, "offsets": np.ones(len(normals), np.float32)}, {}, "cpu")
+
+
+EDITS = {
+    "threshold infinite": lambda d: d.update(threshold=-float("inf")),
+    "threshold true": lambda d: d.update(threshold=True),
+    "format true": lambda d: d.update(format=True),
+    "format none": lambda d: d.update(format=0),
+    "time text": lambda d: d["domain"].update(time="no"),
+    "moving number": lambda d: d["domain"].update(moving=0),
+    "length true": lambda d: d["domain"].update(length=True),
+    "length text": lambda d: d["domain"].update(length="1.0"),
+    "scale text": lambda d: d["domain"].update(scale=[str(s) for s in d["domain"]["scale"]]),
+    "scale double": lambda d: d["domain"].update(scale=[s * (1 + 1e-12) for s in d["domain"]["scale"]]),
+    "delta true": lambda d: d["domain"].update(delta=[True, True]),
+    "sizes list": lambda d: d.update(sizes=[]),
+}
+
+
+@pytest.mark.parametrize("edit", EDITS)
+def test_other_kinds_of_values_are_refused(edit, tmp_path, rng):
+    path = tmp_path / "b.safetensors"
+    bounder = made("kdop", "c", "ray")
+    bounder.info = {"indicator": shape("c").digest}
+    file = File.of(bounder, path)
+    file.agree(rng, 1)
+    file.write(path)
+    assert wb.load(path, device="cpu").certificate.proven
+    EDITS[edit](file.document)
+    file.document["length"] = file.document["domain"]["length"]
+    file.write(path)
+    with pytest.raises(FileFormatError, match=path.name) as error:
+        wb.load(path, device="cpu")
+    assert "\n" not in str(error.value)
