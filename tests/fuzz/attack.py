@@ -116,18 +116,22 @@ def _near(query: str, grid: IndicatorGrid, length: float, number: int, count: in
 
 
 @cache
-def _asking(source) -> wp.Kernel:
+def _asking_points(source) -> wp.Kernel:
     """A kernel as a user would write it."""
     test, vector = point_func(source), point_type(source.ndim)
-    if source.query == "point":
 
-        @wp.kernel(module="unique", enable_backward=False)
-        def ask_points(data: Data, q: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
-            i = wp.tid()
-            if test(data, q[i]):
-                answer[i] = wp.uint8(1)
+    @wp.kernel(module="unique", enable_backward=False)
+    def ask_points(data: Data, q: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
+        i = wp.tid()
+        if test(data, q[i]):
+            answer[i] = wp.uint8(1)
 
-        return ask_points
+    return ask_points
+
+
+@cache
+def _asking_regions(source) -> wp.Kernel:
+    test, vector = point_func(source), point_type(source.ndim)
 
     @wp.kernel(module="unique", enable_backward=False)
     def ask_regions(data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
@@ -143,5 +147,6 @@ def _ask(bounder: Bounder, x: np.ndarray) -> np.ndarray:
     answer, n = wp.zeros(len(x), dtype=wp.uint8, device="cpu"), bounder.ndim
     parts = [np.ascontiguousarray(x[:, k : k + n]) for k in range(0, x.shape[1], n)]
     arrays = [wp.array(part, dtype=point_type(n), device="cpu") for part in parts]
-    wp.launch(_asking(bounder.source), len(x), [bounder.data, *arrays], [answer], device="cpu")
+    kernel = (_asking_points if bounder.query_kind == "point" else _asking_regions)(bounder.source)
+    wp.launch(kernel, len(x), [bounder.data, *arrays], [answer], device="cpu")
     return answer.numpy()
