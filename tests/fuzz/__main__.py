@@ -14,6 +14,9 @@ EVERY = 10.0  # seconds between lines of progress
 
 def main() -> int:
     sys.path.insert(0, str(Path(__file__).parents[1]))  # what all tests share
+    import warp as wp
+
+    wp.config.quiet = True
     from fuzzing import fuzz
     from subjects import subjects
 

@@ -22,16 +22,18 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 from attack import Denied, attack
-from mutations import File, mutate
+from mutations import File, mutate, tighten
 from subjects import Subject, subjects
 
 import warp_bounding as wb
-from warp_bounding.errors import FileFormatError
+from warp_bounding.errors import BoundingError, FileFormatError
+from warp_bounding.proof.prove import mismatch, outside
 from warp_bounding.proof.soak import soak_grid
 
 SECONDS = 1.0  # for a certificate
 STUCK = 60  # seconds after which an iteration counts as one that does not end
 WALKED = 0.05  # share of the proven files that are walked downhill
+TIGHTENED = 0.6  # share of the files
 MOST_MARGIN = 0.05  # of files that claim more the cells are not made
 
 
@@ -151,7 +153,6 @@ def fuzz(
                     honest[subject.name] = File.of(subject.bounder, path)
                 file = honest[subject.name].copy()
                 done = mutate(file, rng)
-                file.agree(rng, len(subject.grid.occupied))
                 record = {"seed": seed, "iteration": number, "subject": subject.name, "mutations": done}
                 _one(file, path, subject, tally, record, out, rng=rng, count=count, quick=quick)
                 number += 1
@@ -162,13 +163,32 @@ def fuzz(
     return tally
 
 
+def _write(file: File, path: Path, subject: Subject, rng: np.random.Generator, record: dict) -> None:
+    """With everything made right again; many at thresholds that make the most of the proof."""
+    cells = len(subject.grid.occupied)
+    file.agree(rng, cells)
+    file.write(path)
+    if rng.random() >= TIGHTENED:
+        return
+    try:
+        bounder = wb.load(path, device="cpu")
+        if mismatch(bounder, subject.grid) or len(outside(bounder, subject.grid)):
+            return
+        tighten(file, bounder, subject.grid, rng)
+    except BoundingError:  # there is no proof to make the most of
+        return
+    record["mutations"].append("tightened")
+    file.agree(rng, cells)
+    file.write(path)
+
+
 def _one(file: File, path: Path, subject: Subject, tally: Tally, record: dict, out: Path | None, **options) -> None:
     """One iteration, and what is kept of it."""
     tally.counts["files"] += 1
     kind = None
     try:
         with limited(STUCK):
-            file.write(path)
+            _write(file, path, subject, rng=options["rng"], record=record)
             denied = judge(path, subject, tally=tally, **options)
         if denied is not None:
             kind = "lies"

@@ -13,10 +13,14 @@ import numpy as np
 import safetensors
 import safetensors.numpy
 
+from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders import METHODS, Bounder, storage
 from warp_bounding.bounders.certificate import Certificate
+from warp_bounding.bounders.voxels import Voxels
+from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.proof.least import least_value
 
-POWERS = (-149, -100, -60, -24, -8, -2, -1, 1, 2, 8, 24, 60, 100)  # of two
+POWERS = (-149, -100, -60, -24, -8, -2, -1, 1, 1, 2, 4, 8, 24, 60, 100)  # of two
 SINGLE, DOUBLE = ("center", "scale", "limit"), ("delta", "lower", "upper")  # fields of a domain
 ODD = (
     True,
@@ -41,6 +45,7 @@ ODD = (
     float("inf"),
 )
 SCALED_WITH_V = ("directions", "normals", "matrix", "factor", "layers.0.weight", "encoding.weight")
+SEARCHED = 5000  # boxes, for the threshold of a spoilt network
 HONEST = 0.97  # how often the description outside the domain is made to agree with it
 MOST = 5  # mutations of one file
 
@@ -116,6 +121,7 @@ def numbers(a: np.ndarray, rng: np.random.Generator) -> str:
     changes = {
         "sign": lambda: -part,
         f"2^{power}": lambda: part * np.asarray(2.0**power, dtype=np.float64),
+        f"-2^{power}": lambda: part * np.asarray(-(2.0**power), dtype=np.float64),
         f"entries by 2^{power}": lambda: part * np.exp2(power * rng.random(part.shape)),
         "zero": lambda: part * 0,
         "set": lambda: np.full_like(part, rng.choice([1e-45, -1e-40, 1e-38, 1.0, -1.0, 0.5, 2.0**20, 1e30, 3e38])),
@@ -445,6 +451,51 @@ MUTATIONS = {
     tensor_structure: 0.5,
     method: 0.3,
 }
+
+
+def tighten(file: File, bounder: Bounder, grid: IndicatorGrid, rng: np.random.Generator) -> None:
+    """Make the most of the proof of a spoilt file, as a liar would: of voxels keep those that the proof counts on, and no others; raise
+    (or lower) every threshold to the highest one that the proof of its part allows.
+
+    Args:
+        file: Changed in place.
+        bounder: As it was loaded from it.
+        grid: The object.
+        rng: Whether to choose the voxels.
+    """
+    tests = [bounder, *getattr(bounder, "_tests", [])]
+    for index, part in enumerate(tests):
+        if isinstance(part, Voxels) and rng.random() < 0.7:
+            name = "bits" if index == 0 else f"{index - 1}.bits"
+            file.tensors[name] = _counted_on(part, grid)
+    thresholds = []
+    for part in bounder.parts:
+        least = least_value(part, grid, eps=0.05, boxes=SEARCHED, seconds=0.5).lower_bound
+        thresholds.append(round_down(np.nextafter(least - part.rounding_bound(), -np.inf)))
+    if not np.isfinite(thresholds).all():
+        return
+    if any(isinstance(part, Voxels) for part in tests):  # whole numbers: the threshold that tells them apart
+        thresholds = [
+            np.float32(1.0) if isinstance(p, Voxels) else t for p, t in zip(bounder.parts, thresholds, strict=True)
+        ]
+    exits = len(thresholds) - 1
+    for name in ("thresholds", "exits.thresholds", f"{len(tests) - 2}.exits.thresholds"):
+        if name in file.tensors:
+            count = min(file.tensors[name].size, exits)
+            start = 0 if name == "thresholds" else exits - count
+            file.tensors[name] = np.array(thresholds[start : start + count], np.float32)
+    file.document["threshold"] = float(thresholds[-1])
+
+
+def _counted_on(part: Voxels, grid: IndicatorGrid) -> np.ndarray:
+    """Bits of the cells in which the middles of the object's cells lie."""
+    low, high = part.domain.widened(grid.position(grid.occupied - 0.5), grid.position(grid.occupied + 0.5))
+    t = (low + high) / 2 * part.tensors["factor"].astype(np.float64) + part.tensors["summand"]
+    cell = np.clip(np.floor(t), 0, np.array(part.shape) - 1).astype(np.int64)
+    occupied = np.zeros(part.shape, bool)
+    occupied[tuple(cell.T)] = True
+    packed = np.packbits(occupied.reshape(-1), bitorder="little")
+    return np.pad(packed, (0, -len(packed) % 4)).view("<u4").astype(np.uint32)
 
 
 def mutate(file: File, rng: np.random.Generator) -> list[str]:
