@@ -476,7 +476,7 @@ def tighten(file: File, bounder: Bounder, grid: IndicatorGrid, rng: np.random.Ge
         return
     if any(isinstance(part, Voxels) for part in tests):  # whole numbers: the threshold that tells them apart
         thresholds = [
-            np.float32(1.0) if isinstance(p, Voxels) else t for p, t in zip(bounder.parts, thresholds, strict=True)
+            np.float32(0.75) if isinstance(p, Voxels) else t for p, t in zip(bounder.parts, thresholds, strict=True)
         ]
     exits = len(thresholds) - 1
     for name in ("thresholds", "exits.thresholds", f"{len(tests) - 2}.exits.thresholds"):
