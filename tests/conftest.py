@@ -1,14 +1,31 @@
-"""Fixtures and options that all tests share."""
+"""Fixtures and options that all tests share, and how many processes they run in."""
+
+import os
+import time
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 import warp as wp
+
+if (
+    "PYTEST_XDIST_WORKER" in os.environ
+):  # the cores are shared out already: torch's own threads would only wait for each other
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 wp.config.log_level = getattr(wp, "LOG_ERROR", 40)
 wp.config.quiet = True
 wp.init()
 
 CUDA = "cuda:0"
+MOST_WORKERS = 8  # a worker holds about a gigabyte
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int:
+    """What ``-n auto`` means: a worker for each core that this process may run on; on one core everything runs in this process."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(cores, MOST_WORKERS) if cores > 1 else 0
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -29,6 +46,29 @@ def device(request: pytest.FixtureRequest) -> str:
     if request.param == CUDA and not wp.get_cuda_device_count():
         pytest.skip("there is no CUDA device")
     return request.param
+
+
+class Ticking:
+    """A clock that goes on by ``tick`` seconds whenever it is looked at: what fits into a time is the same on every machine."""
+
+    def __init__(self, tick: float):
+        self.tick, self.seconds = tick, 0.0
+
+    def __call__(self) -> float:
+        self.seconds += self.tick
+        return self.seconds
+
+
+@pytest.fixture
+def ticking(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], Ticking]:
+    """Called with a tick: the package's own clock is such a one for the rest of the test."""
+
+    def start(tick: float) -> Ticking:
+        clock = Ticking(tick)
+        monkeypatch.setattr(time, "perf_counter", clock)
+        return clock
+
+    return start
 
 
 @pytest.fixture

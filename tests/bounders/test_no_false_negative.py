@@ -12,7 +12,7 @@ from warp_bounding.proof.search import minimum
 def low_points(bounder, grid) -> np.ndarray:
     """What a search finds lowest on the object, in object space, as float32 points of the object nudged all ways."""
     lower, upper = positive_boxes(bounder, grid)
-    search = minimum(bounder, lower, upper, eps=1e-2, seconds=2)
+    search = minimum(bounder, lower, upper, eps=1e-2, boxes=100_000)
     x = bounder.domain.to_object(search.worst).astype(np.float32)
     x = np.concatenate([x, *(np.nextafter(x, np.float32(s * np.inf)) for s in (-1, 1))])
     return x[grid.contains(x)]
@@ -55,7 +55,7 @@ def test_double_precision_points(method, rng):
 def test_random_networks_are_proven_too(hidden, activation, octaves, rng):
     grid = shape("blob")
     bounder = random_mlp(grid, hidden, activation, octaves)
-    search = prove(bounder, grid, eps=0.05, seconds=2)
+    search = prove(bounder, grid, eps=0.05, boxes=1_000_000)
     positives = np.concatenate([object_points(grid, rng), low_points(bounder, grid)])
     assert bounder.query(positives).numpy().all()
     assert bounder.values(positives).numpy().min() >= bounder.threshold

@@ -43,7 +43,6 @@ def command(*arguments, module=True):
         capture_output=True,
         text=True,
         env=environment,
-        timeout=120,
         check=False,
     )
 

@@ -185,7 +185,7 @@ from fake_library import Library
 from warp_bounding.cli import main
 from warp_bounding.tables import Tools
 import warp_bounding.bounders as bounders, warp_bounding.tables.outputs as outputs
-tools = Library(Path({log!r}), seconds=0.1).tools
+tools = Library(Path({log!r}), endless=6).tools
 Tools.of_library, bounders.supports = (lambda: tools), tools.supports
 outputs.rank_plot = lambda rows: {{}}
 main(sys.argv[1:])
@@ -204,13 +204,12 @@ def test_killed_half_way_and_resumed(place, library, capsys, end):
         env=os.environ | {"PYTHONPATH": str(TESTS.parent)},
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
-    table, deadline = place / "out/table1.csv", time.monotonic() + 60
+    table = place / "out/table1.csv"
     while not (table.exists() and table.read_bytes().count(b"\n") > 4):
         assert process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline
         time.sleep(0.01)
     process.send_signal(end)
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate()
     assert "Traceback" not in err
     if end == signal.SIGINT:
         assert process.returncode == 1

@@ -85,7 +85,7 @@ def test_bounds_hold_on_boxes_of_a_chart(query, name, activation):
 def test_the_minimum_is_below_every_positive_and_close_to_one(query, name):
     grid = grid_of(name)
     bounder = random_network(query, grid, 5, gain=1.5)
-    search = least_value(bounder, grid, eps=0.1, seconds=60)
+    search = least_value(bounder, grid, eps=0.1, boxes=5_000_000)
     x = positives(bounder, grid, 200_000)
     values = bounder.values(x).numpy().astype(np.float64)
     assert search.lower_bound <= values.min() + bounder.rounding_bound()
@@ -177,7 +177,7 @@ def test_low_points_become_training_samples(query, name):
 @pytest.mark.parametrize("name", ["blob", "star", "c"])
 def test_a_search_without_known_points_begins(name):
     bounder = random_network("box", shape(name), activation="relu")
-    search = least_value(bounder, shape(name), eps=0.05, seconds=10.0)
+    search = least_value(bounder, shape(name), eps=0.05, boxes=5_000_000)
     assert search.complete
     assert np.isfinite(search.upper_bound)
 

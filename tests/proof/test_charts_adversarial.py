@@ -195,7 +195,7 @@ def test_a_search_closes_no_box_whose_bound_is_nan():
         return BoxBounds(least, np.argmax(high - low, axis=1), center, f(center), None)
 
     fake = SimpleNamespace(reference=f, bound=bound)
-    search = minimum(fake, np.zeros((1, 2)), np.ones((1, 2)), eps=0.1, seconds=5.0, boxes=500)
+    search = minimum(fake, np.zeros((1, 2)), np.ones((1, 2)), eps=0.1, boxes=500)
     assert not search.lower_bound > -1
 
 

@@ -36,15 +36,15 @@ class Library:
 
     Attributes:
         log: File to which every fit and measurement adds a line.
-        seconds: Of a fit.
+        endless: Number of the fit that ends by a signal only; 0 for none.
         failing: Methods that fail.
         interrupted: Method whose fit is interrupted and returns early all the same, as the real one does.
         missing: Methods with false negatives.
     """
 
-    def __init__(self, log: Path, seconds=0.0, failing=(), interrupted=None, missing=()):
-        self.log, self.seconds, self.failing, self.interrupted = Path(log), seconds, failing, interrupted
-        self.missing = missing
+    def __init__(self, log: Path, endless=0, failing=(), interrupted=None, missing=()):
+        self.log, self.endless, self.failing, self.interrupted = Path(log), endless, failing, interrupted
+        self.missing, self.fits = missing, 0
 
     @property
     def calls(self) -> list[str]:
@@ -68,7 +68,9 @@ class Library:
         if method == self.interrupted:
             with contextlib.suppress(KeyboardInterrupt):
                 signal.raise_signal(signal.SIGINT)
-        time.sleep(self.seconds)
+        self.fits += 1
+        while self.fits == self.endless:
+            time.sleep(1)
         kind = {"occupancy": None, "mlp": "statistical" if query == "ray" else "proven"}.get(method, "proven")
         info = {"indicator": grid.digest, "seed": seed, "training": {"seconds": 1.5}}
         about = {"method": method, "query": query, "space": space, "leaves": leaves}

@@ -61,8 +61,9 @@ def test_a_network_behind_others_is_the_one_that_it_is_by_itself():
     assert wb.evaluate(behind, shape("star")).fp_rate < wb.evaluate(alone, shape("star")).fp_rate
 
 
-def test_time_is_shared(monkeypatch):
+def test_time_is_shared(monkeypatch, ticking):
     given = []
+    ticking(0.01)
     real = networks._Fit.__init__
 
     def note(self, kind, problem, options, progress):

@@ -1,6 +1,5 @@
 """``fit``: the loop runs, is repeatable, keeps its budget, survives Ctrl-C, and says clearly what it does not take."""
 
-import time
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -75,10 +74,10 @@ def test_it_learns():
     assert rates[1].fp_rate < 0.6 * rates[0].fp_rate
 
 
-def test_the_budget_is_kept():
-    started = time.perf_counter()
+def test_the_budget_is_kept(ticking):
+    clock = ticking(0.02)
     bounder = few("star", steps=None, budget=3.0)
-    assert time.perf_counter() - started < 30  # 3 s, and whatever compilers and a loaded machine add
+    assert clock.seconds < 3.0 * 1.1 + 0.5  # a proof may be late by a tenth, and something comes before and after
     assert bounder.certificate.proven
     assert bounder.info["training"]["steps"] > 10
 
@@ -202,8 +201,9 @@ def test_what_is_no_shape(source):
         wb.fit(source, method="aabb")
 
 
-def test_the_last_proof_is_expected_to_take_longer_than_the_looks_at_earlier_networks(monkeypatch):
+def test_the_last_proof_is_expected_to_take_longer_than_the_looks_at_earlier_networks(monkeypatch, ticking):
     look, kept = 0.05, []
+    ticking(0.02)
 
     def least_value(bounder, grid, **_):
         return Search(0.0, 1.0, np.zeros((0, grid.ndim)), 1, 0.01, complete=False, needed=look)
@@ -222,9 +222,10 @@ def test_the_last_proof_is_expected_to_take_longer_than_the_looks_at_earlier_net
 
 
 @pytest.mark.parametrize("share", [0.1, 1.0, 2.0, 100.0])
-def test_weights_decay_by_as_much_as_the_proof_of_rays_is_too_long(monkeypatch, share):
+def test_weights_decay_by_as_much_as_the_proof_of_rays_is_too_long(monkeypatch, ticking, share):
     """``share``: of the time that a proof may take without decay, by the looks at what is trained."""
     made, budget = [], 4.0
+    ticking(0.02)
 
     class Watched(networks.TRAINERS["default"]):
         def __init__(self, *args, **options):
