@@ -9,11 +9,15 @@ OUT ?= out/demo
 demo: $(VENV)/.installed
 	$(BIN)/warp-bounding demo particles --out $(OUT)
 
-test: $(VENV)/.installed
-	$(BIN)/python -m pytest
+# on all cores that this process may use, each worker with a share of the files; a worker that is done helps the others
+PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
+test: $(VENV)/.installed
+	$(PYTEST)
+
+# what takes minutes, and only that
 test-slow: $(VENV)/.installed
-	$(BIN)/python -m pytest --slow
+	$(PYTEST) --slow -m slow
 
 # spoil bounders' files for an hour; what certify then calls proven is attacked, and no positive may be denied
 MINUTES ?= 60
