@@ -1,19 +1,25 @@
 """Launching batch kernels: on a CPU, Warp runs a launch on one core, so the blocks are dealt out to several threads.
 
-Only launches whose outputs are disjoint and that use no tiles are threaded; modules are loaded on the calling thread.
+Only launches whose outputs are disjoint and that use no tiles are threaded; modules are loaded on the calling thread, where launches are
+recorded. The threads sleep between launches. Whoever is awake takes the next share, so a launch never waits for a thread that has not
+woken: the caller then does everything itself. What a kernel's block took the last time tells whether waking anybody pays.
 """
 
 import os
-from concurrent.futures import ThreadPoolExecutor
-from functools import cache
+from collections.abc import Callable, Sequence
 from itertools import pairwise
+from threading import Lock, Thread
+from time import perf_counter
 
 import warp as wp
 
-__all__ = ["BLOCK", "cpu_threads", "launch_blocks"]
+__all__ = ["BLOCK", "BlockLaunch", "cpu_threads", "launch_blocks"]
 
 BLOCK = 512  # queries that one CPU thread of a batch kernel works on; CUDA: one
 SMALLEST_SHARE = 16  # blocks per thread under which waking a thread costs more than it saves
+WORTH_WAKING = 30e-6  # seconds of work per thread under which it does, too: to wake takes 10 to 30 us
+
+_pace: dict[wp.Kernel, float] = {}  # seconds that a block of a kernel took the last time, on one thread
 
 
 def cpu_threads() -> int:
@@ -24,43 +30,166 @@ def cpu_threads() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-@cache
-def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="warp_bounding")
+class _Job:
+    """The shares of one launch."""
+
+    def __init__(self, shares: Sequence[Callable[[], None]]):
+        self.error: BaseException | None = None
+        self._open = list(shares)
+        self._others = [None] * (len(shares) - 1)  # each share but the last to end takes one
+        self._ended = Lock()
+        self._ended.acquire()
+
+    def work(self) -> None:
+        """Do shares until there are none left; popping from a list is atomic."""
+        while self._open:
+            try:
+                share = self._open.pop()
+            except IndexError:  # somebody else was faster
+                return
+            try:
+                share()
+            except BaseException as error:  # raised where the launch was asked for
+                self.error = error
+            try:
+                self._others.pop()
+            except IndexError:
+                self._ended.release()
+
+    def wait(self) -> None:
+        """Until the last share has ended."""
+        self._ended.acquire()
+
+
+class _Crew:
+    """Threads that sleep until there is a job. One caller has them at a time; others do their shares themselves."""
+
+    def __init__(self):
+        self._free = Lock()
+        self._bells: list[Lock] = []  # one a thread, locked while it sleeps or works
+        self._job: _Job | None = None
+
+    def run(self, shares: Sequence[Callable[[], None]]) -> None:
+        """Do all shares, with a thread for each but the first; returns when they have ended.
+
+        Raises:
+            BaseException: What a share has raised.
+        """
+        if not self._free.acquire(blocking=False):
+            for share in shares:
+                share()
+            return
+        try:
+            while len(self._bells) < len(shares) - 1:
+                self._hire()
+            job = self._job = _Job(shares)
+            for bell in self._bells[: len(shares) - 1]:
+                if bell.locked():  # otherwise it has been rung, and its thread will find this job
+                    bell.release()
+            job.work()
+            job.wait()
+        finally:
+            self._job = None
+            self._free.release()
+        if job.error is not None:
+            raise job.error
+
+    def _hire(self) -> None:
+        bell = Lock()
+        bell.acquire()
+        Thread(target=self._serve, args=(bell,), name=f"warp_bounding-{len(self._bells)}", daemon=True).start()
+        self._bells.append(bell)
+
+    def _serve(self, bell: Lock) -> None:
+        while True:
+            bell.acquire()
+            job = self._job
+            if job is not None:
+                job.work()
+            del job  # what it holds is not this thread's to keep
+
+
+_crew = _Crew()
+
+
+def _forget_crew() -> None:
+    """Threads do not live on in a forked process: it gets a crew of its own."""
+    global _crew
+    _crew = _Crew()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_crew)
+
+
+class BlockLaunch:
+    """A launch over the blocks of some items that is recorded once, with its memory, and runs as often as it is asked to."""
+
+    def __init__(
+        self,
+        kernel: wp.Kernel,
+        count: int,
+        inputs: list,
+        outputs: list,
+        device,
+        *,
+        first_index: int,
+        block: int = BLOCK,
+    ):
+        """Say what is to be launched; nothing runs yet.
+
+        Args:
+            kernel: Takes the number of its first block at ``inputs[first_index]`` and adds ``wp.tid()``.
+            count: Items; on a CPU a thread of the kernel handles ``block`` of them, on CUDA one.
+            inputs: Kernel inputs; ``inputs[first_index]`` is replaced.
+            outputs: Kernel outputs.
+            device: A ``wp.Device``.
+            first_index: Where the first block's number stands.
+            block: Items per CPU block.
+        """
+        self._kernel, self._inputs, self._outputs, self._device = kernel, inputs, outputs, device
+        self._first_index = first_index
+        self._blocks = -(-count // block) if device.is_cpu else count
+        self._most = max(1, min(cpu_threads(), self._blocks // SMALLEST_SHARE)) if device.is_cpu else 1
+        self._recorded: dict[int, list[Callable[[], None]]] = {}  # shares, by how many there are
+
+    def launch(self) -> None:
+        """Run it; on a CPU it has ended when this returns."""
+        if self._blocks == 0:
+            return
+        threads = self._most
+        if threads > 1 and self._kernel in _pace:
+            threads = max(1, min(threads, int(self._blocks * _pace[self._kernel] / WORTH_WAKING)))
+        shares = self._recorded.get(threads) or self._record(threads)
+        if threads == 1:
+            shares[0]()
+        else:
+            _crew.run(shares)
+
+    def _record(self, threads: int) -> list[Callable[[], None]]:
+        edges, shares = [self._blocks * t // threads for t in range(threads + 1)], []
+        for begin, end in pairwise(edges):
+            inputs = [*self._inputs[: self._first_index], begin, *self._inputs[self._first_index + 1 :]]
+            command = wp.launch(self._kernel, end - begin, inputs, self._outputs, device=self._device, record_cmd=True)
+            shares.append(command.launch)
+        if self._most > 1:
+            shares[0] = self._timed(shares[0], edges[1])
+        self._recorded[threads] = shares
+        return shares
+
+    def _timed(self, share: Callable[[], None], blocks: int) -> Callable[[], None]:
+        kernel = self._kernel
+
+        def timed() -> None:
+            start = perf_counter()
+            share()
+            _pace[kernel] = (perf_counter() - start) / blocks
+
+        return timed
 
 
 def launch_blocks(
     kernel: wp.Kernel, count: int, inputs: list, outputs: list, device, *, first_index: int, block: int = BLOCK
 ) -> None:
-    """Launch a kernel over the blocks of ``count`` items.
-
-    Args:
-        kernel: Takes the number of its first block at ``inputs[first_index]`` and adds ``wp.tid()``.
-        count: Items; on a CPU a thread of the kernel handles ``block`` of them, on CUDA one.
-        inputs: Kernel inputs; ``inputs[first_index]`` is replaced.
-        outputs: Kernel outputs.
-        device: A ``wp.Device``.
-        first_index: Where the first block's number stands.
-        block: Items per CPU block.
-    """
-    if count == 0:
-        return
-    if not device.is_cpu:
-        wp.launch(kernel, dim=count, inputs=inputs, outputs=outputs, device=device)
-        return
-    blocks = -(-count // block)
-    threads = min(cpu_threads(), blocks // SMALLEST_SHARE)
-    if threads < 2:
-        wp.launch(kernel, dim=blocks, inputs=inputs, outputs=outputs, device=device)
-        return
-    edges = [blocks * t // threads for t in range(threads + 1)]
-    commands = []
-    for begin, end in pairwise(edges):
-        inputs = [*inputs[:first_index], begin, *inputs[first_index + 1 :]]
-        commands.append(
-            wp.launch(kernel, dim=end - begin, inputs=inputs, outputs=outputs, device=device, record_cmd=True)
-        )
-    waiting = [_pool(threads - 1).submit(command.launch) for command in commands[1:]]
-    commands[0].launch()
-    for future in waiting:
-        future.result()
+    """Launch a kernel over the blocks of ``count`` items; arguments as of ``BlockLaunch``."""
+    BlockLaunch(kernel, count, inputs, outputs, device, first_index=first_index, block=block).launch()

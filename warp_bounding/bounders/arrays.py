@@ -7,7 +7,7 @@ import warp as wp
 
 from warp_bounding.errors import QueryError
 
-__all__ = ["flat_queries", "new_output"]
+__all__ = ["flat_queries", "new_output", "read_in_place"]
 
 MOST_NUMBERS = 2**31 - 2**16  # kernels count in 32 bits, in blocks
 
@@ -58,6 +58,21 @@ def flat_queries(x, columns: int, device: wp.Device) -> tuple[wp.array, int, boo
     )
 
 
+def read_in_place(x, flat: wp.array) -> bool:
+    """Whether ``flat``, which ``flat_queries`` has made of ``x``, is the memory of ``x``, so that what is written there is seen.
+
+    Args:
+        x: Queries as they came.
+        flat: Their view.
+    """
+    torch = sys.modules.get("torch")
+    if isinstance(x, wp.array):
+        return x.ptr == flat.ptr
+    if torch is not None and isinstance(x, torch.Tensor):
+        return x.data_ptr() == flat.ptr
+    return isinstance(x, np.ndarray) and x.ctypes.data == flat.ptr
+
+
 def _from_warp(x: wp.array, columns: int, device: wp.Device) -> tuple[wp.array, int, bool]:
     _check_device(x.device, device)
     scalar = getattr(x.dtype, "_wp_scalar_type_", x.dtype)
@@ -97,6 +112,13 @@ def new_output(out: wp.array | None, count: int, dtype, device: wp.Device) -> wp
     if out is None:
         return wp.empty(count, dtype=dtype, device=device)
     if not isinstance(out, wp.array) or out.dtype != dtype or out.shape != (count,) or not out.is_contiguous:
-        raise QueryError(f"out must be a contiguous wp.array of shape ({count},) and dtype {dtype.__name__}, got {out}")
+        got = (
+            f"one of shape {out.shape} and dtype {out.dtype.__name__}"
+            if isinstance(out, wp.array)
+            else type(out).__name__
+        )
+        if isinstance(out, wp.array) and not out.is_contiguous:
+            got += " with gaps"
+        raise QueryError(f"out must be a contiguous wp.array of shape ({count},) and dtype {dtype.__name__}, got {got}")
     _check_device(out.device, device)
     return out

@@ -25,13 +25,13 @@ from warp_bounding.bounders.arrays import flat_queries, new_output
 from warp_bounding.bounders.certificate import Certificate
 from warp_bounding.bounders.compaction import compact
 from warp_bounding.bounders.domain import Domain
-from warp_bounding.bounders.functions import Data, batch_kernel, point_func
+from warp_bounding.bounders.functions import Data, point_func
 from warp_bounding.bounders.placement import Placement
+from warp_bounding.bounders.prepared import Prepared, batch_launch
 from warp_bounding.bounders.regions import RegionDomain
 from warp_bounding.bounders.source import FRONT, Source
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.launch import launch_blocks
 
 __all__ = ["Bounder", "BoxBounds", "checked_device"]
 
@@ -332,18 +332,34 @@ class Bounder(ABC):
         """
         return compact(self.query(x, xform=xform, scale=scale))
 
+    def prepare(self, x, *, out: wp.array | None = None, xform=None, scale=None, candidates: bool = False) -> Prepared:
+        """Set up queries that are asked often, such as in every step of a simulation.
+
+        Args:
+            x: As for ``query``, but float32, on this device and in one piece: it is kept, and read at every launch, so what is written
+                there is asked next.
+            out: As for ``query``.
+            xform: As for ``query``; ``Prepared.move`` changes it.
+            scale: As for ``query``; ``Prepared.move`` changes it.
+            candidates: Compact the answers, as ``candidates`` does.
+
+        Returns:
+            An object whose ``launch()`` asks.
+
+        Raises:
+            QueryError: As for ``query``, and for ``x`` that would have to be copied.
+        """
+        return Prepared(self, x, out=out, xform=xform, scale=scale, candidates=candidates)
+
     def _batch(self, x, xform, scale, out, *, values: bool) -> wp.array:
         device = self.device
         queries, count, double = flat_queries(x, self.domain.columns, device)
-        placement = Placement.of(self.domain, xform, scale)
+        placement, place = Placement.of(self.domain, xform, scale), None
         if placement is not None:
             placement.check(self.domain, double=double)
-        kernel = batch_kernel(self.source, placement is not None, values)
+            place = wp.array(placement.values, dtype=wp.float32, device=device)
         out = new_output(out, count, wp.float32 if values else wp.uint8, device)
-        data = self.data
-        place = data.parameters if placement is None else wp.array(placement.values, dtype=wp.float32, device=device)
-        inputs = [queries, count, 0, data.parameters, data.words, place]
-        launch_blocks(kernel, count, inputs, [out], device, first_index=2)
+        batch_launch(self, queries, count, place, out, values=values).launch()
         return out
 
     # --- keeping it --------------------------------------------------------------------------------------------------

@@ -1,14 +1,18 @@
 """Compaction on the device: the ascending indices of the set entries of a mask, and their number, nothing read back.
 
-Three launches: count per block, scan the counts, write. Both passes over the mask are threaded on a CPU.
+Three steps: count per block, scan the counts, write. Both passes over the mask are threaded on a CPU.
 """
 
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
 import warp as wp
 
 from warp_bounding.errors import QueryError
-from warp_bounding.launch import launch_blocks
+from warp_bounding.launch import BlockLaunch
 
-__all__ = ["compact"]
+__all__ = ["Compaction", "compact"]
 
 CPU_BLOCK = 16384  # mask entries per CPU thread
 CUDA_BLOCK = 64
@@ -71,6 +75,48 @@ def _write(
     _write_block(mask, count, size, first + wp.tid(), ends, indices, total)
 
 
+class Compaction:
+    """The compaction of one mask, its memory made once.
+
+    Attributes:
+        indices: ``(N,)`` int32, ascending indices of what is not zero in its first ``n`` entries, after ``launch``.
+        count: ``n`` as a 1-element int32 array.
+    """
+
+    def __init__(self, mask: wp.array):
+        """Make the memory for a ``(N,)`` uint8 mask, which is read at every launch.
+
+        Raises:
+            QueryError: For another type or shape.
+        """
+        if not isinstance(mask, wp.array) or mask.dtype != wp.uint8 or mask.ndim != 1 or not mask.is_contiguous:
+            got = f"{mask.dtype.__name__} of shape {mask.shape}" if isinstance(mask, wp.array) else type(mask).__name__
+            raise QueryError(f"mask must be a contiguous wp.array of uint8 of shape (N,), got {got}")
+        device, count = mask.device, mask.shape[0]
+        self.indices = wp.empty(count, dtype=wp.int32, device=device)
+        self.count = wp.zeros(1, dtype=wp.int32, device=device)
+        self._steps: list[Callable[[], None]] = []
+        if count == 0:
+            return
+        size = CPU_BLOCK if device.is_cpu else CUDA_BLOCK
+        blocks = -(-count // size)
+        counts, ends = (wp.empty(blocks, dtype=wp.int32, device=device) for _ in range(2))
+        items = count if device.is_cpu else blocks  # one launch item a block on CUDA
+        options = {"device": device, "first_index": 3, "block": size}
+        counting = BlockLaunch(_count, items, [mask, count, size, 0], [counts], **options)
+        writing = BlockLaunch(_write, items, [mask, count, size, 0, ends], [self.indices, self.count], **options)
+        scanning = partial(wp.utils.array_scan, counts, ends, inclusive=True)
+        if device.is_cpu:  # the same without Warp's checks, which take longer than the sum
+            scanning = partial(np.cumsum, counts.numpy(), out=ends.numpy())
+        self._steps = [counting.launch, scanning, writing.launch]
+
+    def launch(self) -> tuple[wp.array, wp.array]:
+        """Fill ``indices`` and ``count``, and return them."""
+        for step in self._steps:
+            step()
+        return self.indices, self.count
+
+
 def compact(mask: wp.array) -> tuple[wp.array, wp.array]:
     """Indices of what is not zero in a mask.
 
@@ -83,24 +129,4 @@ def compact(mask: wp.array) -> tuple[wp.array, wp.array]:
     Raises:
         QueryError: For another type or shape.
     """
-    if not isinstance(mask, wp.array) or mask.dtype != wp.uint8 or mask.ndim != 1 or not mask.is_contiguous:
-        got = f"{mask.dtype.__name__} of shape {mask.shape}" if isinstance(mask, wp.array) else type(mask).__name__
-        raise QueryError(f"mask must be a contiguous wp.array of uint8 of shape (N,), got {got}")
-    device, count = mask.device, mask.shape[0]
-    indices = wp.empty(count, dtype=wp.int32, device=device)
-    if count == 0:
-        return indices, wp.zeros(1, dtype=wp.int32, device=device)
-    total = wp.empty(1, dtype=wp.int32, device=device)
-    size = CPU_BLOCK if device.is_cpu else CUDA_BLOCK
-    blocks = -(-count // size)
-    counts = wp.empty(blocks, dtype=wp.int32, device=device)
-    _launch(_count, count, size, [mask, count, size, 0], [counts], device)
-    ends = wp.empty(blocks, dtype=wp.int32, device=device)
-    wp.utils.array_scan(counts, ends, inclusive=True)
-    _launch(_write, count, size, [mask, count, size, 0, ends], [indices, total], device)
-    return indices, total
-
-
-def _launch(kernel: wp.Kernel, count: int, size: int, inputs: list, outputs: list, device: wp.Device) -> None:
-    items = count if device.is_cpu else -(-count // size)  # one launch item a block on CUDA
-    launch_blocks(kernel, items, inputs, outputs, device, first_index=3, block=size)
+    return Compaction(mask).launch()
