@@ -150,16 +150,18 @@ class BlockLaunch:
         self._kernel, self._inputs, self._outputs, self._device = kernel, inputs, outputs, device
         self._first_index = first_index
         self._blocks = -(-count // block) if device.is_cpu else count
-        self._most = max(1, min(cpu_threads(), self._blocks // SMALLEST_SHARE)) if device.is_cpu else 1
+        self._most = max(1, self._blocks // SMALLEST_SHARE) if device.is_cpu else 1  # threads
         self._recorded: dict[int, list[Callable[[], None]]] = {}  # shares, by how many there are
 
     def launch(self) -> None:
         """Run it; on a CPU it has ended when this returns."""
         if self._blocks == 0:
             return
-        threads = self._most
-        if threads > 1 and self._kernel in _pace:
-            threads = max(1, min(threads, int(self._blocks * _pace[self._kernel] / WORTH_WAKING)))
+        threads = 1
+        if self._most > 1:
+            threads = min(self._most, cpu_threads())
+            if self._kernel in _pace:
+                threads = max(1, min(threads, int(self._blocks * _pace[self._kernel] / WORTH_WAKING)))
         shares = self._recorded.get(threads) or self._record(threads)
         if threads == 1:
             shares[0]()

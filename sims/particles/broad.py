@@ -66,11 +66,13 @@ class OfMotion:
 
     def __init__(self, bounder: wb.Bounder, scene: Scene):
         self.bounder, self.device = bounder, scene.device
+        self._asking: wb.Prepared | None = None
         self._queries = wp.empty(0, dtype=wp.vec4, device=self.device)
 
     def candidates(self, time: float, points: wp.array, positions: wp.array) -> tuple[wp.array, wp.array]:
         """Particles that may touch the mesh; see ``MovingBox.candidates``."""
-        if len(self._queries) != len(positions):
+        if self._asking is None or len(self._queries) != len(positions):
             self._queries = wp.empty(len(positions), dtype=wp.vec4, device=self.device)
+            self._asking = self.bounder.prepare(self._queries, candidates=True)
         launch_on_all_cores(with_time, len(positions), [time, positions], [self._queries], self.device)
-        return self.bounder.candidates(self._queries)
+        return self._asking.launch()

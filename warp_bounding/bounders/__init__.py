@@ -16,6 +16,7 @@ from warp_bounding.bounders.monotone_mlp import MonotoneMlp
 from warp_bounding.bounders.obb import Obb
 from warp_bounding.bounders.occupancy import Occupancy
 from warp_bounding.bounders.oriented_ellipsoid import OrientedEllipsoid
+from warp_bounding.bounders.prepared import Prepared
 from warp_bounding.bounders.relu_field import ReluField
 from warp_bounding.bounders.sphere import Sphere
 from warp_bounding.bounders.storage import load, save
@@ -29,6 +30,7 @@ __all__ = [
     "Cascade",
     "Certificate",
     "Data",
+    "Prepared",
     "compact",
     "load",
     "method_class",

@@ -22,6 +22,7 @@ from warp_bounding.errors import QueryError
 
 __all__ = ["Placement"]
 
+MOST_STRETCH = 1e6  # of one axis by another: the condition of the map
 UNIT_TOLERANCE = 1e-5  # of a quaternion's norm; it is normalised here, which Warp's own transforms do not do
 
 
@@ -71,8 +72,9 @@ class Placement:
         forward[first:, first:] = rotation * factors
         translation = np.zeros(n)
         translation[first:] = position
-        if np.linalg.cond(forward) > 1e6:
-            raise QueryError("xform must be a rigid transform, got a matrix that is singular or nearly so")
+        sizes = [*factors.tolist(), 1.0][:n]  # time's is 1; a rotation adds nothing
+        if max(sizes) > MOST_STRETCH * min(sizes):
+            raise QueryError(f"scale must stretch the axes within {MOST_STRETCH:g} times of each other, got {scale}")
         matrix = np.eye(n)
         matrix[first:, first:] = np.linalg.inv(rotation) / factors[:, None]
         with np.errstate(over="ignore"):

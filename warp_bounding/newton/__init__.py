@@ -21,7 +21,8 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.arithmetic import UNIT32
-from warp_bounding.bounders import Bounder, compact
+from warp_bounding.bounders import Bounder
+from warp_bounding.bounders.compaction import Compaction
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorMesh
 from warp_bounding.launch import launch_blocks
@@ -127,6 +128,7 @@ class ParticleCull:
         self._left = wp.empty(-(-self.pairs // block_size(self._device)), dtype=wp.int32, device=self._device)
         self._asked_gap = _gap(pipeline)
         self._keep = wp.full(self.pairs, 1, dtype=wp.uint8, device=self._device)
+        self._left_over = Compaction(self._keep)
         self._kept = wp.empty(self.pairs, dtype=wp.vec2i, device=self._device)
         pipeline.__class__ = _counting(_plain(type(pipeline)))
 
@@ -186,7 +188,7 @@ class ParticleCull:
             inputs = [0, size, bounder.data, number, self._numbers, self._all, particles[0], self._placed, *found]
             kernel = ask_bounders(bounder.source)
             launch_blocks(kernel, self.pairs, inputs, [self._keep], device, first_index=0, block=size)
-        indices, total = compact(self._keep)
+        indices, total = self._left_over.launch()
         count = int(total.numpy()[0])
         wp.launch(gather_pairs, dim=count, inputs=[self._all, indices], outputs=[self._kept], device=device)
         return self._kept[:count]

@@ -1,0 +1,206 @@
+"""Prepared queries answer as ``query`` and ``candidates`` do, from memory that is made once, and see what changes in between."""
+
+import threading
+
+import numpy as np
+import pytest
+import warp as wp
+from bounding_shapes import domain_points, object_points, random_bounder, shape
+from region_cases import fitted_region, hard_regions
+
+from warp_bounding.errors import QueryError
+
+torch = pytest.importorskip("torch", reason="torch is not installed")
+FAR_AWAY = np.eye(4)
+FAR_AWAY[0, 3] = 1e6 + 0.03  # which float32 rounds by more than a proof covers
+
+
+def turned(k: int) -> wp.transform:
+    return wp.transform(wp.vec3(0.3 * k, -0.2, 0.1), wp.quat_from_axis_angle(wp.vec3(0.6, 0.0, 0.8), 0.4 * k))
+
+
+@pytest.fixture
+def bounder(device):
+    return random_bounder("kdop", "blob", device)
+
+
+def points_at(device, rng, count=1500) -> wp.array:
+    x = domain_points(shape("blob"), count, rng)
+    x[::50] = np.nan
+    return wp.array(x, dtype=wp.vec3, device=device)
+
+
+def pointers(prepared) -> list[int]:
+    return [array.ptr for array in (prepared.out, prepared.indices, prepared.count) if array is not None]
+
+
+@pytest.mark.parametrize("method", ["aabb", "bvh", "voxels", "mlp", "mlp-early"])
+def test_it_answers_as_query_does(method, device, rng):
+    bounder, x = random_bounder(method, "blob", device), points_at(device, rng)
+    prepared = bounder.prepare(x)
+    assert prepared.indices is None
+    assert prepared.launch() is prepared.out
+    assert (prepared.out.numpy() == bounder.query(x).numpy()).all()
+
+
+@pytest.mark.parametrize("query", ["ray", "plane", "box"])
+def test_regions(query, rng):
+    bounder = fitted_region("aabb", query, shape("blob"))
+    q = hard_regions(query, shape("blob"), rng, 1.0, 500)
+    for options in ({}, {"xform": turned(1)}):
+        assert (bounder.prepare(q, **options).launch().numpy() == bounder.query(q, **options).numpy()).all()
+
+
+@pytest.mark.parametrize("count", [0, 1, 1500, 40_000])
+def test_candidates_in_memory_that_is_made_once(bounder, device, rng, count):
+    x = points_at(device, rng, count)
+    prepared = bounder.prepare(x, candidates=True)
+    kept = pointers(prepared)
+    for _ in range(3):
+        result = prepared.launch()
+        assert result == (prepared.indices, prepared.count)
+        assert pointers(prepared) == kept
+        indices, number = (a.numpy() for a in result)
+        expected = np.flatnonzero(bounder.query(x).numpy())
+        assert number.tolist() == [len(expected)]
+        assert (indices[: len(expected)] == expected).all()
+        assert (np.flatnonzero(prepared.out.numpy()) == expected).all()
+        wp.copy(x, points_at(device, rng, count))
+
+
+def test_what_is_written_to_x_is_asked_next(bounder, device, rng):
+    x, out = points_at(device, rng), wp.full(1500, 7, dtype=wp.uint8, device=device)
+    prepared = bounder.prepare(x, out=out)
+    assert prepared.out is out
+    assert (out.numpy() == 7).all()  # nothing is asked before launch
+    for _ in range(3):
+        assert (prepared.launch().numpy() == bounder.query(x).numpy()).all()
+        wp.copy(x, points_at(device, rng))
+
+
+def test_numpy_and_torch_are_viewed_and_kept(rng):
+    bounder = random_bounder("kdop", "blob")
+    for make in (np.array, torch.tensor):
+        x = make(domain_points(shape("blob"), 300, rng))
+        view = np.asarray(x)
+        prepared = bounder.prepare(x)
+        before = prepared.launch().numpy().copy()
+        view[:] = view[::-1].copy()
+        assert (prepared.launch().numpy() == before[::-1]).all()
+        assert set(before) == {0, 1}
+    prepared = bounder.prepare(np.full((5000, 3), np.nan, np.float32))  # nobody else holds it
+    assert prepared.launch().numpy().all()
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda x: x.astype(np.float64),
+        lambda x: x[::2],
+        lambda x: np.asfortranarray(x),
+        lambda x: x.tolist(),
+        lambda x: torch.tensor(x).double(),
+        lambda x: torch.tensor(x)[::2],
+        lambda x: wp.array(x, dtype=wp.vec3, device="cpu")[::2],
+    ],
+    ids=["double", "gaps", "columns", "list", "torch-double", "torch-gaps", "warp-gaps"],
+)
+def test_x_that_would_be_copied_is_refused(make, rng):
+    """In ``query`` it is copied; a prepared copy would never see what is written to x."""
+    bounder, x = random_bounder("kdop", "blob"), make(domain_points(shape("blob"), 100, rng))
+    bounder.query(x)
+    with pytest.raises(QueryError, match=r"^x must be float32 in one piece in the memory of cpu, .*, got \w+ of .*$"):
+        bounder.prepare(x)
+
+
+def test_a_placement_moves(bounder, device, rng):
+    x = points_at(device, rng)
+    prepared = bounder.prepare(x, xform=turned(0))
+    answers = []
+    for k in range(4):
+        prepared.move(xform=turned(k), scale=1.0 + 0.1 * k)
+        answers.append(prepared.launch().numpy().copy())
+        assert (answers[-1] == bounder.query(x, xform=turned(k), scale=1.0 + 0.1 * k).numpy()).all()
+    assert (answers[0] != answers[-1]).any()
+
+
+def test_a_refused_placement_leaves_the_old_one(bounder, device, rng):
+    x = points_at(device, rng)
+    prepared = bounder.prepare(x, xform=turned(1))
+    before = prepared.launch().numpy().copy()
+    for wrong in ({"xform": FAR_AWAY}, {"scale": -1.0}, {"xform": np.zeros(5)}, {"xform": np.full(7, np.nan)}, {}):
+        with pytest.raises(QueryError):
+            prepared.move(**wrong)
+        assert (prepared.launch().numpy() == before).all()
+    with pytest.raises(QueryError, match="certificate covers"):
+        bounder.prepare(x, xform=FAR_AWAY)
+    with pytest.raises(QueryError, match="prepared with xform or scale, got ones in object space"):
+        bounder.prepare(x).move(xform=turned(1))
+
+
+def test_every_moved_positive_is_maybe(device, rng):
+    """Placements along a way, points of the object moved with it: none may be denied."""
+    bounder, grid = random_bounder("aabb", "blob", device), shape("blob")
+    inside = object_points(grid, rng, 500)
+    inside = inside[grid.contains(inside.astype(np.float64))]
+    x = wp.zeros(len(inside), dtype=wp.vec3, device=device)
+    prepared = bounder.prepare(x, scale=1.0)
+    for k in range(8):
+        xform = np.eye(4)
+        xform[:3, :3] = np.roll(np.eye(3), k, axis=0)  # exact in float32
+        xform[:3, 3] = [0.5 * k, 0.25, -0.125 * k]
+        world = inside.astype(np.float64) @ xform[:3, :3].T + xform[:3, 3]
+        exact = (world.astype(np.float32) == world).all(axis=1)
+        x.assign(np.where(exact[:, None], world, np.nan).astype(np.float32))
+        prepared.move(xform=xform)
+        assert prepared.launch().numpy().all()
+        assert exact.sum() > 20
+
+
+def test_a_new_threshold_is_seen(device, rng):
+    bounder, x = random_bounder("kdop", "blob", device), points_at(device, rng)
+    prepared = bounder.prepare(x, candidates=True)
+    prepared.launch()
+    for threshold in (np.inf, -np.inf, 0.0):
+        bounder.freeze(threshold, None)
+        prepared.launch()
+        assert (prepared.out.numpy() == bounder.query(x).numpy()).all()
+        assert prepared.count.numpy()[0] == prepared.out.numpy().sum()
+
+
+def test_a_wrong_out_is_named_in_one_short_line(bounder, device, rng):
+    x = points_at(device, rng)
+    wrong = {
+        "one of shape (1501,) and dtype uint8": wp.zeros(1501, dtype=wp.uint8, device=device),
+        "one of shape (1500,) and dtype int32": wp.zeros(1500, dtype=wp.int32, device=device),
+        "one of shape (1500,) and dtype uint8 with gaps": wp.zeros(3000, dtype=wp.uint8, device=device)[::2],
+        "ndarray": np.zeros(1500, np.uint8),
+    }
+    for got, out in wrong.items():
+        for ask in (bounder.query, bounder.prepare):
+            with pytest.raises(QueryError) as error:
+                ask(x, out=out)
+            assert str(error.value) == f"out must be a contiguous wp.array of shape (1500,) and dtype uint8, got {got}"
+
+
+def test_several_threads_launch_at_once(rng, monkeypatch):
+    monkeypatch.setenv("WARP_BOUNDING_THREADS", "3")
+    bounder = random_bounder("mlp", "blob")
+    xs = [domain_points(shape("blob"), 60_000, rng) for _ in range(4)]
+    expected = [bounder.query(x).numpy() for x in xs]
+    wrong, start = [], threading.Barrier(len(xs))
+
+    def ask(x: np.ndarray, right: np.ndarray) -> None:
+        prepared = bounder.prepare(x)
+        start.wait()
+        for _ in range(20):
+            prepared.out.fill_(7)
+            if (prepared.launch().numpy() != right).any():
+                wrong.append(1)
+
+    threads = [threading.Thread(target=ask, args=pair) for pair in zip(xs, expected, strict=True)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
