@@ -57,8 +57,13 @@ class _Job:
                 self._ended.release()
 
     def wait(self) -> None:
-        """Until the last share has ended."""
-        self._ended.acquire()
+        """Until the last share has ended, whatever interrupts: it writes to memory that the caller may give up afterwards."""
+        while True:
+            try:
+                self._ended.acquire()
+                return
+            except KeyboardInterrupt as error:
+                self.error = error
 
 
 class _Crew:

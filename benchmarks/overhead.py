@@ -1,0 +1,138 @@
+"""What a call costs besides the queries: `python benchmarks/overhead.py [--json]`.
+
+Each round times every way of asking an ``aabb`` once, in turn, the median of a number of calls in a row; ratios to Warp's own recorded launch of the
+very same kernel on one thread are taken within a round, and their median is printed. Answers are compared first.
+"""
+
+import argparse
+import json
+import os
+import statistics
+import time
+from contextlib import contextmanager
+
+import numpy as np
+import warp as wp
+from rich.console import Console
+from rich.table import Table
+
+import warp_bounding as wb
+from warp_bounding.bounders import METHODS
+from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.functions import batch_kernel
+from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.launch import BLOCK, cpu_threads
+
+RECORDED = "Warp, recorded launch"
+CALLS = {1_000: 50, 100_000: 10}  # in a row, per round
+PLACE = wp.transform(wp.vec3(0.1, -0.2, 0.3), wp.quat_from_axis_angle(wp.vec3(0.0, 0.6, 0.8), 0.5))
+
+
+@contextmanager
+def threads_of(count: int):
+    """Batch launches on at most so many threads."""
+    before = os.environ.get("WARP_BOUNDING_THREADS")
+    os.environ["WARP_BOUNDING_THREADS"] = str(count)
+    try:
+        yield
+    finally:
+        os.environ.pop("WARP_BOUNDING_THREADS")
+        if before is not None:
+            os.environ["WARP_BOUNDING_THREADS"] = before
+
+
+def box() -> wb.Bounder:
+    """An ``aabb`` of a voxelised ball in the unit cube."""
+    axis = np.linspace(-1, 1, 32)
+    grid = IndicatorGrid(sum(np.meshgrid(axis**2, axis**2, axis**2)) < 0.6, name="ball")
+    return METHODS["aabb"].fit(grid, Domain.of(grid), device="cpu")
+
+
+def contestants(bounder: wb.Bounder, count: int) -> dict:
+    """The ways to ask so many queries, as functions."""
+    points = np.random.default_rng(0).random((count, 3), dtype=np.float32)
+    x, out = wp.array(points, dtype=wp.vec3, device="cpu"), wp.empty(count, dtype=wp.uint8, device="cpu")
+    flat, data = wp.array(points.reshape(-1), dtype=wp.float32, device="cpu"), bounder.data
+    kernel, blocks = batch_kernel(bounder.source, False, False), -(-count // BLOCK)
+    launch = {
+        "kernel": kernel,
+        "dim": blocks,
+        "inputs": [flat, count, 0, data.parameters, data.words, data.parameters],
+        "outputs": [out],
+        "device": "cpu",
+    }
+    recorded = wp.launch(**launch, record_cmd=True)
+    prepared, placed = bounder.prepare(x, out=out), bounder.prepare(x, xform=PLACE)
+    found = bounder.prepare(x, candidates=True)
+    recorded.launch()
+    expected = out.numpy().copy()
+    assert (bounder.query(x).numpy() == expected).all()
+    assert (prepared.launch().numpy() == expected).all()
+    assert (placed.launch().numpy() == bounder.query(x, xform=PLACE).numpy()).all()
+    indices, total = found.launch()
+    assert (indices.numpy()[: total.numpy()[0]] == np.flatnonzero(expected)).all()
+    return {
+        RECORDED: recorded.launch,
+        "Warp, plain launch": lambda: wp.launch(**launch),
+        "query": lambda: bounder.query(x),
+        "query, out=": lambda: bounder.query(x, out=out),
+        "query, xform=": lambda: bounder.query(x, xform=PLACE),
+        "candidates": lambda: bounder.candidates(x),
+        "prepared": prepared.launch,
+        "prepared, with a placement": placed.launch,
+        "prepared, moved each time": lambda: (placed.move(xform=PLACE), placed.launch()),
+        "prepared candidates": found.launch,
+    }
+
+
+def race(ways: dict, calls: int, rounds: int) -> dict[str, list[float]]:
+    """Microseconds of a call of every way in every round, the median of several in a row; after one warm-up."""
+    for function in ways.values():
+        function()
+    times = {name: [] for name in ways}
+    for _ in range(rounds):
+        for name, function in ways.items():
+            times[name].append(statistics.median(clock(function) for _ in range(calls)) * 1e6)
+    return times
+
+
+def clock(function) -> float:
+    """Seconds of one call."""
+    start = time.perf_counter()
+    function()
+    return time.perf_counter() - start
+
+
+def main() -> None:
+    """Run and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=41)
+    parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    arguments = parser.parse_args()
+    wp.config.quiet = True
+    bounder, results = box(), []
+    for count, calls in CALLS.items():
+        for threads in sorted({1, cpu_threads()}):
+            with threads_of(threads):
+                times = race(contestants(bounder, count), calls, arguments.rounds)
+            for way, values in times.items():
+                ratios = [a / b for a, b in zip(values, times[RECORDED], strict=True)]
+                row = {"queries": count, "threads": threads, "way": way, "us": round(statistics.median(values), 1)}
+                results.append(row | {"ratio": round(statistics.median(ratios), 2)})
+    if arguments.json:
+        print(json.dumps({"cores": cpu_threads(), "results": results}))
+        return
+    for count, threads in dict.fromkeys((row["queries"], row["threads"]) for row in results):
+        table = Table(
+            title=f"{count:,} queries of an aabb, {threads} thread{'s' * (threads > 1)}, median of {arguments.rounds} rounds"
+        )
+        for column in ("", "us a call", f"time / {RECORDED}"):
+            table.add_column(column, justify="right" if column else "left")
+        for row in results:
+            if (row["queries"], row["threads"]) == (count, threads):
+                table.add_row(row["way"], f"{row['us']:.1f}", f"{row['ratio']:.2f}")
+        Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
