@@ -155,7 +155,7 @@ def test_a_whole_lie_is_found_by_certify(tmp_path):
 
     def lie(document):
         both(query="box", length=None)(document)
-        document["certificate"].update(query="box", lower_bound=1.0)
+        document["certificate"].update(query="box", length=None, lower_bound=1.0)
         document["threshold"] = document["certificate"]["threshold"] = 0.5
 
     rewrite(path, lie)

@@ -5,7 +5,9 @@ from math import expm1, log1p
 
 from warp_bounding.errors import FileFormatError
 
-__all__ = ["Certificate", "fn_rate_bound"]
+__all__ = ["ABOUT", "Certificate", "fn_rate_bound"]
+
+ABOUT = ("object", "margin", "length", "resolution", "placement")  # fields that say what the claim is about
 
 
 def fn_rate_bound(count: int, confidence: float = 0.95) -> float:
@@ -38,6 +40,11 @@ class Certificate:
         confidence: Of that bound, all restarts counted: each has spent its share of the risk.
         worst_margin: Statistical: how far the least f of these positives lies above the threshold.
         restarts: Statistical: thresholds before this one that missed a positive.
+        object: Name of the object. This and what follows is ``None`` in files made by versions that did not tell it here.
+        margin: By which the object was dilated, object units.
+        length: Of rays, object units; ``None`` for other queries.
+        resolution: That a mesh was voxelised with; ``None`` for grids.
+        placement: Per axis, object units: by how much ``xform=`` and ``scale=`` may round a query; those that need more are refused.
     """
 
     kind: str
@@ -61,6 +68,11 @@ class Certificate:
     confidence: float | None = None
     worst_margin: float | None = None
     restarts: int = 0
+    object: str | None = None
+    margin: float | None = None
+    length: float | None = None
+    resolution: int | None = None
+    placement: list[float] | None = None
 
     @property
     def proven(self) -> bool:
@@ -79,7 +91,14 @@ class Certificate:
             FileFormatError: If a field is missing or unknown.
         """
         names = {f.name for f in fields(cls)}
-        since = {"samples", "fn_rate_bound", "confidence", "worst_margin", "restarts"}  # not in files of format 1
+        since = {
+            "samples",
+            "fn_rate_bound",
+            "confidence",
+            "worst_margin",
+            "restarts",
+            *ABOUT,
+        }  # not in all files of format 1
         if not isinstance(values, dict) or not names - since <= set(values) <= names:
             raise FileFormatError("the certificate's fields are not the ones this version knows")
         return cls(**values)

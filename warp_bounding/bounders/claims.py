@@ -49,6 +49,7 @@ def check_claims(bounder: Bounder, certificate: Certificate, document: dict[str,
         return
     if certificate.counterexample is not None:
         _refuse(f"{certificate.kind}, and yet there is a counterexample")
+    _check_about(certificate, document)
     if document["indicator"] is not None and certificate.indicator != document["indicator"]:
         _refuse(f"it is about the shape {certificate.indicator[:16]}, the file about {document['indicator'][:16]}")
     if not certificate.rounding_bound >= LEAST_ERROR * bounder.rounding_bound():
@@ -65,11 +66,30 @@ def check_claims(bounder: Bounder, certificate: Certificate, document: dict[str,
     _check_statistics(bounder, certificate)
 
 
+def _check_about(certificate: Certificate, document: dict[str, Any]) -> None:
+    """What the claim is about stands in the certificate and beside it; older files have it beside it only."""
+    if certificate.placement is None:
+        return
+    beside = {name: document[name] for name in ("margin", "length", "resolution")} | {"object": document["name"]}
+    beside["margin"] = beside["margin"] or 0.0  # that of a bounder which was proven by itself
+    for name, value in beside.items():
+        own = getattr(certificate, name)
+        if own != value and not (name == "object" and value is None):
+            _refuse(f"it is for {name} {own!r}, the file for {value!r}")
+
+
 def _check_delta(bounder: Bounder, certificate: Certificate, shape: Any) -> None:
     """Cells, and the input error as a share of one."""
     base, delta = bounder.domain.base, np.array(certificate.delta, dtype=np.float64)
     if delta.shape != (base.ndim,) or not ((delta >= 0) & (delta <= DELTA_LARGEST_SHARE * (1 + CLOSE))).all():
         _refuse(f"delta must hold {base.ndim} shares of a cell up to {DELTA_LARGEST_SHARE}, got {certificate.delta}")
+    room = certificate.placement
+    if room is not None and not (
+        isinstance(room, list) and len(room) == base.ndim and all(_number(r) and r >= 0 for r in room)
+    ):
+        _refuse(f"placement must hold {base.ndim} lengths of at least 0, got {room!r}")
+    if room is not None and not (np.array(room) * base.scale <= base.delta * (1 + CLOSE)).all():
+        _refuse(f"placements that round by {room}, delta covers less")
     if shape is None:
         return
     if len(shape) != base.ndim or not 0 < certificate.cells < prod(shape):

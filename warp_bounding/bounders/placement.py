@@ -15,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from warp_bounding.arithmetic import LARGEST, round_up
-from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.domain import GROWTH, Domain, rounding_of_map
 from warp_bounding.bounders.placement_rounding import WorldMap, drift, farthest, rounding
 from warp_bounding.bounders.regions import RegionDomain, region_rounding
 from warp_bounding.errors import QueryError
 
-__all__ = ["Placement"]
+__all__ = ["Placement", "placement_room"]
 
 MOST_STRETCH = 1e6  # of one axis by another: the condition of the map
 UNIT_TOLERANCE = 1e-5  # of a quaternion's norm; it is normalised here, which Warp's own transforms do not do
@@ -103,15 +103,27 @@ class Placement:
         Raises:
             QueryError: If the error bound exceeds ``delta`` on an axis, or what the map of regions leaves of it.
         """
-        needed, covered = rounding(domain, self.world, double=double), domain.base.delta
-        if isinstance(domain, RegionDomain):
-            covered = np.maximum(covered - region_rounding(domain.base, domain.query, domain.length), 0.0)
+        needed, covered = rounding(domain, self.world, double=double), _covered(domain)
         if not (needed <= covered).all() or not (farthest(domain, self.world) < LARGEST).all():
             axis = int(np.argmax(needed - covered))
             raise QueryError(
                 f"xform and scale move a {domain.query} by a rounding error of up to {needed[axis]:.2g} along axis {axis}, the "
                 f"certificate covers {covered[axis]:.2g}: give queries in object space, or a shape nearer to its own origin"
             )
+
+
+def _covered(domain: Domain | RegionDomain) -> np.ndarray:
+    """``(n,)``, units of local space: what the proof's ``delta`` leaves for a moved query, the map of points behind it included."""
+    if not isinstance(domain, RegionDomain):
+        return domain.delta
+    return np.maximum(domain.base.delta - region_rounding(domain.base, domain.query, domain.length), 0.0)
+
+
+def placement_room(domain: Domain | RegionDomain) -> np.ndarray:
+    """``(n,)``, object units: by how much a placement may round a query before it is refused, on each axis, rounded down."""
+    base = domain.base
+    behind = rounding_of_map(base.limit.astype(np.float64)) if domain.query == "point" else 0.0
+    return np.maximum(_covered(domain) / GROWTH - behind, 0.0) / base.scale / GROWTH
 
 
 def _rigid(xform, spatial: int) -> tuple[np.ndarray, np.ndarray]:

@@ -15,12 +15,19 @@ def command(
     file: BounderFile,
     shape: Annotated[str, typer.Argument(help="The shape that it is to bound.")],
     budget: Annotated[float, typer.Option(help="Seconds allowed.")] = 900.0,
+    margin: Annotated[float | None, typer.Option(help="Not proven unless FILE claims this margin.")] = None,
+    length: Annotated[float | None, typer.Option(help="Not proven unless FILE claims rays of this length.")] = None,
+    resolution: Annotated[int | None, typer.Option(help="Not proven unless FILE claims this resolution.")] = None,
+    query: Annotated[str | None, typer.Option(help="Not proven unless FILE claims this kind of query.")] = None,
     threshold: Threshold = None,
     spacing: Spacing = None,
     origin: Origin = None,
     json: Json = False,
 ) -> int:
-    """Prove from scratch that FILE has no false negative on SHAPE. Exit status 0: proven; 1: not."""
+    """Prove from scratch that FILE has no false negative on SHAPE. Exit status 0: proven; 1: not.
+
+    Margin, length of rays, resolution and kind of query are taken from FILE, and told; what is stated here is compared with them.
+    """
     from warp_bounding.bounders import load
     from warp_bounding.proof import certify
 
@@ -30,7 +37,8 @@ def command(
     bounder = load(file, device="cpu")
     indicator = read_shape(shape, threshold, spacing, origin)
     with bar("certify") as update:
-        certificate = certify(bounder, indicator, seconds=budget, progress=update)
+        expected = {"margin": margin, "length": length, "resolution": resolution, "query": query}
+        certificate = certify(bounder, indicator, **expected, seconds=budget, progress=update)
     fitted = bounder.info.get("indicator")
     same = certificate.indicator == fitted
     if json:

@@ -49,30 +49,48 @@ class _Checked(NamedTuple):
 
 
 def certify(
-    bounder: Bounder, shape, *, seconds: float = 900.0, progress: Callable[[int, int], None] | None = None
+    bounder: Bounder,
+    shape,
+    *,
+    margin: float | None = None,
+    length: float | None = None,
+    resolution: int | None = None,
+    query: str | None = None,
+    seconds: float = 900.0,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Certificate:
     """Prove from scratch that a bounder has no false negative on a shape. Raises nothing for a bounder that does; tells the truth.
+
+    What a bounder claims is partly its own word: for which margin, for rays of which length, of which resolution of a mesh. Its
+    certificate names them. Whoever relies on one states it here, and a proof of another claim is then none.
 
     Args:
         bounder: Its threshold and weights are taken as they are, its own certificate is not looked at.
         shape: An ``IndicatorGrid`` or ``IndicatorMesh``, or anything that ``load_indicator`` takes; voxelised with the bounder's
             own resolution and margin.
+        margin: That is expected, object units; the bounder's own if ``None``.
+        length: Of rays, that is expected, object units; likewise.
+        resolution: Of a mesh, that is expected; likewise.
+        query: Kind of query that is expected; likewise.
         seconds: Time allowed.
         progress: Called with cells done and cells in all.
 
     Returns:
-        A certificate of kind ``"proven"``, ``"refuted"`` (with a counterexample), ``"undecided"`` or ``"inapplicable"``.
+        A certificate of kind ``"proven"``, ``"refuted"`` (with a counterexample), ``"undecided"`` or ``"inapplicable"`` (the shape cannot
+        be the bounded one, or the claim is not the expected one).
     """
     started = time.perf_counter()
+    expected = {"query": query, "margin": margin, "length": length, "resolution": resolution}
+    other = _other_claim(bounder, expected)
     try:
         grid = _as_grid(bounder, shape)
     except BoundingError as error:
-        return _inapplicable(bounder, shape, str(error))
-    reason = mismatch(bounder, grid) or bounder.domain.fault()
+        return _inapplicable(bounder, shape, other or str(error))
+    reason = other or mismatch(bounder, grid) or bounder.domain.fault()
     if not bounder.conservative:
         reason = f"{bounder.method} is not conservative"
     if reason:
-        return _inapplicable(bounder, shape, reason)
+        return _inapplicable(bounder, grid, reason)
     certificates = []
     for part in bounder.parts:
         left = seconds - (time.perf_counter() - started)
@@ -80,6 +98,21 @@ def certify(
         if certificates[-1].kind not in ("proven", "statistical"):
             break
     return conjunction(certificates)
+
+
+def _other_claim(bounder: Bounder, expected: dict[str, str | float | None]) -> str | None:
+    """How a bounder's claim differs from what is expected of it, or ``None``."""
+    claimed = {
+        "query": bounder.query_kind,
+        "margin": bounder.info.get("margin") or 0.0,
+        "length": bounder.domain.length,
+        "resolution": bounder.info.get("resolution"),
+    }
+    for name, value in expected.items():
+        if value is not None and value != claimed[name]:
+            own = "none" if claimed[name] is None else claimed[name]
+            return f"another claim than the expected one: expected {name} {value}, the bounder is for {name} {own}"
+    return None
 
 
 def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress) -> Certificate:
@@ -116,12 +149,7 @@ def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress) ->
             text = f"a {bounder.query_kind} that meets the object is answered with no"
             return result("refuted", text, least, point)
         return result("undecided", "f comes closer to the threshold than the proof's margins for rounding allow", least)
-    dilated = f" dilated by {grid.margin:g}" if grid.margin else ""
-    return result(
-        "proven",
-        f"Proven from scratch: all {len(cells)} occupied cells of {grid.name}{dilated} are answered with maybe.",
-        least,
-    )
+    return result("proven", _proven(bounder), least)
 
 
 def _certify_regions(
@@ -143,12 +171,7 @@ def _certify_regions(
     except BounderError as error:  # of this object: a volume does not hold it, or numbers leave the range of the proof
         text = str(error)
     if target <= least < np.inf:  # an object has positives, so a least value of nothing proves nothing
-        return result(
-            "proven",
-            f"Proven from scratch: every {bounder.query_kind} that meets {grid.name} is answered with maybe.",
-            least,
-            examined=boxes,
-        )
+        return result("proven", _proven(bounder), least, examined=boxes)
     missed = None if suspects is None else _denied_region(bounder, grid, suspects)
     if missed is None:
         missed = try_positives(bounder, grid, POSITIVES, fresh_seed(), seconds=max(seconds, LEAST_SECONDS))[2]
@@ -298,6 +321,12 @@ def _denied(bounder: Bounder, grid: IndicatorGrid, x: np.ndarray) -> np.ndarray 
 def _plus(a: float, b: float) -> float:
     """``a + b`` rounded up."""
     return float(np.nextafter(a + b, np.inf)) + UNIT64 * abs(a)
+
+
+def _proven(bounder: Bounder) -> str:
+    """Of a certificate, its first sentence."""
+    met = "every point of" if bounder.query_kind == "point" else f"every {bounder.query_kind} that meets"
+    return f"Proven from scratch: {met} the object is answered with maybe."
 
 
 def _inapplicable(bounder: Bounder, shape, reason: str) -> Certificate:

@@ -6,9 +6,10 @@ import numpy as np
 
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.certificate import Certificate
+from warp_bounding.bounders.placement import placement_room
 from warp_bounding.indicators.grid import IndicatorGrid
 
-__all__ = ["conjunction", "document"]
+__all__ = ["conjunction", "document", "least_room"]
 
 
 def document(
@@ -33,7 +34,7 @@ def document(
         least: Its ``lower_bound``.
         boxes: See ``Certificate``.
         seconds: See ``Certificate``.
-        message: See ``Certificate``; what restricts the object (``IndicatorGrid.note``) is added to it.
+        message: See ``Certificate``; what the claim is about, and what restricts the object (``IndicatorGrid.note``), are added to it.
         counterexample: See ``Certificate``.
         more: Other fields.
     """
@@ -51,9 +52,32 @@ def document(
         indicator="" if grid is None else grid.digest,
         cells=0 if grid is None else len(grid.occupied),
         counterexample=None if counterexample is None else [float(c) for c in counterexample],
-        message=message if grid is None or not grid.note else f"{message} Note: {grid.note}.",
+        message=message if grid is None else f"{message} {about(bounder, grid)}",
+        object=None if grid is None else grid.name,
+        margin=None if grid is None else float(grid.margin),
+        length=bounder.domain.length,
+        resolution=None if grid is None else grid.resolution,
+        placement=None if grid is None else placement_room(bounder.domain).tolist(),
         **more,
     )
+
+
+def about(bounder: Bounder, grid: IndicatorGrid) -> str:
+    """What a certificate is about, in words: the object and its margin, the length of rays, what may be placed, and restrictions."""
+    dilated = f"dilated by {float(grid.margin)}" if grid.margin else "not dilated"
+    sides = " x ".join(map(str, grid.shape))
+    fineness = "" if grid.resolution is None else f" at resolution {grid.resolution}"
+    rays = "" if bounder.domain.length is None else f" Rays have length {bounder.domain.length}."
+    note = f" Note: {grid.note}." if grid.note else ""
+    return (
+        f"Object: {grid.name}, {dilated}, {len(grid.occupied):,} occupied of {sides} cells{fineness}.{rays} Placed by xform= and "
+        f"scale= where these round a query by at most {least_room(bounder):.2g}; lengths are in object units.{note}"
+    )
+
+
+def least_room(bounder: Bounder) -> float:
+    """What ``xform=`` and ``scale=`` may round a query by on every axis of space, object units."""
+    return float(placement_room(bounder.domain)[int(bounder.domain.time) :].min())
 
 
 ORDER = ("refuted", "undecided", "statistical", "proven")  # a conjunction is known no better than its worst part

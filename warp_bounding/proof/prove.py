@@ -82,11 +82,10 @@ def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate
     threshold = float(round_down(np.nextafter(search.lower_bound - error, -np.inf)))
     if not np.isfinite(threshold):
         raise BounderError(f"{bounder.method}: the proof found no finite minimum")
-    cells, dilated = len(grid.occupied), f" dilated by {grid.margin:g}" if grid.margin else ""
     met = "no point of" if bounder.query_kind == "point" else f"no {bounder.query_kind} that meets"
     message = (
-        f"Proven: {met} the object{dilated}, all {cells} occupied cells, is ever answered with no. "
-        f"f >= {search.lower_bound:.6g} on them, float32 rounding changes it by at most {error:.2g}, the threshold is {threshold:.6g}."
+        f"Proven: {met} the object is ever answered with no. "
+        f"f >= {search.lower_bound:.6g} on all of them, float32 rounding changes it by at most {error:.2g}, the threshold is {threshold:.6g}."
     )
     certificate = document(
         bounder, grid, "proven", threshold, search.lower_bound, search.boxes, search.seconds, message

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.certificate import Certificate
+from warp_bounding.proof.document import least_room
 from warp_bounding.queries.positives import DISTRIBUTION
 
 __all__ = ["NOT_CONSERVATIVE", "statement"]
@@ -33,7 +34,7 @@ def _queries(bounder: Bounder) -> str:
     cut = f"only its part inside the domain counts, {corners} (object space)"
     text = {
         "point": f"every point of the domain, {corners} (object space); {_OUTSIDE}",
-        "ray": f"every segment o + t d/|d|, 0 <= t <= {domain.length or 0:g} (object units): any origin o, inside or outside, any "
+        "ray": f"every segment o + t d/|d|, 0 <= t <= {domain.length or 0} (object units): any origin o, inside or outside, any "
         f"direction d; {cut}",
         "plane": f"every plane: any normal, given by any of its points; {cut}",
         "box": f"every axis-aligned box, of any size, also of none; {cut}",
@@ -48,9 +49,10 @@ def _object(bounder: Bounder, certificate: Certificate | None) -> str:
     margin, shape = info.get("margin") or 0.0, info.get("grid_shape")
     grid = " x ".join(map(str, shape)) if shape else "an unknown number of"
     cells = f"{certificate.cells:,} occupied of {grid} closed cells" if certificate else f"a grid of {grid} cells"
-    dilated = f", dilated by {margin:g} (object units)" if margin else ", not dilated"
+    fineness = f" at resolution {info['resolution']}" if info.get("resolution") else ""
+    dilated = f", dilated by {margin} (object units)" if margin else ", not dilated"
     digest = (certificate.indicator if certificate else info.get("indicator")) or "unknown"
-    return f"{info.get('name') or 'a shape'}: {cells}{dilated}; SHA-256 {digest[:16]}"
+    return f"{info.get('name') or 'a shape'}: {cells}{fineness}{dilated}; SHA-256 {digest[:16]}"
 
 
 def _not_proven(bounder: Bounder) -> Iterable[str]:
@@ -82,6 +84,8 @@ def statement(bounder: Bounder) -> dict[str, str]:
         "queries": _queries(bounder),
         "object": _object(bounder, certificate),
         "arithmetic": f"{certificate.arithmetic}; CPU or CUDA",
+        "placement": f"xform= and scale= may round a query by up to {least_room(bounder):.2g} (object units) on every axis; one that "
+        "needs more, such as a shape that is very large beside its cells, is refused with an error",
     }
     if not certificate.proven:
         return _statistical(bounder, certificate, common)
@@ -91,7 +95,8 @@ def statement(bounder: Bounder) -> dict[str, str]:
         "for": common["queries"],
         "object": common["object"],
         "input error": f"up to {share:.2g} of a cell on each axis: the rounding of float64 queries, of the map, and of xform= and "
-        "scale= (placements that need more are refused)",
+        "scale=",
+        "placement": common["placement"],
         "arithmetic": common["arithmetic"],
         "numbers": f"f >= {certificate.lower_bound:.6g} on all of these, rounding E <= {certificate.rounding_bound:.2g}, "
         f"maybe unless f < threshold {certificate.threshold:.9g} <= bound - E",
@@ -115,6 +120,7 @@ def _statistical(bounder: Bounder, certificate: Certificate, common: dict[str, s
         "sampled": DISTRIBUTION[bounder.query_kind],
         "for": common["queries"],
         "object": common["object"],
+        "placement": common["placement"],
         "arithmetic": common["arithmetic"].replace(certificate.arithmetic, "float32, as this device computed it"),
         "numbers": f"least f that a search found {certificate.lower_bound:.6g}; threshold {certificate.threshold:.9g}; "
         f"{closest}; rounding E <= {certificate.rounding_bound:.2g}",

@@ -1,0 +1,151 @@
+"""What a certificate is about: the object, its margin, the length of rays, the resolution; and a claim that is not the expected one."""
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+from bounding_shapes import shape
+
+import warp_bounding as wb
+from warp_bounding.bounders import storage
+from warp_bounding.bounders.certificate import ABOUT
+from warp_bounding.bounders.domain import rounding_of_map
+from warp_bounding.bounders.placement import Placement
+from warp_bounding.bounders.placement_rounding import rounding
+from warp_bounding.errors import FileFormatError, QueryError
+from warp_bounding.proof.words import statement
+
+MESH = wb.IndicatorMesh(*(lambda m: (m.vertices, m.faces))(trimesh.creation.box(extents=(1, 1, 2))), name="brick.obj")
+
+
+def bounder_of(query="point", margin=0.1, length=0.75, resolution=8, **options):
+    options = {"query": query, "margin": margin, "length": length, "resolution": resolution} | options
+    return wb.fit(MESH, method="aabb", device="cpu", **options)
+
+
+def edited(path, change):
+    """Change the description in a file, its digest made right again."""
+    tensors, entry = storage._read(path)
+    document = json.loads(entry)["bounder"]
+    change(document)
+    entry = json.dumps({"sha256": storage._digest(tensors, document), "bounder": document})
+    path.write_bytes(storage.safetensors.numpy.save(tensors, metadata={storage.KEY: entry}))
+    return path
+
+
+@pytest.mark.parametrize("query", ["point", "ray", "plane", "box"])
+def test_certificates_say_what_they_are_about(query):
+    bounder = bounder_of(query)
+    for certificate in (bounder.certificate, wb.certify(bounder, MESH)):
+        assert certificate.proven
+        about = (certificate.object, certificate.margin, certificate.length, certificate.resolution)
+        assert about == ("brick.obj", 0.1, 0.75 if query == "ray" else None, 8)
+        assert len(certificate.placement) == 3
+        for words in ("brick.obj", "dilated by 0.1", "resolution 8", "xform= and scale=", "round a query by at most"):
+            assert words in certificate.message
+        assert ("length 0.75" in certificate.message) == (query == "ray")
+        assert type(certificate).from_dict(json.loads(json.dumps(certificate.to_dict()))) == certificate
+    said = " ".join(statement(bounder).values())
+    for words in ("brick.obj", "dilated by 0.1", "at resolution 8", "xform= and scale= may round a query by up to"):
+        assert words in said
+    assert ("t <= 0.75" in said) == (query == "ray")
+
+
+def test_a_statistical_certificate_says_so_too():
+    options = {"hidden": (6,), "steps": 3, "length": 0.5, "device": "cpu", "seed": 1}
+    bounder = wb.fit(shape("c"), query="ray", method="mlp", budget=1.0, **options)
+    assert bounder.certificate.length == 0.5
+    assert "length 0.5" in bounder.certificate.message
+    assert bounder.certificate.object == "array"
+
+
+EXPECTED = [
+    ("point", {"margin": 0.2}, ("margin 0.2", "margin 0.1")),
+    ("point", {"margin": 0.0}, ("margin 0.0", "margin 0.1")),
+    ("ray", {"length": 2.0}, ("length 2.0", "length 0.75")),
+    ("point", {"length": 1.0}, ("length 1.0", "length none")),
+    ("box", {"resolution": 64}, ("resolution 64", "resolution 8")),
+    ("box", {"query": "ray"}, ("query ray", "query box")),
+    ("ray", {"margin": 0.1, "length": 0.75000001}, ("length 0.75000001", "length 0.75")),
+]
+
+
+@pytest.mark.parametrize(("query", "expected", "words"), EXPECTED)
+def test_another_claim_than_the_expected_one_is_not_proven(query, expected, words):
+    bounder = bounder_of(query)
+    proof = wb.certify(bounder, MESH, **expected)
+    assert proof.kind == "inapplicable"
+    assert proof.indicator == bounder.info["indicator"]
+    for word in words:
+        assert word in proof.message
+    own = {"query": query, "margin": 0.1, "resolution": 8} | ({"length": 0.75} if query == "ray" else {})
+    assert wb.certify(bounder, MESH, **own).proven
+
+
+@pytest.mark.parametrize("value", [np.nan, -1.0, np.inf])
+def test_an_impossible_expectation_is_never_met(value):
+    assert wb.certify(bounder_of(), MESH, margin=value).kind == "inapplicable"
+
+
+def test_a_claim_edited_in_a_file_is_told_or_found_out(tmp_path):
+    """Margin and length beside the certificate contradict it; edited in both, they are another claim, which is named."""
+    path = tmp_path / "b.safetensors"
+    for query, change in (
+        ("point", lambda d: d.update(margin=0.05)),
+        ("point", lambda d: d.update(resolution=4)),
+        ("point", lambda d: d.update(name="cube.obj")),
+        ("ray", lambda d: (d.update(length=0.5), d["domain"].update(length=0.5))),
+        ("ray", lambda d: d["certificate"].update(length=0.5)),
+        ("point", lambda d: d["certificate"].update(margin=None)),
+        ("point", lambda d: d["certificate"].update(placement=[1.0] * 3)),
+        ("point", lambda d: d["certificate"].update(placement=[0.0])),
+        ("point", lambda d: d["certificate"].update(placement="far")),
+    ):
+        bounder_of(query).save(path)
+        with pytest.raises(FileFormatError, match="does not add up"):
+            wb.load(edited(path, change), device="cpu")
+
+    def smaller(document):
+        for part in (document, document["certificate"], document["domain"]):
+            part["length"] = 0.5
+
+    bounder_of("ray").save(path)
+    lie = wb.load(edited(path, smaller), device="cpu")
+    proof = wb.certify(lie, MESH)
+    assert proof.proven
+    assert proof.length == 0.5
+    assert "length 0.5" in proof.message
+    assert not wb.certify(lie, MESH, length=0.75).proven
+
+
+def test_files_of_older_versions_load_and_certify(tmp_path):
+    """They hold none of what a certificate is about; it stands beside it."""
+    path = tmp_path / "b.safetensors"
+    bounder_of("ray").save(path)
+    old = wb.load(edited(path, lambda d: [d["certificate"].pop(name) for name in ABOUT]), device="cpu")
+    assert [getattr(old.certificate, name) for name in ABOUT] == [None] * len(ABOUT)
+    assert "dilated by 0.1" in statement(old)["object"]
+    assert "xform= and scale= may round a query by up to" in statement(old)["placement"]
+    assert wb.certify(old, MESH, margin=0.1, length=0.75).proven
+    assert not wb.certify(old, MESH, margin=0.2).proven
+
+
+@pytest.mark.parametrize("query", ["point", "ray", "plane", "box"])
+def test_the_limit_of_placements_is_the_one_that_is_kept(query):
+    """A placement that rounds by less is taken, one that rounds by more is refused: both sides of the number."""
+    bounder, matrix, seen = bounder_of(query), np.eye(4), set()
+    domain, limit = bounder.domain, np.array(bounder.certificate.placement)
+    behind = rounding_of_map(domain.base.limit.astype(np.float64)) if query == "point" else 0.0
+    for far in 10.0 ** np.linspace(0, 9, 40):
+        matrix[:3, 3] = far
+        placement = Placement.of(domain, matrix, None)
+        needed = (rounding(domain, placement.world, double=True) - behind) / domain.base.scale
+        try:
+            placement.check(domain, double=True)
+            assert (needed <= limit * (1 + 1e-6)).all()
+            seen.add("taken")
+        except QueryError:
+            assert (needed > limit * (1 - 1e-6)).any()
+            seen.add("refused")
+    assert seen == {"taken", "refused"}
