@@ -1,0 +1,217 @@
+"""The README runs as it is printed: every snippet and every command, in order, in one folder and one namespace.
+
+What would take minutes is shortened, by ``SHORTER`` (words of the text that are replaced, such as the seconds of a fit by a few steps), by ``SMALL``
+(options that are added to a command), and by tiny fits of the networks of tables. Commands that set up an environment or run a whole demo (its
+tests run a small one) are not run but read, by what would run them: ``make -n``, the parser of the command line.
+"""
+
+import dataclasses
+import importlib.metadata
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import types
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+
+import warp_bounding as wb
+from warp_bounding import cli
+from warp_bounding.cli.demo import DEMOS
+
+for name in ("torch", "trimesh", "matplotlib", "PIL"):
+    pytest.importorskip(name, reason=f"{name} is not installed: pip install '.[train]'")
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text()
+SHORTER = {
+    "budget=60.0": "budget=3.0, steps=20",
+    "--budget 60 ": "--budget 30 --steps 20 ",
+    "--samples 10000000 ": "--samples 50000 ",
+    "--count 1e8 ": "--count 1e5 ",
+    "random((1_000_000, 3)": "random((100_000, 3)",
+}
+SMALL = {  # one column of twelve, and its network
+    "table1": "--columns 2d-point --methods aabb,mlp --samples 4000",
+    "proofs": "--columns 2d-point --methods mlp --samples 4000 --positives 20000 --seconds 20",
+}
+FENCED = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
+PROGRAMS = ("warp-bounding", "python", "make", "pip")
+
+
+def after(namespace: dict) -> dict:
+    """What a snippet's comments promise, by words of the snippet: asked once it has run."""
+    values = types.SimpleNamespace(**namespace)
+    return {
+        "bounder.candidates(": lambda: values.count.numpy()[0] == values.mask.numpy().sum() > 0,
+        "wp.launch(": lambda: (values.contacts.numpy() == values.mask.numpy()).all(),
+        "shadow.query(": lambda: len(values.maybe_hit) == len(values.rays) and values.box.certificate.proven,
+        "cull.collide(": lambda: _contacts_without(values) == values.contacts.soft_contact_count.numpy()[0] > 0,
+    }
+
+
+def _contacts_without(values: types.SimpleNamespace) -> int:
+    """How many contacts Newton finds by itself."""
+    contacts = values.pipeline.contacts()
+    values.pipeline.collide(values.state, contacts)
+    return contacts.soft_contact_count.numpy()[0]
+
+
+def shortened(text: str) -> str:
+    for long, short in SHORTER.items():
+        text = text.replace(long, short)
+    return text
+
+
+def commands(body: str) -> list[list[str]]:
+    """The words of each line of a shell block, without comments."""
+    return [words for line in body.splitlines() if (words := shlex.split(line, comments=True))]
+
+
+def inline(text: str) -> list[list[str]]:
+    """The words of each command within the prose."""
+    spans = [span.split() for span in re.findall(r"`([^`]+)`", FENCED.sub("", text))]
+    return [shlex.split(" ".join(words)) for words in spans if len(words) > 1 and words[0] in PROGRAMS]
+
+
+def read(words: list[str]) -> None:
+    """Let what would run a command read it; ``DIR``, ``FILE`` and the like stand for anything.
+
+    Raises:
+        Exception: If it would not be understood.
+    """
+    program, *arguments = words
+    if program == "warp-bounding":
+        name, *options = arguments
+        typer.main.get_command(cli.app).commands[name].make_context(name, options)
+    elif program == "make":
+        assert (
+            shutil.which("make") is None
+            or not subprocess.run(["make", "-n", *arguments], cwd=ROOT, capture_output=True, check=False).returncode
+        )
+    elif program == "pip":
+        extras = set(re.findall(r"\[(.*?)\]", " ".join(arguments)))
+        assert arguments[0] == "install"
+        assert extras <= set(importlib.metadata.metadata("warp-bounding").get_all("Provides-Extra"))
+    else:
+        source = (ROOT / arguments[0]).read_text()
+        assert all(f'"{word}"' in source for word in arguments if word.startswith("--"))
+
+
+def run_command(words: list[str], data: Path) -> None:
+    """Run a command in the present folder; it must end well."""
+    program, name, *options = words
+    if program != "warp-bounding" or (name == "demo" and options[0] in DEMOS):
+        return read(words)
+    options = [str(data) if word == "DIR" else word for word in options]
+    with pytest.raises(SystemExit) as stop:
+        cli.main([name, *options, *SMALL.get(name, "").split()])
+    assert stop.value.code == 0, shlex.join(words)
+    return None
+
+
+def run(text: str, folder: Path, data: Path) -> set[str]:
+    """Run every fenced block of a text, in order, in one namespace.
+
+    Args:
+        text: Markdown.
+        folder: The present one; snippets are written there, since Warp reads the source of kernels from files.
+        data: What ``DIR`` stands for.
+
+    Returns:
+        Which promises of ``after`` were asked.
+    """
+    module = sys.modules["readme"] = types.ModuleType("readme")
+    asked = set()
+    try:
+        for number, (language, body) in enumerate(FENCED.findall(shortened(text))):
+            if language == "sh":
+                for words in commands(body):
+                    run_command(words, data)
+                continue
+            assert language == "python", language
+            if "import newton" in body and find_spec("newton") is None:
+                continue
+            file = folder / f"snippet{number}.py"
+            file.write_text(body)
+            exec(compile(body, str(file), "exec"), module.__dict__)
+            for words, kept in after(module.__dict__).items():
+                if words in body:
+                    assert kept(), f"after the snippet with {words}"
+                    asked.add(words)
+    finally:
+        del sys.modules["readme"]
+    return asked
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """An empty folder to stand in, with the paper's data beside it: one small image; networks of tables are fitted in a few steps."""
+    from PIL import Image
+
+    from warp_bounding.tables import Tools
+
+    tools = Tools.of_library()
+
+    def fit(grid, **options):
+        return wb.fit(grid, **options, **({"steps": 20} if options["method"] == "mlp" else {}))
+
+    monkeypatch.setattr(Tools, "of_library", lambda: dataclasses.replace(tools, fit=fit))
+    (tmp_path / "data/2D").mkdir(parents=True)
+    pixels = np.zeros((10, 10, 4), np.uint8)
+    pixels[3:8, 2:6, 3] = 255
+    Image.fromarray(pixels).save(tmp_path / "data/2D/box.png")
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    return tmp_path
+
+
+def test_everything_shown_runs(place):
+    missing = {"cull.collide("} if find_spec("newton") is None else set()
+    asked = run(README, place / "here", place / "data")
+    assert asked == set(after({})) - missing
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "```python\nimport warp_bounding as wb\nwb.no_such_function()\n```",
+        "```python\nx = 1\n```\nwords\n```python\nassert x == 2\n```",
+        "```sh\nwarp-bounding demo --asset .\n```",
+        "```sh\nwarp-bounding info bunny.safetensors\n```",
+        "```sh\nmake no-such-target\n```",
+        "```sh\nwarp-bounding demo particles --no-such-option\n```",
+    ],
+)
+def test_what_is_broken_is_found(place, text):
+    with pytest.raises((Exception, pytest.fail.Exception)):
+        run(text, place / "here", place / "data")
+
+
+def test_what_is_shortened_is_there():
+    assert all(long in README for long in SHORTER)
+
+
+@pytest.mark.parametrize("words", inline(README), ids=shlex.join)
+def test_commands_in_prose_are_understood(words):
+    read(words)
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["warp-bounding fit", "warp-bounding nothing", "python benchmarks/none.py", "python benchmarks/points.py --dat x", "pip install .[none]"],
+)  # fmt: skip
+def test_commands_that_are_none_are_not_understood(words):
+    with pytest.raises(Exception):  # noqa: B017, PT011 - the parser's own, of several kinds
+        read(shlex.split(words))
+
+
+def test_links_lead_somewhere():
+    links = re.findall(r"\]\((?!http)([^)#]+)\)", README)
+    assert len(links) > 10
+    assert [link for link in links if not (ROOT / link).exists()] == []

@@ -1,0 +1,188 @@
+"""The README's figures are those of the files in ``results``: its tables cell by cell, its sentences by what they must say.
+
+What no file holds is not checked: what a query costs, the batch against torch, the dragon's rays.
+"""
+
+import csv
+import json
+import re
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from warp_bounding.tables import Means
+from warp_bounding.tables.columns import CASCADE, COLUMNS, PAPER, VARIANTS
+from warp_bounding.tables.rows import parse_line
+
+ROOT = Path(__file__).resolve().parents[1]
+TEXT = (ROOT / "README.md").read_text()
+PROSE = " ".join(TEXT.split())
+RESULTS = ROOT / "results"
+EXACT, SAMPLED = "exact truth", "the paper's, sampled truth"
+NOTES = {"¹": 2, "²": 3}  # objects that are not proven: of nine in 3D, of three in 4D
+
+
+def table(head: str) -> list[list[str]]:
+    """Cells of the README's only table whose first line has these words, without its head."""
+    (found,) = (block for block in re.findall(r"(?:^\|.*\n)+", TEXT, re.MULTILINE) if head in block.splitlines()[0])
+    return [[cell.strip() for cell in line.strip().strip("|").split("|")] for line in found.splitlines()[2:]]
+
+
+def plain(cell: str) -> str:
+    """A cell without bold, code and notes."""
+    return re.sub(r"[*`¹²]", "", cell).strip()
+
+
+def test_points():
+    with (RESULTS / "points/points.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row[0][:2] for row in table("ours, proven")] == ["2D", "3D", "4D"]
+    for shown, ndim in zip(table("ours, proven"), "234", strict=True):
+        own = [row for row in rows if row["dimension"] == ndim]
+        assert shown[0].split(", ")[1].split()[0] == str(len(own))
+        assert plain(shown[2]) == f"{sum(float(row['fp_rate']) for row in own) / len(own):.2f}"
+        assert shown[3] == str(PAPER["mlp"][4 * (int(ndim) - 2)])
+        assert shown[4] == str(sum(int(row["fn"]) for row in own))
+        assert {row["certificate"] for row in own} == {"proven"}
+    flat = max(float(row["fp_cost_of_proof"]) for row in rows if row["dimension"] != "4")
+    deep = max(float(row["fp_cost_of_proof"]) for row in rows if row["dimension"] == "4")
+    assert f"The proof costs at most {flat:.2f} points of these in 2D and 3D, {deep:.2f} in 4D" in PROSE
+
+
+@pytest.fixture(scope="module")
+def rows():
+    lines = (RESULTS / "table1/table1.csv").read_text().splitlines()[1:]
+    return [parse_line(line) for line in lines]
+
+
+@pytest.fixture(scope="module")
+def shown() -> dict[str, dict[str, list[str]]]:
+    """The README's part of Table 1: cells by protocol and row."""
+    parts, found = {EXACT: {}, SAMPLED: {}}, table("| 4D point |")
+    protocol = None
+    for label, *cells in found:
+        if label.startswith("**"):
+            protocol = plain(label)
+        else:
+            parts[protocol][plain(label).split(",")[0]] = cells
+    return parts
+
+
+@pytest.mark.parametrize(("part", "protocol"), [(EXACT, "exact"), (SAMPLED, "sampled")])
+def test_table1(rows, shown, part, protocol):
+    means = Means(rows, protocol)
+    assert len(shown[part]) > 2
+    for name, cells in shown[part].items():
+        for cell, column in zip(cells, COLUMNS, strict=True):
+            if name.startswith("the paper"):
+                assert part == SAMPLED
+                assert float(plain(cell)) == column.paper_network
+                continue
+            (variant,) = (v for v in VARIANTS if v.label == name)
+            mean = means.cells.get((variant, column))
+            assert plain(cell) == ("" if mean is None else f"{mean.fp_rate:.2f}"), (name, column.title)
+            noted = next((count for note, count in NOTES.items() if note in cell), 0)
+            assert noted == (0 if mean is None else mean.unproven), (name, column.title)
+
+
+def test_what_the_paper_is_compared_with_has_its_protocol(rows, shown):
+    means = Means(rows, "sampled")
+    (paper,) = (cells for name, cells in shown[SAMPLED].items() if name.startswith("the paper"))
+    ahead = 0
+    for column, ours, theirs in zip(COLUMNS, shown[SAMPLED][CASCADE], paper, strict=True):
+        lower = means.best_network(column)[1].fp_rate < column.paper_network
+        assert lower == ("**" in ours) != ("**" in theirs), column.title
+        ahead += lower
+    assert f"this cascade is ahead in {ahead} of {len(COLUMNS)} columns" in PROSE
+    assert "the paper's best network" not in "".join(shown[EXACT])
+
+
+def test_what_is_said_of_table1(rows):
+    assert f"other of the {len(rows):,} cells but those of `occupancy`" in PROSE
+    assert {row.method for row in rows if row.fn} == {"occupancy"}
+    assert {row.samples for row in rows} == {400_000}
+    source = (ROOT / "benchmarks/protocol_check.py").read_text()
+    figures = [float(x) for x in re.search(r'"aabb": \((.*?)\)', source).group(1).split(",")]
+    published = PAPER["aabb"]
+    says = f"`AABox` has {figures[6]} % in 3D and {figures[10]} % in 4D, where the paper says {published[6]} and {published[10]}"
+    assert says in PROSE
+    bvh = {c: m for (v, c), m in Means(rows, "sampled").cells.items() if v.label == "bvh"}
+    planes = [f"{bvh[column].fp_rate:.2f}" for column in (COLUMNS[6], COLUMNS[10])]
+    assert f"has {planes[0]} % in 3D and {planes[1]} % in 4D" in PROSE
+
+
+@pytest.fixture(scope="module")
+def demos() -> dict[str, dict[tuple[str, str], dict]]:
+    """Runs by demo, then by section and bounder, with calls a step."""
+    found = {}
+    for path in RESULTS.glob("demos/*.json"):
+        demo = json.loads(path.read_text())
+        found[path.stem] = {
+            (run["section"], run["bounder"]): run | {"calls": run["narrow_calls"] / demo["steps"]}
+            for run in demo["runs"]
+        }
+    return found
+
+
+def test_demos(demos):
+    """Of the box and the k-DOP, and of both worlds, the one that calls less and the sum."""
+    lines = {plain(line[0]): line[2:] for line in table("| narrow phase |")}
+    sections = {"particles": ["containment"], "cloth": [""], "path": ["rooms", "maze"], "shadows": [""]}
+    assert lines.keys() == sections.keys()
+    for name, parts in sections.items():
+        runs = demos[name]
+
+        def calls(*bounders, runs=runs, parts=parts):
+            return min(sum(runs[part, bounder]["calls"] for part in parts) for bounder in bounders)
+
+        boxes = ("aabb", "kdop", *(["moving aabb"] if name == "particles" else []))
+        none, box, mlp, occupancy = lines[name]
+        assert none == f"{calls('none'):,.0f}"
+        assert box.split()[0] == f"{calls(*boxes):,.0f}"
+        assert mlp == f"{calls('mlp'):,.0f}"
+        lost = "collisions" if name == "path" else "missed"
+        assert occupancy.split()[0] == f"{sum(runs[part, 'occupancy'][lost] for part in parts):,}"
+        for run in runs.values():
+            if run["certificate"] == "proven":
+                assert run["identical"]
+                assert run["missed"] == 0
+
+
+def test_what_is_said_of_the_demos(demos):
+    def broad_and_narrow(section, bounder):
+        run = demos["particles"][section, bounder]
+        return f"{run['ms_broad'] + run['ms_narrow']:.1f}"
+
+    deep, near = partial(broad_and_narrow, "containment"), partial(broad_and_narrow, "contact")
+    rates = {name: run["fp_rate"] for (_, name), run in demos["particles"].items() if run["fp_rate"]}
+    path = demos["path"]
+    every = {name: sum(path[part, name]["calls"] for part in ("rooms", "maze")) for name in ("none", "mlp", "bvh")}
+    check = 1000 * sum(path[part, "none"]["ms_narrow"] for part in ("rooms", "maze")) / every["none"]
+    cloth = {name: run["ms_broad"] + run["ms_narrow"] for (_, name), run in demos["cloth"].items()}
+    single = cloth["none"] / min(cloth[name] for name in cloth if name not in ("none", "occupancy"))
+    sentences = [
+        f"{deep('none')} ms a step without a broad phase, {deep('moving aabb')} with the box that is refitted every step, "
+        f"{deep('aabb+mlp')} with `aabb+mlp`, {deep('bvh-1500')} with a hierarchy of 1,500 boxes (72 kB), "
+        f"{deep('mlp+bvh-1500')} with the network before it (`mlp+bvh-1500`, "
+        f"{demos['particles']['containment', 'mlp+bvh-1500']['calls']:,.0f} calls a step), and {deep('voxels')} with `voxels`",
+        f"{rates['bvh']:.1f} against {rates['mlp']:.1f} % (4D, 48³ × 50 cells), and slower, {deep('bvh')} against {deep('mlp')}",
+        f"None {near('none')} ms, refitted box {near('moving aabb')}, `learned-kdop` {near('learned-kdop')}, "
+        f"`learned-kdop+mlp` {near('learned-kdop+mlp')}, `aabb+mlp` {near('aabb+mlp')}, `voxels` {near('voxels')}",
+        f"part of its {rates['mlp']:.1f} %",
+        f"One cloth on two meshes gains nothing ({single:.2f} times as fast)",
+        f"{every['none'] / every['mlp']:.0f} times fewer exact checks with `mlp`, {every['none'] / every['bvh']:.0f} with `bvh`",
+        f"a check takes {check:.2f} µs",
+    ]
+    assert [sentence for sentence in sentences if sentence not in PROSE] == []
+
+
+def test_what_is_said_of_proofs():
+    with (RESULTS / "proofs/proofs.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    missed = sum(int(row["missed_sampled"]) for row in rows)
+    prover = sum(row["found_by"] == "prover" for row in rows if int(row["missed_sampled"]))
+    zero = [row for row in rows if row["missed_zero"]]
+    assert f"of the [{len(rows)} networks](results/proofs/README.md)" in PROSE
+    assert f"**{missed} had a false negative** that a search then found, {prover} of them the prover's" in PROSE
+    assert f"{sum(int(row['missed_zero']) for row in zero)} of {len(zero)}" in PROSE
