@@ -103,6 +103,10 @@ class File:
         ).to_dict()
 
 
+def _power(rng: np.random.Generator) -> int:
+    return int(rng.choice(POWERS)) if rng.random() < 0.6 else int(rng.integers(-30, 31))
+
+
 def numbers(a: np.ndarray, rng: np.random.Generator) -> str:
     """Change some numbers of an array of floats in place."""
     flat, size = a.reshape(-1), a.size
@@ -116,7 +120,7 @@ def numbers(a: np.ndarray, rng: np.random.Generator) -> str:
     else:
         index = int(rng.integers(size))
         place, where = slice(index, index + 1), f"entry {index}"
-    part, power = flat[place].copy(), int(rng.choice(POWERS))
+    part, power = flat[place].copy(), _power(rng)
     spacing = np.spacing(np.abs(part)) * rng.choice([-1, 1]) * int(rng.choice([1, 2, 16, 1024]))
     changes = {
         "sign": lambda: -part,
@@ -173,7 +177,7 @@ def tensors_scaled_together(file: File, rng: np.random.Generator) -> str | None:
     names = [k for k, t in file.tensors.items() if t.dtype == np.float32 and t.size]
     if not names:
         return None
-    power, count = int(rng.choice(POWERS)), len(file.tensors[names[0]]) if file.tensors[names[0]].ndim else 0
+    power, count = _power(rng), len(file.tensors[names[0]]) if file.tensors[names[0]].ndim else 0
     chosen = names if rng.random() < 0.5 else [k for k in names if rng.random() < 0.6]
     row = int(rng.integers(count)) if count and rng.random() < 0.5 else None
     for k in chosen:
@@ -208,12 +212,13 @@ def tensors_reflected(file: File, rng: np.random.Generator) -> str | None:
     maps = [file.tensors.get(k) for k in ("factor", "summand")]
     if not isinstance(count, list) or any(m is None or m.ndim != 1 or len(m) != len(count) for m in maps):
         return None
-    k = int(rng.integers(len(count)))
+    k, by = int(rng.integers(len(count))), float(rng.choice([1, 1, 1.5, 2, 3, -0.5, -2]))
     if isinstance(count[k], bool) or not isinstance(count[k], int):
         return None
+    middle = min(count[k], 2**31) / 2
     with np.errstate(all="ignore"):
-        maps[0][k], maps[1][k] = -maps[0][k], np.float32(min(count[k], 2**31)) - maps[1][k]
-    return f"axis {k} reflected"
+        maps[0][k], maps[1][k] = -by * maps[0][k], middle * (1 + by) - by * maps[1][k]
+    return f"axis {k} reflected, by {by:g}"
 
 
 def tensors_exchanged(file: File, rng: np.random.Generator) -> str | None:
