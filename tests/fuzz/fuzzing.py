@@ -110,6 +110,10 @@ def judge(
         return None
     tally.counts["proven"] += 1
     tally.proven[subject.name] += 1
+    if (proof.margin or 0.0, proof.length) != (bounder.info.get("margin") or 0.0, bounder.domain.length):
+        raise AssertionError(
+            f"the certificate is about margin {proof.margin} and length {proof.length}, the bounder is not"
+        )
     claimed = soak_grid(bounder, subject.grid)
     claimed = subject.grid if claimed.digest == subject.grid.digest else claimed
     asked, denied = attack(bounder, claimed, rng, count, walk=rng.random() < WALKED and not quick, quick=quick)

@@ -100,6 +100,9 @@ class File:
             seconds=0.0,
             indicator=document["indicator"],
             cells=cells,
+            margin=document["margin"],
+            length=document["length"],
+            resolution=document["resolution"],
         ).to_dict()
 
 
