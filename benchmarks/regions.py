@@ -30,6 +30,11 @@ def timed(call, *arguments) -> float:
     return time.perf_counter() - start
 
 
+def sizes(method: str, hidden: tuple[int, ...]) -> dict:
+    """``hidden``, where the method takes it."""
+    return {"hidden": hidden} if any(option.name == "hidden" for option in wb.METHODS[method].options) else {}
+
+
 def main() -> None:
     """Fit, ask, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -51,7 +56,7 @@ def main() -> None:
         labels[query] = COUNT / np.median([timed(truth, x) for _ in range(ROUNDS)])
         held = wp.array(x, dtype=wp.float32, device="cpu")
         bounders = {
-            m: wb.fit(grid, query=query, method=m, hidden=hidden, budget=arguments.seconds, device="cpu")
+            m: wb.fit(grid, query=query, method=m, budget=arguments.seconds, device="cpu", **sizes(m, hidden))
             for m in METHODS
         }
         out = wp.empty(COUNT, dtype=wp.uint8, device="cpu")

@@ -9,6 +9,7 @@ import warp_bounding as wb
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.domain import Domain
 from warp_bounding.bounders.mlp import Mlp, encoding_tensors
+from warp_bounding.bounders.options import taken
 from warp_bounding.bounders.regions import domain_of
 from warp_bounding.indicators import IndicatorGrid
 
@@ -80,7 +81,16 @@ def fitted(method: str, name: str) -> wb.Bounder:
 
 @cache
 def _fitted(method: str, name: str) -> wb.Bounder:
-    return wb.fit(shape(name), method=method, hidden=EARLY if method == "mlp-early" else HIDDEN, steps=3, device="cpu")
+    told = told_of(method, hidden=EARLY if method == "mlp-early" else HIDDEN, steps=3)
+    return wb.fit(shape(name), method=method, device="cpu", **told)
+
+
+def told_of(method: str, query: str = "point", **options) -> dict:
+    """Of these options of ``fit`` those that the method, or a part of a cascade, takes for the query."""
+    known = {*taken((METHODS[part] for part in method.split("+")), query)}
+    known |= {"length"} if query == "ray" else set()
+    known |= {"space"} if query != "point" else set()
+    return {name: value for name, value in options.items() if name in known}
 
 
 def random_mlp(grid, hidden=HIDDEN, activation="sin", octaves=0, seed=0, device="cpu", gain=4.0) -> Mlp:

@@ -192,6 +192,16 @@ def test_what_does_not_fit_is_refused(bunny):
     with pytest.raises(wb.BounderError, match="another mesh"):
         ParticleCull(pipeline, {shapes[0]: other})
     good = bounder_of(bunny, mesh, pipeline)
+    for wrong, message in ((model, "must be a newton.CollisionPipeline, got Model"), (None, "got NoneType")):
+        with pytest.raises(wb.BounderError, match=message):
+            ParticleCull(wrong, {shapes[0]: good})
+    for bounders, message in (
+        ([good], "mapping from indices of shapes to bounders, got list"),
+        ({shapes[0]: "file"}, "expected a bounder, got str"),
+        ({"bunny": good}, "whole number from 0 to"),
+    ):
+        with pytest.raises(wb.BounderError, match=message):
+            ParticleCull(pipeline, bounders)
     with pytest.raises(wb.BounderError, match="expected a mesh"):
         ParticleCull(pipeline, {len(shapes) + 1: good})
     with pytest.raises(wb.BounderError, match="from 0 to"):

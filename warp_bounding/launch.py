@@ -3,6 +3,9 @@
 Only launches whose outputs are disjoint and that use no tiles are threaded; modules are loaded on the calling thread, where launches are
 recorded. The threads sleep between launches. Whoever is awake takes the next share, so a launch never waits for a thread that has not
 woken: the caller then does everything itself. What a kernel's block took the last time tells whether waking anybody pays.
+
+A kernel is compiled, or loaded from Warp's cache, before its first launch. That takes seconds of which a budget should know nothing:
+``working_seconds`` is a clock that stands still meanwhile.
 """
 
 import os
@@ -13,7 +16,15 @@ from time import perf_counter
 
 import warp as wp
 
-__all__ = ["BLOCK", "BlockLaunch", "cpu_threads", "launch_blocks"]
+__all__ = [
+    "BLOCK",
+    "BlockLaunch",
+    "compile_seconds",
+    "cpu_threads",
+    "launch_blocks",
+    "ready",
+    "working_seconds",
+]
 
 BLOCK = 512  # queries that one CPU thread of a batch kernel works on; CUDA: one
 SMALLEST_SHARE = 16  # blocks per thread under which waking a thread costs more than it saves
@@ -127,6 +138,30 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget_crew)
 
 
+_ready: set[tuple[wp.Kernel, str]] = set()  # kernels that are loaded, by device
+_compiling = 0.0  # seconds of this process
+
+
+def ready(kernel: wp.Kernel, device: wp.Device) -> None:
+    """Compile and load a kernel's module, if that is not done yet."""
+    global _compiling
+    if (kernel, device.alias) not in _ready:
+        started = perf_counter()
+        wp.load_module(kernel.module, device)
+        _compiling += perf_counter() - started
+        _ready.add((kernel, device.alias))
+
+
+def compile_seconds() -> float:
+    """Time that this process has spent on compiling and loading the library's kernels."""
+    return _compiling
+
+
+def working_seconds() -> float:
+    """A clock like ``time.perf_counter`` that stands still while kernels are compiled; what budgets are measured by."""
+    return perf_counter() - _compiling
+
+
 class BlockLaunch:
     """A launch over the blocks of some items that is recorded once, with its memory, and runs as often as it is asked to."""
 
@@ -174,6 +209,7 @@ class BlockLaunch:
             _crew.run(shares)
 
     def _record(self, threads: int) -> list[Callable[[], None]]:
+        ready(self._kernel, self._device)
         edges, shares = [self._blocks * t // threads for t in range(threads + 1)], []
         for begin, end in pairwise(edges):
             inputs = [*self._inputs[: self._first_index], begin, *self._inputs[self._first_index + 1 :]]

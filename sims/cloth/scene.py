@@ -7,7 +7,6 @@ Newton's rounding, ``Scene.margin``.
 Limits: contacts are of particles only, so a sharp edge can stand between two of them.
 """
 
-import os
 from dataclasses import dataclass
 from functools import cache, cached_property
 from math import ceil
@@ -15,9 +14,9 @@ from math import ceil
 import newton
 import numpy as np
 import warp as wp
-import warp.examples
 
 import warp_bounding as wb
+from sims.assets import asset_mesh
 from sims.cloth.star import star
 from sims.prefitted import Recipe
 from warp_bounding.newton import margin_for
@@ -80,7 +79,7 @@ def shape(name: str) -> wb.IndicatorMesh:
     """The bunny that ships in warp-lang, or the star; y up."""
     if name == "star":
         return star()
-    return wb.load_indicator(os.path.join(warp.examples.get_asset_directory(), "bunny.usd"))
+    return asset_mesh("bunny")
 
 
 @cache

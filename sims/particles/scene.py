@@ -24,6 +24,7 @@ import numpy as np
 import warp as wp
 
 import warp_bounding as wb
+from sims.assets import asset_mesh
 from sims.cores import device_of
 from sims.particles.kernels import DRAG, DT, GRAVITY, RADIUS, WIND, Rain
 
@@ -42,9 +43,7 @@ ROUNDING = 32 * 2.0**-24  # of a computed distance, relative to the largest coor
 @cache
 def bunny() -> wb.IndicatorMesh:
     """The Stanford bunny that ships in warp-lang."""
-    import warp.examples
-
-    return wb.load_indicator(os.path.join(warp.examples.get_asset_directory(), "bunny.usd"))
+    return asset_mesh("bunny")
 
 
 def moving(mesh: wb.IndicatorMesh) -> wb.IndicatorMotion:

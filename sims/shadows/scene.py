@@ -21,7 +21,6 @@ bounder does not deny. The picture must be the same, *pixel for pixel*. Why it i
 A bounder without a proof (``occupancy``, or a network whose proof did not end in its time: *statistical*) promises nothing of this.
 """
 
-import os
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -29,6 +28,7 @@ import numpy as np
 import warp as wp
 
 import warp_bounding as wb
+from sims.assets import asset_mesh
 from sims.cores import device_of, launch_on_all_cores
 from sims.shadows.chair import chair
 from sims.shadows.kernels import Camera, see_floor, see_mesh
@@ -169,9 +169,7 @@ class Scene:
 
 def objects() -> dict[str, wb.IndicatorMesh]:
     """The objects of the still life, in place."""
-    import warp.examples
-
-    bunny = wb.load_indicator(os.path.join(warp.examples.get_asset_directory(), "bunny.usd"))
+    bunny = asset_mesh("bunny")
     floor = float(bunny.bounds[0, 1])
     return {"bunny": bunny, "chair": chair((1.72, floor, 0.3), turn=np.deg2rad(118.0))}
 

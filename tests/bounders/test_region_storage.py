@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 import safetensors.numpy
-from bounding_shapes import shape
+from bounding_shapes import shape, told_of
 from region_cases import REGIONS, hard_regions
 from test_storage import check_refused, rewrite
 
@@ -21,7 +21,8 @@ CLASSICS = (("aabb", "animated"), ("sphere", "c"))
 
 @cache
 def classic(method: str, query: str, name: str, space: str = "geometric"):
-    return wb.fit(shape(name), query=query, method=method, length=LENGTH, space=space, steps=3, device="cpu")
+    told = told_of(method, query, length=LENGTH, space=space, steps=3)
+    return wb.fit(shape(name), query=query, method=method, device="cpu", **told)
 
 
 @cache

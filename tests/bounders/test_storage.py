@@ -116,7 +116,7 @@ def test_numbers_written_differently_are_an_edit(saved):
 def test_foreign_files_are_refused(tmp_path, saved):
     path = tmp_path / "foreign.safetensors"
     check_refused(path, "no such file")
-    check_refused(tmp_path, "no such file")
+    check_refused(tmp_path, "a folder, expected the file of a bounder")
     for content in (b"", b"prose", b"\0" * 100, b"\xff" * 100, b"PK\3\4", (1 << 62).to_bytes(8, "little") + b"{}"):
         path.write_bytes(content)
         check_refused(path)
@@ -333,3 +333,35 @@ def test_a_network_that_claims_to_round_less_is_refused(tmp_path):
     fitted("mlp", "c").save(path)
     rewrite(path, claim(rounding_bound=0.0))
     check_refused(path, "rounds by")
+
+
+def test_rates_are_kept_and_say_nothing_of_another_threshold(saved):
+    bounder = wb.load(saved)
+    assert bounder.info["rates"] == fitted("aabb", "c").info["rates"]
+    assert f"{bounder.info['rates']['fp_rate']:.2f} % false positives of its cells (16,384 samples)" in repr(bounder)
+    twin = bounder.to("cpu")
+    twin.freeze(float(twin.threshold) - 1, None)
+    assert "false positives" not in repr(twin)
+    assert "false positives" in repr(bounder)
+
+
+@pytest.mark.parametrize(
+    "rates", [5, {}, {"fp_rate": -1, "fp_rate_aabb": 5, "samples": 10}, {"fp_rate": 1, "fp_rate_aabb": 5}]
+)
+def test_rates_that_are_none_are_refused(saved, rates):
+    with pytest.raises(FileFormatError):
+        wb.load(rewrite(saved, lambda document: document.update(rates=rates)) or saved)
+
+
+@pytest.mark.parametrize("path", [5, None, "x" * 3000, "a\0b"])
+def test_what_is_no_file_name(path):
+    with pytest.raises(FileFormatError):
+        wb.load(path)
+
+
+def test_a_folder_and_a_shape_are_named(tmp_path):
+    with pytest.raises(FileFormatError, match="a folder"):
+        wb.load(tmp_path)
+    (tmp_path / "x.stl").write_text("solid")
+    with pytest.raises(FileFormatError, match="got a mesh file"):
+        wb.load(tmp_path / "x.stl")

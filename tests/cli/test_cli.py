@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -161,7 +162,8 @@ def test_a_budget_too_small_ends_honestly(files, capsys, query):
 
 @pytest.mark.parametrize("method", ["aabb", "voxels", "mlp"])
 def test_json_is_one_object_and_nothing_else(files, capsys, method):
-    path, (status, out, err) = fit(capsys, files, "--json", "--hidden", WIDTHS, "--steps", 3, method=method)
+    told = ("--hidden", WIDTHS, "--steps", 3) if method == "mlp" else ()
+    path, (status, out, err) = fit(capsys, files, "--json", *told, method=method)
     assert status == 0
     assert len(out.strip().splitlines()) == 1
     fitted = json.loads(out)
@@ -235,6 +237,10 @@ BAD = {
     "budget nan": ["fit", "{c}", "-o", "{out}", "--budget", "nan"],
     "seed": ["fit", "{c}", "-o", "{out}", "--seed", "-1"],
     "steps": ["fit", "{c}", "-o", "{out}", "--steps", "0"],
+    "options of other methods": ["fit", "{c}", "-o", "{out}", "--method", "aabb", "--k", "5", "--leaves", "7"],
+    "steps of a closed form": ["fit", "{c}", "-o", "{out}", "--method", "kdop", "--steps", "7"],
+    "length of points": ["fit", "{c}", "-o", "{out}", "--method", "aabb", "--length", "2"],
+    "space of points": ["fit", "{c}", "-o", "{out}", "--method", "aabb", "--space", "parametric"],
     "samples": ["fit", "{c}", "-o", "{out}", "--method", "aabb", "--samples", "0"],
     "margin": ["fit", "{c}", "-o", "{out}", "--method", "aabb", "--margin", "-1"],
     "octaves": ["fit", "{c}", "-o", "{out}", "--octaves", "-1"],
@@ -254,6 +260,18 @@ BAD = {
     "evaluate no samples": ["evaluate", "{out}", "{c}", "--samples", "0"],
     "evaluate protocol": ["evaluate", "{out}", "{c}", "--protocol", "guess"],
     "evaluate dimension": ["evaluate", "{out}", "{blob}"],
+    "evaluate half a sample": ["evaluate", "{out}", "{c}", "--samples", "1.5"],
+    "evaluate swapped": ["evaluate", "{c}", "{out}"],
+    "certify swapped": ["certify", "{c}", "{out}"],
+    "info of a folder": ["info", "{dir}"],
+    "info of a shape": ["info", "{c}"],
+    "query nothing": ["query", "{out}", "{dir}/none.npy", "-o", "{dir}/m.npy"],
+    "query no bounder": ["query", "{c}", "{c}", "-o", "{dir}/m.npy"],
+    "query what are no queries": ["query", "{out}", "{c}", "-o", "{dir}/m.npy"],
+    "query what is no array": ["query", "{out}", "{out}", "-o", "{dir}/m.npy"],
+    "query over a folder": ["query", "{out}", "{c}", "-o", "{dir}"],
+    "query over the queries": ["query", "{out}", "{c}", "-o", "{c}"],
+    "query on no device": ["query", "{out}", "{c}", "-o", "{dir}/m.npy", "--device", "cuda:99"],
     "info nothing": ["info", "{dir}/none.safetensors"],
     "demo": ["demo", "dancing"],
     "demo budget": ["demo", "particles", "--budget", "5"],
@@ -272,3 +290,111 @@ def test_bad_usage(files, capsys, bad):
     check_bad(*run(capsys, *(word.format(**names) for word in BAD[bad])))
     assert out.read_bytes() == before
     assert sorted(p.name for p in files.iterdir()) == listing
+
+
+def test_help_and_refusals_read_what_the_methods_state(files, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "240")
+    status, out, _ = run(capsys, "fit", "--help")
+    assert status == 0
+    for kind in wb.METHODS.values():
+        for option in kind.options:
+            assert f"--{option.name} " in out
+            assert option.help[:20] in out
+    status, out, err = run(
+        capsys, "fit", files / "c.npy", "-o", files / "b.safetensors", "--method", "kdop", "--leaves", 7
+    )
+    assert (status, out) == (2, "")
+    assert err == "warp-bounding: kdop takes k for point queries, got leaves\n"
+
+
+def test_version(capsys):
+    assert run(capsys, "--version") == (0, f"warp-bounding {wb.__version__}\n", "")
+
+
+def test_query_writes_a_mask(files, capsys, rng):
+    path, _ = fit(capsys, files)
+    bounder = wb.load(path, device="cpu")
+    for dtype, count in ((np.float32, 1000), (np.float64, 7), (np.float32, 0)):
+        points = rng.random((count, 2)).astype(dtype)
+        np.save(files / "points.npy", points)
+        status, out, err = run(capsys, "query", path, files / "points.npy", "-o", files / "new/mask.npy", "--json")
+        mask, result = np.load(files / "new/mask.npy"), json.loads(out)
+        assert (status, err) == (0, "")
+        assert (mask.dtype, mask.shape) == (np.uint8, (count,))
+        assert (mask == bounder.query(points).numpy()).all()
+        assert (result["count"], result["maybe"], result["query"]) == (count, mask.sum(), "point")
+    status, out, _ = run(capsys, "query", path, files / "points.npy", "-o", files / "mask.npy")
+    assert status == 0
+    assert "maybe for 0 of 0 point queries" in out
+
+
+def test_query_leaves_an_older_mask_where_it_fails(files, capsys):
+    path, _ = fit(capsys, files)
+    np.save(files / "points.npy", np.zeros((5, 3), np.float32))
+    (files / "mask.npy").write_text("older")
+    check_bad(*run(capsys, "query", path, files / "points.npy", "-o", files / "mask.npy"))
+    assert (files / "mask.npy").read_text() == "older"
+
+
+def test_evaluate_says_first_that_it_is_another_shape(files, capsys):
+    path, _ = fit(capsys, files)
+    status, out, _ = run(capsys, "evaluate", path, files / "other.npy", "--samples", "5e3")
+    assert status == 1
+    first, second = out.splitlines()
+    assert "other.npy is not the shape that the bounder was fitted to" in first
+    assert shape("c").digest[:16] in first
+    assert "false negatives" in second
+    assert "5,000 samples" in second
+    status, out, _ = run(capsys, "evaluate", path, files / "other.npy", "--samples", 5000, "--json")
+    result = json.loads(out)
+    assert (result["same_indicator"], result["fitted_indicator"]) == (False, shape("c").digest)
+    assert result["indicator"] == wb.load_indicator(files / "other.npy").digest
+    status, out, _ = run(capsys, "evaluate", path, files / "c.npy", "--samples", 5000, "--json")
+    assert json.loads(out)["same_indicator"] is True
+    assert "not the shape" not in run(capsys, "evaluate", path, files / "c.npy", "--samples", 5000)[1]
+
+
+def test_swapped_arguments_and_shapes_are_named(files, capsys):
+    path, _ = fit(capsys, files)
+    (files / "x.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    for arguments in (
+        ("info", files / "x.obj"),
+        ("certify", files / "x.obj", path),
+        ("evaluate", files / "x.obj", path),
+    ):
+        _, _, err = run(capsys, *arguments)
+        assert err.startswith(f"warp-bounding: {files / 'x.obj'}: expected a bounder that fit wrote, got a mesh file; ")
+        assert "the bounder comes first, then the shape" in err
+    assert "got an array, image or voxel file" in run(capsys, "certify", files / "c.npy", path)[2]
+    assert "a folder, expected the file of a bounder" in run(capsys, "info", files)[2]
+
+
+def test_a_bounder_that_is_looser_than_a_box_is_told(files, capsys):
+    """A network of one neuron and one step, against a box."""
+    options = ("--hidden", 1, "--steps", 1, "--seed", 2)
+    path, (status, _, err) = fit(capsys, files, *options, method="mlp")
+    assert status == 0
+    assert err.startswith("looser than a box: ")
+    assert "a longer budget makes it tighter" in err
+    result = json.loads(fit(capsys, files, *options, "--json", method="mlp")[1][1])
+    assert result["warning"].startswith("looser than a box")
+    rates = wb.load(path).info["rates"]
+    assert rates["fp_rate"] > rates["fp_rate_aabb"]
+    assert "looser than a box" in run(capsys, "info", path)[1]
+    path, (_, _, err) = fit(capsys, files)
+    assert err == ""
+    assert json.loads(run(capsys, "info", path, "--json")[1])["rates"] == wb.load(path).info["rates"]
+
+
+def test_what_compiling_takes_is_told_apart(files, capsys, monkeypatch):
+    """The clock of a fit stands still while kernels are compiled; here each of them takes long."""
+    from warp_bounding import launch
+
+    monkeypatch.setattr(launch, "_ready", set())
+    monkeypatch.setattr(launch.wp, "load_module", lambda *_: time.sleep(0.3))
+    _, (status, out, _) = fit(capsys, files, "--hidden", WIDTHS, "--budget", 0.2, "--json", method="mlp")
+    result = json.loads(out)
+    assert status == 0
+    assert result["compile_seconds"] >= 0.6
+    assert result["fit_seconds"] >= result["compile_seconds"]
+    assert result["training"]["steps"] > 0

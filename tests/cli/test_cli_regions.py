@@ -34,9 +34,8 @@ def fits(picture):
 def fitted(request, picture, fits, capsys):
     query = request.param
     if not fits[query].exists():
-        status, out, _ = run(
-            capsys, "fit", picture, "-o", fits[query], "--query", query, *FIT, "--length", 0.75, "--json"
-        )
+        length = ("--length", 0.75) if query == "ray" else ()
+        status, out, _ = run(capsys, "fit", picture, "-o", fits[query], "--query", query, *FIT, *length, "--json")
         assert status == 0
         assert len(out.strip().splitlines()) == 1
         fits[query].with_suffix(".json").write_text(out)

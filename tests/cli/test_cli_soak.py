@@ -1,6 +1,7 @@
 """``soak`` on the command line: exit status, the query that was missed, state files, Ctrl-C and bad input."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -38,7 +39,10 @@ def test_a_false_negative_is_printed(files, capsys):
     arguments = ("soak", files / "raised.safetensors", files / "c.npy", "--count", "1e6", "--seed", 7)
     status, out, _ = run(capsys, *arguments)
     assert status == 1
-    assert "FALSE NEGATIVE" in out
+    first, second = out.splitlines()
+    assert re.fullmatch(r"FALSE NEGATIVE: the ray \[.*\] \(float32\) meets the shape and is answered with no\.", first)
+    assert "hard positive ray queries were answered with maybe before it" in second
+    assert "--seed 7" in second
     status, out, _ = run(capsys, *arguments, "--json")
     result = json.loads(out)
     assert status == 1
@@ -95,3 +99,14 @@ def test_bad_usage(bad, files, capsys):
     names = {"good": files / "good.safetensors", "c": files / "c.npy", "blob": files / "blob.npy"}
     names |= {"none": files / "none.npy", "dir": files}
     check_bad(*run(capsys, "soak", *(word.format(**names) for word in BAD[bad])))
+
+
+def test_another_shape_is_told_first(files, capsys):
+    occupancy = shape("c").occupancy.copy()
+    occupancy[2:4] = False
+    np.save(files / "part.npy", occupancy)
+    status, out, _ = run(capsys, "soak", files / "good.safetensors", files / "part.npy", "--count", "1000")
+    assert status == 0
+    first, second = out.splitlines()
+    assert "part.npy is not the shape that the bounder was fitted to" in first
+    assert "none missed" in second

@@ -1,8 +1,12 @@
 """``warp-bounding demo``: options, exit status, JSON, and what is said where a package is missing."""
 
+import errno
 import json
+import os
+import subprocess
 import sys
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
@@ -61,7 +65,9 @@ def test_a_broken_promise_is_status_1(asked, capsys, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["dancing"], "demo must be one of particles, cloth, path, shadows, got 'dancing'"),
+        (["dancing"], "demo must be one of particles, cloth, path, shadows, got dancing"),
+        ([], "demo must be one of particles, cloth, path, shadows, got none"),
+        (["cloth", "--assets", "folder"], "--assets writes meshes and runs no demo, got 'cloth' too"),
         (["particles", "--world", "maze.png"], "demo particles has no option --world"),
         (["path", "--steps", "3"], "demo path has no option --steps"),
         (["shadows", "--particles", "3"], "demo shadows has no option --particles"),
@@ -106,3 +112,55 @@ def test_every_demo_has_its_parts(name):
     assert all(callable(getattr(module.Example, part)) for part in ("step", "render", "test_final"))
     assert all(isinstance(grid, wb.IndicatorGrid) for grid in module.grids().values())
     assert {"aabb", "mlp", "mlp-early", "learned-kdop", "occupancy"} <= set(module.RECIPES)
+
+
+def test_a_full_disk_is_one_line(asked, capsys, tmp_path, monkeypatch):
+    def full(out, *, quick, refit, budget, seed, device, console):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(out / "rain.png"))
+
+    monkeypatch.setattr(sims.particles, "run", full)
+    status, out, err = run(capsys, "demo", "particles", "--out", tmp_path)
+    assert (status, out) == (2, "")
+    assert err == f"warp-bounding: {tmp_path / 'rain.png'}: {os.strerror(errno.ENOSPC)}\n"
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full here")
+def test_a_full_disk_behind_standard_output_is_one_line(tmp_path):
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "warp_bounding", "--version"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=environment,
+            check=False,
+        )
+    assert done.returncode == 2
+    assert done.stderr == f"warp-bounding: {os.strerror(errno.ENOSPC)}\n"
+
+
+def test_assets_are_the_meshes_of_installed_packages(capsys, tmp_path):
+    pytest.importorskip("pxr", reason="usd-core is not installed")
+    pytest.importorskip("trimesh", reason="trimesh is not installed")
+    from sims.assets import asset_mesh
+
+    status, out, err = run(capsys, "demo", "--assets", tmp_path / "new", "--json")
+    assert (status, err) == (0, "")
+    files = json.loads(out)["files"]
+    assert [Path(file).name for file in files] == ["bunny.obj", "bear.obj", "rocks.obj"]
+    for file in files:
+        read, there = wb.load_indicator(file), asset_mesh(Path(file).stem)
+        assert (read.vertices == there.vertices).all()
+        assert (read.faces == there.faces).all()
+
+
+def test_a_missing_asset_is_one_line_and_nothing_is_written(capsys, tmp_path, monkeypatch):
+    import warp.examples
+
+    monkeypatch.setattr(warp.examples, "get_asset_directory", lambda: str(tmp_path / "nowhere"))
+    status, out, err = run(capsys, "demo", "--assets", tmp_path / "new")
+    assert (status, out) == (2, "")
+    assert len(err.splitlines()) == 1
+    assert "bunny.usd: expected this mesh in the installed warp-lang" in err
+    assert not list((tmp_path / "new").iterdir())

@@ -336,3 +336,15 @@ def test_real_shapes_from_end_to_end(tmp_path, capsys):
     assert [p.stat().st_mtime_ns for p in sorted((tmp_path / "out/bounders").iterdir())] == before
     both = json.loads(out)["columns"]["2d-point"]
     assert both["exact"]["mlp"] == both["sampled"]["mlp"] == means["mlp"]
+
+
+def test_help_tells_the_time_that_the_plan_tells(capsys, monkeypatch):
+    from warp_bounding.bounders import supports
+    from warp_bounding.tables import PRESETS, duration, preset_seconds
+
+    monkeypatch.setenv("COLUMNS", "250")
+    with pytest.raises(SystemExit):
+        main(["table1", "--help"])
+    out, _ = capsys.readouterr()
+    for name, preset in PRESETS.items():
+        assert f"{name} ({duration(preset_seconds(preset, supports))})" in out

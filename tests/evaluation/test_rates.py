@@ -58,3 +58,36 @@ def test_a_shape_of_another_dimension():
         wb.evaluate(fitted("aabb", "c"), shape("blob"))
     with pytest.raises(wb.IndicatorError):
         wb.evaluate(fitted("aabb", "c"), "nowhere.npy")
+
+
+def test_a_path_is_taken_for_a_bounder_and_what_is_none_is_told(tmp_path):
+    fitted("aabb", "c").save(tmp_path / "b.safetensors")
+    grid = shape("c")
+    for path in (tmp_path / "b.safetensors", str(tmp_path / "b.safetensors")):
+        rates = wb.evaluate(path, grid, samples=1000)
+        assert rates == wb.evaluate(fitted("aabb", "c"), grid, samples=1000)
+        assert rates.indicator == grid.digest == wb.load(path).info["indicator"]
+        assert wb.certify(path, grid).proven
+    for wrong in (grid, grid.occupancy, None, 5):
+        for call in (wb.evaluate, wb.certify):
+            with pytest.raises(wb.BounderError, match="first, then the shape, got"):
+                call(wrong, fitted("aabb", "c"))
+    for options in ({"samples": "many"}, {"seed": "a"}, {"seed": -1}, {"protocol": 5}):
+        with pytest.raises(QueryError):
+            wb.evaluate(fitted("aabb", "c"), grid, **options)
+
+
+@pytest.mark.parametrize("method", CONSERVATIVE)
+@pytest.mark.parametrize("name", ["c", "blob"])
+def test_quick_rates_are_those_of_the_kernels(method, name):
+    from warp_bounding.evaluation import rates as module
+
+    bounder, grid = fitted(method, name), shape(name)
+    quick = module.quick_rates(bounder, grid)
+    exact = [
+        wb.evaluate(b, grid, samples=module.QUICK, seed=module.QUICK_SEED) for b in (bounder, fitted("aabb", name))
+    ]
+    assert quick["samples"] == module.QUICK
+    assert quick["fp_rate"] == pytest.approx(exact[0].fp_rate, abs=0.05)
+    assert quick["fp_rate_aabb"] == pytest.approx(exact[1].fp_rate, abs=0.05)
+    assert bounder.info["rates"] == quick

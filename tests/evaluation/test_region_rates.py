@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from bounding_shapes import shape
+from bounding_shapes import shape, told_of
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
@@ -25,7 +25,8 @@ CLASSICS = [
 @cache
 def fitted(method: str, query: str, space: str = "geometric", length: float = 0.6):
     """On the CPU; never change it."""
-    return wb.fit(shape("star"), query=query, method=method, space=space, length=length, device="cpu")
+    told = told_of(method, query, space=space, length=length)
+    return wb.fit(shape("star"), query=query, method=method, device="cpu", **told)
 
 
 def test_there_are_classics():
@@ -49,7 +50,8 @@ def test_rates_are_what_a_count_gives(method, query, space, device):
 def test_sampled_positives_are_fewer(query, name):
     """Random points of a region miss thin hits and invent none, so what misses nothing under one protocol does so under both."""
     grid = shape(name)
-    bounder = wb.fit(grid, query=query, method="aabb", length=0.6, device="cpu")
+    told = told_of("aabb", query, length=0.6)
+    bounder = wb.fit(grid, query=query, method="aabb", device="cpu", **told)
     exact = wb.evaluate(bounder, grid, samples=SAMPLES, seed=2)
     sampled = wb.evaluate(bounder, grid, samples=SAMPLES, seed=2, protocol="sampled")
     assert exact.fn == sampled.fn == 0
@@ -78,7 +80,8 @@ def test_each_bounder_is_asked_rays_of_its_own_length():
 @pytest.mark.parametrize("query", REGIONS)
 def test_false_negatives_are_counted(query):
     grid = shape("star")
-    bounder = wb.fit(grid, query=query, method="sphere", length=0.6, device="cpu")
+    told = told_of("sphere", query, length=0.6)
+    bounder = wb.fit(grid, query=query, method="sphere", device="cpu", **told)
     bounder.freeze(float(bounder.threshold) + 0.5, None)
     x = sample(query, grid, SAMPLES, np.random.default_rng(1))
     truth, maybe = oracle(query, grid, "cpu", 0.6)(x), bounder.query(x).numpy().astype(bool)

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from bounding_shapes import shape
+from bounding_shapes import shape, told_of
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS, supports
@@ -95,7 +95,8 @@ def test_the_stream_does_not_depend_on_how_it_is_cut(query):
 
 
 def bounder_of(method, query, name="blob"):
-    return wb.fit(shape(name), query=query, method=method, hidden=(8,), steps=20, length=LENGTH, device="cpu")
+    told = told_of(method, query, hidden=(8,), steps=20, length=LENGTH)
+    return wb.fit(shape(name), query=query, method=method, device="cpu", **told)
 
 
 CASES = [

@@ -3,6 +3,7 @@ from io import StringIO
 
 import numpy as np
 import pytest
+from bounding_shapes import told_of
 from rich.console import Console
 
 import warp_bounding as wb
@@ -23,8 +24,7 @@ def small(name):
     recipe = RECIPES[name]
     if recipe.closed:
         return recipe
-    options = {"steps": STEPS} if recipe.method == "learned-kdop" else SMALL
-    return Recipe(recipe.method, query=recipe.query, options=options)
+    return Recipe(recipe.method, query=recipe.query, options=told_of(recipe.method, recipe.query, **SMALL))
 
 
 def walls():

@@ -9,6 +9,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from warp_bounding.bounders import METHODS
+from warp_bounding.bounders.options import taken
 from warp_bounding.errors import BounderError, FileFormatError
 from warp_bounding.tables import Row, Tools
 from warp_bounding.tables.columns import COLUMNS, VARIANTS
@@ -55,9 +57,13 @@ class Library:
         with self.log.open("a") as file:
             file.write(" ".join(map(str, words)) + "\n")
 
-    def fit(self, grid, *, query, method, seed, space, progress, leaves=None, last=None, **options):
+    def fit(self, grid, *, query, method, seed, progress, space="geometric", leaves=None, last=None, **options):
         """See class."""
-        assert set(options) == {"hidden", "activation", "budget", "length", "device"}
+        known = taken((METHODS[name] for name in method.split("+")), query)
+        expected = (
+            {"hidden", "activation"} & set(known) | {"budget", "device"} | ({"length"} if query == "ray" else set())
+        )
+        assert set(options) == expected
         assert last is None or last.about["method"] == method.rpartition("+")[2] != method
         self._note("fit", grid.name, query, method, space, leaves)
         progress(0.5, 1.0, "half")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from bounding_shapes import shape
+from bounding_shapes import shape, told_of
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
 
@@ -14,8 +14,10 @@ from warp_bounding.training.problem import Problem  # noqa: E402
 from warp_bounding.training.thresholds import Costs  # noqa: E402
 
 
-def few(name, method, **options):
-    return wb.fit(shape(name), method=method, **({"hidden": (8, 8), "steps": 60, "device": "cpu"} | options))
+def few(name, method, query="point", **options):
+    known = all(part in wb.METHODS for part in method.split("+"))
+    small = told_of(method, query, hidden=(8, 8), steps=60) if known else {}
+    return wb.fit(shape(name), query, method, **({"device": "cpu"} | small | options))
 
 
 @pytest.mark.parametrize("query", ["point", "ray", "plane", "box"])

@@ -1,11 +1,12 @@
 """``fit``: the loop runs, is repeatable, keeps its budget, survives Ctrl-C, and says clearly what it does not take."""
 
 from dataclasses import replace
+from importlib import import_module
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bounding_shapes import HIDDEN, object_points, shape
+from bounding_shapes import HIDDEN, object_points, shape, told_of
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
 
@@ -28,8 +29,10 @@ def _short_proofs(monkeypatch):
     monkeypatch.setattr(networks, "PROOF_BOXES", 100_000)
 
 
-def few(name="blob", **options):
-    return wb.fit(shape(name), **({"hidden": HIDDEN, "steps": 3, "device": "cpu"} | options))
+def few(name="blob", method="mlp", query="point", **options):
+    """A fit of few steps; what a test does not name itself is told to the methods that take it."""
+    small = told_of(method, query, hidden=HIDDEN, steps=3) if method in tuple(wb.METHODS) else {}
+    return wb.fit(shape(name), query, method, **({"device": "cpu"} | small | options))
 
 
 def same(a, b) -> bool:
@@ -155,19 +158,20 @@ def test_almost_full_and_almost_empty_shapes():
 
 WRONG = {
     "query": "cone",
-    "method": "magic",
+    "method": ["magic", None, 5],
     "hidden": [0, (0,), (), (8, 0), (8, -1), (2.5,), (True,), (1025,), "eight", (8,) * 9, (1024,) * 3, None],
     "activation": ["softplus", "", None],
     "budget": [0, -1, float("nan"), float("inf"), "long", None, True],
     "seed": [-1, 1.5, 2**63, "a", None, True],
     "margin": [-1, float("nan"), float("inf"), "wide", None],
     "length": [0, -1, float("nan"), "long"],
-    "space": ["flat", None],
+    "space": ["flat", 3],
     "octaves": [-1, 11, 1.5, "many", None, True],
     "steps": [0, -1, 1.5, "many", True],
     "recipe": ["soup", None],
     "device": ["cuda:99", "nowhere"],
     "resolution": [7, "fine"],
+    "progress": [5, True],
 }
 
 
@@ -180,6 +184,73 @@ def test_wrong_options(option, value):
     assert isinstance(error.value, BounderError | QueryError | IndicatorError)
     assert "\n" not in str(error.value)
     assert str(error.value).count("got") == 1
+
+
+TOLD = {
+    "hidden": (8,),
+    "activation": "relu",
+    "octaves": 2,
+    "recipe": "paper",
+    "k": 12,
+    "leaves": 7,
+    "steps": 3,
+    "length": 0.5,
+    "space": "geometric",
+}
+TAKEN = {
+    ("aabb", "point"): set(),
+    ("voxels", "point"): set(),
+    ("kdop", "point"): {"k"},
+    ("kdop", "ray"): {"k", "length", "space"},
+    ("learned-kdop", "plane"): {"k", "steps", "space"},
+    ("relu-field", "point"): {"steps"},
+    ("bvh", "point"): {"leaves", "hidden"},
+    ("mlp", "point"): {"hidden", "activation", "octaves", "recipe", "steps"},
+    ("mlp", "plane"): {"hidden", "activation", "steps", "space"},
+    ("mlp-early", "point"): {"hidden", "activation", "octaves", "steps"},
+    ("mlp-early", "ray"): {"hidden", "activation", "octaves", "recipe", "steps", "length", "space"},
+    ("monotone-mlp", "box"): {"hidden", "activation", "steps", "space"},
+    ("occupancy", "point"): {"hidden", "activation", "octaves", "steps"},
+    ("kdop+mlp", "point"): {"k", "hidden", "activation", "octaves", "recipe", "steps"},
+}
+
+
+@pytest.mark.parametrize(("method", "query"), TAKEN)
+def test_options_that_a_method_does_not_take_are_refused(method, query, monkeypatch):
+    """Every option, with a value that makes sense: refused before anything is fitted, or on its way to the fit."""
+
+    class BegunError(Exception):
+        """The options were taken."""
+
+    def begin(*_, **__):
+        raise BegunError
+
+    monkeypatch.setattr(import_module("warp_bounding.training.fit"), "Problem", begin)
+    for option, value in {**TOLD, "speed": 9}.items():
+        told = {option: value}
+        expected = BegunError if option in TAKEN[method, query] else BounderError
+        with pytest.raises(expected) as error:
+            wb.fit(shape("blob"), query, method, device="cpu", **told)
+        if expected is BounderError:
+            assert f"got {option}" in str(error.value)
+            if option not in ("length", "space"):
+                assert str(error.value).startswith(f"{method} takes ")
+                assert all(name in str(error.value) for name in TAKEN[method, query] - {"length", "space"})
+
+
+def test_every_method_states_its_options_and_a_cascade_hands_each_part_its_own():
+    from warp_bounding.bounders import METHODS
+    from warp_bounding.bounders.options import settled
+
+    for kind in METHODS.values():
+        names = [option.name for option in kind.options]
+        assert len(set(names)) == len(names)
+        assert all(option.help for option in kind.options)
+        assert all(option.default is None or option.check(option.default) == option.default for option in kind.options)
+    told = settled([METHODS["kdop"], METHODS["mlp"]], "point", {"k": 14, "octaves": 2})
+    assert told[0] == {"k": 14}
+    assert told[1] == {"hidden": (50, 50), "activation": "sin", "octaves": 2, "recipe": "default", "steps": None}
+    assert settled([METHODS["bvh"]], "point", {"leaves": None}) == [{"leaves": None, "hidden": (50, 50)}]
 
 
 @pytest.mark.parametrize("k", [0, 7, -1, 2.5, "many"])

@@ -19,7 +19,7 @@ from warp_bounding.bounders.oriented_ellipsoid import OrientedEllipsoid
 from warp_bounding.bounders.prepared import Prepared
 from warp_bounding.bounders.relu_field import ReluField
 from warp_bounding.bounders.sphere import Sphere
-from warp_bounding.bounders.storage import load, save
+from warp_bounding.bounders.storage import bounder_of, load, save
 from warp_bounding.bounders.voxels import Voxels
 from warp_bounding.errors import BounderError
 
@@ -31,6 +31,7 @@ __all__ = [
     "Certificate",
     "Data",
     "Prepared",
+    "bounder_of",
     "compact",
     "load",
     "method_class",

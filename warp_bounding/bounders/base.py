@@ -26,6 +26,7 @@ from warp_bounding.bounders.certificate import Certificate
 from warp_bounding.bounders.compaction import compact
 from warp_bounding.bounders.domain import Domain
 from warp_bounding.bounders.functions import Data, point_func
+from warp_bounding.bounders.options import Option
 from warp_bounding.bounders.placement import Placement
 from warp_bounding.bounders.prepared import Prepared, batch_launch
 from warp_bounding.bounders.regions import RegionDomain
@@ -78,7 +79,8 @@ class Bounder(ABC):
         domain: The box it was made for, and the map into it.
         threshold: float32; the answer is *maybe* iff ``not (f < threshold)``.
         certificate: What is proven of it, or ``None``.
-        info: How it was made: indicator digest and name, margin, resolution, seed, seconds, training record.
+        info: How it was made: indicator digest and name, margin, resolution, seed, seconds, training record, and rates:
+            false positives on a few queries, the bounder's own and those of the box around the same cells.
         device: The Warp device that queries run on.
     """
 
@@ -86,6 +88,7 @@ class Bounder(ABC):
     closed_form: ClassVar[bool] = True  # ``bound`` is exact on a cell, so that one pass over the cells is the proof
     conservative: ClassVar[bool] = True  # false: kept to show what goes wrong; it never holds a certificate
     bit_fields: ClassVar[tuple[str, ...]] = ()  # tensors that are uint32
+    options: ClassVar[tuple[Option, ...]] = ()  # what ``fit`` and the command line can tell the method
 
     def __init__(
         self,
@@ -240,7 +243,8 @@ class Bounder(ABC):
         return twin
 
     def freeze(self, threshold: float, certificate: Certificate | None) -> "Bounder":
-        """Set threshold and certificate; the only way that they change."""
+        """Set threshold and certificate; the only way that they change. Rates that were measured before say nothing any more."""
+        self.info = {key: value for key, value in self.info.items() if key != "rates"}
         self.threshold = np.float32(threshold)
         self.certificate = certificate
         self._data = None
@@ -362,6 +366,18 @@ class Bounder(ABC):
         batch_launch(self, queries, count, place, out, values=values).launch()
         return out
 
+    @property
+    def tightness(self) -> str:
+        """False positives in words, as the fit has measured them on few queries of its cells; empty where it has not."""
+        rates = self.info.get("rates")
+        if not rates:
+            return ""
+        resolution = self.info.get("resolution")
+        cells = "its cells" + (f" at resolution {resolution}" if resolution else "")
+        text = f"{rates['fp_rate']:.2f} % false positives of {cells} ({rates['samples']:,} samples)"
+        looser = rates["fp_rate"] > rates["fp_rate_aabb"]
+        return f"{text}, looser than a box ({rates['fp_rate_aabb']:.2f} %)" if looser else text
+
     # --- keeping it --------------------------------------------------------------------------------------------------
 
     def save(self, path) -> None:
@@ -372,4 +388,5 @@ class Bounder(ABC):
 
     def __repr__(self) -> str:
         proof = self.certificate.kind if self.certificate else "no certificate"
-        return f"<{self.method} bounder, {self.ndim}D {self.query_kind} queries, {self.nbytes} bytes, {proof}>"
+        text = f"{self.method} bounder, {self.ndim}D {self.query_kind} queries, {self.nbytes} bytes, {proof}"
+        return f"<{text}, {self.tightness}>" if self.tightness else f"<{text}>"

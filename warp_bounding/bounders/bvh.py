@@ -6,7 +6,7 @@ have nothing to ask. Points and boxes are only compared, so they cannot round; a
 1986), a plane is compared with the box's two supports, both with room for their rounding. f is 0 where a leaf is hit, else -1.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,8 @@ from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.bvh_build import build, inner_nodes
 from warp_bounding.bounders.domain import Domain
 from warp_bounding.bounders.locate import GUARD, PARALLEL
+from warp_bounding.bounders.mlp import HIDDEN
+from warp_bounding.bounders.options import Option, whole
 from warp_bounding.bounders.regions import RegionDomain
 from warp_bounding.bounders.slab_regions import ROOM, clip
 from warp_bounding.bounders.source import Lanes, Source
@@ -112,6 +114,10 @@ class Bvh(Bounder):
     """
 
     method = "bvh"
+    options = (
+        Option("leaves", None, "leaf boxes; by default as many as take a network's memory", whole("leaves", 1), int),
+        replace(HIDDEN, help="of the network whose memory sets the leaves"),
+    )
 
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:

@@ -127,6 +127,9 @@ class Cascade(Bounder):
         Raises:
             BounderError: If they are bounders of other queries or domains, or cannot be put together (``check``).
         """
+        for part in parts:
+            if not isinstance(part, Bounder):
+                raise BounderError(f"{cls.method}: expected bounders, got {type(part).__name__}")
         cls.check([type(part) for part in parts])
         last = parts[-1]
         for part in parts:

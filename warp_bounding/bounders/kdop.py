@@ -10,6 +10,7 @@ import numpy as np
 
 from warp_bounding.bounders.domain import Domain
 from warp_bounding.bounders.inverse import MOST_VERTEX_DIMENSIONS
+from warp_bounding.bounders.options import Option
 from warp_bounding.bounders.slabs import SlabBounder
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -21,6 +22,9 @@ class Kdop(SlabBounder):
     """k-DOP with fixed normals in object space."""
 
     method = "kdop"
+    options = (
+        Option("k", None, "half-spaces, 4 for each dimension by default; in 3D also 6, 14, 18 or 26", parse=int),
+    )
 
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
@@ -67,6 +71,6 @@ def kdop_directions(ndim: int, k: int | None = None) -> np.ndarray:
         more = np.concatenate([corners] * (k in (14, 26)) + [edges] * (k in (18, 26)) + [axes[:0]])
     else:
         offered = "12, 6, 14, 18 and 26" if ndim == 3 else str(4 * ndim)
-        raise BounderError(f"kdop offers k = {offered} in {ndim}D, got k={k}")
+        raise BounderError(f"kdop offers k = {offered} in {ndim}D, got k={k!r}")
     directions = np.concatenate([axes, more])
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)

@@ -18,6 +18,7 @@ from warp_bounding.bounders.half_spaces import HalfSpacesSource, half_space_regi
 from warp_bounding.bounders.inverse import MOST_VERTEX_DIMENSIONS
 from warp_bounding.bounders.kdop import kdop_directions
 from warp_bounding.bounders.object_support import ObjectSupport
+from warp_bounding.bounders.options import STEPS, Option
 from warp_bounding.bounders.parametric_support import ParametricSupport
 from warp_bounding.bounders.regions import RegionDomain
 from warp_bounding.errors import BounderError
@@ -45,6 +46,10 @@ class LearnedKdop(Bounder):
     """
 
     method = "learned-kdop"
+    options = (
+        Option("k", None, "half-spaces, as many as kdop's by default, 40 before a network; 128 at most", parse=int),
+        STEPS,
+    )
 
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:

@@ -19,10 +19,16 @@ from warp_bounding.arithmetic import TINY, gamma
 from warp_bounding.bounders.activations import ACTIVATIONS, check_activation
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.network import Network
+from warp_bounding.bounders.options import STEPS, Option, one_of
 from warp_bounding.bounders.source import Lanes, Source
 from warp_bounding.errors import BounderError
 
 __all__ = [
+    "ACTIVATION",
+    "HIDDEN",
+    "OCTAVES",
+    "RECIPE",
+    "RECIPES",
     "Mlp",
     "MlpSource",
     "check_hidden",
@@ -37,6 +43,7 @@ LARGEST_WIDTH = 1024
 MOST_LAYERS = 8  # hidden
 MOST_NEURONS = 2048  # in all: proofs hold some 64 (2 n + 7) bytes for each on a thread's stack, 2 MB in 4D
 MOST_OCTAVES = 10
+RECIPES = ("default", "paper")  # of training
 ALIGN = 8  # floats, one vector: rows of the neuron-major copy are padded to it
 
 
@@ -308,6 +315,28 @@ def check_octaves(octaves) -> int:
     return int(octaves)
 
 
+def _widths(text: str) -> tuple[int, ...]:
+    """Hidden widths as the command line writes them, such as 50,50."""
+    try:
+        return tuple(int(width) for width in text.split(","))
+    except ValueError:
+        raise BounderError(f"hidden must be widths such as 50,50, got {text!r}") from None
+
+
+HIDDEN = Option("hidden", (50, 50), "widths of the hidden layers", check_hidden, _widths)
+ACTIVATION = Option("activation", "sin", "of the hidden layers: sin, relu or tanh", one_of("activation", ACTIVATIONS))
+OCTAVES = Option(
+    "octaves", 0, "of positional encoding, 0 for none", check_octaves, int, queries=("point", "ray", "box")
+)
+RECIPE = Option(
+    "recipe",
+    "default",
+    "default, or paper for the paper's schedule",
+    one_of("recipe", RECIPES),
+    queries=("point", "ray", "box"),
+)
+
+
 class Mlp(Bounder):
     """A network; *maybe* where its output reaches the threshold.
 
@@ -318,6 +347,7 @@ class Mlp(Bounder):
 
     method = "mlp"
     closed_form = False
+    options = (HIDDEN, ACTIVATION, OCTAVES, RECIPE, STEPS)
 
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:

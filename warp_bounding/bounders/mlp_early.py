@@ -15,12 +15,13 @@ Limits: one hidden layer has no exit. The gain is what the exits deny: 3D points
 rays, of which most meet it or nearly so, a little more than without exits.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from warp_bounding.bounders.base import BoxBounds
-from warp_bounding.bounders.mlp import Mlp, MlpSource, head_numbers, padded
+from warp_bounding.bounders.mlp import ACTIVATION, HIDDEN, OCTAVES, RECIPE, Mlp, MlpSource, head_numbers, padded
+from warp_bounding.bounders.options import STEPS
 from warp_bounding.bounders.source import DENIED, Lanes, literal
 from warp_bounding.errors import BounderError
 
@@ -82,6 +83,7 @@ class MlpEarly(Mlp):
     """
 
     method = "mlp-early"
+    options = (HIDDEN, ACTIVATION, OCTAVES, replace(RECIPE, queries=("ray", "box")), STEPS)
 
     def __init__(self, domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
         """See ``Mlp``. Without ``exits.thresholds`` all exits let everything pass."""

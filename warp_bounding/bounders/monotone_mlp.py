@@ -21,13 +21,19 @@ import numpy as np
 from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.bounders.activations import ACTIVATIONS
 from warp_bounding.bounders.domain import GROWTH
-from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.mlp import ACTIVATION, HIDDEN, Mlp
 from warp_bounding.bounders.network import Network
+from warp_bounding.bounders.options import STEPS, Option
 from warp_bounding.errors import BounderError
 
 __all__ = ["MONOTONE", "MonotoneMlp"]
 
 MONOTONE = tuple(name for name, activation in ACTIVATIONS.items() if activation.monotone == name)  # never fall
+
+
+def _monotone(activation) -> str:
+    """What a monotone network has in its place: networks of other kinds beside it may have sines, which fall."""
+    return ACTIVATIONS[ACTIVATION.check(activation)].monotone
 
 
 class MonotoneMlp(Mlp):
@@ -40,6 +46,11 @@ class MonotoneMlp(Mlp):
     """
 
     method = "monotone-mlp"
+    options = (
+        HIDDEN,
+        Option("activation", _monotone(ACTIVATION.default), "tanh or relu; tanh stands in for sin", _monotone),
+        STEPS,
+    )
 
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:

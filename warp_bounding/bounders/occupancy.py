@@ -6,7 +6,8 @@ show what the asymmetric loss and the proof are for, and is of no use as a broad
 """
 
 from warp_bounding.bounders.certificate import Certificate
-from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.mlp import ACTIVATION, HIDDEN, OCTAVES, Mlp
+from warp_bounding.bounders.options import STEPS
 from warp_bounding.errors import BounderError
 
 __all__ = ["Occupancy"]
@@ -17,6 +18,7 @@ class Occupancy(Mlp):
 
     method = "occupancy"
     conservative = False
+    options = (HIDDEN, ACTIVATION, OCTAVES, STEPS)
 
     def freeze(self, threshold: float, certificate: Certificate | None) -> "Occupancy":
         """See ``Bounder``.

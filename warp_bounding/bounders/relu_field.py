@@ -16,6 +16,7 @@ import numpy as np
 from warp_bounding.arithmetic import TINY, UNIT64, gamma
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.options import STEPS
 from warp_bounding.bounders.regions import RegionDomain
 from warp_bounding.bounders.source import Lanes, Source
 from warp_bounding.errors import BounderError
@@ -113,6 +114,7 @@ class ReluField(Bounder):
     """
 
     method = "relu-field"
+    options = (STEPS,)
 
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:

@@ -21,14 +21,15 @@ from warp_bounding.bounders.certificate import Certificate
 from warp_bounding.bounders.claims import check_claims
 from warp_bounding.bounders.domain import number
 from warp_bounding.bounders.regions import RegionDomain
-from warp_bounding.errors import BoundingError, FileFormatError
+from warp_bounding.errors import BounderError, BoundingError, FileFormatError
+from warp_bounding.indicators.formats import ARRAY_SUFFIXES, SUFFIXES
 from warp_bounding.version import __version__
 
-__all__ = ["FORMAT", "check_writable", "load", "save", "write_whole"]
+__all__ = ["FORMAT", "bounder_of", "check_writable", "load", "save", "write_whole"]
 
 FORMAT = 1
 KEY = "warp_bounding"
-INFO_FIELDS = ("indicator", "name", "grid_shape", "margin", "resolution", "seed", "note", "training")
+INFO_FIELDS = ("indicator", "name", "grid_shape", "margin", "resolution", "seed", "note", "training", "rates")
 
 
 def save(bounder: Bounder, path: str | os.PathLike) -> None:
@@ -75,7 +76,7 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
     """
     from warp_bounding.bounders import KINDS
 
-    path = Path(path)
+    path = _path(path)
     tensors, entry = _read(path)
     try:
         wrapper = json.loads(entry)
@@ -110,12 +111,39 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
         if certificate:
             _check_certificate(bounder, certificate, threshold)
             check_claims(bounder, certificate, document)
+        bounder.freeze(threshold, certificate)
         bounder.info = {field: document.get(field) for field in INFO_FIELDS} | {"library": document["library"]}
     except BoundingError as error:
         raise FileFormatError(f"{path}: {error}") from error
     except (KeyError, TypeError, ValueError) as error:
         raise FileFormatError(f"{path}: a field is missing or of the wrong type ({error})") from error
-    return bounder.freeze(threshold, certificate)
+    return bounder
+
+
+def bounder_of(source: Bounder | str | os.PathLike, device: str | None = None) -> Bounder:
+    """A bounder, or the one that a file holds.
+
+    Args:
+        source: Either.
+        device: Warp device of one that is read.
+
+    Raises:
+        BounderError: For anything else.
+        FileFormatError: See ``load``.
+    """
+    if isinstance(source, Bounder):
+        return source
+    if isinstance(source, str | os.PathLike):
+        return load(source, device)
+    raise BounderError(
+        f"expected a bounder or the path of its file first, then the shape, got {type(source).__name__} first"
+    )
+
+
+def _path(path: str | os.PathLike) -> Path:
+    if not isinstance(path, str | os.PathLike):
+        raise FileFormatError(f"path must be a file name, got {type(path).__name__}")
+    return Path(os.fsdecode(path))
 
 
 def _check_certificate(bounder: Bounder, certificate: Certificate, threshold: float) -> None:
@@ -143,18 +171,25 @@ def _check_certificate(bounder: Bounder, certificate: Certificate, threshold: fl
 
 
 def _check_info(document: dict) -> None:
-    """Margin and resolution are used again, to make the same cells of a mesh."""
+    """Margin and resolution are used again, to make the same cells of a mesh; rates are shown."""
     margin, resolution = document.get("margin"), document.get("resolution")
     if margin is not None and not (isinstance(margin, int | float) and 0 <= margin < float("inf")):
         raise FileFormatError(f"the margin {margin!r} is not a length")
     if resolution is not None and not isinstance(resolution, int):
         raise FileFormatError(f"the resolution {resolution!r} is not a whole number")
+    rates = document.get("rates")
+    if rates is not None and not all(0 <= rates[key] <= 100 for key in ("fp_rate", "fp_rate_aabb")):
+        raise FileFormatError(f"the rates {rates!r} are none")
+    if rates is not None and not isinstance(rates["samples"], int):
+        raise FileFormatError(f"the samples {rates['samples']!r} are not a whole number")
 
 
 def _read(path: Path) -> tuple[dict[str, np.ndarray], str]:
-    if not path.is_file():
-        raise FileFormatError(f"{path}: no such file")
     try:
+        if path.is_dir():
+            raise FileFormatError(f"{path}: a folder, expected the file of a bounder")
+        if not path.is_file():
+            raise FileFormatError(f"{path}: no such file")
         with safetensors.safe_open(str(path), framework="numpy") as file:
             metadata = file.metadata() or {}
             if KEY not in metadata:
@@ -163,6 +198,10 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], str]:
     except (safetensors.SafetensorError, OSError, ValueError, TypeError) as error:
         if isinstance(error, FileFormatError):
             raise
+        if path.suffix.lower() in SUFFIXES:
+            kind = "an array, image or voxel" if path.suffix.lower() in ARRAY_SUFFIXES else "a mesh"
+            got = f"got {kind} file; where both are named, the bounder comes first, then the shape"
+            raise FileFormatError(f"{path}: expected a bounder that fit wrote, {got}") from error
         raise FileFormatError(f"{path}: not a complete safetensors file ({error})") from error
 
 
@@ -180,7 +219,7 @@ def write_whole(path: str | os.PathLike, content: bytes) -> None:
     Raises:
         FileFormatError: If it cannot be written; an existing file is then untouched.
     """
-    path = Path(path)
+    path = _path(path)
     temporary = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -203,7 +242,7 @@ def check_writable(path: str | os.PathLike) -> None:
     Raises:
         FileFormatError: If the path is a folder, or cannot be written to.
     """
-    path = Path(path)
+    path = _path(path)
     if path.is_dir():
         raise FileFormatError(f"{path}: is a folder, expected a file name")
     folder = path.parent

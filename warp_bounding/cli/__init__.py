@@ -4,9 +4,12 @@ Every command takes ``--json``: one JSON object on standard output and nothing e
 Exit status: 0; 1 where something is not proven or was interrupted; 2 for bad usage or bad input, with one clear line.
 """
 
+import os
 import sys
+from typing import Annotated
 
 from warp_bounding.errors import BoundingError
+from warp_bounding.version import __version__
 
 __all__ = ["app", "main"]
 
@@ -14,7 +17,7 @@ __all__ = ["app", "main"]
 def _app():
     import typer
 
-    from warp_bounding.cli import certify, demo, evaluate, fit, info, proofs, soak, table1
+    from warp_bounding.cli import certify, demo, evaluate, fit, info, proofs, query, soak, table1
 
     app = typer.Typer(
         name="warp-bounding",
@@ -23,11 +26,18 @@ def _app():
         add_completion=False,
         pretty_exceptions_enable=False,
     )
-    for command in (fit, certify, soak, evaluate, info, table1, proofs, demo):
-        app.command(name=command.__name__.rpartition(".")[2])(command.command)
+    for command in (fit, query, certify, soak, evaluate, info, table1, proofs, demo):
+        app.command(name=command.__name__.rpartition(".")[2], cls=getattr(command, "Help", None))(command.command)
+
+    def show(wanted: bool) -> None:
+        if wanted:
+            print(f"warp-bounding {__version__}")
+            raise typer.Exit
+
+    version = typer.Option("--version", callback=show, is_eager=True, help="Print the version and end.")
 
     @app.callback()
-    def common() -> None:
+    def common(version: Annotated[bool, version] = False) -> None:
         """Proven, tight, fast bounding volumes: fit one, prove it, measure it, see it at work."""
 
     return app
@@ -49,10 +59,17 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         with told_warnings():
             status = _run(arguments)
+            sys.stdout.flush()
     except KeyboardInterrupt:
         status = INTERRUPTED
     except BoundingError as error:
         print(f"warp-bounding: {' '.join(str(error).split())}", file=sys.stderr)
+        status = 2
+    except OSError as error:  # a full disk, a folder that may not be written to, an output that nobody reads any more
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"warp-bounding: {where}{error.strerror or ' '.join(str(error).split())}", file=sys.stderr)
+        if not error.filename:  # standard output itself: what is left in its buffer would fail again at exit
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         status = 2
     if status == INTERRUPTED:
         print("interrupted", file=sys.stderr)

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from warp_bounding.cli.output import Device, Json, print_json, quiet_warp
+from warp_bounding.cli.output import Device, Json, console, print_json, quiet_warp
 from warp_bounding.errors import BoundingError
 
 __all__ = ["DEMOS", "command"]
@@ -17,7 +17,11 @@ EXTRA = {"newton": "sims", "pyvista": "sims", "scipy": "sims", "torch": "sims", 
 
 
 def command(
-    name: Annotated[str, typer.Argument(help=f"Which: {', '.join(DEMOS)}.")],
+    name: Annotated[str | None, typer.Argument(help=f"Which: {', '.join(DEMOS)}.")] = None,
+    assets: Annotated[
+        str | None,
+        typer.Option(help="Write bunny.obj and other meshes from installed packages to this folder, instead."),
+    ] = None,
     out: Annotated[str, typer.Option(help="Folder for pictures, and for bounders that are fitted.")] = "out/demo",
     quick: Annotated[bool, typer.Option("--quick", help="A small form of the demo, for a first look.")] = False,
     refit: Annotated[bool, typer.Option("--refit", help="Fit the networks anew, rather than load them.")] = False,
@@ -31,8 +35,12 @@ def command(
     json: Json = False,
 ) -> int:
     """Run a demo. Exit status 1 if it finds its own promise broken."""
+    if assets is not None:
+        if name is not None:
+            raise BoundingError(f"--assets writes meshes and runs no demo, got {name!r} too")
+        return _write_assets(assets, json)
     if name not in DEMOS:
-        raise BoundingError(f"demo must be one of {', '.join(DEMOS)}, got {name!r}")
+        raise BoundingError(f"demo must be one of {', '.join(DEMOS)}, got {name or 'none'}")
     for option, value in (("particles", particles), ("steps", steps)):
         if value is not None and value < 1:
             raise BoundingError(f"{option} must be at least 1, got {value}")
@@ -46,7 +54,7 @@ def command(
 
         run = import_module(f"sims.{name}").run
         _check(name, run, options)
-        folder = _folder(out)
+        folder = _folder("out", out)
         result = run(
             folder,
             quick=quick,
@@ -67,12 +75,25 @@ def command(
     return 0 if result["identical"] else 1
 
 
-def _folder(out: str) -> Path:
+def _write_assets(folder: str, json: bool) -> int:
+    """The meshes that documentation speaks of."""
+    from sims.assets import write_assets
+
+    quiet_warp()
+    files = [str(path) for path in write_assets(_folder("assets", folder))]
+    if json:
+        print_json({"path": folder, "files": files})
+    else:
+        console(False).print(f"written: {', '.join(files)}")
+    return 0
+
+
+def _folder(option: str, out: str) -> Path:
     """The folder, made if there is none: before a run, not after it."""
     try:
         Path(out).mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise BoundingError(f"out must be a folder that can be written to, got {out}: {error.strerror}") from error
+        raise BoundingError(f"{option} must be a folder that can be written to, got {out}: {error.strerror}") from error
     return Path(out)
 
 

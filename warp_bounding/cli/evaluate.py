@@ -11,8 +11,10 @@ from warp_bounding.cli.output import (
     bar,
     certificate_summary,
     console,
+    other_shape,
     print_json,
     quiet_warp,
+    whole_number,
 )
 from warp_bounding.cli.shape import Origin, Spacing, Threshold, read_shape
 
@@ -22,7 +24,7 @@ __all__ = ["command"]
 def command(
     file: BounderFile,
     shape: Annotated[str, typer.Argument(help="The shape that it bounds.")],
-    samples: Annotated[int, typer.Option(help="Number of random queries.")] = 1_000_000,
+    samples: Annotated[str, typer.Option(help="Number of random queries, such as 1e6.")] = "1e6",
     protocol: Annotated[str, typer.Option(help="exact, or sampled as in the paper.")] = "exact",
     seed: Annotated[int, typer.Option(help="Random seed of the samples.")] = 1,
     threshold: Threshold = None,
@@ -35,16 +37,22 @@ def command(
     from warp_bounding.bounders import load
     from warp_bounding.evaluation import evaluate
 
+    count = whole_number("samples", samples)
     quiet_warp(device)
     bounder = load(file, device=device)
     indicator = read_shape(shape, threshold, spacing, origin)
     with bar("evaluate") as update:
-        rates = evaluate(bounder, indicator, samples, protocol, seed=seed, progress=update)
+        rates = evaluate(bounder, indicator, count, protocol, seed=seed, progress=update)
+    fitted = bounder.info.get("indicator")
+    same = rates.indicator == fitted
     if json:
         certificate = bounder.certificate
         summary = certificate_summary(bounder, certificate) if certificate else None
-        print_json({"path": file, "shape": shape, "method": bounder.method, **rates.to_dict(), "certificate": summary})
+        about = {"path": file, "shape": shape, "same_indicator": same, "fitted_indicator": fitted}
+        print_json({**about, "method": bounder.method, **rates.to_dict(), "certificate": summary})
     else:
+        if not same:
+            console(False).print(other_shape(shape, rates.indicator, fitted), style="yellow")
         text = f"{bounder.method}: {rates.fp_rate:.3f} % false positives, {rates.fn} false negatives"
         console(False).print(
             f"{text}, {rates.positives:.3f} % positives in {rates.samples:,} samples ({rates.protocol}), {rates.truth}"

@@ -1,10 +1,13 @@
 """``warp-bounding fit``: fit a bounder to a shape, prove it, save it."""
 
 import time
-from typing import Annotated
+from inspect import Parameter, signature
+from typing import Annotated, Any
 
 import typer
 
+from warp_bounding.bounders import METHODS, Bounder
+from warp_bounding.bounders.options import STEPS
 from warp_bounding.cli.output import (
     NOT_CONSERVATIVE,
     Device,
@@ -15,10 +18,13 @@ from warp_bounding.cli.output import (
     print_json,
     quiet_warp,
     warn,
+    whole_number,
 )
 from warp_bounding.cli.shape import Origin, Spacing, Threshold, read_shape
 
 __all__ = ["command"]
+
+OPTIONS = {option.name: option for kind in METHODS.values() for option in kind.options}  # of all methods
 
 
 def command(
@@ -26,21 +32,7 @@ def command(
     output: Annotated[str, typer.Option("--output", "-o", help="File to write (.safetensors).")],
     query: Annotated[str, typer.Option(help="Kind of query: point, ray, plane or box.")] = "point",
     method: Annotated[str, typer.Option(help="Bounding method, such as mlp, kdop, aabb.")] = "mlp",
-    hidden: Annotated[str, typer.Option(help="Widths of the hidden layers, mlp.")] = "50,50",
-    activation: Annotated[
-        str, typer.Option(help="sin, relu or tanh, mlp; monotone-mlp: tanh or relu, tanh for sin.")
-    ] = "sin",
-    octaves: Annotated[int, typer.Option(help="Octaves of positional encoding, mlp; 0 for none.")] = 0,
-    k: Annotated[int | None, typer.Option(help="Half-spaces, kdop and learned-kdop.")] = None,
-    leaves: Annotated[
-        int | None,
-        typer.Option(help="Leaf boxes, bvh; as many as have the memory of a network of --hidden if not given."),
-    ] = None,
     budget: Annotated[float, typer.Option(help="Seconds for training and proof.")] = 60.0,
-    steps: Annotated[int | None, typer.Option(help="Training steps instead of seconds: repeatable to the bit.")] = None,
-    recipe: Annotated[
-        str, typer.Option(help="Training recipe: default, or paper for the paper's schedule.")
-    ] = "default",
     seed: Annotated[int, typer.Option(help="Random seed.")] = 0,
     margin: Annotated[float, typer.Option(help="Dilate the object by this length first, object units.")] = 0.0,
     threshold: Threshold = None,
@@ -48,15 +40,21 @@ def command(
     origin: Origin = None,
     force: Annotated[bool, typer.Option("--force", help="Take a margin that is larger than the object, too.")] = False,
     resolution: Annotated[int | None, typer.Option(help="Cells along a mesh's longest axis (64).")] = None,
-    length: Annotated[float, typer.Option(help="Length of a ray, object units; other queries have none.")] = 1.0,
+    length: Annotated[
+        float | None, typer.Option(help="Length of a ray, object units; other queries have none (default: 1)")
+    ] = None,
     space: Annotated[
-        str, typer.Option(help="geometric, or parametric: the paper's fit to the queries' own numbers.")
-    ] = "geometric",
+        str | None,
+        typer.Option(
+            help="Of rays, planes and boxes: geometric, or parametric: the paper's fit to the queries' own numbers (default: geometric)"
+        ),
+    ] = None,
     samples: Annotated[
-        int, typer.Option(help="Random queries that the false-positive rate is measured on.")
-    ] = 1_000_000,
+        str, typer.Option(help="Random queries that the false-positive rate is measured on, such as 1e6.")
+    ] = "1e6",
     device: Device = "cpu",
     json: Json = False,
+    **told: Any,
 ) -> int:
     """Fit a bounder to SHAPE, prove that it has no false negative, and save it.
 
@@ -65,17 +63,11 @@ def command(
     """
     from warp_bounding.bounders import save
     from warp_bounding.bounders.storage import check_writable
-    from warp_bounding.errors import BounderError
     from warp_bounding.evaluation import evaluate
     from warp_bounding.training import fit
 
     quiet_warp(device)
-    try:
-        widths = tuple(int(w) for w in hidden.split(","))
-    except ValueError:
-        raise BounderError(f"hidden must be widths such as 50,50, got {hidden!r}") from None
-    if samples < 1:
-        raise BounderError(f"samples must be at least 1, got {samples}")
+    count = whole_number("samples", samples)
     check_writable(output)
     indicator = read_shape(shape, threshold, spacing, origin)
     started = time.perf_counter()
@@ -84,14 +76,7 @@ def command(
             indicator,
             query=query,
             method=method,
-            hidden=widths,
-            activation=activation,
-            octaves=octaves,
-            k=k,
-            leaves=leaves,
             budget=budget,
-            steps=steps,
-            recipe=recipe,
             seed=seed,
             margin=margin,
             force=force,
@@ -100,11 +85,12 @@ def command(
             space=space,
             device=device,
             progress=update,
+            **{name: OPTIONS[name].parse(value) for name, value in told.items() if value is not None},
         )
     seconds = time.perf_counter() - started
     save(bounder, output)
-    rates = evaluate(bounder, indicator, samples=samples)
-    certificate = bounder.certificate
+    rates = evaluate(bounder, indicator, samples=count)
+    certificate, training, warning = bounder.certificate, bounder.info["training"], _looser(bounder)
     if json:
         summary = certificate_summary(bounder, certificate) if certificate else None
         print_json(
@@ -118,8 +104,10 @@ def command(
                 "positives": rates.positives,
                 "truth": rates.truth,
                 "fit_seconds": round(seconds, 3),
+                "compile_seconds": training["compile_seconds"],
+                "warning": warning,
                 "certificate": summary,
-                "training": bounder.info.get("training"),
+                "training": training,
                 "note": bounder.info.get("note"),
                 "path": output,
             }
@@ -131,7 +119,48 @@ def command(
             f"{rates.truth}"
         )
         out.print(certificate.message if certificate else NOT_CONSERVATIVE)
-        out.print(f"{seconds:.1f} s; written to {output}")
-    if bounder.info.get("note"):
-        warn(bounder.info["note"])
+        compiling = training["compile_seconds"]
+        taken = f"{seconds:.1f} s" + (f", {compiling:.1f} of them for compiling kernels" if compiling >= 0.1 else "")
+        out.print(f"{taken}; written to {output}")
+    for text in (warning, bounder.info.get("note")):
+        if text:
+            warn(text)
     return 0  # what could be said of the bounder has been; one that misses its claim raises
+
+
+def _looser(bounder: Bounder) -> str | None:
+    """What to say of a bounder that is looser than a box; ``None`` of others."""
+    rates = bounder.info["rates"]
+    if not rates["fp_rate"] > rates["fp_rate_aabb"]:
+        return None
+    more = "; a longer budget makes it tighter" if any(option is STEPS for option in type(bounder).options) else ""
+    shares = f"{rates['fp_rate']:.1f} % false positives, method aabb {rates['fp_rate_aabb']:.1f} %"
+    return f"looser than a box: {shares} ({rates['samples']:,} samples){more}"
+
+
+def _option_parameters() -> list[Parameter]:
+    """One for each thing that some method can be told, with the help of every method that takes it."""
+    words: dict[str, dict[str, list[str]]] = {}
+    for method, kind in METHODS.items():
+        for option in kind.options:
+            default = option.default if not isinstance(option.default, tuple) else ",".join(map(str, option.default))
+            shown = "" if default is None else f" (default: {default})"
+            words.setdefault(option.name, {}).setdefault(option.help + shown, []).append(method)
+    return [
+        Parameter(
+            name,
+            Parameter.KEYWORD_ONLY,
+            default=None,
+            annotation=Annotated[
+                (int if option.parse is int else str) | None,
+                typer.Option(help="; ".join(f"{', '.join(who)}: {text}" for text, who in words[name].items())),
+            ],
+        )
+        for name, option in OPTIONS.items()
+    ]
+
+
+_own = signature(command)
+command.__signature__ = _own.replace(
+    parameters=[*(p for p in _own.parameters.values() if p.kind is not Parameter.VAR_KEYWORD), *_option_parameters()]
+)

@@ -40,6 +40,7 @@ def command(file: BounderFile, json: Json = False) -> int:
                 **sizes,
                 **fields,
                 "training": info.get("training"),
+                "rates": info.get("rates"),
                 "certificate": summary,
                 "statement": words,
             }
@@ -57,6 +58,8 @@ def command(file: BounderFile, json: Json = False) -> int:
     )
     if sizes:
         table.add_row("sizes", sizes if len(sizes) <= MOST_SIZES else sizes[:MOST_SIZES] + " ...")
+    if bounder.tightness:
+        table.add_row("tightness", bounder.tightness)
     if info.get("note"):
         table.add_row("note", str(info["note"]), style="yellow")
     style = "green" if certificate and certificate.proven else "yellow"

@@ -10,10 +10,10 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from warp_bounding.bounders import Bounder, Certificate
-from warp_bounding.errors import BoundingWarning
+from warp_bounding.errors import BoundingWarning, QueryError
+from warp_bounding.progress import bar
 from warp_bounding.proof.words import NOT_CONSERVATIVE
 
 __all__ = [
@@ -24,10 +24,12 @@ __all__ = [
     "bar",
     "certificate_summary",
     "console",
+    "other_shape",
     "print_json",
     "quiet_warp",
     "told_warnings",
     "warn",
+    "whole_number",
 ]
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output, and nothing else there.")]
@@ -75,8 +77,6 @@ def quiet_warp(device: str | None = None) -> None:
     """
     import warp as wp
 
-    from warp_bounding.errors import QueryError
-
     wp.config.log_level = getattr(wp, "LOG_ERROR", 40)
     wp.config.quiet = True
     with _silent_errors():  # a machine without a GPU is no news
@@ -103,23 +103,25 @@ def _silent_errors() -> Iterator[None]:
         os.close(nowhere)
 
 
-@contextlib.contextmanager
-def bar(description: str) -> Iterator[Any]:
-    """A progress bar on standard error; yields ``update(done, total, note="")``, with done in any unit."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=28),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[note]}"),
-    )
-    err = Console(stderr=True)
-    with Progress(
-        *columns, console=err, transient=True, disable=not err.is_terminal
-    ) as progress:  # no blank lines in logs
-        task = progress.add_task(description, total=1.0, note="")
-        yield lambda done, total=1.0, note="": progress.update(task, completed=done / total if total else 0, note=note)
+def whole_number(name: str, text: str) -> int:
+    """A count that may be written as 1e8.
+
+    Raises:
+        QueryError: If it is none.
+    """
+    try:
+        value = float(text)
+        if value == int(value) and value >= 1:
+            return int(value)
+    except (ValueError, OverflowError):
+        pass
+    raise QueryError(f"{name} must be a whole number of at least 1, such as 1e6, got {text!r}")
+
+
+def other_shape(name: str, given: str | None, fitted: str | None) -> str:
+    """What to say first where the shape is not the one of the fit."""
+    about = f"its cells have SHA-256 {(given or 'unknown')[:16]}, those of the fit {(fitted or 'unknown')[:16]}"
+    return f"{name} is not the shape that the bounder was fitted to: {about}. What follows is about {name}."
 
 
 def certificate_summary(bounder: Bounder, certificate: Certificate) -> dict[str, Any]:

@@ -1,12 +1,24 @@
 """``warp-bounding soak``: a hundred million hard positives, none of which may be answered with no."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from warp_bounding.cli.output import BounderFile, Device, Json, bar, console, print_json, quiet_warp
+from warp_bounding.cli.output import (
+    BounderFile,
+    Device,
+    Json,
+    bar,
+    console,
+    other_shape,
+    print_json,
+    quiet_warp,
+    whole_number,
+)
 from warp_bounding.cli.shape import Origin, Spacing, Threshold, read_shape
-from warp_bounding.errors import QueryError
+
+if TYPE_CHECKING:
+    from warp_bounding.proof.soak import Soak
 
 __all__ = ["command"]
 
@@ -36,7 +48,7 @@ def command(
     from warp_bounding.bounders import load
     from warp_bounding.proof import soak
 
-    wanted = _whole(count)
+    wanted = whole_number("count", count)
     quiet_warp(device)
     bounder = load(file, device=device)
     indicator = read_shape(shape, threshold, spacing, origin)
@@ -49,33 +61,22 @@ def command(
         )
     else:
         out = console(False)
-        kinds = ", ".join(f"{n:,} {form}" for form, n in result.forms.items() if n)
-        ended = "interrupted: " if result.interrupted else ""
-        out.print(
-            f"{ended}{result.done:,} hard positive {result.query} queries asked of {wanted:,} ({kinds or 'none'}), "
-            f"{'none' if result.missed is None else 'then one'} missed; seed {result.seed}, {result.seconds:.1f} s, "
-            f"{result.rate / 1e6:.1f} million/s"
-        )
-        if result.missed is not None:
-            where = f" placed by {result.missed_world}" if result.missed_world else ""
-            out.print(f"FALSE NEGATIVE ({result.missed_form}{where}): {result.missed}")
         if not same:
-            out.print("The cells differ from the ones it was fitted to; what was found is about the shape given here.")
+            out.print(other_shape(shape, result.indicator, bounder.info.get("indicator")), style="yellow")
+        out.print(_told(result))
         if resume and not result.complete:
             out.print(f"To go on: the same command again, with --resume {resume}")
     return 0 if result.missed is None else 1
 
 
-def _whole(text: str) -> int:
-    """A count that may be written as 1e8.
-
-    Raises:
-        QueryError: If it is none.
-    """
-    try:
-        value = float(text)
-        if value == int(value) and value >= 1:
-            return int(value)
-    except (ValueError, OverflowError):
-        pass
-    raise QueryError(f"count must be a whole number of at least 1, such as 1e8, got {text!r}")
+def _told(result: "Soak") -> str:
+    """What happened, in words."""
+    kinds = ", ".join(f"{n:,} {form}" for form, n in result.forms.items() if n) or "none"
+    took = f"seed {result.seed}, {result.seconds:.1f} s, {result.rate / 1e6:.1f} million/s"
+    asked = f"{result.done:,} hard positive {result.query} queries"
+    if result.missed is None:
+        ended = "interrupted: " if result.interrupted else ""
+        return f"{ended}{asked} asked of {result.wanted:,} ({kinds}), none missed; {took}"
+    where = f", the shape placed by {result.missed_world}" if result.missed_world else ""
+    missed = f"FALSE NEGATIVE: the {result.query} {result.missed} ({result.missed_form}{where}) meets the shape and is answered with no."
+    return f"{missed}\n{asked} were answered with maybe before it ({kinds}); the same again with --seed {result.seed}; {took}"

@@ -10,12 +10,14 @@ from typing import Annotated
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from typer.core import TyperCommand
 
 from warp_bounding.cli.output import Json, console, print_json, quiet_warp
 from warp_bounding.errors import QueryError
 
-__all__ = ["command", "command_line", "words_of"]
+__all__ = ["Help", "command", "command_line", "words_of"]
 
+PRESETS_DO = "Budgets, samples and both protocols for the whole table"
 PAGE_SECONDS = 2.0  # between two writings of README.md, where cells are quick
 
 
@@ -33,7 +35,7 @@ def command(
     preset: Annotated[
         str | None,
         typer.Option(
-            help="full (about 3 hours on 2 cores) or hour: budgets, samples and both protocols for the whole table."
+            help=PRESETS_DO  # and how long they take, where help is shown
         ),
     ] = None,
     budget: Annotated[
@@ -96,6 +98,20 @@ def command(
         outcome = tables.run(folder, wanted, variants, grids, protocols, command=line, tools=tools, reporter=reporter)
         reporter.stop()
         return _end(folder, outcome, supports, json)
+
+
+class Help(TyperCommand):
+    """The command, whose help says what the plan of each preset says: to plan takes longer than a command should to begin."""
+
+    def format_help(self, ctx, formatter) -> None:
+        """See ``TyperCommand``."""
+        from warp_bounding.bounders import supports
+        from warp_bounding.tables import PRESETS, duration, preset_seconds
+
+        (option,) = (parameter for parameter in self.params if parameter.name == "preset")
+        takes = [f"{name} ({duration(preset_seconds(preset, supports))})" for name, preset in PRESETS.items()]
+        option.help = f"{PRESETS_DO}: {' or '.join(takes)} on two cores."
+        super().format_help(ctx, formatter)
 
 
 def words_of(text: str | None) -> list[str] | None:

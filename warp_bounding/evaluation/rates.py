@@ -1,19 +1,24 @@
 """How tight a bounder is: false positives and false negatives among random queries, as fractions of all of them."""
 
+import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from warp_bounding.bounders.aabb import Aabb
 from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.regions import domain_of
+from warp_bounding.bounders.storage import bounder_of
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators import IndicatorGrid, load_indicator
 from warp_bounding.queries import SampledOracle, oracle, sample
 
-__all__ = ["PROTOCOLS", "Rates", "evaluate"]
+__all__ = ["PROTOCOLS", "Rates", "evaluate", "quick_rates"]
 
 PROTOCOLS = ("exact", "sampled")
 CHUNK = 1_000_000
+QUICK, QUICK_SEED = 16_384, 2  # queries that a fit is measured on
 
 
 @dataclass(frozen=True)
@@ -28,6 +33,7 @@ class Rates:
         protocol: ``"exact"`` or ``"sampled"`` (the truth from random points of a region, as in the paper; the same for points).
         seed: Of the samples.
         truth: Of what the truth is, in words: of the cells that were bounded, which cover a mesh by up to a cell and its margin.
+        indicator: SHA-256 of the cells that were asked about; ``bounder.info["indicator"]`` for those of the fit.
     """
 
     fp_rate: float
@@ -37,6 +43,7 @@ class Rates:
     protocol: str
     seed: int
     truth: str = "of its cells"
+    indicator: str | None = None
 
     def to_dict(self) -> dict:
         """JSON-ready."""
@@ -44,7 +51,7 @@ class Rates:
 
 
 def evaluate(
-    bounder: Bounder,
+    bounder: Bounder | str | os.PathLike,
     shape,
     samples: int = 1_000_000,
     protocol: str = "exact",
@@ -55,7 +62,7 @@ def evaluate(
     """Ask a bounder random queries of its kind and compare with the exact truth, that of the shape's cells.
 
     Args:
-        bounder: Any bounder.
+        bounder: Any bounder, or the path of its file.
         shape: The ``IndicatorGrid`` or ``IndicatorMesh`` that it bounds, or anything that ``load_indicator`` takes; a mesh is voxelised as it was for the fit.
         samples: Number of queries, drawn as in the paper (points: between the centres of the first and the last cells).
         protocol: ``"exact"`` or ``"sampled"``: the paper's way to find the truth, ``any()`` over random points of the region; it
@@ -72,8 +79,10 @@ def evaluate(
     if protocol not in PROTOCOLS:
         raise QueryError(f"protocol must be one of {', '.join(PROTOCOLS)}, got {protocol!r}")
     if isinstance(samples, bool) or not isinstance(samples, (int, np.integer)) or samples < 1:
-        raise QueryError(f"samples must be a whole number of at least 1, got {samples}")
-    shape = load_indicator(shape)
+        raise QueryError(f"samples must be a whole number of at least 1, got {samples!r}")
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise QueryError(f"seed must be a whole number of at least 0, got {seed!r}")
+    bounder, shape = bounder_of(bounder), load_indicator(shape)
     resolution = None if isinstance(shape, IndicatorGrid) else bounder.info.get("resolution")
     grid = shape.to_grid(resolution=resolution, margin=bounder.info.get("margin") or 0.0)
     if grid.ndim != bounder.ndim:
@@ -94,5 +103,30 @@ def evaluate(
         if progress:
             progress(start + len(x), samples)
     truth = "of its cells" + (f" at resolution {grid.resolution}" if grid.resolution else "")
-    rate, positive_rate = 100 * false_positive / samples, 100 * positive / samples
-    return Rates(rate, false_negative, positive_rate, int(samples), protocol, seed, truth)
+    shares = (100 * false_positive / samples, false_negative, 100 * positive / samples)
+    return Rates(*shares, int(samples), protocol, int(seed), truth, grid.digest)
+
+
+def quick_rates(bounder: Bounder, grid: IndicatorGrid) -> dict:
+    """About how tight a bounder is, and the box around the same cells: a first look, by the float64 twins of their kernels.
+
+    Args:
+        bounder: Any bounder.
+        grid: The cells that it bounds.
+
+    Returns:
+        ``fp_rate`` and ``fp_rate_aabb``, per cent of ``samples``; JSON-ready.
+    """
+    query, length = bounder.query_kind, bounder.domain.length or 1.0
+    x = sample(query, grid, QUICK, np.random.default_rng(QUICK_SEED))
+    x = x[~oracle(query, grid, device="cpu", length=length)(x)]
+    box = Aabb.fit(grid, domain_of(grid, query, length))
+
+    def rate(b: Bounder) -> float:
+        return (
+            100 * float((b.reference(b.domain.to_local(x)) >= float(b.threshold)).mean()) * len(x) / QUICK
+            if len(x)
+            else 0.0
+        )
+
+    return {"fp_rate": rate(bounder), "fp_rate_aabb": rate(box), "samples": QUICK}

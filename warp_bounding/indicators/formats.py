@@ -25,7 +25,7 @@ from warp_bounding.indicators.objects import ACCEPTED, array_from, mesh_from
 from warp_bounding.indicators.reading import reading
 from warp_bounding.indicators.usd import USD_SUFFIXES, read_usd
 
-__all__ = ["SUFFIXES", "load_indicator"]
+__all__ = ["ARRAY_SUFFIXES", "SUFFIXES", "load_indicator"]
 
 BOUNDER_SUFFIX = ".safetensors"
 
@@ -168,4 +168,5 @@ _ARRAY_READERS = {
     ".npy": lambda path, _: _read_npy(path),
     ".npz": lambda path, _: _read_npz(path),
 }
-SUFFIXES = (*_ARRAY_READERS, *MESH_SUFFIXES, *USD_SUFFIXES)
+ARRAY_SUFFIXES = tuple(_ARRAY_READERS)
+SUFFIXES = (*ARRAY_SUFFIXES, *MESH_SUFFIXES, *USD_SUFFIXES)

@@ -17,6 +17,8 @@ Source: Akenine-Moeller, "Fast 3D triangle-box overlap testing" (2001) for the a
 import numpy as np
 import warp as wp
 
+from warp_bounding.launch import ready
+
 __all__ = ["SLACK", "fill_inside", "solid_cells", "surface_cells"]
 
 # By how much cells are grown on each side, in cells, to outweigh all rounding. All coordinates are under 2^11 cells
@@ -209,6 +211,7 @@ def surface_cells(
     triangles = wp.array(np.ascontiguousarray(faces, dtype=np.int32), dtype=wp.int32, device="cpu")
     margins = wp.array(np.array(np.broadcast_to(margin, len(faces)), dtype=np.float64), dtype=wp.float64, device="cpu")
     inputs = [corners, triangles, margins]
+    ready(_occupy_cells, wp.get_device("cpu"))
     wp.launch(_occupy_cells, dim=len(faces), inputs=inputs, outputs=[occupancy], device="cpu")
     return occupancy.numpy().view(bool)
 

@@ -101,8 +101,13 @@ class ParticleCull:
 
         Raises:
             BounderError: For a bounder that is not of this mesh or has too small a margin, with both numbers, or no proof; for a shape
-                that is no mesh; for a differentiable pipeline.
+                that is no mesh; for a differentiable pipeline, or what is no pipeline at all.
         """
+        if not isinstance(pipeline, newton.CollisionPipeline):
+            raise BounderError(f"pipeline must be a newton.CollisionPipeline, got {type(pipeline).__name__}")
+        if not isinstance(bounders, Mapping):
+            got = type(bounders).__name__
+            raise BounderError(f"bounders must be a mapping from indices of shapes to bounders, got {got}")
         self.pipeline, self.model = pipeline, pipeline.model
         if getattr(pipeline, "requires_grad", False):
             raise BounderError("a differentiable pipeline reads its pairs again when it goes backwards; they must stay")
@@ -195,8 +200,11 @@ class ParticleCull:
 
     def _check(self, shape: int, bounder: Bounder, unproven: bool) -> float:
         """Largest coordinate of a shape's mesh; refuse a bounder that is not one of it."""
-        if not 0 <= shape < self.model.shape_count:
-            raise BounderError(f"shape must be from 0 to {self.model.shape_count - 1}, got {shape}")
+        whole = isinstance(shape, (int, np.integer)) and not isinstance(shape, bool)
+        if not whole or not 0 <= shape < self.model.shape_count:
+            raise BounderError(f"shape must be a whole number from 0 to {self.model.shape_count - 1}, got {shape!r}")
+        if not isinstance(bounder, Bounder):
+            raise BounderError(f"shape {shape}: expected a bounder, got {type(bounder).__name__}")
         if int(self.model.shape_type.numpy()[shape]) not in MESHES:
             raise BounderError(f"shape {shape}: expected a mesh, bounders of other shapes save nothing")
         if bounder.query_kind != "point" or bounder.ndim != 3 or bounder.domain.time:

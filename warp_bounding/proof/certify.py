@@ -5,7 +5,6 @@ or a counterexample is found. The bounds over one box, and for rays and boxes th
 over the normals of planes. Where a method has no proof, fresh positives are put to it (``statistics``).
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
@@ -15,9 +14,11 @@ import numpy as np
 from warp_bounding.arithmetic import UNIT64
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.certificate import Certificate
+from warp_bounding.bounders.storage import bounder_of
 from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.launch import working_seconds
 from warp_bounding.proof.depth_first import Charted
 from warp_bounding.proof.document import conjunction, document
 from warp_bounding.proof.least import charted
@@ -79,7 +80,9 @@ def certify(
         A certificate of kind ``"proven"``, ``"refuted"`` (with a counterexample), ``"undecided"`` or ``"inapplicable"`` (the shape cannot
         be the bounded one, or the claim is not the expected one).
     """
-    started = time.perf_counter()
+    if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not seconds >= 0:
+        raise BounderError(f"seconds must be a number of at least 0, got {seconds!r}")
+    started, bounder = working_seconds(), bounder_of(bounder)
     expected = {"query": query, "margin": margin, "length": length, "resolution": resolution}
     other = _other_claim(bounder, expected)
     try:
@@ -93,7 +96,7 @@ def certify(
         return _inapplicable(bounder, grid, reason)
     certificates = []
     for part in bounder.parts:
-        left = seconds - (time.perf_counter() - started)
+        left = seconds - (working_seconds() - started)
         certificates.append(_certify(part, grid, max(left, 0.0), progress))
         if certificates[-1].kind not in ("proven", "statistical"):
             break
@@ -117,13 +120,13 @@ def _other_claim(bounder: Bounder, expected: dict[str, str | float | None]) -> s
 
 def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress) -> Certificate:
     """``certify`` for one part of a conjunction."""
-    started = time.perf_counter()
+    started = working_seconds()
     threshold, error = float(bounder.threshold), bounder.rounding_bound()
     target = _plus(threshold, error)
     cells, least, boxes = grid.occupied, np.inf, 0
 
     def result(kind: str, message: str, bound: float, counterexample=None, examined: int = 0) -> Certificate:
-        spent = time.perf_counter() - started
+        spent = working_seconds() - started
         return document(bounder, grid, kind, threshold, bound, boxes + examined, spent, message, counterexample)
 
     beyond = outside(bounder, grid)
@@ -203,12 +206,12 @@ def _check_normals(bounder: Bounder, grid: IndicatorGrid, target: float, seconds
     gap = SupportGap(bounder, grid)
     found = float(gap.reference(gap.boxes()[0]).min())
     search = minimum(gap, *gap.boxes(), eps=max(1e-4, 0.25 * (found - target)), seconds=seconds)
-    deadline = time.perf_counter() - search.seconds + seconds
-    while search.lower_bound < target <= search.upper_bound and search.complete and time.perf_counter() < deadline:
+    deadline = working_seconds() - search.seconds + seconds
+    while search.lower_bound < target <= search.upper_bound and search.complete and working_seconds() < deadline:
         eps = 0.5 * (search.upper_bound - target)
         if eps < NARROWEST:
             break
-        left = deadline - time.perf_counter()
+        left = deadline - working_seconds()
         search = minimum(gap, *gap.boxes(), eps=eps, seconds=left, points=search.worst)
     worst = search.worst[:SUSPECTS][gap.reference(search.worst[:SUSPECTS]) < target]
     return _Checked(search.lower_bound, search.boxes, gap.touching(worst) if len(worst) else None, search.complete)
@@ -218,7 +221,7 @@ def _check_charted(
     bounder: Bounder, grid: IndicatorGrid, cover: Charted, target: float, seconds: float, progress
 ) -> _Checked:
     """Rays and boxes of a network."""
-    deadline = time.perf_counter() + seconds
+    deadline = working_seconds() + seconds
     sets = single_faces(bounder, grid) if bounder.query_kind == "ray" else [(cover.lower, cover.upper)]
     least, boxes = np.inf, 0
     for index, (lower, upper) in enumerate(sets):
@@ -240,7 +243,7 @@ def _check_charted(
                 lowest = np.argsort(bounds.value[low])[:SUSPECTS]
                 suspects = cover.coordinates(bounds.point[low][lowest])
                 return _Checked(float(bounds.lower[low].min()), boxes, suspects)
-            if time.perf_counter() > deadline:
+            if working_seconds() > deadline:
                 return _Checked(float(bounds.lower[low].min()), boxes, complete=False)
             stack.append(halve(corners[:, 0], corners[:, 1], bounds.axes[0, low]))
         if progress and bounder.query_kind == "ray":
@@ -290,7 +293,7 @@ def _check_cells(bounder: Bounder, grid: IndicatorGrid, target: float, deadline:
             )  # a corner's float32 neighbour may lie outside
             inside = np.concatenate([inside, inner])
             return _Checked(float(failed.min()), boxes, inside)
-        if time.perf_counter() > deadline:
+        if working_seconds() > deadline:
             return _Checked(float(failed.min()), boxes, complete=False)
         low, high = halve(low, high, bounds.axis[~proven])
         stack.append((low, high, np.tile(owner, 2)))

@@ -7,7 +7,6 @@ expected to take too long, it goes on with a lower one, which all boxes that are
 is what is proven in the end.
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -17,7 +16,7 @@ import warp as wp
 from warp_bounding.bounders.charts import Chart
 from warp_bounding.bounders.network import Network
 from warp_bounding.bounders.network_kernel import NetworkBounds, bound_boxes, double_array
-from warp_bounding.launch import launch_blocks
+from warp_bounding.launch import launch_blocks, working_seconds
 from warp_bounding.proof.depth_first_kernel import KEPT, STACK, depth_first_kernel
 from warp_bounding.proof.pace import Pace
 from warp_bounding.proof.search import Search
@@ -113,11 +112,11 @@ def clear(
         progress: Called with boxes bounded, the share of the first boxes that is done, and the target; ends the search with True.
         device: Warp device.
     """
-    started, descent = time.perf_counter(), _Descent(cover, device)
+    started, descent = working_seconds(), _Descent(cover, device)
     while descent.waiting:
         lowest = descent.step(target, boxes - descent.boxes)
         stopped = progress is not None and progress(descent.boxes, descent.share, target)
-        late = descent.boxes >= boxes or time.perf_counter() - started > seconds
+        late = descent.boxes >= boxes or working_seconds() - started > seconds
         if stopped or late or descent.stuck or min(lowest, descent.least) < target:
             break
     complete = not descent.waiting and descent.least >= target
@@ -261,12 +260,10 @@ def charted_minimum(
     Returns:
         See ``Search``; ``worst`` holds numbers of the chart.
     """
-    one = replace(cover, lower=cover.lower[:1], upper=cover.upper[:1])
-    clear(_divided(one, 2, device), -np.inf, device=device)  # kernels that must be compiled are no part of the search
-    started = time.perf_counter()
+    started = working_seconds()
     cover = _divided(cover, FIRST, device)
     first = clear(cover, -np.inf, device=device)  # every box once
-    affordable = min(boxes, seconds * first.boxes / (time.perf_counter() - started))
+    affordable = min(boxes, seconds * first.boxes / (working_seconds() - started))
     many = min(FIRST_SHARE * affordable, MOST_FIRST) if np.isfinite(affordable) else FIRST
     descent = _Descent(_divided(cover, many, device), device)
     best = min(upper, float(first.values.min(initial=np.inf)))
@@ -275,7 +272,7 @@ def charted_minimum(
         return first.boxes + descent.boxes
 
     def used() -> float:
-        spent = time.perf_counter() - started
+        spent = working_seconds() - started
         return max(done() / boxes, spent / seconds) if min(boxes, seconds) > 0 else 1.0
 
     pace = Pace(eps, used())
@@ -287,7 +284,7 @@ def charted_minimum(
             pace.widen()
         if progress:
             progress(done(), descent.share, pace.gap)
-    proven, spent = min(max(first.least, descent.least), best), time.perf_counter() - started
+    proven, spent = min(max(first.least, descent.least), best), working_seconds() - started
     return Search(
         lower_bound=proven,
         upper_bound=best,

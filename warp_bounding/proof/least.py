@@ -4,7 +4,6 @@ Points, rays and boxes of a network are searched depth first in charts (``charte
 (``planes``), a monotone network's boxes over the object's points (``monotone``).
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -14,6 +13,7 @@ from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.indicators.blocks import full_blocks
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.launch import working_seconds
 from warp_bounding.proof.boxes import charted_boxes
 from warp_bounding.proof.depth_first import Charted, charted_minimum
 from warp_bounding.proof.monotone import of_points
@@ -64,10 +64,10 @@ def least_value(
     progress: Callable[[int, float, float], None] | None = None,
 ) -> Search:
     """Certified minimum of f over every input that the pipeline can make of a positive; arguments and errors as of ``prove``."""
-    started = time.perf_counter()
+    started = working_seconds()
     if bounder.closed_form:
         least, looked_at = bounder.least(grid)
-        return Search(least, least, np.empty((0, grid.ndim)), looked_at, time.perf_counter() - started, True)
+        return Search(least, least, np.empty((0, grid.ndim)), looked_at, working_seconds() - started, True)
     limits = {"eps": eps, "seconds": seconds, "boxes": boxes, "progress": progress}
     if bounder.query_kind == "plane":
         gap = SupportGap(bounder, grid)

@@ -8,13 +8,13 @@ comes first instead, whose halves close soon, and memory stays bounded.
 """
 
 import heapq
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
+from warp_bounding.launch import working_seconds
 
 __all__ = ["Search", "minimum"]
 
@@ -76,7 +76,7 @@ def minimum(
     Returns:
         The result; sound also where it is not complete.
     """
-    started = time.perf_counter()
+    started = working_seconds()
     low_points = np.empty((0, lower.shape[1])) if points is None else np.asarray(points, dtype=np.float64)
     low_values = bounder.reference(low_points) if len(low_points) else np.empty(0)
     best = float(low_values.min(initial=np.inf))
@@ -112,7 +112,7 @@ def minimum(
     waiting = _Waiting()
     for chunk in _chunks(lower, upper, np.full(len(lower), -np.inf)):
         waiting.add(advance(chunk))
-    while len(waiting) and done < boxes and time.perf_counter() - started < seconds:
+    while len(waiting) and done < boxes and working_seconds() - started < seconds:
         waiting.add(advance(waiting.next()))
         if progress:
             progress(done, waiting.boxes, best - min(closed, waiting.least()))
@@ -121,7 +121,7 @@ def minimum(
         upper_bound=best,
         worst=low_points,
         boxes=done,
-        seconds=time.perf_counter() - started,
+        seconds=working_seconds() - started,
         complete=len(waiting) == 0,
     )
 

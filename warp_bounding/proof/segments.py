@@ -43,7 +43,12 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
         BounderError: For another kind of bounder.
         QueryError: For arrays of another shape, or a negative depth.
     """
-    if bounder.query_kind != "point" or not isinstance(bounder, Mlp) or bounder.domain.time:
+    if (
+        not isinstance(bounder, Bounder)
+        or bounder.query_kind != "point"
+        or not isinstance(bounder, Mlp)
+        or bounder.domain.time
+    ):
         raise BounderError(f"segments need a network of points at rest, got {bounder!r}")
     starts, ends = np.asarray(starts, dtype=np.float64), np.asarray(ends, dtype=np.float64)
     if starts.shape != ends.shape or starts.ndim != 2 or starts.shape[1] != bounder.ndim:

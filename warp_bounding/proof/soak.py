@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.storage import check_writable, write_whole
+from warp_bounding.bounders.storage import bounder_of, check_writable, write_whole
 from warp_bounding.errors import BounderError, FileFormatError, QueryError
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -109,7 +109,7 @@ def soak_grid(bounder: Bounder, shape) -> IndicatorGrid:
 
 
 def soak(
-    bounder: Bounder,
+    bounder: Bounder | str | Path,
     shape,
     count: int = 100_000_000,
     *,
@@ -121,7 +121,7 @@ def soak(
     """Ask a bounder hard positives until one is missed, or enough were asked.
 
     Args:
-        bounder: As it was loaded.
+        bounder: As it was loaded, or the path of its file.
         shape: The shape that it bounds, or anything that ``load_indicator`` takes.
         count: Positives to ask; whole chunks are asked, so some more may be.
         seed: Of the stream, from 0 to 2^63 - 1; if ``None`` the one of the state, or a fresh one.
@@ -139,6 +139,7 @@ def soak(
     _check_whole("count", count, 1, 2**62)
     if seed is not None:
         _check_whole("seed", seed, 0, LARGEST_SEED - 1)
+    bounder = bounder_of(bounder)
     grid = soak_grid(bounder, shape)
     fresh = Soak(bounder.method, bounder.query_kind, -1, int(count), _digest(bounder), grid.digest)
     result = _resumed(fresh, None if seed is None else int(seed), state)

@@ -12,7 +12,6 @@ procedure. Positives must not be known to whoever made the bounder: ``fresh_seed
 """
 
 import secrets
-import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -22,6 +21,7 @@ from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.certificate import Certificate, fn_rate_bound
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.launch import working_seconds
 from warp_bounding.proof.document import document
 from warp_bounding.proof.search import Search
 from warp_bounding.queries.positives import DISTRIBUTION, draw_positives
@@ -66,17 +66,17 @@ def try_positives(
         How many were asked, the least f among them (as the device computes it), and the first query that was answered
         with *no* (``None`` if there is none; the count ends there).
     """
-    started, done, least, longest = time.perf_counter(), 0, np.inf, 0.0
+    started, done, least, longest = working_seconds(), 0, np.inf, 0.0
     length = bounder.domain.length or 1.0
     chunks = draw_positives(bounder.query_kind, grid, count, seed, bounder.device, length)
-    while done < count and (begun := time.perf_counter()) - started + longest < seconds:
+    while done < count and (begun := working_seconds()) - started + longest < seconds:
         x = next(chunks)
         values = bounder.values(x).numpy()
         done, least = done + len(x), min(least, float(values.min(initial=np.inf)))
         missed = np.flatnonzero(values < bounder.threshold)
         if len(missed):
             return done, least, x[missed[np.argmin(values[missed])]]
-        longest = max(longest, time.perf_counter() - begun)
+        longest = max(longest, working_seconds() - begun)
         if progress:
             progress(min(done, count), count)
     return done, least, None
@@ -113,7 +113,7 @@ def attest(
     Raises:
         BounderError: If the threshold had to be lowered too often: the search before was not one.
     """
-    started, error = time.perf_counter(), bounder.rounding_bound()
+    started, error = working_seconds(), bounder.rounding_bound()
     for restart in range(MOST_RESTARTS):
         bounder.freeze(float(round_down(least - 2 * error - room)), None)
         done, lowest, missed = try_positives(bounder, grid, count, (seed, restart), progress, seconds)
@@ -150,7 +150,7 @@ def attest(
         float(bounder.threshold),
         least,
         0,
-        time.perf_counter() - started,
+        working_seconds() - started,
         message,
         samples=done,
         fn_rate_bound=rate,

@@ -10,7 +10,7 @@ from warp_bounding.tables.folder import Folder, open_folder
 from warp_bounding.tables.markdown import against_the_paper
 from warp_bounding.tables.means import Means
 from warp_bounding.tables.outputs import write_outputs, write_page
-from warp_bounding.tables.plan import Job, Share, TimeLeft, duration, plan, shares
+from warp_bounding.tables.plan import Job, Share, TimeLeft, duration, plan, preset_seconds, shares
 from warp_bounding.tables.rows import PROTOCOLS, Row
 from warp_bounding.tables.run import Outcome, run
 from warp_bounding.tables.settings import Settings
@@ -37,6 +37,7 @@ __all__ = [
     "open_folder",
     "parse_budget",
     "plan",
+    "preset_seconds",
     "run",
     "select_columns",
     "select_methods",

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from warp_bounding.bounders import METHODS
+from warp_bounding.bounders.options import taken
 from warp_bounding.errors import BoundingError
 from warp_bounding.tables.plan import Job
 from warp_bounding.tables.settings import Settings
@@ -22,18 +24,19 @@ def fit_bounder(
     job: Job, grid: Any, settings: Settings, tools: Tools, progress: Callable[..., None], last: Any | None = None
 ) -> Any:
     """Fit the bounder of a job, a cascade's from its ``last`` part; an interruption may end it early, see ``interruptions``."""
-    options = {"leaves": job.variant.leaves} if job.variant.leaves is not None else {}
+    method, query = job.variant.method, job.column.query
+    told = {"hidden": job.column.hidden, "activation": settings.activation, "leaves": job.variant.leaves}
+    known = taken((METHODS[name] for name in method.split("+")), query)
+    options = {name: value for name, value in told.items() if name in known and value is not None}
     options |= {"last": last} if last is not None else {}
+    options |= {"length": settings.length} if query == "ray" else {}
+    options |= {"space": job.space} if query != "point" else {}
     return tools.fit(
         grid,
-        query=job.column.query,
-        method=job.variant.method,
-        hidden=job.column.hidden,
-        activation=settings.activation,
+        query=query,
+        method=method,
         budget=settings.budget_of(job.column, job.variant),
         seed=settings.seed,
-        length=settings.length,
-        space=job.space,
         device=settings.device,
         progress=progress,
         **options,

@@ -94,16 +94,27 @@ def _made_with(folder: Folder, rows: Sequence[Row]) -> list[str]:
     threads = sorted({str(r.threads) for r in rows}) or ["?"]
     monotone = ACTIVATIONS[s.activation].monotone
     replaced = monotone != s.activation and any(r.method == "monotone-mlp" for r in rows)
-    lines = ["Made with", "", "```", *(folder.commands or ["(no command yet)"]), "```", ""]
+    commands, versions = folder.commands or ["(no command yet)"], sorted({r.versions for r in rows})
+    counts = ", ".join(f"{count} in {n}D" for n, count in objects.items()) or "none"
+    lines = [
+        f"{len(rows):,} cells in [table1.csv](table1.csv), objects: {counts}; made with `{commands[0]}`.",
+        "",
+        "<details>",
+        "<summary>Commands, settings and versions</summary>",
+        "",
+        "```",
+        *commands,
+        "```",
+        "",
+    ]
     lines += [
         f"- {_budgets(s)}, its proof included; sizes as in the paper's supplement "
         f"({', '.join(f'{c.ndim}D {c.hidden}' for c in COLUMNS if c.query == 'point')}), activation {s.activation}, seed {s.seed}",
         f"- rates over {s.samples:,} random queries (seed {s.sample_seed}), rays of length {s.length:g}",
-        f"- {len(rows):,} cells in [table1.csv](table1.csv), objects: {', '.join(f'{count} in {n}D' for n, count in objects.items()) or 'none'}",
         *([f"- networks that are monotone by construction have {monotone} as their activation"] if replaced else []),
         f"- device {s.device}, CPU threads {' and '.join(threads)}",
     ]
-    return lines + [f"- {version}" for version in sorted({r.versions for r in rows})]
+    return [*lines, *(f"- {version}" for version in versions), "", "</details>"]
 
 
 def _budgets(settings: Settings) -> str:

@@ -3,14 +3,17 @@
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 
 from warp_bounding.errors import BounderError
-from warp_bounding.tables.columns import QUERIES, Column, Supports, Variant
-from warp_bounding.tables.rows import Key
+from warp_bounding.tables.budgets import Preset, parse_budget
+from warp_bounding.tables.columns import COLUMNS, PAPER_OBJECTS, QUERIES, VARIANTS, Column, Supports, Variant
+from warp_bounding.tables.rows import PROTOCOLS, Key
 from warp_bounding.tables.settings import Settings
 from warp_bounding.tables.shapes import Shape
 
-__all__ = ["Job", "Share", "TimeLeft", "duration", "plan", "shares"]
+__all__ = ["Job", "Share", "TimeLeft", "duration", "plan", "preset_seconds", "shares"]
 
 # What is expected before anything has been measured, on two cores; seconds.
 KDOP_SECONDS = 11.0  # after which a learned k-DOP's fit has ended whatever its budget
@@ -217,3 +220,13 @@ def shares(jobs: Sequence[Job], settings: Settings, fitted: Collection[str] = ()
         cells = sum(len(j.protocols) for j in own)
         result.append(Share(column, dict(fits), classic, cells, sum(map(left.job, own))))
     return sorted(result, key=lambda s: (s.column.ndim, QUERIES.index(s.column.query)))
+
+
+@cache
+def preset_seconds(preset: Preset, supports: Supports) -> float:
+    """What a preset takes for every column and method, on as many objects as the paper has."""
+    shapes = [Shape(ndim, str(number), Path()) for ndim, count in PAPER_OBJECTS.items() for number in range(count)]
+    protocols = PROTOCOLS if preset.protocol == "both" else (preset.protocol,)
+    general, budgets = parse_budget(preset.budget)
+    settings = Settings.of({"samples": preset.samples, "budget": general, "budgets": budgets})
+    return TimeLeft(plan(COLUMNS, VARIANTS, shapes, protocols, supports, ())[0], settings).seconds

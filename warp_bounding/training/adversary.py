@@ -9,13 +9,12 @@ Limits: this is a search, not a proof. f has many narrow basins; one that no sta
 returns earns no confidence by itself: a bound on the rate of false negatives comes from fresh samples afterwards.
 """
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 
-from warp_bounding.launch import cpu_threads
+from warp_bounding.launch import cpu_threads, working_seconds
 from warp_bounding.training.network import Evaluator, TrainableNetwork
 from warp_bounding.training.samples import Samples
 from warp_bounding.training.team import Team, single_threaded_torch
@@ -72,13 +71,13 @@ def adversarial_minimum(
         states: ``(S, N)``, positives known to be hard.
         rounds: Largest number of rounds; with unlimited time the search is repeatable.
     """
-    started = time.perf_counter()
+    started = working_seconds()
     with single_threaded_torch():
         team = Team(cpu_threads())
         try:
             search = _Search(samples, network, team, states)
             quiet = count = 0
-            while count < rounds and quiet < QUIET and (not count or time.perf_counter() - started < seconds):
+            while count < rounds and quiet < QUIET and (not count or working_seconds() - started < seconds):
                 before = float(search.values[0]) if len(search.values) else float("inf")
                 search.round()
                 count += 1
@@ -88,7 +87,7 @@ def adversarial_minimum(
         finally:
             team.close()
     return Adversary(
-        float(search.values[0]), search.states, v, search.values, count, quiet >= QUIET, time.perf_counter() - started
+        float(search.values[0]), search.states, v, search.values, count, quiet >= QUIET, working_seconds() - started
     )
 
 

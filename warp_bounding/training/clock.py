@@ -1,6 +1,6 @@
 """A training budget, in seconds or in steps, as a fraction that schedules are written in."""
 
-import time
+from warp_bounding.launch import working_seconds
 
 __all__ = ["Clock"]
 
@@ -16,7 +16,7 @@ class Clock:
     """
 
     def __init__(self, seconds: float, steps: int | None = None):
-        self.started, self.total, self.steps, self.count = time.perf_counter(), seconds, steps, 0
+        self.started, self.total, self.steps, self.count = working_seconds(), seconds, steps, 0
         self.reserved = 0.0  # seconds at the end that belong to the proof
         self._from = (0.0, 0.0)  # seconds and used fraction, from which it goes on evenly
 
@@ -35,7 +35,7 @@ class Clock:
     @property
     def seconds(self) -> float:
         """Wall time since the start."""
-        return time.perf_counter() - self.started
+        return working_seconds() - self.started
 
     @property
     def timed(self) -> bool:

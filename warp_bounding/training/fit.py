@@ -8,31 +8,33 @@ import time
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from warp_bounding.bounders import Bounder, method_class
-from warp_bounding.bounders.activations import ACTIVATIONS, check_activation
 from warp_bounding.bounders.base import checked_device
 from warp_bounding.bounders.bvh import Bvh, leaves_for_bytes
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.domain import Domain
-from warp_bounding.bounders.kdop import Kdop
 from warp_bounding.bounders.learned_kdop import LearnedKdop
-from warp_bounding.bounders.mlp import Mlp, check_hidden, check_octaves
-from warp_bounding.bounders.monotone_mlp import MonotoneMlp
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.options import settled
 from warp_bounding.bounders.parametric import fit_parametric
 from warp_bounding.bounders.regions import RegionDomain, domain_of
 from warp_bounding.bounders.relu_field import ReluField
 from warp_bounding.errors import BounderError, BoundingWarning
+from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, IndicatorMotion, load_indicator
 from warp_bounding.indicators.mesh import MAX_RESOLUTION
+from warp_bounding.launch import compile_seconds
+from warp_bounding.progress import Progress, reported
 from warp_bounding.proof import cascade, prove
 from warp_bounding.queries import check_query, oracle, sample
 from warp_bounding.queries.positives import draw_positives
 from warp_bounding.training.field import train_relu_field
 from warp_bounding.training.kdop import train_learned_kdop
-from warp_bounding.training.networks import TRAINERS, NetworkOptions, fit_network
+from warp_bounding.training.networks import NetworkOptions, fit_network
 from warp_bounding.training.problem import Problem
 
 __all__ = ["fit"]
@@ -44,31 +46,23 @@ FRONT_FACES = 40  # of a learned-kdop before a network; twice as many are hardly
 FRONT_SHARE = 0.1  # of what is left of the budget: for each learned part of a cascade before its networks
 LEAST_SHARE = 0.05  # of the budget, that is left for a part
 
-Progress = Callable[[float, float, str], None]
-
 
 def fit(
     shape,
     query: str = "point",
     method: str = "mlp",
     *,
-    hidden: tuple[int, ...] = (50, 50),
-    activation: str = "sin",
     budget: float = 60.0,
     seed: int = 0,
     margin: float = 0.0,
     force: bool = False,
     resolution: int | None = None,
-    length: float = 1.0,
-    space: str = "geometric",
-    octaves: int = 0,
-    k: int | None = None,
-    leaves: int | None = None,
+    length: float | None = None,
+    space: str | None = None,
     last: Bounder | None = None,
-    steps: int | None = None,
-    recipe: str = "default",
     device: str | None = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
+    **options,
 ) -> Bounder:
     """Fit a bounder to a shape, and prove it where there is a proof for the method and the query.
 
@@ -79,64 +73,107 @@ def fit(
         query: Kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``.
         method: A name in ``METHODS``; or several, as in ``"learned-kdop+mlp"``: a cascade, asked in this order; what the proof of a network
             may cost is counted behind the parts before it.
-        hidden: Hidden widths, mlp.
-        activation: A name in ``ACTIVATIONS``, ``"sin"``, ``"relu"`` or ``"tanh"``, mlp; monotone-mlp takes tanh in place of sin, which is
-            not monotone.
-        budget: Seconds for training and proof, mlp; a proof that is late may take a tenth more. Of all parts of a cascade together.
+        budget: Seconds for training and proof, mlp; a proof that is late may take a tenth more, and compiling kernels, once for each
+            size of network, comes on top. Of all parts of a cascade together.
         seed: Of everything random.
         margin: The object is dilated by this length first, object (world) units. Under the size of a mesh's cells it is warned of: the
             cells are what is bounded.
         force: Take a margin that is larger than the object, too.
         resolution: Cells along a mesh's longest axis; 64 if ``None``. Grids bring their own.
-        length: Of a ray, object units; other queries have none.
-        space: ``"geometric"``: a region is tested against the volume; ``"parametric"``, as in the paper: the volume is fitted to
-            the positives' own 2 n numbers. The same for points.
-        octaves: Octaves of positional encoding, mlp; 0 for none, 4 as in the paper's supplement.
-        k: Half-spaces, kdop and learned-kdop; by default 4 for each number of a query, and 40 for a learned-kdop before a network.
-        leaves: Leaf boxes, bvh; if ``None``, as many as have the memory of a network of these ``hidden`` widths.
+        length: Of a ray, object units; 1 if ``None``. Other queries have none.
+        space: Of rays, planes and boxes: ``"geometric"``, a region is tested against the volume, the default; ``"parametric"``,
+            as in the paper: the volume is fitted to the positives' own 2 n numbers.
         last: The last part of a cascade, where it is fitted already; then only those before it are.
-        steps: Training steps instead of seconds: the result is then repeatable to the bit on the same machine.
-        recipe: ``"default"``, or ``"paper"`` for the paper's schedule.
         device: Warp device of the bounder; the default device if ``None``.
-        progress: Called with done, total and a note. Ctrl-C ends training; the best network so far is then proven.
+        progress: Called with done, total and a note; ``None`` for a bar on standard error, if that is a terminal, ``False`` for
+            nothing. Ctrl-C ends training; the best network so far is then proven.
+        **options: The method's own (``METHODS[method].options``); what no part of a cascade takes is refused.
+            ``hidden``: widths of an mlp's hidden layers, ``(50, 50)``; of the network whose memory sets the leaves of a bvh.
+            ``activation``: of an mlp, ``"sin"``, ``"relu"`` or ``"tanh"``; a monotone-mlp takes tanh in place of sin.
+            ``octaves``: of an mlp's positional encoding, 0 for none, 4 as in the paper's supplement.
+            ``recipe``: of an mlp's training, ``"default"`` or ``"paper"``.
+            ``k``: half-spaces of a kdop or learned-kdop. ``leaves``: leaf boxes of a bvh.
+            ``steps``: training steps instead of seconds: what is learned is then repeatable to the bit on the same machine.
 
     Returns:
-        The bounder, with ``certificate`` and ``info``.
+        The bounder, with ``certificate`` and ``info``: among it ``training``, how it went, with ``seconds`` in all and
+        ``compile_seconds`` of them for kernels, which no budget counts; and ``rates``, see ``quick_rates``.
 
     Raises:
         IndicatorError: If the shape cannot be read or bounded.
         QueryError: For an unknown kind of query.
-        BounderError: For an unknown method, an option that makes no sense, or a margin larger than the object that is not forced.
+        BounderError: For an unknown method, an option that makes no sense or that the method does not take, or a margin larger than
+            the object that is not forced.
     """
     check_query(query)
-    _check_options(budget, steps, seed, margin, length, space, recipe)
+    _check(query, method, budget, seed, margin, length, space)
+    length, space = length or 1.0, space or SPACES[0]
     checked_device(device)
-    started = time.perf_counter()
+    spent = _Stopwatch()
     shape = load_indicator(shape)
     _check_extent(shape, margin, force)
     grid = shape.to_grid(resolution=resolution, margin=margin)
     if not isinstance(shape, IndicatorGrid):
         _warn_of_coarse_cells(grid)
-    space = "geometric" if query == "point" else space
     kinds = [method_class(name, query, grid.ndim, space) for name in method.split("+")]
     if len(kinds) > 1:
         Cascade.check(kinds)
     if last is not None and (len(kinds) < 2 or type(last) is not kinds[-1]):
         raise BounderError(f"last must be the last of several methods, {method!r}, got {last!r}")
-    networks = [issubclass(kind, Mlp) for kind in kinds]
-    options = [_network_options(kind, hidden, activation, octaves, steps, recipe) for kind in kinds]
+    told = settled(kinds, query, options)
     problem = Problem(grid, domain_of(grid, query, length, space), query, int(seed), device)
-    parts: list[Bounder] = []
-    for index, kind in enumerate(kinds if last is None else kinds[:-1]):
-        begun, waiting = time.perf_counter(), sum(networks[index:])
-        left = max(budget - (begun - started), LEAST_SHARE * budget) if parts else budget
+    with reported(progress, f"fit {method}") as update:
+        parts = _fit_parts(problem, kinds if last is None else kinds[:-1], kinds, told, budget, spent, update)
+    if last is not None:
+        parts.append(last.to(str(parts[0].device)))
+    bounder = parts[0] if len(kinds) == 1 else cascade(*parts)
+    bounder.info["rates"] = quick_rates(bounder, grid)
+    before = {} if last is None else last.info.get("training") or {}
+    bounder.info["training"] |= {key: round(value + before.get(key, 0.0), 3) for key, value in spent.seconds().items()}
+    return bounder
+
+
+class _Stopwatch:
+    """What a fit has taken: ``seconds``, and of them ``compile_seconds`` for kernels, which no budget counts."""
+
+    def __init__(self):
+        self._started, self._compiled = time.perf_counter(), compile_seconds()
+
+    def seconds(self) -> dict[str, float]:
+        """So far."""
+        taken = {"seconds": time.perf_counter() - self._started, "compile_seconds": compile_seconds() - self._compiled}
+        return {key: round(value, 3) for key, value in taken.items()}
+
+    @property
+    def working(self) -> float:
+        """Seconds so far, but for compiling."""
+        taken = self.seconds()
+        return taken["seconds"] - taken["compile_seconds"]
+
+
+def _fit_parts(
+    problem: Problem,
+    wanted: list[type[Bounder]],
+    kinds: list[type[Bounder]],
+    told: list[dict[str, Any]],
+    budget: float,
+    spent: _Stopwatch,
+    progress: Progress | None,
+) -> list[Bounder]:
+    """The bounders of these classes, each behind those before it: the first of ``kinds``, among which the budget is shared."""
+    networks, parts, grid = [issubclass(kind, Mlp) for kind in kinds], [], problem.grid
+    for index, kind in enumerate(wanted):
+        own, waiting = spent if index == 0 else _Stopwatch(), sum(networks[index:])
+        left = max(budget - spent.working, LEAST_SHARE * budget) if parts else budget
         part = replace(problem, front=tuple(parts))
         if networks[index]:
-            bounder, record = fit_network(kind, part, replace(options[index], budget=left / waiting), progress)
+            bounder, record = fit_network(kind, part, NetworkOptions(budget=left / waiting, **told[index]), progress)
         else:
             seconds = min(left * (FRONT_SHARE if waiting else 1.0), KDOP_SECONDS if kind is LearnedKdop else left)
-            faces = FRONT_FACES if k is None and waiting and kind is LearnedKdop and query != "plane" else k
-            bounder, record = _fit_other(part, kind, faces, leaves, hidden, seconds, steps, progress)
+            options = told[index]
+            if waiting and kind is LearnedKdop and problem.query != "plane" and options["k"] is None:
+                options = options | {"k": FRONT_FACES}
+            bounder, record = _fit_other(part, kind, options, seconds, progress)
             prove(bounder, grid)
         bounder.info = {
             "indicator": grid.digest,
@@ -144,17 +181,12 @@ def fit(
             "grid_shape": list(grid.shape),
             "margin": grid.margin,
             "resolution": grid.resolution,
-            "seed": int(seed),
+            "seed": problem.seed,
             "note": grid.note,
-            "training": record | {"seconds": round(time.perf_counter() - (begun if index else started), 3)},
+            "training": record | own.seconds(),
         }
         parts.append(bounder)
-    if len(kinds) == 1:
-        return parts[0]
-    whole = cascade(*parts) if last is None else cascade(*parts, last.to(str(parts[0].device)))
-    before = 0.0 if last is None else (last.info.get("training") or {}).get("seconds", 0.0)
-    whole.info["training"]["seconds"] = round(time.perf_counter() - started + before, 3)
-    return whole
+    return parts
 
 
 def _check_extent(shape: IndicatorGrid | IndicatorMesh | IndicatorMotion, margin: float, force: bool) -> None:
@@ -183,65 +215,44 @@ def _warn_of_coarse_cells(grid: IndicatorGrid) -> None:
         warnings.warn(text, BoundingWarning, stacklevel=3)
 
 
-def _network_options(kind, hidden, activation, octaves, steps, recipe) -> NetworkOptions | None:
-    """The options of a network, checked; its budget is set later. ``None`` for other bounders."""
-    if not issubclass(kind, Mlp):
-        return None
-    hidden, octaves = check_hidden(hidden), check_octaves(octaves)
-    check_activation(activation)
-    if issubclass(kind, MonotoneMlp):
-        if octaves or recipe != "default":
-            raise BounderError(
-                f"{kind.method} takes no octaves and the default recipe only, got {octaves} and {recipe}"
-            )
-        activation = ACTIVATIONS[activation].monotone
-    return NetworkOptions(hidden, activation, octaves, 0.0, steps, recipe)
-
-
 def _fit_other(
-    problem: Problem,
-    kind: type[Bounder],
-    k,
-    leaves,
-    hidden,
-    seconds: float,
-    steps: int | None,
-    progress: Progress | None,
+    problem: Problem, kind: type[Bounder], options: dict[str, Any], seconds: float, progress: Progress | None
 ) -> tuple[Bounder, dict]:
     """A bounder that is no network, and a record of how it went."""
     grid, domain = problem.grid, problem.domain
-    options = {"seed": problem.seed, "steps": steps, "device": problem.device, "progress": _shown(progress)}
+    learned = {"seed": problem.seed, "device": problem.device, "progress": _shown(progress), "budget": seconds}
     if kind is LearnedKdop:
-        return train_learned_kdop(grid, domain, budget=seconds, k=k, **options)
+        return train_learned_kdop(grid, domain, **learned, **options)
     if kind is ReluField:
-        return train_relu_field(grid, domain, budget=seconds, **options)
-    return _fit_classic(problem, kind, k, leaves, hidden), {}
+        return train_relu_field(grid, domain, **learned, **options)
+    return _fit_classic(problem, kind, options), {}
 
 
-def _check_options(budget, steps, seed, margin, length, space, recipe) -> None:
+def _check(query, method, budget, seed, margin, length, space) -> None:
     def number(value) -> bool:
         return isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and np.isfinite(value)
 
+    if not isinstance(method, str):
+        raise BounderError(f"method must be a name, or several joined by +, got {method!r}")
     if not number(budget) or budget <= 0:
         raise BounderError(f"budget must be a positive number of seconds, got {budget}")
-    if steps is not None and (isinstance(steps, bool) or not isinstance(steps, (int, np.integer)) or steps < 1):
-        raise BounderError(f"steps must be a whole number of at least 1, got {steps}")
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**63:
         raise BounderError(f"seed must be a whole number from 0 to 2^63 - 1, got {seed}")
     if not number(margin) or margin < 0:
         raise BounderError(f"margin must be a length of at least 0, got {margin}")
-    if not number(length) or length <= 0:
+    if length is not None and query != "ray":
+        raise BounderError(f"length is for ray queries, got length={length} for {query} queries")
+    if length is not None and (not number(length) or length <= 0):
         raise BounderError(f"length must be positive, got {length}")
-    if space not in SPACES:
+    if space is not None and query == "point":
+        raise BounderError(f"space is for ray, plane and box queries, got space={space} for point queries")
+    if space is not None and space not in SPACES:
         raise BounderError(f"space must be one of {', '.join(SPACES)}, got {space!r}")
-    if recipe not in TRAINERS:
-        raise BounderError(f"recipe must be one of {', '.join(TRAINERS)}, got {recipe!r}")
 
 
-def _fit_classic(problem: Problem, kind: type[Bounder], k: int | None, leaves: int | None, hidden) -> Bounder:
+def _fit_classic(problem: Problem, kind: type[Bounder], options: dict[str, Any]) -> Bounder:
     """A closed form; in parametric space around sampled positives, as in the paper, and then around all of them."""
     grid, domain, device = problem.grid, problem.domain, problem.device
-    options = {"k": k} if kind is Kdop else {}
     if domain.space == "parametric" and problem.query != "point":
         x = sample(problem.query, grid, PARAMETRIC_SAMPLES, np.random.default_rng(problem.seed))
         positive = x[oracle(problem.query, grid, device, domain.length or 1.0)(x)]
@@ -251,13 +262,14 @@ def _fit_classic(problem: Problem, kind: type[Bounder], k: int | None, leaves: i
             positive = next(drawn)
         return fit_parametric(kind, grid, domain, domain.to_local(positive), device=device, **options)
     if kind is Bvh:
-        options = {"leaves": leaves or leaves_for_bytes(_network_bytes(domain, hidden), grid.ndim)}
+        leaves = options["leaves"] or leaves_for_bytes(_network_bytes(domain, options["hidden"]), grid.ndim)
+        return kind.fit(grid, domain, device=device, leaves=leaves)
     return kind.fit(grid, domain, device=device, **options)
 
 
-def _network_bytes(domain: Domain | RegionDomain, hidden) -> int:
+def _network_bytes(domain: Domain | RegionDomain, hidden: tuple[int, ...]) -> int:
     """Memory of the network of these widths that the same queries would have."""
-    sizes = [domain.space_ndim if domain.query == "plane" else domain.ndim, *check_hidden(hidden)]
+    sizes = [domain.space_ndim if domain.query == "plane" else domain.ndim, *hidden]
     outputs = 2 if domain.query == "plane" else 1
     numbers = sum(k * h + h for k, h in zip(sizes, [*sizes[1:], outputs], strict=True))
     return 4 * (numbers + len(domain.header) + 1 + len(domain.extra))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.mlp import RECIPES, Mlp
 from warp_bounding.bounders.mlp_early import MlpEarly, part_of
 from warp_bounding.bounders.monotone_mlp import MonotoneMlp
 from warp_bounding.proof import Search, conjunction, least_value, prove
@@ -34,7 +34,7 @@ from warp_bounding.training.thresholds import Costs, decide, tolerance
 
 __all__ = ["TRAINERS", "NetworkOptions", "fit_network"]
 
-TRAINERS = {"default": Trainer, "paper": PaperTrainer}
+TRAINERS = dict(zip(RECIPES, (Trainer, PaperTrainer), strict=True))
 SEARCHES = (0.4, 0.65, 0.9)  # used fractions at which the prover looks for counterexamples
 LOOKS = (0.25, 0.5, 0.9)  # likewise, of rays and boxes
 SEARCH_SHARE = 0.02  # of the budget, each
@@ -79,10 +79,10 @@ class NetworkOptions:
 
     hidden: tuple[int, ...]
     activation: str
-    octaves: int
     budget: float
-    steps: int | None
-    recipe: str
+    steps: int | None = None
+    octaves: int = 0
+    recipe: str = RECIPES[0]
     moments: bool = False
 
     @property

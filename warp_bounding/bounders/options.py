@@ -1,0 +1,89 @@
+"""What a method can be told besides its shape and query: each class states its own ``options``, which ``fit`` and the command line read.
+
+An option that no part of a method takes is refused, never ignored.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from warp_bounding.errors import BounderError
+
+__all__ = ["STEPS", "Option", "one_of", "settled", "taken", "whole"]
+
+QUERIES = ("point", "ray", "plane", "box")
+
+
+@dataclass(frozen=True)
+class Option:
+    """One thing that a method can be told.
+
+    Attributes:
+        name: As ``fit`` takes it, and the command line after two dashes.
+        default: Where it is not given. ``None``: the method decides, and giving ``None`` is giving nothing.
+        help: What it is, a few words.
+        check: The value as the method uses it; raises ``BounderError`` for one that makes no sense.
+        parse: The value of the command line's text; raises ``BounderError`` for what is none.
+        queries: Kinds of query that it is for.
+    """
+
+    name: str
+    default: Any
+    help: str
+    check: Callable[[Any], Any] = lambda value: value
+    parse: Callable[[str], Any] = str
+    queries: tuple[str, ...] = QUERIES
+
+
+def whole(name: str, least: int) -> Callable[[Any], int]:
+    """A check for whole numbers of at least ``least``."""
+
+    def check(value: Any) -> int:
+        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+            raise BounderError(f"{name} must be a whole number of at least {least}, got {value!r}")
+        return int(value)
+
+    return check
+
+
+def one_of(name: str, names: Iterable[str]) -> Callable[[Any], str]:
+    """A check for names."""
+
+    def check(value: Any) -> str:
+        if value not in tuple(names):
+            raise BounderError(f"{name} must be one of {', '.join(names)}, got {value!r}")
+        return value
+
+    return check
+
+
+STEPS = Option(
+    "steps", None, "training steps, instead of seconds: repeatable to the bit on a machine", whole("steps", 1), int
+)
+
+
+def taken(kinds: Iterable[type], query: str) -> dict[str, Option]:
+    """The options that one of these classes of bounders takes for a kind of query, by name."""
+    return {option.name: option for kind in kinds for option in kind.options if query in option.queries}
+
+
+def settled(kinds: list[type], query: str, given: dict[str, Any]) -> list[dict[str, Any]]:
+    """The value of every option of each class of bounders: as given, else the class's default.
+
+    Raises:
+        BounderError: For an option that none of them takes for this kind of query, naming those that are taken, or a wrong value.
+    """
+    known = taken(kinds, query)
+    if unknown := [name for name in given if name not in known]:
+        method = "+".join(kind.method for kind in kinds)
+        what = ", ".join(known) if known else "no options of its own"
+        raise BounderError(f"{method} takes {what} for {query} queries, got {', '.join(unknown)}")
+    return [{name: _value(option, given) for name, option in taken([kind], query).items()} for kind in kinds]
+
+
+def _value(option: Option, given: dict[str, Any]) -> Any:
+    """As given, else by default."""
+    value = given.get(option.name, option.default)
+    return None if value is None and option.default is None else option.check(value)

@@ -1,0 +1,68 @@
+"""``warp-bounding query``: ask a bounder about an array of queries, and write what it answers."""
+
+import io
+import time
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from warp_bounding.cli.output import BounderFile, Device, Json, console, print_json, quiet_warp
+from warp_bounding.errors import QueryError
+
+__all__ = ["command"]
+
+
+def command(
+    file: BounderFile,
+    points: Annotated[
+        str,
+        typer.Argument(metavar="POINTS.npy", help="(N, m) float32 or float64: points, or regions as FILE takes them."),
+    ],
+    output: Annotated[
+        str, typer.Option("--output", "-o", help="File to write (.npy): (N,) uint8, 1 = maybe, 0 = certainly not.")
+    ],
+    device: Device = "cpu",
+    json: Json = False,
+) -> int:
+    """Ask FILE about every row of POINTS.npy, in object space, and write the answers."""
+    from warp_bounding.bounders import load
+    from warp_bounding.bounders.storage import check_writable, write_whole
+
+    quiet_warp(device)
+    check_writable(output)
+    if Path(output).exists() and Path(points).exists() and Path(output).samefile(points):
+        raise QueryError(f"output must be another file than the queries, got {output} for both")
+    bounder, queries = load(file, device=device), _read(points)
+    started = time.perf_counter()
+    mask = bounder.query(queries).numpy()
+    seconds = time.perf_counter() - started
+    content = io.BytesIO()
+    np.save(content, mask)
+    write_whole(output, content.getvalue())
+    maybe = int(mask.sum())
+    if json:
+        about = {
+            "path": file,
+            "points": points,
+            "output": output,
+            "method": bounder.method,
+            "query": bounder.query_kind,
+        }
+        print_json({**about, "count": len(mask), "maybe": maybe, "seconds": round(seconds, 6)})
+    else:
+        share = f" ({100 * maybe / len(mask):.2f} %)" if len(mask) else ""
+        asked = f"{len(mask):,} {bounder.query_kind} queries"
+        console(False).print(f"{bounder.method}: maybe for {maybe:,} of {asked}{share}; written to {output}")
+    return 0
+
+
+def _read(path: str) -> np.ndarray:
+    """A ``.npy`` array; see ``Bounder.query`` for what must be in it."""
+    from warp_bounding.indicators.reading import reading
+
+    if not Path(path).is_file():
+        raise QueryError(f"{path}: no such file")
+    with reading(path, "a NumPy .npy array of queries"), open(path, "rb") as file:
+        return np.lib.format.read_array(file, allow_pickle=False)

@@ -1,0 +1,56 @@
+"""Progress of long work, for people: a bar on standard error where that is a terminal, or whatever function they give."""
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from warp_bounding.errors import BounderError
+
+__all__ = ["Progress", "bar", "reported"]
+
+Progress = Callable[[float, float, str], None]
+
+
+@contextlib.contextmanager
+def bar(description: str) -> Iterator[Any]:
+    """A progress bar on standard error; yields ``update(done, total, note="")``, with done in any unit."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=28),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}"),
+    )
+    err = Console(stderr=True)
+    with Progress(
+        *columns, console=err, transient=True, disable=not err.is_terminal
+    ) as progress:  # no blank lines in logs
+        task = progress.add_task(description, total=1.0, note="")
+        yield lambda done, total=1.0, note="": progress.update(task, completed=done / total if total else 0, note=note)
+
+
+@contextlib.contextmanager
+def reported(progress: Progress | bool | None, description: str) -> Iterator[Progress | None]:
+    """What to call with done, total and a note: the function that was given, or ``None``.
+
+    Args:
+        progress: A function; ``None`` for a bar, if standard error is a terminal; ``False`` for nothing.
+        description: What the bar says.
+
+    Raises:
+        BounderError: For anything else.
+    """
+    if callable(progress):
+        yield progress
+    elif progress is None and sys.stderr is not None and sys.stderr.isatty():
+        with bar(description) as update:
+            yield update
+    elif progress is None or progress is False:
+        yield None
+    else:
+        raise BounderError(f"progress must be a function, None or False, got {progress!r}")
