@@ -9,6 +9,7 @@ A kernel is compiled, or loaded from Warp's cache, before its first launch. That
 """
 
 import os
+import time
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from threading import Lock, Thread
@@ -146,9 +147,9 @@ def ready(kernel: wp.Kernel, device: wp.Device) -> None:
     """Compile and load a kernel's module, if that is not done yet."""
     global _compiling
     if (kernel, device.alias) not in _ready:
-        started = perf_counter()
+        started = time.perf_counter()
         wp.load_module(kernel.module, device)
-        _compiling += perf_counter() - started
+        _compiling += time.perf_counter() - started
         _ready.add((kernel, device.alias))
 
 
@@ -159,7 +160,7 @@ def compile_seconds() -> float:
 
 def working_seconds() -> float:
     """A clock like ``time.perf_counter`` that stands still while kernels are compiled; what budgets are measured by."""
-    return perf_counter() - _compiling
+    return time.perf_counter() - _compiling
 
 
 class BlockLaunch:
