@@ -163,3 +163,22 @@ def test_threads_are_woken_where_that_pays(monkeypatch):
         assert shares == expected
         assert (out.numpy() == 1).all()
         assert launch._pace[_visit] != pace  # measured anew
+
+
+def test_the_working_clock_stands_still_while_kernels_are_compiled(monkeypatch):
+    now, seconds = [100.0], 7.0
+
+    def load_module(module, device):
+        now[0] += seconds
+
+    monkeypatch.setattr(launch.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(launch.wp, "load_module", load_module)
+    monkeypatch.setattr(launch, "_ready", set())
+    monkeypatch.setattr(launch, "_compiling", 0.0)
+    before = launch.working_seconds()
+    for _ in range(2):
+        launch.ready(_visit, wp.get_device("cpu"))
+    assert launch.compile_seconds() == seconds  # once
+    assert launch.working_seconds() == before
+    now[0] += 3.0
+    assert launch.working_seconds() == before + 3.0

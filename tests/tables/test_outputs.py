@@ -155,3 +155,17 @@ def test_the_rank_plot_of_little(rng):
     assert rank_plot([make_row(POINT, VOXELS)]) == {}
     assert set(rank_plot([make_row(POINT, MLP, fp_rate=0.0)])) == {"png", "svg"}
     assert set(rank_plot([make_row(RAY, PARAMETRIC, "a", "parametric", "sampled")])) == {"png", "svg"}
+
+
+def test_a_page_begins_with_one_line_and_folds_the_rest(tmp_path):
+    folder = opened(tmp_path / "out", ROWS)
+    folder.commands.append("warp-bounding table1 --data D --out O --methods mlp")
+    text = page(folder, supports)
+    head, *_ = text.split("\n- A cell is")
+    title, _, line, _, details, *folded = head.splitlines()
+    assert title.startswith("# Table 1")
+    assert line.endswith("made with `warp-bounding table1 --data D --out O`.")
+    assert details == "<details>"
+    assert folded[-2:] == ["</details>", ""] or folded[-1] == "</details>"
+    assert "warp-bounding table1 --data D --out O --methods mlp" in folded
+    assert line.startswith(f"{len(ROWS)} cells in [table1.csv](table1.csv), objects: 2 in 2D")
