@@ -14,14 +14,14 @@ import warp_bounding as wb
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "warp_bounding"
 HEAVY = ("torch", "trimesh", "pyvista", "matplotlib", "scipy", "typer", "PIL", "pxr")
-BOTTOM = ("errors", "version", "arithmetic", "launch", "native")
+BOTTOM = ("errors", "version", "arithmetic", "launch", "native", "progress")
 # What each part may import, besides itself and the bottom.
 BELOW = {
     "indicators": (),
     "queries": ("indicators",),
     "bounders": ("queries", "indicators"),
     "proof": ("bounders", "queries", "indicators"),
-    "training": ("proof", "bounders", "queries", "indicators"),
+    "training": ("evaluation", "proof", "bounders", "queries", "indicators"),
     "evaluation": ("proof", "bounders", "queries", "indicators"),
     "tables": ("training", "evaluation", "proof", "bounders", "queries", "indicators"),
     "cli": ("tables", "training", "evaluation", "proof", "bounders", "queries", "indicators"),
@@ -30,6 +30,7 @@ BELOW = {
     "errors": (),
     "launch": (),
     "native": (),
+    "progress": (),
     "version": (),
     "__main__": ("cli",),
 }
