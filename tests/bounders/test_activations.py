@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from bounding_shapes import EARLY, HIDDEN, object_points, shape
+from bounding_shapes import EARLY, HIDDEN, object_points, shape, told_of
 from region_cases import hard_regions, ray_length
 
 pytest.importorskip("torch", reason="torch is not installed")
@@ -45,7 +45,8 @@ def test_every_activation_in_every_network(method, query, name, activation, monk
     monkeypatch.setattr(networks, "REGION_BOXES", 100_000)
     grid, kind = shape(name), METHODS[method]
     hidden, length = EARLY if issubclass(kind, MlpEarly) else HIDDEN, ray_length(grid)
-    bounder = wb.fit(grid, query, method, activation=activation, hidden=hidden, steps=3, length=length, device="cpu")
+    told = told_of(method, query, activation=activation, hidden=hidden, steps=3, length=length)
+    bounder = wb.fit(grid, query, method, device="cpu", **told)
     assert bounder.activation in (activation, ACTIVATIONS[activation].monotone)
     bounder.save(tmp_path / "b.safetensors")
     loaded = wb.load(tmp_path / "b.safetensors")

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 import trimesh
-from bounding_shapes import EARLY, HIDDEN
+from bounding_shapes import EARLY, HIDDEN, told_of
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
@@ -31,9 +31,8 @@ def moving_box(start: float, end: float) -> wb.IndicatorMotion:
 @cache
 def fitted(method: str, query: str, span: tuple[float, float]) -> wb.Bounder:
     hidden = EARLY if method == "mlp-early" else HIDDEN
-    options = {"steps": 3} if not METHODS[method].closed_form or method in ("learned-kdop", "relu-field") else {}
     grid = moving_box(*span).to_grid(resolution=5)
-    return wb.fit(grid, query=query, method=method, hidden=hidden, device="cpu", **options)
+    return wb.fit(grid, query=query, method=method, device="cpu", **told_of(method, query, hidden=hidden, steps=3))
 
 
 def beyond(span: tuple[float, float], rng: np.random.Generator) -> np.ndarray:

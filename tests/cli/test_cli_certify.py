@@ -17,9 +17,9 @@ def files(tmp_path_factory) -> dict[str, str]:
     np.save(folder / "block.npy", CELLS)
     shape = wb.load_indicator(folder / "block.npy")
     paths = {"shape": str(folder / "block.npy")}
-    for query in ("point", "ray"):
+    for query, length in (("point", None), ("ray", 0.5)):
         paths[query] = str(folder / f"{query}.safetensors")
-        wb.fit(shape, query=query, method="aabb", margin=0.05, length=0.5, device="cpu").save(paths[query])
+        wb.fit(shape, query=query, method="aabb", margin=0.05, length=length, device="cpu").save(paths[query])
     return paths
 
 

@@ -20,7 +20,8 @@ MESH = wb.IndicatorMesh(*(lambda m: (m.vertices, m.faces))(trimesh.creation.box(
 
 
 def bounder_of(query="point", margin=0.1, length=0.75, resolution=8, **options):
-    options = {"query": query, "margin": margin, "length": length, "resolution": resolution} | options
+    options = {"query": query, "margin": margin, "resolution": resolution} | options
+    options |= {"length": length} if query == "ray" else {}
     return wb.fit(MESH, method="aabb", device="cpu", **options)
 
 
