@@ -27,6 +27,7 @@ fuzz: $(VENV)/.installed
 
 bench: $(VENV)/.installed
 	$(BIN)/python benchmarks/inference.py
+	$(BIN)/python benchmarks/overhead.py
 
 # execute the notebooks, in place
 notebooks: $(VENV)/.installed

@@ -109,7 +109,9 @@ def test_x_that_would_be_copied_is_refused(make, rng):
     """In ``query`` it is copied; a prepared copy would never see what is written to x."""
     bounder, x = random_bounder("kdop", "blob"), make(domain_points(shape("blob"), 100, rng))
     bounder.query(x)
-    with pytest.raises(QueryError, match=r"^x must be float32 in one piece in the memory of cpu, .*, got \w+ of .*$"):
+    with pytest.raises(
+        QueryError, match=r"^x must be float32, in one piece and on cpu.*got \w+ of [\w.]+ that would have to"
+    ):
         bounder.prepare(x)
 
 

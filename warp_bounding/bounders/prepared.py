@@ -60,9 +60,10 @@ class Prepared:
         self._bounder, self._x = bounder, x
         self._queries, self._number, _ = flat_queries(x, bounder.domain.columns, bounder.device)
         if self._number and not read_in_place(x, self._queries):
-            got = f"{type(x).__name__} of {getattr(x, 'dtype', 'numbers')}"
+            dtype = getattr(x, "dtype", "numbers")
+            got = f"{type(x).__name__} of {getattr(dtype, '__name__', dtype)} that would have to be copied"
             raise QueryError(
-                f"x must be float32 in one piece in the memory of {bounder.device}, where it is read at every launch, got {got}"
+                f"x must be float32, in one piece and on {bounder.device}: every launch reads it there; got {got}"
             )
         self.out = new_output(out, self._number, wp.uint8, bounder.device)
         self._place: wp.array | None = None
