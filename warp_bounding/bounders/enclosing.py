@@ -9,8 +9,10 @@ Ellipsoids*, SIAM 2016): with ``mu`` and ``C`` the mean and covariance under ``u
 
 Frank-Wolfe steps with away steps move weight towards the farthest point or away from the nearest weighted one, with an
 exact line search. Scaling the current ellipsoid to hold all points gives an upper bound, the dual a lower one; the
-search stops when they agree to ``GAP``.
+search stops when they agree to ``GAP``. Few points matter: it is fitted to some of them, and those that it leaves out join.
 """
+
+import math
 
 import numpy as np
 
@@ -21,6 +23,7 @@ __all__ = ["enclosing_ellipsoid"]
 
 GAP = 1e-4  # relative, in squared length: 0.005 % in radius
 MOST_STEPS = 20_000
+JOINING = 64  # points that join those that the ellipsoid is fitted to, at a time
 
 
 def enclosing_ellipsoid(grid: IndicatorGrid, family: str) -> tuple[np.ndarray, np.ndarray]:
@@ -39,7 +42,39 @@ def enclosing_ellipsoid(grid: IndicatorGrid, family: str) -> tuple[np.ndarray, n
     points = extreme_corners(grid)
     origin, size = points.mean(axis=0), np.ptp(points, axis=0).max()
     points = (points - origin) / size
-    weights = np.full(len(points), 1.0 / len(points))
+    chosen = _outermost(points)
+    weights = np.full(len(chosen), 1.0 / len(chosen))
+    while True:
+        mean, shape, goal, weights = _enclose(points[chosen], weights, family)
+        offset = points - mean
+        distance = np.einsum("ij,jk,ik->i", offset, shape, offset)
+        if distance.max() <= goal * (1 + GAP):
+            scale = np.linalg.cholesky(shape / distance.max()).T
+            return scale / size, mean * size + origin
+        # The ellipsoid of a part of the points bounds the optimum of all from below; those farthest out join the part.
+        distance[chosen] = 0.0
+        more = np.argsort(distance)[-JOINING:]
+        more = more[distance[more] > goal]
+        chosen = np.concatenate([chosen, more])
+        weights = np.concatenate([weights, np.zeros(len(more))])
+
+
+def _outermost(points: np.ndarray) -> np.ndarray:
+    """Indices of points that are farthest out in some direction: the corners of the bounding box's sides and diagonals."""
+    n = points.shape[1]
+    directions = np.concatenate([np.eye(n), np.random.default_rng(0).normal(size=(JOINING, n))])
+    along = points @ directions.T
+    return np.unique(np.concatenate([along.argmin(axis=0), along.argmax(axis=0)]))
+
+
+def _enclose(points: np.ndarray, weights: np.ndarray, family: str) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
+    """Centre, metric, its goal and the weights of the smallest member of a family around all of the points.
+
+    Args:
+        points: ``(P, n)``.
+        weights: ``(P,)``, to begin with.
+        family: See ``enclosing_ellipsoid``.
+    """
     n = points.shape[1]
     for _ in range(MOST_STEPS):
         mean = weights @ points
@@ -48,21 +83,19 @@ def enclosing_ellipsoid(grid: IndicatorGrid, family: str) -> tuple[np.ndarray, n
         shape, goal = _metric(covariance, family)
         distance = np.einsum("ij,jk,ik->i", offset, shape, offset)
         far = int(np.argmax(distance))
-        if distance[far] <= goal * (1 + GAP):
-            scale = np.linalg.cholesky(shape / distance[far]).T
-            return scale / size, mean * size + origin
+        if distance[far] <= goal * (1 + GAP / 2):
+            return mean, shape, goal, weights
         used = np.flatnonzero(weights > 0)
         near = int(used[np.argmin(distance[used])])
         away = distance[far] - goal < goal - distance[near] and weights[near] < 1
         index = near if away else far
         most = weights[near] / (1 - weights[near]) if away else 1.0
-        step = _line_search(covariance, offset[index], family, -1.0 if away else 1.0, most)
-        if away and step >= most * (1 - 1e-9):
-            step = most
-        step = -step if away else step
-        weights *= 1 - step
+        step = max(_line_search(_ratios(covariance, offset[index], distance[index], family), n, family), -most)
+        if away and step <= -most * (1 - 1e-9):
+            step = -most
+        weights = weights * (1 - step)
         weights[index] = max(weights[index] + step, 0.0)
-        if away and -step >= most * (1 - 1e-12):
+        if away and step == -most:
             weights[index] = 0.0
         weights /= weights.sum()
     raise BounderError(f"no enclosing ellipsoid within {GAP} after {MOST_STEPS} steps in {n}D")
@@ -101,19 +134,30 @@ def _metric(covariance: np.ndarray, family: str) -> tuple[np.ndarray, float]:
     return np.linalg.inv(covariance), float(n)
 
 
-def _line_search(covariance: np.ndarray, direction: np.ndarray, family: str, sign: float, most: float) -> float:
-    """Step in (0, most] that maximises the goal; C becomes ``(1 - s) (C + s d d^T)`` after a (signed) step s."""
+def _ratios(covariance: np.ndarray, direction: np.ndarray, distance: float, family: str) -> list[float]:
+    """What a step adds in proportion to what there is: the logarithm of the goal changes by ``m log(1 - s) + sum log(1 + s r)``."""
+    if family == "trace":
+        return [distance / float(np.trace(covariance))]
+    if family == "diagonal":
+        return (direction**2 / np.diag(covariance)).tolist()
+    return [distance]
 
-    def slope(step: float) -> float:
-        s = sign * step
-        moved = (1 - s) * (covariance + s * np.outer(direction, direction))
-        change = -covariance + (1 - 2 * s) * np.outer(direction, direction)
-        shape, _ = _metric(moved, family)
-        return sign * float((shape * change).sum())
 
-    low, high = 0.0, most * (1 - 1e-9) if family != "trace" else most
-    if slope(high) >= 0:
-        return high
+def _line_search(ratios: list[float], n: int, family: str) -> float:
+    """The signed step s < 1 that maximises the goal; C becomes ``(1 - s) (C + s d d^T)``.
+
+    The slope is that of ``-m / (1 - s) + sum of r / (1 + s r)``, which falls; m is 1 for balls, and n otherwise.
+    """
+    m = 1 if family == "trace" else n
+    if max(ratios) <= 0:  # a point at the mean: the less of it the better
+        return -math.inf
+    if len(ratios) == 1:
+        return (ratios[0] - m) / (ratios[0] * (1 + m))
+
+    def slope(s: float) -> float:
+        return sum(r / (1 + s * r) for r in ratios) - m / (1 - s)
+
+    low, high = (0.0, 1.0 - 1e-9) if slope(0.0) > 0 else (-1.0 / max(ratios) * (1 - 1e-9), 0.0)
     for _ in range(50):
         middle = (low + high) / 2
         low, high = (middle, high) if slope(middle) > 0 else (low, middle)
