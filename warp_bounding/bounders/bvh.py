@@ -6,6 +6,7 @@ have nothing to ask. Points and boxes are only compared, so they cannot round; a
 1986), a plane is compared with the box's two supports, both with room for their rounding. f is 0 where a leaf is hit, else -1.
 """
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -132,6 +133,7 @@ class Bvh(Bounder):
         *,
         leaves: int = LEAVES,
         builder: str = "tight",
+        seconds: float = math.inf,
         device: str | None = None,
     ) -> "Bvh":
         """Arrange a grid's occupied cells in boxes.
@@ -141,6 +143,7 @@ class Bvh(Bounder):
             domain: Its domain, or that of a region.
             leaves: Number of leaf boxes (fewer where the object consists of fewer); see ``leaves_for_bytes``.
             builder: ``"tight"``: boxes of little volume; ``"median"``: halves in Morton order.
+            seconds: Time for the ``tight`` boxes; the fewer there are, the looser.
             device: Warp device.
 
         Raises:
@@ -150,7 +153,7 @@ class Bvh(Bounder):
             raise BounderError(f"leaves must be a positive whole number, got {leaves!r}")
         if builder not in BUILDERS:
             raise BounderError(f"builder must be one of {', '.join(BUILDERS)}, got {builder!r}")
-        tree = build(grid, leaves, builder)
+        tree = build(grid, leaves, builder, seconds)
         lower, upper = domain.base.widened(grid.position(tree.first - 0.5), grid.position(tree.last + 0.5))
         low = np.nextafter(round_down(lower - 2 * ROOM), np.float32(-np.inf))
         high = np.nextafter(round_up(upper + 2 * ROOM), np.float32(np.inf))

@@ -10,6 +10,8 @@ A binary tree has as many inner nodes as leaves. Two thirds of them are taken ou
 leaves memory for more leaves; so a node has ``ARITY`` children on average.
 """
 
+import math
+import time
 from dataclasses import dataclass, field
 from heapq import heapify, heappop, heappush
 from typing import NamedTuple
@@ -63,19 +65,21 @@ def inner_nodes(leaves: int) -> int:
     return -(-(leaves - 1) // (ARITY - 1))
 
 
-def build(grid: IndicatorGrid, leaves: int, builder: str) -> Hierarchy:
+def build(grid: IndicatorGrid, leaves: int, builder: str, seconds: float = math.inf) -> Hierarchy:
     """Arrange the occupied cells.
 
     Args:
         grid: The object.
         leaves: Number of leaf boxes; fewer where the object consists of fewer boxes.
         builder: ``"median"`` or ``"tight"``.
+        seconds: Time for the splits of ``tight``: where it is over, boxes stay as large as they are. The emptiest are split first.
     """
-    cells = grid.occupied
+    cells, started = grid.occupied, time.perf_counter()
     if builder == "median":
         root = _median(cells[morton_order(cells)], leaves)
     else:
-        found = [_tight(cells, leaves, power) for power in POWERS]
+        shares = [started + seconds * (index + 1) / len(POWERS) for index in range(len(POWERS))]
+        found = [_tight(cells, leaves, power, until) for power, until in zip(POWERS, shares, strict=True)]
         root = min(found, key=lambda pair: pair[0])[1]
     _flatten(root, inner_nodes(leaves), np.array(grid.shape, dtype=np.float64))
     return _depth_first(root)
@@ -102,11 +106,11 @@ def _median(cells: np.ndarray, leaves: int) -> Node:
     return node
 
 
-def _tight(cells: np.ndarray, leaves: int, power: float) -> tuple[float, Node]:
-    """The least sum of leaf sizes that was found, and its tree."""
+def _tight(cells: np.ndarray, leaves: int, power: float, until: float) -> tuple[float, Node]:
+    """The least sum of leaf sizes that was found, and its tree; no box is split any more at the time ``until``."""
     root = Node.around(cells)
     waiting, nodes, count = [(0.0, 0, root, cells)] if root.size > len(cells) else [], [root], 1
-    while waiting and count < SPARE * leaves:
+    while waiting and count < SPARE * leaves and time.perf_counter() < until:
         _, _, node, held = heappop(waiting)
         for part in _best_split(held, power):
             child = Node.around(part)

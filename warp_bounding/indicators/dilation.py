@@ -6,8 +6,11 @@ import numpy as np
 
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.grid import MAX_CELLS
+from warp_bounding.indicators.memory import check_memory
 
 __all__ = ["dilate"]
+
+CELL_BYTES = 26  # of a padded cell: squared distances, those that they become, and what is compared with them
 
 
 def dilate(
@@ -35,6 +38,8 @@ def dilate(
         raise IndicatorError(
             f"expected a margin for which {MAX_CELLS} cells suffice, got one of up to {largest:g} cells"
         )
+    cells = math.prod(s + 2 * (r + 1) for s, r in zip(occupancy.shape, radius.tolist(), strict=True))
+    check_memory(cells * CELL_BYTES, f"dilating {occupancy.size:,} cells", "give a smaller margin or fewer cells")
     # Reach d is needed while (d - 1) / radius <= 1; the two factors keep rounding on the safe side.
     reach = np.array([math.floor(r * (1 + 1e-12)) + 1 if r > 0 else 0 for r in radius])
     padded = np.pad(occupancy, [(int(d),) * 2 for d in reach])

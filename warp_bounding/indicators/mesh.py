@@ -16,6 +16,7 @@ import numpy as np
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.closed_parts import Surface, surface_of
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.memory import check_memory
 
 __all__ = [
     "IndicatorMesh",
@@ -28,6 +29,7 @@ __all__ = [
 
 DEFAULT_RESOLUTION = 64
 MAX_RESOLUTION = 1024
+CELL_BYTES = 8  # while cells are made: their regions (four bytes) and three arrays of truth values
 SCALE_BITS = 16  # significant bits of cells_per_unit: cell coordinates of float32 points are then exact in float64
 MAX_OFFSET = 2**22  # of a grid, in cells
 
@@ -139,6 +141,8 @@ class IndicatorMesh:
         used, faces = np.unique(self.faces, return_inverse=True)
         in_cells = self.vertices[used].astype(np.float64) * scale - first
         shape = tuple((last - first + 1).tolist())
+        what = f"{self.name}: dividing it into {' x '.join(map(str, shape))} cells"
+        check_memory(math.prod(shape) * CELL_BYTES, what, "give a coarser resolution")
         occupancy = solid_cells(in_cells, faces.reshape(-1, 3), self.surface.closed, shape, margin * scale)
         return IndicatorGrid(
             occupancy,

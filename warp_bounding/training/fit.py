@@ -26,6 +26,7 @@ from warp_bounding.bounders.relu_field import ReluField
 from warp_bounding.errors import BounderError, BoundingWarning
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, IndicatorMotion, load_indicator
+from warp_bounding.indicators.memory import check_memory
 from warp_bounding.indicators.mesh import MAX_RESOLUTION
 from warp_bounding.launch import compile_seconds
 from warp_bounding.progress import Progress, reported
@@ -44,6 +45,8 @@ PARAMETRIC_SAMPLES = 20_000  # as in the paper's code
 KDOP_SECONDS = 10.0  # more does not make learned half-spaces tighter
 FRONT_FACES = 40  # of a learned-kdop before a network; twice as many are hardly nearer to the convex hull
 FRONT_SHARE = 0.1  # of what is left of the budget: for each learned part of a cascade before its networks
+COORDINATE_BYTES = 32  # of an occupied cell, on each axis: its index, two corners and what is computed of them
+PROOF_SECONDS = 8e-6  # an occupied cell: the proof of learned closed forms, measured; left over by their training
 LEAST_SHARE = 0.05  # of the budget, that is left for a part
 
 
@@ -73,8 +76,9 @@ def fit(
         query: Kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``.
         method: A name in ``METHODS``; or several, as in ``"learned-kdop+mlp"``: a cascade, asked in this order; what the proof of a network
             may cost is counted behind the parts before it.
-        budget: Seconds for training and proof, mlp; a proof that is late may take a tenth more, and compiling kernels, once for each
-            size of network, comes on top. Of all parts of a cascade together.
+        budget: Seconds for training and proof, of all parts of a cascade together; a network's proof that is late may take a tenth more, and
+            compiling kernels, once for each size of network, comes on top. A bvh stops splitting boxes then; other closed forms are
+            found at once, up to millions of cells.
         seed: Of everything random.
         margin: The object is dilated by this length first, object (world) units. Under the size of a mesh's cells it is warned of: the
             cells are what is bounded.
@@ -115,6 +119,10 @@ def fit(
     grid = shape.to_grid(resolution=resolution, margin=margin)
     if not isinstance(shape, IndicatorGrid):
         _warn_of_coarse_cells(grid)
+    occupied = int(grid.occupancy.sum())
+    check_memory(
+        occupied * grid.ndim * COORDINATE_BYTES, f"fitting {occupied:,} occupied cells", "give a coarser resolution"
+    )
     kinds = [method_class(name, query, grid.ndim, space) for name in method.split("+")]
     if len(kinds) > 1:
         Cascade.check(kinds)
@@ -170,6 +178,9 @@ def _fit_parts(
             bounder, record = fit_network(kind, part, NetworkOptions(budget=left / waiting, **told[index]), progress)
         else:
             seconds = min(left * (FRONT_SHARE if waiting else 1.0), KDOP_SECONDS if kind is LearnedKdop else left)
+            seconds -= min(seconds / 2, PROOF_SECONDS * len(grid.occupied))
+            if kind is Bvh and any(each.get("steps") for each in told):
+                seconds = math.inf  # what is to be repeatable knows no clock
             options = told[index]
             if waiting and kind is LearnedKdop and problem.query != "plane" and options["k"] is None:
                 options = options | {"k": FRONT_FACES}
@@ -225,7 +236,7 @@ def _fit_other(
         return train_learned_kdop(grid, domain, **learned, **options)
     if kind is ReluField:
         return train_relu_field(grid, domain, **learned, **options)
-    return _fit_classic(problem, kind, options), {}
+    return _fit_classic(problem, kind, options, seconds), {}
 
 
 def _check(query, method, budget, seed, margin, length, space) -> None:
@@ -250,7 +261,7 @@ def _check(query, method, budget, seed, margin, length, space) -> None:
         raise BounderError(f"space must be one of {', '.join(SPACES)}, got {space!r}")
 
 
-def _fit_classic(problem: Problem, kind: type[Bounder], options: dict[str, Any]) -> Bounder:
+def _fit_classic(problem: Problem, kind: type[Bounder], options: dict[str, Any], seconds: float) -> Bounder:
     """A closed form; in parametric space around sampled positives, as in the paper, and then around all of them."""
     grid, domain, device = problem.grid, problem.domain, problem.device
     if domain.space == "parametric" and problem.query != "point":
@@ -263,7 +274,7 @@ def _fit_classic(problem: Problem, kind: type[Bounder], options: dict[str, Any])
         return fit_parametric(kind, grid, domain, domain.to_local(positive), device=device, **options)
     if kind is Bvh:
         leaves = options["leaves"] or leaves_for_bytes(_network_bytes(domain, options["hidden"]), grid.ndim)
-        return kind.fit(grid, domain, device=device, leaves=leaves)
+        return kind.fit(grid, domain, device=device, leaves=leaves, seconds=seconds)
     return kind.fit(grid, domain, device=device, **options)
 
 
