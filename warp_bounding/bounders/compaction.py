@@ -1,6 +1,6 @@
 """Compaction on the device: the ascending indices of the set entries of a mask, and their number, nothing read back.
 
-Three steps: count per block, scan the counts, write. Both passes over the mask are threaded on a CPU.
+Three steps: count per block, scan the counts, write; a single block only writes. Both passes over the mask are threaded on a CPU.
 """
 
 from collections.abc import Callable
@@ -34,7 +34,7 @@ const int begin = block * size; const int end = begin + size < count ? begin + s
 int at = block > 0 ? ends.data[block - 1] : 0;
 const int last = ends.data[block];
 for (int i = begin; i < end && at < last; ++i) { indices.data[at] = i; at += mask.data[i] != 0; }
-if (end == count) total.data[0] = last;
+if (end == count) total.data[0] = at;
 """)
 def _write_block(
     mask: wp.array(dtype=wp.uint8),
@@ -100,15 +100,17 @@ class Compaction:
             return
         size = CPU_BLOCK if device.is_cpu else CUDA_BLOCK
         blocks = -(-count // size)
-        counts, ends = (wp.empty(blocks, dtype=wp.int32, device=device) for _ in range(2))
         items = count if device.is_cpu else blocks  # one launch item a block on CUDA
         options = {"device": device, "first_index": 3, "block": size}
-        counting = BlockLaunch(_count, items, [mask, count, size, 0], [counts], **options)
-        writing = BlockLaunch(_write, items, [mask, count, size, 0, ends], [self.indices, self.count], **options)
-        scanning = partial(wp.utils.array_scan, counts, ends, inclusive=True)
-        if device.is_cpu:  # the same without Warp's checks, which take longer than the sum
-            scanning = partial(np.cumsum, counts.numpy(), out=ends.numpy())
-        self._steps = [counting.launch, scanning, writing.launch]
+        ends = wp.full(blocks, count, dtype=wp.int32, device=device)
+        if blocks > 1:  # one block needs to know no other's number
+            counts = wp.empty(blocks, dtype=wp.int32, device=device)
+            scanning = partial(wp.utils.array_scan, counts, ends, inclusive=True)
+            if device.is_cpu:  # the same without Warp's checks, which take longer than the sum
+                scanning = partial(np.cumsum, counts.numpy(), out=ends.numpy())
+            self._steps += [BlockLaunch(_count, items, [mask, count, size, 0], [counts], **options).launch, scanning]
+        outputs = [self.indices, self.count]
+        self._steps.append(BlockLaunch(_write, items, [mask, count, size, 0, ends], outputs, **options).launch)
 
     def launch(self) -> tuple[wp.array, wp.array]:
         """Fill ``indices`` and ``count``, and return them."""

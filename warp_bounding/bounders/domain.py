@@ -12,6 +12,7 @@ the axis of time, where the answer outside is *maybe*, the limit lies inside the
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -129,6 +130,11 @@ class Domain:
     def columns(self) -> int:
         """Numbers of a query."""
         return len(self.center)
+
+    @cached_property
+    def reach(self) -> np.ndarray:
+        """``(n,)`` float64: largest coordinates of a point of the domain, in absolute value, object space."""
+        return np.maximum(np.abs(self.lower), np.abs(self.upper)) + self.delta / self.scale.astype(np.float64)
 
     @property
     def base(self) -> "Domain":

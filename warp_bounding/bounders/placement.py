@@ -65,14 +65,15 @@ class Placement:
             raise QueryError(f"scale must be a positive number or {spatial} of them, got {scale!r}") from error
         if factors.size == 1:
             factors = np.repeat(factors, spatial)
-        if factors.shape != (spatial,) or not (np.isfinite(factors) & (factors > 0)).all():
+        sizes = factors.tolist()
+        if factors.shape != (spatial,) or not all(0 < size < np.inf for size in sizes):
             raise QueryError(f"scale must be a positive number or {spatial} of them, got {scale}")
         rotation, position = _rigid(xform, spatial)
         forward = np.eye(n)
         forward[first:, first:] = rotation * factors
         translation = np.zeros(n)
         translation[first:] = position
-        sizes = [*factors.tolist(), 1.0][:n]  # time's is 1; a rotation adds nothing
+        sizes += [1.0] * first  # time's; a rotation adds nothing
         if max(sizes) > MOST_STRETCH * min(sizes):
             raise QueryError(f"scale must stretch the axes within {MOST_STRETCH:g} times of each other, got {scale}")
         matrix = np.eye(n)

@@ -88,7 +88,7 @@ def drift(domain: RegionDomain, world: WorldMap) -> np.ndarray:
 
 def _at_points(base: Domain, world: WorldMap, input_unit: float) -> np.ndarray:
     """``(n,)``, object units: error of a moved point of the domain."""
-    n, away = base.ndim, np.abs(world.forward) @ _reach(base)  # largest |q - translation|
+    n, away = base.ndim, np.abs(world.forward) @ base.reach  # largest |q - translation|
     rounded = world.away + input_unit * (np.abs(world.translation) + away)
     size = np.abs(world.matrix)
     moved = size @ (gamma(n + 3) * (away + rounded) + rounded)
@@ -96,15 +96,12 @@ def _at_points(base: Domain, world: WorldMap, input_unit: float) -> np.ndarray:
     return moved + (n + 2) * TINY * (1 + size.sum(axis=1))  # results that are subnormal
 
 
-def _reach(base: Domain) -> np.ndarray:
-    """Largest coordinates of a point of the domain, in absolute value."""
-    return np.maximum(np.abs(base.lower), np.abs(base.upper)) + base.delta / base.scale.astype(np.float64)
-
-
 def farthest(domain: Domain | RegionDomain, world: WorldMap) -> np.ndarray:
     """``(n,)``: about the largest coordinates in the world that a bounder computes with."""
     base = domain.base
-    reach = _reach(base) + (0.0 if domain.query == "point" else 1.1 * FAR / base.scale.astype(np.float64))
+    reach = base.reach
+    if domain.query != "point":
+        reach = reach + 1.1 * FAR / base.scale.astype(np.float64)
     return np.abs(world.translation) + np.abs(world.forward) @ reach
 
 
