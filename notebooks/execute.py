@@ -36,13 +36,13 @@ def sources() -> list[Path]:
     return sorted(FOLDER.glob("*.ipynb"))
 
 
-def execute(path: Path, budget: float = BUDGET, seconds: int = SECONDS) -> nbformat.NotebookNode:
+def execute(path: Path, budget: float = BUDGET, seconds: int | None = SECONDS) -> nbformat.NotebookNode:
     """Run a notebook; its file is not changed.
 
     Args:
         path: The notebook.
         budget: Seconds for each fit in it.
-        seconds: Time allowed for one cell.
+        seconds: Time allowed for one cell; any if ``None``.
 
     Returns:
         The notebook with new outputs.

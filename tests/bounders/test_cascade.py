@@ -32,7 +32,7 @@ def raised(bounder: wb.Bounder, x: np.ndarray, share: float) -> wb.Bounder:
     return bounder.to("cpu").freeze(float(np.quantile(values[np.isfinite(values)], share)), None)
 
 
-@pytest.mark.parametrize("name", ["c", "blob", "animated"])
+@pytest.mark.parametrize("name", ["blob", *(pytest.param(name, marks=pytest.mark.slow) for name in ("c", "animated"))])
 @pytest.mark.parametrize("methods", CHAINS, ids="+".join)
 def test_all_parts_must_pass(methods, name, device, rng):
     grid, x = shape(name), domain_points(shape(name), 5000, rng)

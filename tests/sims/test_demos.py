@@ -13,7 +13,10 @@ from warp_bounding.cli.demo import DEMOS
 KEYS = {"bounder", "narrow_calls", "ms_broad", "ms_narrow", "ms_step", "missed", "identical", "fp_rate", "certificate"}
 
 
-@pytest.mark.parametrize("name", DEMOS)
+SLOW = ("cloth", "particles")  # half a minute each
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow if n in SLOW else ()) for n in DEMOS])
 def test_the_small_form_keeps_its_promise(name, tmp_path, capsys):
     pytest.importorskip("newton" if name == "cloth" else "scipy")
     answer = import_module(f"sims.{name}").run(tmp_path, quick=True)

@@ -21,7 +21,9 @@ def few(name, method, query="point", **options):
 
 
 @pytest.mark.parametrize("query", ["point", "ray", "plane", "box"])
-@pytest.mark.parametrize("method", ["aabb+mlp", "learned-kdop+mlp", "kdop+mlp-early"])
+@pytest.mark.parametrize(
+    "method", ["learned-kdop+mlp", *(pytest.param(m, marks=pytest.mark.slow) for m in ("aabb+mlp", "kdop+mlp-early"))]
+)
 def test_a_cascade_is_fitted_and_says_what_its_parts_say(query, method, tmp_path):
     bounder, grid = few("blob", method, query=query), shape("blob")
     assert bounder.method == "cascade"
