@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
-from bounding_shapes import domain_points, fitted, object_points, shape
+from bounding_shapes import domain_points, fitted, object_points, shape, told_of
 from test_cuda_source import check_compiles
 from test_kernels import ask
 
@@ -82,7 +82,8 @@ def test_a_part_that_denies_a_part_of_the_object_is_found_out(rng):
 @pytest.mark.parametrize("query", QUERIES)
 def test_regions(query, rng):
     grid = shape("c")
-    parts = [wb.fit(grid, query=query, method=m, hidden=(8,), steps=3, device="cpu") for m in ("aabb", "kdop", "mlp")]
+    small = {"hidden": (8,), "steps": 3}
+    parts = [wb.fit(grid, query, m, device="cpu", **told_of(m, query, **small)) for m in ("aabb", "kdop", "mlp")]
     whole = wb.cascade(*parts)
     x = np.concatenate(
         [domain_points(grid, 4000, rng), domain_points(grid, 4000, rng) - (query != "box") * 0.5], axis=1

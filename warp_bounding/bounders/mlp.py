@@ -324,7 +324,9 @@ def _widths(text: str) -> tuple[int, ...]:
 
 
 HIDDEN = Option("hidden", (50, 50), "widths of the hidden layers", check_hidden, _widths)
-ACTIVATION = Option("activation", "sin", "of the hidden layers: sin, relu or tanh", one_of("activation", ACTIVATIONS))
+ACTIVATION = Option(
+    "activation", "sin", f"of the hidden layers: {', '.join(ACTIVATIONS)}", one_of("activation", ACTIVATIONS)
+)
 OCTAVES = Option(
     "octaves", 0, "of positional encoding, 0 for none", check_octaves, int, queries=("point", "ray", "box")
 )
