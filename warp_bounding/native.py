@@ -18,6 +18,16 @@ def _options() -> dict[str, str]:
     return {"cpu_compiler_flags": f"{flags} -mprefer-vector-width=512"}
 
 
+STRICT = """
+#if !defined(__CUDA_ARCH__)
+#if defined(__FAST_MATH__) || __FINITE_MATH_ONLY__
+#error "warp_bounding: proofs are about IEEE arithmetic, which -ffast-math (cpu_compiler_flags) gives up; leave it out"
+#endif
+#pragma clang fp reassociate(off) reciprocal(off)
+#endif
+"""
+
+
 class named:  # noqa: N801 (used like a function: `@named(name).kernel`)
     """Warp's decorators for functions made in a factory: equal names would be overloads of one function to Warp.
 
@@ -28,8 +38,8 @@ class named:  # noqa: N801 (used like a function: `@named(name).kernel`)
         self.name = name
 
     def func_native(self, snippet: str):
-        """``wp.func_native`` under this name."""
-        return lambda function: wp.func_native(snippet)(self._rename(function, f"{self.name}_native"))
+        """``wp.func_native`` under this name; in whatever module, the compiler neither reorders nor approximates (``STRICT``)."""
+        return lambda function: wp.func_native(STRICT + snippet)(self._rename(function, f"{self.name}_native"))
 
     def func(self, function):
         """``wp.func`` under this name."""

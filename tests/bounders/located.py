@@ -8,6 +8,7 @@ import warp as wp
 
 from warp_bounding.bounders.locate import locate
 from warp_bounding.bounders.regions import RegionDomain
+from warp_bounding.bounders.source import TOOLS
 from warp_bounding.native import named
 
 LANES = 8
@@ -36,7 +37,8 @@ const float* extra = center + {3 * n};
 #pragma clang fp contract(fast)
 {head}
 constexpr int L = {LANES}; typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));
-const V zero = {{}}; auto root = [](V x) {{ return __builtin_elementwise_sqrt(x); }};
+{TOOLS}
+const V zero = {{}};
 V q[{2 * n}], v[{coordinates}];
 for (int l = 0; l < L; ++l) for (int k = 0; k < {2 * n}; ++k) {{
     const int j = i * L + l < count ? i * L + l : count - 1; q[k][l] = x.data[(long long)j * {2 * n} + k];
@@ -48,10 +50,8 @@ for (int l = 0; l < L && i * L + l < count; ++l) {{ const int j = i * L + l; {wr
         body = f"""
 #if !defined(__CUDA_ARCH__)
 #pragma clang fp contract(fast)
-auto root = [](float x) {{ return __builtin_sqrtf(x); }};
-#else
-auto root = [](float x) {{ return sqrtf(x); }};
 #endif
+{TOOLS}
 {head}
 typedef float V; const float zero = 0.0f; V q[{2 * n}], v[{coordinates}]; const int j = i;
 for (int k = 0; k < {2 * n}; ++k) q[k] = x.data[(long long)j * {2 * n} + k];

@@ -85,7 +85,7 @@ class HalfSpaceRay:
             at = count + i * n
             lines += [
                 f"{{ const V y = {row(n, 0, at)}; const V s = {row(n, n, at)}; const V speed = s < none ? -s : s;",
-                f"const V cross = speed > {PARALLEL.hex()}f ? s : none + {PARALLEL.hex()}f; const V at = (w[{i}] - y) / cross;",
+                f"const V cross = speed > {PARALLEL.hex()}f ? s : none + {PARALLEL.hex()}f; const V at = over(w[{i}] - y, cross);",
                 "const V first = cross < none ? at : none; const V last = cross < none ? none + 1.0f : at;",
                 "come = first > come ? first : come; gone = last < gone ? last : gone; }",
             ]

@@ -1,7 +1,7 @@
 """The C text from a query's numbers to the coordinates ``v``, one function a kind of query; ``regions`` states what it rounds.
 
 Given are ``V q[]`` (the numbers in object space), ``center scale limit`` (n each) and ``extra`` (see ``Domain.header``), a
-``V zero`` and a function ``root``; the text sets ``V v[]`` and declares two masks: ``finite`` (false: *maybe*, whatever else holds) and ``inside``
+``V zero`` and the functions ``root`` and ``over`` (``source.TOOLS``); the text sets ``V v[]`` and declares two masks: ``finite`` (false: *maybe*, whatever else holds) and ``inside``
 (false: *no*). V is a vector of queries or a float, so masks are combined with ``&`` and ``|`` and never negated.
 
 Where a shape is placed, q are numbers in the world and ``place`` is ``Placement.values``: q is moved first, in place. ``drift`` in
@@ -133,10 +133,10 @@ def _unit(n: int, first: int) -> list[str]:
     lines += [f"{{ {_absolute('d_', f'q[{first + k}]')} longest = d_ > longest ? d_ : longest; }}" for k in range(n)]
     lines.append(f"finite = finite & (longest >= zero + {_number(SMALLEST)}) & (longest <= zero + {_number(LARGEST)});")
     lines.append("longest = longest > zero ? longest : zero + 1.0f;")  # no division by zero in lanes that are maybe
-    lines += [f"const V e{k} = q[{first + k}] / longest;" for k in range(n)]
+    lines += [f"const V e{k} = over(q[{first + k}], longest);" for k in range(n)]
     squares = " + ".join(f"e{k} * e{k}" for k in range(n))
     lines.append(f"const V norm = root({squares});")
-    lines += [f"const V u{k} = e{k} / norm;" for k in range(n)]
+    lines += [f"const V u{k} = over(e{k}, norm);" for k in range(n)]
     return lines
 
 
@@ -152,7 +152,7 @@ def _ray(n: int, time: bool, placed: bool) -> list[str]:
         lines += [
             f"const V w{k} = u{k} * extra[{k}]; {{ const V room = zero + limit[{k}] + size{k} * {_number(GUARD)}{drift};",
             f"{_absolute('speed', f'w{k}')} const V cross = speed > {_number(PARALLEL)} ? w{k} : zero + 1.0f;",
-            f"V first = (-room - a{k}) / cross; V last = (room - a{k}) / cross;",
+            f"V first = over(-room - a{k}, cross); V last = over(room - a{k}, cross);",
             "const V near = first < last ? first : last; const V away = first < last ? last : first;",
             f"const V always = size{k} <= room ? zero : zero + 2.0f; const V never = size{k} <= room ? zero + 1.0f : zero - 1.0f;",
             f"first = speed > {_number(PARALLEL)} ? near : always; last = speed > {_number(PARALLEL)} ? away : never;",
@@ -185,7 +185,7 @@ def _plane(n: int, time: bool, placed: bool) -> list[str]:
     )
     lines.append("pivot = longest > zero ? pivot : zero + 1.0f; V offset = zero, summed = zero, reach = zero;")
     for k in range(n):
-        lines.append(f"v[{k}] = e{k} / pivot; {{ const V part = v[{k}] * a{k}; {_absolute('size', 'part')}")
+        lines.append(f"v[{k}] = over(e{k}, pivot); {{ const V part = v[{k}] * a{k}; {_absolute('size', 'part')}")
         lines.append(f"offset = offset + part; summed = summed + size; {_absolute('tilt', f'v[{k}]')}")
         lines.append(f"reach = reach + tilt * limit[{k}]; }}")
     lines.append(f"v[{n}] = offset; {_absolute('away', 'offset')}")

@@ -88,7 +88,7 @@ class QuadricRay:
             lines.append(f"const V s{i} = {moved};")
         lines.append(f"const V along = -({' + '.join(f'y{i} * s{i}' for i in range(n))});")
         lines.append(f"V length = {' + '.join(f's{i} * s{i}' for i in range(n))};")
-        lines.append(f"V t = along / (length > {SMALLEST.hex()}f ? length : none + 1.0f); t = t < none ? none : t;")
+        lines.append(f"V t = over(along, length > {SMALLEST.hex()}f ? length : none + 1.0f); t = t < none ? none : t;")
         lines.append(f"t = t > 1.0f ? none + 1.0f : t; t = length > {SMALLEST.hex()}f ? t : none; f = none;")
         lines += [f"{{ const V z = y{i} + t * s{i}; f = f - z * z; }}" for i in range(n)]
         return lines
@@ -143,7 +143,7 @@ class QuadricPlane:
         """C statements that compute f."""
         lines = [f"const V off = v[{n}] - ({' + '.join(f'v[{j}] * w[{j}]' for j in range(n))}); V length = none;"]
         lines += [f"{{ const V g = {row('v[{}]', n, i, diagonal)}; length = length + g * g; }}" for i in range(n)]
-        return [*lines, "f = -(off * off) / length;"]
+        return [*lines, "f = over(-(off * off), length);"]
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         """The same in float64."""
@@ -207,7 +207,7 @@ class QuadricBox:
             lines.append(f"const V a = m * v[{j}], b = m * v[{n + j}]; least = least + (a < b ? a : b); }}")
         near = f"length > {SMALLEST.hex()}f"
         lines.append(f"least = least < none ? none : least; least = {near} ? least : none;")
-        lines.append(f"f = -(least * least) / ({near} ? length : none + 1.0f);")
+        lines.append(f"f = over(-(least * least), {near} ? length : none + 1.0f);")
         return lines
 
     def reference(self, v: np.ndarray) -> np.ndarray:

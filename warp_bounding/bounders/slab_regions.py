@@ -106,7 +106,7 @@ class clip:  # noqa: N801 (a family of two functions)
         """Declare ``slow``, one over the speed."""
         return (
             f"const V speed = {s} < none ? -{s} : {s}; "
-            f"const V cross = speed > {PARALLEL.hex()}f ? {s} : none + {PARALLEL.hex()}f; const V slow = 1.0f / cross;"
+            f"const V cross = speed > {PARALLEL.hex()}f ? {s} : none + {PARALLEL.hex()}f; const V slow = over(none + 1.0f, cross);"
         )
 
     @staticmethod

@@ -32,7 +32,7 @@ from warp_bounding.bounders.locate import extra_count, locate
 from warp_bounding.launch import BLOCK
 from warp_bounding.native import identity
 
-__all__ = ["DENIED", "FRONT", "Lanes", "Source", "batch_snippet", "literal", "point_snippet"]
+__all__ = ["DENIED", "FRONT", "TOOLS", "Lanes", "Source", "batch_snippet", "literal", "point_snippet"]
 
 DENIED = -(2.0**127)  # f where an early test has said no
 FRONT = 4  # numbers at the very beginning of ``parameters``, see ``Source.front``
@@ -74,7 +74,7 @@ class Lanes:
         return (
             f"{{ V z_ = {z}; const V zero_ = {{}}; const V end_ = zero_ + {literal(TANH_END)}; "
             "z_ = z_ > end_ ? end_ : z_; z_ = z_ < -end_ ? -end_ : z_; const V s_ = z_ * z_; "
-            f"{target} = z_ * ({numerator}) / ({denominator}); }}"
+            f"{target} = over(z_ * ({numerator}), {denominator}); }}"
         )
 
 
@@ -174,6 +174,16 @@ typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));
 typedef int I __attribute__((vector_size(4 * L)));
 """
 
+# Square roots and quotients as IEEE 754 has them, of floats and of vectors. What ``sqrtf`` and ``/`` are on CUDA is up to the module:
+# they are approximations under its option ``fast_math``, which leaves nothing else in a source to approximate.
+TOOLS = """
+#if !defined(__CUDA_ARCH__)
+auto root = [](auto x) { return __builtin_elementwise_sqrt(x); }; auto over = [](auto a, auto b) { return a / b; };
+#else
+auto root = [](float x) { return __fsqrt_rn(x); }; auto over = [](float a, float b) { return __fdiv_rn(a, b); };
+#endif
+"""
+
 _HEAD = """
 const float* center = parameters.data + {front}; const float* scale = center + {n}; const float* limit = center + {n2};
 const float threshold = center[{n3}]; const float* extra = center + {n3} + 1; const float* w = parameters.data + {start};
@@ -242,7 +252,8 @@ def batch_snippet(source: Source, placed: bool, values: bool) -> str:
         head,
         place,
         f"const int begin = block * {BLOCK}; const int end = begin + {BLOCK} < count ? begin + {BLOCK} : count;",
-        "const V zero = {}; auto root = [](V x) { return __builtin_elementwise_sqrt(x); };",
+        TOOLS,
+        "const V zero = {};",
         "typedef unsigned char B __attribute__((vector_size(L), aligned(1), may_alias));",
     ]
     if source.packed:
@@ -293,7 +304,8 @@ def batch_snippet(source: Source, placed: bool, values: bool) -> str:
         "typedef float V;",
         head,
         place,
-        "const int i = block; if (i >= count) return; const float zero = 0.0f; auto root = [](float x) { return sqrtf(x); };",
+        "const int i = block; if (i >= count) return; const float zero = 0.0f;",
+        TOOLS,
         f"V q[{columns}], v[{m}]; {_each(columns, 'q[{k}] = x.data[(long long)i * {n} + {k}];')}",
         locate,
         f"if (!finite) {{ out.data[i] = {yes}; return; }}",
@@ -372,9 +384,8 @@ def point_snippet(source: Source) -> str:
     ]
     return "\n".join(
         [
-            *("#if !defined(__CUDA_ARCH__)", "#pragma clang fp contract(fast)"),
-            "auto root = [](float x) { return __builtin_sqrtf(x); };",
-            *("#else", "auto root = [](float x) { return sqrtf(x); };", "#endif"),
+            *("#if !defined(__CUDA_ARCH__)", "#pragma clang fp contract(fast)", "#endif"),
+            TOOLS,
             *shared,
             "#if !defined(__CUDA_ARCH__)",
             source.function_body(),
