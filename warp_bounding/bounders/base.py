@@ -271,6 +271,9 @@ class Bounder(ABC):
     def func(self) -> wp.Function:
         """``test(data, q)`` for your own kernels, or ``test(data, a, b)`` for regions; write ``wp.static(bounder.func)(data, q)``.
 
+        The proof is of the float32 numbers that it gets, in IEEE arithmetic: it keeps to that in a module with ``fast_math``, and does not
+        compile with ``-ffast-math`` in ``cpu_compiler_flags``; other such flags are outside the claim.
+
         A name for it, ``test = bounder.func``, can be bound to another bounder's function before Warp builds the module; see
         ``point_func``.
         """

@@ -47,6 +47,10 @@ def point_func(source: Source) -> wp.Function:
     In a kernel, write ``wp.static(bounder.func)(data, q)``. Warp looks a global name up again whenever it builds the module, and a name
     that is bound to another function by then brings that one into all kernels of the module; ``wp.static`` does so once, where the
     kernel is defined. Data of another source are answered with *maybe*.
+
+    What is proven is proven of the float32 numbers that the function gets, in IEEE arithmetic. It keeps to that in a module of any options
+    of Warp's, ``fast_math`` too (``source.TOOLS``); a CPU compiler that is told ``-ffast-math`` refuses it (``native.STRICT``). Other flags
+    that give up IEEE arithmetic are outside the claim.
     """
     name = named(unique_name(source, "test"))
     vector = point_type(source.ndim)
