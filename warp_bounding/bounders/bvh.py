@@ -226,23 +226,37 @@ class Bvh(Bounder):
         return super().nbytes + 4 * FRONT
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        """See ``Bounder``; without room for rounding."""
-        v, n = np.asarray(v, dtype=np.float64), self.ndim
-        met = np.zeros(len(v), dtype=bool)
-        for leaf in self.leaves:
-            low, high = self.tensors["low"][leaf].astype(np.float64), self.tensors["high"][leaf].astype(np.float64)
-            if self.query_kind == "point":
-                met |= ((v >= low) & (v <= high)).all(axis=1)
-            elif self.query_kind == "box":
-                met |= ((v[:, n:] >= low) & (v[:, :n] <= high)).all(axis=1)
-            elif self.query_kind == "plane":
-                ends = np.sort(np.stack([v[:, :n] * low, v[:, :n] * high]), axis=0).sum(axis=2)
-                met |= (ends[0] <= v[:, n]) & (v[:, n] <= ends[1])
-            else:
-                cross = np.where(np.abs(v[:, n:]) > PARALLEL, v[:, n:], PARALLEL)
-                ends = np.sort(np.stack([(low - v[:, :n]) / cross, (high - v[:, :n]) / cross]), axis=0)
-                met |= np.maximum(ends[0].max(axis=1), 0) <= np.minimum(ends[1].min(axis=1), 1)
+        """See ``Bounder``; without room for rounding. Float64 rounds monotonically: what touches a box touches those that hold it."""
+        v = np.asarray(v, dtype=np.float64)
+        low, high = self.tensors["low"].astype(np.float64), self.tensors["high"].astype(np.float64)
+        met, count, index = np.zeros(len(v), dtype=bool), len(self.past), 0
+        stack = [(count, np.arange(len(v)))]
+        while index < count:
+            while stack[-1][0] <= index:
+                stack.pop()
+            asked, past = stack[-1][1], int(self.past[index])
+            asked = asked[~met[asked]]
+            asked = asked[self._touches(v[asked], low[index], high[index])]
+            if past == index + 1:
+                met[asked] = True
+            if len(asked):
+                stack.append((past, asked))
+            index = index + 1 if len(asked) else past
         return np.where(met, 0.0, -1.0)
+
+    def _touches(self, v: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Whether queries touch a box."""
+        n = self.ndim
+        if self.query_kind == "point":
+            return ((v >= low) & (v <= high)).all(axis=1)
+        if self.query_kind == "box":
+            return ((v[:, n:] >= low) & (v[:, :n] <= high)).all(axis=1)
+        if self.query_kind == "plane":
+            ends = np.sort(np.stack([v[:, :n] * low, v[:, :n] * high]), axis=0).sum(axis=2)
+            return (ends[0] <= v[:, n]) & (v[:, n] <= ends[1])
+        cross = np.where(np.abs(v[:, n:]) > PARALLEL, v[:, n:], PARALLEL)
+        ends = np.sort(np.stack([(low - v[:, :n]) / cross, (high - v[:, :n]) / cross]), axis=0)
+        return np.maximum(ends[0].max(axis=1), 0) <= np.minimum(ends[1].min(axis=1), 1)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """See ``Bounder``: 0 where one leaf, and so all above it, holds the box and has ``ROOM`` to spare, else -1.
