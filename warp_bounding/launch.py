@@ -209,13 +209,20 @@ class BlockLaunch:
         else:
             _crew.run(shares)
 
+    def launch_once(self) -> None:
+        """Run it, for the only time: what one thread does anyway is not recorded, which costs half as much again."""
+        if self._most == 1 and self._blocks:
+            self._ask_warp(0, self._blocks)
+        else:
+            self.launch()
+
+    def _ask_warp(self, begin: int, end: int, **options) -> "wp.Launch | None":
+        inputs = [*self._inputs[: self._first_index], begin, *self._inputs[self._first_index + 1 :]]
+        return wp.launch(self._kernel, end - begin, inputs, self._outputs, device=self._device, **options)
+
     def _record(self, threads: int) -> list[Callable[[], None]]:
-        ready(self._kernel, self._device)
-        edges, shares = [self._blocks * t // threads for t in range(threads + 1)], []
-        for begin, end in pairwise(edges):
-            inputs = [*self._inputs[: self._first_index], begin, *self._inputs[self._first_index + 1 :]]
-            command = wp.launch(self._kernel, end - begin, inputs, self._outputs, device=self._device, record_cmd=True)
-            shares.append(command.launch)
+        edges = [self._blocks * t // threads for t in range(threads + 1)]
+        shares = [self._ask_warp(*ends, record_cmd=True).launch for ends in pairwise(edges)]
         if self._most > 1:
             shares[0] = self._timed(shares[0], edges[1])
         self._recorded[threads] = shares
@@ -236,4 +243,4 @@ def launch_blocks(
     kernel: wp.Kernel, count: int, inputs: list, outputs: list, device, *, first_index: int, block: int = BLOCK
 ) -> None:
     """Launch a kernel over the blocks of ``count`` items; arguments as of ``BlockLaunch``."""
-    BlockLaunch(kernel, count, inputs, outputs, device, first_index=first_index, block=block).launch()
+    BlockLaunch(kernel, count, inputs, outputs, device, first_index=first_index, block=block).launch_once()

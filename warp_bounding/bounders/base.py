@@ -366,7 +366,7 @@ class Bounder(ABC):
             placement.check(self.domain, double=double)
             place = wp.array(placement.values, dtype=wp.float32, device=device, copy=not device.is_cpu)
         out = new_output(out, count, wp.float32 if values else wp.uint8, device)
-        batch_launch(self, queries, count, place, out, values=values).launch()
+        batch_launch(self, queries, count, place, out, values=values).launch_once()
         return out
 
     @property
