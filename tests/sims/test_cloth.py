@@ -19,6 +19,7 @@ import warp as wp  # noqa: E402
 
 from sims import cloth  # noqa: E402
 from sims.cloth import demo, example, field, scene  # noqa: E402
+from sims.cloth.pictures import cloth_data  # noqa: E402
 from sims.cloth.star import HALF, NOTCH, POINTS, TIP, star  # noqa: E402
 from sims.drawing import Drawn  # noqa: E402
 from sims.prefitted import Recipe  # noqa: E402
@@ -273,3 +274,10 @@ def test_picture(examples, tmp_path):
         pytest.skip("this machine cannot draw off-screen")
     assert [path.name for path in paths] == ["cloth.png"]
     assert paths[0].stat().st_size > 20_000
+
+
+def test_the_picture_says_what_a_run_missed(examples):
+    data = cloth_data({"kdop": examples["kdop"]}, examples["none"])
+    missed, under = str(data["caption0"]).splitlines()[1:]
+    assert missed == "0 contacts missed; identical to the run without a bounder, to the bit"
+    assert under.startswith(f"{int((examples['none'].look() > 0).sum())} particles under the surface")
