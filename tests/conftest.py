@@ -55,7 +55,11 @@ class Ticking:
         self.tick, self.seconds = tick, 0.0
 
     def __call__(self) -> float:
-        self.seconds += self.tick
+        return self.wait(self.tick)
+
+    def wait(self, seconds: float) -> float:
+        """Let so much time pass."""
+        self.seconds += seconds
         return self.seconds
 
 

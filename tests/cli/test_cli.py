@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -386,12 +385,13 @@ def test_a_bounder_that_is_looser_than_a_box_is_told(files, capsys):
     assert json.loads(run(capsys, "info", path, "--json")[1])["rates"] == wb.load(path).info["rates"]
 
 
-def test_what_compiling_takes_is_told_apart(files, capsys, monkeypatch):
+def test_what_compiling_takes_is_told_apart(files, capsys, monkeypatch, ticking):
     """The clock of a fit stands still while kernels are compiled; here each of them takes long."""
     from warp_bounding import launch
 
     monkeypatch.setattr(launch, "_ready", set())
-    monkeypatch.setattr(launch.wp, "load_module", lambda *_: time.sleep(0.3))
+    clock = ticking(0.001)
+    monkeypatch.setattr(launch.wp, "load_module", lambda *_: clock.wait(0.3))
     _, (status, out, _) = fit(capsys, files, "--hidden", WIDTHS, "--budget", 0.2, "--json", method="mlp")
     result = json.loads(out)
     assert status == 0

@@ -478,7 +478,7 @@ def tighten(file: File, bounder: Bounder, grid: IndicatorGrid, rng: np.random.Ge
             file.tensors[name] = _counted_on(part, grid)
     thresholds = []
     for part in bounder.parts:
-        least = least_value(part, grid, eps=0.05, boxes=SEARCHED, seconds=0.5).lower_bound
+        least = least_value(part, grid, eps=0.05, boxes=SEARCHED).lower_bound
         thresholds.append(round_down(np.nextafter(least - part.rounding_bound(), -np.inf)))
     if not np.isfinite(thresholds).all():
         return

@@ -25,7 +25,7 @@ from warp_bounding.proof import boxes
 
 def proven(bounder, grid) -> bool:
     with undistracted():
-        return wb.certify(bounder, grid, seconds=20).proven
+        return wb.certify(bounder, grid).proven
 
 
 def denied(bounder, grid, rng) -> bool:
