@@ -50,9 +50,16 @@ def after(namespace: dict) -> dict:
     return {
         "bounder.candidates(": lambda: values.count.numpy()[0] == values.mask.numpy().sum() > 0,
         "wp.launch(": lambda: (values.contacts.numpy() == values.mask.numpy()).all(),
+        "asked.launch(": lambda: values.count.numpy()[0] == _asked_at_last(values) > 0,
         "shadow.query(": lambda: len(values.maybe_hit) == len(values.rays) and values.box.certificate.proven,
         "cull.collide(": lambda: _contacts_without(values) == values.contacts.soft_contact_count.numpy()[0] > 0,
     }
+
+
+def _asked_at_last(values: types.SimpleNamespace) -> int:
+    """How many of the places are candidates where the shape has moved to."""
+    xform = values.wp.transform((0.01 * values.k, 0.0, 0.0), values.wp.quat_identity())
+    return values.bounder.query(values.places, xform=xform).numpy().sum()
 
 
 def _contacts_without(values: types.SimpleNamespace) -> int:
