@@ -18,6 +18,7 @@ def main() -> int:
     os.environ["WARP_BOUNDING_THREADS"] = "1"  # what does not end is interrupted, and must not leave threads at work
     import warp as wp
 
+    wp.config.log_level = getattr(wp, "LOG_ERROR", 40)
     wp.config.quiet = True
     from fuzzing import fuzz
     from subjects import subjects
