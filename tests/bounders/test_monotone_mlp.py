@@ -54,7 +54,7 @@ def test_other_kinds_are_refused():
         domain_of(shape("c"), "box", 1.0, "parametric"),
     ):
         assert not MonotoneMlp.supports(domain.query, 2, domain.space)
-    with pytest.raises(BounderError, match="box queries"):
+    with pytest.raises(BounderError, match="does not bound ray queries"):
         MonotoneMlp(domain_of(shape("c"), "ray"), bounder.tensors, bounder.sizes, "cpu")
 
 

@@ -60,10 +60,10 @@ class MonotoneMlp(Mlp):
     def __init__(self, domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
         """See ``Mlp``; raises ``BounderError`` where f would not be monotone, too."""
         super().__init__(domain, tensors, sizes, device)
-        if domain.query != "box" or self.features or self.activation not in MONOTONE:
+        if self.features or self.activation not in MONOTONE:
             raise BounderError(
-                f"{self.method} takes box queries, no octaves, and activations {' or '.join(MONOTONE)}, got {domain.query} "
-                f"queries, octaves={self.sizes.get('octaves', 0)} and {self.activation}"
+                f"{self.method} takes no octaves, and activations {' or '.join(MONOTONE)}, got "
+                f"octaves={self.sizes.get('octaves', 0)} and {self.activation}"
             )
         self.signs = self._signs()
 

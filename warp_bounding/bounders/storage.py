@@ -103,8 +103,6 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
         motion = "time" if bounder.domain.time else None
         if described != [bounder.query_kind, bounder.ndim, bounder.domain.space, bounder.domain.length, motion]:
             raise FileFormatError("query, dimension, space, length and motion are not those of the domain inside")
-        if not method.supports(bounder.query_kind, bounder.ndim, bounder.domain.space):
-            raise FileFormatError(f"{method.method} does not bound {bounder.query_kind} queries in {bounder.ndim}D")
         if not np.isfinite(number(threshold, "the threshold")) or np.float32(threshold) != threshold:
             raise FileFormatError(f"the threshold {threshold} is not a finite float32 number")
         _check_info(document)
