@@ -217,6 +217,7 @@ class BlockLaunch:
             self.launch()
 
     def _ask_warp(self, begin: int, end: int, **options) -> "wp.Launch | None":
+        ready(self._kernel, self._device)
         inputs = [*self._inputs[: self._first_index], begin, *self._inputs[self._first_index + 1 :]]
         return wp.launch(self._kernel, end - begin, inputs, self._outputs, device=self._device, **options)
 
