@@ -76,7 +76,7 @@ class File:
     def agree(self, rng: np.random.Generator, cells: int) -> None:
         """Make the description and a certificate say what the domain and the threshold say, as a liar would."""
         document, domain = self.document, self.document["domain"]
-        if not isinstance(domain, dict):
+        if not isinstance(domain, dict) or not {"center", "lower", "upper"} <= set(domain):
             return
         if rng.random() < HONEST:
             kind = {
