@@ -11,7 +11,7 @@ from region_cases import REGIONS, VOLUMES, cases, fitted_region, ray_length
 
 from warp_bounding.bounders import load, supports
 from warp_bounding.bounders.functions import batch_kernel
-from warp_bounding.bounders.source import Lanes
+from warp_bounding.bounders.source import TOOLS, Lanes
 from warp_bounding.errors import BounderError
 from warp_bounding.native import named, unique_name
 
@@ -62,6 +62,7 @@ def body_kernel(source) -> wp.Kernel:
 
     @name.func_native(
         "#if !defined(__CUDA_ARCH__)\n#pragma clang fp contract(fast)\n#endif\n"
+        f"{TOOLS}"
         f"typedef float V; V f; const float* v = x.data + (long long)i * {source.coordinates}; const float* w = numbers.data;"
         f"\n{text}\nout.data[i] = f;"
     )
