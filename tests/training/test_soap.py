@@ -26,52 +26,25 @@ def generator(seed):
     return torch.Generator().manual_seed(seed)
 
 
-def as_computed(function, _seed):
-    return function
+def as_computed(rng, values, vectors):
+    """This machine's own."""
 
 
-def other_signs(function, seed):
+def other_signs(rng, values, vectors):
     """An eigenvector's sign is the library's choice."""
-    rng = generator(seed)
-
-    def signed(matrix):
-        first, second = function(matrix)
-        vectors = second if function is torch.linalg.eigh else first
-        vectors *= (torch.randint(2, vectors.shape[1:], generator=rng) * 2 - 1).to(vectors)
-        return first, second
-
-    return signed
+    vectors *= torch.randint(2, values.shape, generator=rng) * 2 - 1
 
 
-def other_vectors_of_equal_values(function, seed):
+def other_vectors_of_equal_values(rng, values, vectors):
     """Within a space of equal eigenvalues (the whole null space, above all) any orthonormal vectors will do."""
-    rng = generator(seed)
-
-    def mixed(matrix):
-        first, second = function(matrix)
-        if function is torch.linalg.eigh:
-            values, vectors = first, second
-        else:
-            values, vectors = second.diagonal().abs(), first
-        same = values <= 1e-6 * values.max()
-        turn, _ = torch.linalg.qr(torch.randn(int(same.sum()), int(same.sum()), generator=rng).to(vectors))
-        vectors[:, same] = vectors[:, same] @ turn
-        return first, second
-
-    return mixed
+    same = values <= 1e-6 * values.max()
+    turn = torch.linalg.qr(torch.randn(int(same.sum()), int(same.sum()), generator=rng))[0]
+    vectors[:, same] = vectors[:, same] @ turn.to(vectors)
 
 
-def rounding_noise(function, seed):
+def rounding_noise(rng, values, vectors):
     """Another library's rounding, a hundred times over; the vectors are orthogonal up to it."""
-    rng = generator(seed)
-
-    def noisy(matrix):
-        first, second = function(matrix)
-        vectors = second if function is torch.linalg.eigh else first
-        vectors += 1e-5 * torch.randn(vectors.shape, generator=rng).to(vectors)
-        return first, second
-
-    return noisy
+    vectors += 1e-5 * torch.randn(vectors.shape, generator=rng)
 
 
 LIBRARIES = [as_computed, other_signs, other_vectors_of_equal_values, rounding_noise]
@@ -81,9 +54,20 @@ LIBRARIES = [as_computed, other_signs, other_vectors_of_equal_values, rounding_n
 def library(request, monkeypatch):
     """Linear algebra as other machines may compute it."""
 
+    rng = generator(1)
+
     class Linalg:
-        eigh = staticmethod(request.param(torch.linalg.eigh, 1))
-        qr = staticmethod(request.param(torch.linalg.qr, 2))
+        @staticmethod
+        def eigh(matrix):
+            values, vectors = torch.linalg.eigh(matrix)
+            request.param(rng, values, vectors)
+            return values, vectors
+
+        @staticmethod
+        def qr(matrix):
+            vectors, triangle = torch.linalg.qr(matrix)
+            request.param(rng, triangle.diagonal().abs(), vectors)
+            return vectors, triangle
 
     class Torch:
         linalg = Linalg
