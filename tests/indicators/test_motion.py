@@ -109,6 +109,22 @@ def test_it_does_not_depend_on_how_often_it_is_asked():
     assert motions[0].digest != IndicatorMotion(turning(solid, angle=1.0), solid.faces).digest
 
 
+@pytest.mark.parametrize("behind", [True, False])
+def test_a_jump_between_neighbouring_numbers_that_a_face_of_time_cuts(behind):
+    solid, end, count = SOLIDS["box"](), 3.0, 7
+    rate, begin, cells = time_axis(0.0, end, count, "motion")
+    faces = (begin + np.arange(1, cells)) / rate
+    rounded = faces.astype(np.float32)
+    keyframe = rounded[(rounded > faces) == behind][0]  # the nearest number to a face, on one side of it
+    other = np.nextafter(keyframe, np.float32(0.0 if behind else end))
+    there = np.array(solid.vertices, dtype=np.float32) + np.float32(10.0)
+    frames = [solid.vertices, solid.vertices, there, solid.vertices][:: 1 if behind else -1]
+    motion = IndicatorMotion(np.array(frames), solid.faces, np.sort([0.0, keyframe, other, end]), count)
+    x = np.column_stack([np.full(len(there), keyframe), motion.vertices_at(keyframe)])
+    assert (x[:, 1:] == there).all()
+    assert motion.to_grid(resolution=40).contains(x).all()
+
+
 def test_an_open_mesh_says_so():
     solid = SOLIDS["box"]()
     grid = IndicatorMotion(turning(solid), solid.faces[1:]).to_grid(resolution=6)

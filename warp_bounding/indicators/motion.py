@@ -197,7 +197,8 @@ class IndicatorMotion:
 
         used, faces = np.unique(self.faces, return_inverse=True)
         faces = faces.reshape(-1, 3)
-        keys = self.times[(self.times > start) & (self.times < end)].astype(np.float64)
+        keys = self.times.astype(np.float64)  # first: NumPy would round the numbers that float32 is compared with
+        keys = keys[(keys > start) & (keys < end)]
         occupancy = np.zeros(shape, dtype=bool)
         knots = np.unique(np.concatenate([[start], keys, [end]]))
         for low, high in pairwise(knots):
