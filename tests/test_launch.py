@@ -112,6 +112,56 @@ def test_what_a_share_raises_is_raised_where_it_was_asked_for(crew):
     assert (out.numpy() == 1).all()
 
 
+@pytest.mark.parametrize("kind", [KeyboardInterrupt, TimeoutError])
+@pytest.mark.parametrize("step", ["_open.pop", "_news.get"])
+def test_whoever_is_interrupted_leaves_nobody_at_work(crew, monkeypatch, step, kind):
+    """A signal's handler raises right behind a step of the caller's, before its result has been looked at."""
+    caller, begun, working, ended = threading.current_thread(), threading.Event(), [], []
+
+    class Interrupted:
+        def __init__(self, whole, method):
+            self._whole, self._method, self._done = whole, method, False
+
+        def __getattr__(self, name):
+            return self._call if name == self._method else getattr(self._whole, name)
+
+        def __len__(self):
+            return len(self._whole)
+
+        def _call(self):
+            if threading.current_thread() is caller and not self._done:
+                begun.wait()
+                self._done = True
+                getattr(self._whole, self._method)()
+                raise kind
+            return getattr(self._whole, self._method)()
+
+    class Job(launch._Job):
+        def __init__(self, shares):
+            super().__init__(shares)
+            name, method = step.split(".")
+            setattr(self, name, Interrupted(getattr(self, name), method))
+
+    def share() -> None:
+        if threading.current_thread() is not caller:
+            working.append(1)
+            begun.set()
+            time.sleep(0.05)
+            ended.append(working.pop())
+        else:
+            begun.wait()
+
+    monkeypatch.setattr(launch, "_Job", Job)
+    with pytest.raises(kind):
+        crew.run([share] * 4)
+    assert working == []
+    assert ended
+    monkeypatch.undo()
+    done = []
+    crew.run([lambda: done.append(1)] * 3)
+    assert len(done) == 3
+
+
 def test_a_share_may_launch_and_other_callers_need_not_wait(crew):
     inner = []
     crew.run([lambda: crew.run([lambda: inner.append(1)] * 3)] * 3)

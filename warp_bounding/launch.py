@@ -12,6 +12,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from queue import SimpleQueue
 from threading import Lock, Thread
 from time import perf_counter
 
@@ -48,9 +49,14 @@ class _Job:
     def __init__(self, shares: Sequence[Callable[[], None]]):
         self.error: BaseException | None = None
         self._open = list(shares)
-        self._others = [None] * (len(shares) - 1)  # each share but the last to end takes one
-        self._ended = Lock()
-        self._ended.acquire()
+        self._joined: list[None] = []  # one of each helper; appending is atomic
+        self._left: list[None] = []
+        self._news: SimpleQueue[None] = SimpleQueue()  # somebody has left
+
+    @property
+    def over(self) -> bool:
+        """Whether no share is open, and none that a helper has taken is still going on: who joins now finds nothing to do."""
+        return not self._open and len(self._left) >= len(self._joined)
 
     def work(self) -> None:
         """Do shares until there are none left; popping from a list is atomic."""
@@ -63,18 +69,26 @@ class _Job:
                 share()
             except BaseException as error:  # raised where the launch was asked for
                 self.error = error
-            try:
-                self._others.pop()
-            except IndexError:
-                self._ended.release()
 
-    def wait(self) -> None:
-        """Until the last share has ended, whatever interrupts: it writes to memory that the caller may give up afterwards."""
-        while True:
+    def help(self) -> None:
+        """``work``, by a thread that ``finish`` waits for."""
+        self._joined.append(None)
+        self.work()
+        self._left.append(None)
+        self._news.put(None)
+
+    def finish(self) -> None:
+        """``work``, and wait for helpers, whatever interrupts: shares write to memory that the caller may give up afterwards.
+
+        A signal's handler may raise between any two steps, when a share has been taken and not begun, or news has been taken and not
+        looked at. So nothing is counted on that the interrupted thread has done: each round looks anew at who is at work.
+        """
+        while not self.over:
             try:
-                self._ended.acquire()
-                return
-            except KeyboardInterrupt as error:
+                self.work()
+                while not self.over:
+                    self._news.get()
+            except BaseException as error:
                 self.error = error
 
 
@@ -90,21 +104,24 @@ class _Crew:
         """Do all shares, with a thread for each but the first; returns when they have ended.
 
         Raises:
-            BaseException: What a share has raised.
+            BaseException: What a share has raised, or a signal's handler meanwhile; some shares may then not have been done.
         """
         if not self._free.acquire(blocking=False):
             for share in shares:
                 share()
             return
+        job = _Job(shares)
         try:
             while len(self._bells) < len(shares) - 1:
                 self._hire()
-            job = self._job = _Job(shares)
+            self._job = job
             for bell in self._bells[: len(shares) - 1]:
                 if bell.locked():  # otherwise it has been rung, and its thread will find this job
                     bell.release()
-            job.work()
-            job.wait()
+        except BaseException as error:
+            job.error = error
+        try:
+            job.finish()
         finally:
             self._job = None
             self._free.release()
@@ -122,7 +139,7 @@ class _Crew:
             bell.acquire()
             job = self._job
             if job is not None:
-                job.work()
+                job.help()
             del job  # what it holds is not this thread's to keep
 
 
