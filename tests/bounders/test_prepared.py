@@ -115,6 +115,35 @@ def test_x_that_would_be_copied_is_refused(make, rng):
         bounder.prepare(x)
 
 
+def _resize(x):
+    x.resize_(200_000, 3)
+
+
+def _shorten(x):
+    x.resize_(10, 3)
+
+
+def _replace(x):
+    x.data = torch.zeros_like(x)
+
+
+def _resize_array(x):
+    x.resize((200_000, 3), refcheck=False)
+
+
+@pytest.mark.parametrize("change", [_resize, _shorten, _replace, _resize_array])
+def test_x_that_lies_elsewhere_by_now_is_refused(change, rng):
+    """A launch would ask what it was prepared with: old numbers, or memory that is somebody else's."""
+    bounder, x = random_bounder("kdop", "blob"), domain_points(shape("blob"), 300, rng)
+    x = x.copy() if change is _resize_array else torch.tensor(x)
+    prepared = bounder.prepare(x)
+    prepared.launch()
+    change(x)
+    with pytest.raises(QueryError, match=r"^x lies elsewhere than when it was prepared, or has another shape; prepare"):
+        prepared.launch()
+    assert (bounder.prepare(x).launch().numpy() == bounder.query(x).numpy()).all()
+
+
 def test_a_placement_moves(bounder, device, rng):
     x = points_at(device, rng)
     prepared = bounder.prepare(x, xform=turned(0))

@@ -7,7 +7,7 @@ import warp as wp
 
 from warp_bounding.errors import QueryError
 
-__all__ = ["flat_queries", "new_output", "read_in_place"]
+__all__ = ["flat_queries", "memory_of", "new_output"]
 
 MOST_NUMBERS = 2**31 - 2**16  # kernels count in 32 bits, in blocks
 
@@ -58,19 +58,16 @@ def flat_queries(x, columns: int, device: wp.Device) -> tuple[wp.array, int, boo
     )
 
 
-def read_in_place(x, flat: wp.array) -> bool:
-    """Whether ``flat``, which ``flat_queries`` has made of ``x``, is the memory of ``x``, so that what is written there is seen.
-
-    Args:
-        x: Queries as they came.
-        flat: Their view.
-    """
-    torch = sys.modules.get("torch")
+def memory_of(x) -> tuple[int, tuple[int, ...]] | None:
+    """Where queries lie and of what shape they are; ``None`` of a sequence that is no array."""
+    if isinstance(x, np.ndarray):
+        return x.__array_interface__["data"][0], x.shape
     if isinstance(x, wp.array):
-        return x.ptr == flat.ptr
+        return x.ptr, x.shape
+    torch = sys.modules.get("torch")
     if torch is not None and isinstance(x, torch.Tensor):
-        return x.data_ptr() == flat.ptr
-    return isinstance(x, np.ndarray) and x.ctypes.data == flat.ptr
+        return x.data_ptr(), x.shape
+    return None
 
 
 def _from_warp(x: wp.array, columns: int, device: wp.Device) -> tuple[wp.array, int, bool]:

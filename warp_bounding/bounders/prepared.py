@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import warp as wp
 
-from warp_bounding.bounders.arrays import flat_queries, new_output, read_in_place
+from warp_bounding.bounders.arrays import flat_queries, memory_of, new_output
 from warp_bounding.bounders.compaction import Compaction
 from warp_bounding.bounders.functions import batch_kernel
 from warp_bounding.bounders.placement import Placement
@@ -59,7 +59,8 @@ class Prepared:
         """See ``Bounder.prepare``."""
         self._bounder, self._x = bounder, x
         self._queries, self._number, _ = flat_queries(x, bounder.domain.columns, bounder.device)
-        if self._number and not read_in_place(x, self._queries):
+        self._memory = memory_of(x)
+        if self._memory is None or (self._number and self._memory[0] != self._queries.ptr):
             dtype = getattr(x, "dtype", "numbers")
             got = f"{type(x).__name__} of {getattr(dtype, '__name__', dtype)} that would have to be copied"
             raise QueryError(
@@ -79,7 +80,12 @@ class Prepared:
 
         Returns:
             ``out``; where candidates are asked for, ``(indices, count)`` as of ``Bounder.candidates``, and ``out`` is filled, too.
+
+        Raises:
+            QueryError: If ``x`` lies elsewhere by now, or has another shape, as after ``resize_`` or a new ``data`` of a torch tensor.
         """
+        if memory_of(self._x) != self._memory:
+            raise QueryError("x lies elsewhere than when it was prepared, or has another shape; prepare it again")
         if self._bounder.data is not self._data:
             self._record()
         self._asking.launch()
