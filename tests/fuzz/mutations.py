@@ -88,7 +88,12 @@ def mutate(file: File, rng: np.random.Generator) -> list[str]:
     odds = np.array(list(MUTATIONS.values()), dtype=np.float64)
     for _ in range(8 * MOST):
         chosen = list(MUTATIONS)[rng.choice(len(odds), p=odds / odds.sum())]
-        what = chosen(file, rng)
+        try:
+            what = chosen(file, rng)
+        except LookupError:  # of what it spoils an earlier mutation has left nothing
+            if not done:
+                raise
+            continue
         if what:
             done.append(what)
         if len(done) == wanted:
