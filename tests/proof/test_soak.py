@@ -2,6 +2,7 @@
 
 import json
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -178,6 +179,19 @@ def test_it_goes_on_where_it_stopped(tmp_path):
         soak(bounder_of("kdop", "box"), shape("blob"), 1000, state=state)
     with pytest.raises(FileFormatError, match="another shape"):
         soak(bounder, wb.indicators.IndicatorGrid(~shape("blob").occupancy), 1000, state=state)
+
+
+STATED = {  # what states of the first version say of stored bounders
+    "field-bunny-mlp": ("blob", "96cc49b09965cc52c6704dced8572046c1e12d16956fe90bc3231c0a86469c1a"),
+    "rain-mlp": ("animated", "f268395061c0232277becc095be3d7cc4d092bc70163b45ad9aa9c6bbdb24797"),
+}
+
+
+@pytest.mark.parametrize("name", STATED)
+def test_states_of_the_first_version_are_gone_on_with(name):
+    other, digest = STATED[name]
+    file = Path(__file__).parents[2] / "sims" / "bounders" / f"{name}.safetensors"
+    assert soak(file, shape(other), 1, seed=1, seconds=0.0).bounder == digest
 
 
 @pytest.mark.parametrize(

@@ -38,6 +38,7 @@ CYCLE = ("float32",) * 6 + ("float64", "placed")  # forms of the chunks
 SAVED_EVERY = 2.0  # seconds, of the state
 WORLDS = 8  # placements that are tried before the certificate is taken to cover none
 LARGEST_SEED = 2**63
+ALIGNED = 16  # numbers, in what a state says of a bounder
 
 
 @dataclass
@@ -246,9 +247,12 @@ def _placement(
 
 
 def _digest(bounder: Bounder) -> str:
-    data = bounder.data
-    sha = hashlib.sha256(f"{bounder.method}|{bounder.query_kind}|{bounder.domain.to_dict()}|".encode())
-    sha.update(data.parameters.numpy().tobytes() + data.words.numpy().tobytes())
+    """SHA-256 of what the kernels compute with, aligned as in the first version: its states are gone on with."""
+    domain, words = bounder.domain, bounder.words()
+    header = np.concatenate([domain.header, [bounder.threshold], domain.extra]).astype(np.float32)
+    numbers = [np.pad(header, (0, -len(header) % ALIGNED)), np.asarray(bounder.weights(), dtype=np.float32), words]
+    sha = hashlib.sha256(f"{bounder.method}|{bounder.query_kind}|{domain.to_dict()}|".encode())
+    sha.update(b"".join(part.tobytes() for part in numbers))
     return sha.hexdigest()
 
 
