@@ -248,6 +248,7 @@ BAD = {
     "k": ["fit", "{c}", "-o", "{out}", "--method", "kdop", "--k", "5"],
     "device": ["fit", "{c}", "-o", "{out}", "--method", "aabb", "--device", "cuda:99"],
     "output is a folder": ["fit", "{c}", "-o", "{dir}", "--method", "aabb"],
+    "output is the shape": ["fit", "{c}", "-o", "{c}", "--method", "aabb"],
     "output below a file": ["fit", "{c}", "-o", "{c}/b.safetensors", "--method", "aabb"],
     "empty shape": ["fit", "{empty}", "-o", "{out}", "--method", "aabb"],
     "certify nothing": ["certify", "{dir}/none.safetensors", "{c}"],
@@ -270,6 +271,7 @@ BAD = {
     "query what is no array": ["query", "{out}", "{out}", "-o", "{dir}/m.npy"],
     "query over a folder": ["query", "{out}", "{c}", "-o", "{dir}"],
     "query over the queries": ["query", "{out}", "{c}", "-o", "{c}"],
+    "query over the bounder": ["query", "{out}", "{q}", "-o", "{dir}/./out.safetensors"],
     "query on no device": ["query", "{out}", "{c}", "-o", "{dir}/m.npy", "--device", "cuda:99"],
     "info nothing": ["info", "{dir}/none.safetensors"],
     "demo": ["demo", "dancing"],
@@ -282,13 +284,12 @@ BAD = {
 @pytest.mark.parametrize("bad", BAD)
 def test_bad_usage(files, capsys, bad):
     out, _ = fit(capsys, files, name="out")
-    before = out.read_bytes()
     np.save(files / "empty.npy", np.zeros((3, 3)))
-    names = {"c": files / "c.npy", "blob": files / "blob.npy", "empty": files / "empty.npy", "dir": files, "out": out}
-    listing = sorted(p.name for p in files.iterdir())
+    np.save(files / "q.npy", np.zeros((3, 2)))
+    names = {name: files / f"{name}.npy" for name in ("c", "blob", "empty", "q")} | {"dir": files, "out": out}
+    before = {path.name: path.read_bytes() for path in files.iterdir()}
     check_bad(*run(capsys, *(word.format(**names) for word in BAD[bad])))
-    assert out.read_bytes() == before
-    assert sorted(p.name for p in files.iterdir()) == listing
+    assert {path.name: path.read_bytes() for path in files.iterdir()} == before
 
 
 def test_help_and_refusals_read_what_the_methods_state(files, capsys, monkeypatch):

@@ -234,13 +234,19 @@ def write_whole(path: str | os.PathLike, content: bytes) -> None:
         raise FileFormatError(f"{path}: cannot be written ({error.strerror or error})") from error
 
 
-def check_writable(path: str | os.PathLike) -> None:
+def check_writable(path: str | os.PathLike, *inputs: str | os.PathLike) -> None:
     """Find out before long work whether its result can be written at the end; changes nothing.
 
+    Args:
+        path: File to write.
+        *inputs: Files that the work reads, if they exist.
+
     Raises:
-        FileFormatError: If the path is a folder, or cannot be written to.
+        FileFormatError: If the path is a folder, cannot be written to, or is one of the inputs.
     """
     path = _path(path)
+    if any(path.exists() and Path(own).exists() and path.samefile(own) for own in inputs):
+        raise FileFormatError(f"{path}: is read here, expected another file to write")
     if path.is_dir():
         raise FileFormatError(f"{path}: is a folder, expected a file name")
     folder = path.parent

@@ -68,7 +68,7 @@ def command(
 
     quiet_warp(device)
     count = whole_number("samples", samples)
-    check_writable(output)
+    check_writable(output, shape)
     indicator = read_shape(shape, threshold, spacing, origin)
     started = time.perf_counter()
     with bar("fit") as update:

@@ -31,9 +31,7 @@ def command(
     from warp_bounding.bounders.storage import check_writable, write_whole
 
     quiet_warp(device)
-    check_writable(output)
-    if Path(output).exists() and Path(points).exists() and Path(output).samefile(points):
-        raise QueryError(f"output must be another file than the queries, got {output} for both")
+    check_writable(output, file, points)
     bounder, queries = load(file, device=device), _read(points)
     started = time.perf_counter()
     mask = bounder.query(queries).numpy()
