@@ -71,6 +71,23 @@ def test_cells_of_time_lie_between_the_keyframes(start, length, count):
     assert (Fraction(end) - Fraction(start)) * Fraction(rate) - cells < 1
 
 
+@pytest.mark.parametrize("tiny", [2.0**-60, 2.0**-140])
+@pytest.mark.parametrize("count", [1, 7, 32, 301])
+def test_cells_end_before_a_keyframe_that_is_almost_at_time_0(tiny, count):
+    for start, end in ((-5.0, -tiny), (tiny, 5.0), (-5.0, tiny)):
+        rate, begin, cells = time_axis(start, end, count, "motion")
+        assert count <= cells <= count + SPARE
+        assert Fraction(start) <= Fraction(begin) / Fraction(rate)
+        assert (Fraction(begin) + cells) / Fraction(rate) <= Fraction(end)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("range_", [(0.0, 2.0**-149), (-(2.0**-140), 2.0**-139)])
+def test_a_range_of_time_that_float32_cannot_divide_is_refused(range_):
+    with pytest.raises(IndicatorError, match="float32 cells can divide"):
+        time_axis(*range_, 32, "motion")
+
+
 @pytest.mark.parametrize("end", [1.0, 1.25, 3.0, 0.1, 1 / 3])
 @pytest.mark.parametrize("count", [1, 3, 32, 50])
 def test_a_motion_from_time_0_is_covered(end, count):

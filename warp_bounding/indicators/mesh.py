@@ -169,7 +169,7 @@ def cells_per_unit(extent: float, resolution: int, name: str) -> float:
     mantissa, exponent = math.frexp(resolution / extent)
     scale = math.ldexp(math.floor(math.ldexp(mantissa, SCALE_BITS)), exponent - SCALE_BITS)
     limits = np.finfo(np.float32)
-    if not limits.tiny <= scale <= limits.max:
+    if not float(limits.tiny) <= scale <= float(limits.max):  # of float32, NumPy would make scale one
         raise IndicatorError(f"{name}: expected an object that float32 cells can divide, got extent {extent:g}")
     return scale
 
