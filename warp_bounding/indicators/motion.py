@@ -238,7 +238,7 @@ def time_axis(start: float, end: float, count: int, name: str) -> tuple[float, f
     rate = step * mantissa[mantissa % 2.0 ** np.maximum(np.frexp(mantissa)[1] - SCALE_BITS, 0) == 0]
     begin = np.ceil(2 * start * rate) / 2  # exact, as the products are: 24 + 16 bits
     cells = np.floor(end * rate - begin)
-    cells -= begin + cells > end * rate  # the difference was rounded up, where the end is much nearer to 0 than the start
+    cells -= begin + cells > end * rate  # the difference was rounded up: an end much nearer to 0 than the start
     left = (end - start) * rate - cells
     best = int(np.argmin(np.maximum(left, LEFT)))
     return float(rate[best]), float(begin[best]), int(cells[best])
