@@ -224,7 +224,7 @@ def test_the_working_clock_stands_still_while_kernels_are_compiled(monkeypatch):
     monkeypatch.setattr(launch.time, "perf_counter", lambda: now[0])
     monkeypatch.setattr(launch.wp, "load_module", load_module)
     monkeypatch.setattr(launch, "_ready", set())
-    monkeypatch.setattr(launch, "_compiling", 0.0)
+    monkeypatch.setattr(launch, "_compiling", launch._Compiling())
     before = launch.working_seconds()
     for _ in range(2):
         launch.ready(_visit, wp.get_device("cpu"))
@@ -232,3 +232,9 @@ def test_the_working_clock_stands_still_while_kernels_are_compiled(monkeypatch):
     assert launch.working_seconds() == before
     now[0] += 3.0
     assert launch.working_seconds() == before + 3.0
+    monkeypatch.setattr(launch, "_ready", set())
+    other = threading.Thread(target=launch.ready, args=(_visit, wp.get_device("cpu")))
+    other.start()
+    other.join()
+    assert launch.compile_seconds() == seconds
+    assert launch.working_seconds() == before + 3.0 + seconds  # it goes on, and never back

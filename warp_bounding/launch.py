@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from queue import SimpleQueue
-from threading import Lock, Thread
+from threading import Lock, Thread, local
 from time import perf_counter
 
 import warp as wp
@@ -78,18 +78,10 @@ class _Job:
         self._news.put(None)
 
     def finish(self) -> None:
-        """``work``, and wait for helpers, whatever interrupts: shares write to memory that the caller may give up afterwards.
-
-        A signal's handler may raise between any two steps, when a share has been taken and not begun, or news has been taken and not
-        looked at. So nothing is counted on that the interrupted thread has done: each round looks anew at who is at work.
-        """
+        """``work``, and wait for helpers."""
+        self.work()
         while not self.over:
-            try:
-                self.work()
-                while not self.over:
-                    self._news.get()
-            except BaseException as error:
-                self.error = error
+            self._news.get()
 
 
 class _Crew:
@@ -103,6 +95,10 @@ class _Crew:
     def run(self, shares: Sequence[Callable[[], None]]) -> None:
         """Do all shares, with a thread for each but the first; returns when they have ended.
 
+        That holds whatever interrupts: shares write to memory that the caller may give up afterwards. A signal's handler may raise between
+        any two steps, when a share has been taken and not begun, or news taken and not looked at. So nothing is counted on that
+        the interrupted thread has done: it looks anew who is at work.
+
         Raises:
             BaseException: What a share has raised, or a signal's handler meanwhile; some shares may then not have been done.
         """
@@ -110,23 +106,29 @@ class _Crew:
             for share in shares:
                 share()
             return
-        job = _Job(shares)
+        job, called = _Job(shares), False
         try:
-            while len(self._bells) < len(shares) - 1:
-                self._hire()
-            self._job = job
-            for bell in self._bells[: len(shares) - 1]:
-                if bell.locked():  # otherwise it has been rung, and its thread will find this job
-                    bell.release()
-        except BaseException as error:
-            job.error = error
-        try:
-            job.finish()
+            while not (called and job.over):
+                try:
+                    if not called:
+                        self._call(job, len(shares) - 1)
+                        called = True
+                    job.finish()
+                except BaseException as error:
+                    job.error, called = error, True  # without those who could not be called
         finally:
             self._job = None
             self._free.release()
         if job.error is not None:
             raise job.error
+
+    def _call(self, job: _Job, helpers: int) -> None:
+        while len(self._bells) < helpers:
+            self._hire()
+        self._job = job
+        for bell in self._bells[:helpers]:
+            if bell.locked():  # otherwise it has been rung, and its thread will find this job
+                bell.release()
 
     def _hire(self) -> None:
         bell = Lock()
@@ -157,27 +159,34 @@ if hasattr(os, "register_at_fork"):
 
 
 _ready: set[tuple[wp.Kernel, str]] = set()  # kernels that are loaded, by device
-_compiling = 0.0  # seconds of this process
+
+
+class _Compiling(local):
+    """Of a thread: what another one compiles would turn its clock back."""
+
+    seconds = 0.0
+
+
+_compiling = _Compiling()
 
 
 def ready(kernel: wp.Kernel, device: wp.Device) -> None:
     """Compile and load a kernel's module, if that is not done yet."""
-    global _compiling
     if (kernel, device.alias) not in _ready:
         started = time.perf_counter()
         wp.load_module(kernel.module, device)
-        _compiling += time.perf_counter() - started
+        _compiling.seconds += time.perf_counter() - started
         _ready.add((kernel, device.alias))
 
 
 def compile_seconds() -> float:
-    """Time that this process has spent on compiling and loading the library's kernels."""
-    return _compiling
+    """Time that this thread has spent on compiling and loading the library's kernels."""
+    return _compiling.seconds
 
 
 def working_seconds() -> float:
-    """A clock like ``time.perf_counter`` that stands still while kernels are compiled; what budgets are measured by."""
-    return time.perf_counter() - _compiling
+    """A clock like ``time.perf_counter`` that stands still while this thread compiles kernels; what budgets are measured by."""
+    return time.perf_counter() - _compiling.seconds
 
 
 class BlockLaunch:
