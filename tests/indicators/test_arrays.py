@@ -100,6 +100,12 @@ def test_a_threshold_that_is_none(threshold):
     refused(MAP, "threshold must be a number or a text such as '<128'", threshold=threshold)
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_threshold_beyond_the_type_of_the_array():
+    half = np.array([[-1.0, 2.0], [np.inf, 1.0]], np.float16)
+    assert load_indicator(half, threshold=1e6).occupancy.tolist() == [[False, False], [True, False]]
+
+
 def test_a_threshold_of_what_has_no_numbers(tmp_path):
     refused(MAP < 128, "a threshold needs numbers, got truth values", threshold=128)
     half = np.dstack([np.stack([MAP] * 3, axis=2), MAP])

@@ -72,3 +72,10 @@ def test_pairs_that_are_none(source, words):
         load_indicator(source)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_tensors_that_numpy_cannot_hold():
+    torch = pytest.importorskip("torch")
+    for change in (lambda t: t.to_sparse(), lambda t: t.bfloat16()):
+        with pytest.raises(IndicatorError, match=r"^expected a tensor that NumPy can hold, got torch[^\n]*$"):
+            load_indicator(change(torch.eye(5)))

@@ -58,7 +58,8 @@ class Threshold:
 
     def __call__(self, array: np.ndarray) -> np.ndarray:
         """``array`` compared, bool."""
-        return _COMPARISONS[self.comparison](array, self.value)
+        with np.errstate(over="ignore"):  # a value beyond the array's type compares as infinity
+            return _COMPARISONS[self.comparison](array, self.value)
 
 
 @dataclass(frozen=True)

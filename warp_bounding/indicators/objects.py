@@ -36,6 +36,16 @@ def _from_warp(source: Any) -> IndicatorMesh:
     return IndicatorMesh(source.points.numpy(), _triangles(source.indices.numpy(), "wp.Mesh"), name="wp.Mesh")
 
 
+def _from_torch(source: Any) -> np.ndarray:
+    try:
+        return source.detach().cpu().numpy()
+    except (TypeError, RuntimeError) as error:  # sparse, or of a type that NumPy does not have
+        reason = " ".join(str(error).split())
+        raise IndicatorError(
+            f"expected a tensor that NumPy can hold, got {source.dtype}, {source.layout}: {reason}"
+        ) from error
+
+
 def _triangles(indices: Any, name: str) -> np.ndarray:
     indices = np.asarray(indices)
     if indices.size % 3:
@@ -50,7 +60,7 @@ _MESHES = (
 )
 _ARRAYS = (
     _Kind("numpy", ("ndarray",), lambda source: source),
-    _Kind("torch", ("Tensor",), lambda source: source.detach().cpu().numpy()),
+    _Kind("torch", ("Tensor",), _from_torch),
     _Kind("warp", ("array",), lambda source: source.numpy()),
 )
 ACCEPTED = "a path, an array (NumPy, torch, Warp), (vertices, faces), a trimesh.Trimesh, newton.Mesh or wp.Mesh, or an indicator"
