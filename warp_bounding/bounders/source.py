@@ -192,7 +192,7 @@ const float threshold = center[{n3}]; const float* extra = center + {n3} + 1; co
 _FOREIGN = """
 auto bits = [](float x) {{ union {{ float f; unsigned int i; }} u; u.f = x; return u.i; }};
 const float* front = parameters.data; const unsigned int numbers = parameters.shape[0], fields = words.shape[0];
-if (numbers < {front} || parameters.strides[0] != sizeof(float)) return true;
+if (numbers < {front} || parameters.strides[0] != sizeof(float) || words.strides[0] != sizeof(unsigned int)) return true;
 if (bits(front[0]) != {first}u || bits(front[1]) != {second}u) return true;
 if (numbers < bits(front[2]) || fields < bits(front[3])) return true;
 """
