@@ -10,6 +10,7 @@ from itertools import groupby
 import warp as wp
 from rich import box
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -125,7 +126,7 @@ def run_table(
     for section, members in groupby(runs, key=lambda run: run.section):
         if section:
             table.add_section()
-            table.add_row(f"[bold]{section}[/]")
+            table.add_row(f"[bold]{escape(section)}[/]")
         for place, run in enumerate(members):
             outcome = "" if not place else "identical" if run.identical else "[bold red]differs[/]"
             missed = "" if not place else f"[bold red]{run.missed:,}[/]" if run.missed else "0"
@@ -168,7 +169,7 @@ def verdict(runs: list[Run], what: str = "contacts") -> str:
 
 
 def _named(run: Run) -> str:
-    return f"{run.bounder} ({run.section})" if run.section else run.bounder
+    return f"{run.bounder} ({escape(run.section)})" if run.section else run.bounder
 
 
 def result(demo: str, shape: str, steps: int, runs: list[Run], pictures: list, **more) -> dict:

@@ -99,7 +99,7 @@ def run(
         update(0.3)
         pictured = {name: examples[name] for name in PICTURED if name in examples} or {"none": examples["none"]}
         drawn = draw_with("sims.cloth.pictures", out, cloth_data(pictured, examples["none"]))
-    console.print(drawn.lines())
+    console.print(drawn.lines(), markup=False)
     same = kept(runs) and all(entry["identical"] for row in measured for entry in row["bounders"])
     more = {"particles": scene.particles, "bounders": rows, "field": measured, "identical": same}
     return result("cloth", " and ".join(SHAPES), steps, runs, drawn.paths, **more)

@@ -119,7 +119,7 @@ def run(
         shown = {name: first[name] for name in RAINED if name in first} or {"none": first["none"]}
         data = bounds_data(scene, first["none"].time, pictured) | rain_data(shown, bounders, first["none"])
         drawn = draw_with("sims.particles.pictures", out, data)
-    console.print(drawn.lines())
+    console.print(drawn.lines(), markup=False)
     more = {"particles": particles, "device": str(scene.device), "bounders": rows}
     return result("particles", scene.motion.name, steps, runs, drawn.paths, **more)
 

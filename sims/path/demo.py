@@ -104,7 +104,7 @@ def run(
 
         pairs = [(each["mlp"], each["occupancy"]) for each in examples]
         pictures = [draw(out, pairs, asked, ("mlp", "occupancy"))]
-    console.print("\n".join(f"Picture: {path}" for path in pictures))
+    console.print("\n".join(f"Picture: {path}" for path in pictures), markup=False)
     shape = ", ".join(place.name for place in worlds)
     return result("path", shape, 1, runs, pictures, worlds=described(worlds, examples), bounders=rows)
 
@@ -151,9 +151,11 @@ def _bounders(
             bounders[name].save(path)
             fitted.append(name)
     if fitted:
-        console.print(f"{world.name}: fitted {', '.join(fitted)} for this world; kept in {out} for the next time.")
+        text = f"{world.name}: fitted {', '.join(fitted)} for this world; kept in {out} for the next time."
+        console.print(text, markup=False)
     if again:
-        console.print(f"{world.name}: took {', '.join(again)} from {out}, fitted to these very cells before.")
+        text = f"{world.name}: took {', '.join(again)} from {out}, fitted to these very cells before."
+        console.print(text, markup=False)
     return bounders
 
 

@@ -1,6 +1,7 @@
 """What the demo ``path`` says of its runs: the rows of its table, and the sentences that go with it."""
 
 from rich.console import Console
+from rich.markup import escape
 
 import warp_bounding as wb
 from sims.path.planner import Example
@@ -81,18 +82,20 @@ def report(console: Console, worlds: list[World], examples: list[dict[str, Examp
     for run in runs:
         if not run.conservative:
             solved = f"{run.extra['collisions']:,} of its {run.extra['solved']:,} paths"
-            console.print(f"[red]{run.bounder}[/] in {run.extra['world']}: {solved} collide.")
+            console.print(f"[red]{run.bounder}[/] in {escape(run.extra['world'])}: {solved} collide.")
     for world, each in zip(worlds, examples, strict=True):
         none = each["none"]
         blocked, count = int(none.blocked.sum()), len(none.problems)
         mlp, share = each["mlp"], none.checks / max(each["mlp"].checks, 1)
         console.print(
-            f"{world.name}: {none.checks:,} exact checks without a broad phase, {mlp.checks:,} with mlp: {share:.1f} times fewer."
+            f"{world.name}: {none.checks:,} exact checks without a broad phase, {mlp.checks:,} with mlp: {share:.1f} times fewer.",
+            markup=False,
         )
         kind = "random" if world.problems is None else f"of the {len(world.problems):,} of its scenario"
         console.print(
             f"{world.name}: {count:,} problems, {kind}; {none.solved:,} solved, {none.mean_length:.1f} cells on average; "
-            f"{blocked:,} with a blocked start or goal, {count - blocked - none.solved:,} without a path in the roadmap."
+            f"{blocked:,} with a blocked start or goal, {count - blocked - none.solved:,} without a path in the roadmap.",
+            markup=False,
         )
     console.print(_price(runs))
 

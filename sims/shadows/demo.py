@@ -109,7 +109,7 @@ def run(
         picture, same = _picture(out, methods, device)
     if not same:
         console.print("[bold red]Broken promise: the large picture is not the one without a broad phase.[/]")
-    console.print(f"Picture: {picture}")
+    console.print(f"Picture: {picture}", markup=False)
     more = {"size": [width, height], "rays": rays, "device": str(scene.device), "bounders": rows}
     told = result("shadows", " and ".join(cells), steps, runs, [picture], **more)
     return told | {"identical": told["identical"] and same}

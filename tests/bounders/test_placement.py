@@ -76,6 +76,15 @@ def test_transforms_come_in_several_forms(method, rng):
     assert (bounder.query(x, xform=wp.mat44(*homogeneous(q, seven[:3]).ravel())).numpy() == matrix).mean() > 0.999
 
 
+def test_a_tensor_with_gradients_places(rng):
+    torch = pytest.importorskip("torch", reason="torch is not installed")
+    grid, bounder = shape("blob"), fitted("aabb", "blob")
+    x, matrix = object_points(grid, rng, 500), homogeneous(np.eye(3), [0.1, 0.2, 0.3])
+    expected = bounder.query(x, xform=matrix, scale=2.0).numpy()
+    xform, scale = (torch.tensor(value, requires_grad=True) for value in (matrix, 2.0))
+    assert (bounder.query(x, xform=xform, scale=scale).numpy() == expected).all()
+
+
 def test_identity_changes_nothing(rng):
     grid, bounder = shape("blob"), fitted("mlp", "blob")
     x = object_points(grid, rng, 500)
@@ -106,6 +115,13 @@ def test_placed_special_numbers():
         {"scale": [1.0, 2.0]},
         {"scale": "large"},
         {"scale": [[1.0], [2.0, 3.0]]},
+        {"scale": "2"},
+        {"scale": True},
+        {"scale": 2 + 0j},
+        {"scale": np.eye(3)},
+        {"xform": np.eye(4) + 0j},
+        {"xform": False},
+        {"xform": np.eye(4) + np.eye(4, k=-3)},
         {"xform": np.eye(3)},
         {"xform": np.zeros((4, 4))},
         {"xform": 2 * np.eye(4)},
@@ -121,8 +137,9 @@ def test_placed_special_numbers():
     ids=str,
 )
 def test_impossible_placements_are_refused(options):
-    with pytest.raises(QueryError):
+    with pytest.raises(QueryError) as error:
         fitted("aabb", "blob").query(np.zeros((1, 3)), **options)
+    assert len(str(error.value).splitlines()) == 1
 
 
 @pytest.mark.parametrize(

@@ -235,3 +235,10 @@ def test_several_threads_launch_at_once(rng, monkeypatch):
     for thread in threads:
         thread.join()
     assert not wrong
+
+
+def test_repr_says_what_is_prepared():
+    bounder, points = random_bounder("kdop", "blob", "cpu"), wp.zeros(5, dtype=wp.vec3, device="cpu")
+    assert repr(bounder.prepare(points)).startswith("<5 point queries in object space, prepared for <kdop bounder")
+    placed = bounder.prepare(points, scale=2.0, candidates=True)
+    assert repr(placed).startswith("<5 point queries in the world, with candidates, prepared for <kdop")

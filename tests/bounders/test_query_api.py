@@ -39,6 +39,8 @@ def test_numpy_and_lists(bounder, x):
     unaligned = np.frombuffer(b"\0" + x.tobytes(), np.uint8)[1:].view(np.float32).reshape(x.shape)
     assert (bounder.query(unaligned).numpy() == expected).all()
     assert bounder.query([[0, 1, 2]]).shape == (1,)
+    for dtype in (">f4", ">f8"):
+        assert (bounder.query(x.astype(dtype)).numpy() == expected).all()
 
 
 def test_torch(bounder, x):
@@ -115,6 +117,9 @@ def test_nothing_gives_nothing(bounder, kind, device):
         torch.zeros(2, 3, dtype=torch.int32),
         torch.zeros(2, 2),
         torch.zeros(3),
+        torch.zeros(2, 3).to_sparse(),
+        torch.zeros(2, 3, device="meta"),
+        np.ma.array(np.zeros((2, 3), np.float32), mask=np.eye(2, 3)),
         np.broadcast_to(np.float32(0.5), (2**30, 3)),  # more than kernels can count
     ],
     ids=lambda x: f"{type(x).__name__}-{getattr(x, 'shape', '')}-{getattr(x, 'dtype', '')}",
@@ -124,6 +129,7 @@ def test_other_queries_are_refused(bounder, x):
         bounder.query(x)
     assert "queries must" in str(error.value)
     assert "got" in str(error.value)
+    assert "object" not in str(error.value)  # which is what NumPy makes of anything
 
 
 def test_other_warp_arrays_are_refused(bounder):

@@ -263,6 +263,43 @@ def test_places_that_cannot_be_written(saved, tmp_path):
     assert not list(folder.iterdir())
 
 
+def test_only_what_was_a_bounder_is_replaced(saved, tmp_path):
+    """A slip of the hand keeps its shape: by name or content, an existing file must have been a bounder."""
+    unnamed, notes, empty, link = (tmp_path / name for name in ("unnamed", "mesh.obj", "empty", "link.safetensors"))
+    for path in (unnamed, saved, unnamed, saved):
+        fitted("aabb", "c").save(path)
+    notes.write_text("v 0 0 0")
+    with pytest.raises(FileFormatError, match=r"mesh\.obj: exists and is no \.safetensors file, so it is kept"):
+        fitted("aabb", "c").save(notes)
+    assert notes.read_text() == "v 0 0 0"
+    empty.touch()
+    fitted("aabb", "c").save(empty)
+    assert wb.load(empty, device="cpu").method == "aabb"
+    link.symlink_to(saved)
+    fitted("kdop", "c").save(link)
+    assert link.is_symlink()
+    assert wb.load(saved, device="cpu").method == "kdop"
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+def test_a_device_is_no_file(tmp_path):
+    """To rename over ``/dev/null``, which root may do, would take it away from the whole machine."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    link = tmp_path / "link.safetensors"
+    link.symlink_to(pipe)
+    for path in (pipe, link):
+        with pytest.raises(FileFormatError, match="a device or a pipe"):
+            fitted("aabb", "c").save(path)
+    assert pipe.is_fifo()
+
+
+@pytest.mark.parametrize("name", ["", "a\0b.safetensors"])
+def test_names_that_are_none(name):
+    with pytest.raises(FileFormatError, match="path must be a file name, got '"):
+        fitted("aabb", "c").save(name)
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 def test_a_folder_without_permission(tmp_path):
     folder = tmp_path / "closed"

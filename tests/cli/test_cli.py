@@ -233,6 +233,7 @@ BAD = {
     "hidden nothing": ["fit", "{c}", "-o", "{out}", "--hidden", ""],
     "budget 0": ["fit", "{c}", "-o", "{out}", "--budget", "0"],
     "budget words": ["fit", "{c}", "-o", "{out}", "--budget", "long"],
+    "budget with a unit": ["fit", "{c}", "-o", "{out}", "--budget", "1m"],
     "budget nan": ["fit", "{c}", "-o", "{out}", "--budget", "nan"],
     "seed": ["fit", "{c}", "-o", "{out}", "--seed", "-1"],
     "steps": ["fit", "{c}", "-o", "{out}", "--steps", "0"],
@@ -249,15 +250,25 @@ BAD = {
     "device": ["fit", "{c}", "-o", "{out}", "--method", "aabb", "--device", "cuda:99"],
     "output is a folder": ["fit", "{c}", "-o", "{dir}", "--method", "aabb"],
     "output is the shape": ["fit", "{c}", "-o", "{c}", "--method", "aabb"],
+    "output is another shape": ["fit", "{c}", "-o", "{blob}", "--method", "aabb"],
+    "output is what is not a bounder": ["fit", "{c}", "-o", "{notes}", "--method", "aabb"],
+    "output nothing": ["fit", "{c}", "-o", "", "--method", "aabb"],
+    "output with a null byte": ["fit", "{c}", "-o", "{dir}/a\0b.safetensors", "--method", "aabb"],
     "output below a file": ["fit", "{c}", "-o", "{c}/b.safetensors", "--method", "aabb"],
     "empty shape": ["fit", "{empty}", "-o", "{out}", "--method", "aabb"],
     "certify nothing": ["certify", "{dir}/none.safetensors", "{c}"],
     "certify a shape": ["certify", "{c}", "{c}"],
     "certify without shape": ["certify", "{out}"],
     "certify a missing shape": ["certify", "{out}", "{dir}/none.npy"],
+    "certify no margin": ["certify", "{out}", "{c}", "--margin", "nan"],
+    "certify a negative margin": ["certify", "{out}", "{c}", "--margin", "-1"],
+    "certify rays of no length": ["certify", "{out}", "{c}", "--length", "0"],
+    "certify no resolution": ["certify", "{out}", "{c}", "--resolution", "0"],
+    "certify an unknown query": ["certify", "{out}", "{c}", "--query", "cone"],
     "certify in no time": ["certify", "{out}", "{c}", "--budget", "0"],
     "evaluate nothing": ["evaluate", "{dir}/none.safetensors", "{c}"],
     "evaluate no samples": ["evaluate", "{out}", "{c}", "--samples", "0"],
+    "evaluate for ever": ["evaluate", "{out}", "{c}", "--samples", "1e20"],
     "evaluate protocol": ["evaluate", "{out}", "{c}", "--protocol", "guess"],
     "evaluate dimension": ["evaluate", "{out}", "{blob}"],
     "evaluate half a sample": ["evaluate", "{out}", "{c}", "--samples", "1.5"],
@@ -272,11 +283,14 @@ BAD = {
     "query over a folder": ["query", "{out}", "{c}", "-o", "{dir}"],
     "query over the queries": ["query", "{out}", "{c}", "-o", "{c}"],
     "query over the bounder": ["query", "{out}", "{q}", "-o", "{dir}/./out.safetensors"],
+    "query over what is no mask": ["query", "{out}", "{q}", "-o", "{notes}"],
+    "query a folder": ["query", "{out}", "{dir}", "-o", "{dir}/m.npy"],
     "query on no device": ["query", "{out}", "{c}", "-o", "{dir}/m.npy", "--device", "cuda:99"],
     "info nothing": ["info", "{dir}/none.safetensors"],
     "demo": ["demo", "dancing"],
     "demo budget": ["demo", "particles", "--budget", "5"],
     "demo option": ["demo", "particles", "--world", "maze.png"],
+    "demo seed": ["demo", "particles", "--seed", "-1"],
     "demo particles": ["demo", "particles", "--particles", "0"],
 }
 
@@ -286,7 +300,9 @@ def test_bad_usage(files, capsys, bad):
     out, _ = fit(capsys, files, name="out")
     np.save(files / "empty.npy", np.zeros((3, 3)))
     np.save(files / "q.npy", np.zeros((3, 2)))
-    names = {name: files / f"{name}.npy" for name in ("c", "blob", "empty", "q")} | {"dir": files, "out": out}
+    (files / "notes.txt").write_text("notes")
+    names = {name: files / f"{name}.npy" for name in ("c", "blob", "empty", "q")}
+    names |= {"dir": files, "out": out, "notes": files / "notes.txt"}
     before = {path.name: path.read_bytes() for path in files.iterdir()}
     check_bad(*run(capsys, *(word.format(**names) for word in BAD[bad])))
     assert {path.name: path.read_bytes() for path in files.iterdir()} == before
@@ -305,6 +321,46 @@ def test_help_and_refusals_read_what_the_methods_state(files, capsys, monkeypatc
     )
     assert (status, out) == (2, "")
     assert err == "warp-bounding: kdop takes k for point queries, got leaves\n"
+
+
+@pytest.mark.parametrize(
+    ("option", "text", "told"),
+    [
+        ("--budget", "1m", "--budget must be a number, got '1m' "),
+        ("--seed", "1.5", "--seed must be a whole number, got '1.5' "),
+    ],
+)
+def test_what_is_no_number_is_shown(files, capsys, option, text, told):
+    err = run(capsys, "fit", files / "c.npy", "-o", files / "b.safetensors", option, text)[2]
+    assert err.startswith(f"warp-bounding: {told}")
+
+
+def test_paths_are_no_markup(files, capsys):
+    """Brackets in a file's name are text, whatever the library that prints makes of them."""
+    odd = "[red]x :smile:"
+    (files / "c.npy").rename(files / f"{odd}.npy")
+    shape_file, path = (files / f"{odd}{suffix}" for suffix in (".npy", ".safetensors"))
+    mask = files / "[" / f"bold]{odd}.npy"  # read as markup, this ends what has never begun
+    np.save(files / "points.npy", np.zeros((2, 2), np.float32))
+    outputs = [
+        run(capsys, "fit", shape_file, "-o", path, "--method", "aabb", "--samples", "1e4"),
+        run(capsys, "query", path, files / "points.npy", "-o", mask),
+        run(capsys, "certify", path, shape_file),
+        run(capsys, "info", path),
+    ]
+    for status, out, err in outputs:
+        assert (status, err) == (0, "")
+        assert odd in out
+
+
+@pytest.mark.parametrize("name", ["fit", "soak", "table1"])
+def test_help_fills_its_lines(capsys, monkeypatch, name):
+    """A docstring's own line breaks are no breaks in a narrower terminal."""
+    monkeypatch.setenv("COLUMNS", "80")
+    out = run(capsys, name, "--help")[1]
+    prose = [line for line in out.partition("╭")[0].splitlines()[3:] if line.strip()]
+    paragraphs = [len(line.strip()) < 40 for line in prose]
+    assert sum(paragraphs) <= 2  # each of two may end in a short line
 
 
 def test_version(capsys):

@@ -225,6 +225,16 @@ def test_meshes_have_no_time():
     fails(trimesh.creation.box(), "no time coordinate", time=True)
 
 
+def test_distances_with_infinity_are_asked_about():
+    message = fails(np.array([[0.0, np.inf], [3.0, 5.0]]), "load_indicator(a < 2.5)")
+    assert "a < inf" not in message
+
+
+@pytest.mark.parametrize("spacing", ["0.1", True, [True, True], 1j])
+def test_what_is_no_spacing(spacing):
+    fails(ARRAY[0], "spacing must be 2 numbers", "got", spacing=spacing)
+
+
 def test_masked_arrays_are_refused():
     fails(np.ma.array([0, 1], mask=[0, 1]), "masked")
 

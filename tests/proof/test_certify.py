@@ -226,7 +226,7 @@ def test_no_time_is_no_decision():
     prove(bounder, grid, eps=1e-4, boxes=1_000_000)
     proof = wb.certify(bounder, grid, seconds=0.0)
     assert proof.kind in ("undecided", "proven")
-    assert proof.proven or "no decision within 0 s" in proof.message
+    assert proof.proven or "no decision within 0 s. Object: " in proof.message
 
 
 @pytest.mark.parametrize("wrong", ["nowhere.npy", None, 3, np.zeros((2, 2))])

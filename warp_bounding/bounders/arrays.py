@@ -33,6 +33,10 @@ def flat_queries(x, columns: int, device: wp.Device) -> tuple[wp.array, int, boo
     if torch is not None and isinstance(x, torch.Tensor):
         if x.dtype not in (torch.float32, torch.float64):
             raise QueryError(f"queries must be float32 or float64, got a torch tensor of {x.dtype}")
+        if x.layout != torch.strided or x.device.type not in ("cpu", "cuda"):
+            raise QueryError(
+                f"queries must be a dense tensor on the CPU or a GPU, got one of {x.layout} on device {x.device}"
+            )
         _check_shape(tuple(x.shape), columns)
         _check_device(wp.device_from_torch(x.device), device)
         double = x.dtype == torch.float64
@@ -43,12 +47,16 @@ def flat_queries(x, columns: int, device: wp.Device) -> tuple[wp.array, int, boo
     except ValueError as error:
         raise QueryError(f"queries must be an array of shape (N, {columns}), got a ragged sequence") from error
     listed = not isinstance(x, np.ndarray)
-    if values.dtype not in (np.float32, np.float64) and not (listed and values.dtype.kind in "iuf"):
-        raise QueryError(f"queries must be float32 or float64, got {values.dtype}")
+    if isinstance(x, np.ma.MaskedArray):
+        raise QueryError("queries must be a plain array, got a masked one; fill it first")
+    native = values.dtype.newbyteorder("=")  # big-endian files are read, too
+    if native not in (np.float32, np.float64) and not (listed and native.kind in "iuf"):
+        got = values.dtype if values.dtype.kind in "biufc" else type(x).__name__
+        raise QueryError(f"queries must be float32 or float64, got {got}")
     if values.shape == (0,) and listed:
         values = values.reshape(0, columns)
     _check_shape(values.shape, columns)
-    double = values.dtype != np.float32
+    double = native != np.float32
     with np.errstate(over="ignore"):
         flat = np.require(values, np.float32, ["C", "A"]).reshape(-1)
     return (

@@ -300,7 +300,8 @@ def check_hidden(hidden) -> tuple[int, ...]:
     )
     if not 1 <= len(widths) <= MOST_LAYERS or not whole or sum(widths) > MOST_NEURONS:
         limits = f"1 to {MOST_LAYERS} widths from 1 to {LARGEST_WIDTH}, {MOST_NEURONS} in all"
-        raise BounderError(f"hidden must be {limits}, such as (50, 50), got {hidden}")
+        got = repr(hidden) if len(widths) <= MOST_LAYERS else f"{len(widths)} of them"
+        raise BounderError(f"hidden must be {limits}, such as (50, 50), got {got}")
     return tuple(int(h) for h in widths)
 
 

@@ -59,15 +59,12 @@ class Placement:
             return None
         n, first = domain.space_ndim, int(domain.time)
         spatial = n - first
-        try:
-            factors = np.ones(spatial) if scale is None else np.asarray(scale, dtype=np.float64).reshape(-1)
-        except (TypeError, ValueError) as error:
-            raise QueryError(f"scale must be a positive number or {spatial} of them, got {scale!r}") from error
-        if factors.size == 1:
+        factors = np.ones(spatial) if scale is None else _numbers(scale)
+        if factors is not None and factors.size == 1:
             factors = np.repeat(factors, spatial)
+        if factors is None or factors.shape != (spatial,) or not all(0 < size < np.inf for size in factors.tolist()):
+            raise QueryError(f"scale must be a positive number or {spatial} of them, got {_shown(scale)}")
         sizes = factors.tolist()
-        if factors.shape != (spatial,) or not all(0 < size < np.inf for size in sizes):
-            raise QueryError(f"scale must be a positive number or {spatial} of them, got {scale}")
         rotation, position = _rigid(xform, spatial)
         forward = np.eye(n)
         forward[first:, first:] = rotation * factors
@@ -75,7 +72,9 @@ class Placement:
         translation[first:] = position
         sizes += [1.0] * first  # time's; a rotation adds nothing
         if max(sizes) > MOST_STRETCH * min(sizes):
-            raise QueryError(f"scale must stretch the axes within {MOST_STRETCH:g} times of each other, got {scale}")
+            raise QueryError(
+                f"scale must stretch the axes within {MOST_STRETCH:g} times of each other, got {_shown(scale)}"
+            )
         matrix = np.eye(n)
         matrix[first:, first:] = np.linalg.inv(rotation) / factors[:, None]
         with np.errstate(over="ignore"):
@@ -127,16 +126,29 @@ def placement_room(domain: Domain | RegionDomain) -> np.ndarray:
     return np.maximum(_covered(domain) / GROWTH - behind, 0.0) / base.scale / GROWTH
 
 
+def _numbers(given) -> np.ndarray | None:
+    """Real numbers as float64, whoever's array they are in; ``None`` of anything else."""
+    given = given.detach().cpu() if hasattr(given, "detach") else given  # torch, which may want gradients
+    try:
+        values = np.asarray(given)
+        return values.astype(np.float64) if values.dtype.kind in "iuf" else None
+    except (TypeError, ValueError):  # a ragged sequence
+        return None
+
+
+def _shown(value) -> str:
+    """A value in one line."""
+    return " ".join(repr(value).split())
+
+
 def _rigid(xform, spatial: int) -> tuple[np.ndarray, np.ndarray]:
     """Rotation matrix and translation, float64, of what ``xform=`` takes."""
     if xform is None:
         return np.eye(spatial), np.zeros(spatial)
-    try:
-        values = np.array(xform, dtype=np.float64).reshape(
-            getattr(type(xform), "_shape_", np.shape(xform))
-        )  # Warp matrices come flat
-    except (TypeError, ValueError) as error:
-        raise QueryError(f"xform must be a transform or a matrix of numbers, got {type(xform).__name__}") from error
+    values = _numbers(xform)
+    if values is None:
+        raise QueryError(f"xform must be a transform or a matrix of numbers, got {type(xform).__name__}")
+    values = values.reshape(getattr(type(xform), "_shape_", values.shape))  # Warp matrices come flat
     if not np.isfinite(values).all():
         raise QueryError("xform must be finite")
     if values.shape == (7,) and spatial == 3:
@@ -153,7 +165,12 @@ def _rigid(xform, spatial: int) -> tuple[np.ndarray, np.ndarray]:
         return np.array(rotation), position
     if values.shape == (spatial + 1, spatial + 1):
         rotation, position, last = values[:-1, :-1], values[:-1, -1], values[-1]
-        if np.abs(rotation @ rotation.T - np.eye(spatial)).max() > 1e-3 or (last != np.eye(spatial + 1)[-1]).any():
+        if (last != np.eye(spatial + 1)[-1]).any():
+            row = f"({', '.join(['0'] * spatial)}, 1)"
+            raise QueryError(
+                f"xform must have {row} as its last row (the translation stands in the last column), got {last.tolist()}"
+            )
+        if np.abs(rotation @ rotation.T - np.eye(spatial)).max() > 1e-3:
             raise QueryError("xform must be a rigid transform (rotation and translation; the scale goes into scale=)")
         return rotation, position
     expected = f"a ({spatial + 1}, {spatial + 1}) matrix" + (" or 7 numbers" if spatial == 3 else "")

@@ -110,6 +110,13 @@ class Prepared:
         else:
             self._place.assign(values)
 
+    def __repr__(self) -> str:
+        where = "object space" if self._place is None else "the world"
+        asked = ", with candidates" if self._compaction else ""
+        return (
+            f"<{self._number:,} {self._bounder.query_kind} queries in {where}{asked}, prepared for {self._bounder!r}>"
+        )
+
     def _placement(self, xform, scale) -> np.ndarray:
         domain = self._bounder.domain
         placement = Placement.of(domain, xform, scale)

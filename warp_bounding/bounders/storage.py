@@ -29,6 +29,8 @@ __all__ = ["FORMAT", "bounder_of", "check_writable", "load", "save", "write_whol
 
 FORMAT = 1
 KEY = "warp_bounding"
+SUFFIX = ".safetensors"
+STARTS = {SUFFIX: (8, b"{"), ".npy": (0, b"\x93NUMPY")}  # where a file of this kind says what it is, and how
 INFO_FIELDS = ("indicator", "name", "grid_shape", "margin", "resolution", "seed", "note", "training", "rates")
 
 
@@ -37,7 +39,8 @@ def save(bounder: Bounder, path: str | os.PathLike) -> None:
 
     Args:
         bounder: Any bounder.
-        path: File to write; an existing one is replaced only when the new one is complete.
+        path: File to write; an existing one is replaced only when the new one is complete, and only one that was a bounder's,
+            by its name or its content.
 
     Raises:
         FileFormatError: If the file cannot be written.
@@ -58,7 +61,7 @@ def save(bounder: Bounder, path: str | os.PathLike) -> None:
         **{field: bounder.info.get(field) for field in INFO_FIELDS},
     }
     entry = json.dumps({"sha256": _digest(bounder.tensors, document), "bounder": document}, allow_nan=False)
-    write_whole(path, safetensors.numpy.save(bounder.tensors, metadata={KEY: entry}))
+    write_whole(path, safetensors.numpy.save(bounder.tensors, metadata={KEY: entry}), SUFFIX)
 
 
 def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
@@ -211,14 +214,19 @@ def _digest(tensors: dict[str, np.ndarray], document: dict) -> str:
     return sha.hexdigest()
 
 
-def write_whole(path: str | os.PathLike, content: bytes) -> None:
-    """Write a file so that a reader, a crash or a full disk never sees half of it.
+def write_whole(path: str | os.PathLike, content: bytes, suffix: str | None = None) -> None:
+    """Write a file so that a reader, a crash or a full disk never sees half of it; a link stays, and what it points to is written.
+
+    Args:
+        path: File to write.
+        content: All of it.
+        suffix: See ``check_writable``.
 
     Raises:
         FileFormatError: If it cannot be written; an existing file is then untouched.
     """
-    path = _path(path)
-    temporary = None
+    check_writable(path, suffix=suffix)
+    given, path, temporary = _path(path), Path(os.path.realpath(path)), None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
@@ -231,29 +239,54 @@ def write_whole(path: str | os.PathLike, content: bytes) -> None:
     except OSError as error:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
-        raise FileFormatError(f"{path}: cannot be written ({error.strerror or error})") from error
+        raise FileFormatError(f"{given}: cannot be written ({error.strerror or error})") from error
 
 
-def check_writable(path: str | os.PathLike, *inputs: str | os.PathLike) -> None:
+def check_writable(path: str | os.PathLike, *inputs: str | os.PathLike, suffix: str | None = None) -> None:
     """Find out before long work whether its result can be written at the end; changes nothing.
 
     Args:
         path: File to write.
         *inputs: Files that the work reads, if they exist.
+        suffix: Of its kind, one of ``STARTS``. An existing file is then to be replaced only if it has that suffix or holds that kind:
+            a shape, or whatever else a slip of the hand names, is kept.
 
     Raises:
-        FileFormatError: If the path is a folder, cannot be written to, or is one of the inputs.
+        FileFormatError: If the path is a folder or a device, cannot be written to, is one of the inputs, or such a file.
     """
-    path = _path(path)
-    if any(path.exists() and Path(own).exists() and path.samefile(own) for own in inputs):
-        raise FileFormatError(f"{path}: is read here, expected another file to write")
-    if path.is_dir():
-        raise FileFormatError(f"{path}: is a folder, expected a file name")
-    folder = path.parent
-    while not folder.exists() and folder != folder.parent:
-        folder = folder.parent
+    given = _path(path)
+    if not os.fspath(path) or "\0" in str(given):
+        raise FileFormatError(f"path must be a file name, got {os.fsdecode(path)!r}")
+    path = Path(os.path.realpath(given))
+    try:
+        if any(path.exists() and Path(own).exists() and path.samefile(own) for own in inputs):
+            raise FileFormatError(f"{given}: is read here, expected another file to write")
+        if path.is_dir():
+            raise FileFormatError(f"{given}: is a folder, expected a file name")
+        if path.exists():
+            if not path.is_file():
+                raise FileFormatError(f"{given}: is a device or a pipe, expected a file name")
+            if not os.access(path, os.W_OK):
+                raise FileFormatError(f"{given}: exists and may not be written to")
+            if suffix is not None and given.suffix.lower() != suffix and not _holds(path, suffix):
+                raise FileFormatError(
+                    f"{given}: exists and is no {suffix} file, so it is kept; expected a new name, or a {suffix} file to replace"
+                )
+        folder = path.parent
+        while not folder.exists() and folder != folder.parent:
+            folder = folder.parent
+    except OSError as error:
+        raise FileFormatError(f"{given}: cannot be written ({error.strerror or error})") from error
     if not folder.is_dir() or not os.access(folder, os.W_OK):
-        raise FileFormatError(f"{path}: {folder} is not a folder that can be written to")
+        raise FileFormatError(f"{given}: {folder} is not a folder that can be written to")
+
+
+def _holds(path: Path, suffix: str) -> bool:
+    """Whether a file is of this kind by its content, or empty."""
+    at, start = STARTS[suffix]
+    with path.open("rb") as file:
+        content = file.read(at + len(start))
+    return not content or content[at:] == start
 
 
 def _umask() -> int:

@@ -26,8 +26,9 @@ def _app():
         add_completion=False,
         pretty_exceptions_enable=False,
     )
-    for command in (fit, query, certify, soak, evaluate, info, table1, proofs, demo):
-        app.command(name=command.__name__.rpartition(".")[2], cls=getattr(command, "Help", None))(command.command)
+    for module in (fit, query, certify, soak, evaluate, info, table1, proofs, demo):
+        name, command = module.__name__.rpartition(".")[2], module.command
+        app.command(name=name, cls=getattr(module, "Help", None), help=_paragraphs(command.__doc__))(command)
 
     def show(wanted: bool) -> None:
         if wanted:
@@ -41,6 +42,11 @@ def _app():
         """Proven, tight, fast bounding volumes: fit one, prove it, measure it, see it at work."""
 
     return app
+
+
+def _paragraphs(text: str) -> str:
+    """A docstring with one line a paragraph, which any terminal can break where it has to."""
+    return "\n\n".join(" ".join(part.split()) for part in text.split("\n\n"))
 
 
 def __getattr__(name: str):
@@ -77,6 +83,16 @@ def main(arguments: list[str] | None = None) -> None:
     sys.exit(status)
 
 
+def _wrong_value(error: Exception) -> str | None:
+    """What is wrong with a value that the parser has refused as no number, with the value; ``None`` of other errors."""
+    refused = getattr(error.__cause__, "errors", None)  # of a parser that validates by types
+    if refused is None or getattr(error, "param", None) is None:
+        return None
+    first = refused()[0]
+    wanted = {"float": "a number", "int": "a whole number"}.get(first["type"].partition("_")[0])
+    return wanted and f"{error.param.opts[0]} must be {wanted}, got {first['input']!r}"
+
+
 def _run(arguments: list[str] | None) -> int:
     """Exit status of a command; an error of the parser becomes an error of ours."""
     import typer
@@ -90,7 +106,9 @@ def _run(arguments: list[str] | None) -> int:
             return 2
         context = getattr(error, "ctx", None)
         where = context.command_path if context else "warp-bounding"
-        raise BoundingError(f"{error.format_message()} (see '{where} --help')") from error
+        raise BoundingError(
+            f"{_wrong_value(error) or error.format_message().rstrip('.')} (see '{where} --help')"
+        ) from error
     except typer.Exit as error:
         return error.exit_code
     except typer.Abort:

@@ -1,5 +1,6 @@
 """``warp-bounding certify``: prove from file and shape alone what a bounder claims."""
 
+import math
 from typing import Annotated
 
 import typer
@@ -13,7 +14,7 @@ __all__ = ["command"]
 
 def command(
     file: BounderFile,
-    shape: Annotated[str, typer.Argument(help="The shape that it is to bound.")],
+    shape: Annotated[str, typer.Argument(metavar="SHAPE", help="The shape that it is to bound.")],
     budget: Annotated[float, typer.Option(help="Seconds allowed.")] = 900.0,
     margin: Annotated[float | None, typer.Option(help="Not proven unless FILE claims this margin.")] = None,
     length: Annotated[float | None, typer.Option(help="Not proven unless FILE claims rays of this length.")] = None,
@@ -30,9 +31,19 @@ def command(
     """
     from warp_bounding.bounders import load
     from warp_bounding.proof import certify
+    from warp_bounding.queries import check_query
 
     if not budget > 0:
         raise BoundingError(f"budget must be a positive number of seconds, got {budget}")
+    for name, stated, possible in (
+        ("margin", margin, margin is None or 0 <= margin < math.inf),
+        ("length", length, length is None or 0 < length < math.inf),
+        ("resolution", resolution, resolution is None or resolution > 0),
+    ):
+        if not possible:
+            raise BoundingError(f"{name} must be one that a bounder can have, got {stated}")
+    if query is not None:
+        check_query(query)
     quiet_warp()
     bounder = load(file, device="cpu")
     indicator = read_shape(shape, threshold, spacing, origin)

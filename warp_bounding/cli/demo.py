@@ -17,7 +17,7 @@ EXTRA = {"newton": "sims", "pyvista": "sims", "scipy": "sims", "torch": "sims", 
 
 
 def command(
-    name: Annotated[str | None, typer.Argument(help=f"Which: {', '.join(DEMOS)}.")] = None,
+    name: Annotated[str | None, typer.Argument(metavar="NAME", help=f"Which: {', '.join(DEMOS)}.")] = None,
     assets: Annotated[
         str | None,
         typer.Option(help="Write bunny.obj and other meshes from installed packages to this folder, instead."),
@@ -44,6 +44,8 @@ def command(
     for option, value in (("particles", particles), ("steps", steps)):
         if value is not None and value < 1:
             raise BoundingError(f"{option} must be at least 1, got {value}")
+    if seed < 0:
+        raise BoundingError(f"seed must be at least 0, got {seed}")
     if budget is not None and not refit and world is None:
         raise BoundingError("budget is for --refit or --world, where networks are fitted; else they are loaded")
     quiet_warp(device)

@@ -23,7 +23,7 @@ __all__ = ["command"]
 
 def command(
     file: BounderFile,
-    shape: Annotated[str, typer.Argument(help="The shape that it bounds.")],
+    shape: Annotated[str, typer.Argument(metavar="SHAPE", help="The shape that it bounds.")],
     samples: Annotated[str, typer.Option(help="Number of random queries, such as 1e6.")] = "1e6",
     protocol: Annotated[str, typer.Option(help="exact, or sampled as in the paper.")] = "exact",
     seed: Annotated[int, typer.Option(help="Random seed of the samples.")] = 1,

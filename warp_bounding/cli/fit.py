@@ -28,7 +28,7 @@ OPTIONS = {option.name: option for kind in METHODS.values() for option in kind.o
 
 
 def command(
-    shape: Annotated[str, typer.Argument(help="Image, voxel file, array, mesh or USD file.")],
+    shape: Annotated[str, typer.Argument(metavar="SHAPE", help="Image, voxel file, array, mesh or USD file.")],
     output: Annotated[str, typer.Option("--output", "-o", help="File to write (.safetensors).")],
     query: Annotated[str, typer.Option(help="Kind of query: point, ray, plane or box.")] = "point",
     method: Annotated[str, typer.Option(help="Bounding method, such as mlp, kdop, aabb.")] = "mlp",
@@ -62,13 +62,13 @@ def command(
     then statistical, and says so. Ctrl-C ends training early; the best bounder so far is proven and saved.
     """
     from warp_bounding.bounders import save
-    from warp_bounding.bounders.storage import check_writable
+    from warp_bounding.bounders.storage import SUFFIX, check_writable
     from warp_bounding.evaluation import evaluate
     from warp_bounding.training import fit
 
     quiet_warp(device)
     count = whole_number("samples", samples)
-    check_writable(output, shape)
+    check_writable(output, shape, suffix=SUFFIX)
     indicator = read_shape(shape, threshold, spacing, origin)
     started = time.perf_counter()
     with bar("fit") as update:

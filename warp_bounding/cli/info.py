@@ -46,7 +46,7 @@ def command(file: BounderFile, json: Json = False) -> int:
             }
         )
         return 0 if certificate and certificate.proven else 1
-    out = Console(highlight=False)
+    out = Console(highlight=False, markup=False, emoji=False)
     out.width = min(WIDEST, out.width) if out.is_terminal else WIDEST
     table = Table(show_header=False, box=None, pad_edge=False, expand=False)
     table.add_column(no_wrap=True, style="bold")

@@ -39,12 +39,12 @@ BounderFile = Annotated[str, typer.Argument(metavar="FILE", help="A bounder that
 
 def console(as_json: bool) -> Console:
     """Where text for people goes: standard output, or standard error where that belongs to JSON."""
-    return Console(stderr=as_json, highlight=False, soft_wrap=True)
+    return Console(stderr=as_json, highlight=False, soft_wrap=True, markup=False, emoji=False)
 
 
 def warn(text: str) -> None:
     """One yellow line on standard error: what a user should know, and what did not go wrong."""
-    console(True).print(" ".join(text.split()), style="yellow", markup=False)
+    console(True).print(" ".join(text.split()), style="yellow")
 
 
 @contextlib.contextmanager
@@ -103,6 +103,9 @@ def _silent_errors() -> Iterator[None]:
         os.close(nowhere)
 
 
+MOST = 10**15  # of anything that is counted; years
+
+
 def whole_number(name: str, text: str) -> int:
     """A count that may be written as 1e8.
 
@@ -111,11 +114,11 @@ def whole_number(name: str, text: str) -> int:
     """
     try:
         value = float(text)
-        if value == int(value) and value >= 1:
+        if value == int(value) and 1 <= value <= MOST:
             return int(value)
     except (ValueError, OverflowError):
         pass
-    raise QueryError(f"{name} must be a whole number of at least 1, such as 1e6, got {text!r}")
+    raise QueryError(f"{name} must be a whole number from 1 to {MOST:.0e}, such as 1e6, got {text!r}")
 
 
 def other_shape(name: str, given: str | None, fitted: str | None) -> str:

@@ -20,14 +20,16 @@ def command(
         str, typer.Option(help="Folder of a `table1` run, with its bounders; what is missing is fitted anew.")
     ],
     out: Annotated[str, typer.Option(help="Folder for the results; an earlier run there is continued.")],
-    columns: Annotated[str | None, typer.Option(help="Such as 2d-point,3d-ray; or 2d, or ray.  [all]")] = None,
-    methods: Annotated[str | None, typer.Option(help="Among mlp,monotone-mlp.  [all]")] = None,
-    objects: Annotated[str | None, typer.Option(help="Such as bunny or 2d/dragon1,3d/bunny.  [all]")] = None,
+    columns: Annotated[str | None, typer.Option(help="Such as 2d-point,3d-ray; or 2d, or ray (default: all)")] = None,
+    methods: Annotated[str | None, typer.Option(help="Among mlp,monotone-mlp (default: all)")] = None,
+    objects: Annotated[str | None, typer.Option(help="Such as bunny or 2d/dragon1,3d/bunny (default: all)")] = None,
     positives: Annotated[
-        int | None, typer.Option(help="Hard positives that a threshold is sampled from.  [1000000]")
+        int | None, typer.Option(help="Hard positives that a threshold is sampled from (default: 1000000)")
     ] = None,
-    samples: Annotated[int | None, typer.Option(help="Random queries that rates are measured on.  [400000]")] = None,
-    seconds: Annotated[float | None, typer.Option(help="Time for each proof.  [60]")] = None,
+    samples: Annotated[
+        int | None, typer.Option(help="Random queries that rates are measured on (default: 400000)")
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(help="Time for each proof (default: 60)")] = None,
     json: Json = False,
 ) -> int:
     """Find what networks thresholded by sampling would have missed, and what a proof costs instead.

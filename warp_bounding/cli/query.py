@@ -31,14 +31,17 @@ def command(
     from warp_bounding.bounders.storage import check_writable, write_whole
 
     quiet_warp(device)
-    check_writable(output, file, points)
+    check_writable(output, file, points, suffix=".npy")
     bounder, queries = load(file, device=device), _read(points)
     started = time.perf_counter()
-    mask = bounder.query(queries).numpy()
+    try:
+        mask = bounder.query(queries).numpy()
+    except QueryError as error:
+        raise QueryError(f"{points}: {error}") from error
     seconds = time.perf_counter() - started
     content = io.BytesIO()
     np.save(content, mask)
-    write_whole(output, content.getvalue())
+    write_whole(output, content.getvalue(), ".npy")
     maybe = int(mask.sum())
     if json:
         about = {
@@ -61,6 +64,6 @@ def _read(path: str) -> np.ndarray:
     from warp_bounding.indicators.reading import reading
 
     if not Path(path).is_file():
-        raise QueryError(f"{path}: no such file")
+        raise QueryError(f"{path}: {'a folder, expected a file' if Path(path).is_dir() else 'no such file'}")
     with reading(path, "a NumPy .npy array of queries"), open(path, "rb") as file:
         return np.lib.format.read_array(file, allow_pickle=False)

@@ -25,7 +25,7 @@ __all__ = ["command"]
 
 def command(
     file: BounderFile,
-    shape: Annotated[str, typer.Argument(help="The shape that it bounds.")],
+    shape: Annotated[str, typer.Argument(metavar="SHAPE", help="The shape that it bounds.")],
     count: Annotated[str, typer.Option(help="Positives to ask, such as 1e8.")] = "1e8",
     seed: Annotated[
         int | None, typer.Option(help="Random seed; a fresh one if not given, and told, so that it can be repeated.")
@@ -76,7 +76,7 @@ def _told(result: "Soak") -> str:
     asked = f"{result.done:,} hard positive {result.query} queries"
     if result.missed is None:
         ended = "interrupted: " if result.interrupted else ""
-        return f"{ended}{asked} asked of {result.wanted:,} ({kinds}), none missed; {took}"
+        return f"{ended}{asked} asked, {result.wanted:,} wanted ({kinds}), none missed; {took}"
     where = f", the shape placed by {result.missed_world}" if result.missed_world else ""
     missed = f"FALSE NEGATIVE: the {result.query} {result.missed} ({result.missed_form}{where}) meets the shape and is answered with no."
     return f"{missed}\n{asked} were answered with maybe before it ({kinds}); the same again with --seed {result.seed}; {took}"

@@ -30,7 +30,7 @@ def command(
         ),
     ] = None,
     protocol: Annotated[
-        str | None, typer.Option(help="Truth: exact, sampled as in the paper, or both.  [exact]")
+        str | None, typer.Option(help="Truth: exact, sampled as in the paper, or both (default: exact)")
     ] = None,
     preset: Annotated[
         str | None,
@@ -41,22 +41,24 @@ def command(
     budget: Annotated[
         str | None,
         typer.Option(
-            help="Seconds for each learned fit; others by column or method, as in 20,3d=40,3d-ray=90,occupancy=5.  [60]"
+            help="Seconds for each learned fit; others by column or method, as in 20,3d=40,3d-ray=90,occupancy=5 (default: 60)"
         ),
     ] = None,
     columns: Annotated[
-        str | None, typer.Option(help="Such as 2d-point,3d-ray; or 2d, or ray, for all of these.  [all]")
+        str | None, typer.Option(help="Such as 2d-point,3d-ray; or 2d, or ray, for all of these (default: all)")
     ] = None,
-    methods: Annotated[str | None, typer.Option(help="Such as aabb,bvh,bvh-64,mlp.  [all]")] = None,
+    methods: Annotated[str | None, typer.Option(help="Such as aabb,bvh,bvh-64,mlp (default: all)")] = None,
     objects: Annotated[
-        str | None, typer.Option(help="Such as bunny (in all dimensions) or 2d/dragon1,3d/bunny.  [all]")
+        str | None, typer.Option(help="Such as bunny (in all dimensions) or 2d/dragon1,3d/bunny (default: all)")
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(help="Random seed of the fits; the samples have the next one.  [0]")
+        int | None, typer.Option(help="Random seed of the fits; the samples have the next one (default: 0)")
     ] = None,
-    samples: Annotated[int | None, typer.Option(help="Random queries that rates are measured on.  [1000000]")] = None,
-    length: Annotated[float | None, typer.Option(help="Length of a ray.  [1]")] = None,
-    device: Annotated[str | None, typer.Option(help="Warp device.  [cpu]")] = None,
+    samples: Annotated[
+        int | None, typer.Option(help="Random queries that rates are measured on (default: 1000000)")
+    ] = None,
+    length: Annotated[float | None, typer.Option(help="Length of a ray (default: 1)")] = None,
+    device: Annotated[str | None, typer.Option(help="Warp device (default: cpu)")] = None,
     plan: Annotated[
         bool, typer.Option("--plan", help="Only say what there is to do and how long it will take.")
     ] = False,
@@ -251,7 +253,7 @@ class _Reporter:
         self._folder, self._supports = folder, supports
         self._err = Console(stderr=True, highlight=False, soft_wrap=True)
         done = TextColumn("{task.fields[cells]} cells")
-        texts = [TextColumn("{task.fields[left]}"), TextColumn("{task.fields[note]}")]
+        texts = [TextColumn("{task.fields[left]}"), TextColumn("{task.fields[note]}", markup=False)]
         columns = (TextColumn("table1"), BarColumn(bar_width=28), done, TimeElapsedColumn(), *texts)
         self._bar = Progress(*columns, console=self._err, transient=True, disable=not self._err.is_terminal)
         self._total = self._done = 0

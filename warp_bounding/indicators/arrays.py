@@ -159,7 +159,8 @@ def _what_to_say(array: np.ndarray) -> str:
             f"expected truth values, or 0 and 1, {got}; write load_indicator(a <= 0) for signed distances, negative inside, "
             "load_indicator(a > 0) if the object is where they are positive; for a file threshold='<=0' or '>0'"
         )
-    middle = 128 if array.dtype == np.uint8 else 0.5 if high <= 1 else float(f"{low / 2 + high / 2:.3g}")
+    top = high if np.isfinite(high) else array[np.isfinite(array)].max(initial=0)
+    middle = 128 if array.dtype == np.uint8 else 0.5 if top <= 1 else float(f"{low / 2 + top / 2:.3g}")
     grey = ", a being the grey of a picture, such as rgb.mean(axis=2)" * (array.ndim == 3 and array.shape[2] in (3, 4))
     return (
         f"expected truth values, or 0 and 1, {got}; write load_indicator(a < {middle:g}) if low values, the dark of a "
@@ -175,7 +176,8 @@ def _is_number(value: object) -> bool:
 def _numbers(what: str, given: object, count: int, *, one_for_all: bool = False) -> np.ndarray:
     """``(count,)`` float64; raises ``IndicatorError``."""
     try:
-        values = np.array(given, dtype=np.float64)
+        values = np.array(given)
+        values = values.astype(np.float64) if values.dtype.kind in "iuf" else np.array(np.nan)
     except (TypeError, ValueError):
         values = np.array(np.nan)
     if one_for_all and values.ndim == 0:

@@ -145,7 +145,7 @@ def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress) ->
         if progress:
             progress(min(start + CHUNK, len(cells)), len(cells))
     if not part.complete:
-        return result("undecided", f"no decision within {seconds:g} s", least)
+        return result("undecided", f"no decision within {seconds:.3g} s", least)
     if part.suspects is not None:
         point = _denied(bounder, grid, part.suspects)
         if point is not None:
@@ -180,7 +180,7 @@ def _certify_regions(
         missed = try_positives(bounder, grid, POSITIVES, fresh_seed(), seconds=max(seconds, LEAST_SECONDS))[2]
     if missed is not None:
         return result("refuted", "a query that meets the object is answered with no", least, missed, boxes)
-    text = text if complete else f"no decision within {seconds:g} s"
+    text = text if complete else f"no decision within {seconds:.3g} s"
     return result("undecided", text, max(least, -float(np.finfo(np.float32).max)), examined=boxes)
 
 

@@ -52,7 +52,7 @@ def document(
         indicator="" if grid is None else grid.digest,
         cells=0 if grid is None else len(grid.occupied),
         counterexample=None if counterexample is None else [float(c) for c in counterexample],
-        message=message if grid is None else f"{message} {about(bounder, grid)}",
+        message=message if grid is None else f"{message.rstrip('.')}. {about(bounder, grid)}",
         object=None if grid is None else grid.name,
         margin=None if grid is None else float(grid.margin),
         length=bounder.domain.length,

@@ -246,15 +246,15 @@ def _check(query, method, budget, seed, margin, length, space) -> None:
     if not isinstance(method, str):
         raise BounderError(f"method must be a name, or several joined by +, got {method!r}")
     if not number(budget) or budget <= 0:
-        raise BounderError(f"budget must be a positive number of seconds, got {budget}")
+        raise BounderError(f"budget must be a positive number of seconds, got {budget!r}")
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**63:
-        raise BounderError(f"seed must be a whole number from 0 to 2^63 - 1, got {seed}")
+        raise BounderError(f"seed must be a whole number from 0 to 2^63 - 1, got {seed!r}")
     if not number(margin) or margin < 0:
-        raise BounderError(f"margin must be a length of at least 0, got {margin}")
+        raise BounderError(f"margin must be a length of at least 0, got {margin!r}")
     if length is not None and query != "ray":
         raise BounderError(f"length is for ray queries, got length={length} for {query} queries")
     if length is not None and (not number(length) or length <= 0):
-        raise BounderError(f"length must be positive, got {length}")
+        raise BounderError(f"length must be a positive number, got {length!r}")
     if space is not None and query == "point":
         raise BounderError(f"space is for ray, plane and box queries, got space={space} for point queries")
     if space is not None and space not in SPACES:

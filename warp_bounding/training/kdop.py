@@ -121,7 +121,9 @@ def _classic(domain: Domain | RegionDomain, k: int | None) -> np.ndarray:
     except BounderError:
         usual = classic_normals(domain)
         if not isinstance(k, int) or not len(usual) < k <= MOST:
-            raise BounderError(f"learned-kdop takes as many half-spaces as kdop, or up to {MOST}, got k={k}") from None
+            raise BounderError(
+                f"k of learned-kdop must be {len(usual)}, as many half-spaces as kdop has, or more, up to {MOST}, got {k!r}"
+            ) from None
         return usual
 
 
