@@ -150,3 +150,17 @@ def test_the_limit_of_placements_is_the_one_that_is_kept(query):
             assert (needed > limit * (1 - 1e-6)).any()
             seen.add("refused")
     assert seen == {"taken", "refused"}
+
+
+def test_an_expected_number_is_compared_exactly():
+    bounder = bounder_of(margin=0.1)
+    assert wb.certify(bounder, MESH, margin=np.float64(0.1), resolution=np.int64(8)).proven
+    certificate = wb.certify(bounder, MESH, margin=np.float32(0.1))  # which is a little more
+    assert certificate.kind == "inapplicable"
+    assert "expected margin 0.10000000149011612, the bounder is for margin 0.1" in certificate.message
+
+
+@pytest.mark.parametrize("expected", [{"margin": "0.1"}, {"length": [0.75]}, {"resolution": True}])
+def test_what_is_expected_must_be_a_number(expected):
+    with pytest.raises(wb.BoundingError, match=f"^{next(iter(expected))} must be a number, got"):
+        wb.certify(bounder_of(), MESH, **expected)

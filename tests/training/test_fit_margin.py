@@ -68,3 +68,10 @@ def test_no_warning_where_there_is_no_margin_or_cells_are_finer(options):
         warnings.simplefilter("error")
         wb.fit(BOX, method="aabb", **options)
         wb.fit(wb.load_indicator(BOX).to_grid(resolution=4, margin=0.01), method="aabb", margin=0.01)
+
+
+@pytest.mark.parametrize("shape", [BALL, BOX], ids=["grid", "mesh"])
+def test_numbers_of_numpy_are_kept_as_numbers(shape, tmp_path):
+    bounder = wb.fit(shape, method="aabb", margin=np.float32(0.125), budget=np.float32(5), seed=np.int64(3))
+    bounder.save(tmp_path / "b.safetensors")
+    assert wb.load(tmp_path / "b.safetensors").info["margin"] == 0.125

@@ -212,13 +212,13 @@ class IndicatorGrid:
             IndicatorError: For a resolution, or a negative or non-finite margin.
         """
         from warp_bounding.indicators.dilation import dilate
+        from warp_bounding.indicators.mesh import checked_margin
 
         if resolution is not None and resolution != self.resolution:
             raise IndicatorError(
                 f"{self.name}: a grid brings its own resolution {self.shape}, got resolution={resolution}"
             )
-        if not (np.isfinite(margin) and margin >= 0):
-            raise IndicatorError(f"margin must be finite and non-negative, got {margin}")
+        margin = checked_margin(margin)
         if margin == self.margin:
             return self
         if self.margin:

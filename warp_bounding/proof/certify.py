@@ -83,7 +83,8 @@ def certify(
     if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not seconds >= 0:
         raise BounderError(f"seconds must be a number of at least 0, got {seconds!r}")
     started, bounder = working_seconds(), bounder_of(bounder)
-    expected = {"query": query, "margin": margin, "length": length, "resolution": resolution}
+    numbers = {"margin": margin, "length": length, "resolution": resolution}
+    expected = {"query": query} | {name: _exactly(name, value) for name, value in numbers.items()}
     other = _other_claim(bounder, expected)
     try:
         grid = _as_grid(bounder, shape)
@@ -101,6 +102,15 @@ def certify(
         if certificates[-1].kind not in ("proven", "statistical"):
             break
     return conjunction(certificates)
+
+
+def _exactly(name: str, value: float | None) -> float | None:
+    """A number that is expected, in float64: float32 ones are close to those of a claim, and others."""
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise BounderError(f"{name} must be a number, got {value!r}")
+    return value if isinstance(value, int) else float(value)
 
 
 def _other_claim(bounder: Bounder, expected: dict[str, str | float | None]) -> str | None:
