@@ -263,6 +263,19 @@ def test_places_that_cannot_be_written(saved, tmp_path):
     assert not list(folder.iterdir())
 
 
+def test_ctrl_c_leaves_nothing_half_written(saved, monkeypatch):
+    before = saved.read_bytes()
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fsync", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        fitted("kdop", "c").save(saved)
+    assert saved.read_bytes() == before
+    assert [p.name for p in saved.parent.iterdir()] == [saved.name]
+
+
 def test_only_what_was_a_bounder_is_replaced(saved, tmp_path):
     """A slip of the hand keeps its shape: by name or content, an existing file must have been a bounder."""
     unnamed, notes, empty, link = (tmp_path / name for name in ("unnamed", "mesh.obj", "empty", "link.safetensors"))

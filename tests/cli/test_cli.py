@@ -363,6 +363,21 @@ def test_help_fills_its_lines(capsys, monkeypatch, name):
     assert sum(paragraphs) <= 2  # each of two may end in a short line
 
 
+def test_ctrl_c_while_modules_are_imported(capsys, monkeypatch):
+    import builtins
+
+    real = builtins.__import__
+
+    def interrupted(name, *rest):
+        if name == "warp_bounding.cli.output":
+            raise KeyboardInterrupt
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", interrupted)
+    status, out, err = run(capsys, "info", "b.safetensors")
+    assert (status, out, err) == (1, "", "interrupted\n")
+
+
 def test_version(capsys):
     assert run(capsys, "--version") == (0, f"warp-bounding {wb.__version__}\n", "")
 

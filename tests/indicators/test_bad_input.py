@@ -1,6 +1,7 @@
 """Whatever is wrong with a file, a mesh or an array: one clear line that names it."""
 
 import io
+import signal
 import struct
 import sys
 
@@ -251,6 +252,25 @@ def test_missing_package_names_what_to_install(tmp_path, monkeypatch, name, modu
     (tmp_path / name).write_bytes(b"content")
     monkeypatch.setitem(sys.modules, module, None)  # makes the import fail
     fails(tmp_path / name, name, package, "pip install 'warp-bounding[train]'")
+
+
+def test_ctrl_c_is_not_lost_in_an_import(tmp_path, monkeypatch):
+    """Trimesh looks for its optional parts with ``except BaseException``."""
+    seen = []
+
+    def swallows(module):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except BaseException as error:
+            seen.append(error)
+        return sys.modules[module]
+
+    (tmp_path / "a.stl").write_bytes(STL)
+    monkeypatch.setattr("importlib.import_module", swallows)
+    with pytest.raises(KeyboardInterrupt):
+        load_indicator(tmp_path / "a.stl")
+    assert not seen
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 BAD_MESHES = {

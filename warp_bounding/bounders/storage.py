@@ -237,9 +237,10 @@ def write_whole(path: str | os.PathLike, content: bytes, suffix: str | None = No
         temporary.chmod(0o666 & ~_umask())
         os.replace(temporary, path)
     except OSError as error:
+        raise FileFormatError(f"{given}: cannot be written ({error.strerror or error})") from error
+    finally:  # whatever ended it, Ctrl-C too
         if temporary is not None:
             temporary.unlink(missing_ok=True)
-        raise FileFormatError(f"{given}: cannot be written ({error.strerror or error})") from error
 
 
 def check_writable(path: str | os.PathLike, *inputs: str | os.PathLike, suffix: str | None = None) -> None:

@@ -60,9 +60,9 @@ INTERRUPTED = 130  # what the parser makes of Ctrl-C
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit with its status."""
-    from warp_bounding.cli.output import told_warnings
-
     try:
+        from warp_bounding.cli.output import told_warnings  # a second of imports, which Ctrl-C may end too
+
         with told_warnings():
             status = _run(arguments)
             sys.stdout.flush()

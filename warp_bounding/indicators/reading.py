@@ -3,6 +3,8 @@
 import contextlib
 import importlib
 import os
+import signal
+import threading
 from collections.abc import Iterator
 from types import ModuleType
 
@@ -37,6 +39,22 @@ def reading(path: str | os.PathLike, expected: str) -> Iterator[None]:
         raise IndicatorError(f"{path}: expected {expected}, but it cannot be read: {reason}") from error
 
 
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Keep Ctrl-C until the end: packages that look for optional parts of their own swallow whatever is raised meanwhile."""
+    handler, held = signal.getsignal(signal.SIGINT), []
+    if threading.current_thread() is not threading.main_thread() or not callable(handler):
+        yield
+        return
+    signal.signal(signal.SIGINT, lambda *caught: held.append(caught))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+    if held:
+        handler(*held[0])
+
+
 def import_optional(module: str, package: str, path: str | os.PathLike) -> ModuleType:
     """Import a module of an optional dependency.
 
@@ -49,7 +67,8 @@ def import_optional(module: str, package: str, path: str | os.PathLike) -> Modul
         IndicatorError: Where it is not installed, with the command that installs it.
     """
     try:
-        return importlib.import_module(module)
+        with _interrupts_held():
+            return importlib.import_module(module)
     except ImportError as error:
         hint = "pip install 'warp-bounding[train]'"
         raise IndicatorError(f"{path}: reading it needs {package}, which is not installed; run {hint}") from error
