@@ -8,6 +8,7 @@ import warp as wp
 from bounding_shapes import domain_points, object_points, random_bounder, shape
 from region_cases import fitted_region, hard_regions
 
+import warp_bounding as wb
 from warp_bounding.errors import QueryError
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
@@ -197,6 +198,23 @@ def test_a_new_threshold_is_seen(device, rng):
         prepared.launch()
         assert (prepared.out.numpy() == bounder.query(x).numpy()).all()
         assert prepared.count.numpy()[0] == prepared.out.numpy().sum()
+
+
+def test_a_threshold_that_is_lowered_while_data_are_made_is_seen(device, rng, monkeypatch):
+    bounder, x = random_bounder("kdop", "blob", device), points_at(device, rng)
+    bounder.freeze(np.inf, None)
+
+    def lowered() -> wb.bounders.Data:  # as by another thread
+        bounder.freeze(-np.inf, None)
+        return wb.bounders.Data()
+
+    with monkeypatch.context() as patch:
+        patch.setattr("warp_bounding.bounders.base.Data", lowered)
+        prepared = bounder.prepare(x)
+    outside = bounder.values(x).numpy() == -np.inf
+    assert (prepared.launch().numpy() == ~outside).all()
+    assert (bounder.query(x).numpy() == ~outside).all()
+    assert not outside.all()
 
 
 def test_a_wrong_out_is_named_in_one_short_line(bounder, device, rng):

@@ -131,7 +131,7 @@ class Bounder(ABC):
         self.certificate: Certificate | None = None
         self.info: dict[str, Any] = {}
         self._device = device
-        self._data: Data | None = None
+        self._data: tuple[np.float32, Data] | None = None  # of a threshold
 
     # --- what a method supplies --------------------------------------------------------------------------------------
 
@@ -282,19 +282,20 @@ class Bounder(ABC):
     @property
     def data(self) -> Data:
         """The instance of ``Data`` that ``func`` takes, on this bounder's device."""
-        if self._data is None:
+        threshold, held = self.threshold, self._data  # each read once: another thread may freeze it meanwhile
+        if held is None or held[0] is not threshold:
             source, words = self.source, self.words()
             weights = np.asarray(self.weights(), dtype=np.float32)
             parameters = np.zeros(source.start + len(weights), dtype=np.float32)
-            header = np.concatenate([self.domain.header, [self.threshold], self.domain.extra])
+            header = np.concatenate([self.domain.header, [threshold], self.domain.extra])
             parameters[:FRONT] = source.front(len(parameters), len(words))
             parameters[FRONT : FRONT + len(header)] = header
             parameters[source.start :] = weights
             data = Data()
             data.parameters = wp.array(parameters, dtype=wp.float32, device=self.device)
             data.words = wp.array(words, dtype=wp.uint32, device=self.device)
-            self._data = data
-        return self._data
+            held = self._data = threshold, data
+        return held[1]
 
     # --- asking it ---------------------------------------------------------------------------------------------------
 
