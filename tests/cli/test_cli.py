@@ -363,6 +363,19 @@ def test_help_fills_its_lines(capsys, monkeypatch, name):
     assert sum(paragraphs) <= 2  # each of two may end in a short line
 
 
+@pytest.mark.skipif(os.name != "posix", reason="a shell that closes a stream")
+@pytest.mark.parametrize("stream", [1, 2])
+def test_a_closed_stream_is_nobody_listening(files, capsys, stream):
+    path, _ = fit(capsys, files)
+    line = f'"{sys.executable}" -m warp_bounding info "{path}" {stream}>&-'
+    done = subprocess.run(
+        line, shell=True, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=False
+    )
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert ("proven" in done.stdout) == (stream == 2)
+
+
 def test_ctrl_c_while_modules_are_imported(capsys, monkeypatch):
     import builtins
 

@@ -60,6 +60,9 @@ INTERRUPTED = 130  # what the parser makes of Ctrl-C
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit with its status."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by who started this, as in ``>&-``
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 (until the process ends)
     try:
         from warp_bounding.cli.output import told_warnings  # a second of imports, which Ctrl-C may end too
 
