@@ -116,7 +116,7 @@ def test_more_half_spaces_than_kdop_has(query, name):
 
 @pytest.mark.parametrize("k", [5, 13 - 2, 129, 0, -1])
 def test_a_number_of_half_spaces_that_there_is_not(k):
-    with pytest.raises(BounderError, match=f"up to 128, got k={k}"):
+    with pytest.raises(BounderError, match=f"up to 128, got {k}$"):
         few("blob", "learned-kdop", k=k)
 
 
