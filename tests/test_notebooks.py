@@ -13,7 +13,6 @@ pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 FOLDER = Path(__file__).resolve().parent.parent / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 BUDGET = 0.3  # seconds a fit
-QUICK = "05_proofs"  # the others take half a minute each
 
 
 def _module():
@@ -37,9 +36,8 @@ def test_there_are_notebooks():
     assert execute.sources() == NOTEBOOKS
 
 
-@pytest.mark.parametrize(
-    "path", [pytest.param(p, id=p.stem, marks=() if p.stem == QUICK else pytest.mark.slow) for p in NOTEBOOKS]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_runs_with_a_small_budget(path: Path):
     before = path.read_bytes()
     notebook = execute.execute(path, BUDGET, None)

@@ -67,7 +67,7 @@ def ask(bounder: wb.Bounder, x: np.ndarray, **options) -> np.ndarray:
 
 @pytest.mark.skipif(not hasattr(wp, "compile_aot_module"), reason="this Warp cannot compile ahead of time")
 @pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA compiler on macOS")
-@pytest.mark.parametrize("query", QUERIES)
+@pytest.mark.parametrize("query", [q if q == "point" else pytest.param(q, marks=pytest.mark.slow) for q in QUERIES])
 def test_on_cuda_fast_math_approximates_nothing_in_it(query, tmp_path):
     """Read in the machine code of all methods' functions: quotients and roots stay rounded to nearest."""
     module = module_of(f"cuda_{query}", fast_math=True)

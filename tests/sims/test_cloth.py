@@ -64,6 +64,7 @@ def test_the_star_is_a_closed_concave_solid():
     assert not mesh.to_grid(resolution=48).contains(between)[0]
 
 
+@pytest.mark.slow
 def test_the_cloth_falls_on_both_shapes_and_not_through_them(examples):
     reference = examples["none"]
     assert reference.touched > 500
@@ -73,6 +74,7 @@ def test_the_cloth_falls_on_both_shapes_and_not_through_them(examples):
     assert reference.missed == 0  # a pass repeated is the same pass
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*CLOSED])
 def test_a_proven_bounder_changes_nothing_but_the_number_of_pairs(examples, name):
     reference, run = examples["none"], examples[name]
@@ -83,10 +85,12 @@ def test_a_proven_bounder_changes_nothing_but_the_number_of_pairs(examples, name
     assert sum(run.calls) < 0.5 * sum(reference.calls)
 
 
+@pytest.mark.slow
 def test_a_tighter_bounder_leaves_fewer_pairs(examples):
     assert sum(examples["voxels"].calls) < sum(examples["kdop"].calls) < sum(examples["aabb"].calls)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*CLOSED])
 def test_a_bounder_that_denies_a_part_of_the_object_is_found_out(small, bounders, examples, name):
     broken = {shape: denying(bounder) for shape, bounder in bounders[name].items()}
@@ -101,6 +105,7 @@ def test_a_bounder_that_denies_a_part_of_the_object_is_found_out(small, bounders
         cloth.Example(small, broken)
 
 
+@pytest.mark.slow
 def test_identical_means_every_bit_and_every_record(small):
     first, second = (cloth.Example(small) for _ in range(2))
     for run in (first, second):
@@ -115,6 +120,7 @@ def test_identical_means_every_bit_and_every_record(small):
         second.test_final(first)
 
 
+@pytest.mark.slow
 def test_a_digest_tells_one_bit_of_one_record(examples):
     records = [array.copy() for array in example.contact_records(examples["none"]._contacts)]
     before = example._digest(records)
@@ -191,6 +197,7 @@ def closed_of_field(gap):
     return {name: b for name, b in field.bounders_for(gap, {}, {}).items() if name in ("aabb", "voxels")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gap", [min(field.GAPS), max(field.GAPS)])
 def test_many_meshes_have_the_same_contacts(meadow, gap):
     row = field.measure(meadow, gap, closed_of_field(gap), rounds=2)
@@ -205,6 +212,7 @@ def test_many_meshes_have_the_same_contacts(meadow, gap):
     json.dumps(row)
 
 
+@pytest.mark.slow
 def test_many_meshes_find_a_broken_bounder_out(meadow, monkeypatch):
     broken = {"aabb": {name: denying(b) for name, b in closed_of_field(0.05)["aabb"].items()}}
     with pytest.raises(wb.BounderError, match="proven"):
@@ -216,6 +224,7 @@ def test_many_meshes_find_a_broken_bounder_out(meadow, monkeypatch):
     assert entry["missed"] > 0
 
 
+@pytest.mark.slow
 def test_a_bounder_of_a_narrower_gap_is_refused(meadow):
     with pytest.raises(wb.BounderError, match=r"margin of 0\.\d+ at least, got 0\.\d+"):
         field.measure(meadow, 0.2, closed_of_field(0.05), rounds=1)
@@ -234,6 +243,7 @@ def test_sentences_say_who_wins():
     ]
 
 
+@pytest.mark.slow
 def test_the_whole_demo(tmp_path, monkeypatch):
     """With networks that are fitted in a moment; contacts are kept all the same."""
     networks = {"mlp": Recipe("mlp", options=TINY), "occupancy": Recipe("occupancy", options=TINY)}
@@ -267,6 +277,7 @@ def test_the_whole_demo(tmp_path, monkeypatch):
     json.dumps(made)
 
 
+@pytest.mark.slow
 def test_picture(examples, tmp_path):
     pytest.importorskip("pyvista")
     paths = examples["none"].render(tmp_path)
@@ -276,6 +287,7 @@ def test_picture(examples, tmp_path):
     assert paths[0].stat().st_size > 20_000
 
 
+@pytest.mark.slow
 def test_the_picture_says_what_a_run_missed(examples):
     data = cloth_data({"kdop": examples["kdop"]}, examples["none"])
     missed, under = str(data["caption0"]).splitlines()[1:]

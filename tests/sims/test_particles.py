@@ -173,6 +173,7 @@ def within(
         found[i] = 1
 
 
+@pytest.mark.slow
 def test_the_demo(tmp_path, capsys):
     recipes = {name: Recipe(name) for name in ("aabb", "voxels")}
     recipes["mlp"] = Recipe("mlp", options={"hidden": (8, 8), "steps": 20})
