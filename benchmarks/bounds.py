@@ -27,10 +27,10 @@ import warp as wp
 from rich.console import Console
 from rich.table import Table
 
-from warp_bounding.bounders.activations import SINE
-from warp_bounding.bounders.network import Network
-from warp_bounding.launch import cpu_threads
-from warp_bounding.training.network import TrainableNetwork
+from warp_bounding.activations.base import SINE
+from warp_bounding.networks.network import Network
+from warp_bounding.runtime.launch import cpu_threads
+from warp_bounding.training.engine.trainable_network import TrainableNetwork
 
 SIZES = ((3, (50, 50)), (4, (75, 75)), (6, (50, 50)))
 CHUNKS = (512, 2048, 4096)

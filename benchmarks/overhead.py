@@ -18,10 +18,10 @@ from rich.table import Table
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
-from warp_bounding.bounders.domain import Domain
-from warp_bounding.bounders.functions import batch_kernel
+from warp_bounding.coordinates.domain import Domain
 from warp_bounding.indicators import IndicatorGrid
-from warp_bounding.launch import BLOCK, cpu_threads
+from warp_bounding.kernels.functions import batch_kernel
+from warp_bounding.runtime.launch import BLOCK, cpu_threads
 
 RECORDED = "Warp, recorded launch"
 CALLS = {1_000: 50, 100_000: 10}  # in a row, per round

@@ -17,8 +17,8 @@ import torch
 import warp as wp
 
 import warp_bounding as wb
-from warp_bounding.launch import cpu_threads
 from warp_bounding.queries import PointOracle, sample_points
+from warp_bounding.runtime.launch import cpu_threads
 
 HIDDEN = {2: (25, 25), 3: (50, 50), 4: (75, 75)}
 PAPER = {2: 3.2, 3: 4.2, 4: 10.9}

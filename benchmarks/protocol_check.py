@@ -16,7 +16,7 @@ import warp as wp
 from rich.console import Console
 from rich.table import Table
 
-from warp_bounding.bounders.parametric import sampled_fit
+from warp_bounding.bounders.parametric_fit import sampled_fit
 from warp_bounding.indicators import load_indicator
 from warp_bounding.queries import QUERY_KINDS, SampledOracle, sample
 

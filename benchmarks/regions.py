@@ -15,8 +15,8 @@ import numpy as np
 import warp as wp
 
 import warp_bounding as wb
-from warp_bounding.launch import cpu_threads
 from warp_bounding.queries import oracle, sample
+from warp_bounding.runtime.launch import cpu_threads
 
 METHODS = ("aabb", "kdop", "bvh", "learned-kdop", "mlp", "mlp-early")
 QUERIES = ("point", "ray", "plane", "box")

@@ -7,10 +7,10 @@ import pytest
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
-from warp_bounding.bounders.domain import Domain
-from warp_bounding.bounders.mlp import Mlp, encoding_tensors
+from warp_bounding.bounders.neural.mlp import Mlp, encoding_tensors
 from warp_bounding.bounders.options import taken
-from warp_bounding.bounders.regions import domain_of
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.indicators import IndicatorGrid
 
 HIDDEN = (8,)  # of every fitted network: each new size costs a compilation

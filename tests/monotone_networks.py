@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from warp_bounding.bounders.monotone_mlp import MonotoneMlp
-from warp_bounding.bounders.regions import domain_of
+from warp_bounding.bounders.neural.monotone_mlp import MonotoneMlp
+from warp_bounding.coordinates.region_domain import domain_of
 
 
 def signs_of(ndim: int, hidden, falling: float, rng) -> list[np.ndarray]:

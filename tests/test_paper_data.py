@@ -9,9 +9,9 @@ import pytest
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
-from warp_bounding.bounders.enclosing import GAP
-from warp_bounding.bounders.quadric import QuadricBounder
-from warp_bounding.indicators.formats import SUFFIXES
+from warp_bounding.bounders.ellipsoids.base import QuadricBounder
+from warp_bounding.geometry.enclosing_ellipsoid import GAP
+from warp_bounding.indicators.formats.load import SUFFIXES
 
 DATA = Path(os.environ.get("WARP_BOUNDING_DATA") or Path(__file__).parents[2] / "shared" / "data")
 SHAPES = sorted(p for p in DATA.glob("[234]D/*") if p.suffix in SUFFIXES) if DATA.is_dir() else []

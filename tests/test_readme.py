@@ -161,7 +161,7 @@ def place(tmp_path, monkeypatch):
     """An empty folder to stand in, with the paper's data beside it: one small image; networks of tables are fitted in a few steps."""
     from PIL import Image
 
-    from warp_bounding.tables import Tools
+    from warp_bounding.paper import Tools
 
     tools = Tools.of_library()
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from warp_bounding.tables import Means
-from warp_bounding.tables.columns import CASCADE, COLUMNS, PAPER, VARIANTS
-from warp_bounding.tables.rows import parse_line
+from warp_bounding.paper import Means
+from warp_bounding.paper.columns import CASCADE, COLUMNS, PAPER, VARIANTS
+from warp_bounding.paper.rows import parse_line
 
 ROOT = Path(__file__).resolve().parents[1]
 TEXT = (ROOT / "README.md").read_text()

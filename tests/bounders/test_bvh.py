@@ -6,9 +6,9 @@ import warp as wp
 from bounding_shapes import SHAPES, domain_points, object_points, shape
 from region_cases import cases, fitted_region
 
-from warp_bounding.bounders.bvh import Bvh, leaves_for_bytes
-from warp_bounding.bounders.bvh_build import build, inner_nodes, morton_order
-from warp_bounding.bounders.regions import domain_of
+from warp_bounding.bounders.bvh.build import build, inner_nodes, morton_order
+from warp_bounding.bounders.bvh.bvh import Bvh, leaves_for_bytes
+from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 
 BUILDERS = ("median", "tight")

@@ -5,15 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
+from asking import ask, check_compiles
 from bounding_shapes import domain_points, fitted, object_points, shape, told_of
-from test_cuda_source import check_compiles
-from test_kernels import ask
 
 import warp_bounding as wb
 from warp_bounding.bounders import Cascade
-from warp_bounding.bounders.functions import batch_kernel
-from warp_bounding.bounders.source import DENIED
 from warp_bounding.errors import BounderError
+from warp_bounding.kernels.functions import batch_kernel
+from warp_bounding.kernels.source import DENIED
 
 CHAINS = [
     ("aabb", "mlp"),

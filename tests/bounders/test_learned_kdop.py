@@ -7,12 +7,12 @@ import pytest
 from bounding_shapes import object_points, shape
 
 from warp_bounding.arithmetic import round_down
-from warp_bounding.bounders.learned_kdop import LearnedKdop, classic_normals
-from warp_bounding.bounders.regions import domain_of
+from warp_bounding.bounders.polytopes.learned_kdop import LearnedKdop, classic_normals
+from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import sample
 from warp_bounding.queries.positives import draw_positives
-from warp_bounding.training.kdop import train_learned_kdop
+from warp_bounding.training.learned_kdop.train import train_learned_kdop
 
 CASES = [
     ("c", "point", "geometric"),

@@ -11,14 +11,14 @@ import warp as wp
 from bounding_shapes import shape
 
 import warp_bounding as wb
-from warp_bounding.bounders.certificate import Certificate
-from warp_bounding.bounders.functions import Data, point_type
-from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.bounders.mlp_early import MlpEarly
-from warp_bounding.bounders.occupancy import Occupancy
-from warp_bounding.bounders.regions import domain_of
-from warp_bounding.bounders.source import DENIED
+from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.neural.mlp_early import MlpEarly
+from warp_bounding.bounders.neural.occupancy import Occupancy
+from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
+from warp_bounding.kernels.functions import Data, point_type
+from warp_bounding.kernels.source import DENIED
 from warp_bounding.queries import sample
 
 CASES = {  # shape, query, hidden, activation, moments: 2D to 4D, animated, one exit and two

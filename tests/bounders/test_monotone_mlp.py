@@ -6,12 +6,12 @@ import warp as wp
 from bounding_shapes import shape
 from monotone_networks import random_monotone
 from region_cases import cases
-from test_storage import check_refused, rewrite
+from test_file_format import check_refused, rewrite
 
 import warp_bounding as wb
-from warp_bounding.bounders.domain import Domain
-from warp_bounding.bounders.monotone_mlp import MonotoneMlp
-from warp_bounding.bounders.regions import domain_of
+from warp_bounding.bounders.neural.monotone_mlp import MonotoneMlp
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.proof import prove
 

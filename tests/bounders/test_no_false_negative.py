@@ -6,7 +6,7 @@ from bounding_shapes import CONSERVATIVE, SHAPES, domain_points, fitted, object_
 
 from warp_bounding.bounders import METHODS
 from warp_bounding.proof import positive_boxes, prove
-from warp_bounding.proof.search import minimum
+from warp_bounding.proof.search.best_first import minimum
 
 
 def low_points(bounder, grid) -> np.ndarray:

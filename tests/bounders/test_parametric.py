@@ -8,13 +8,13 @@ from bounding_shapes import shape
 
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders import METHODS
-from warp_bounding.bounders.direction_patches import DirectionPatches
-from warp_bounding.bounders.parametric import fit_parametric, parametric_least, sampled_fit
-from warp_bounding.bounders.parametric_support import ParametricSupport
-from warp_bounding.bounders.regions import domain_of
+from warp_bounding.bounders.parametric_fit import fit_parametric, parametric_least, sampled_fit
+from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
+from warp_bounding.geometry.direction_patches import DirectionPatches
 from warp_bounding.queries import oracle, sample
 from warp_bounding.queries.positives import draw_positives
+from warp_bounding.support_functions.parametric import ParametricSupport
 
 CLASSICS = ("aabb", "obb", "kdop", "sphere", "ellipsoid", "oriented-ellipsoid")
 REGIONS = ("ray", "plane", "box")

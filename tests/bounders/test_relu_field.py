@@ -7,13 +7,13 @@ import pytest
 from bounding_shapes import object_points, shape
 
 from warp_bounding.arithmetic import round_down
-from warp_bounding.bounders.regions import domain_of
-from warp_bounding.bounders.relu_field import FieldMap, ReluField
-from warp_bounding.bounders.relu_field_cover import positive_boxes
+from warp_bounding.bounders.relu_field.cover import positive_boxes
+from warp_bounding.bounders.relu_field.relu_field import FieldMap, ReluField
+from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import oracle, sample
 from warp_bounding.queries.positives import draw_positives
-from warp_bounding.training.field import train_relu_field
+from warp_bounding.training.relu_field import train_relu_field
 
 CASES = [
     ("c", "point"),

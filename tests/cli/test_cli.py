@@ -473,7 +473,7 @@ def test_a_bounder_that_is_looser_than_a_box_is_told(files, capsys):
 
 def test_what_compiling_takes_is_told_apart(files, capsys, monkeypatch, ticking):
     """The clock of a fit stands still while kernels are compiled; here each of them takes long."""
-    from warp_bounding import launch
+    from warp_bounding.runtime import launch
 
     monkeypatch.setattr(launch, "_ready", set())
     clock = ticking(0.001)

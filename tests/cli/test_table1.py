@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 TESTS = Path(__file__).parents[1]
-sys.path.append(str(TESTS / "tables"))
+sys.path.append(str(TESTS / "paper"))
 
 from fake_library import Library, data_folder  # noqa: E402
 
 from warp_bounding.cli import main  # noqa: E402
-from warp_bounding.tables import Tools  # noqa: E402
+from warp_bounding.paper import Tools  # noqa: E402
 
 QUICK = ("--columns", "2d-point,3d-ray", "--methods", "aabb,bvh-16,mlp,relu-field")
 CELLS = 3 * 4 + 2 * 5  # points: one row a method; rays: two of each classic volume, no field in 3D
@@ -39,7 +39,7 @@ def library(place, monkeypatch):
         monkeypatch.setattr(Tools, "of_library", lambda: fake.tools)
         monkeypatch.setattr("warp_bounding.bounders.supports", fake.tools.supports)
         plots = {"png": b"picture", "svg": b"<svg/>"}  # tests of the plot itself are elsewhere
-        monkeypatch.setattr("warp_bounding.tables.outputs.rank_plot", lambda rows: plots if list(rows) else {})
+        monkeypatch.setattr("warp_bounding.paper.pages.outputs.rank_plot", lambda rows: plots if list(rows) else {})
         return fake
 
     return put
@@ -183,8 +183,8 @@ from pathlib import Path
 sys.path.insert(0, {tests!r})
 from fake_library import Library
 from warp_bounding.cli import main
-from warp_bounding.tables import Tools
-import warp_bounding.bounders as bounders, warp_bounding.tables.outputs as outputs
+from warp_bounding.paper import Tools
+import warp_bounding.bounders as bounders, warp_bounding.paper.pages.outputs as outputs
 tools = Library(Path({log!r}), endless=6).tools
 Tools.of_library, bounders.supports = (lambda: tools), tools.supports
 outputs.rank_plot = lambda rows: {{}}
@@ -194,7 +194,7 @@ main(sys.argv[1:])
 
 @pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGINT])
 def test_killed_half_way_and_resumed(place, library, capsys, end):
-    program = PROGRAM.format(tests=str(TESTS / "tables"), log=str(place / "log"))
+    program = PROGRAM.format(tests=str(TESTS / "paper"), log=str(place / "log"))
     arguments = ["table1", "--out", place / "out", "--data", place / "data", *QUICK]
     process = subprocess.Popen(
         [sys.executable, "-c", program, *map(str, arguments)],
@@ -340,7 +340,7 @@ def test_real_shapes_from_end_to_end(tmp_path, capsys):
 
 def test_help_tells_the_time_that_the_plan_tells(capsys, monkeypatch):
     from warp_bounding.bounders import supports
-    from warp_bounding.tables import PRESETS, duration, preset_seconds
+    from warp_bounding.paper import PRESETS, duration, preset_seconds
 
     monkeypatch.setenv("COLUMNS", "250")
     with pytest.raises(SystemExit):

@@ -14,11 +14,11 @@ from bounding_shapes import object_points
 from region_cases import hard_regions
 
 from warp_bounding.bounders import Bounder, Data
-from warp_bounding.bounders.functions import point_func, point_type
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators import IndicatorGrid
-from warp_bounding.proof.falsify import Walk
-from warp_bounding.proof.soak import random_world
+from warp_bounding.kernels.functions import point_func, point_type
+from warp_bounding.proof.attest.falsify import Walk
+from warp_bounding.proof.attest.soak import random_world
 from warp_bounding.queries import oracle
 from warp_bounding.queries.hard import FORMS, HardPositives
 

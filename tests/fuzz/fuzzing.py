@@ -28,8 +28,8 @@ from subjects import Subject, subjects
 
 import warp_bounding as wb
 from warp_bounding.errors import BoundingError, FileFormatError
+from warp_bounding.proof.attest.soak import soak_grid
 from warp_bounding.proof.prove import mismatch, outside
-from warp_bounding.proof.soak import soak_grid
 
 SECONDS = 1.0  # for a certificate
 STUCK = 60  # seconds after which an iteration counts as one that does not end

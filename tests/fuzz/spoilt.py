@@ -9,8 +9,8 @@ import numpy as np
 import safetensors
 import safetensors.numpy
 
-from warp_bounding.bounders import Bounder, storage
-from warp_bounding.bounders.certificate import Certificate
+from warp_bounding.bounders import Bounder, file_format
+from warp_bounding.certificates.certificate import Certificate
 
 POWERS = (-149, -100, -60, -24, -8, -2, -1, 1, 1, 2, 4, 8, 24, 60, 100)  # of two
 HONEST = 0.97  # how often the description outside the domain is made to agree with it
@@ -28,7 +28,7 @@ class File:
         """A bounder's own, by way of ``path``."""
         bounder.save(path)
         with safetensors.safe_open(str(path), framework="numpy") as held:
-            document = json.loads(held.metadata()[storage.KEY])["bounder"]
+            document = json.loads(held.metadata()[file_format.KEY])["bounder"]
         return cls(document, {k: v.copy() for k, v in safetensors.numpy.load_file(path).items()})
 
     def copy(self) -> "File":
@@ -36,8 +36,8 @@ class File:
 
     def write(self, path: Path) -> None:
         """With a digest that fits."""
-        entry = json.dumps({"sha256": storage._digest(self.tensors, self.document), "bounder": self.document})
-        path.write_bytes(safetensors.numpy.save(self.tensors, metadata={storage.KEY: entry}))
+        entry = json.dumps({"sha256": file_format._digest(self.tensors, self.document), "bounder": self.document})
+        path.write_bytes(safetensors.numpy.save(self.tensors, metadata={file_format.KEY: entry}))
 
     def agree(self, rng: np.random.Generator, cells: int) -> None:
         """Make the description and a certificate say what the domain and the threshold say, as a liar would."""

@@ -10,10 +10,10 @@ from monotone_networks import random_monotone
 
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders import METHODS, Bounder, Cascade
-from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.bounders.mlp_early import MlpEarly
-from warp_bounding.bounders.parametric import fit_parametric
-from warp_bounding.bounders.regions import domain_of
+from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.neural.mlp_early import MlpEarly
+from warp_bounding.bounders.parametric_fit import fit_parametric
+from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.proof.least import least_value
 from warp_bounding.queries import QUERY_KINDS
 from warp_bounding.queries.positives import draw_positives

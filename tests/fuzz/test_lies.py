@@ -15,12 +15,13 @@ from mutations import File
 from subjects import made, network, settled
 
 import warp_bounding as wb
-from warp_bounding.bounders import Cascade, half_spaces
-from warp_bounding.bounders.domain import Domain
-from warp_bounding.bounders.regions import RegionDomain, domain_of
+from warp_bounding.bounders import Cascade
+from warp_bounding.bounders.polytopes import half_spaces
 from warp_bounding.bounders.voxels import Voxels
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.region_domain import RegionDomain, domain_of
 from warp_bounding.errors import BounderError, FileFormatError
-from warp_bounding.proof import boxes
+from warp_bounding.proof.covers import box as boxes
 
 
 def proven(bounder, grid) -> bool:

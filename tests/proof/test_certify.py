@@ -7,7 +7,7 @@ import pytest
 from bounding_shapes import CONSERVATIVE, SHAPES, fitted, object_points, random_bounder, random_mlp, shape
 
 import warp_bounding as wb
-from warp_bounding.bounders.domain import Domain
+from warp_bounding.coordinates.domain import Domain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import prove

@@ -8,13 +8,13 @@ import trimesh
 from bounding_shapes import shape
 
 import warp_bounding as wb
-from warp_bounding.bounders import storage
-from warp_bounding.bounders.certificate import ABOUT
-from warp_bounding.bounders.domain import rounding_of_map
-from warp_bounding.bounders.placement import Placement
-from warp_bounding.bounders.placement_rounding import rounding
+from warp_bounding.bounders import file_format
+from warp_bounding.certificates.certificate import ABOUT
+from warp_bounding.certificates.statement import statement
+from warp_bounding.coordinates.domain import rounding_of_map
+from warp_bounding.coordinates.placement import Placement
+from warp_bounding.coordinates.placement_rounding import rounding
 from warp_bounding.errors import FileFormatError, QueryError
-from warp_bounding.proof.words import statement
 
 MESH = wb.IndicatorMesh(*(lambda m: (m.vertices, m.faces))(trimesh.creation.box(extents=(1, 1, 2))), name="brick.obj")
 
@@ -27,11 +27,11 @@ def bounder_of(query="point", margin=0.1, length=0.75, resolution=8, **options):
 
 def edited(path, change):
     """Change the description in a file, its digest made right again."""
-    tensors, entry = storage._read(path)
+    tensors, entry = file_format._read(path)
     document = json.loads(entry)["bounder"]
     change(document)
-    entry = json.dumps({"sha256": storage._digest(tensors, document), "bounder": document})
-    path.write_bytes(storage.safetensors.numpy.save(tensors, metadata={storage.KEY: entry}))
+    entry = json.dumps({"sha256": file_format._digest(tensors, document), "bounder": document})
+    path.write_bytes(file_format.safetensors.numpy.save(tensors, metadata={file_format.KEY: entry}))
     return path
 
 

@@ -5,15 +5,15 @@ import pytest
 from bounding_shapes import shape
 
 import warp_bounding as wb
-from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.bounders.regions import domain_of
+from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import certify, charted, least_value, prove
-from warp_bounding.proof.depth_first import charted_minimum, clear
-from warp_bounding.proof.rays import single_faces
+from warp_bounding.proof.covers.ray import single_faces
+from warp_bounding.proof.search.depth_first import charted_minimum, clear
 from warp_bounding.queries import oracle
 from warp_bounding.queries.positives import draw_positives
-from warp_bounding.training.samples import samples_of
+from warp_bounding.training.samples.base import samples_of
 
 CASES = [("ray", "c"), ("ray", "single"), ("ray", "small"), ("box", "c"), ("box", "single"), ("box", "small")]
 SLOW = [("ray", "animated"), ("box", "animated"), ("ray", "anisotropic"), ("box", "anisotropic")]

@@ -9,14 +9,14 @@ import pytest
 from bounding_shapes import shape
 
 from warp_bounding.bounders.base import BoxBounds
-from warp_bounding.bounders.mlp import Mlp, encoding_tensors
-from warp_bounding.bounders.regions import domain_of
+from warp_bounding.bounders.neural.mlp import Mlp, encoding_tensors
+from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import certify, charted, prove
-from warp_bounding.proof.depth_first import STACK, _fill, charted_minimum, clear
-from warp_bounding.proof.planes import SupportGap
-from warp_bounding.proof.rays import single_faces
-from warp_bounding.proof.search import minimum
+from warp_bounding.proof.covers.plane import SupportGap
+from warp_bounding.proof.covers.ray import single_faces
+from warp_bounding.proof.search.best_first import minimum
+from warp_bounding.proof.search.depth_first import STACK, _fill, charted_minimum, clear
 from warp_bounding.queries import oracle
 from warp_bounding.queries.positives import draw_positives
 

@@ -18,10 +18,10 @@ from test_charts import random_network
 from test_planes import random_supports
 
 from warp_bounding.arithmetic import round_down, round_up, sine, tanh32
-from warp_bounding.bounders.functions import Data, point_type
-from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.kernels.functions import Data, point_type
 from warp_bounding.proof import least_value, settle
-from warp_bounding.proof.falsify import Walk, queries_at
+from warp_bounding.proof.attest.falsify import Walk, queries_at
 from warp_bounding.queries import oracle
 
 F32, EXACT = np.float32, np.longdouble

@@ -7,7 +7,7 @@ import warp_bounding as wb
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import prove
-from warp_bounding.proof.falsify import Walk, queries_at
+from warp_bounding.proof.attest.falsify import Walk, queries_at
 from warp_bounding.queries import oracle
 from warp_bounding.queries.positives import draw_positives
 

@@ -7,7 +7,7 @@ from monotone_networks import random_monotone
 
 import warp_bounding as wb
 from warp_bounding.proof import prove
-from warp_bounding.proof.monotone import LeastBox, of_points
+from warp_bounding.proof.covers.monotone_box import LeastBox, of_points
 from warp_bounding.queries import oracle
 
 CASES = [("c", "tanh"), ("blob", "relu"), ("blob", "tanh"), ("animated", "tanh")]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from warp_bounding.proof.pace import Pace
+from warp_bounding.proof.search.pace import Pace
 
 COUNT = 100_000
 

@@ -5,12 +5,12 @@ import pytest
 from bounding_shapes import shape
 
 import warp_bounding as wb
-from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.bounders.regions import domain_of
+from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
+from warp_bounding.geometry.hull import hull_corners
 from warp_bounding.proof import certify, minimum, prove
-from warp_bounding.proof.planes import SupportGap
-from warp_bounding.queries.components import hull_corners
+from warp_bounding.proof.covers.plane import SupportGap
 from warp_bounding.queries.positives import draw_positives
 
 SHAPES = ("c", "blob", "anisotropic", "animated")

@@ -9,7 +9,7 @@ from bounding_shapes import object_points, random_bounder, random_mlp, shape
 from warp_bounding.bounders import METHODS
 from warp_bounding.indicators.blocks import full_blocks
 from warp_bounding.proof import Search, minimum, positive_boxes
-from warp_bounding.proof.search import WORST, halve
+from warp_bounding.proof.search.best_first import WORST, halve
 
 
 def brute_force(bounder, lower, upper, rng, count=200_000) -> float:

@@ -12,7 +12,7 @@ import warp_bounding as wb
 from warp_bounding.bounders import METHODS, supports
 from warp_bounding.errors import FileFormatError, QueryError
 from warp_bounding.proof import soak as package_soak
-from warp_bounding.proof.soak import CHUNK, CYCLE, random_world, soak
+from warp_bounding.proof.attest.soak import CHUNK, CYCLE, random_world, soak
 from warp_bounding.queries import QUERY_KINDS, oracle
 from warp_bounding.queries.box import box_truth
 from warp_bounding.queries.hard import FORMS, HardPositives
@@ -147,7 +147,7 @@ def test_a_raised_threshold_is_caught(query):
 
 @pytest.mark.parametrize("form", ["float64", "placed"])
 def test_a_false_negative_in_each_form_is_caught(form, monkeypatch):
-    monkeypatch.setattr(sys.modules["warp_bounding.proof.soak"], "CYCLE", (form,))
+    monkeypatch.setattr(sys.modules["warp_bounding.proof.attest.soak"], "CYCLE", (form,))
     bounder = bounder_of("kdop", "ray")
     raised = bounder.freeze(float(bounder.threshold) + 1e-2, None)
     result = soak(raised, shape("blob"), 4 * CHUNK, seed=1)

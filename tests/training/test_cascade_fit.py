@@ -9,7 +9,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed")
 import warp_bounding as wb  # noqa: E402
 from warp_bounding.errors import BounderError, QueryError  # noqa: E402
 from warp_bounding.queries import sample  # noqa: E402
-from warp_bounding.training import networks  # noqa: E402
+from warp_bounding.training import fit_network as networks  # noqa: E402
 from warp_bounding.training.problem import Problem  # noqa: E402
 from warp_bounding.training.thresholds import Costs  # noqa: E402
 

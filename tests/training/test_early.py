@@ -6,15 +6,15 @@ from bounding_shapes import shape
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
 
-from warp_bounding.bounders.mlp_early import MlpEarly  # noqa: E402
-from warp_bounding.bounders.regions import domain_of  # noqa: E402
+from warp_bounding.bounders.neural.mlp_early import MlpEarly  # noqa: E402
+from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
 from warp_bounding.queries import oracle, sample  # noqa: E402
-from warp_bounding.training.clock import Clock  # noqa: E402
-from warp_bounding.training.early import EarlyTrainer, train_exits  # noqa: E402
-from warp_bounding.training.loop import Trainer  # noqa: E402
-from warp_bounding.training.samples import samples_of  # noqa: E402
-from warp_bounding.training.support import SupportTrainer  # noqa: E402
-from warp_bounding.training.team import single_threaded_torch  # noqa: E402
+from warp_bounding.training.engine.clock import Clock  # noqa: E402
+from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
+from warp_bounding.training.recipes.default import Trainer  # noqa: E402
+from warp_bounding.training.recipes.early import EarlyTrainer, train_exits  # noqa: E402
+from warp_bounding.training.recipes.plane import SupportTrainer  # noqa: E402
+from warp_bounding.training.samples.base import samples_of  # noqa: E402
 
 HIDDEN = (12, 10)
 

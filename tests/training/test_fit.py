@@ -11,15 +11,15 @@ from bounding_shapes import HIDDEN, object_points, shape, told_of
 torch = pytest.importorskip("torch", reason="torch is not installed")
 
 import warp_bounding as wb  # noqa: E402
-from warp_bounding.bounders.regions import domain_of  # noqa: E402
+from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
 from warp_bounding.errors import BounderError, BoundingError, IndicatorError, QueryError  # noqa: E402
 from warp_bounding.proof import Search  # noqa: E402
-from warp_bounding.training import networks  # noqa: E402
-from warp_bounding.training.clock import Clock  # noqa: E402
-from warp_bounding.training.loop import recipe_of  # noqa: E402
-from warp_bounding.training.paper import PaperTrainer  # noqa: E402
-from warp_bounding.training.samples import samples_of  # noqa: E402
-from warp_bounding.training.team import single_threaded_torch  # noqa: E402
+from warp_bounding.training import fit_network as networks  # noqa: E402
+from warp_bounding.training.engine.clock import Clock  # noqa: E402
+from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
+from warp_bounding.training.recipes.default import recipe_of  # noqa: E402
+from warp_bounding.training.recipes.paper import PaperTrainer  # noqa: E402
+from warp_bounding.training.samples.base import samples_of  # noqa: E402
 
 
 @pytest.fixture(autouse=True)

@@ -8,9 +8,9 @@ import pytest
 from bounding_shapes import object_points, shape
 
 import warp_bounding as wb
-from warp_bounding.bounders.bvh import Bvh
-from warp_bounding.bounders.bvh_build import build
-from warp_bounding.bounders.domain import Domain
+from warp_bounding.bounders.bvh.build import build
+from warp_bounding.bounders.bvh.bvh import Bvh
+from warp_bounding.coordinates.domain import Domain
 from warp_bounding.proof import prove
 
 fit_module = import_module("warp_bounding.training.fit")  # the package has a function of that name

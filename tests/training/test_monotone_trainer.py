@@ -7,12 +7,12 @@ from bounding_shapes import shape
 torch = pytest.importorskip("torch", reason="torch is not installed")
 
 import warp_bounding as wb  # noqa: E402
-from warp_bounding.bounders.monotone_mlp import MonotoneMlp  # noqa: E402
-from warp_bounding.bounders.regions import domain_of  # noqa: E402
+from warp_bounding.bounders.neural.monotone_mlp import MonotoneMlp  # noqa: E402
+from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
 from warp_bounding.errors import BounderError  # noqa: E402
-from warp_bounding.training.clock import Clock  # noqa: E402
-from warp_bounding.training.monotone import LeastBoxSamples, MonotoneTrainer  # noqa: E402
-from warp_bounding.training.team import single_threaded_torch  # noqa: E402
+from warp_bounding.training.engine.clock import Clock  # noqa: E402
+from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
+from warp_bounding.training.recipes.monotone import LeastBoxSamples, MonotoneTrainer  # noqa: E402
 
 
 def samples_of(name, seed=0):

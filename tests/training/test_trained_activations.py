@@ -6,16 +6,16 @@ from bounding_shapes import shape
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
 
-from warp_bounding.bounders.activations import ACTIVATIONS  # noqa: E402
-from warp_bounding.bounders.mlp import Mlp  # noqa: E402
-from warp_bounding.bounders.regions import domain_of  # noqa: E402
-from warp_bounding.training.activations import TRAINABLE  # noqa: E402
-from warp_bounding.training.early import _Exit, _SupportExit  # noqa: E402
-from warp_bounding.training.loop import Trainer  # noqa: E402
-from warp_bounding.training.network import Evaluator  # noqa: E402
-from warp_bounding.training.samples import samples_of  # noqa: E402
-from warp_bounding.training.support import SupportTrainer  # noqa: E402
-from warp_bounding.training.team import Team, single_threaded_torch  # noqa: E402
+from warp_bounding.activations.base import ACTIVATIONS  # noqa: E402
+from warp_bounding.bounders.neural.mlp import Mlp  # noqa: E402
+from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
+from warp_bounding.training.engine.activations import TRAINABLE  # noqa: E402
+from warp_bounding.training.engine.team import Team, single_threaded_torch  # noqa: E402
+from warp_bounding.training.engine.trainable_network import Evaluator  # noqa: E402
+from warp_bounding.training.recipes.default import Trainer  # noqa: E402
+from warp_bounding.training.recipes.early import _Exit, _SupportExit  # noqa: E402
+from warp_bounding.training.recipes.plane import SupportTrainer  # noqa: E402
+from warp_bounding.training.samples.base import samples_of  # noqa: E402
 
 HIDDEN = (7, 6)
 

@@ -8,11 +8,11 @@ from bounding_shapes import shape
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
 
-from warp_bounding.bounders.domain import Domain  # noqa: E402
-from warp_bounding.bounders.mlp import Mlp  # noqa: E402
-from warp_bounding.training.clock import Clock  # noqa: E402
-from warp_bounding.training.network import Evaluator, TrainableNetwork  # noqa: E402
-from warp_bounding.training.team import Team, single_threaded_torch  # noqa: E402
+from warp_bounding.bounders.neural.mlp import Mlp  # noqa: E402
+from warp_bounding.coordinates.domain import Domain  # noqa: E402
+from warp_bounding.training.engine.clock import Clock  # noqa: E402
+from warp_bounding.training.engine.team import Team, single_threaded_torch  # noqa: E402
+from warp_bounding.training.engine.trainable_network import Evaluator, TrainableNetwork  # noqa: E402
 
 NETWORKS = [  # coordinates, hidden, activation, octaves, moments
     (3, (7,), "sin", 0, False),

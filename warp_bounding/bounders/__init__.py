@@ -1,27 +1,27 @@
 """Bounding volumes: one file a method. A new one is a file and a line in ``METHODS``."""
 
-from warp_bounding.bounders.aabb import Aabb
 from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.bvh import Bvh
+from warp_bounding.bounders.bvh.bvh import Bvh
 from warp_bounding.bounders.cascade import Cascade
-from warp_bounding.bounders.certificate import Certificate
-from warp_bounding.bounders.compaction import compact
-from warp_bounding.bounders.ellipsoid import Ellipsoid
-from warp_bounding.bounders.functions import Data
-from warp_bounding.bounders.kdop import Kdop
-from warp_bounding.bounders.learned_kdop import LearnedKdop
-from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.bounders.mlp_early import MlpEarly
-from warp_bounding.bounders.monotone_mlp import MonotoneMlp
-from warp_bounding.bounders.obb import Obb
-from warp_bounding.bounders.occupancy import Occupancy
-from warp_bounding.bounders.oriented_ellipsoid import OrientedEllipsoid
+from warp_bounding.bounders.ellipsoids.ellipsoid import Ellipsoid
+from warp_bounding.bounders.ellipsoids.oriented_ellipsoid import OrientedEllipsoid
+from warp_bounding.bounders.ellipsoids.sphere import Sphere
+from warp_bounding.bounders.file_format import bounder_of, load, save
+from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.neural.mlp_early import MlpEarly
+from warp_bounding.bounders.neural.monotone_mlp import MonotoneMlp
+from warp_bounding.bounders.neural.occupancy import Occupancy
+from warp_bounding.bounders.polytopes.learned_kdop import LearnedKdop
 from warp_bounding.bounders.prepared import Prepared
-from warp_bounding.bounders.relu_field import ReluField
-from warp_bounding.bounders.sphere import Sphere
-from warp_bounding.bounders.storage import bounder_of, load, save
+from warp_bounding.bounders.relu_field.relu_field import ReluField
+from warp_bounding.bounders.slabs.aabb import Aabb
+from warp_bounding.bounders.slabs.kdop import Kdop
+from warp_bounding.bounders.slabs.obb import Obb
 from warp_bounding.bounders.voxels import Voxels
+from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.errors import BounderError
+from warp_bounding.kernels.functions import Data
+from warp_bounding.runtime.compaction import compact
 
 __all__ = [
     "KINDS",

@@ -21,18 +21,18 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.arithmetic import UNIT32
-from warp_bounding.bounders.arrays import flat_queries, new_output
-from warp_bounding.bounders.certificate import Certificate
-from warp_bounding.bounders.compaction import compact
-from warp_bounding.bounders.domain import Domain
-from warp_bounding.bounders.functions import Data, point_func
 from warp_bounding.bounders.options import Option
-from warp_bounding.bounders.placement import Placement
 from warp_bounding.bounders.prepared import Prepared, batch_launch
-from warp_bounding.bounders.regions import RegionDomain
-from warp_bounding.bounders.source import FRONT, Source
+from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.placement import Placement
+from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.kernels.functions import Data, point_func
+from warp_bounding.kernels.source import FRONT, Source
+from warp_bounding.runtime.arrays import flat_queries, new_output
+from warp_bounding.runtime.compaction import compact
 
 __all__ = ["Bounder", "BoxBounds", "checked_device"]
 
@@ -196,7 +196,7 @@ class Bounder(ABC):
         if self.volume is not None:
             return self.volume.least(grid)
         if self.domain.space == "parametric" and self.query_kind != "point":
-            from warp_bounding.bounders.parametric import parametric_least
+            from warp_bounding.bounders.parametric_fit import parametric_least
 
             return parametric_least(self, grid)
         if self.query_kind != "point":
@@ -385,8 +385,8 @@ class Bounder(ABC):
     # --- keeping it --------------------------------------------------------------------------------------------------
 
     def save(self, path) -> None:
-        """Write one ``.safetensors`` file: whole or not at all (see ``warp_bounding.bounders.storage``)."""
-        from warp_bounding.bounders.storage import save
+        """Write one ``.safetensors`` file: whole or not at all (see ``warp_bounding.bounders.file_format``)."""
+        from warp_bounding.bounders.file_format import save
 
         save(self, path)
 

@@ -14,9 +14,9 @@ from itertools import accumulate
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder, BoxBounds
-from warp_bounding.bounders.mlp_early import MlpEarly
-from warp_bounding.bounders.source import DENIED, Lanes, Source, literal
+from warp_bounding.bounders.neural.mlp_early import MlpEarly
 from warp_bounding.errors import BounderError
+from warp_bounding.kernels.source import DENIED, Lanes, Source, literal
 
 __all__ = ["Cascade", "CascadeSource"]
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import warp as wp
 
-from warp_bounding.bounders.arrays import flat_queries, memory_of, new_output
-from warp_bounding.bounders.compaction import Compaction
-from warp_bounding.bounders.functions import batch_kernel
-from warp_bounding.bounders.placement import Placement
+from warp_bounding.coordinates.placement import Placement
 from warp_bounding.errors import QueryError
-from warp_bounding.launch import BlockLaunch
+from warp_bounding.kernels.functions import batch_kernel
+from warp_bounding.runtime.arrays import flat_queries, memory_of, new_output
+from warp_bounding.runtime.compaction import Compaction
+from warp_bounding.runtime.launch import BlockLaunch
 
 if TYPE_CHECKING:
     from warp_bounding.bounders.base import Bounder

@@ -12,10 +12,10 @@ import numpy as np
 
 from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_up
 from warp_bounding.bounders.base import Bounder, BoxBounds
-from warp_bounding.bounders.domain import GROWTH, Domain
-from warp_bounding.bounders.source import Lanes, Source
+from warp_bounding.coordinates.domain import GROWTH, Domain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.kernels.source import Lanes, Source
 
 __all__ = ["Voxels", "VoxelsSource"]
 

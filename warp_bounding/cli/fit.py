@@ -62,7 +62,7 @@ def command(
     then statistical, and says so. Ctrl-C ends training early; the best bounder so far is proven and saved.
     """
     from warp_bounding.bounders import save
-    from warp_bounding.bounders.storage import SUFFIX, check_writable
+    from warp_bounding.bounders.file_format import SUFFIX, check_writable
     from warp_bounding.evaluation import evaluate
     from warp_bounding.training import fit
 

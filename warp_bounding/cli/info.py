@@ -14,7 +14,7 @@ MOST_SIZES = 90  # characters
 def command(file: BounderFile, json: Json = False) -> int:
     """Describe FILE: method, sizes, what is proven and what is not. Exit status 1 if it holds no proof."""
     from warp_bounding.bounders import load
-    from warp_bounding.proof.words import statement
+    from warp_bounding.certificates.statement import statement
 
     quiet_warp()
     bounder = load(file, device="cpu")

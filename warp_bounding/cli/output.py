@@ -12,9 +12,9 @@ import typer
 from rich.console import Console
 
 from warp_bounding.bounders import Bounder, Certificate
+from warp_bounding.certificates.statement import NOT_CONSERVATIVE
 from warp_bounding.errors import BoundingWarning, QueryError
-from warp_bounding.progress import bar
-from warp_bounding.proof.words import NOT_CONSERVATIVE
+from warp_bounding.runtime.progress import bar
 
 __all__ = [
     "NOT_CONSERVATIVE",

@@ -37,12 +37,12 @@ def command(
     Kill it whenever you like: the same command goes on where it stopped. Exit status 1: a network failed, had a false negative at its
     proven threshold, or the run was stopped.
     """
-    import warp_bounding.tables as tables
-    from warp_bounding.bounders.storage import write_whole
-    from warp_bounding.tables.folder import read_settings
-    from warp_bounding.tables.proof_rows import PROOFS
-    from warp_bounding.tables.proofs import METHODS, run_proofs
-    from warp_bounding.tables.proofs_page import proofs_page, summary, summary_text
+    import warp_bounding.paper as tables
+    from warp_bounding.bounders.file_format import write_whole
+    from warp_bounding.paper.folder import read_settings
+    from warp_bounding.paper.pages.proofs_page import proofs_page, summary, summary_text
+    from warp_bounding.paper.proof_rows import PROOFS
+    from warp_bounding.paper.proofs import METHODS, run_proofs
 
     fits = read_settings(Path(table))
     quiet_warp(fits.device)

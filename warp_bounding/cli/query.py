@@ -28,7 +28,7 @@ def command(
 ) -> int:
     """Ask FILE about every row of POINTS.npy, in object space, and write the answers."""
     from warp_bounding.bounders import load
-    from warp_bounding.bounders.storage import check_writable, write_whole
+    from warp_bounding.bounders.file_format import check_writable, write_whole
 
     quiet_warp(device)
     check_writable(output, file, points, suffix=".npy")
@@ -61,7 +61,7 @@ def command(
 
 def _read(path: str) -> np.ndarray:
     """A ``.npy`` array; see ``Bounder.query`` for what must be in it."""
-    from warp_bounding.indicators.reading import reading
+    from warp_bounding.indicators.formats.reading import reading
 
     if not Path(path).is_file():
         raise QueryError(f"{path}: {'a folder, expected a file' if Path(path).is_dir() else 'no such file'}")

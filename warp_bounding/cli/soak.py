@@ -18,7 +18,7 @@ from warp_bounding.cli.output import (
 from warp_bounding.cli.shape import Origin, Spacing, Threshold, read_shape
 
 if TYPE_CHECKING:
-    from warp_bounding.proof.soak import Soak
+    from warp_bounding.proof.attest.soak import Soak
 
 __all__ = ["command"]
 

@@ -69,7 +69,7 @@ def command(
     Kill it whenever you like: the same command goes on where it stopped. Columns, methods, objects and protocols can be added to a
     folder later; budgets, samples, seed, length and device are those of its first run. Exit status 1: a cell failed or the run was stopped.
     """
-    import warp_bounding.tables as tables
+    import warp_bounding.paper as tables
     from warp_bounding.bounders import supports
 
     options = {"preset": preset, "budget": budget, "samples": samples, "seed": seed, "length": length, "device": device}
@@ -108,7 +108,7 @@ class Help(TyperCommand):
     def format_help(self, ctx, formatter) -> None:
         """See ``TyperCommand``."""
         from warp_bounding.bounders import supports
-        from warp_bounding.tables import PRESETS, duration, preset_seconds
+        from warp_bounding.paper import PRESETS, duration, preset_seconds
 
         (option,) = (parameter for parameter in self.params if parameter.name == "preset")
         takes = [f"{name} ({duration(preset_seconds(preset, supports))})" for name, preset in PRESETS.items()]
@@ -123,7 +123,7 @@ def words_of(text: str | None) -> list[str] | None:
 
 def _preset(preset: str | None, budget: str | None, samples: int | None, protocol: str | None) -> tuple:
     """Budget, samples and protocol: those that were given, the rest of a preset."""
-    from warp_bounding.tables import PRESETS
+    from warp_bounding.paper import PRESETS
 
     if preset is None:
         return budget, samples, protocol
@@ -139,7 +139,7 @@ def _preset(preset: str | None, budget: str | None, samples: int | None, protoco
 
 def _budget(text: str | None) -> dict[str, object]:
     """Settings of ``--budget``; it is whole: what it does not name has the number without a name."""
-    from warp_bounding.tables import parse_budget
+    from warp_bounding.paper import parse_budget
 
     if text is None:
         return {}
@@ -149,7 +149,7 @@ def _budget(text: str | None) -> dict[str, object]:
 
 def _plan(out: Path, given: dict, selection: tuple, json: bool) -> int:
     """Say what there is to do; nothing is written."""
-    from warp_bounding.tables import Settings, duration, open_folder, plan, shares
+    from warp_bounding.paper import Settings, duration, open_folder, plan, shares
 
     settings, done, fitted = Settings.of(given), (), ()
     if (out / "settings.json").exists():
@@ -184,7 +184,7 @@ def _plan(out: Path, given: dict, selection: tuple, json: bool) -> int:
 
 
 def _protocols(protocol: str | None) -> tuple[str, ...]:
-    from warp_bounding.tables import PROTOCOLS
+    from warp_bounding.paper import PROTOCOLS
 
     if protocol == "both":
         return PROTOCOLS
@@ -203,8 +203,8 @@ def command_line(command: str, options: dict[str, object]) -> str:
 
 def _end(folder, outcome, supports, json: bool) -> int:
     """Write the outputs, tell people or programs, and give the exit status."""
-    import warp_bounding.tables as tables
-    from warp_bounding.tables import PROTOCOLS, Means, write_outputs
+    import warp_bounding.paper as tables
+    from warp_bounding.paper import PROTOCOLS, Means, write_outputs
 
     err = Console(stderr=True, highlight=False, soft_wrap=True)
     notes = write_outputs(folder, supports, outcome.failed)
@@ -275,7 +275,7 @@ class _Reporter:
         self._job = job
         self._show("")
         if self._stale and (job.variant.learned or time.monotonic() - self._written > PAGE_SECONDS):
-            from warp_bounding.tables import write_page
+            from warp_bounding.paper import write_page
 
             write_page(self._folder, self._supports, self._failed)
             self._stale, self._written = False, time.monotonic()

@@ -6,10 +6,10 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from warp_bounding.bounders.aabb import Aabb
 from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.regions import domain_of
-from warp_bounding.bounders.storage import bounder_of
+from warp_bounding.bounders.file_format import bounder_of
+from warp_bounding.bounders.slabs.aabb import Aabb
+from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators import IndicatorGrid, load_indicator
 from warp_bounding.queries import SampledOracle, oracle, sample

@@ -4,7 +4,7 @@ Importing this package needs NumPy only; trimesh, usd-core, Pillow, SciPy and Wa
 mesh asks for them.
 """
 
-from warp_bounding.indicators.formats import load_indicator
+from warp_bounding.indicators.formats.load import load_indicator
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.mesh import IndicatorMesh
 from warp_bounding.indicators.motion import IndicatorMotion

@@ -17,7 +17,7 @@ Source: Akenine-Moeller, "Fast 3D triangle-box overlap testing" (2001) for the a
 import numpy as np
 import warp as wp
 
-from warp_bounding.launch import ready
+from warp_bounding.runtime.launch import ready
 
 __all__ = ["SLACK", "fill_inside", "solid_cells", "surface_cells"]
 

@@ -22,10 +22,8 @@ import warp as wp
 
 from warp_bounding.arithmetic import UNIT32
 from warp_bounding.bounders import Bounder
-from warp_bounding.bounders.compaction import Compaction
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorMesh
-from warp_bounding.launch import launch_blocks
 from warp_bounding.newton.kernels import (
     HULL,
     IN_MESH,
@@ -37,6 +35,8 @@ from warp_bounding.newton.kernels import (
     gather_pairs,
     place_shapes,
 )
+from warp_bounding.runtime.compaction import Compaction
+from warp_bounding.runtime.launch import launch_blocks
 
 try:
     import newton

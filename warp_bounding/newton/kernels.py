@@ -10,9 +10,9 @@ import warp as wp
 
 from warp_bounding.arithmetic import UNIT32
 from warp_bounding.bounders import Data
-from warp_bounding.bounders.functions import point_func
-from warp_bounding.bounders.source import Source
-from warp_bounding.native import named, unique_name
+from warp_bounding.kernels.functions import point_func
+from warp_bounding.kernels.source import Source
+from warp_bounding.runtime.native import named, unique_name
 
 __all__ = [
     "HULL",

@@ -1,14 +1,14 @@
 """Proofs: branch and bound over every input that can come from the object, and proving anew what a file claims."""
 
+from warp_bounding.certificates.document import conjunction
+from warp_bounding.proof.attest.soak import Soak, soak
+from warp_bounding.proof.attest.statistics import attempt_confidence, attest, fn_rate_bound, fresh_seed, try_positives
 from warp_bounding.proof.cascade import cascade
 from warp_bounding.proof.certify import certify
-from warp_bounding.proof.document import conjunction
 from warp_bounding.proof.least import charted, least_value, positive_boxes
 from warp_bounding.proof.prove import provable, prove, settle
-from warp_bounding.proof.search import Search, minimum
+from warp_bounding.proof.search.best_first import Search, minimum
 from warp_bounding.proof.segments import clear_segments
-from warp_bounding.proof.soak import Soak, soak
-from warp_bounding.proof.statistics import attempt_confidence, attest, fn_rate_bound, fresh_seed, try_positives
 
 __all__ = [
     "Search",

@@ -2,8 +2,8 @@
 
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.cascade import Cascade
+from warp_bounding.certificates.document import conjunction
 from warp_bounding.errors import BounderError
-from warp_bounding.proof.document import conjunction
 
 __all__ = ["cascade"]
 

@@ -13,22 +13,22 @@ import numpy as np
 
 from warp_bounding.arithmetic import UNIT64
 from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.certificate import Certificate
-from warp_bounding.bounders.storage import bounder_of
+from warp_bounding.bounders.file_format import bounder_of
+from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates.document import conjunction, document
 from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.launch import working_seconds
-from warp_bounding.proof.depth_first import Charted
-from warp_bounding.proof.document import conjunction, document
+from warp_bounding.proof.attest.statistics import CONFIDENCE, POSITIVES, fn_rate_bound, fresh_seed, try_positives
+from warp_bounding.proof.covers.monotone_box import of_points
+from warp_bounding.proof.covers.plane import SupportGap
+from warp_bounding.proof.covers.ray import CELLS, single_faces
 from warp_bounding.proof.least import charted
-from warp_bounding.proof.monotone import of_points
-from warp_bounding.proof.planes import SupportGap
 from warp_bounding.proof.prove import mismatch, outside, provable
-from warp_bounding.proof.rays import CELLS, single_faces
-from warp_bounding.proof.search import halve, minimum
-from warp_bounding.proof.statistics import CONFIDENCE, POSITIVES, fn_rate_bound, fresh_seed, try_positives
+from warp_bounding.proof.search.best_first import halve, minimum
+from warp_bounding.proof.search.depth_first import Charted
 from warp_bounding.queries import oracle
+from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["certify"]
 

@@ -10,17 +10,17 @@ from dataclasses import replace
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.indicators.blocks import full_blocks
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.launch import working_seconds
-from warp_bounding.proof.boxes import charted_boxes
-from warp_bounding.proof.depth_first import Charted, charted_minimum
-from warp_bounding.proof.monotone import of_points
-from warp_bounding.proof.planes import SupportGap
-from warp_bounding.proof.points import charted_points
-from warp_bounding.proof.rays import charted_rays
-from warp_bounding.proof.search import Search, minimum
+from warp_bounding.proof.covers.box import charted_boxes
+from warp_bounding.proof.covers.monotone_box import of_points
+from warp_bounding.proof.covers.plane import SupportGap
+from warp_bounding.proof.covers.point import charted_points
+from warp_bounding.proof.covers.ray import charted_rays
+from warp_bounding.proof.search.best_first import Search, minimum
+from warp_bounding.proof.search.depth_first import Charted, charted_minimum
+from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["charted", "least_value", "positive_boxes"]
 

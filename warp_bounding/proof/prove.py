@@ -10,12 +10,12 @@ import numpy as np
 
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.certificate import Certificate
+from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates.document import document
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.proof.document import document
 from warp_bounding.proof.least import least_value
-from warp_bounding.proof.search import Search
+from warp_bounding.proof.search.best_first import Search
 
 __all__ = ["mismatch", "outside", "provable", "prove", "settle"]
 

@@ -13,11 +13,11 @@ t's own rounding times w. What lies farther out is not cleared.
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.bounders.network_kernel import bound_boxes
-from warp_bounding.bounders.segment_chart import SegmentChart
+from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.errors import BounderError, QueryError
-from warp_bounding.proof.search import halve
+from warp_bounding.networks.bound_kernel import bound_boxes
+from warp_bounding.networks.charts.segment import SegmentChart
+from warp_bounding.proof.search.best_first import halve
 
 __all__ = ["clear_segments"]
 

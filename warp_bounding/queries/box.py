@@ -12,8 +12,8 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.native import named
 from warp_bounding.queries.region import RegionOracle, loop_snippet, rational_map, valid
+from warp_bounding.runtime.native import named
 
 __all__ = ["BoxOracle", "box_truth", "sample_boxes"]
 

@@ -20,11 +20,11 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
+from warp_bounding.geometry.hull import components
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.launch import BLOCK, launch_blocks
-from warp_bounding.native import named
-from warp_bounding.queries.components import components
 from warp_bounding.queries.region import COORDINATE, RELATIVE_ERROR
+from warp_bounding.runtime.launch import BLOCK, launch_blocks
+from warp_bounding.runtime.native import named
 
 __all__ = ["FORMS", "HardPositives", "World"]
 

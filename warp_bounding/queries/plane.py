@@ -14,9 +14,8 @@ from functools import cache
 import numpy as np
 import warp as wp
 
+from warp_bounding.geometry.hull import components
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.native import named
-from warp_bounding.queries.components import components
 from warp_bounding.queries.directions import sample_directions
 from warp_bounding.queries.point import sample_points
 from warp_bounding.queries.region import (
@@ -28,6 +27,7 @@ from warp_bounding.queries.region import (
     rational_map,
     valid,
 )
+from warp_bounding.runtime.native import named
 
 __all__ = ["PlaneOracle", "plane_truth", "sample_planes"]
 

@@ -13,9 +13,9 @@ import warp as wp
 
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.launch import BLOCK, launch_blocks
-from warp_bounding.native import named
 from warp_bounding.queries.region import rational_map
+from warp_bounding.runtime.launch import BLOCK, launch_blocks
+from warp_bounding.runtime.native import named
 
 __all__ = ["PointOracle", "point_truth", "sample_points"]
 

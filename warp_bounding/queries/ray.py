@@ -17,7 +17,6 @@ import warp as wp
 
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.native import named
 from warp_bounding.queries.directions import sample_directions
 from warp_bounding.queries.point import sample_points
 from warp_bounding.queries.region import (
@@ -29,6 +28,7 @@ from warp_bounding.queries.region import (
     rational_map,
     valid,
 )
+from warp_bounding.runtime.native import named
 
 __all__ = ["RayOracle", "empty_distance", "ray_truth", "sample_rays"]
 

@@ -14,7 +14,7 @@ import warp as wp
 
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.launch import BLOCK, launch_blocks
+from warp_bounding.runtime.launch import BLOCK, launch_blocks
 
 __all__ = [
     "COORDINATE",

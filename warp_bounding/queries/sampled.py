@@ -15,12 +15,12 @@ import warp as wp
 
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.native import named
 from warp_bounding.queries.box import BoxOracle
 from warp_bounding.queries.plane import PlaneOracle
 from warp_bounding.queries.point import PointOracle
 from warp_bounding.queries.ray import RayOracle
 from warp_bounding.queries.region import RegionOracle, loop_snippet
+from warp_bounding.runtime.native import named
 
 __all__ = ["SampledOracle", "points_per_region"]
 

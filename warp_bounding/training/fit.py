@@ -14,29 +14,29 @@ import numpy as np
 
 from warp_bounding.bounders import Bounder, method_class
 from warp_bounding.bounders.base import checked_device
-from warp_bounding.bounders.bvh import Bvh, leaves_for_bytes
+from warp_bounding.bounders.bvh.bvh import Bvh, leaves_for_bytes
 from warp_bounding.bounders.cascade import Cascade
-from warp_bounding.bounders.domain import Domain
-from warp_bounding.bounders.learned_kdop import LearnedKdop
-from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.options import settled
-from warp_bounding.bounders.parametric import fit_parametric
-from warp_bounding.bounders.regions import RegionDomain, domain_of
-from warp_bounding.bounders.relu_field import ReluField
+from warp_bounding.bounders.parametric_fit import fit_parametric
+from warp_bounding.bounders.polytopes.learned_kdop import LearnedKdop
+from warp_bounding.bounders.relu_field.relu_field import ReluField
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.region_domain import RegionDomain, domain_of
 from warp_bounding.errors import BounderError, BoundingWarning
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, IndicatorMotion, load_indicator
 from warp_bounding.indicators.memory import check_memory
 from warp_bounding.indicators.mesh import MAX_RESOLUTION
-from warp_bounding.launch import compile_seconds
-from warp_bounding.progress import Progress, reported
 from warp_bounding.proof import cascade, prove
 from warp_bounding.queries import check_query, oracle, sample
 from warp_bounding.queries.positives import draw_positives
-from warp_bounding.training.field import train_relu_field
-from warp_bounding.training.kdop import train_learned_kdop
-from warp_bounding.training.networks import NetworkOptions, fit_network
+from warp_bounding.runtime.launch import compile_seconds
+from warp_bounding.runtime.progress import Progress, reported
+from warp_bounding.training.fit_network import NetworkOptions, fit_network
+from warp_bounding.training.learned_kdop.train import train_learned_kdop
 from warp_bounding.training.problem import Problem
+from warp_bounding.training.relu_field import train_relu_field
 
 __all__ = ["fit"]
 

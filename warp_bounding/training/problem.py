@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.domain import Domain
-from warp_bounding.bounders.regions import RegionDomain
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators import IndicatorGrid
 
 __all__ = ["Problem"]

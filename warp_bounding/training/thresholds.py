@@ -7,10 +7,10 @@ adversary's value stands, and fresh positives tell what is known of it.
 
 import numpy as np
 
-from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.proof import attest, least_value, settle
-from warp_bounding.proof.monotone import of_points
-from warp_bounding.proof.pace import GROWTH
+from warp_bounding.proof.covers.monotone_box import of_points
+from warp_bounding.proof.search.pace import GROWTH
 from warp_bounding.queries import oracle, sample
 from warp_bounding.training.problem import Problem
 

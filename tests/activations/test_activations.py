@@ -1,0 +1,86 @@
+"""Every activation in every network, through the registries: fitted, certified, stored, and asked hard positives."""
+
+import numpy as np
+import pytest
+from bounding_shapes import EARLY, HIDDEN, object_points, shape, told_of
+from region_cases import hard_regions, ray_length
+
+pytest.importorskip("torch", reason="torch is not installed")
+
+import warp_bounding as wb
+from warp_bounding.activations.base import ACTIVATIONS
+from warp_bounding.bounders import METHODS
+from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.neural.mlp_early import MlpEarly
+from warp_bounding.errors import BounderError
+from warp_bounding.queries import QUERY_KINDS, oracle, sample
+from warp_bounding.training import fit_network as networks
+
+NETWORKS = tuple(name for name, kind in METHODS.items() if issubclass(kind, Mlp))
+SHAPES = ("c", "blob", "animated")  # 2D, 3D, 4D
+
+
+def cases() -> list:
+    """All of them; without ``--slow`` each activation of each method and query once, but for exits of rays and boxes.
+
+    Points in a dimension that goes round, regions in 2D. Kernels of exits cost most to compile: of rays and boxes in one activation.
+    """
+    params = []
+    for i, method in enumerate(NETWORKS):
+        for j, query in enumerate(QUERY_KINDS):
+            for k, activation in enumerate(ACTIVATIONS):
+                for turn, name in enumerate(SHAPES):
+                    if METHODS[method].supports(query, shape(name).ndim):
+                        usual = turn == ((i + j + k) % len(SHAPES) if query == "point" else 0)
+                        if issubclass(METHODS[method], MlpEarly) and query in ("ray", "box"):
+                            usual &= (j + k) % len(ACTIVATIONS) == 0
+                        marks = () if usual else pytest.mark.slow
+                        params.append(pytest.param(method, query, name, activation, marks=marks))
+    return params
+
+
+@pytest.mark.parametrize(("method", "query", "name", "activation"), cases())
+def test_every_activation_in_every_network(method, query, name, activation, monkeypatch, tmp_path):
+    monkeypatch.setattr(networks, "PROOF_BOXES", 100_000)  # these are hardly trained: a proof holds wherever it ends
+    monkeypatch.setattr(networks, "REGION_BOXES", 100_000)
+    grid, kind = shape(name), METHODS[method]
+    hidden, length = EARLY if issubclass(kind, MlpEarly) else HIDDEN, ray_length(grid)
+    told = told_of(method, query, activation=activation, hidden=hidden, steps=3, length=length)
+    bounder = wb.fit(grid, query, method, device="cpu", **told)
+    assert bounder.activation in (activation, ACTIVATIONS[activation].monotone)
+    bounder.save(tmp_path / "b.safetensors")
+    loaded = wb.load(tmp_path / "b.safetensors")
+    assert loaded.activation == bounder.activation
+    rng = np.random.default_rng(0)
+    hard = object_points(grid, rng) if query == "point" else hard_regions(query, grid, rng, length)
+    q = np.concatenate([sample(query, grid, 4000, rng), hard]).astype(np.float32)
+    truth = oracle(query, grid, "cpu", length)(q)
+    answers = loaded.query(q).numpy().astype(bool)
+    assert (answers == bounder.query(q).numpy()).all()
+    assert truth.sum() > 1000
+    assert wb.certify(loaded, grid).kind == (bounder.certificate.kind if kind.conservative else "inapplicable")
+    assert answers[truth].all() or not (kind.conservative and bounder.certificate.proven)
+
+
+@pytest.mark.parametrize("name", ["softplus", "", None, 1, ["sin"], {"sin": 1}])
+def test_what_is_no_activation(name):
+    bounder = METHODS["mlp"]
+    with pytest.raises(BounderError, match=r"activation must be one of sin, relu, tanh, got .*") as error:
+        bounder(wb.fit(shape("c"), method="aabb", device="cpu").domain, {}, {"hidden": [3], "activation": name}, "cpu")
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("name", ACTIVATIONS)
+def test_what_the_registry_says_of_an_activation(name):
+    """Slopes from -1 to 1, values within ``largest``, monotone ones never fall."""
+    activation, x = ACTIVATIONS[name], np.linspace(-30, 30, 600_001)
+    y = activation.value(x)
+    assert activation.name == name
+    assert (np.abs(np.diff(y)) <= np.diff(x) * (1 + 1e-9)).all()
+    assert (np.abs(y) <= (np.abs(x) if activation.largest is None else activation.largest)).all()
+    twin = ACTIVATIONS[activation.monotone]
+    assert twin.monotone == twin.name
+    assert (np.diff(twin.value(x)) >= 0).all()
+    assert activation.error(1.0) < 1e-5
+    bend = activation.relax(x[None], np.full((1, len(x)), 0.1), np.full((1, len(x)), 1e-3))[2]
+    assert bend.any() == activation.bends

@@ -1,0 +1,359 @@
+"""From a region's numbers to coordinates: within the bound that proofs rely on, with zero slack; what is maybe, what is no."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+import warp as wp
+from bounding_shapes import shape
+from located import EXACT, corners, located, plane_points, ray_distance, ray_points, to_local
+from region_cases import REGIONS, fitted_region, hard_regions, ray_length
+
+from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.coordinates.native_map import FAR, extra_count
+from warp_bounding.coordinates.region_domain import RegionDomain, domain_of, region_rounding
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.kernels.functions import Data, point_type
+from warp_bounding.queries import sample
+
+NAMES = ("c", "blob", "anisotropic", "mesh", "animated", "five")
+COUNT = 4000
+
+
+def wide_regions(query: str, grid, length: float, count: int, rng: np.random.Generator, dtype) -> np.ndarray:
+    """Through points of the domain and of its border; skewed by up to 12 decades, of any size, from near and from far."""
+    n, size = grid.ndim, grid.upper - grid.lower
+    x = grid.lower + rng.random((count, n)) * size
+    border = np.where(rng.random(x.shape) < 0.5, grid.lower, grid.upper)
+    x = np.where(rng.random(x.shape) < 0.3, border, x)
+    if query == "box":
+        reach = size * 10.0 ** rng.uniform(-9, 3, (2, count, n)) * rng.choice([0.0, 1.0], size=(2, count, n))
+        return np.concatenate([x - reach[0], x + reach[1]], axis=1).astype(dtype)
+    d = rng.normal(size=(count, n)) * 10.0 ** rng.uniform(-12, 0, (count, n))
+    d *= rng.choice([0.0, 1.0], p=[0.1, 0.9], size=(count, n))
+    d[np.abs(d).max(axis=1) == 0, 0] = 1
+    if query == "ray":
+        d *= size
+        unit = d / np.linalg.norm(d, axis=1, keepdims=True)
+        origin = x - length * rng.choice([0.0, 1e-4, 0.5, 1 - 1e-7, 1.0], size=(count, 1)) * unit
+        return np.concatenate([origin, d * 10.0 ** rng.uniform(-20, 20, (count, 1))], axis=1).astype(dtype)
+    normal = d / size
+    along = rng.normal(size=x.shape) * size
+    along -= normal * ((along * normal).sum(axis=1) / (normal * normal).sum(axis=1))[:, None]
+    away = along * rng.choice([0.0, 0.5, 2.0, 1e2, 1e5], size=(count, 1))
+    return np.concatenate([normal * 10.0 ** rng.uniform(-20, 20, (count, 1)), x + away], axis=1).astype(dtype)
+
+
+def regions(query: str, grid, length: float, rng, dtype) -> np.ndarray:
+    hard = hard_regions(query, grid, rng, length, COUNT).astype(dtype)
+    return np.concatenate([hard, wide_regions(query, grid, length, 2 * COUNT, rng, dtype)])
+
+
+def check_passes(domain: RegionDomain, q: np.ndarray, rng, device: str, lanes: bool) -> float:
+    """Whatever a device makes of a region, it passes each point of the region that is in the domain, within the bound.
+
+    Returns:
+        The share of regions that a bounder is asked about.
+    """
+    n, needed = domain.space_ndim, region_rounding(domain.base, domain.query, domain.length)
+    assert (needed <= domain.base.delta).all()
+    v, finite, inside = located(domain, q, device, lanes)
+    asked = finite & inside
+    assert (np.abs(v[asked]) <= domain.limit).all()
+    if domain.query == "box":
+        low, high = corners(domain)
+        first, last = to_local(domain, q[:, :n]), to_local(domain, q[:, n:])
+        good = ((first <= last) & (first <= high) & (last >= low)).all(axis=1)
+        first, last = np.maximum(first, low), np.minimum(last, high)  # the part inside
+        off = np.maximum(v[:, :n] - first, last - v[:, n:])
+    elif domain.query == "ray":
+        y, good = ray_points(domain, q, rng)
+        off = ray_distance(v, y, needed)[:, None] * needed
+    else:
+        y, good = plane_points(domain, q, rng)
+        off = np.abs((v[:, :n].astype(EXACT) * y).sum(axis=1) - v[:, n])[:, None]
+        assert (v[asked, :n].max(axis=1) == 1).all()  # exactly, which the proof over a cube's faces takes for granted
+    assert good.mean() > 0.3
+    assert inside[good & finite].all()
+    assert (off[good & asked] <= needed).all()
+    return float(asked.mean())
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("query", REGIONS)
+def test_the_computed_region_passes_every_point_of_the_exact_one(query, name, dtype, device, rng):
+    grid = shape(name)
+    domain = domain_of(grid, query, ray_length(grid))
+    q = regions(query, grid, ray_length(grid), rng, dtype)
+    for lanes in (True, False):
+        assert check_passes(domain, q, rng, device, lanes) > 0.3
+
+
+@pytest.mark.parametrize("length", [1e-3, 40.0])
+@pytest.mark.parametrize("name", ["c", "blob"])
+def test_short_and_long_rays(name, length, device, rng):
+    grid = shape(name)
+    check_passes(domain_of(grid, "ray", length), regions("ray", grid, length, rng, np.float32), rng, device, True)
+
+
+@pytest.mark.parametrize("exponent", [-50, -20, 20, 40, 50])
+@pytest.mark.parametrize("query", REGIONS)
+def test_tiny_and_huge_objects(query, exponent, device, rng):
+    """Normals of 1e-41 have few bits left in float32; where the domain is huge, its size would hide that."""
+    occupancy = np.zeros((8, 6, 5), bool)
+    occupancy[3:5, 3:5, 2:4] = True
+    grid = IndicatorGrid(occupancy, cells_per_unit=[2.0**-exponent] * 3, offset=[0.0] * 3)
+    domain = domain_of(grid, query, 4 * 2.0**exponent)
+    q = wide_regions(query, grid, 4 * 2.0**exponent, 3 * COUNT, rng, np.float64)
+    if query != "box":
+        turn = slice(0, 3) if query == "plane" else slice(3, 6)
+        size = np.abs(q[:, turn]).max(axis=1, keepdims=True)
+        q[:, turn] *= 10.0 ** rng.uniform(-44, -20, size.shape) / size
+    for lanes in (True, False):
+        check_passes(domain, q, rng, device, lanes)
+
+
+@pytest.mark.parametrize("name", ["c", "blob", "animated"])
+@pytest.mark.parametrize("query", ["ray", "plane"])
+def test_parametric_coordinates_are_within_delta(query, name, device, rng):
+    grid = shape(name)
+    domain, n = domain_of(grid, query, 1.0, "parametric"), grid.ndim
+    for dtype in (np.float32, np.float64):
+        x = grid.lower + rng.random((COUNT, n)) * (grid.upper - grid.lower)
+        d = rng.normal(size=x.shape) * 10.0 ** rng.uniform(-6, 0, x.shape)
+        q = np.concatenate([d, x] if query == "plane" else [x, d], axis=1).astype(dtype)
+        v, finite, inside = located(domain, q, device)
+        wide = q.astype(EXACT)
+        point, turn = (wide[:, n:], wide[:, :n]) if query == "plane" else (wide[:, :n], wide[:, n:])
+        point = to_local(domain, point)
+        unit = turn / np.sqrt((turn * turn).sum(axis=1, keepdims=True))
+        if query == "ray":
+            unit = unit * domain.scale.astype(EXACT)  # of length 1
+        exact = np.concatenate([unit, point] if query == "plane" else [point, unit], axis=1)
+        assert (finite & inside).mean() > 0.99
+        assert (np.abs(v - exact)[finite & inside] <= domain.delta).all()
+        assert (np.abs(v[finite & inside]) <= domain.limit).all()
+
+
+# --- answers ---------------------------------------------------------------------------------------------------------
+
+
+@cache
+def bounders(name: str, query: str):
+    """A network, whose kernel first gathers the queries that need it; in 3D also a volume, whose kernel works on all of them."""
+    grid = shape(name)
+    domain, rng = domain_of(grid, query, ray_length(grid)), np.random.default_rng(0)
+    k, outputs = (grid.ndim, 2) if query == "plane" else (domain.ndim, 1)
+    tensors = {}
+    for index, (inputs, width) in enumerate(((k, 8), (8, outputs))):
+        tensors[f"layers.{index}.weight"] = (rng.normal(size=(width, inputs)) * 2 / np.sqrt(inputs)).astype(np.float32)
+        tensors[f"layers.{index}.bias"] = rng.normal(size=width).astype(np.float32)
+    network = Mlp(domain, tensors, {"hidden": [8], "activation": "sin", "octaves": 0}, "cpu")
+    values = network.values(sample(query, grid, 1000, rng)).numpy()
+    network.freeze(float(np.median(values[np.isfinite(values)])), None)
+    return [network, *([fitted_region("aabb", query, grid)] if name == "blob" else [])]
+
+
+def outside(query: str, grid) -> np.ndarray:
+    """``(2 n,)`` float32, a region in the range of time and far from the domain; not so far that one does not look."""
+    n, size = grid.ndim, grid.upper - grid.lower
+    far = grid.upper + size
+    if grid.time:
+        far[0] = (grid.lower + grid.upper)[0] / 2
+    slanted = np.where(np.arange(n) < n - 1, 1e-3, 1.0)
+    q = {"box": [far, far + 0 * size], "ray": [far, slanted], "plane": [slanted / size[-1], far]}[query]
+    return np.concatenate(q).astype(np.float32)
+
+
+def strange(query: str, grid) -> np.ndarray:
+    """``(S, 2 n)`` float32: maybe, though nothing else about them is near the object."""
+    n, usual, rows = grid.ndim, outside(query, grid), []
+    for k in range(2 * n):
+        for bad in (np.nan, np.inf, -np.inf):
+            rows.append(usual.copy())
+            rows[-1][k] = bad
+    if query == "box":
+        for k in range(n):
+            rows.append(usual.copy())
+            rows[-1][k] = np.nextafter(usual[n + k], np.float32(np.inf))
+        rows.append(np.concatenate([np.full(n, 3e38), np.full(n, -3e38)]))
+    else:
+        turn = slice(0, n) if query == "plane" else slice(n, 2 * n)
+        for size in (0.0, -0.0, 1e-45, 1e-38, 3e38):
+            rows.append(usual.copy())
+            rows[-1][turn] = size
+        huge = usual.copy()
+        huge[slice(n, 2 * n) if query == "plane" else slice(0, n)] = 3e38
+        rows.append(huge)
+    return np.float32(rows)
+
+
+@pytest.mark.parametrize("name", ["c", "blob", "animated"])
+@pytest.mark.parametrize("query", REGIONS)
+def test_strange_numbers_are_maybe_and_stay_in_their_lane(query, name, device):
+    grid = shape(name)
+    usual = outside(query, grid)
+    cases = strange(query, grid)
+    for bounder in (b.to(device) for b in bounders(name, query)):
+        assert not bounder.query(np.tile(usual, (600, 1))).numpy().any()
+        assert bounder.query(cases).numpy().all()
+        assert (bounder.values(cases).numpy() == np.inf).all()
+        assert ask(bounder, cases).all()
+        width = 33  # more than all lanes: one strange query among ordinary ones, in every place
+        block = np.tile(usual, (len(cases), width, 1))
+        for place in range(width):
+            mixed = block.copy()
+            mixed[:, place] = cases
+            answers = bounder.query(mixed.reshape(-1, len(usual))).numpy().reshape(len(cases), width)
+            assert (answers == (np.arange(width) == place)).all()
+
+
+@pytest.mark.parametrize("query", REGIONS)
+@pytest.mark.parametrize("name", ["c", "blob", "animated"])
+def test_strange_numbers_do_not_change_their_neighbours_values(query, name, device, rng):
+    grid = shape(name)
+    q, cases = sample(query, grid, 1000, rng), strange(query, grid)
+    mixed, where = q.copy(), rng.permutation(1000)[:300]
+    mixed[where] = cases[rng.integers(len(cases), size=300)]
+    for bounder in (b.to(device) for b in bounders(name, query)):
+        plain, values = bounder.values(q).numpy(), bounder.values(mixed).numpy()
+        assert (values[where] == np.inf).all()
+        rest = np.delete(np.arange(1000), where)
+        assert (values[rest] == plain[rest]).all()
+
+
+@cache
+def asking_kernel(test, ndim: int) -> wp.Kernel:
+    vector = point_type(ndim)
+
+    @wp.kernel(module="unique")
+    def asking(data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
+        i = wp.tid()
+        if test(data, a[i], b[i]):
+            answer[i] = wp.uint8(1)
+
+    return asking
+
+
+def ask(bounder, q: np.ndarray) -> np.ndarray:
+    """Answers of ``bounder.func`` inside a user's kernel."""
+    n, device = bounder.ndim, bounder.device
+    answer = wp.zeros(len(q), dtype=wp.uint8, device=device)
+    parts = [wp.array(np.ascontiguousarray(p), dtype=point_type(n), device=device) for p in (q[:, :n], q[:, n:])]
+    wp.launch(asking_kernel(bounder.func, n), len(q), [bounder.data, *parts], [answer], device=device)
+    return answer.numpy()
+
+
+@pytest.mark.parametrize("name", ["c", "blob", "animated"])
+@pytest.mark.parametrize("query", REGIONS)
+def test_every_count_and_the_function(query, name, device, rng):
+    """Whole blocks, parts of them and none; the function answers as the batch does, but for rounding."""
+    grid = shape(name)
+    q = regions(query, grid, ray_length(grid), rng, np.float32)[rng.permutation(3 * COUNT)[:1100]]
+    q[rng.permutation(1100)[:100]] = strange(query, grid)[rng.integers(len(strange(query, grid)), size=100)]
+    for bounder in (b.to(device) for b in bounders(name, query)):
+        answers, values = bounder.query(q).numpy(), bounder.values(q).numpy()
+        assert (answers == ~(values < bounder.threshold)).all()
+        for count in (0, 1, 15, 16, 17, 31, 33, 511, 512, 513, 1025):
+            assert (bounder.query(q[:count]).numpy() == answers[:count]).all()
+            assert (bounder.values(q[:count]).numpy() == values[:count]).all()
+            idx, found = bounder.candidates(q[:count])
+            assert (idx.numpy()[: found.numpy()[0]] == np.flatnonzero(answers[:count])).all()
+        same = ask(bounder, q) == answers
+        assert same[values == np.inf].all()
+        assert same.mean() > 0.9  # many of them graze the volume or the domain
+        if bounder.method == "mlp":
+            clear = (np.abs(values - bounder.threshold) > 1e-3) & np.isfinite(values)
+            assert clear.mean() > 0.2
+            assert same[clear].all()
+
+
+# --- time ------------------------------------------------------------------------------------------------------------
+
+
+def timed(query: str, first: np.ndarray, last: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Regions of times ``first`` to ``last`` at a place that no object comes near; planes: of time ``first``."""
+    count = len(first)
+    at = np.tile(place, (count, 1))
+    if query == "box":
+        return np.column_stack([first, at, last, at]).astype(np.float32)
+    zero = np.zeros((count, len(place)))
+    if query == "plane":
+        return np.column_stack([np.ones(count), zero, first, at]).astype(np.float32)
+    return np.column_stack([first, at, np.zeros(count), np.ones(count), zero[:, 1:]]).astype(np.float32)
+
+
+@pytest.mark.parametrize("space", ["geometric", "parametric"])
+@pytest.mark.parametrize("query", REGIONS)
+def test_outside_the_range_of_time_the_answer_is_maybe(query, space, device, rng):
+    """By however little; the object may be anywhere then."""
+    grid = shape("animated")
+    domain = domain_of(grid, query, 0.5, space)
+    assert len(domain.extra) == extra_count(query, 4, True)
+    start, end = grid.lower[0], grid.upper[0]
+    away = np.concatenate([[0.0], 10.0 ** rng.uniform(-9, 6, 2000)])
+    for sign, border in ((1, end), (-1, start)):
+        time = np.nextafter(np.float32(border + sign * away), np.float32(sign * np.inf))
+        early, late = (time, time + away) if sign > 0 else (time - away, time)
+        q = timed(query, time if query != "box" else early, late, grid.lower[1:] + 0.01)
+        for lanes in (True, False):
+            assert not located(domain, q, device, lanes).finite.any()
+    inside = timed(query, *np.sort(rng.uniform(start + 1e-4, end - 1e-4, (2, 2000)), axis=0), grid.lower[1:] + 0.01)
+    assert located(domain, inside, device).finite.all()
+
+
+def test_rays_through_time(device, rng):
+    """Maybe, if all of a ray lies before the beginning or after the end; else by its part inside."""
+    grid = shape("animated")
+    for length in (0.5, 3.0, 30.0):
+        domain = domain_of(grid, "ray", length)
+        q = wide_regions("ray", grid, length, 3 * COUNT, rng, np.float32)
+        q[:, 0] = rng.uniform(-4, 6, len(q)) * rng.choice([1.0, length], size=len(q))
+        d = q[:, 4:].astype(EXACT)
+        d = d / np.abs(d).max(axis=1, keepdims=True)
+        begin = q[:, 0].astype(EXACT)
+        end = begin + d[:, 0] / np.sqrt((d * d).sum(axis=1)) * EXACT(length)
+        off = (np.maximum(begin, end) < grid.lower[0]) | (np.minimum(begin, end) > grid.upper[0])
+        assert off.mean() > 0.1
+        assert not located(domain, q, device).finite[off].any()
+
+
+def test_a_plane_that_leans_in_time_is_answered_by_its_part_inside(device):
+    grid = shape("animated")
+    domain = domain_of(grid, "plane")
+    leaning = np.float32([[1.0, 1e-3, 0, 0, 4.0, 0.5, 0.5, 0.5], [1.0, 0, 0, 0, 4.0, 0.5, 0.5, 0.5]])
+    assert located(domain, leaning, device).finite.tolist() == [True, False]
+    assert not located(domain, leaning, device).inside[0]
+
+
+# --- domains ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("query", REGIONS)
+@pytest.mark.parametrize("name", NAMES)
+def test_domains_survive_the_trip(query, name):
+    domain = domain_of(shape(name), query, ray_length(shape(name)))
+    again = RegionDomain.from_dict(domain.to_dict())
+    assert again.fault() is None
+    assert again.to_dict() == domain.to_dict()
+    for a, b in ((again.header, domain.header), (again.extra, domain.extra), (again.limit, domain.limit)):
+        assert a.dtype == np.float32
+        assert (a == b).all()
+
+
+def test_rays_that_are_too_long_are_refused():
+    for length in (1e4, 1e9, 1e300):
+        with pytest.raises(BounderError, match="length"):
+            domain_of(shape("blob"), "ray", length)
+
+
+def test_a_region_from_too_far_away_is_maybe_unless_it_misses_the_domain(device):
+    grid = shape("blob")
+    towards, past = [0.5 - 100, 0.5, 0.5, 1, 0, 0], [0.5 - 100, 1.5, 0.5, 1, 0, 0]
+    domain = domain_of(grid, "ray", 200.0)
+    _, finite, inside = located(domain, np.float32([towards, past]), device)
+    assert finite.tolist() == [False, True]
+    assert inside.tolist() == [True, False]
+    assert FAR < 100

@@ -1,0 +1,160 @@
+"""A function answers *maybe* to data that are not its own, or not all there; and the two ways to write a kernel for it."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+import rebound
+import warp as wp
+from bounding_shapes import EARLY, HIDDEN, shape
+
+from warp_bounding.bounders import METHODS
+from warp_bounding.bounders.cascade import Cascade
+from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.coordinates.region_domain import domain_of
+from warp_bounding.kernels.functions import Data, point_type
+from warp_bounding.kernels.source import FRONT
+from warp_bounding.runtime.native import identity, unique_name
+
+QUERIES = ("point", "ray", "plane", "box")
+FAR = 1e3  # outside of every domain
+
+
+def network(kind: type[Mlp], query: str, device: str) -> Mlp:
+    """Random weights; a monotone network's have the signs that make it one."""
+    rng, tensors, early = np.random.default_rng(0), {}, kind.method == "mlp-early"
+    domain, hidden = domain_of(shape("c"), query), EARLY if early else HIDDEN
+    inputs, outputs = (2, 2) if query == "plane" else (domain.ndim, 1)
+    for index, (k, h) in enumerate(zip((inputs, *hidden), (*hidden, outputs), strict=True)):
+        weight = np.abs(rng.normal(size=(h, k))).astype(np.float32)
+        weight[:, : k // 2] *= -1 if index == 0 else 1
+        tensors[f"layers.{index}.weight"] = weight
+        tensors[f"layers.{index}.bias"] = rng.normal(size=h).astype(np.float32)
+    if early:
+        tensors["exits.0.weight"] = rng.normal(size=(outputs, hidden[0])).astype(np.float32)
+        tensors["exits.0.bias"] = rng.normal(size=outputs).astype(np.float32)
+        tensors["exits.thresholds"] = np.array([-1.0], np.float32)
+    activation = "tanh" if kind.method == "monotone-mlp" else "sin"
+    return kind(domain, tensors, {"hidden": list(hidden), "activation": activation, "octaves": 0}, device)
+
+
+@cache
+def bounders(query: str, device: str) -> dict:
+    """One of every method that bounds this kind of query, and cascades; equal sources once."""
+    found = {}
+    for method, kind in METHODS.items():
+        if kind.supports(query, 2) and issubclass(kind, Mlp):
+            found[method] = network(kind, query, device)
+        elif kind.supports(query, 2):
+            found[method] = kind.fit(shape("c"), domain_of(shape("c"), query), device=device)
+    found["aabb+mlp"] = Cascade.of([found["aabb"], found["mlp"]])
+    if query == "point":
+        found["voxels+mlp"] = Cascade.of([found["voxels"], found["mlp"]])
+    return {bounder.source: bounder for bounder in found.values()}
+
+
+@cache
+def asking_kernel(test, query: str) -> wp.Kernel:
+    vector = point_type(2)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def ask_point(data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
+        i = wp.tid()
+        answer[i] = wp.uint8(test(data, a[i]))
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def ask_region(data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
+        i = wp.tid()
+        answer[i] = wp.uint8(test(data, a[i], b[i]))
+
+    return ask_point if query == "point" else ask_region
+
+
+def ask(bounder, data: Data) -> np.ndarray:
+    """Answers of a bounder's function, given some data, to queries far away: with its own it certainly says no."""
+    query, device = bounder.query_kind, bounder.device
+    first = {"point": [FAR, FAR], "ray": [FAR, FAR], "plane": [1.0, 1.0], "box": [FAR, FAR]}[query]
+    second = {"point": [FAR, FAR], "ray": [1.0, 1.0], "plane": [4.0, 4.0], "box": [FAR + 1, FAR + 1]}[query]
+    a, b = (wp.array(np.float32([row] * 3), dtype=wp.vec2, device=device) for row in (first, second))
+    answer = wp.full(3, 7, dtype=wp.uint8, device=device)
+    wp.launch(asking_kernel(bounder.func, query), 3, [data, a, b], [answer], device=device)
+    return answer.numpy()
+
+
+def remade(data: Data, parameters: slice, words: slice) -> Data:
+    """The data in memory of their own that holds no more than a part of them."""
+    part = Data()
+    part.parameters = wp.array(data.parameters.numpy()[parameters], dtype=wp.float32, device=data.parameters.device)
+    part.words = wp.array(data.words.numpy()[words], dtype=wp.uint32, device=data.words.device)
+    return part
+
+
+@pytest.mark.parametrize("query", QUERIES)
+def test_data_of_another_source_are_answered_with_maybe(query, device):
+    everyone = bounders(query, device)
+    for source, bounder in everyone.items():
+        assert (ask(bounder, bounder.data) == 0).all()
+        for other, foreign in everyone.items():
+            assert (ask(bounder, foreign.data) == (source != other)).all(), f"{source} took data of {other}"
+
+
+@pytest.mark.parametrize("query", QUERIES)
+def test_data_that_are_too_short_are_answered_with_maybe(query, device):
+    everything = slice(None)
+    for bounder in bounders(query, device).values():
+        data, source = bounder.data, bounder.source
+        assert (ask(bounder, remade(data, everything, everything)) == 0).all()
+        assert (ask(bounder, Data()) == 1).all()
+        lengths = {0, 1, FRONT - 1, FRONT, source.start - 1, source.start, len(data.parameters) - 1}
+        for length in sorted(lengths):
+            assert (ask(bounder, remade(data, slice(length), everything)) == 1).all()
+        for length in {0, len(data.words) - 1}:
+            assert (ask(bounder, remade(data, everything, slice(length))) == 1).all()
+        for name, dtype in (("parameters", wp.float32), ("words", wp.uint32)):
+            strided = remade(data, everything, everything)
+            twice = np.repeat(getattr(data, name).numpy(), 2)
+            setattr(strided, name, wp.array(twice, dtype=dtype, device=bounder.device)[::2])
+            assert (ask(bounder, strided) == 1).all()
+
+
+def test_data_of_an_equal_source_are_taken(device):
+    """Functions are compiled for sizes, not for values: bounders of the same sizes share one, each with its own data."""
+    grid, domain = shape("c"), domain_of(shape("c"))
+    small, large = (METHODS["bvh"].fit(grid, domain, leaves=leaves, device=device) for leaves in (2, 9))
+    assert large.func is small.func
+    assert len(large.data.parameters) != len(small.data.parameters)
+    assert (ask(small, large.data) == 0).all()
+    assert (ask(large, small.data) == 0).all()
+
+
+def test_the_front_survives_every_copy_and_tells_sources_apart():
+    sources = [source for query in QUERIES for source in bounders(query, "cpu")]
+    assert len({source.tag for source in sources}) == len({unique_name(source, "test") for source in sources})
+    assert len({source.tag for source in sources}) == len(sources)
+    for source in sources:
+        front = source.front(10**6, 3)
+        assert np.isfinite(front).all()  # a float that is not may change in a copy
+        assert front.view(np.uint32).tolist() == [*source.tag, 10**6, 3]
+
+
+def test_equal_sources_have_equal_names_however_they_are_written():
+    source = next(source for source in bounders("point", "cpu") if source.name == "voxels")
+    twin = type(source)(np.int64(source.ndim), False, shape=tuple(np.int64(r) for r in source.shape))
+    assert twin == source
+    assert identity(twin) == identity(source)
+    assert twin.tag == source.tag
+
+
+def test_a_kernel_keeps_its_function_when_the_module_gets_another(rng):
+    """README's kernel, twice in one module and with the same names; and the same with a global function, which is rebound."""
+    x = (rng.random((4000, 3)) * 1.2 - 0.1).astype(np.float32)
+    expected = [bounder.query(x).numpy() for bounder in rebound.BOUNDERS]
+    assert (expected[0] > expected[1]).any()
+    for kernels, kept in ((rebound.STEPS, True), (rebound.STEPS_BY_NAME, False)):
+        for _ in range(2):  # the second time from a module that was built anew
+            answers = [rebound.launch(k, b, x) for k, b in zip(kernels, rebound.BOUNDERS, strict=True)]
+            for answer, right in zip(answers, expected, strict=True):
+                assert (answer >= right).all()
+                assert (answer == right).all() or not kept
+            assert (answers[0].all()) == (not kept)
+            kernels[0].module.unload()

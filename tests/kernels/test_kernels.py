@@ -1,0 +1,163 @@
+"""Batch kernels and functions for other kernels against the plain twin, within the proven rounding bound and no more."""
+
+import numpy as np
+import pytest
+import warp as wp
+from asking import ask
+from bounding_shapes import SHAPES, device_coordinates, domain_points, object_points, random_bounder, random_mlp, shape
+
+from warp_bounding.bounders import METHODS
+from warp_bounding.kernels.functions import Data
+
+COUNTS = (1, 3, 511, 512, 513, 2049)
+NETWORKS = {  # hidden, activation, octaves; widths below, on and above multiples of the lanes
+    "one": ((7,), "sin", 0),
+    "two": ((25, 25), "relu", 0),
+    "three": ((13, 30, 5), "sin", 0),
+    "tanh": ((13, 25), "tanh", 0),
+    "encoded": ((8,), "relu", 1),
+    "encoded-sine": ((8, 17), "sin", 2),
+}
+
+
+def check_values(bounder, x: np.ndarray) -> None:
+    """``f`` of the batch kernel is within the bound of the exact ``f`` at the very coordinates that the device has."""
+    v, values = device_coordinates(bounder, x), bounder.values(x).numpy().astype(np.float64)
+    inside = (np.abs(v) <= bounder.domain.limit).all(axis=1)
+    away = np.inf if bounder.domain.time else -np.inf
+    in_time = np.abs(v[:, 0]) <= bounder.domain.limit[0]
+    assert (values[~inside & ~in_time] == away).all()
+    assert (values[~inside & in_time] == -np.inf).all()
+    assert inside.any()
+    v, values = v[inside], values[inside]
+    assert (values >= bounder.bound(v, v).lower - bounder.rounding_bound()).all()
+    if bounder.method == "voxels":  # which cells are near is itself decided in float32
+        twin = bounder.reference(v)
+        wider = np.stack([bounder.reference(v + s * 1e-5 / bounder.tensors["factor"]) for s in (-1, 1)]).max(axis=0)
+        assert (values <= np.maximum(twin, wider)).all()
+    else:
+        assert (np.abs(values - bounder.reference(v)) <= bounder.rounding_bound()).all()
+
+
+def check_func(bounder, x: np.ndarray) -> None:
+    """The function agrees with the batch kernel wherever rounding cannot matter, and both with the exact ``f``."""
+    v, error = device_coordinates(bounder, x), bounder.rounding_bound()
+    exact = bounder.reference(v)
+    inside = (np.abs(v) <= bounder.domain.limit).all(axis=1)
+    in_time = np.abs(v[:, 0]) <= bounder.domain.limit[0] if bounder.domain.time else np.ones(len(v), bool)
+    for quantile in (0.1, 0.5, 0.9):
+        bounder.freeze(float(np.float32(np.quantile(exact[inside], quantile))), None)
+        sure = np.abs(exact - float(bounder.threshold)) > error
+        expected = np.where(inside, exact >= bounder.threshold, ~in_time)
+        for answers in (ask(bounder, x), bounder.query(x).numpy()):
+            assert (answers == expected)[sure | ~inside].all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", ["c", "blob", "animated"])
+def test_batch_kernel_is_its_twin(method, name, device, rng):
+    bounder, grid = random_bounder(method, name, device), shape(name)
+    check_values(bounder, np.concatenate([domain_points(grid, 6000, rng), object_points(grid, rng, 1000)]))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_function_for_kernels_is_the_batch_kernel(method, device, rng):
+    bounder, grid = random_bounder(method, "blob", device), shape("blob")
+    x = np.concatenate([domain_points(grid, 4000, rng), object_points(grid, rng, 1000)])
+    if method != "voxels":
+        check_func(bounder, x)
+        return
+    bounder.freeze(0.5, None)
+    values = bounder.values(x).numpy()
+    certain = np.abs(values) <= 1
+    assert (bounder.query(x).numpy()[certain] == values[certain]).all()
+    assert (ask(bounder, x) == bounder.query(x).numpy()).mean() > 0.999  # cells within a rounding error of the reach
+    assert ask(bounder, object_points(grid, rng, 500)).all()
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+def test_networks_of_any_width(network, device, rng):
+    hidden, activation, octaves = NETWORKS[network]
+    grid = shape("blob")
+    x = domain_points(grid, 4000, rng)
+    for seed in range(3):
+        bounder = random_mlp(grid, hidden, activation, octaves, seed=seed, device=device)
+        check_values(bounder, x)
+    check_func(bounder, x)
+
+
+@pytest.mark.parametrize("method", ["aabb", "voxels", "mlp"])
+def test_answers_do_not_depend_on_the_number_of_queries(method, device, monkeypatch, rng):
+    bounder = random_bounder(method, "blob", device)
+    x = domain_points(shape("blob"), 40 * 512 + 77, rng)
+    x[::97] = np.nan
+    bounder.freeze(float(np.float32(np.median(bounder.reference(device_coordinates(bounder, x[1:90]))))), None)
+    monkeypatch.setenv("WARP_BOUNDING_THREADS", "2")
+    everything, values = bounder.query(x).numpy(), bounder.values(x).numpy()
+    assert everything[::97].all()
+    for count in COUNTS:
+        start = int(rng.integers(1000))
+        part = x[start : start + count]
+        assert (bounder.query(part).numpy() == everything[start : start + count]).all()
+        assert (bounder.values(part).numpy() == values[start : start + count]).all()
+
+
+def test_functions_of_two_bounders_in_one_kernel(device, rng):
+    grid = shape("blob")
+    first, second = random_bounder("sphere", "blob", device), random_bounder("aabb", "blob", device)
+    third = random_bounder("aabb", "blob", device)  # the same code, other numbers
+    third.freeze(0.2, None)
+    one, two, three = first.func, second.func, third.func
+
+    @wp.kernel(module="unique")
+    def both(a: Data, b: Data, c: Data, q: wp.array(dtype=wp.vec3), answer: wp.array(dtype=wp.int32)):
+        i = wp.tid()
+        answer[i] = 4 * int(one(a, q[i])) + 2 * int(two(b, q[i])) + int(three(c, q[i]))
+
+    x = domain_points(grid, 3000, rng)
+    answer = wp.zeros(len(x), dtype=wp.int32, device=device)
+    q = wp.array(x, dtype=wp.vec3, device=device)
+    wp.launch(both, len(x), [first.data, second.data, third.data, q], [answer], device=device)
+    expected = sum(w * ask(b, x).astype(int) for w, b in ((4, first), (2, second), (1, third)))
+    assert (answer.numpy() == expected).all()
+    assert len(np.unique(expected)) > 2
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_special_numbers(method, device):
+    bounder = random_bounder(method, "blob", device)
+    bounder.freeze(np.inf, None)  # whatever reaches the comparison is answered with no
+    special = np.float32([np.nan, np.inf, -np.inf])
+    x = np.full((9, 3), 0.5, np.float32)
+    x[np.arange(9), np.arange(9) % 3] = np.repeat(special, 3)
+    assert bounder.query(x).numpy().all()
+    assert ask(bounder, x).all()
+    assert (bounder.values(x).numpy() == np.inf).all()
+    far = np.float32([[3.4e38, 0.5, 0.5], [-3.4e38] * 3, [0.5, 0.5, 7.0], [1e-45, -1e-45, -7.0]])
+    assert not bounder.query(far).numpy().any()
+    assert not ask(bounder, far).any()
+
+
+def test_outside_of_time_the_answer_is_maybe(device):
+    bounder, grid = random_bounder("mlp", "animated", device), shape("animated")
+    bounder.freeze(np.inf, None)
+    inside = (grid.lower + grid.upper) / 2
+    t = np.float32([grid.lower[0], grid.upper[0]])
+    outside = np.concatenate([np.nextafter(t, np.float32([-np.inf, np.inf])), np.float32([-1e30, 1e30, np.nan])])
+    x = np.tile(inside, (len(outside), 1)).astype(np.float32)
+    x[:, 0] = outside
+    assert bounder.query(x).numpy().all()
+    assert ask(bounder, x).all()
+    assert not bounder.query(inside[None]).numpy().any()
+    x[:, 1] = 1e30  # far away in space, too: there is nothing to be certain of outside of time
+    assert bounder.query(x).numpy().all()
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_the_map_moves_points_by_less_than_delta(name, rng):
+    bounder, grid = random_bounder("aabb", name), shape(name)
+    exact = grid.lower + rng.random((5000, grid.ndim)) * (grid.upper - grid.lower)
+    computed = device_coordinates(bounder, exact.astype(np.float32))
+    assert (np.abs(computed - bounder.domain.to_local(exact)) <= bounder.domain.delta / 4).all()
+    space = slice(int(grid.time), None)
+    assert (np.abs(computed) <= bounder.domain.limit)[:, space].all()

@@ -1,0 +1,216 @@
+"""Relaxations hold with zero slack, and no order of summation leaves the rounding bound."""
+
+import numpy as np
+import pytest
+from bounding_shapes import random_bounder, random_mlp, shape
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from warp_bounding.activations.base import ACTIVATIONS
+from warp_bounding.arithmetic import sine, tanh32
+from warp_bounding.bounders import METHODS
+from warp_bounding.errors import BounderError
+from warp_bounding.networks.network import Network
+
+F32 = np.float32
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.sampled_from(list(ACTIVATIONS)), st.integers(0, 2**32 - 1), st.floats(-13, 3))
+def test_relaxation_of_one_neuron(activation, seed, exponent):
+    rng = np.random.default_rng(seed)
+    z = rng.normal(size=(1, 400)) * 10.0 ** rng.uniform(-3, 2)
+    width = 10.0**exponent * rng.uniform(0.1, 1, z.shape)
+    noise = width * rng.choice([0.0, 1e-3, 0.3, 3.0], z.shape)
+    slope, mean, bend, spread = ACTIVATIONS[activation].relax(z.copy(), width, noise)
+    for t in np.linspace(-1, 1, 41)[:, None]:
+        line = t * width
+        x = z + line + np.linspace(-1, 1, 21)[:, None] * noise
+        act = ACTIVATIONS[activation].value(x.astype(np.longdouble))
+        rounding = 8 * 2.0**-52 * (1 + np.abs(z) + width + noise)  # `bound` pays for it apart ("padding")
+        assert (np.abs(act - (slope * (x - z) + mean + bend * line**2)) <= spread + rounding).all()
+    assert (np.abs(slope) <= 1).all()
+
+
+def test_relaxations_are_tight_where_boxes_are_small():
+    z, width = np.linspace(-5, 5, 1001)[None], np.full((1, 1001), 1e-3)
+    assert ACTIVATIONS["sin"].relax(z, width, 0 * width)[3].max() < 1e-10
+    assert ACTIVATIONS["relu"].relax(z, width, 0 * width)[3].max() <= 2.5e-4
+    assert ACTIVATIONS["tanh"].relax(z, width, 0 * width)[3].max() < 2e-7
+
+
+def test_the_relaxation_of_tanh_is_tight_where_intervals_are_wide():
+    """Against the best band of all slopes, found by trying them."""
+    rng = np.random.default_rng(3)
+    z, width = rng.uniform(-4, 4, (1, 200)), 10.0 ** rng.uniform(-2, 1, (1, 200))
+    x = z + np.linspace(-1, 1, 401)[:, None] * width
+    act, best = np.tanh(x), np.full(200, np.inf)
+    for slope in np.concatenate([np.zeros(1), np.geomspace(1e-4, 1, 400)]):
+        best = np.minimum(best, np.ptp(act - slope * x, axis=0) / 2)
+    ratio = ACTIVATIONS["tanh"].relax(z, width, 0 * width)[3][0] / best
+    assert np.median(ratio) < 1.2
+    assert ratio.max() < 2.5
+
+
+def box_samples(lower, upper, rng, count=96):
+    """``(count, N, n)`` points of boxes: random ones, corners, faces, the ends."""
+    u = rng.random((count, *lower.shape))
+    u[: count // 2] = np.where(rng.random(u[: count // 2].shape) < 0.7, np.round(u[: count // 2]), u[: count // 2])
+    u[0], u[1], u[2] = 0, 1, 0.5
+    return np.clip(lower + u * (upper - lower), lower, upper)
+
+
+def check_bound(bounder, rng, boxes=400):
+    limit = bounder.domain.limit.astype(np.float64)
+    center = rng.uniform(-limit, limit, (boxes, bounder.ndim))
+    radius = 10.0 ** rng.uniform(-12, 0, (boxes, 1)) * rng.choice([0.0, 1e-3, 1.0], center.shape, p=[0.1, 0.1, 0.8])
+    lower, upper = np.maximum(center - radius, -limit), np.minimum(center + radius, limit)
+    bounds = bounder.bound(lower, upper)
+    assert np.isfinite(bounds.lower).all()
+    samples = box_samples(lower, upper, rng)
+    values = bounder.reference(samples.reshape(-1, bounder.ndim)).reshape(len(samples), boxes)
+    assert (values >= bounds.lower).all()
+    assert ((bounds.axis >= 0) & (bounds.axis < bounder.ndim)).all()
+    assert (bounds.point >= lower).all()
+    assert (bounds.point <= upper).all()
+    # A point is bounded by its own value, up to float64.
+    point = bounder.bound(center, center).lower
+    exact = bounder.reference(center)
+    assert (point <= exact).all()
+    if bounder.method != "voxels":
+        assert (exact - point).max() < 1e-6 * (1 + np.abs(exact).max())
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", ["line", "c", "mesh", "animated", "five"])
+def test_bounds_hold_on_random_boxes(method, name, rng):
+    check_bound(random_bounder(method, name), rng)
+
+
+@pytest.mark.parametrize("hidden", [(7,), (25, 25), (13, 30, 5), (6, 6, 6, 6)], ids=str)
+@pytest.mark.parametrize("activation", ACTIVATIONS)
+@pytest.mark.parametrize("octaves", [0, 2])
+def test_bounds_of_networks_hold_on_random_boxes(hidden, activation, octaves, rng):
+    for seed in range(3):
+        check_bound(random_mlp(shape("blob"), hidden, activation, octaves, seed=seed, gain=6.0), rng, 200)
+
+
+def test_noise_does_not_shrink_where_the_sine_falls():
+    """Two neurons that fall and rise add their noise; were it signed, it would cancel, and the bound would be wrong."""
+    first = (np.array([[1.4]], F32), np.array([np.pi / 2], F32))  # at its top: no slope, only noise
+    second = (np.array([[1.0], [-1.0]], F32), np.array([np.pi, 0.0], F32) - F32([0.5, -0.5]))
+    third = (
+        np.array([[1.0, 1.0]], F32),
+        np.array([np.pi / 2], F32),
+    )  # at a top again: it falls as far as the noise goes
+    network = Network([first, second, third, (np.array([[1.0]], F32), np.zeros(1, F32))], "sin", None, np.ones(1))
+    for sign in (1, -1):
+        network.output = type(network.output)(np.array([[float(sign)]]), np.zeros(1), "none")
+        network._packed[-1] = sign
+        least = network(np.linspace(-1, 1, 10_001)[:, None]).min()
+        for bound in (network.bound, network.bound_plain):
+            assert least >= bound(-np.ones((1, 1)), np.ones((1, 1)))[0][0]
+
+
+@pytest.mark.parametrize(
+    ("hidden", "activation", "octaves"),
+    [((25, 25), "sin", 0), ((13, 30, 5), "relu", 0), ((13, 30, 5), "sin", 2), ((13, 30, 5), "tanh", 0)],
+)
+def test_fused_kernel_is_its_plain_twin(hidden, activation, octaves, rng):
+    network = random_mlp(shape("blob"), hidden, activation, octaves).network
+    lower = rng.uniform(-1, 0.8, (1000, 3))
+    upper = np.minimum(lower + 10.0 ** rng.uniform(-12, 0, (1000, 1)), 1.0)
+    bounds = network.bound(lower, upper)
+    least, axis, corner = bounds.lower, bounds.axes, bounds.point
+    plain, plain_axis, plain_corner = network.bound_plain(lower, upper)
+    center, radius = (lower + upper) / 2, (upper - lower) / 2
+    for u in rng.uniform(-1, 1, (20, 1000, 3)):
+        linear = bounds.level + (bounds.slope * radius * u).sum(axis=1)
+        assert (network(center + radius * u) >= linear - 1e-12 * (1 + np.abs(linear))).all()
+    assert np.abs(least - plain).max() < 1e-7 * (1 + np.abs(plain).max())
+    assert np.abs(bounds.value - network(corner)).max() < 1e-9
+    assert (bounds.boxes == np.stack([lower, upper], axis=1)).all()
+    assert (axis[0] == plain_axis).mean() > 0.95  # boxes without width have no best axis
+    assert (corner == plain_corner).all(axis=1).mean() > 0.98
+    for count in (0, 1, 7, 8, 9, 63, 65):
+        assert (network.bound(lower[:count], upper[:count])[0] == least[:count]).all()
+
+
+def summed(products, rng, how):
+    """Sum float32 products (rows) in one of several orders, one rounding at a time."""
+    products = products.astype(F32)
+    if how == "pairs":
+        while products.shape[1] > 1:
+            if products.shape[1] % 2:
+                products = np.concatenate([products, np.zeros_like(products[:, :1])], axis=1)
+            products = products[:, ::2] + products[:, 1::2]
+        return products[:, 0]
+    order = {"forwards": np.arange(products.shape[1]), "backwards": np.arange(products.shape[1])[::-1]}.get(how)
+    total = np.zeros(len(products), F32)
+    for k in rng.permutation(products.shape[1]) if order is None else order:
+        total = total + products[:, k]
+    return total
+
+
+def float32_network(mlp, v, rng, how):
+    """The network in float32: "fused" keeps every product exact, as a fused multiply-add does."""
+    h = v.astype(F32)
+    if mlp.features:
+        h = np.concatenate(
+            [h, sine(float32_layer(h, mlp.tensors["encoding.weight"], mlp.tensors["encoding.bias"], rng, how))], axis=1
+        )
+    for index in range(len(mlp.hidden) + 1):
+        z = float32_layer(h, mlp.tensors[f"layers.{index}.weight"], mlp.tensors[f"layers.{index}.bias"], rng, how)
+        h = {"sin": sine, "tanh": tanh32, "relu": lambda z: np.maximum(z, F32(0))}[mlp.activation](z)
+    return z[:, 0].astype(np.float64)
+
+
+def float32_layer(h, weight, bias, rng, how):
+    columns = []
+    for w, b in zip(weight, bias, strict=True):
+        if how == "fused":
+            total = np.full(len(h), b, F32)
+            for k in range(len(w)):
+                total = (total.astype(np.float64) + h[:, k].astype(np.float64) * float(w[k])).astype(F32)
+            columns.append(total)
+        else:
+            columns.append(summed(np.concatenate([h * w, np.full((len(h), 1), b)], axis=1), rng, how))
+    return np.stack(columns, axis=1)
+
+
+@pytest.mark.parametrize("how", ["forwards", "backwards", "random", "pairs", "fused"])
+@pytest.mark.parametrize(
+    ("hidden", "activation", "octaves"),
+    [((25, 25), "sin", 0), ((13, 30, 5), "relu", 0), ((8,), "sin", 2), ((25, 25), "tanh", 0)],
+)
+def test_rounding_bound_covers_any_order(how, hidden, activation, octaves, rng):
+    for seed in range(3):
+        mlp = random_mlp(shape("blob"), hidden, activation, octaves, seed=seed)
+        limit = mlp.domain.limit.astype(np.float64)
+        v = rng.uniform(-limit, limit, (1500, 3)).astype(F32).astype(np.float64)
+        error = np.abs(float32_network(mlp, v, rng, how) - mlp.reference(v))
+        assert error.max() <= mlp.rounding_bound()
+
+
+def weights(*layers):
+    return [(np.array(w, F32), np.array(b, F32)) for w, b in layers]
+
+
+def test_sines_beyond_the_certified_range_are_refused():
+    with pytest.raises(BounderError, match="certified up to"):
+        Network(weights(([[5000.0]], [0.0]), ([[1.0]], [0.0])), "sin", None, np.ones(1))
+    with pytest.raises(BounderError, match="certified up to"):
+        Network(weights(([[1.0]], [5000.0]), ([[1.0]], [0.0])), "sin", None, np.ones(1))
+
+
+def test_networks_that_could_overflow_are_refused():
+    """The exact f is moderate here; in float32 the hidden sums would overflow, and -inf would be a false no."""
+    layers = weights(([[1e30]], [0.0]), ([[-1e30], [1e30]], [0.0, 0.0]), ([[1e-37, 1e-37]], [0.0]))
+    with pytest.raises(BounderError, match="overflow"):
+        Network(layers, "relu", None, np.ones(1))
+
+
+def test_weights_that_are_subnormal_are_paid_for():
+    """A device that flushes the factor to zero loses 1e-39 * 1e8, far more than a subnormal result."""
+    layers = weights(([[1e8]], [0.0]), ([[1e-39]], [0.0]))
+    assert Network(layers, "relu", None, np.ones(1)).rounding >= 1e-31

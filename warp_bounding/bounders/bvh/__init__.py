@@ -1,0 +1,1 @@
+"""Bounding volume hierarchies: a tree of boxes around the object's cells."""

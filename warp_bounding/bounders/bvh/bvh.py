@@ -1,0 +1,291 @@
+"""``bvh``: a hierarchy of axis-aligned boxes over the object's cells (the paper's BVH), built by ``bvh_build``.
+
+Nodes lie in depth-first order, each with the index behind its subtree: a query that misses a box goes on there, one that
+hits it goes on with the next node, and no stack is needed (Smits 1998). Lanes walk together and wait where they
+have nothing to ask. Points and boxes are only compared, so they cannot round; a ray is clipped by each box (Kay and Kajiya
+1986), a plane is compared with the box's two supports, both with room for their rounding. f is 0 where a leaf is hit, else -1.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from warp_bounding.arithmetic import TINY, gamma, round_down, round_up
+from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.bounders.bvh.build import build, inner_nodes
+from warp_bounding.bounders.neural.mlp import HIDDEN
+from warp_bounding.bounders.options import Option, whole
+from warp_bounding.bounders.slabs.regions import ROOM, clip
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.native_map import GUARD, PARALLEL
+from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.kernels.source import Lanes, Source
+
+__all__ = ["Bvh", "BvhSource", "leaves_for_bytes"]
+
+LEAVES = 64
+BUILDERS = ("tight", "median")
+FRONT = 2  # numbers before the nodes: how many there are, and a plane's room
+
+
+def leaves_for_bytes(nbytes: int, ndim: int) -> int:
+    """The most leaves of a hierarchy whose ``nbytes`` are at most so many, for any kind of query; at least 1.
+
+    Args:
+        nbytes: Memory, such as a network's ``Bounder.nbytes``.
+        ndim: Dimension of the object.
+    """
+    nodes = (nbytes // 4 - (4 * ndim + 1 + FRONT)) // (2 * ndim + 1)
+    low, high = 1, max(nodes, 1)
+    while low < high:
+        middle = (low + high + 1) // 2
+        low, high = (middle, high) if middle + inner_nodes(middle) <= nodes else (low, middle - 1)
+    return low
+
+
+@dataclass(frozen=True)
+class BvhSource(Source):
+    """Native code of the traversal. Numbers: number of nodes, a plane's room; per node low, high and past."""
+
+    packed = True
+
+    def body(self, lanes: Lanes) -> str:
+        """See ``Source.body``."""
+        lines, hit = getattr(self, f"_{self.query}")()
+        node = f"const float* b = w + {FRONT} + i * {2 * self.ndim + 1}; const int past = (int)b[{2 * self.ndim}];"
+        head = "{ const V none = {};" if lanes.vector else "{ const V none = 0.0f;"
+        start = [head, *lines, "const int count = (int)w[0]; int i = 0;"]
+        if not lanes.vector:
+            return "\n".join(
+                [
+                    *start,
+                    f"f = -1.0f; while (i < count) {{ {node} {hit}",
+                    "if (hit && past == i + 1) { f = 0.0f; break; } i = hit ? i + 1 : past; } }",
+                ]
+            )
+        return "\n".join(
+            [
+                *start,
+                f"I next = {{}}, found = {{}}; while (i < count) {{ {node} {hit} hit = hit & (next <= i);",
+                "if (past == i + 1) { found = found | hit; next = hit ? (next & 0) + count : next; i = past;",
+                "if (__builtin_reduce_and(found)) break; }",
+                "else { next = ((next <= i) & ~hit) ? (next & 0) + past : next; i = __builtin_reduce_or(hit) ? i + 1 : past; } }",
+                "f = found ? none : none - 1.0f; }",
+            ]
+        )
+
+    def _point(self) -> tuple[list[str], str]:
+        n = self.ndim
+        return [], "auto hit = " + " & ".join(f"(v[{k}] >= b[{k}]) & (v[{k}] <= b[{n + k}])" for k in range(n)) + ";"
+
+    def _box(self) -> tuple[list[str], str]:
+        n = self.ndim
+        return [], "auto hit = " + " & ".join(
+            f"(v[{n + k}] >= b[{k}]) & (v[{k}] <= b[{n + k}])" for k in range(n)
+        ) + ";"
+
+    def _plane(self) -> tuple[list[str], str]:
+        n = self.ndim
+        lines = [f"const V p{k} = v[{k}] > none ? v[{k}] : none, g{k} = v[{k}] - p{k};" for k in range(n)]
+        lines.append(f"const V under = v[{n}] - w[1], over = v[{n}] + w[1];")
+        high = " + ".join(f"p{k} * b[{n + k}] + g{k} * b[{k}]" for k in range(n))
+        low = " + ".join(f"p{k} * b[{k}] + g{k} * b[{n + k}]" for k in range(n))
+        return lines, f"const V most = {high}, least = {low}; auto hit = (under <= most) & (over >= least);"
+
+    def _ray(self) -> tuple[list[str], str]:
+        n = self.ndim
+        lines = []
+        for k in range(n):
+            lines.append(f"V slow{k}; {{ {clip.speed(f'v[{n + k}]')} slow{k} = slow; }}")
+        walk = "V enter = none, leave = none + 1.0f;"
+        for k in range(n):
+            walk += f"{{ {clip.ends(f'b[{k}]', f'b[{n + k}]', f'v[{k}]', f'slow{k}')}"
+            walk += " enter = near > enter ? near : enter; leave = away < leave ? away : leave; }"
+        return lines, f"{walk} auto hit = enter <= leave + {GUARD.hex()}f;"
+
+
+class Bvh(Bounder):
+    """Hierarchy of boxes.
+
+    Tensors: ``low`` and ``high`` ``(M, n)`` and ``past`` ``(M,)``, whole numbers: the index of the node behind the subtree.
+    """
+
+    method = "bvh"
+    options = (
+        Option("leaves", None, "leaf boxes; by default as many as take a network's memory", whole("leaves", 1), int),
+        replace(HIDDEN, help="of the network whose memory sets the leaves"),
+    )
+
+    @classmethod
+    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
+        """See ``Bounder``."""
+        return space == "geometric" and (query == "point" or (query in ("ray", "plane", "box") and ndim >= 2))
+
+    @classmethod
+    def fit(
+        cls,
+        grid: IndicatorGrid,
+        domain: Domain | RegionDomain,
+        *,
+        leaves: int = LEAVES,
+        builder: str = "tight",
+        seconds: float = math.inf,
+        device: str | None = None,
+    ) -> "Bvh":
+        """Arrange a grid's occupied cells in boxes.
+
+        Args:
+            grid: The object.
+            domain: Its domain, or that of a region.
+            leaves: Number of leaf boxes (fewer where the object consists of fewer); see ``leaves_for_bytes``.
+            builder: ``"tight"``: boxes of little volume; ``"median"``: halves in Morton order.
+            seconds: Time for the ``tight`` boxes; the fewer there are, the looser.
+            device: Warp device.
+
+        Raises:
+            BounderError: If ``leaves`` or ``builder`` is none of these.
+        """
+        if not isinstance(leaves, int) or leaves < 1:
+            raise BounderError(f"leaves must be a positive whole number, got {leaves!r}")
+        if builder not in BUILDERS:
+            raise BounderError(f"builder must be one of {', '.join(BUILDERS)}, got {builder!r}")
+        tree = build(grid, leaves, builder, seconds)
+        lower, upper = domain.base.widened(grid.position(tree.first - 0.5), grid.position(tree.last + 0.5))
+        low = np.nextafter(round_down(lower - 2 * ROOM), np.float32(-np.inf))
+        high = np.nextafter(round_up(upper + 2 * ROOM), np.float32(np.inf))
+        return cls(domain, {"low": low, "high": high, "past": tree.past.astype(np.float32)}, {}, device)
+
+    def __init__(
+        self, domain: Domain | RegionDomain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None
+    ):
+        """See ``Bounder``; raises ``BounderError`` where the tensors are no hierarchy."""
+        super().__init__(domain, tensors, sizes, device)
+        n, count = domain.space_ndim, len(self.tensors.get("past", ()))
+        expected = {"low": (count, n), "high": (count, n), "past": (count,)}
+        found = {k: t.shape for k, t in self.tensors.items()}
+        if found != expected or not 0 < count < 2**24 or domain.space != "geometric":
+            raise BounderError(f"bvh: expected tensors of M nodes in {n}D, {expected}, got {found}")
+        self.past = self.tensors["past"].astype(np.int64)
+        parent = self._parents()
+        low, high = self.tensors["low"], self.tensors["high"]
+        if (low < low[parent]).any() or (high > high[parent]).any() or (low > high).any():
+            raise BounderError("bvh: a box does not hold its children")
+        if not max(np.abs(low).max(), np.abs(high).max()) < 2.0**40:
+            raise BounderError("bvh: numbers are so large that float32 products may overflow")
+
+    def _parents(self) -> np.ndarray:
+        """Index of each node's parent (the root's: its own), if ``past`` describes a tree."""
+        past, count = self.tensors["past"], len(self.tensors["past"])
+        parent, stack = np.zeros(count, dtype=np.int64), []
+        sound = past[0] == count
+        for index, behind in enumerate(past.tolist()):
+            while stack and past[stack[-1]] <= index:
+                stack.pop()
+            sound = sound and behind == int(behind) and index < behind <= (past[stack[-1]] if stack else count)
+            if not sound or (index and not stack):
+                raise BounderError("bvh: the nodes' order is no tree's")
+            parent[index] = stack[-1] if stack else 0
+            stack.append(index)
+        return parent
+
+    @property
+    def leaves(self) -> np.ndarray:
+        """Indices of the leaf nodes."""
+        return np.flatnonzero(self.past == np.arange(len(self.past)) + 1)
+
+    @cached_property
+    def volume(self) -> "Bvh | None":
+        """See ``Bounder``."""
+        if self.query_kind == "point":
+            return None
+        return type(self)(self.domain.base, self.tensors, self.sizes, self._device)
+
+    @property
+    def source(self) -> BvhSource:
+        """See ``Bounder``."""
+        return BvhSource(self.ndim, self.domain.time, query=self.query_kind, space=self.domain.space)
+
+    def weights(self) -> np.ndarray:
+        """See ``Bounder``."""
+        room = 0.0
+        if self.query_kind == "plane":  # products and sums of 2 n numbers, one more sum; entries of m are at most 1
+            n = self.ndim
+            corner = np.maximum(np.abs(self.tensors["low"]), np.abs(self.tensors["high"])).astype(np.float64)
+            size = corner.sum(axis=1).max() + float(self.domain.limit[-1])
+            room = float(round_up(gamma(2 * n + 4) * size * (1 + 1e-9) + 16 * (n + 1) * (1 + size) * TINY))
+        nodes = np.concatenate([self.tensors["low"], self.tensors["high"], self.tensors["past"][:, None]], axis=1)
+        return np.concatenate([[np.float32(len(nodes)), np.float32(room)], nodes.reshape(-1)]).astype(np.float32)
+
+    @property
+    def nbytes(self) -> int:
+        """See ``Bounder``."""
+        return super().nbytes + 4 * FRONT
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        """See ``Bounder``; without room for rounding. Float64 rounds monotonically: what touches a box touches those that hold it."""
+        v = np.asarray(v, dtype=np.float64)
+        low, high = self.tensors["low"].astype(np.float64), self.tensors["high"].astype(np.float64)
+        met, count, index = np.zeros(len(v), dtype=bool), len(self.past), 0
+        stack = [(count, np.arange(len(v)))]
+        while index < count:
+            while stack[-1][0] <= index:
+                stack.pop()
+            asked, past = stack[-1][1], int(self.past[index])
+            asked = asked[~met[asked]]
+            asked = asked[self._touches(v[asked], low[index], high[index])]
+            if past == index + 1:
+                met[asked] = True
+            if len(asked):
+                stack.append((past, asked))
+            index = index + 1 if len(asked) else past
+        return np.where(met, 0.0, -1.0)
+
+    def _touches(self, v: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Whether queries touch a box."""
+        n = self.ndim
+        if self.query_kind == "point":
+            return ((v >= low) & (v <= high)).all(axis=1)
+        if self.query_kind == "box":
+            return ((v[:, n:] >= low) & (v[:, :n] <= high)).all(axis=1)
+        if self.query_kind == "plane":
+            ends = np.sort(np.stack([v[:, :n] * low, v[:, :n] * high]), axis=0).sum(axis=2)
+            return (ends[0] <= v[:, n]) & (v[:, n] <= ends[1])
+        cross = np.where(np.abs(v[:, n:]) > PARALLEL, v[:, n:], PARALLEL)
+        ends = np.sort(np.stack([(low - v[:, :n]) / cross, (high - v[:, :n]) / cross]), axis=0)
+        return np.maximum(ends[0].max(axis=1), 0) <= np.minimum(ends[1].min(axis=1), 1)
+
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """See ``Bounder``: 0 where one leaf, and so all above it, holds the box and has ``ROOM`` to spare, else -1.
+
+        Raises:
+            BounderError: For regions.
+        """
+        if self.volume is not None:
+            raise BounderError(f"{self.method}: {self.query_kind} queries are proven by their volume")
+        low, high = self.tensors["low"].astype(np.float64), self.tensors["high"].astype(np.float64)
+        held, count, index = np.zeros(len(lower), dtype=bool), len(self.past), 0
+        stack = [(count, np.arange(len(lower)))]
+        while index < count:
+            while stack[-1][0] <= index:
+                stack.pop()
+            boxes = stack[-1][1]
+            # Strictly: where float64 loses ROOM, its numbers are farther apart than that.
+            within = (low[index] < lower[boxes] - ROOM) & (high[index] > upper[boxes] + ROOM)
+            boxes = boxes[within.all(axis=1) & ~held[boxes]]
+            past = int(self.past[index])
+            if past == index + 1:
+                held[boxes] = True
+            elif len(boxes):
+                stack.append((past, boxes))
+                past = index + 1
+            index = past
+        center = (lower + upper) / 2
+        return BoxBounds(np.where(held, 0.0, -1.0), np.argmax(upper - lower, axis=1), center, self.reference(center))
+
+    def rounding_bound(self) -> float:
+        """See ``Bounder``; none: what rounds is paid for by room around the boxes, and f is 0 or -1."""
+        return 0.0

@@ -1,0 +1,178 @@
+"""Ellipsoids ``|A v + b|^2 <= r^2``. What ``sphere``, ``ellipsoid`` and ``oriented-ellipsoid`` have in common.
+
+``f(v) = -|A v + b|^2`` is concave, so its minimum over a box is attained at a corner. The three methods minimise a
+size over a family (``enclosing``); their rounding is paid for in the threshold, which the proof sets. Rays, planes and
+boxes are tested against the same ellipsoid (``quadric_regions``), with the same threshold but for rounding.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from warp_bounding.arithmetic import UNIT64, gamma
+from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.bounders.ellipsoids.regions import (
+    QuadricBox,
+    QuadricPlane,
+    QuadricRay,
+    quadric_region,
+    row_sizes,
+    squares_error,
+)
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.errors import BounderError
+from warp_bounding.geometry.enclosing_ellipsoid import enclosing_ellipsoid
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.kernels.source import Lanes, Source
+
+__all__ = ["QuadricBounder", "QuadricSource"]
+
+MOST_CORNER_DIMENSIONS = 8  # up to here a box's corners are enumerated; beyond, rows are bounded one by one
+
+
+@dataclass(frozen=True)
+class QuadricSource(Source):
+    """Native code of the ellipsoid test; a diagonal A costs n products instead of n^2.
+
+    Numbers: ``b[n]``, then A's diagonal, or A in row order; of regions, see ``quadric_regions``.
+    """
+
+    diagonal: bool
+
+    def body(self, lanes: Lanes) -> str:
+        """See ``Source.body``."""
+        if not self.tested_as_point:
+            region = {"ray": QuadricRay, "plane": QuadricPlane, "box": QuadricBox}[self.query]
+            lines = region.body(self.ndim, self.diagonal)
+            return "\n".join(["{ const V none = {};" if lanes.vector else "{ const V none = 0.0f;", *lines, "}"])
+        n = self.coordinates
+        lines = ["f = v[0] * 0.0f;"]
+        for i in range(n):
+            terms = (
+                f"v[{i}] * w[{n + i}]"
+                if self.diagonal
+                else " + ".join(f"v[{j}] * w[{n + i * n + j}]" for j in range(n))
+            )
+            lines.append(f"{{ const V y = {terms} + w[{i}]; f = f - y * y; }}")
+        return "\n".join(lines)
+
+
+class QuadricBounder(Bounder):
+    """Base of the ellipsoid methods: they differ in the family that they minimise over.
+
+    Tensors: ``matrix`` ``(n, n)``, or ``(n,)`` where diagonal, and ``offset`` ``(n,)``, in the coordinates of points.
+    """
+
+    family = "determinant"
+
+    @classmethod
+    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
+        """See ``Bounder``."""
+        return query == "point" or (query in ("ray", "plane", "box") and ndim >= 2)
+
+    @classmethod
+    def fit(cls, grid: IndicatorGrid, domain: Domain | RegionDomain, *, device: str | None = None) -> "QuadricBounder":
+        """The smallest member of the family around a grid's occupied cells, found in object space."""
+        matrix, center = enclosing_ellipsoid(grid, cls.family)
+        local = matrix / domain.scale.astype(np.float64)
+        offset = -matrix @ (center - domain.center)
+        tensors = {"matrix": (local if cls.family == "determinant" else np.diag(local)).astype(np.float32)}
+        return cls(domain, tensors | {"offset": offset.astype(np.float32)}, {}, device)
+
+    def __init__(
+        self, domain: Domain | RegionDomain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None
+    ):
+        """See ``Bounder``; raises ``BounderError`` where the tensors do not fit together."""
+        super().__init__(domain, tensors, sizes, device)
+        n = domain.ndim if self.volume_domain is None else self.volume_domain.ndim
+        expected = {"matrix": (n, n) if self.family == "determinant" else (n,), "offset": (n,)}
+        if {k: t.shape for k, t in self.tensors.items()} != expected:
+            found = {k: t.shape for k, t in self.tensors.items()}
+            raise BounderError(f"{self.method}: expected tensors {expected}, got {found}")
+        if self._region is not None:
+            self.volume.check_range()
+        self.check_range()
+
+    @property
+    def volume_domain(self) -> Domain | None:
+        """The domain of points, where regions are tested against the ellipsoid."""
+        tested = self.query_kind != "point" and self.domain.space == "geometric"
+        return self.domain.base if tested else None
+
+    @cached_property
+    def volume(self) -> "QuadricBounder | None":
+        """See ``Bounder``."""
+        domain = self.volume_domain
+        return None if domain is None else type(self)(domain, self.tensors, self.sizes, self._device)
+
+    @cached_property
+    def _region(self) -> QuadricRay | QuadricPlane | QuadricBox | None:
+        if self.volume_domain is None:
+            return None
+        offset = self.tensors["offset"].astype(np.float64)
+        return quadric_region(self.matrix, offset, self.tensors["matrix"].ndim == 1, self.domain)
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """``(n, n)`` float64, A."""
+        matrix = self.tensors["matrix"].astype(np.float64)
+        return matrix if matrix.ndim == 2 else np.diag(matrix)
+
+    @property
+    def source(self) -> QuadricSource:
+        """See ``Bounder``."""
+        diagonal = self.tensors["matrix"].ndim == 1
+        return QuadricSource(self.ndim, self.domain.time, diagonal, query=self.query_kind, space=self.domain.space)
+
+    def weights(self) -> np.ndarray:
+        """See ``Bounder``."""
+        if self._region:
+            return self._region.weights(self.tensors)
+        return np.concatenate([self.tensors["offset"], self.tensors["matrix"].reshape(-1)])
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        """See ``Bounder``; for regions, an upper bound of the points' f on them (see ``quadric_regions``)."""
+        if self._region:
+            return self._region.reference(np.asarray(v, dtype=np.float64))
+        y = np.asarray(v, dtype=np.float64) @ self.matrix.T + self.tensors["offset"]
+        return -(y * y).sum(axis=1)
+
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """See ``Bounder``; exact up to float64 rounding where a box's corners can be enumerated.
+
+        Raises:
+            BounderError: For regions that are tested against the ellipsoid.
+        """
+        if self._region:
+            raise BounderError(f"{self.method}: {self.query_kind} queries are proven by their volume")
+        n, a, b = self.domain.ndim, self.matrix, self.tensors["offset"].astype(np.float64)
+        center, half = (lower + upper) / 2, (upper - lower) / 2
+        if n <= MOST_CORNER_DIMENSIONS and self.family == "determinant":
+            least, point = np.full(len(lower), np.inf), lower.copy()
+            for corner in np.ndindex((2,) * n):
+                v = np.where(corner, upper, lower)
+                value = -((v @ a.T + b) ** 2).sum(axis=1)
+                point = np.where((value < least)[:, None], v, point)
+                least = np.minimum(least, value)
+        else:  # each row on its own; exact where A is diagonal
+            least = -((np.abs(center @ a.T + b) + half @ np.abs(a).T) ** 2).sum(axis=1)
+            point = np.where((center @ a.T + b) @ a > 0, upper, lower)
+        size = (np.abs(a) @ np.maximum(np.abs(lower), np.abs(upper)).max(axis=0) + np.abs(b)) ** 2
+        rounding = gamma(4 * n + 16, UNIT64) * size.sum()
+        return BoxBounds(least - rounding, np.argmax(half, axis=1), point, self.reference(point))
+
+    @property
+    def nbytes(self) -> int:
+        """See ``Bounder``: what a region's test reads follows from the tensors, but it is this that is read."""
+        if self._region is None:
+            return super().nbytes
+        return 4 * (len(self.domain.header) + 1 + len(self.domain.extra) + len(self.weights()))
+
+    def rounding_bound(self) -> float:
+        """See ``Bounder``: n rows of n products, n squares, their sum."""
+        if self._region:
+            return self._region.error
+        limit = self.domain.limit.astype(np.float64)
+        return squares_error(*row_sizes(self.matrix, self.tensors["offset"].astype(np.float64), limit))

@@ -1,0 +1,233 @@
+"""Rays, planes and boxes against an ellipsoid, where ``f(y) = -|A y + b|^2`` for points: f of a region is the largest on it.
+
+* Ray: the segment's nearest point in the space of ``z = A y + b``, where the ellipsoid is a ball. Exact.
+* Plane: ``m . y = c`` is ``(B^T m) . z = c - m . centre`` with ``B = A^-1``; its distance from 0 squared. Exact.
+* Box: exact where A is diagonal. Otherwise a few steps of coordinate descent from the point nearest the centre; the plane through
+  what they find, at right angles to it in the space of z, then bounds the box's distance from below (Cauchy-Schwarz). That holds
+  whatever the steps found, so their rounding does not matter. Conservative by what they leave: little.
+
+The results are upper bounds of the points' f on the region, less ``error``; so a point's threshold serves for all of them.
+"""
+
+import numpy as np
+
+from warp_bounding.arithmetic import TINY, UNIT64, gamma
+from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.errors import BounderError
+from warp_bounding.geometry.checked_inverse import checked_inverse
+
+__all__ = ["QuadricBox", "QuadricPlane", "QuadricRay", "quadric_region"]
+
+SMALLEST = 2.0**-80  # of |A w|^2: a segment as short as that counts as its origin
+SHORTEST = 2.0**-40
+SWEEPS = 2  # of coordinate descent over a box
+
+
+def quadric_region(matrix: np.ndarray, offset: np.ndarray, diagonal: bool, domain: RegionDomain):
+    """What tests this kind of region against the ellipsoid; A ``(n, n)`` and b ``(n,)`` float64, exact."""
+    return {"ray": QuadricRay, "plane": QuadricPlane, "box": QuadricBox}[domain.query](matrix, offset, diagonal, domain)
+
+
+def row(v: str, n: int, i: int, diagonal: bool) -> str:
+    """C text of row i of A times the numbers ``v``, a format such as ``v[{}]``."""
+    if diagonal:
+        return f"{v.format(i)} * w[{n + i}]"
+    return " + ".join(f"{v.format(j)} * w[{n + i * n + j}]" for j in range(n))
+
+
+def row_sizes(matrix: np.ndarray, offset: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Per row of ``A y + b``, for ``|y| <= limit``: its largest size, and what float32 makes of it at most."""
+    n = len(matrix)
+    size = np.abs(matrix) @ limit + np.abs(offset)
+    flushed = (2 * n + 2 + np.abs(matrix).sum(axis=1) + limit.sum()) * TINY  # a factor or a result set to zero
+    return size, gamma(n + 2) * size + flushed
+
+
+def squares_error(size: np.ndarray, error: np.ndarray) -> float:
+    """Error of a sum of squares of numbers up to ``size`` that are off by ``error``."""
+    n = len(size)
+    squares = (size + error) ** 2
+    flushed = (2 * n + 2 + 2 * size.sum()) * TINY
+    return float((((2 * size + error) * error).sum() + gamma(n + 2) * squares.sum() + flushed) * (1 + 1e-9))
+
+
+class QuadricRay:
+    """The nearest point of a segment; numbers: b, A."""
+
+    def __init__(self, matrix: np.ndarray, offset: np.ndarray, diagonal: bool, domain: RegionDomain):
+        n = len(offset)
+        limit = domain.limit.astype(np.float64)
+        size, error = row_sizes(matrix, offset, limit[:n])
+        fastest, _ = row_sizes(matrix, np.zeros(n), limit[n:])
+        if not fastest.sum() < 2.0**40:
+            raise BounderError(f"a ray of length {domain.length:g} is so long that float32 products may overflow")
+        # At a point a + t w in the domain, t |w| is at most twice the limit: so is what the speed's rounding moves it by, however
+        # long the ray is. The computed origin and speed are a segment on which t is then ``late``: quotient and sums make t |speed|
+        # wrong by a few roundings of |origin|, and that enters squared.
+        largest = np.linalg.norm(size)
+        flushed = 8 * (n + 1) ** 2 * (1 + largest + fastest.sum() + np.abs(matrix).sum()) ** 2 * TINY
+        moved = np.linalg.norm(error + 2 * gamma(n + 2) * size) + flushed
+        late = gamma(4 * n + 16) * (largest + moved) + flushed / SHORTEST
+        near = largest + moved + late + 2 * SHORTEST  # of the point that is found, where another is at ``largest``
+        most = ((near - late) ** 2 + late**2) ** 0.5
+        most = (most + gamma(4) * 3 * (near + largest) + flushed) ** 2 * (1 + gamma(n + 3))
+        self.error = float((most - largest**2) * (1 + 1e-9) + 1e-12 * most)
+        self.matrix, self.offset = matrix, offset
+
+    @staticmethod
+    def body(n: int, diagonal: bool) -> list[str]:
+        """C statements that compute f."""
+        lines = []
+        for i in range(n):
+            lines.append(f"const V y{i} = {row('v[{}]', n, i, diagonal)} + w[{i}];")
+            moved = (
+                f"v[{n + i}] * w[{n + i}]"
+                if diagonal
+                else " + ".join(f"v[{n + j}] * w[{n + i * n + j}]" for j in range(n))
+            )
+            lines.append(f"const V s{i} = {moved};")
+        lines.append(f"const V along = -({' + '.join(f'y{i} * s{i}' for i in range(n))});")
+        lines.append(f"V length = {' + '.join(f's{i} * s{i}' for i in range(n))};")
+        lines.append(f"V t = over(along, length > {SMALLEST.hex()}f ? length : none + 1.0f); t = t < none ? none : t;")
+        lines.append(f"t = t > 1.0f ? none + 1.0f : t; t = length > {SMALLEST.hex()}f ? t : none; f = none;")
+        lines += [f"{{ const V z = y{i} + t * s{i}; f = f - z * z; }}" for i in range(n)]
+        return lines
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        """The same in float64."""
+        n = len(self.offset)
+        y, s = v[:, :n] @ self.matrix.T + self.offset, v[:, n:] @ self.matrix.T
+        length = (s * s).sum(axis=1)
+        t = np.clip(-(y * s).sum(axis=1) / np.where(length > 0, length, 1), 0, 1)[:, None]
+        return -((y + t * s) ** 2).sum(axis=1)
+
+    def weights(self, tensors: dict[str, np.ndarray]) -> np.ndarray:
+        """The numbers that the body reads."""
+        return np.concatenate([tensors["offset"], tensors["matrix"].reshape(-1)])
+
+
+class QuadricPlane:
+    """The distance of a plane; numbers: the centre, and B by columns (its diagonal where that is all)."""
+
+    def __init__(self, matrix: np.ndarray, offset: np.ndarray, diagonal: bool, domain: RegionDomain):
+        n = len(offset)
+        found = checked_inverse(matrix)
+        if found is None:
+            raise BounderError("the ellipsoid is so flat that float64 cannot invert its matrix")
+        inverse, error = found
+        error = error + gamma(n + 3, UNIT64) * np.abs(inverse)
+        center = -inverse @ offset
+        self.columns, self.center = inverse.T.astype(np.float32), center.astype(np.float32)
+        numbers, middle = self.columns.astype(np.float64), self.center.astype(np.float64)
+        # Entries of m are at most 1. ``wrong``: of m . centre, of c - m . centre; ``tilted``: of each entry of B^T m.
+        moved = (np.abs(middle - center) + error @ np.abs(offset)).sum()
+        size = np.abs(middle).sum() + float(domain.limit[-1])
+        wrong = moved + gamma(n + 3) * size + 4 * (n + 1) * (1 + size) * TINY
+        tilted = (np.abs(numbers - inverse.T) + error.T).sum(axis=1)
+        tilted = (
+            tilted + gamma(n + 2) * np.abs(numbers).sum(axis=1) + 4 * (n + 1) * (1 + np.abs(numbers).sum(axis=1)) * TINY
+        )
+        # m = A^T (B^T m) has an entry 1, so B^T m cannot be shorter than one over A's longest column.
+        shortest = 1 / np.linalg.norm(matrix, axis=0).max()
+        ratio = np.linalg.norm(tilted) / shortest + gamma(n + 4) + 8 * n * TINY / shortest**2
+        if not (ratio < 0.25 and size < 2.0**40):
+            raise BounderError("the ellipsoid is so flat that float32 cannot measure a plane's distance from it")
+        # Nothing is claimed of planes that miss the domain: the largest |z| is at its corner.
+        farthest = np.linalg.norm(row_sizes(matrix, offset, domain.base.limit.astype(np.float64))[0])
+        most = ((farthest + wrong / shortest) / (1 - ratio)) ** 2 * (1 + gamma(6))
+        self.error = float((most - farthest**2) * (1 + 1e-9) + 1e-12 * most)
+        self.diagonal = diagonal
+
+    @staticmethod
+    def body(n: int, diagonal: bool) -> list[str]:
+        """C statements that compute f."""
+        lines = [f"const V off = v[{n}] - ({' + '.join(f'v[{j}] * w[{j}]' for j in range(n))}); V length = none;"]
+        lines += [f"{{ const V g = {row('v[{}]', n, i, diagonal)}; length = length + g * g; }}" for i in range(n)]
+        return [*lines, "f = over(-(off * off), length);"]
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        """The same in float64."""
+        off = v[:, -1] - v[:, :-1] @ self.center.astype(np.float64)
+        return -(off**2) / ((v[:, :-1] @ self.columns.astype(np.float64).T) ** 2).sum(axis=1)
+
+    def weights(self, tensors: dict[str, np.ndarray]) -> np.ndarray:
+        """The numbers that the body reads."""
+        return np.concatenate([self.center, np.diag(self.columns) if self.diagonal else self.columns.reshape(-1)])
+
+
+class QuadricBox:
+    """The distance of a box; numbers: b, A, and unless diagonal the factors ``1 / |A e_j|^2`` and the centre."""
+
+    def __init__(self, matrix: np.ndarray, offset: np.ndarray, diagonal: bool, domain: RegionDomain):
+        n = len(offset)
+        limit = domain.base.limit.astype(np.float64)
+        size, error = row_sizes(matrix, offset, limit)
+        self.matrix, self.offset, self.diagonal = matrix, offset, diagonal
+        if diagonal:  # the ends of a row's interval round like a point's
+            self.error = squares_error(size, error)
+        else:
+            # A vector z as it is stored, m = A^T z, and the least of z . b + m . y over the box: products and sums of rows, each of
+            # size |z_i| size_i at most. Over |z| this is a length; ``largest`` bounds lengths, ``wrong`` their error.
+            largest, count = float(np.linalg.norm(size)), 4 * n + 16
+            tiny = 16 * (n + 1) ** 2 * (1 + size.sum() + np.abs(matrix).sum() + limit.sum()) ** 2 * TINY / SHORTEST
+            wrong = gamma(count) * largest * np.sqrt(n) + tiny
+            most = (largest + wrong) ** 2 * (1 + gamma(count))
+            self.error = float((most - largest**2) * (1 + 1e-9) + 1e-12 * most)
+            center, *_ = np.linalg.lstsq(matrix, -offset, rcond=None)
+            with np.errstate(divide="ignore"):
+                steps = np.minimum(1 / (matrix**2).sum(axis=0), 2.0**60)
+            self.start, self.steps = np.clip(center, -limit, limit).astype(np.float32), steps.astype(np.float32)
+
+    @staticmethod
+    def body(n: int, diagonal: bool) -> list[str]:
+        """C statements that compute f."""
+        if diagonal:
+            lines = ["f = none;"]
+            for i in range(n):
+                lines.append(f"{{ const V a = v[{i}] * w[{n + i}] + w[{i}], b = v[{n + i}] * w[{n + i}] + w[{i}];")
+                lines.append("const V low = a < b ? a : b, high = a < b ? -b : -a; V z = low > high ? low : high;")
+                lines.append("z = z < none ? none : z; f = f - z * z; }")
+            return lines
+        first = n + n * n
+        lines = []
+        for j in range(n):
+            lines.append(f"V y{j} = v[{j}] > w[{first + n + j}] ? v[{j}] : none + w[{first + n + j}];")
+            lines.append(f"y{j} = y{j} > v[{n + j}] ? v[{n + j}] : y{j};")
+        lines += [f"V z{i} = {row('y{}', n, i, False)} + w[{i}];" for i in range(n)]
+        for _ in range(SWEEPS):
+            for j in range(n):
+                slope = " + ".join(f"z{i} * w[{n + i * n + j}]" for i in range(n))
+                lines.append(f"{{ V to = y{j} - ({slope}) * w[{first + j}]; to = to < v[{j}] ? v[{j}] : to;")
+                lines.append(f"to = to > v[{n + j}] ? v[{n + j}] : to; const V by = to - y{j}; y{j} = to;")
+                lines.append(" ".join(f"z{i} = z{i} + by * w[{n + i * n + j}];" for i in range(n)) + " }")
+        lines.append(f"const V length = {' + '.join(f'z{i} * z{i}' for i in range(n))};")
+        lines.append(f"V least = {' + '.join(f'z{i} * w[{i}]' for i in range(n))};")
+        for j in range(n):
+            lines.append(f"{{ const V m = {' + '.join(f'z{i} * w[{n + i * n + j}]' for i in range(n))};")
+            lines.append(f"const V a = m * v[{j}], b = m * v[{n + j}]; least = least + (a < b ? a : b); }}")
+        near = f"length > {SMALLEST.hex()}f"
+        lines.append(f"least = least < none ? none : least; least = {near} ? least : none;")
+        lines.append(f"f = over(-(least * least), {near} ? length : none + 1.0f);")
+        return lines
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        """The same in float64."""
+        n = len(self.offset)
+        low, high = v[:, :n], v[:, n:]
+        if self.diagonal:
+            ends = np.sort(np.stack([low, high]) * np.diag(self.matrix) + self.offset, axis=0)
+            return -(np.maximum(np.maximum(ends[0], -ends[1]), 0) ** 2).sum(axis=1)
+        y = np.clip(self.start.astype(np.float64), low, high)
+        for _ in range(SWEEPS):
+            for j in range(n):
+                slope = (y @ self.matrix.T + self.offset) @ self.matrix[:, j]
+                y[:, j] = np.clip(y[:, j] - slope * float(self.steps[j]), low[:, j], high[:, j])
+        z = y @ self.matrix.T + self.offset
+        length, m = (z * z).sum(axis=1), z @ self.matrix
+        least = np.maximum(z @ self.offset + np.minimum(m * low, m * high).sum(axis=1), 0)
+        return -np.where(length > SMALLEST, least**2, 0) / np.where(length > SMALLEST, length, 1)
+
+    def weights(self, tensors: dict[str, np.ndarray]) -> np.ndarray:
+        """The numbers that the body reads."""
+        more = [] if self.diagonal else [self.steps, self.start]
+        return np.concatenate([tensors["offset"], tensors["matrix"].reshape(-1), *more])

@@ -1,0 +1,108 @@
+"""``monotone-mlp``: a network for boxes that can only answer *maybe* more as a box grows, and is proven for that reason.
+
+Positives are an up-set: a box that holds one that meets the object meets it too. The network knows that: with
+``v = (low, high)``, f is nonincreasing in low and nondecreasing in high, by the signs of its weights alone. Every positive
+holds a point p of the object, ``low <= p <= high``, so ``f(low, high) >= f(p, p)``, and the least f over all positives is the
+least over the points of the object: a proof in n dimensions instead of 2 n (``point_network``, ``proof.monotone``).
+
+Signs: a neuron rises or falls as the box grows, and a weight leads a rising neuron into another by a number that is not
+negative, a falling one by one that is not positive; low falls, high rises, f rises. Any monotone activation will do. For
+tanh, which is odd, falling neurons add nothing; a ReLU that falls, counted negatively, is concave (Runje and
+Shankaranarayana, *Constrained Monotonic Neural Networks*, 2023). Networks of other signs do not load.
+
+Exact arithmetic is monotone and float32 need not be; but the computed f is within ``rounding_bound`` of the exact one, for
+every box, so that is all that a threshold must leave room for.
+"""
+
+from functools import cached_property
+
+import numpy as np
+
+from warp_bounding.activations.base import ACTIVATIONS
+from warp_bounding.arithmetic import UNIT64, gamma
+from warp_bounding.bounders.neural.mlp import ACTIVATION, HIDDEN, Mlp
+from warp_bounding.bounders.options import STEPS, Option
+from warp_bounding.coordinates.domain import GROWTH
+from warp_bounding.errors import BounderError
+from warp_bounding.networks.network import Network
+
+__all__ = ["MONOTONE", "MonotoneMlp"]
+
+MONOTONE = tuple(name for name, activation in ACTIVATIONS.items() if activation.monotone == name)  # never fall
+
+
+def _monotone(activation) -> str:
+    """What a monotone network has in its place: networks of other kinds beside it may have sines, which fall."""
+    return ACTIVATIONS[ACTIVATION.check(activation)].monotone
+
+
+class MonotoneMlp(Mlp):
+    """A network of box queries whose f never falls as a box grows; see the module and ``Mlp``.
+
+    Tensors and sizes: those of ``Mlp``, no encoding.
+
+    Attributes:
+        signs: For each hidden layer ``(H,)``: 1 where a neuron rises with the box, -1 where it falls, 0 where it has no say.
+    """
+
+    method = "monotone-mlp"
+    options = (
+        HIDDEN,
+        Option("activation", _monotone(ACTIVATION.default), "tanh or relu; tanh stands in for sin", _monotone),
+        STEPS,
+    )
+
+    @classmethod
+    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
+        """See ``Bounder``: boxes only."""
+        return query == "box" and super().supports(query, ndim, space)
+
+    def __init__(self, domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
+        """See ``Mlp``; raises ``BounderError`` where f would not be monotone, too."""
+        super().__init__(domain, tensors, sizes, device)
+        if self.features or self.activation not in MONOTONE:
+            raise BounderError(
+                f"{self.method} takes no octaves, and activations {' or '.join(MONOTONE)}, got "
+                f"octaves={self.sizes.get('octaves', 0)} and {self.activation}"
+            )
+        self.signs = self._signs()
+
+    def _signs(self) -> list[np.ndarray]:
+        """Which way each neuron goes, found from the output down; raises ``BounderError`` where one goes both ways."""
+        sign, signs = np.ones(1), []
+        for index in range(len(self.hidden), -1, -1):
+            ways = sign[:, None] * np.sign(self.tensors[f"layers.{index}.weight"].astype(np.float64))
+            rises, falls = (ways > 0).any(axis=0), (ways < 0).any(axis=0)
+            if index == 0:  # the inputs' own ways are known
+                rises[self.ndim :], falls[: self.ndim] = False, False
+            if (rises & falls).any() or (index == 0 and (rises | falls).any()):
+                raise BounderError(
+                    f"{self.method}: a weight in layers.{index}.weight has the wrong sign, f would not be monotone"
+                )
+            sign = rises.astype(np.float64) - falls
+            signs.insert(0, sign)
+        return signs[1:]
+
+    @property
+    def provable(self) -> bool:
+        """See ``Bounder``: the proof is one of points."""
+        return True
+
+    @cached_property
+    def point_network(self) -> Network:
+        """``g(p) <= f(low, high)`` for every box that the pipeline makes of one that holds p; coordinates of ``domain.base``.
+
+        The input error moves a box's corners by delta at most, to ``low <= p + delta`` and ``high >= p - delta``, and clipping
+        to the domain, in which p lies, leaves it at that. So ``g(p) = f(p + delta, p - delta)``: a first layer with the sum of both halves' weights, and a bias that is moved. The
+        float64 rounding of these numbers, and of p (as in ``Domain.widened``), moves it a little further.
+        """
+        base, n = self.domain.base, self.ndim
+        layers = [(w.astype(np.float64), b.astype(np.float64)) for w, b in self._layers()]
+        weight, bias = layers[0]
+        size = np.abs(weight[:, :n]) + np.abs(weight[:, n:])
+        delta = base.delta * GROWTH + 1e-15 * (1 + np.abs(base.to_local(base.lower)))
+        limit = base.limit.astype(np.float64)
+        rounding = gamma(8 * n + 16, UNIT64) * (np.abs(bias) + size @ (limit + delta))
+        moved = bias - self.signs[0] * (size @ delta + rounding)
+        layers[0] = (weight[:, :n] + weight[:, n:], moved)
+        return Network(layers, self.activation, None, limit)

@@ -1,0 +1,1 @@
+"""Convex polytopes whose half-spaces are learned."""

@@ -1,0 +1,208 @@
+"""``learned-kdop``: a k-DOP whose k half-spaces are free and learned by gradient descent (the paper's OurkDOP).
+
+As many half-spaces as ``kdop`` has, but each with a normal of its own instead of pairs on given axes. Learned are the normals
+only (``training.kdop``): every face is set to the exact support of what is bounded, so any normals make a conservative volume,
+and any step of training can be the last. For regions there are two kinds, as for the classics: a polytope in object space that
+rays, planes and boxes are tested against (k = 4 n, ``half_spaces``), and one in the space of a region's own 2n numbers
+(k = 8 n, ``ParametricSupport``).
+"""
+
+from functools import cached_property
+
+import numpy as np
+
+from warp_bounding.arithmetic import TINY, UNIT64, gamma, round_up
+from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.bounders.options import STEPS, Option
+from warp_bounding.bounders.polytopes.half_spaces import HalfSpacesSource, half_space_region
+from warp_bounding.bounders.slabs.kdop import kdop_directions
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.errors import BounderError
+from warp_bounding.geometry.checked_inverse import MOST_VERTEX_DIMENSIONS
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.support_functions.object import ObjectSupport
+from warp_bounding.support_functions.parametric import ParametricSupport
+
+__all__ = ["LearnedKdop", "classic_normals"]
+
+
+def classic_normals(domain: Domain | RegionDomain, k: int | None = None) -> np.ndarray:
+    """``kdop``'s half-spaces, where training starts from: ``(k, m)`` float64 normals in the coordinates of what is bounded."""
+    tested = domain.query != "point" and domain.space == "geometric"
+    scale = domain.scale.astype(np.float64)
+    if domain.space == "parametric" and domain.query != "point":
+        from warp_bounding.bounders.parametric_fit import units
+
+        scale = units(domain)
+    directions = kdop_directions(len(scale) if not tested else domain.space_ndim, k) / scale
+    return np.concatenate([directions, -directions])
+
+
+class LearnedKdop(Bounder):
+    """k free half-spaces; see module.
+
+    Tensors: ``normals`` ``(k, m)`` and ``offsets`` ``(k,)``, in the coordinates of points, or of v in parametric space.
+    """
+
+    method = "learned-kdop"
+    options = (
+        Option("k", None, "half-spaces, as many as kdop's by default, 40 before a network; 128 at most", parse=int),
+        STEPS,
+    )
+
+    @classmethod
+    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
+        """See ``Bounder``."""
+        if query == "point":
+            return True
+        most = MOST_VERTEX_DIMENSIONS if query == "plane" and space == "geometric" else 16
+        return query in ("ray", "plane", "box") and 2 <= ndim <= most
+
+    @classmethod
+    def fit(
+        cls, grid: IndicatorGrid, domain: Domain | RegionDomain, *, k: int | None = None, device: str | None = None
+    ) -> "LearnedKdop":
+        """Where training starts: the half-spaces of ``kdop``, each on its own."""
+        return cls.of_normals(grid, domain, classic_normals(domain, k), device=device)
+
+    @classmethod
+    def of_normals(
+        cls,
+        grid: IndicatorGrid,
+        domain: Domain | RegionDomain,
+        normals: np.ndarray,
+        *,
+        support: "ObjectSupport | ParametricSupport | None" = None,
+        device: str | None = None,
+    ) -> "LearnedKdop":
+        """The tightest half-spaces with these normals.
+
+        Args:
+            grid: The object.
+            domain: Of the kind of query.
+            normals: ``(k, m)``, scaled as they come.
+            support: ``support_of(grid, domain)``, where there is one already.
+            device: Warp device.
+        """
+        normals = np.asarray(normals, dtype=np.float64)
+        largest = np.abs(normals).max(axis=1, keepdims=True)
+        normals = (normals / np.where(largest > 0, largest, 1)).astype(np.float32)
+        if not (np.isfinite(normals).all() and (largest > 0).all()):
+            raise BounderError("learned-kdop: a normal is zero or not finite")
+        reach = (support or support_of(grid, domain))(normals.astype(np.float64))
+        tight = cls(_tested_domain(domain), {"normals": normals, "offsets": round_up(reach)}, {}, device)
+        offsets = round_up(reach + 2 * tight.rounding_bound())  # so that the threshold comes out at about zero
+        return cls(domain, {"normals": normals, "offsets": offsets}, {}, device)
+
+    def __init__(
+        self, domain: Domain | RegionDomain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None
+    ):
+        """See ``Bounder``; raises ``BounderError`` where the tensors do not fit together."""
+        super().__init__(domain, tensors, sizes, device)
+        columns = _tested_domain(domain).ndim
+        count = len(self.tensors.get("offsets", ()))
+        expected = {"normals": (count, columns), "offsets": (count,)}
+        if count == 0 or {k: t.shape for k, t in self.tensors.items()} != expected:
+            found = {k: t.shape for k, t in self.tensors.items()}
+            raise BounderError(f"learned-kdop: expected normals (k, {columns}) and offsets (k,), got {found}")
+        if self._region is not None:
+            self.volume.check_range()
+        self.check_range()
+
+    @cached_property
+    def volume(self) -> "LearnedKdop | None":
+        """See ``Bounder``."""
+        domain = _tested_domain(self.domain)
+        return None if domain is self.domain else type(self)(domain, self.tensors, self.sizes, self._device)
+
+    @cached_property
+    def _numbers(self) -> tuple[np.ndarray, np.ndarray]:
+        """Normals and offsets in float64."""
+        return self.tensors["normals"].astype(np.float64), self.tensors["offsets"].astype(np.float64)
+
+    @cached_property
+    def _region(self):
+        return None if _tested_domain(self.domain) is self.domain else half_space_region(*self._numbers, self.domain)
+
+    @property
+    def source(self) -> HalfSpacesSource:
+        """See ``Bounder``."""
+        count, domain = len(self.tensors["offsets"]), self.domain
+        return HalfSpacesSource(self.ndim, domain.time, count, query=domain.query, space=domain.space)
+
+    def weights(self) -> np.ndarray:
+        """See ``Bounder``."""
+        if self._region:
+            return self._region.weights
+        return np.concatenate([self.tensors["offsets"], self.tensors["normals"].reshape(-1)])
+
+    @property
+    def nbytes(self) -> int:
+        """See ``Bounder``; vertices that planes are tested against follow from the tensors, but they are what is read."""
+        if self._region is None:
+            return super().nbytes
+        return 4 * (len(self.domain.header) + 1 + len(self.domain.extra) + len(self._region.weights))
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        """See ``Bounder``; for regions, f is at least 0 where they meet the polytope."""
+        v = np.asarray(v, dtype=np.float64)
+        if self._region:
+            return self._region.reference(v)
+        normals, offsets = self._numbers
+        return (offsets - v @ normals.T).min(axis=1)
+
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """See ``Bounder``; exact up to float64 rounding.
+
+        Raises:
+            BounderError: For regions that are tested against the polytope.
+        """
+        if self._region:
+            raise BounderError(f"{self.method}: {self.query_kind} queries are proven by their volume")
+        normals, offsets = self._numbers
+        center, half = (lower + upper) / 2, (upper - lower) / 2
+        slack = offsets - center @ normals.T - half @ np.abs(normals).T
+        size = np.abs(lower).max(axis=0) + np.abs(upper).max(axis=0)
+        rounding = gamma(2 * normals.shape[1] + 8, UNIT64) * float((size @ np.abs(normals).T + np.abs(offsets)).max())
+        point = np.where(normals[np.argmin(slack, axis=1)] < 0, lower, upper)
+        return BoxBounds(slack.min(axis=1) - rounding, np.argmax(half, axis=1), point, self.reference(point))
+
+    def least(self, grid: IndicatorGrid) -> tuple[float, int]:
+        """See ``Bounder``; zero for regions that are tested against the polytope.
+
+        Raises:
+            BounderError: If the polytope does not hold all of the object.
+        """
+        if self._region is not None:
+            least, count = self.volume.least(grid)
+            if not least >= 0:
+                raise BounderError(f"{self.method}: the half-spaces do not hold all of the object")
+            return 0.0, count
+        if self.query_kind == "point":
+            return super().least(grid)
+        normals, offsets = self._numbers
+        slack = offsets - ParametricSupport(grid, self.domain)(normals)
+        return float(np.nextafter(slack.min(), -np.inf)), len(slack)
+
+    def rounding_bound(self) -> float:
+        """See ``Bounder``: a sum of products, then one subtraction."""
+        if self._region:
+            return self._region.error
+        normals, offsets = self._numbers
+        n, limit = normals.shape[1], self.domain.limit.astype(np.float64)
+        reach = np.abs(normals) @ limit
+        flushed = (2 * n + 2 + np.abs(normals).sum(axis=1) + limit.sum()) * TINY  # a factor or a result set to zero
+        return float((gamma(n + 3) * (reach + np.abs(offsets)) + flushed).max() * (1 + 1e-9))
+
+
+def support_of(grid: IndicatorGrid, domain: Domain | RegionDomain) -> "ObjectSupport | ParametricSupport":
+    """The certified support of what half-spaces of this domain's kind of query hold: the object, or its positive regions."""
+    return (
+        ParametricSupport(grid, domain) if _tested_domain(domain).query != "point" else ObjectSupport(grid, domain.base)
+    )
+
+
+def _tested_domain(domain: Domain | RegionDomain) -> Domain | RegionDomain:
+    """The domain of the space that the half-spaces live in."""
+    return domain.base if domain.query != "point" and domain.space == "geometric" else domain

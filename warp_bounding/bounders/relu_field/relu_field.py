@@ -1,0 +1,300 @@
+"""``relu-field``: a grid of learned numbers, interpolated linearly along every axis of ``v`` and clamped (the paper's OurReLUField).
+
+After Karnewar et al., *ReLU Fields* (SIGGRAPH 2022): no network, a look-up of ``2^m`` numbers. For points the grid has the data's
+resolution, its nodes at the cells' centres; for regions of two-dimensional objects 32 nodes along each of the 3 or 4 numbers.
+Between nodes f is linear in each coordinate alone, so on the part of a box that lies in one field cell it is least at a corner:
+a bound over the object's cells is exact, and one over regions comes from a cover of all positives by small boxes
+(``relu_field_cover``). The grid grows with the power m, so there is no field for regions in 3D and above.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from warp_bounding.arithmetic import TINY, UNIT64, gamma
+from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.bounders.options import STEPS
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.kernels.source import Lanes, Source
+
+__all__ = ["FieldMap", "ReluField", "ReluFieldSource"]
+
+REGION_NODES = 32  # along each number of a region
+MOST_NODES = 1 << 24
+LARGEST_COORDINATE = 2.0**60  # of a node: kernels cut them at the grid's ends, which they could not do with infinity
+MOST_BREAKS = 4  # of the field along one axis of a box whose bound is taken exactly
+SNAP = 1e-3  # nodes: an end of a box this near to a node is moved there, and its slope paid for
+AT_ONCE = 4096  # boxes
+CHUNK = 1 << 22
+
+
+@dataclass(frozen=True)
+class FieldMap:
+    """Where the nodes are: node coordinate ``t = factor v + summand``, cut at [0, nodes - 1]; float32 numbers, exact."""
+
+    factor: np.ndarray
+    summand: np.ndarray
+    nodes: tuple[int, ...]
+
+    @classmethod
+    def of(cls, grid: IndicatorGrid, domain: Domain | RegionDomain) -> "FieldMap":
+        """Nodes at the cells' centres for coordinates of points, corners and origins; even over all of the other numbers."""
+        base, shape = domain.base, np.array(grid.shape)
+        first = base.to_local(grid.position(np.where(shape > 1, 0.0, -0.5)))
+        last = base.to_local(grid.position(np.where(shape > 1, shape - 1.0, 0.5)))
+        nodes = np.maximum(shape, 2)
+        if domain.query != "point":
+            places = {"ray": 1, "plane": 0, "box": 2}[domain.query]
+            limit = domain.limit.astype(np.float64)[places * base.ndim :]
+            first = np.concatenate([*[first] * places, -limit])
+            last = np.concatenate([*[last] * places, limit])
+            nodes = np.concatenate([*[np.minimum(nodes, REGION_NODES)] * places, np.full(len(limit), REGION_NODES)])
+        while np.prod(nodes.astype(float)) > MOST_NODES:
+            nodes = np.maximum(2, nodes // 2)
+        factor = ((nodes - 1) / (last - first)).astype(np.float32)
+        return cls(factor, (-factor.astype(np.float64) * first).astype(np.float32), tuple(int(r) for r in nodes))
+
+    def coordinates(self, v: np.ndarray) -> np.ndarray:
+        """The node coordinates of v ``(..., m)``, float64."""
+        t = np.asarray(v, dtype=np.float64) * self.factor.astype(np.float64) + self.summand
+        return np.clip(t, 0, np.array(self.nodes) - 1)
+
+    def to_v(self, t: np.ndarray) -> np.ndarray:
+        """The v of node coordinates."""
+        return (np.asarray(t, dtype=np.float64) - self.summand) / self.factor.astype(np.float64)
+
+
+@dataclass(frozen=True)
+class ReluFieldSource(Source):
+    """Native code of the look-up. Numbers: factor, summand (m each), then the nodes' values in array order."""
+
+    nodes: tuple[int, ...]
+
+    packed = True
+
+    def body(self, lanes: Lanes) -> str:
+        """See ``Source.body``."""
+        m, lines = len(self.nodes), []
+        integer, convert = ("I", "__builtin_convertvector({}, I)") if lanes.vector else ("int", "(int)({})")
+        for k, count in enumerate(self.nodes):
+            lines.append(f"V t{k} = v[{k}] * w[{k}] + w[{m + k}]; t{k} = t{k} < 0.0f ? t{k} * 0.0f : t{k};")
+            lines.append(f"t{k} = t{k} > {count - 1}.0f ? t{k} * 0.0f + {count - 1}.0f : t{k};")
+            lines.append(f"V low{k} = t{k} > {count - 2}.0f ? t{k} * 0.0f + {count - 2}.0f : t{k};")
+            lines.append(f"const {integer} i{k} = {convert.format(f'low{k}')};")
+            lines.append(
+                f"const V s{k} = t{k} - {'__builtin_convertvector(i0, V)' if lanes.vector else '(float)i0'};".replace(
+                    "i0", f"i{k}"
+                )
+            )
+        strides = [int(np.prod(self.nodes[k + 1 :], dtype=np.int64)) for k in range(m)]
+        base = " + ".join(f"i{k} * {strides[k]}" for k in range(m))
+        lines.append(f"const {integer} base = {base}; V c[{1 << m}];")
+        for corner in range(1 << m):
+            shift = 2 * m + sum(strides[k] for k in range(m) if corner >> (m - 1 - k) & 1)
+            if lanes.vector:
+                lines.append(f"for (int l = 0; l < L; ++l) c[{corner}][l] = w[base[l] + {shift}];")
+            else:
+                lines.append(f"c[{corner}] = w[base + {shift}];")
+        for k in range(m - 1, -1, -1):  # the last axis first: neighbours in pairs
+            for pair in range(1 << k):
+                lines.append(f"c[{pair}] = c[{2 * pair}] + (c[{2 * pair + 1}] - c[{2 * pair}]) * s{k};")
+        lines.append("f = c[0] < 0.0f ? c[0] * 0.0f : c[0]; f = f > 1.0f ? f * 0.0f + 1.0f : f;")
+        return "\n".join(lines)
+
+
+class ReluField(Bounder):
+    """A learned grid; see module. ``f = min(max(interpolated, 0), 1)``.
+
+    Tensors: ``values`` ``(R_0, ..., R_{m-1})``, ``factor`` and ``summand`` ``(m,)``.
+    """
+
+    method = "relu-field"
+    options = (STEPS,)
+
+    @classmethod
+    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
+        """See ``Bounder``."""
+        if query == "point":
+            return 1 <= ndim <= 4
+        return query in ("ray", "plane", "box") and ndim == 2 and space == "geometric"
+
+    @classmethod
+    def fit(cls, grid: IndicatorGrid, domain: Domain | RegionDomain, *, device: str | None = None) -> "ReluField":
+        """Where training starts: 1 at the nodes of field cells that may hold a positive, else 0."""
+        from warp_bounding.bounders.relu_field.cover import positive_cells
+
+        field = FieldMap.of(grid, domain)
+        return cls.of_values(domain, field, positive_cells(grid, domain, field).astype(np.float32), device)
+
+    @classmethod
+    def of_values(
+        cls, domain: Domain | RegionDomain, field: FieldMap, values: np.ndarray, device: str | None = None
+    ) -> "ReluField":
+        """A bounder of node values."""
+        tensors = {"values": values.astype(np.float32), "factor": field.factor, "summand": field.summand}
+        return cls(domain, tensors, {"nodes": list(field.nodes)}, device)
+
+    def __init__(
+        self, domain: Domain | RegionDomain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None
+    ):
+        """See ``Bounder``; raises ``BounderError`` where tensors and sizes do not fit together."""
+        super().__init__(domain, tensors, sizes, device)
+        nodes = tuple(self.sizes.get("nodes", ()))
+        if len(nodes) != domain.ndim or not all(type(r) is int and r > 1 for r in nodes):
+            raise BounderError(f"relu-field: expected {domain.ndim} numbers of nodes, got {nodes}")
+        expected = {"values": nodes, "factor": (domain.ndim,), "summand": (domain.ndim,)}
+        if {k: t.shape for k, t in self.tensors.items()} != expected:
+            found = {k: t.shape for k, t in self.tensors.items()}
+            raise BounderError(f"relu-field: expected tensors {expected}, got {found}")
+        if np.prod(nodes, dtype=object) > MOST_NODES or not (self.tensors["factor"] > 0).all():
+            raise BounderError(f"relu-field: expected at most {MOST_NODES} nodes, and positive factors")
+        self.field = FieldMap(self.tensors["factor"], self.tensors["summand"], nodes)
+        self.check_range()
+        if not (self._coordinate_sizes < LARGEST_COORDINATE).all():  # of a field that is flat, too
+            raise BounderError("relu-field: numbers are so large that float32 sums may overflow")
+
+    @property
+    def source(self) -> ReluFieldSource:
+        """See ``Bounder``."""
+        domain = self.domain
+        return ReluFieldSource(self.ndim, domain.time, self.field.nodes, query=domain.query, space=domain.space)
+
+    def weights(self) -> np.ndarray:
+        """See ``Bounder``."""
+        return np.concatenate([self.tensors[k].reshape(-1) for k in ("factor", "summand", "values")])
+
+    @cached_property
+    def _values(self) -> np.ndarray:
+        return self.tensors["values"].astype(np.float64).reshape(-1)
+
+    def interpolate(self, t: np.ndarray) -> np.ndarray:
+        """Values at node coordinates ``(N, m)`` inside the grid, not clamped."""
+        return interpolate(self._values, self.field.nodes, t)
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        """See ``Bounder``."""
+        t = self.field.coordinates(v)
+        parts = [self.interpolate(t[i : i + (CHUNK >> 6)]) for i in range(0, len(t), CHUNK >> 6)]
+        return np.clip(np.concatenate([*parts, np.zeros(0)]), 0, 1)
+
+    @cached_property
+    def _coordinate_sizes(self) -> np.ndarray:
+        """``(m,)``, largest sum of absolute terms of a node coordinate before it is cut at the grid's ends."""
+        field = self.field
+        return np.abs(field.factor).astype(np.float64) * self.domain.limit + np.abs(field.summand.astype(np.float64))
+
+    @cached_property
+    def _blur(self) -> np.ndarray:
+        """``(m,)``, what float64 rounds in a node coordinate."""
+        return gamma(8, UNIT64) * (self._coordinate_sizes + 1)
+
+    @cached_property
+    def _steepest(self) -> np.ndarray:
+        """``(m,)``, largest slope of f along every axis, per node."""
+        values = self.tensors["values"].astype(np.float64)
+        return np.array([np.abs(np.diff(values, axis=k)).max() for k in range(values.ndim)])
+
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """See ``Bounder``: exact up to ``SNAP`` for boxes over few field cells; of others it only says that f >= 0."""
+        low, high = self.field.coordinates(lower), self.field.coordinates(upper)
+        inner, outer = np.ceil(low), np.floor(high)
+        # A box that passes a node by a hair is cut there; f changes by no more than its slope allows.
+        wide = outer > inner
+        cut_low, cut_high = (np.where(wide & (s < SNAP), s, 0) for s in (inner - low, high - outer))
+        low, high = np.where(cut_low > 0, inner, low), np.where(cut_high > 0, outer, high)
+        breaks, least, point = field_breaks(low, high), np.zeros(len(low)), (low + high) / 2
+        few = (breaks >= 0).all(axis=1)
+        for most in np.unique(breaks[few].max(axis=1, initial=0)):
+            part = few & (breaks.max(axis=1) == most)
+            least[part], point[part] = self._least(low[part], high[part], int(most))
+        rounding = gamma(64, UNIT64) * (1 + float(np.abs(self._values).max())) + float(self._blur @ self._steepest)
+        least = least - (cut_low + cut_high) @ self._steepest - rounding
+        point = np.clip(self.field.to_v(point), lower, upper)
+        axis = np.argmax(high - low, axis=1)
+        axis = np.where((high > low).any(axis=1), axis, np.argmax(upper - lower, axis=1))
+        return BoxBounds(np.clip(least, 0, 1), axis, point, self.reference(point))
+
+    def _least(self, low: np.ndarray, high: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+        """The least value over boxes, at one of the products of their ends and the nodes between."""
+        best, point = np.full(len(low), np.inf), low.copy()
+        for t in break_points(low, high, most):
+            value = self.interpolate(t)
+            point = np.where((value < best)[:, None], t, point)
+            best = np.minimum(best, value)
+        return best, point
+
+    def least(self, grid: IndicatorGrid) -> tuple[float, int]:
+        """See ``Bounder``; for regions, over a cover of all positives: boxes whose nodes are all higher are passed over."""
+        if self.query_kind == "point":
+            return super().least(grid)
+        from warp_bounding.bounders.relu_field.cover import positive_boxes
+
+        least, count, cells = 1.0, 0, self._cell_minima
+        for lower, upper in positive_boxes(grid, self.domain, self.field):
+            count += len(lower)
+            first, last = self.field.coordinates(lower), self.field.coordinates(upper)
+            first = np.floor(first - self._blur).astype(np.int64)
+            last = np.ceil(last + self._blur).astype(np.int64) - 1
+            most = np.array(self.field.nodes) - 2
+            first, last = np.clip(first, 0, most), np.clip(last, 0, most)
+            last = np.maximum(first, last)
+            quick = np.full(len(lower), np.inf)
+            for step in np.ndindex(tuple(int(s) + 1 for s in (last - first).max(axis=0))):
+                quick = np.minimum(quick, cells[tuple(np.minimum(first + step, last).T)])
+            order = np.argsort(quick)
+            for start in range(0, len(order), AT_ONCE):
+                part = order[start : start + AT_ONCE]
+                if quick[part[0]] >= least:
+                    break
+                least = np.minimum(least, self.bound(lower[part], upper[part]).lower.min())
+        return float(least), count
+
+    @cached_property
+    def _cell_minima(self) -> np.ndarray:
+        """The least of its nodes' values, for every field cell."""
+        least = self.tensors["values"].astype(np.float64)
+        for k in range(least.ndim):
+            least = np.minimum(*(np.take(least, range(s, least.shape[k] - 1 + s), axis=k) for s in (0, 1)))
+        return least
+
+    def rounding_bound(self) -> float:
+        """See ``Bounder``: the node coordinate moves, and f with it; then m levels of interpolation."""
+        moved = gamma(3) * (self._coordinate_sizes + 1) + (4 + np.abs(self.field.factor) + self.domain.limit) * TINY
+        largest = float(np.abs(self._values).max())
+        return float((moved @ self._steepest + gamma(12 * len(moved)) * 2 * largest + 64 * TINY) * (1 + 1e-9))
+
+
+def interpolate(values: np.ndarray, nodes: tuple[int, ...], t: np.ndarray) -> np.ndarray:
+    """Multilinear interpolation of flat ``values`` at node coordinates ``(N, m)`` inside the grid."""
+    index, share = corners_of(nodes, t)
+    c = values[index]
+    for k in range(len(nodes) - 1, -1, -1):
+        c = c[:, 0::2] + (c[:, 1::2] - c[:, 0::2]) * share[:, k, None]
+    return c[:, 0]
+
+
+def corners_of(nodes: tuple[int, ...], t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Flat indices ``(N, 2^m)`` of the nodes around points, in the order of their axes, and the points' shares ``(N, m)``."""
+    low = np.clip(np.floor(t).astype(np.int64), 0, np.array(nodes) - 2)
+    strides = np.array([int(np.prod(nodes[k + 1 :])) for k in range(len(nodes))])
+    corners = np.array(list(np.ndindex((2,) * len(nodes))), dtype=np.int64)
+    return (low @ strides)[:, None] + corners @ strides, t - low
+
+
+def field_breaks(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """``(N, m)``: how many nodes lie strictly inside boxes of node coordinates, along every axis; -1 where they are too many."""
+    count = np.maximum(np.ceil(high) - np.floor(low) - 1, 0).astype(np.int64)
+    return np.where(count + 2 <= MOST_BREAKS, count, -1)
+
+
+def break_points(low: np.ndarray, high: np.ndarray, most: int) -> Iterator[np.ndarray]:
+    """The ``(most + 2)^m`` products of the ends of boxes and of up to ``most`` nodes inside: where f may be least."""
+    inner = np.floor(low) + 1
+    breaks = np.stack([low, *(np.minimum(inner + j, high) for j in range(most)), high], axis=2)
+    for choice in np.ndindex((most + 2,) * low.shape[1]):
+        yield np.stack([breaks[:, k, c] for k, c in enumerate(choice)], axis=1)

@@ -1,0 +1,1 @@
+"""Volumes between pairs of parallel planes: boxes, oriented boxes and k-DOPs."""

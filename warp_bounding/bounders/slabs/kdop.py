@@ -1,0 +1,76 @@
+"""``kdop``: discretely oriented polytopes (Klosowski et al. 1998; the paper's kDOP), k half-spaces in k/2 slabs.
+
+By default k = 4 m as in the paper: the m axes and the m normals that are all ones but for one zero. In 2D those would
+be the axes again, so the diagonals take their place. In 3D the usual 14, 18 and 26 are offered too.
+"""
+
+from itertools import combinations, product
+
+import numpy as np
+
+from warp_bounding.bounders.options import Option
+from warp_bounding.bounders.slabs.base import SlabBounder
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.errors import BounderError
+from warp_bounding.geometry.checked_inverse import MOST_VERTEX_DIMENSIONS
+from warp_bounding.indicators.grid import IndicatorGrid
+
+__all__ = ["Kdop", "kdop_directions"]
+
+
+class Kdop(SlabBounder):
+    """k-DOP with fixed normals in object space."""
+
+    method = "kdop"
+    options = (
+        Option("k", None, "half-spaces, 4 for each dimension by default; in 3D also 6, 14, 18 or 26", parse=int),
+    )
+
+    @classmethod
+    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
+        """See ``Bounder``; planes are tested against the vertices, whose number grows quickly."""
+        return super().supports(query, ndim, space) and (query != "plane" or ndim <= MOST_VERTEX_DIMENSIONS)
+
+    @classmethod
+    def fit(cls, grid: IndicatorGrid, domain: Domain, *, k: int | None = None, device: str | None = None) -> "Kdop":
+        """The tightest k-DOP around a grid's occupied cells.
+
+        Args:
+            grid: The object.
+            domain: Its domain.
+            k: Half-spaces: ``None`` for 4 n, or in 3D one of 6, 14, 18, 26.
+            device: Warp device.
+
+        Raises:
+            BounderError: If ``k`` is not offered in this dimension.
+        """
+        return cls.of_directions(grid, domain, kdop_directions(grid.ndim, k), device)
+
+
+def kdop_directions(ndim: int, k: int | None = None) -> np.ndarray:
+    """Unit slab normals of a k-DOP.
+
+    Args:
+        ndim: Dimension n.
+        k: See ``Kdop.fit``.
+
+    Returns:
+        ``(k / 2, n)`` float64.
+
+    Raises:
+        BounderError: If ``k`` is not offered in this dimension.
+    """
+    axes = np.eye(ndim)
+    edges = np.array([axes[a] + s * axes[b] for a, b in combinations(range(ndim), 2) for s in (1, -1)]).reshape(
+        -1, ndim
+    )
+    if k is None or k == 4 * ndim:
+        more = edges if ndim == 2 else 1 - axes if ndim > 2 else axes[:0]
+    elif ndim == 3 and k in (6, 14, 18, 26):
+        corners = np.array([(1, *s) for s in product((1, -1), repeat=2)])
+        more = np.concatenate([corners] * (k in (14, 26)) + [edges] * (k in (18, 26)) + [axes[:0]])
+    else:
+        offered = "12, 6, 14, 18 and 26" if ndim == 3 else str(4 * ndim)
+        raise BounderError(f"kdop offers k = {offered} in {ndim}D, got k={k!r}")
+    directions = np.concatenate([axes, more])
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)

@@ -1,0 +1,243 @@
+"""Rays, planes and boxes against an intersection of slabs ``P = {y: low_k <= d_k . y <= high_k}``.
+
+* Ray: the segment is clipped by every slab (Kay and Kajiya 1986). The slabs are widened by all that the rounding of
+  ``d . a`` and ``d . w`` can do; a quotient then has a relative error of a few roundings, and parameters lie in [0, 1].
+* Plane: against P's support. Where there are n slabs, P is a parallelepiped and its support a sum over its edges; with more
+  slabs the support is the largest value at P's vertices. Exact.
+* Box: the intervals of the box and of P on the slabs' directions. Where P is a box that is turned, also on the coordinate axes
+  and, in 3D, on the products of the edges (Gottschalk et al. 1996): exact in 2D and 3D. Conservative where edges of two
+  dimensions and more would be needed: for turned boxes in 4D and above, and for k-DOPs, whose classic test these are.
+
+Every test decides between *meets P* (f >= 0 up to rounding) and *misses P*: nothing is claimed of points outside P. What
+a test reads (edges, vertices, widened faces) follows from the slabs alone, so a file holds nothing that could contradict them.
+"""
+
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from warp_bounding.arithmetic import TINY, UNIT64, gamma, round_down, round_up
+from warp_bounding.coordinates.native_map import GUARD, PARALLEL
+from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.errors import BounderError
+from warp_bounding.geometry.checked_inverse import checked_inverse, polytope_vertices
+
+__all__ = ["ROOM", "SlabBox", "SlabPlane", "SlabRay", "Slabs", "clip", "slab_region"]
+
+ROOM = 2.0**-60  # a face is at least this far from P where a ray may run along it: far more than PARALLEL
+
+
+class Slabs(NamedTuple):
+    """The numbers of P, as float64: directions ``(k, n)``, low and high ``(k,)``; diagonal: the directions are the axes."""
+
+    directions: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    diagonal: bool
+
+
+def slab_region(slabs: Slabs, domain: RegionDomain) -> "SlabRay | SlabPlane | SlabBox":
+    """What tests this kind of region against P."""
+    return {"ray": SlabRay, "plane": SlabPlane, "box": SlabBox}[domain.query](slabs, domain)
+
+
+def row(n: int, first: int, at: int, diagonal: bool = False, i: int = 0) -> str:
+    """C text of the product of the direction at ``w[at]`` with ``v[first ..]``."""
+    if diagonal:
+        return f"v[{first + i}]"
+    return " + ".join(f"v[{first + j}] * w[{at + j}]" for j in range(n))
+
+
+class SlabRay:
+    """Slab clipping; numbers: widened low, widened high, directions unless diagonal; f is 0 or -1, without an error."""
+
+    error = 0.0
+
+    def __init__(self, slabs: Slabs, domain: RegionDomain):
+        n = domain.space_ndim
+        limit, size = domain.limit.astype(np.float64), np.abs(slabs.directions)
+        largest = size @ limit[:n] + size @ limit[n:] + np.maximum(np.abs(slabs.low), np.abs(slabs.high))
+        if not (largest < 2.0**40).all():
+            raise BounderError("numbers are so large that float32 quotients may overflow")
+        # At a point a + t w of P in the domain, |a| and t |w| are at most the limit and twice that, however long the ray is.
+        flushed = 8 * (n + 1) * (1 + largest) * TINY
+        rounding = 0.0 if slabs.diagonal else gamma(n + 2) * 3 * (size @ limit[:n]) + flushed
+        room = (rounding + 2 * ROOM) * (1 + 1e-9)
+        # The next float32 besides: where low is so large that float64 loses ROOM, float32 numbers are farther apart than ROOM.
+        low = np.nextafter(round_down(slabs.low - room), np.float32(-np.inf))
+        high = np.nextafter(round_up(slabs.high + room), np.float32(np.inf))
+        parts = [low, high, slabs.directions.reshape(-1)]
+        self.weights = np.concatenate(parts[:2] if slabs.diagonal else parts).astype(np.float32)
+        self.count, self.slabs = len(slabs.low), slabs
+
+    @staticmethod
+    def body(n: int, count: int, diagonal: bool) -> list[str]:
+        """C statements that compute f."""
+        lines = ["V enter = none, leave = none + 1.0f;"]
+        for i in range(count):
+            at = 2 * count + i * n
+            lines.append(f"{{ const V y = {row(n, 0, at, diagonal, i)}; const V s = {row(n, n, at, diagonal, i)};")
+            lines += [clip.speed("s"), clip.ends(f"w[{i}]", f"w[{count + i}]", "y", "slow")]
+            lines.append("enter = near > enter ? near : enter; leave = away < leave ? away : leave; }")
+        return [*lines, f"f = enter <= leave + {GUARD.hex()}f ? none : none - 1.0f;"]
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        """The same without any room."""
+        n = self.slabs.directions.shape[1]
+        y, s = v[:, :n] @ self.slabs.directions.T, v[:, n:] @ self.slabs.directions.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = np.sort(np.stack([(self.slabs.low - y) / s, (self.slabs.high - y) / s]), axis=0)
+        within = (y >= self.slabs.low) & (y <= self.slabs.high)
+        near = np.where(s != 0, ends[0], np.where(within, -np.inf, np.inf)).max(axis=1)
+        away = np.where(s != 0, ends[1], np.inf).min(axis=1)
+        return np.where(np.maximum(near, 0) <= np.minimum(away, 1), 0.0, -1.0)
+
+
+class clip:  # noqa: N801 (a family of two functions)
+    """C statements of slab clipping.
+
+    Without a division by zero: a face that may be met is at least ``ROOM / 2`` away from a ray that runs along it, so the
+    parameters at which a speed of ``PARALLEL`` meets the faces lie outside [0, 1] as they should.
+    """
+
+    @staticmethod
+    def speed(s: str) -> str:
+        """Declare ``slow``, one over the speed."""
+        return (
+            f"const V speed = {s} < none ? -{s} : {s}; "
+            f"const V cross = speed > {PARALLEL.hex()}f ? {s} : none + {PARALLEL.hex()}f; const V slow = over(none + 1.0f, cross);"
+        )
+
+    @staticmethod
+    def ends(low: str, high: str, y: str, slow: str) -> str:
+        """Declare ``near`` and ``away``, the parameters between which ``y + t s`` lies in [low, high]."""
+        return (
+            f"const V one = ({low} - {y}) * {slow}; const V two = ({high} - {y}) * {slow}; "
+            "const V near = one < two ? one : two; const V away = one < two ? two : one;"
+        )
+
+
+class SlabPlane:
+    """Support of P; numbers: middle and edges' halves (the halves alone if diagonal), or the number of vertices and those. f is a distance."""
+
+    def __init__(self, slabs: Slabs, domain: RegionDomain):
+        n, reach = domain.space_ndim, float(domain.limit[-1])
+        if len(slabs.low) == n:
+            inverse, error = (np.eye(n), np.zeros((n, n))) if slabs.diagonal else _inverse(slabs.directions)
+            error = error + gamma(n + 3, UNIT64) * np.abs(inverse)
+            middle, half = (slabs.low + slabs.high) / 2, (slabs.high - slabs.low) / 2
+            exact = np.concatenate([(inverse @ middle)[None], (inverse * half).T])  # (1 + n, n)
+            away = np.concatenate([(error @ np.abs(middle))[None], (error * np.abs(half)).T])
+            numbers = exact.astype(np.float32)
+            size = np.abs(numbers.astype(np.float64)).sum() + reach
+            moved = (np.abs(numbers - exact) + away).sum()
+            self.weights = np.concatenate([numbers[0], np.diag(numbers[1:])]) if slabs.diagonal else numbers.reshape(-1)
+            self.corners = False
+        else:
+            numbers, away = polytope_vertices(slabs.directions, slabs.low, slabs.high)
+            size, moved = np.abs(numbers.astype(np.float64)).sum(axis=1).max() + reach, away.sum(axis=1).max()
+            self.weights, self.corners = np.concatenate([[np.float32(len(numbers))], numbers.reshape(-1)]), True
+        self.numbers, self.count = numbers.astype(np.float64), len(slabs.low)
+        # Entries of m are at most 1. Products and sums of up to n + 1 rows, in any order, and two subtractions.
+        self.error = float((moved + gamma(2 * n + 5) * size) * (1 + 1e-9) + 8 * (n + 1) ** 2 * (1 + size) * TINY)
+
+    @staticmethod
+    def body(n: int, count: int, diagonal: bool) -> list[str]:
+        """C statements that compute f."""
+        if count > n:
+            return [
+                "const int corners = (int)w[0]; V most = none - 3.0e38f, least = none + 3.0e38f;",
+                f"for (int i = 0; i < corners; ++i) {{ const float* at = w + 1 + i * {n};",
+                f"const V y = {' + '.join(f'v[{j}] * at[{j}]' for j in range(n))};",
+                "most = y > most ? y : most; least = y < least ? y : least; }",
+                f"most = most - v[{n}]; least = v[{n}] - least; f = most < least ? most : least;",
+            ]
+        lines = [f"V off = v[{n}] - ({row(n, 0, 0)}); off = off < none ? -off : off; V reach = none;"]
+        for i in range(n):
+            term = f"v[{i}] * w[{n + i}]" if diagonal else row(n, 0, n + i * n)
+            lines.append(f"{{ const V y = {term}; reach = reach + (y < none ? -y : y); }}")
+        return [*lines, "f = reach - off;"]
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        """See ``SlabBounder``."""
+        at, offset = v[:, :-1] @ self.numbers.T, v[:, -1]
+        if self.corners:
+            return np.minimum(at.max(axis=1) - offset, offset - at.min(axis=1))
+        return np.abs(at[:, 1:]).sum(axis=1) - np.abs(offset - at[:, 0])
+
+
+class SlabBox:
+    """Intervals on directions; numbers: low, high, directions unless diagonal. f is the least overlap."""
+
+    def __init__(self, slabs: Slabs, domain: RegionDomain):
+        n = domain.space_ndim
+        tested = slabs if slabs.diagonal or len(slabs.low) != n else _separating(slabs)
+        limit, size = domain.limit[:n].astype(np.float64), np.abs(tested.directions)
+        reach, largest = size @ limit, np.maximum(np.abs(tested.low), np.abs(tested.high))
+        # The middle and the half of the box round once, products and sums as ever; |middle| + half <= limit.
+        product = 0.0 if slabs.diagonal else gamma(n + 3) * reach + 8 * (n + 1) * (1 + reach) * TINY
+        self.error = float((product + gamma(3) * (reach + product + largest) + 4 * TINY).max() * (1 + 1e-9))
+        parts = (
+            [tested.low, tested.high] if slabs.diagonal else [tested.low, tested.high, tested.directions.reshape(-1)]
+        )
+        self.weights = np.concatenate(parts).astype(np.float32)
+        self.count, self.slabs = len(tested.low), tested
+
+    @staticmethod
+    def body(n: int, count: int, diagonal: bool) -> list[str]:
+        """C statements that compute f."""
+        lines = ["f = none + 3.0e38f;"]
+        if not diagonal:
+            for j in range(n):
+                lines.append(
+                    f"const V m{j} = (v[{j}] + v[{n + j}]) * 0.5f; const V h{j} = (v[{n + j}] - v[{j}]) * 0.5f;"
+                )
+        for i in range(count):
+            at = 2 * count + i * n
+            middle = " + ".join(f"m{j} * w[{at + j}]" for j in range(n))
+            half = " + ".join(f"h{j} * (w[{at + j}] < 0.0f ? -w[{at + j}] : w[{at + j}])" for j in range(n))
+            ends = f"v[{i}], b = v[{n + i}]" if diagonal else "y - r, b = y + r"
+            lines.append(f"{{ {'' if diagonal else f'const V y = {middle}; const V r = {half};'} const V a = {ends};")
+            lines.append(
+                f"const V c = b - w[{i}], d = w[{count + i}] - a; const V e = c < d ? c : d; f = e < f ? e : f; }}"
+            )
+        return lines
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        """See ``SlabBounder``."""
+        n, d = self.slabs.directions.shape[1], self.slabs.directions
+        y, r = (v[:, :n] + v[:, n:]) / 2 @ d.T, (v[:, n:] - v[:, :n]) / 2 @ np.abs(d).T
+        return np.minimum(y + r - self.slabs.low, self.slabs.high - (y - r)).min(axis=1)
+
+
+def _inverse(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    found = checked_inverse(directions)
+    if found is None:
+        raise BounderError("the slabs' directions are not independent")
+    return found
+
+
+def _separating(slabs: Slabs) -> Slabs:
+    """The slabs of a parallelepiped and those around it, along the axes and, in 3D, along the products of axes and edges."""
+    n = slabs.directions.shape[1]
+    inverse, error = _inverse(slabs.directions)
+    more = list(np.eye(n))
+    if n == 3:
+        for axis, edge in product(np.eye(3), inverse.T):
+            normal = np.cross(axis, edge / np.abs(edge).max())
+            if np.abs(normal).max() > 1e-3:
+                more.append(normal / np.abs(normal).max())
+    more = np.array(more).astype(np.float32).astype(np.float64)
+    share = more @ inverse  # each direction as a sum of the slabs' directions
+    away = np.abs(more) @ (error + gamma(n + 2, UNIT64) * np.abs(inverse))
+    first, last = share * slabs.low, share * slabs.high
+    room = (away + gamma(n + 2, UNIT64) * np.abs(share)) @ np.maximum(np.abs(slabs.low), np.abs(slabs.high))
+    low = round_down(np.minimum(first, last).sum(axis=1) - room).astype(np.float64)
+    high = round_up(np.maximum(first, last).sum(axis=1) + room).astype(np.float64)
+    return Slabs(
+        np.concatenate([slabs.directions, more]),
+        np.concatenate([slabs.low, low]),
+        np.concatenate([slabs.high, high]),
+        False,
+    )

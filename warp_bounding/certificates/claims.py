@@ -1,0 +1,118 @@
+"""Whether the numbers of a stored certificate can be true of the bounder beside them: an edited one mostly gives itself away.
+
+A file's digest detects damage, and these checks detect careless edits by someone who computed it anew. A lie that adds up
+passes, and only ``certify`` finds it out.
+"""
+
+from math import isfinite, prod
+from typing import Any
+
+import numpy as np
+
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.certificates.certificate import Certificate, fn_rate_bound
+from warp_bounding.coordinates.domain import DELTA_LARGEST_SHARE
+from warp_bounding.errors import FileFormatError
+
+__all__ = ["check_claims"]
+
+KINDS = ("proven", "statistical", "refuted", "undecided", "inapplicable")
+CLOSE = 1e-6  # relative, for numbers that another machine may have computed with other last bits
+LEAST_ERROR = (
+    0.5  # of the rounding bound as this version computes it: later versions may bound it differently, not by half
+)
+
+
+def check_claims(bounder: Bounder, certificate: Certificate, document: dict[str, Any]) -> None:
+    """Refuse a certificate whose fields contradict each other, the bounder, or what the file says of the shape.
+
+    Args:
+        bounder: As it was read.
+        certificate: As it was read; query, domain and threshold are known to be the bounder's.
+        document: The file's other fields.
+
+    Raises:
+        FileFormatError: If one is impossible; it is named.
+    """
+    if certificate.kind not in KINDS:
+        _refuse(f"kind {certificate.kind!r} is not one of {', '.join(KINDS)}")
+    for name in ("boxes", "cells", "samples", "restarts"):
+        value = getattr(certificate, name)
+        if type(value) is not int or value < 0:
+            _refuse(f"{name} must be a whole number of at least 0, got {value!r}")
+    for name in ("lower_bound", "rounding_bound", "seconds"):
+        if not _number(getattr(certificate, name)):
+            _refuse(f"{name} must be a finite number, got {getattr(certificate, name)!r}")
+    if not isinstance(certificate.message, str) or not isinstance(certificate.arithmetic, str):
+        _refuse("message and arithmetic must be text")
+    if certificate.kind not in ("proven", "statistical"):
+        return
+    if certificate.counterexample is not None:
+        _refuse(f"{certificate.kind}, and yet there is a counterexample")
+    _check_about(certificate, document)
+    if document["indicator"] is not None and certificate.indicator != document["indicator"]:
+        _refuse(f"it is about the shape {certificate.indicator[:16]}, the file about {document['indicator'][:16]}")
+    if not certificate.rounding_bound >= LEAST_ERROR * bounder.rounding_bound():
+        _refuse(
+            f"rounding bound {certificate.rounding_bound:.3g}, this bounder rounds by {bounder.rounding_bound():.3g}"
+        )
+    if not certificate.lower_bound >= certificate.threshold:
+        _refuse(f"lower bound {certificate.lower_bound:.6g} is less than the threshold {certificate.threshold:.6g}")
+    _check_delta(bounder, certificate, document.get("grid_shape"))
+    if certificate.kind == "proven":
+        if certificate.samples or certificate.fn_rate_bound is not None:
+            _refuse("proven, and yet there are samples")
+        return
+    _check_statistics(bounder, certificate)
+
+
+def _check_about(certificate: Certificate, document: dict[str, Any]) -> None:
+    """What the claim is about stands in the certificate and beside it; older files have it beside it only."""
+    if certificate.placement is None:
+        return
+    beside = {name: document[name] for name in ("margin", "length", "resolution")} | {"object": document["name"]}
+    beside["margin"] = beside["margin"] or 0.0  # that of a bounder which was proven by itself
+    for name, value in beside.items():
+        own = getattr(certificate, name)
+        if own != value and not (name == "object" and value is None):
+            _refuse(f"it is for {name} {own!r}, the file for {value!r}")
+
+
+def _check_delta(bounder: Bounder, certificate: Certificate, shape: Any) -> None:
+    """Cells, and the input error as a share of one."""
+    base, delta = bounder.domain.base, np.array(certificate.delta, dtype=np.float64)
+    if delta.shape != (base.ndim,) or not ((delta >= 0) & (delta <= DELTA_LARGEST_SHARE * (1 + CLOSE))).all():
+        _refuse(f"delta must hold {base.ndim} shares of a cell up to {DELTA_LARGEST_SHARE}, got {certificate.delta}")
+    room = certificate.placement
+    if room is not None and not (
+        isinstance(room, list) and len(room) == base.ndim and all(_number(r) and r >= 0 for r in room)
+    ):
+        _refuse(f"placement must hold {base.ndim} lengths of at least 0, got {room!r}")
+    if room is not None and not (np.array(room) * base.scale <= base.delta * (1 + CLOSE)).all():
+        _refuse(f"placements that round by {room}, delta covers less")
+    if shape is None:
+        return
+    if len(shape) != base.ndim or not 0 < certificate.cells < prod(shape):
+        _refuse(f"{certificate.cells} occupied cells of a grid of shape {shape}")
+    cells = base.delta / (base.scale.astype(np.float64) * (base.upper - base.lower) / np.array(shape))
+    if not np.allclose(delta, cells, rtol=CLOSE, atol=0.0):
+        _refuse(f"delta {certificate.delta}, the domain's is {cells.tolist()}")
+
+
+def _check_statistics(bounder: Bounder, certificate: Certificate) -> None:
+    """A rate that is not smaller than the samples allow; of several tests the certificate holds sums."""
+    rate, confidence, margin = certificate.fn_rate_bound, certificate.confidence, certificate.worst_margin
+    if not (_number(rate) and _number(confidence) and rate >= 0 and 0 < confidence < 1):
+        _refuse(f"a rate of {rate!r} at confidence {confidence!r}")
+    if len(bounder.parts) == 1 and not rate >= fn_rate_bound(certificate.samples, confidence) * (1 - CLOSE):
+        _refuse(f"a rate of {rate:.3g} is less than {certificate.samples:,} samples allow")
+    if margin is not None and not (_number(margin) and margin >= 0):
+        _refuse(f"worst margin {margin!r}: a positive was missed")
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+
+
+def _refuse(reason: str) -> None:
+    raise FileFormatError(f"the certificate does not add up: {reason}")

@@ -1,0 +1,109 @@
+"""A certificate filled in for a bounder and a grid."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.coordinates.placement import placement_room
+from warp_bounding.indicators.grid import IndicatorGrid
+
+__all__ = ["conjunction", "document", "least_room"]
+
+
+def document(
+    bounder: Bounder,
+    grid: IndicatorGrid | None,
+    kind: str,
+    threshold: float,
+    least: float,
+    boxes: int,
+    seconds: float,
+    message: str,
+    counterexample=None,
+    **more,
+) -> Certificate:
+    """The certificate.
+
+    Args:
+        bounder: What it is about.
+        grid: The object; ``None`` where it cannot be the bounded one.
+        kind: See ``Certificate``.
+        threshold: See ``Certificate``.
+        least: Its ``lower_bound``.
+        boxes: See ``Certificate``.
+        seconds: See ``Certificate``.
+        message: See ``Certificate``; what the claim is about, and what restricts the object (``IndicatorGrid.note``), are added to it.
+        counterexample: See ``Certificate``.
+        more: Other fields.
+    """
+    base = bounder.domain.base
+    return Certificate(
+        kind=kind,
+        query=bounder.query_kind,
+        domain=[base.lower.tolist(), base.upper.tolist()],
+        threshold=float(np.float32(threshold)),
+        lower_bound=float(least),
+        rounding_bound=bounder.rounding_bound(),
+        delta=[] if grid is None else (base.delta / (base.scale / grid.cells_per_unit)).tolist(),
+        boxes=int(boxes),
+        seconds=round(float(seconds), 3),
+        indicator="" if grid is None else grid.digest,
+        cells=0 if grid is None else len(grid.occupied),
+        counterexample=None if counterexample is None else [float(c) for c in counterexample],
+        message=message if grid is None else f"{message.rstrip('.')}. {about(bounder, grid)}",
+        object=None if grid is None else grid.name,
+        margin=None if grid is None else float(grid.margin),
+        length=bounder.domain.length,
+        resolution=None if grid is None else grid.resolution,
+        placement=None if grid is None else placement_room(bounder.domain).tolist(),
+        **more,
+    )
+
+
+def about(bounder: Bounder, grid: IndicatorGrid) -> str:
+    """What a certificate is about, in words: the object and its margin, the length of rays, what may be placed, and restrictions."""
+    dilated = f"dilated by {float(grid.margin)}" if grid.margin else "not dilated"
+    sides = " x ".join(map(str, grid.shape))
+    fineness = "" if grid.resolution is None else f" at resolution {grid.resolution}"
+    rays = "" if bounder.domain.length is None else f" Rays have length {bounder.domain.length}."
+    note = f" Note: {grid.note}." if grid.note else ""
+    return (
+        f"Object: {grid.name}, {dilated}, {len(grid.occupied):,} occupied of {sides} cells{fineness}.{rays} Placed by xform= and "
+        f"scale= where these round a query by at most {least_room(bounder):.2g}; lengths are in object units.{note}"
+    )
+
+
+def least_room(bounder: Bounder) -> float:
+    """What ``xform=`` and ``scale=`` may round a query by on every axis of space, object units."""
+    return float(placement_room(bounder.domain)[int(bounder.domain.time) :].min())
+
+
+ORDER = ("refuted", "undecided", "statistical", "proven")  # a conjunction is known no better than its worst part
+
+
+def conjunction(certificates: list[Certificate]) -> Certificate:
+    """What is known of a conjunction of bounders, of which each one's certificate is given, the last one's threshold counting.
+
+    Of proven parts the whole is proven; rates of false negatives add up.
+    """
+    if len(certificates) == 1:
+        return certificates[0]
+    worst = min(certificates, key=lambda c: ORDER.index(c.kind))
+    last = certificates[-1]
+    rates = [c.fn_rate_bound or 0.0 for c in certificates]
+    statistical = worst.kind == "statistical"
+    return replace(
+        last,
+        kind=worst.kind,
+        boxes=sum(c.boxes for c in certificates),
+        seconds=round(sum(c.seconds for c in certificates), 3),
+        counterexample=worst.counterexample,
+        message=f"{len(certificates)} tests that must all pass, each by itself; the last: {last.message}"
+        if worst.kind in ("proven", "statistical")
+        else worst.message,
+        samples=min(c.samples for c in certificates) if statistical else last.samples,
+        fn_rate_bound=sum(rates) if statistical else None,
+        confidence=1 - sum(1 - (c.confidence or 1.0) for c in certificates) if statistical else None,
+    )

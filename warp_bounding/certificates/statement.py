@@ -1,0 +1,129 @@
+"""A certificate in words: what is claimed, over which set of queries, in which arithmetic, and what is not.
+
+One text for each kind of certificate and of query, so that what ``info`` prints can be read beside DESIGN's theorem. Nothing
+is computed here; every number is the certificate's or the domain's.
+"""
+
+from collections.abc import Iterable
+
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates.document import least_room
+from warp_bounding.queries.positives import DISTRIBUTION
+
+__all__ = ["NOT_CONSERVATIVE", "statement"]
+
+NOT_CONSERVATIVE = "NOT conservative: it misses queries that meet the object, and is kept to show what that does."
+
+_CLAIM = {
+    "point": "No point of the object is ever answered with no.",
+    "ray": "No ray that meets the object is ever answered with no.",
+    "plane": "No plane that meets the object is ever answered with no.",
+    "box": "No box that meets the object is ever answered with no.",
+}
+_OUTSIDE = "what lies outside it is not in the object"
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return f"({', '.join(f'{v:.4g}' for v in values)})"
+
+
+def _queries(bounder: Bounder) -> str:
+    domain = bounder.domain
+    corners = f"{_numbers(domain.lower)} to {_numbers(domain.upper)}"
+    cut = f"only its part inside the domain counts, {corners} (object space)"
+    text = {
+        "point": f"every point of the domain, {corners} (object space); {_OUTSIDE}",
+        "ray": f"every segment o + t d/|d|, 0 <= t <= {domain.length or 0} (object units): any origin o, inside or outside, any "
+        f"direction d; {cut}",
+        "plane": f"every plane: any normal, given by any of its points; {cut}",
+        "box": f"every axis-aligned box, of any size, also of none; {cut}",
+    }[bounder.query_kind]
+    if domain.space == "parametric" and bounder.query_kind != "point":
+        text += "; fitted in the paper's parametric space, a query given by a point outside the domain is answered with maybe"
+    return text
+
+
+def _object(bounder: Bounder, certificate: Certificate | None) -> str:
+    info = bounder.info
+    margin, shape = info.get("margin") or 0.0, info.get("grid_shape")
+    grid = " x ".join(map(str, shape)) if shape else "an unknown number of"
+    cells = f"{certificate.cells:,} occupied of {grid} closed cells" if certificate else f"a grid of {grid} cells"
+    fineness = f" at resolution {info['resolution']}" if info.get("resolution") else ""
+    dilated = f", dilated by {margin} (object units)" if margin else ", not dilated"
+    digest = (certificate.indicator if certificate else info.get("indicator")) or "unknown"
+    return f"{info.get('name') or 'a shape'}: {cells}{fineness}{dilated}; SHA-256 {digest[:16]}"
+
+
+def _not_proven(bounder: Bounder) -> Iterable[str]:
+    info = bounder.info
+    if info.get("resolution"):
+        yield "anything of the mesh beyond its cells' cover of it (every cell within the margin of it is occupied)"
+    else:
+        yield "anything of what the cells were made from"
+    yield "other shapes, or this one dilated by more"
+    if bounder.domain.time:
+        yield "queries outside the range of time (answered with maybe)"
+        if not info.get("resolution"):
+            yield "motion between the frames of the array"
+    yield "how many false positives there are (evaluate)"
+
+
+def statement(bounder: Bounder) -> dict[str, str]:
+    """What is known of a bounder, by heading, in the order in which it is to be read.
+
+    Args:
+        bounder: Any, with or without a certificate.
+    """
+    certificate = bounder.certificate
+    if certificate is None:
+        text = "none: nothing is known of its false negatives" if bounder.conservative else NOT_CONSERVATIVE
+        return {"certificate": text, "queries": _queries(bounder), "object": _object(bounder, None)}
+    share = max(certificate.delta, default=0.0)
+    common = {
+        "queries": _queries(bounder),
+        "object": _object(bounder, certificate),
+        "arithmetic": f"{certificate.arithmetic}; CPU or CUDA",
+        "placement": f"xform= and scale= may round a query by up to {least_room(bounder):.2g} (object units) on every axis; one that "
+        "needs more, such as a shape that is very large beside its cells, is refused with an error",
+    }
+    if not certificate.proven:
+        return _statistical(bounder, certificate, common)
+    return {
+        "certificate": "proven",
+        "what is proven": _CLAIM[bounder.query_kind],
+        "for": common["queries"],
+        "object": common["object"],
+        "input error": f"up to {share:.2g} of a cell on each axis: the rounding of float64 queries, of the map, and of xform= and "
+        "scale=",
+        "placement": common["placement"],
+        "arithmetic": common["arithmetic"],
+        "numbers": f"f >= {certificate.lower_bound:.6g} on all of these, rounding E <= {certificate.rounding_bound:.2g}, "
+        f"maybe unless f < threshold {certificate.threshold:.9g} <= bound - E",
+        "proof": f"{certificate.boxes:,} boxes in {certificate.seconds:.2f} s; `certify` proves it anew from the file and the shape",
+        "not proven": "; ".join(_not_proven(bounder)),
+    }
+
+
+def _statistical(bounder: Bounder, certificate: Certificate, common: dict[str, str]) -> dict[str, str]:
+    rate = "unknown" if certificate.fn_rate_bound is None else f"{certificate.fn_rate_bound:.3g}"
+    alpha = 1 - (certificate.confidence or 0.0)
+    margin = certificate.worst_margin
+    closest = "no f was computed" if margin is None else f"the closest lay {margin:.3g} above the threshold"
+    tried = f"; {certificate.restarts} thresholds before it missed one, each has spent its share of alpha" * (
+        certificate.restarts > 0
+    )
+    return {
+        "certificate": f"{certificate.kind}, not proven",
+        "what is known": f"{certificate.samples:,} fresh positives in {certificate.seconds:.2f} s, none answered with no: fewer than "
+        f"{rate} of such queries are missed, wrong with probability alpha = {alpha:.2g} at most (Clopper-Pearson){tried}",
+        "sampled": DISTRIBUTION[bounder.query_kind],
+        "for": common["queries"],
+        "object": common["object"],
+        "placement": common["placement"],
+        "arithmetic": common["arithmetic"].replace(certificate.arithmetic, "float32, as this device computed it"),
+        "numbers": f"least f that a search found {certificate.lower_bound:.6g}; threshold {certificate.threshold:.9g}; "
+        f"{closest}; rounding E <= {certificate.rounding_bound:.2g}",
+        "not proven": "that no query is missed: queries of another distribution, an adversary's above all, may be missed more "
+        "often; and " + "; ".join(_not_proven(bounder)),
+    }

@@ -1,0 +1,142 @@
+"""What a placement rounds: bounds in float64 of the distance, on every axis, by which a moved query may pass where it should be.
+
+With D = q - translation, exact, the kernels compute ``M D`` for points of queries, ``M d`` for directions and ``N n`` for normals, N = M^-T.
+The moved float32 numbers *are* a query in object space, and everything behind them counts as for any such query, so this
+file only asks how far its exact region R' passes a point x of the exact region R of the numbers given. Directions
+are free in the proofs (P holds rays and planes of every direction), so what turns one only matters by what it moves.
+
+* *Distances.* ``|error of M D| <= alpha + beta |a|_1``, a the point in local space: relative errors, of n + 3 roundings at most, and the translation's.
+* *Rays.* The moved direction is off by e, ``|e| <= epsilon |M d|``, since ``|M d| >= |d| / |M^-1|``: off by an angle of sine epsilon, and the
+  unit vectors by ``epsilon (1 + epsilon)``. After t, at most ``length`` and the way to the domain, x is passed by t times that.
+* *Planes*, ``e . (y - a) = 0`` in local space, the largest entry of e scaled to 1: ``|error of e_k| <= tau_k``. At a point y of the domain the
+  plane is off by ``sum tau_k (|y_k| + |a_k|) + sum |error of a_k|`` in the offset, and so at most by this along that entry's axis.
+* *Boxes* are the box around what they become; without a rotation (a signed permutation of the axes) that is the region itself.
+  A corner with products ``|M_kj D_j|`` larger than those of x lies farther out than x by their difference, and rounds by a share of
+  them; so for boxes of any size x is passed by no more than what a point rounds, which is x itself.
+
+Rays and planes are computed with where ``|a|_1 <= FAR``; beyond, they are denied or answered with maybe, and the kernel widens the
+domain by ``drift |a|_1`` before it denies.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, gamma
+from warp_bounding.coordinates.domain import GROWTH, Domain, rounding_of_map
+from warp_bounding.coordinates.native_map import FAR, SMALLEST
+from warp_bounding.coordinates.region_domain import RegionDomain
+
+__all__ = ["WorldMap", "drift", "farthest", "rounding"]
+
+HOST = 64 * UNIT64  # relative to a row's largest entry: what the host rounds in M and N
+SLOPE = 1.05  # how much faster than computed the exact |a|_1 grows, and a few roundings
+STEEPEST = 0.01  # a placement with larger relative errors is refused
+
+
+class WorldMap(NamedTuple):
+    """The map, in float64: M, M^-1, the translation, and the error of the latter in float32."""
+
+    matrix: np.ndarray
+    forward: np.ndarray
+    translation: np.ndarray
+    away: np.ndarray
+
+
+def rounding(domain: Domain | RegionDomain, world: WorldMap, *, double: bool) -> np.ndarray:
+    """``(n,)``, units of local space: see module; infinite where a bound does not hold. Of points, with the map of the domain.
+
+    Args:
+        domain: The bounder's.
+        world: The map.
+        double: Queries come in float64 and are rounded to float32 in the world first.
+    """
+    base, input_unit = domain.base, UNIT32 if double else 0.0
+    scale, n, limit = base.scale.astype(np.float64), base.ndim, base.limit.astype(np.float64)
+    if domain.query in ("point", "box"):
+        map_behind = rounding_of_map(limit) if domain.query == "point" else 0.0
+        return (_at_points(base, world, input_unit) * scale * (1 + 4 * UNIT32) + map_behind + TINY) * GROWTH
+    alpha, beta = _distance(base, world, input_unit)
+    slope = float((scale * beta).sum())
+    if not slope < STEEPEST:
+        return np.full(n, np.inf)
+    far = (FAR * (1 + gamma(n + 4)) + float((scale * alpha).sum())) / (1 - slope)  # the largest exact |a|_1
+    off = scale * (alpha + beta * far)
+    if domain.query == "ray":
+        epsilon = _turn(world, n, input_unit)
+        if not epsilon < STEEPEST:
+            return np.full(n, np.inf)
+        way = min(domain.length * (1 + 4 * UNIT32), float((limit / scale).sum() + far / scale.min()))
+        off = off + scale * epsilon * (1 + epsilon) * way
+    else:
+        tau = _tilt(base, world, input_unit)
+        if not tau.max() < STEEPEST:
+            return np.full(n, np.inf)
+        off = np.full(n, float(off.sum() + (tau @ limit + tau.max() * far) / (1 - tau.max())))
+    return (off * (1 + 4 * UNIT32) + TINY) * GROWTH
+
+
+def drift(domain: RegionDomain, world: WorldMap) -> np.ndarray:
+    """``(n,)`` float64: what the kernel adds for rays and planes from far away, units of local space, per ``|a|_1``."""
+    base = domain.base
+    n, scale = base.ndim, base.scale.astype(np.float64)
+    _, beta = _distance(base, world, UNIT32)
+    if domain.query == "ray":
+        return scale * (beta + _turn(world, n, UNIT32) / scale.min()) * SLOPE
+    return np.full(n, float((scale * beta).sum() + _tilt(base, world, UNIT32).max()) * SLOPE)
+
+
+def _at_points(base: Domain, world: WorldMap, input_unit: float) -> np.ndarray:
+    """``(n,)``, object units: error of a moved point of the domain."""
+    n, away = base.ndim, np.abs(world.forward) @ base.reach  # largest |q - translation|
+    rounded = world.away + input_unit * (np.abs(world.translation) + away)
+    size = np.abs(world.matrix)
+    moved = size @ (gamma(n + 3) * (away + rounded) + rounded)
+    moved += _host(size) * (away + rounded).sum()
+    return moved + (n + 2) * TINY * (1 + size.sum(axis=1))  # results that are subnormal
+
+
+def farthest(domain: Domain | RegionDomain, world: WorldMap) -> np.ndarray:
+    """``(n,)``: about the largest coordinates in the world that a bounder computes with."""
+    base = domain.base
+    reach = base.reach
+    if domain.query != "point":
+        reach = reach + 1.1 * FAR / base.scale.astype(np.float64)
+    return np.abs(world.translation) + np.abs(world.forward) @ reach
+
+
+def _host(size: np.ndarray) -> np.ndarray:
+    """``(n,)``: error of an entry of a row, from the host, or because it is subnormal."""
+    return HOST * size.max(axis=1) + 2 * TINY
+
+
+def _distance(base: Domain, world: WorldMap, input_unit: float) -> tuple[np.ndarray, np.ndarray]:
+    """``alpha`` and ``beta``, object units. A difference, an entry of M, a product and n - 1 sums round, the input too."""
+    n, scale = base.ndim, base.scale.astype(np.float64)
+    size, forward = np.abs(world.matrix), np.abs(world.forward)
+    relative = size * (gamma(n + 3) + input_unit * (1 + gamma(n + 3))) + _host(size)[:, None]
+    fixed = world.away + input_unit * np.abs(world.translation) + 2 * TINY
+    alpha = relative @ (forward @ np.abs(base.center.astype(np.float64))) + (size * (1 + gamma(n + 4))) @ fixed
+    alpha += _host(size) * fixed.sum() + (n + 3) * TINY * (1 + size.sum(axis=1))
+    return alpha, (relative @ forward / scale).max(axis=1)
+
+
+def _flushed(n: int) -> float:
+    """Numbers set to zero, relative to the largest entry of a direction, before or after it was moved."""
+    return (n + 1) * TINY / SMALLEST
+
+
+def _turn(world: WorldMap, n: int, input_unit: float) -> float:
+    """``epsilon`` of a direction."""
+    size = np.linalg.norm(world.matrix, axis=1)
+    entries = size * (gamma(n + 3) + input_unit + _flushed(n)) + _host(np.abs(world.matrix)) * np.sqrt(n)
+    return float(np.linalg.norm(entries) * np.linalg.norm(world.forward, 2) + n * _flushed(n)) * GROWTH
+
+
+def _tilt(base: Domain, world: WorldMap, input_unit: float) -> np.ndarray:
+    """``tau`` of a normal: ``e = N n / scale``, and ``|n| <= |N^-1 scale| |e| <= |N^-1 scale| sqrt(n) max |e|``."""
+    n, scale, normals = base.ndim, base.scale.astype(np.float64), world.forward.T
+    size = np.linalg.norm(normals, axis=1)
+    entries = size * (gamma(n + 3) + input_unit + _flushed(n)) + _host(np.abs(normals)) * np.sqrt(n)
+    back = np.linalg.norm(world.matrix.T * scale, 2) * np.sqrt(n)  # N^-1 = M^T
+    return (entries / scale * back + _flushed(n) * scale.max() / scale) * GROWTH

@@ -1,0 +1,1 @@
+"""Everything that ``load_indicator`` reads: files, arrays and other libraries' meshes."""

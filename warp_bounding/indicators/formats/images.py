@@ -1,0 +1,54 @@
+"""Pixels of a PNG: by default where it is opaque, or its grey values for a threshold."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.formats.reading import import_optional, reading
+
+__all__ = ["read_png"]
+
+OPAQUE = 0.5  # alpha from here on is occupied
+ALPHA_MODES = ("RGBA", "LA", "PA")
+PALETTE_MODES = ("P", "RGB", "L", "1")  # may name a transparent colour instead of carrying an alpha channel
+GREY_MODES = ("L", "I", "I;16", "I;16B", "F")  # one number a pixel, taken as it stands
+
+
+def read_png(path: Path, *, grey: bool) -> np.ndarray:
+    """Read a picture; coordinate 0 is the row, from the top.
+
+    Args:
+        path: An existing file.
+        grey: Whether its grey values are wanted, 0 (black) to 255, or to 65,535 in a file of 16 bits; colours count by their
+            luma (ITU-R 601).
+
+    Returns:
+        ``(height, width)`` numbers; bool, where alpha is at least one half, if ``grey`` is not asked for.
+
+    Raises:
+        IndicatorError: For a damaged file, an animation, a picture without alpha channel that no threshold is given for, or
+            grey values of one with transparent pixels.
+    """
+    image_module = import_optional("PIL.Image", "pillow", path)
+    with reading(path, "a PNG image"), warnings.catch_warnings():
+        warnings.simplefilter("error", image_module.DecompressionBombWarning)
+        with image_module.open(path, formats=("PNG",)) as image:
+            if getattr(image, "n_frames", 1) != 1:
+                raise IndicatorError(f"{path}: expected one picture, got an animation of {image.n_frames}")
+            has_alpha = image.mode in ALPHA_MODES or (image.mode in PALETTE_MODES and "transparency" in image.info)
+            if not has_alpha and not grey:
+                raise IndicatorError(
+                    f"{path}: expected an image with an alpha channel, got mode {image.mode} without; say which grey values are "
+                    "occupied: threshold='<128' for dark ones, threshold='>=128' for bright ones"
+                )
+            alpha = np.asarray(image.convert("RGBA"))[..., 3] if has_alpha else None
+            if grey and alpha is not None and alpha.min() < 255:
+                raise IndicatorError(
+                    f"{path}: expected opaque pixels for a threshold of their grey, got {int((alpha < 255).sum())} that are not; "
+                    "without threshold what is opaque is occupied"
+                )
+            if grey:
+                return np.asarray(image if image.mode in GREY_MODES else image.convert("L"))
+    return alpha / 255.0 >= OPAQUE

@@ -1,0 +1,172 @@
+"""``load_indicator``: one door for files, arrays and meshes; and the readers of the formats that hold arrays.
+
+Which reader a file gets depends on its extension alone; what it holds must then be what the extension says. Meshes
+come from trimesh (``mesh_files.py``) and usd-core (``usd.py``), voxels from ``binvox.py``, pixels from ``images.py``. What an
+array's values mean and where its cells lie is told in ``arrays.py``, meshes and arrays of other libraries in ``objects.py``.
+"""
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.formats.arrays import Placement, Threshold, grid_of
+from warp_bounding.indicators.formats.binvox import read_binvox
+from warp_bounding.indicators.formats.images import read_png
+from warp_bounding.indicators.formats.mesh_files import MESH_SUFFIXES, read_mesh
+from warp_bounding.indicators.formats.objects import ACCEPTED, array_from, mesh_from
+from warp_bounding.indicators.formats.reading import reading
+from warp_bounding.indicators.formats.usd import USD_SUFFIXES, read_usd
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.mesh import IndicatorMesh
+from warp_bounding.indicators.motion import IndicatorMotion
+
+__all__ = ["ARRAY_SUFFIXES", "SUFFIXES", "load_indicator"]
+
+BOUNDER_SUFFIX = ".safetensors"
+
+
+def load_indicator(
+    source: object,
+    *,
+    time: bool | None = None,
+    threshold: float | str | None = None,
+    spacing: float | Sequence[float] | None = None,
+    origin: Sequence[float] | None = None,
+) -> IndicatorGrid | IndicatorMesh | IndicatorMotion:
+    """Make an indicator of a file, an array or a mesh.
+
+    Coordinate k is array axis k: of an image, coordinate 0 is the row, from the top, and coordinate 1 the column.
+
+    Args:
+        source: A path to ``.png`` (alpha of at least 0.5 is occupied), ``.binvox`` (coordinates x, y, z), ``.npy``, ``.npz``
+            (one array, or one named ``occupancy``), a mesh that trimesh reads (``.obj``, ``.ply``, ``.stl``, ``.glb``,
+            ``.gltf``, ``.off``) or USD (``.usd``, ``.usda``, ``.usdc``, ``.usdz``); an n-D array of NumPy, torch or Warp that
+            holds truth values, or 0 and 1; a pair ``(vertices, faces)``, a ``trimesh.Trimesh`` or ``trimesh.Scene``, a
+            ``newton.Mesh`` or a ``wp.Mesh``; an ``IndicatorGrid``, ``IndicatorMesh`` or ``IndicatorMotion``, which is returned
+            as it is.
+        time: Whether coordinate 0 is time. By default it is for 4-D arrays and motions; a mesh never moves.
+        threshold: Which values of an array, or grey values of an image, are occupied: a text such as ``"<128"``, ``"<=0"``,
+            ``">0.5"``, or a number, from which on they are.
+        spacing: Of an array, voxel file or image: the size of a cell, object units; one number, or one for each axis. By default the
+            centres of the first and the last cell lie on 0 and 1, as in the paper, on every axis, however many cells it has.
+        origin: Likewise: where the centre of the first cell is, object units; 0 on every axis by default. Whole or half cells
+            away from 0.
+
+    Returns:
+        An ``IndicatorGrid`` for images, voxels and arrays, an ``IndicatorMesh`` for meshes, an ``IndicatorMotion`` for one.
+
+    Raises:
+        IndicatorError: In one line, for everything that cannot be read or bounded, or that may mean two things.
+    """
+    if time is not None and not isinstance(time, bool | np.bool_):
+        raise IndicatorError(f"time must be True, False or None, got {time!r}")
+    limit = None if threshold is None else Threshold.of(threshold)
+    found = _load(source, limit)
+    if isinstance(found, _Array):
+        found = grid_of(found.values, found.name, time, limit, Placement(spacing, origin))
+    else:
+        given = {"threshold": threshold, "spacing": spacing, "origin": origin}
+        for option in (key for key, value in given.items() if value is not None):
+            kind = type(found).__name__
+            raise IndicatorError(
+                f"{found.name}: {option} is for arrays and images, got {option}={given[option]!r} for {kind}"
+            )
+    if isinstance(found, IndicatorMotion):
+        if time is False:
+            raise IndicatorError(f"{found.name}: coordinate 0 of a motion is time, got time=False")
+        return found
+    if isinstance(found, IndicatorMesh):
+        if time:
+            raise IndicatorError(f"{found.name}: a mesh has no time coordinate, got time=True")
+        return found
+    if time is not None and time != found.time:
+        found = replace(found, time=bool(time))
+    if found.time and found.ndim < 2:
+        raise IndicatorError(f"{found.name}: time and at least one more coordinate expected, got {found.ndim}")
+    return found
+
+
+class _Array(NamedTuple):
+    """Values that a threshold and a placement make a grid of."""
+
+    values: np.ndarray
+    name: str
+
+
+def _load(source: object, threshold: Threshold | None) -> _Array | IndicatorGrid | IndicatorMesh | IndicatorMotion:
+    if isinstance(source, IndicatorGrid | IndicatorMesh | IndicatorMotion):
+        return source
+    if isinstance(source, str | os.PathLike):
+        return _load_file(Path(os.fsdecode(source)), threshold)
+    array = array_from(source)
+    if array is not None:
+        return _Array(array, "array")
+    mesh = mesh_from(source)
+    if mesh is None:
+        raise IndicatorError(f"expected {ACCEPTED}, got {type(source).__name__}")
+    return mesh
+
+
+def _load_file(path: Path, threshold: Threshold | None) -> _Array | IndicatorMesh:
+    suffix = path.suffix.lower()
+    try:
+        if not path.exists():
+            raise IndicatorError(f"{path}: there is no such file")
+        if not path.is_file():
+            raise IndicatorError(f"{path}: expected a file, got {'a directory' if path.is_dir() else 'something else'}")
+        if suffix == BOUNDER_SUFFIX:
+            raise IndicatorError(f"{path}: expected a shape, got a bounder's file; load (or info) reads it")
+        if suffix not in SUFFIXES:
+            raise IndicatorError(f"{path}: expected one of {' '.join(SUFFIXES)}, got {suffix or 'no extension'!r}")
+        with path.open("rb") as file:
+            if not file.read(1):
+                raise IndicatorError(f"{path}: expected a {suffix} file, but it is empty")
+        if suffix in MESH_SUFFIXES:
+            return read_mesh(path)
+        if suffix in USD_SUFFIXES:
+            return read_usd(path)
+        return _Array(_ARRAY_READERS[suffix](path, threshold is not None), path.name)
+    except (OSError, ValueError) as error:  # no permission, a name with a null byte, ...
+        if isinstance(error, IndicatorError):
+            raise
+        reason = getattr(error, "strerror", None) or str(error)
+        raise IndicatorError(f"{path}: cannot be read: {reason}") from error
+
+
+def _read_npy(path: Path) -> np.ndarray:
+    with reading(path, "a NumPy .npy array"), path.open("rb") as file:
+        array = np.lib.format.read_array(file, allow_pickle=False)
+        if file.read(1):
+            raise IndicatorError(f"{path}: expected the end of the file after {array.size} numbers, got more data")
+    return array
+
+
+def _read_npz(path: Path) -> np.ndarray:
+    with reading(path, "a NumPy .npz archive"), path.open("rb") as file:
+        if file.read(2) != b"PK":
+            raise IndicatorError(f"{path}: expected a NumPy .npz archive, got a file that is not a zip archive")
+        file.seek(0)
+        with np.load(file, allow_pickle=False) as archive:
+            names = archive.files
+            if len(names) != 1 and "occupancy" not in names:
+                raise IndicatorError(f"{path}: expected one array or one named 'occupancy', got {names}")
+            array = archive["occupancy" if "occupancy" in names else names[0]]
+            if not isinstance(array, np.ndarray):  # other files in the archive come as bytes
+                raise IndicatorError(f"{path}: expected an archive of NumPy arrays, got the file {names[0]!r}")
+            return array
+
+
+# Each is given a path and whether a threshold waits for numbers.
+_ARRAY_READERS = {
+    ".png": lambda path, numbers: read_png(path, grey=numbers),
+    ".binvox": lambda path, _: read_binvox(path),
+    ".npy": lambda path, _: _read_npy(path),
+    ".npz": lambda path, _: _read_npz(path),
+}
+ARRAY_SUFFIXES = tuple(_ARRAY_READERS)
+SUFFIXES = (*ARRAY_SUFFIXES, *MESH_SUFFIXES, *USD_SUFFIXES)

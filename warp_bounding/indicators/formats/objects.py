@@ -1,0 +1,106 @@
+"""Shapes as other libraries hold them: meshes of trimesh, Newton and Warp, arrays of torch and Warp.
+
+None of these libraries is imported here: whoever passes an object of one has imported it.
+"""
+
+import sys
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.formats.mesh_files import mesh_from_trimesh
+from warp_bounding.indicators.mesh import IndicatorMesh
+
+__all__ = ["ACCEPTED", "array_from", "mesh_from"]
+
+
+class _Kind(NamedTuple):
+    """Classes of a library, and what makes ours of them."""
+
+    module: str
+    classes: tuple[str, ...]
+    convert: Callable[[Any], Any]
+
+
+def _from_trimesh(source: Any) -> IndicatorMesh:
+    return mesh_from_trimesh(source, name="trimesh")
+
+
+def _from_newton(source: Any) -> IndicatorMesh:
+    return IndicatorMesh(np.asarray(source.vertices), _triangles(source.indices, "newton.Mesh"), name="newton.Mesh")
+
+
+def _from_warp(source: Any) -> IndicatorMesh:
+    return IndicatorMesh(source.points.numpy(), _triangles(source.indices.numpy(), "wp.Mesh"), name="wp.Mesh")
+
+
+def _from_torch(source: Any) -> np.ndarray:
+    try:
+        return source.detach().cpu().numpy()
+    except (TypeError, RuntimeError) as error:  # sparse, or of a type that NumPy does not have
+        reason = " ".join(str(error).split())
+        raise IndicatorError(
+            f"expected a tensor that NumPy can hold, got {source.dtype}, {source.layout}: {reason}"
+        ) from error
+
+
+def _triangles(indices: Any, name: str) -> np.ndarray:
+    indices = np.asarray(indices)
+    if indices.size % 3:
+        raise IndicatorError(f"{name}: expected three indices a face, got {indices.size}")
+    return indices.reshape(-1, 3)
+
+
+_MESHES = (
+    _Kind("trimesh", ("Trimesh", "Scene"), _from_trimesh),
+    _Kind("newton", ("Mesh",), _from_newton),
+    _Kind("warp", ("Mesh",), _from_warp),
+)
+_ARRAYS = (
+    _Kind("numpy", ("ndarray",), lambda source: source),
+    _Kind("torch", ("Tensor",), _from_torch),
+    _Kind("warp", ("array",), lambda source: source.numpy()),
+)
+ACCEPTED = "a path, an array (NumPy, torch, Warp), (vertices, faces), a trimesh.Trimesh, newton.Mesh or wp.Mesh, or an indicator"
+
+
+def mesh_from(source: object) -> IndicatorMesh | None:
+    """The indicator of another library's mesh, or of a pair ``(vertices, faces)`` of arrays; ``None`` for anything else.
+
+    Raises:
+        IndicatorError: For a mesh that cannot be bounded.
+    """
+    if isinstance(source, tuple):
+        return _from_pair(source)
+    return _converted(source, _MESHES)
+
+
+def array_from(source: object) -> np.ndarray | None:
+    """Another library's array as NumPy's; ``None`` for anything else."""
+    return _converted(source, _ARRAYS)
+
+
+def _from_pair(source: tuple) -> IndicatorMesh:
+    if len(source) != 2:
+        raise IndicatorError(f"expected a pair (vertices, faces), got a tuple of {len(source)}")
+    arrays = []
+    for name, part in zip(("vertices", "faces"), source, strict=True):
+        array = array_from(part)
+        try:
+            arrays.append(np.asarray(part) if array is None else array)
+        except ValueError as error:  # lists of unequal length
+            raise IndicatorError(
+                f"mesh: expected {name} as an array of 3 columns, got {type(part).__name__}"
+            ) from error
+    return IndicatorMesh(*arrays)
+
+
+def _converted(source: object, kinds: tuple[_Kind, ...]) -> Any:
+    for kind in kinds:
+        module = sys.modules.get(kind.module)
+        classes = tuple(filter(None, (getattr(module, name, None) for name in kind.classes)))
+        if isinstance(source, classes):
+            return kind.convert(source)
+    return None

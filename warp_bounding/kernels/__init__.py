@@ -1,0 +1,1 @@
+"""How a bounding test becomes a Warp function or a batch kernel."""

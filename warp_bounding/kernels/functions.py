@@ -1,0 +1,117 @@
+"""Warp functions and kernels around native source: made once for each source, whatever the values in it."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from warp_bounding.kernels.source import Source, batch_snippet, point_snippet
+from warp_bounding.runtime.native import named, unique_name
+
+__all__ = ["Data", "batch_kernel", "point_func", "point_type"]
+
+
+@wp.struct
+class Data:
+    """What a bounder's function needs besides the query; pass it to your kernel as an argument.
+
+    A function answers *maybe* to data that were made for the function of another source, to a part of its own, and to empty ones.
+
+    Attributes:
+        parameters: Whose they are, domain, threshold and the method's numbers (see ``Source``).
+        words: Bit field of ``voxels``; empty for other methods.
+    """
+
+    parameters: wp.array(dtype=wp.float32)
+    words: wp.array(dtype=wp.uint32)
+
+
+def point_type(ndim: int) -> Any:
+    """Warp's vector type for points in n dimensions."""
+    named = {2: wp.vec2, 3: wp.vec3, 4: wp.vec4}
+    return named[ndim] if ndim in named else _vector_type(ndim)
+
+
+@cache
+def _vector_type(ndim: int) -> Any:
+    return wp.types.vector(length=ndim, dtype=wp.float32)
+
+
+@cache
+def point_func(source: Source) -> wp.Function:
+    """The ``wp.Function`` for use in any kernel, object space.
+
+    Points: ``test(data: Data, q: vec_n) -> bool``. Regions: ``test(data: Data, a: vec_n, b: vec_n) -> bool`` with a ray's
+    origin and direction, a plane's normal and point, a box's lower and upper corner.
+
+    In a kernel, write ``wp.static(bounder.func)(data, q)``. Warp looks a global name up again whenever it builds the module, and a name
+    that is bound to another function by then brings that one into all kernels of the module; ``wp.static`` does so once, where the
+    kernel is defined. Data of another source are answered with *maybe*.
+
+    What is proven is proven of the float32 numbers that the function gets, in IEEE arithmetic. It keeps to that in a module of any options
+    of Warp's, ``fast_math`` too (``source.TOOLS``); a CPU compiler that is told ``-ffast-math`` refuses it (``native.STRICT``). Other flags
+    that give up IEEE arithmetic are outside the claim.
+    """
+    name = named(unique_name(source, "test"))
+    vector = point_type(source.ndim)
+    if source.query != "point":
+
+        @name.func_native(point_snippet(source))
+        def native_region(
+            parameters: wp.array(dtype=wp.float32), words: wp.array(dtype=wp.uint32), a: vector, b: vector
+        ) -> bool: ...
+
+        @name.func
+        def test_region(data: Data, a: vector, b: vector) -> bool:
+            return native_region(data.parameters, data.words, a, b)
+
+        return test_region
+
+    @name.func_native(point_snippet(source))
+    def native(parameters: wp.array(dtype=wp.float32), words: wp.array(dtype=wp.uint32), q: vector) -> bool: ...
+
+    @name.func
+    def test(data: Data, q: vector) -> bool:
+        return native(data.parameters, data.words, q)
+
+    return test
+
+
+@cache
+def batch_kernel(source: Source, placed: bool, values: bool) -> wp.Kernel:
+    """The kernel that tests many queries: ``(x, count, first, parameters, words, placement, out)``, one block a thread.
+
+    Args:
+        source: The method's code.
+        placed: Whether a world-to-object map is applied.
+        values: Write ``f`` itself (float32; +inf where the answer is *maybe* without it, -inf outside) instead of 0 and 1.
+    """
+    name = named(unique_name(source, f"batch{'_placed' * placed}{'_values' * values}"))
+    out_type = wp.float32 if values else wp.uint8
+
+    @name.func_native(batch_snippet(source, placed, values))
+    def native(
+        x: wp.array(dtype=wp.float32),
+        count: int,
+        block: int,
+        parameters: wp.array(dtype=wp.float32),
+        words: wp.array(dtype=wp.uint32),
+        placement: wp.array(dtype=wp.float32),
+        out: wp.array(dtype=out_type),
+    ): ...
+
+    @name.kernel
+    def batch(
+        # inputs
+        x: wp.array(dtype=wp.float32),
+        count: int,
+        first: int,
+        parameters: wp.array(dtype=wp.float32),
+        words: wp.array(dtype=wp.uint32),
+        placement: wp.array(dtype=wp.float32),
+        # outputs
+        out: wp.array(dtype=out_type),
+    ):
+        native(x, count, first + wp.tid(), parameters, words, placement, out)
+
+    return batch

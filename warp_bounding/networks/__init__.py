@@ -1,0 +1,1 @@
+"""Small networks: exact evaluation, float32 rounding, and certified bounds over boxes."""

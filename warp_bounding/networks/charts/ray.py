@@ -1,0 +1,220 @@
+"""Rays that meet an object: where one first enters it, how long it has been under way, and its direction.
+
+``z = (p, t, m)``: p in local space, on a face that is exposed (one entry has no width), or anywhere in the object with
+t = 0; the time 0 <= t <= 1; m on a face of a cube (one entry is 1 or -1, without width), ``u = m / |m|`` the unit direction
+in object space. The network's inputs are ``w = stretch u`` and ``a = p - t w``: 2n - 1 numbers move, 2n inputs depend on them.
+
+* ``u(m0 + h) = u0 + J h + r`` with ``J = (I - u0 u0^T) / |m0|`` and ``|r| <= 1/2 |h|^2 sqrt(4/3) / min |m|^2``: with
+  ``h = alpha u + h'``, ``D^2 u [h, h] = -(2 alpha h' + |h'|^2 u) / |m|^2``, whose length is largest, ``sqrt(4/3) |h|^2 / |m|^2``,
+  where ``|h'|^2 = 2/3 |h|^2``. The quadratic part of r is ``(-alpha h + (3/2 alpha^2 - |h|^2 / 2) u0) / |m0|^2``; behind it is at
+  most ``sqrt(18) / 6 (|h| / min |m|)^3``: in the plane of u0 and h, ``theta = Im log(1 + s h)``, so its derivatives are at most
+  ``1, 1, 2`` (over powers of ``|m| / |h|``), and the square of the third one of ``u = e^(i theta)`` is at
+  most ``(2 + 1)^2 + (3 * 1 * 1)^2``.
+* ``t w = t0 w + (t - t0) (w - w0) + (t - t0) w0``: the product of two changes is bilinear, but for the rest of w.
+* The domain test leaves ``|a| <= limit`` only: the box is cut in t, what still sticks out is a constraint.
+* Computed queries: a is off by ``delta`` of the domain, w by its own; both are noise, and f is tried that far off.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from warp_bounding.networks.charts.base import Chart
+
+__all__ = ["RayChart"]
+
+SECOND = 0.57736  # above sqrt(4/3) / 2: of what is left of u behind its linear part
+THIRD = 0.70714  # above sqrt(18) / 6: behind its quadratic part
+
+
+@dataclass(frozen=True)
+class RayChart(Chart):
+    """``numbers``: stretch, limit, lower, upper (the domain's corners), delta of a, delta of w, float64 rounding: n each."""
+
+    name = "ray"
+
+    @property
+    def ndim(self) -> int:
+        """Dimension n of the object."""
+        return self.inputs // 2
+
+    @property
+    def size(self) -> int:
+        """See ``Chart``."""
+        return 2 * self.ndim + 1
+
+    @property
+    def columns(self) -> int:
+        """See ``Chart``: n - 1 of p, one of t (or of the last entry of p where t is 0), n - 1 of m."""
+        return 2 * self.ndim - 1
+
+    @property
+    def parameters(self) -> int:
+        """See ``Chart``."""
+        return 7 * self.ndim
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """See ``Chart``."""
+        n = self.ndim
+        place = [(i, k) for k in range(n - 1) for i in (k, k + 1)]
+        time = [(i, n - 1) for i in range(n)]
+        turn = [(i, n + c) for c in range(n - 1) for i in range(2 * n)]
+        return place + time + turn
+
+    def expand(self) -> str:
+        """See ``Chart``."""
+        n = self.ndim
+        at = {pair: index for index, pair in enumerate(self.pairs)}
+        each = range(n)
+        lines = [
+            f"const double* stretch = numbers.data; const double* limit = stretch + {n}; const double* delta_a = stretch + {4 * n};",
+            f"const double* delta_w = stretch + {5 * n}; const double* slop = stretch + {6 * n};",
+        ]
+        for k in each:
+            lines.append(f"const V p{k} = (low[{k}] + high[{k}]) * 0.5, rp{k} = (high[{k}] - low[{k}]) * 0.5;")
+            j = n + 1 + k
+            lines.append(f"const V m{k} = (low[{j}] + high[{j}]) * 0.5, rm{k} = (high[{j}] - low[{j}]) * 0.5;")
+        # the entries without width; p may have none
+        for name in ("p", "m"):
+            lines.append(f"V f{name} = zero + {n - 1}.0;")
+            lines += [f"f{name} = r{name}{k} == zero ? zero + {k}.0 : f{name};" for k in range(n - 2, -1, -1)]
+        squares = " + ".join(f"m{k} * m{k}" for k in each)
+        lines.append(f"const V norm = root({squares}); const V shrink = 1.0 / norm;")
+        lines += [f"const V u{k} = m{k} * shrink;" for k in each]
+        lines.append(f"const V turned = {' + '.join(f'rm{k} * rm{k}' for k in each)}; V nearest = zero;")
+        for k in each:
+            lines.append(
+                f"{{ V s = (m{k} < zero ? -m{k} : m{k}) - rm{k}; s = s > zero ? s : zero; nearest += s * s; }}"
+            )
+        lines.append(
+            f"const V curved = turned * {SECOND} / nearest, third = turned * {THIRD} / nearest * root(turned / nearest);"
+        )
+        for i in each:
+            lines.append(
+                f"const V w{i} = u{i} * stretch[{i}], ew{i} = curved * stretch[{i}] + delta_w[{i}] + slop[{i}];"
+            )
+            lines.append(f"V ww{i} = ew{i};")
+            for c in range(n - 1):
+
+                def jacobian(j: int, i: int = i) -> str:
+                    own = "1.0 - " if i == j else "-"
+                    return f"({own}u{i} * u{j}) * rm{j}"
+
+                lines.append(
+                    f"const V gw{i}_{c} = (fm > {c}.0 ? {jacobian(c)} : {jacobian(c + 1)}) * (shrink * stretch[{i}]);"
+                )
+                lines.append(f"ww{i} += gw{i}_{c} < zero ? -gw{i}_{c} : gw{i}_{c};")
+        # cut at the domain
+        lines.append(f"V latest = high[{n}];")
+        for i in each:
+            lines.append(
+                f"{{ const V speed = (w{i} < zero ? -w{i} : w{i}) - ww{i}; const V room = limit[{i}] + delta_a[{i}] + slop[{i}] + rp{i}"
+                f" + (w{i} < zero ? -p{i} : p{i}); const V end = room / (speed > zero ? speed : zero + 1.0);"
+                f" latest = speed > zero ? (end < latest ? end : latest) : latest; }}"
+            )
+        lines.append(f"dead = latest < low[{n}] ? zero + 1.0 : zero; latest = latest < low[{n}] ? low[{n}] : latest;")
+        lines.append(f"high[{n}] = latest; const V t = (low[{n}] + latest) * 0.5, rt = (latest - low[{n}]) * 0.5;")
+        for k in range(n - 1):
+            lines.append(
+                f"gen[{at[k, k]}] = fp > {k}.0 ? rp{k} : zero; gen[{at[k + 1, k]}] = fp > {k}.0 ? zero : rp{k + 1};"
+            )
+        for i in each:
+            lines.append(f"center[{i}] = p{i} - t * w{i}; center[{n + i}] = w{i};")
+            lines.append(
+                f"noise[{i}] = delta_a[{i}] + slop[{i}] + latest * ew{i} + rt * (ww{i} - ew{i}); noise[{n + i}] = ew{i};"
+            )
+            lines.append(f"rest[{n + i}] = third * stretch[{i}] + delta_w[{i}] + slop[{i}];")
+            lines.append(
+                f"rest[{i}] = delta_a[{i}] + slop[{i}] + latest * rest[{n + i}] + rt * (curved * stretch[{i}]);"
+            )
+            more = f" + (fp > {n - 2}.0 ? rp{i} : zero)" if i == n - 1 else ""
+            lines.append(f"gen[{at[i, n - 1]}] = -rt * w{i}{more};")
+            for c in range(n - 1):
+                lines.append(f"gen[{at[i, n + c]}] = -t * gw{i}_{c}; gen[{at[n + i, n + c]}] = gw{i}_{c};")
+        return "\n".join(lines)
+
+    def constraints(self) -> list[tuple[str, list[tuple[int, str]]]]:
+        """See ``Chart``: a ray leaves the domain, backwards, on the side that it comes from."""
+        rows = []
+        for i in range(self.ndim):
+            side = f"(w{i} < zero ? zero + 1.0 : zero - 1.0)"
+            rows.append((f"{side} * center[{i}] - noise[{i}] - limit[{i}]", [(i, side)]))
+        return rows
+
+    def realize(self) -> str:
+        """See ``Chart``."""
+        n = self.ndim
+        lines = [f"const double* lower = numbers.data + {2 * n}; const double* upper = lower + {n};"]
+        for k in range(n):
+            s = f"slope[{k}]" if k == 0 else f"(fp < {k}.0 ? slope[{k - 1}] : slope[{k}])"
+            lines.append(f"z[{k}] = {s} > zero ? low[{k}] : high[{k}];")
+            j, last = n + 1 + k, min(n + k, 2 * n - 2)
+            s = f"slope[{n}]" if k == 0 else f"(fm < {k}.0 ? slope[{n + k - 1}] : slope[{last}])"
+            lines.append(f"z[{j}] = {s} > zero ? low[{j}] : high[{j}];")
+        squares = " + ".join(f"z[{n + 1 + k}] * z[{n + 1 + k}]" for k in range(n))
+        lines.append(f"V time = slope[{n - 1}] > zero ? low[{n}] : high[{n}]; const V inverse = 1.0 / root({squares});")
+        for k in range(n):
+            lines.append(f"h[{n + k}] = z[{n + 1 + k}] * inverse * stretch[{k}];")
+            lines.append(
+                f"{{ const V speed = h[{n + k}] < zero ? -h[{n + k}] : h[{n + k}]; const V room = h[{n + k}] < zero ? upper[{k}] - z[{k}] : z[{k}] - lower[{k}];"
+                f" const V end = room / (speed > 1e-30 ? speed : zero + 1e-30); time = end < time ? end : time; }}"
+            )
+        lines.append(f"time = time > zero ? time : zero; z[{n}] = time;")
+        lines += [f"h[{k}] = z[{k}] - time * h[{n + k}];" for k in range(n)]
+        for k in range(2 * n):  # and as far off as a computed one may be
+            delta = f"delta_a[{k}]" if k < n else f"delta_w[{k - n}]"
+            lines.append(f"h[{k}] -= gradient[{k}] < zero ? zero - {delta} : zero + {delta};")
+        return "\n".join(lines)
+
+    def owners(self) -> str:
+        """See ``Chart``."""
+        n = self.ndim
+        lines = [f"owner[{k}] = fp > {k}.0 ? zero + {k}.0 : zero + {k + 1}.0;" for k in range(n - 1)]
+        lines.append(f"owner[{n - 1}] = high[{n}] > low[{n}] ? zero + {n}.0 : zero + {n - 1}.0;")
+        lines += [f"owner[{n + c}] = fm > {c}.0 ? zero + {n + 1 + c}.0 : zero + {n + 2 + c}.0;" for c in range(n - 1)]
+        return " ".join(lines)
+
+    def blame(self) -> str:
+        """See ``Chart``: what is left of the direction is owed to its entries, by the square of their widths, and to t."""
+        n = self.ndim
+        lines = ["V bent = zero, twisted = zero;"]
+        for i in range(n):
+            lines.append(
+                f"{{ const V by_a = gradient[{i}] < zero ? -gradient[{i}] : gradient[{i}], by_w = gradient[{n + i}] < zero ? -gradient[{n + i}] : gradient[{n + i}];"
+                f" bent += (by_a * latest + by_w) * (third * stretch[{i}]); twisted += by_a * rt * (curved * stretch[{i}]); }}"
+            )
+        lines.append(f"score[{n - 1}] += twisted * 0.5; bent = turned > zero ? (bent + twisted * 0.5) / turned : zero;")
+        widths = [f"(fm > {c}.0 ? rm{c} : rm{c + 1})" for c in range(n - 1)]
+        lines += [f"score[{n + c}] += bent * ({width} * {width});" for c, width in enumerate(widths)]
+        return " ".join(lines)
+
+    def bend(self, squares: list[tuple[int, int]]) -> str:
+        """See ``Chart``: the quadratic part of u, and the product of the changes of t and w."""
+        n = self.ndim
+        lines = [
+            f"{{ V along = zero; {' '.join(f'V by{i} = (gradient[{n + i}] - t * gradient[{i}]) * stretch[{i}]; along += by{i} * u{i};' for i in range(n))}"
+        ]
+        lines.append("const V scale = shrink * shrink;")
+        for c in range(n - 1):
+            for name, of in (("r", "rm"), ("e", "u"), ("b", "by")):
+                lines.append(f"const V {name}_{c} = fm > {c}.0 ? {of}{c} : {of}{c + 1};")
+        for c in range(n - 1):
+            own = squares.index((n + c, n + c))
+            lines.append(
+                f"square[{own}] += scale * r_{c} * r_{c} * (along * (e_{c} * e_{c} * 1.5 - 0.5) - e_{c} * b_{c});"
+            )
+            for d in range(c + 1, n - 1):
+                both = squares.index((n + c, n + d))
+                lines.append(
+                    f"square[{both}] += scale * r_{c} * r_{d} * (along * e_{c} * e_{d} * 3.0 - e_{c} * b_{d} - e_{d} * b_{c});"
+                )
+            with_t = squares.index((n - 1, n + c))
+            lines.append(f"square[{with_t}] -= rt * ({' + '.join(f'gradient[{i}] * gw{i}_{c}' for i in range(n))});")
+        return " ".join([*lines, "}"])
+
+    def coordinates(self, z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+        """See ``Chart``."""
+        n, m = self.ndim, z[:, self.ndim + 1 :]
+        w = m / np.linalg.norm(m, axis=1, keepdims=True) * numbers[:n]
+        return np.concatenate([z[:, :n] - z[:, n : n + 1] * w, w], axis=1)

@@ -1,0 +1,48 @@
+"""The paper's Table 1, reproduced: a resumable run over objects, queries and methods, and what is written of it.
+
+``columns`` says what the table is, ``run`` measures, ``folder`` keeps what is measured, ``markdown`` and ``rank_plot`` show it.
+Importing this package imports neither torch nor matplotlib.
+"""
+
+from warp_bounding.paper.budgets import PRESETS, Preset, parse_budget
+from warp_bounding.paper.columns import select_columns, select_methods
+from warp_bounding.paper.folder import Folder, open_folder
+from warp_bounding.paper.pages.markdown import against_the_paper
+from warp_bounding.paper.pages.means import Means
+from warp_bounding.paper.pages.outputs import write_outputs, write_page
+from warp_bounding.paper.plan import Job, Share, TimeLeft, duration, plan, preset_seconds, shares
+from warp_bounding.paper.rows import PROTOCOLS, Row
+from warp_bounding.paper.run import Outcome, run
+from warp_bounding.paper.settings import Settings
+from warp_bounding.paper.shapes import find_shapes, load_shapes, select_shapes
+from warp_bounding.paper.tools import Tools
+
+__all__ = [
+    "PRESETS",
+    "PROTOCOLS",
+    "Folder",
+    "Job",
+    "Means",
+    "Outcome",
+    "Preset",
+    "Row",
+    "Settings",
+    "Share",
+    "TimeLeft",
+    "Tools",
+    "against_the_paper",
+    "duration",
+    "find_shapes",
+    "load_shapes",
+    "open_folder",
+    "parse_budget",
+    "plan",
+    "preset_seconds",
+    "run",
+    "select_columns",
+    "select_methods",
+    "select_shapes",
+    "shares",
+    "write_outputs",
+    "write_page",
+]

@@ -1,0 +1,284 @@
+"""The folder of a run, which survives being killed at any moment.
+
+A CSV file grows by whole lines, each one write followed by fsync; a line that was torn all the same (a full disk, a power cut)
+is the last one and has no end, so it is recognised, dropped and measured again. ``settings.json`` says what all rows have in common.
+Fitted bounders lie in ``bounders/``. Every other file is written whole (written beside, then renamed).
+
+A lock (``flock`` on ``.lock``) keeps a second run out; the system releases it when its owner ends, however it ends. Where
+there is no ``flock`` (Windows) nothing keeps two runs apart.
+"""
+
+import contextlib
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from warp_bounding.bounders.file_format import write_whole
+from warp_bounding.errors import BoundingError, FileFormatError
+from warp_bounding.paper.rows import HEADER, Key, Row, format_line, parse_line
+from warp_bounding.paper.settings import Settings
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
+__all__ = ["TABLE1", "Folder", "Kind", "open_folder", "read_settings"]
+
+SETTINGS, PAGE, BOUNDERS, LOCK = "settings.json", "README.md", "bounders", ".lock"
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a folder is for.
+
+    Attributes:
+        command: Name of the command that makes it.
+        table: Name of the CSV.
+        ours: Other names that would be overwritten in somebody else's folder.
+        settings: Class of the settings, with ``of``, ``to_dict`` and ``from_dict``.
+        header: First line of the CSV.
+        format: From a row to a line.
+        parse: From a line without its end to a row.
+        check: Refuses a row that cannot have been measured with these settings.
+    """
+
+    command: str
+    table: str
+    ours: tuple[str, ...]
+    settings: type
+    header: str
+    format: Callable[[Any], str]
+    parse: Callable[[str], Any]
+    check: Callable[[Any, Any], None]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Everything but the settings."""
+        return (self.table, PAGE, *self.ours, BOUNDERS)
+
+
+def _check_row(s: Settings, row: Row) -> None:
+    budget, hidden = s.budget_of(row.column, row.variant), "-".join(map(str, row.column.hidden))
+    expected = (budget, s.samples, s.seed, s.length, s.activation, s.device, hidden)
+    if expected != (row.budget, row.samples, row.seed, row.length, row.activation, row.device, row.hidden):
+        raise FileFormatError("it was measured with other settings")
+
+
+TABLE1 = Kind("table1", "table1.csv", ("rank.png", "rank.svg"), Settings, HEADER, format_line, parse_line, _check_row)
+
+
+class Folder:
+    """A locked folder and what is in it. Made by ``open_folder``.
+
+    Attributes:
+        path: Where.
+        kind: What it is for.
+        settings: Of all rows.
+        commands: Command lines that contributed to it.
+        rows: By key, in the order in which they were measured.
+        notes: What was repaired, for people.
+    """
+
+    def __init__(self, path: Path, kind: Kind, settings: Any, commands: list[str]):
+        self.path, self.kind, self.settings, self.commands = path, kind, settings, commands
+        self.rows: dict[Key, Any] = {}
+        self.notes: list[str] = []
+        self._read()
+
+    @property
+    def table(self) -> Path:
+        """The CSV."""
+        return self.path / self.kind.table
+
+    @property
+    def page(self) -> Path:
+        """The Markdown page."""
+        return self.path / PAGE
+
+    def bounder(self, name: str) -> Path:
+        """Where a fitted bounder lies."""
+        return self.path / BOUNDERS / f"{name}.safetensors"
+
+    def append(self, row: Any) -> None:
+        """Add a row to the table: once this returns, it is on the disk.
+
+        Raises:
+            FileFormatError: If it cannot be written.
+        """
+        line = self.kind.format(row).encode()
+        try:
+            file = os.open(self.table, os.O_WRONLY | os.O_APPEND)
+            try:
+                while line:
+                    line = line[os.write(file, line) :]
+                os.fsync(file)
+            finally:
+                os.close(file)
+        except OSError as error:
+            raise FileFormatError(f"{self.table}: cannot be written ({error.strerror or error})") from error
+        self.rows[row.key] = row
+
+    def remember(self, command: str) -> None:
+        """Note a command line that is about to contribute."""
+        if command not in self.commands:
+            self.commands.append(command)
+            _write_settings(self.path, self.settings, self.commands)
+
+    def _read(self) -> None:
+        """Read the table, and repair what an interruption tore."""
+        header = self.kind.header
+        if not self.table.exists():
+            write_whole(self.table, header.encode())
+            return
+        content = self.table.read_bytes()
+        whole = content[: content.rfind(b"\n") + 1]
+        try:
+            lines = whole.decode().split("\n")[:-1]
+        except UnicodeDecodeError as error:
+            raise FileFormatError(f"{self.table}: damaged, not text ({error.reason})") from None
+        first = f"{lines[0]}\n" if lines else content.decode(errors="replace")
+        if first != header and (lines or not header.startswith(first)):
+            raise FileFormatError(
+                f"{self.table}: not a table of this version: its first line is not {','.join(header.split(',')[:3])},..."
+            )
+        for number, line in enumerate(lines[1:], start=2):
+            try:
+                row = self.kind.parse(line)
+                self._check(row)
+            except BoundingError as error:
+                raise FileFormatError(
+                    f"{self.table}: line {number} is damaged ({error}); delete it and it is measured again"
+                ) from None
+            self.rows[row.key] = row
+        if whole != content or not lines:
+            if lines:
+                self.notes.append(
+                    f"{self.table}: the last line was torn by an interruption; dropped, to be measured again"
+                )
+            write_whole(self.table, whole or header.encode())
+
+    def _check(self, row: Any) -> None:
+        """Refuse a row that cannot have been measured with these settings, or twice."""
+        self.kind.check(self.settings, row)
+        if row.key in self.rows:
+            raise FileFormatError("it is there twice")
+
+
+@contextlib.contextmanager
+def open_folder(path: Path, given: Mapping[str, Any], *, create: bool, kind: Kind = TABLE1) -> Iterator[Folder]:
+    """Lock a folder, and read or begin a table in it.
+
+    Args:
+        path: The folder.
+        given: Settings that were asked for; the others (``None``) are those of the folder.
+        create: Whether to begin one where there is none.
+        kind: What it is for.
+
+    Yields:
+        The folder.
+
+    Raises:
+        BoundingError: If it is not such a folder, damaged, in use, of other settings, or cannot be written to; nothing is overwritten then.
+    """
+    there = (path / SETTINGS).exists()
+    if not there:
+        if not create:
+            raise FileFormatError(f"{path}: no tables there yet; --data DIR is needed to make them")
+        if path.exists() and not path.is_dir():
+            raise FileFormatError(f"{path}: a file, expected a folder")
+        strangers = [name for name in kind.names if (path / name).exists()]
+        if strangers:
+            raise FileFormatError(
+                f"{path}: holds {', '.join(strangers)} but no {SETTINGS}; choose another folder for --out"
+            )
+        kind.settings.of(given)
+    with _lock(path, kind):
+        _sweep(path, kind)
+        if (path / SETTINGS).exists():
+            stored, commands = _read_settings(path / SETTINGS, kind)
+            if _is_blank(path, kind):  # an earlier run ended before it had anything: its settings bind nobody
+                stored, commands = None, []
+            try:
+                settings = kind.settings.of(given, stored)
+            except BoundingError as error:
+                raise FileFormatError(f"{path}: {error}") from None
+        else:
+            stored, settings, commands = None, kind.settings.of(given), []
+        if stored is None:
+            _write_settings(path, settings, commands)  # before the table, which is nobody's without it
+        yield Folder(path, kind, settings, commands)
+
+
+@contextlib.contextmanager
+def _lock(path: Path, kind: Kind) -> Iterator[None]:
+    """Keep other runs out of the folder; made if there is none."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        file = os.open(path / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot be written to ({error.strerror or error})") from error
+    try:
+        if fcntl is not None:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise FileFormatError(
+                    f"{path}: another {kind.command} is at work there; wait for it or choose another --out"
+                ) from None
+            except OSError as error:
+                raise FileFormatError(f"{path}: cannot be locked ({error.strerror or error})") from error
+        yield
+    finally:
+        os.close(file)
+
+
+def _is_blank(path: Path, kind: Kind) -> bool:
+    """Whether nothing has been fitted or measured here."""
+    table = path / kind.table
+    return (not table.exists() or table.read_bytes() == kind.header.encode()) and not any((path / BOUNDERS).glob("*"))
+
+
+def _sweep(path: Path, kind: Kind) -> None:
+    """Remove what a killed run had begun to write beside our files."""
+    for name in (*kind.names, SETTINGS):
+        for part in path.glob(f".{name}.*"):
+            part.unlink()
+    for part in (path / BOUNDERS).glob(".*.safetensors.*"):
+        part.unlink()
+
+
+def _write_settings(path: Path, settings: Any, commands: list[str]) -> None:
+    document = {"format": FORMAT, "settings": settings.to_dict(), "commands": commands}
+    write_whole(path / SETTINGS, (json.dumps(document, indent=1) + "\n").encode())
+
+
+def read_settings(path: Path, kind: Kind = TABLE1) -> Any:
+    """Settings of a folder that somebody else may be at work in; nothing is locked or repaired.
+
+    Raises:
+        FileFormatError: If it is not such a folder.
+    """
+    if not (path / SETTINGS).is_file() or not (path / kind.table).is_file():
+        raise FileFormatError(f"{path}: not a folder of {kind.command}: no {SETTINGS} and {kind.table} there")
+    return _read_settings(path / SETTINGS, kind)[0]
+
+
+def _read_settings(path: Path, kind: Kind) -> tuple[Any, list[str]]:
+    try:
+        document = json.loads(path.read_text())
+        version, settings, commands = (document[k] for k in ("format", "settings", "commands"))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise FileFormatError(f"{path}: damaged or not the settings of a table") from error
+    if version != FORMAT:
+        raise FileFormatError(f"{path}: format {version}, this version of warp-bounding knows {FORMAT}")
+    if not isinstance(commands, list) or not all(isinstance(c, str) for c in commands):
+        raise FileFormatError(f"{path}: damaged: commands must be a list of texts")
+    try:
+        return kind.settings.from_dict(settings), commands
+    except BoundingError as error:
+        raise FileFormatError(f"{path}: {error}") from None

@@ -1,0 +1,232 @@
+"""What there is to do, in which order, and how long it will take."""
+
+from collections import Counter
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from warp_bounding.errors import BounderError
+from warp_bounding.paper.budgets import Preset, parse_budget
+from warp_bounding.paper.columns import COLUMNS, PAPER_OBJECTS, QUERIES, VARIANTS, Column, Supports, Variant
+from warp_bounding.paper.rows import PROTOCOLS, Key
+from warp_bounding.paper.settings import Settings
+from warp_bounding.paper.shapes import Shape
+
+__all__ = ["Job", "Share", "TimeLeft", "duration", "plan", "preset_seconds", "shares"]
+
+# What is expected before anything has been measured, on two cores; seconds.
+KDOP_SECONDS = 11.0  # after which a learned k-DOP's fit has ended whatever its budget
+PARAMETRIC_PROOF = {4: 15.0}  # of its volumes around parameters, by dimension
+FIELD_PROOF = {"2d-ray": 25.0, "4d-point": 20.0}
+THRESHOLD = {2: 4.0, 3: 6.0, 4: 11.0}  # of a network of rays or boxes; its exit takes as long again
+CLASSIC_FIT = {2: 0.1, 3: 0.5, 4: 1.7}  # by dimension
+EVALUATE = {"3d-plane": 1.0, "4d-plane": 4.5, "4d-box": 1.5, "4d-point": 0.6, "2d-point": 0.3, "2d-box": 0.4}
+SLOWEST_USUAL = 0.8  # a million queries of the other columns
+
+
+@dataclass(frozen=True)
+class Job:
+    """One bounder to fit, and the protocols to measure it under; each is one cell, one row of the CSV.
+
+    Attributes:
+        shape: The object.
+        column: The query.
+        variant: The method.
+        space: That it is fitted in.
+        protocols: To measure.
+    """
+
+    shape: Shape
+    column: Column
+    variant: Variant
+    space: str
+    protocols: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """For a file: no part but the object's name holds a dot, so no two jobs share one."""
+        return f"{self.column.name}.{self.shape.name}.{self.variant.slug}"
+
+    @property
+    def title(self) -> str:
+        """For people."""
+        return f"{self.column.name} {self.shape.name}: {self.variant.label}"
+
+    def key(self, protocol: str) -> Key:
+        """Of the row."""
+        variant = self.variant
+        about = (self.shape.ndim, self.shape.name, self.column.query, variant.method, self.space, variant.leaves)
+        return (*about, protocol)
+
+
+def plan(
+    columns: Iterable[Column],
+    variants: Iterable[Variant],
+    shapes: Sequence[Shape],
+    protocols: Sequence[str],
+    supports: Supports,
+    done: Collection[Key],
+) -> tuple[list[Job], int]:
+    """What is missing, and the number of cells with what is done.
+
+    The first object of every column comes first, and in a column what is cheap: so that all columns show something soon,
+    and what an interrupted run shows is the same objects for every method.
+
+    Raises:
+        BounderError: If no method can answer any of the columns' queries.
+    """
+    jobs, total = [], 0
+    rank = {s: i for n in {s.ndim for s in shapes} for i, s in enumerate(s for s in shapes if s.ndim == n)}
+    for column in columns:
+        for variant in variants:
+            space = variant.space_in(column, supports)
+            if space is None:
+                continue
+            for shape in (s for s in shapes if s.ndim == column.ndim):
+                job = Job(shape, column, variant, space, tuple(protocols))
+                missing = tuple(p for p in protocols if job.key(p) not in done)
+                total += len(protocols)
+                if missing:
+                    jobs.append(Job(shape, column, variant, space, missing))
+    if not total:
+        methods = ", ".join(dict.fromkeys(v.name for v in variants))
+        raise BounderError(
+            f"nothing to measure: {methods} cannot bound {', '.join(c.name for c in columns)} of these objects"
+        )
+    return sorted(jobs, key=lambda j: (rank[j.shape], j.variant.learned)), total
+
+
+def _expected(job: Job, budget: float) -> float:
+    """Seconds of a learned fit with a budget: some end before, and what sets a threshold takes its time however short the budget."""
+    method, column = job.variant.last, job.column
+    if method == "learned-kdop":
+        return min(budget, KDOP_SECONDS) + (PARAMETRIC_PROOF.get(column.ndim, 0.0) if job.variant.parametric else 0.0)
+    if method == "relu-field":
+        return max(budget, FIELD_PROOF.get(column.name, 0.0))
+    if method in ("mlp", "mlp-early") and column.query in ("ray", "box"):
+        return max(budget, THRESHOLD[column.ndim] * (2 if method == "mlp-early" else 1))
+    return budget
+
+
+class TimeLeft:
+    """Estimates the rest of a run by what it has taken so far; before that, a learned fit takes its budget."""
+
+    def __init__(self, jobs: Sequence[Job], settings: Settings, fitted: Collection[str] = ()):
+        """Begin.
+
+        Args:
+            jobs: All of them, in order.
+            settings: Budgets of learned fits, and the number of samples.
+            fitted: Names of jobs whose bounder is there already.
+        """
+        self._settings, self._rest, self._fitted = settings, list(jobs), set(fitted)
+        self._sums: dict[tuple, tuple[float, int]] = {}
+
+    def drop(self, job: Job) -> None:
+        """Forget a job that failed."""
+        self._rest.remove(job)
+
+    def finish(self, job: Job, fit_seconds: float, evaluate_seconds: float) -> None:
+        """Take note of what a job took; a fit that was loaded takes 0."""
+        self._rest.remove(job)
+        each = evaluate_seconds / len(job.protocols)
+        self._add(each, ("evaluate", job.column))
+        if fit_seconds:
+            own = ("fit", job.column, job.variant)
+            self._add(fit_seconds, *([own] if job.variant.learned else [own, ("fit", job.column), ("fit",)]))
+
+    def _add(self, seconds: float, *keys: tuple) -> None:
+        for key in keys:
+            total, count = self._sums.get(key, (0.0, 0))
+            self._sums[key] = total + seconds, count + 1
+
+    def _mean(self, guess: float, *keys: tuple) -> float:
+        total, count = next((self._sums[k] for k in keys if k in self._sums), (guess, 1))
+        return total / count
+
+    def fit(self, job: Job) -> float:
+        """Seconds that its fit may take."""
+        if job.name in self._fitted:
+            return 0.0
+        if job.variant.learned:
+            budget = self._settings.budget_of(job.column, job.variant)
+            return self._mean(_expected(job, budget), ("fit", job.column, job.variant))
+        return self._mean(CLASSIC_FIT[job.column.ndim], ("fit", job.column, job.variant), ("fit", job.column), ("fit",))
+
+    def measure(self, job: Job) -> float:
+        """Seconds that its measurements may take."""
+        guess = EVALUATE.get(job.column.name, SLOWEST_USUAL) * self._settings.samples / 1e6
+        return len(job.protocols) * self._mean(guess, ("evaluate", job.column))
+
+    def job(self, job: Job) -> float:
+        """Seconds that a job may take."""
+        return self.fit(job) + self.measure(job)
+
+    @property
+    def seconds(self) -> float:
+        """Of all that is left."""
+        return sum(map(self.job, self._rest))
+
+    @property
+    def text(self) -> str:
+        """The same for people."""
+        return f"{duration(self.seconds)} left"
+
+
+def duration(seconds: float) -> str:
+    """Seconds for people."""
+    minutes = round(seconds / 60)
+    if minutes < 1:
+        return "under a minute"
+    hours, minutes = divmod(minutes, 60)
+    return f"about {hours} h {minutes:02} min" if hours else f"about {minutes} min"
+
+
+@dataclass(frozen=True)
+class Share:
+    """What one column of a plan takes.
+
+    Attributes:
+        column: Which.
+        fits: Number of learned fits, by seconds of each.
+        classic: Number of other fits.
+        cells: Number of measurements.
+        seconds: In all.
+    """
+
+    column: Column
+    fits: dict[float, int]
+    classic: int
+    cells: int
+    seconds: float
+
+    @property
+    def text(self) -> str:
+        """One line for people: fits x seconds, everything else, the sum."""
+        learned = " + ".join(f"{n} x {s:g} s" for s, n in sorted(self.fits.items(), reverse=True)) or "no learned fit"
+        rest = f"{self.classic} closed forms, {self.cells} measurements"
+        return f"{self.column.name}: {learned}; {rest}: {duration(self.seconds)}"
+
+
+def shares(jobs: Sequence[Job], settings: Settings, fitted: Collection[str] = ()) -> list[Share]:
+    """What each column of a plan takes; see ``TimeLeft`` for the arguments."""
+    left, result = TimeLeft(jobs, settings, fitted), []
+    for column in dict.fromkeys(j.column for j in jobs):
+        own = [j for j in jobs if j.column == column]
+        new = [j for j in own if j.name not in fitted]
+        fits = Counter(left.fit(j) for j in new if j.variant.learned)
+        classic = sum(not j.variant.learned for j in new)
+        cells = sum(len(j.protocols) for j in own)
+        result.append(Share(column, dict(fits), classic, cells, sum(map(left.job, own))))
+    return sorted(result, key=lambda s: (s.column.ndim, QUERIES.index(s.column.query)))
+
+
+@cache
+def preset_seconds(preset: Preset, supports: Supports) -> float:
+    """What a preset takes for every column and method, on as many objects as the paper has."""
+    shapes = [Shape(ndim, str(number), Path()) for ndim, count in PAPER_OBJECTS.items() for number in range(count)]
+    protocols = PROTOCOLS if preset.protocol == "both" else (preset.protocol,)
+    general, budgets = parse_budget(preset.budget)
+    settings = Settings.of({"samples": preset.samples, "budget": general, "budgets": budgets})
+    return TimeLeft(plan(COLUMNS, VARIANTS, shapes, protocols, supports, ())[0], settings).seconds

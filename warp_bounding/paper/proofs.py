@@ -1,0 +1,290 @@
+"""What a proof is worth: networks with the threshold that sampling suggests, and with the one that is proven, side by side.
+
+For each network of a ``table1`` folder: the least f over a million fresh hard positives, as an honest practitioner would set the
+threshold; the proven one; false positives at both, on the same random queries. Then the prover and a walk look for a
+positive below the sampled threshold (and below 0, which is an output of 0.5): a query that the exact oracle affirms and the deployed
+kernel denies, that is a false negative that sampling would have shipped. Resumable like ``run``, network by network.
+"""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from warp_bounding.errors import BounderError, FileFormatError
+from warp_bounding.paper.columns import Column, Variant
+from warp_bounding.paper.fitting import FAILURES, fit_bounder, interruptions, load_bounder, reason_of
+from warp_bounding.paper.folder import Folder
+from warp_bounding.paper.plan import Job, plan
+from warp_bounding.paper.proof_rows import PROOF_COST, ProofRow
+from warp_bounding.paper.run import DIGEST, Outcome
+from warp_bounding.paper.shapes import Shape
+from warp_bounding.paper.tools import Tools, versions
+from warp_bounding.proof import prove
+from warp_bounding.proof.attest.falsify import Walk, queries_at
+from warp_bounding.queries import oracle, sample
+from warp_bounding.queries.positives import draw_positives
+from warp_bounding.runtime.launch import cpu_threads
+
+__all__ = ["METHODS", "ProofReporter", "Thresholds", "run_proofs"]
+
+METHODS = ("mlp", "monotone-mlp")
+LOWEST = 2048  # of the hard positives: where searches begin
+SMALLEST_GAP = 1e-6
+
+
+class ProofReporter(Protocol):
+    """Who is told how the run goes."""
+
+    def start(self, job: Job, done: int, total: int) -> None:
+        """A network begins."""
+
+    def row(self, row: ProofRow) -> None:
+        """A network is done, its row written."""
+
+    def say(self, text: str) -> None:
+        """Something people should know."""
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """f over random queries, once: rates at any threshold come from it.
+
+    Attributes:
+        values: ``(N,)`` f as the device computes it; +inf where the answer is *maybe* without asking, -inf for *no*.
+        truth: ``(N,)`` bool.
+    """
+
+    values: np.ndarray
+    truth: np.ndarray
+
+    @classmethod
+    def of(cls, bounder: Any, grid: Any, samples: int, seed: int) -> "Thresholds":
+        """Ask the queries that ``evaluate`` would ask."""
+        x = sample(bounder.query_kind, grid, samples, np.random.default_rng(seed))
+        truth = oracle(bounder.query_kind, grid, bounder.device, bounder.domain.length or 1.0)(x)
+        return cls(bounder.values(x).numpy(), truth)
+
+    def fp(self, threshold: float) -> float:
+        """False positives, per cent of all queries."""
+        return 100 * float(np.mean(~(self.values < np.float32(threshold)) & ~self.truth))
+
+    def fn(self, threshold: float) -> int:
+        """False negatives, a count."""
+        return int(((self.values < np.float32(threshold)) & self.truth).sum())
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of f."""
+        return float(np.std(self.values[np.isfinite(self.values)], dtype=np.float64))
+
+    def room(self, least: float) -> float:
+        """How far below ``least`` a threshold may lie before it costs ``PROOF_COST`` in false positives."""
+        negatives = self.values[~self.truth & np.isfinite(self.values)]
+        below = np.sort(negatives[negatives < least])[::-1]
+        count = int(PROOF_COST * len(self.values))
+        return max(float(least - below[count]), SMALLEST_GAP) if len(below) > count else 1e-3
+
+
+def run_proofs(
+    folder: Folder,
+    table: Path,
+    columns: Sequence[Column],
+    variants: Sequence[Variant],
+    grids: Mapping[Shape, Any],
+    *,
+    command: str,
+    tools: Tools,
+    reporter: ProofReporter,
+) -> Outcome:
+    """Measure every network that is not in the folder yet.
+
+    Args:
+        folder: Where rows go, and networks that the table does not have.
+        table: The ``table1`` folder.
+        columns: Selected.
+        variants: Selected methods.
+        grids: Selected objects, as read.
+        command: The command line, to be remembered.
+        tools: The library.
+        reporter: Told of each step.
+
+    Returns:
+        How it ended.
+
+    Raises:
+        BoundingError: If there is nothing to do at all, or the folder cannot be written to.
+    """
+    jobs, total = plan(columns, variants, list(grids), ("exact",), tools.supports, folder.rows)
+    outcome = Outcome(total, total - len(jobs))
+    if jobs:
+        folder.remember(command)
+    with interruptions() as interrupted:
+        try:
+            for job in jobs:
+                reporter.start(job, outcome.done, total)
+                try:
+                    row = _measure(job, grids[job.shape], folder, table, tools, reporter.say, interrupted)
+                except FileFormatError:
+                    raise
+                except FAILURES as error:
+                    outcome.failed.append(f"{job.title}: {reason_of(error)}")
+                    reporter.say(f"failed: {outcome.failed[-1]}")
+                    continue
+                folder.append(row)
+                outcome.done += 1
+                reporter.row(row)
+        except KeyboardInterrupt:
+            outcome.interrupted = True
+    return outcome
+
+
+def _bounder(job: Job, grid, folder: Folder, table: Path, tools: Tools, say, interrupted) -> tuple[Any, str]:
+    """The network of a job, and where it was fitted."""
+    fits, name = folder.settings.fits, f"{job.name}.safetensors"
+    for path, where in ((table / "bounders" / name, "table"), (folder.bounder(job.name), "here")):
+        bounder = load_bounder(path, grid, fits, tools, say) if path.exists() else None
+        if bounder is not None:
+            return bounder, where
+    bounder = fit_bounder(job, grid, fits, tools, lambda *_: None)
+    if interrupted.is_set():
+        raise KeyboardInterrupt
+    tools.save(bounder, folder.bounder(job.name))
+    return bounder, "here"
+
+
+def _measure(job: Job, grid, folder: Folder, table: Path, tools: Tools, say: Callable[[str], None], interrupted):
+    """One row."""
+    s = folder.settings
+    bounder, where = _bounder(job, grid, folder, table, tools, say, interrupted)
+    rates = Thresholds.of(bounder, grid, s.samples, s.fits.sample_seed)
+    hard, lowest = _hard_positives(bounder, grid, s.positives, s.positives_seed)
+    sampled = float(hard.min())
+    twin = bounder.to(str(bounder.device))
+    started = time.perf_counter()
+    known = job.column.query != "plane" and job.variant.method == "mlp"  # others are searched over other numbers
+    points = _as_asked(bounder, lowest) if known else None
+    search = prove(twin, grid, seconds=s.seconds, eps=rates.room(sampled), points=points)
+    spent = time.perf_counter() - started
+    _check(bounder, search)
+    if interrupted.is_set():
+        raise KeyboardInterrupt
+    walk = Walk(twin, grid, s.fits.seed)
+    start, _ = walk.around(queries_at(twin, grid, search.worst)) if len(search.worst) else (lowest[:0], None)
+    found = {"prover": walk.down(start) if len(start) else (start, np.empty(0)), "walk": walk.down(lowest)}
+    x, f, found_by = _counterexample(twin, grid, found, sampled)
+    missed = x is not None
+    proven = float(twin.threshold)
+    least = min(float(values.min(initial=np.inf)) for _, values in found.values())
+    all_found = np.concatenate([hard, *(values for _, values in found.values())])
+    certificate = bounder.certificate
+    return ProofRow(
+        dimension=job.shape.ndim,
+        object=job.shape.name,
+        query=job.column.query,
+        method=job.variant.method,
+        search="complete" if search.complete else "cut short",
+        **_at_zero(twin, grid, rates, hard, lowest, found),
+        fp_sampled=rates.fp(sampled),
+        fn_sampled=rates.fn(sampled),
+        missed_sampled=int(missed),
+        found_by=found_by,
+        depth=sampled - f if missed else None,
+        depth_std=(sampled - f) / rates.spread if missed else None,
+        depth_fp=rates.fp(f) - rates.fp(sampled) if missed else None,
+        fp_proven=rates.fp(proven),
+        fn_proven=rates.fn(proven) + int((all_found < np.float32(proven)).sum()),
+        positives=100 * float(rates.truth.mean()),
+        sampled=sampled,
+        proven=proven,
+        lower_bound=float(search.lower_bound),
+        upper_bound=float(min(search.upper_bound, least)),
+        gap=max(float(min(search.upper_bound, least) - search.lower_bound), 0.0),
+        rounding_bound=float(bounder.rounding_bound()),
+        boxes=int(search.boxes),
+        proof_seconds=round(spent, 3),
+        counterexample=" ".join(repr(float(value)) for value in x) if missed else "",
+        counterexample_f=f if missed else None,
+        shipped=float(bounder.threshold),
+        certificate=certificate.kind if certificate else "",
+        fp_shipped=rates.fp(float(bounder.threshold)),
+        fit_seconds=(bounder.info.get("training") or {}).get("seconds"),
+        samples=s.samples,
+        hard_positives=len(hard),
+        seconds=s.seconds,
+        budget=s.fits.budget_of(job.column, job.variant),
+        fitted=where,
+        seed=s.fits.seed,
+        threads=cpu_threads(),
+        indicator=grid.digest[:DIGEST],
+        versions=versions(),
+    )
+
+
+def _as_asked(bounder, x: np.ndarray) -> np.ndarray:
+    """``v`` of queries, without rays from outside the domain: a device moves these to where they enter it first."""
+    v = bounder.domain.to_local(x)
+    if bounder.query_kind != "ray":
+        return v
+    base = bounder.domain.base
+    return v[(np.abs(v[:, : base.ndim]) <= base.limit).all(axis=1)]
+
+
+def _check(bounder, search) -> None:
+    """Two searches cannot contradict each other: a positive lies above every bound that is proven.
+
+    Raises:
+        BounderError: If they do.
+    """
+    certificate = bounder.certificate
+    if certificate is None or not certificate.proven:
+        return
+    if search.upper_bound < certificate.lower_bound:
+        found, shown = search.upper_bound, certificate.lower_bound
+        raise BounderError(f"the certificate says f >= {shown:.6g}, the prover found a positive with f = {found:.6g}")
+
+
+def _hard_positives(bounder, grid, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """F of fresh hard positives, and the lowest of these, lowest first."""
+    values, lowest, least = [], [], []
+    for x in draw_positives(bounder.query_kind, grid, count, seed, bounder.device, bounder.domain.length or 1.0):
+        f = bounder.values(x).numpy()
+        order = np.argsort(f, kind="stable")[:LOWEST]
+        values.append(f.copy())
+        lowest.append(x[order])
+        least.append(f[order])
+    order = np.argsort(np.concatenate(least), kind="stable")[:LOWEST]
+    return np.concatenate(values), np.concatenate(lowest)[order]
+
+
+def _at_zero(bounder, grid, rates: Thresholds, hard: np.ndarray, lowest: np.ndarray, found: dict) -> dict:
+    """The row's fields about threshold 0; see ``ProofRow``."""
+    names = ("fp_zero", "fn_zero", "hard_fn_zero", "missed_zero")
+    if bounder.query_kind == "plane":
+        return dict.fromkeys(names)
+    found = found | {"samples": (lowest, np.sort(hard)[: len(lowest)])}
+    missed = _counterexample(bounder, grid, found, 0.0)[0] is not None
+    return dict(zip(names, (rates.fp(0.0), rates.fn(0.0), int((hard < 0).sum()), int(missed)), strict=True))
+
+
+def _counterexample(bounder, grid, found: dict, threshold: float) -> tuple[np.ndarray | None, float, str]:
+    """The deepest query found below a threshold, its f and who found one, once oracle and kernel have been asked again.
+
+    Args:
+        bounder: Its own threshold plays no part.
+        grid: The object.
+        found: Queries and f, lowest first, by who found them.
+        threshold: That would be shipped.
+    """
+    below = [w for w in found if len(found[w][0]) and found[w][1].min() < np.float32(threshold)]
+    if not below:
+        return None, 0.0, ""
+    x = found[min(below, key=lambda w: float(found[w][1].min()))][0][:1]
+    truth = oracle(bounder.query_kind, grid, bounder.device, bounder.domain.length or 1.0)(x)
+    shipped = bounder.to(str(bounder.device)).freeze(threshold, None)
+    if not truth[0] or shipped.query(x).numpy()[0] != 0:
+        return None, 0.0, ""
+    return x[0], float(bounder.values(x).numpy()[0]), "prover" if "prover" in below else "walk"

@@ -1,0 +1,1 @@
+"""What is known without a proof: attested rates, long counts of hard queries, searches for a false negative."""

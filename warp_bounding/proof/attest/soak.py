@@ -1,0 +1,286 @@
+"""Soak test: a hundred million hard positives and more, put to a bounder as it is deployed; none may be answered with no.
+
+The queries (``HardPositives``) are certain positives by construction, made on the device and asked through the batch kernel
+that users call: most in float32, an eighth in float64 (which the bounder rounds), an eighth in the world, through ``xform=`` and ``scale=``,
+where the bounder's certificate covers such placements. A soak test proves nothing and sets no confidence for queries of
+another distribution; it is there to contradict proofs, kernels, compilers and machines. What it claims to have found is
+confirmed in rational arithmetic first.
+
+The stream of queries depends on the seed alone, so a soak can be stopped, resumed and repeated: chunk ``k`` of ``CHUNK`` draws is
+always the same.
+"""
+
+import hashlib
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.file_format import bounder_of, check_writable, write_whole
+from warp_bounding.errors import BounderError, FileFormatError, QueryError
+from warp_bounding.indicators import load_indicator
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.proof.attest.statistics import fresh_seed
+from warp_bounding.queries.box import box_truth
+from warp_bounding.queries.hard import FORMS, HardPositives, World
+from warp_bounding.queries.plane import plane_truth
+from warp_bounding.queries.point import point_truth
+from warp_bounding.queries.ray import ray_truth
+
+__all__ = ["CHUNK", "Soak", "random_world", "soak", "soak_grid"]
+
+CHUNK = 2**18
+CYCLE = ("float32",) * 6 + ("float64", "placed")  # forms of the chunks
+SAVED_EVERY = 2.0  # seconds, of the state
+WORLDS = 8  # placements that are tried before the certificate is taken to cover none
+LARGEST_SEED = 2**63
+ALIGNED = 16  # numbers, in what a state says of a bounder
+
+
+@dataclass
+class Soak:
+    """How far a soak test has come.
+
+    Attributes:
+        method: Of the bounder.
+        query: Kind of query.
+        seed: Of the stream.
+        wanted: Positives that were to be asked.
+        done: Positives asked in whole chunks; the chunk with a missed one is not among them.
+        chunks: Whole chunks of the stream that are done.
+        forms: Positives asked in each form: float32, float64, placed.
+        seconds: Time taken, earlier parts of a resumed soak included.
+        missed: The first query that was answered with no, as given to the bounder, or ``None``.
+        missed_form: Its form.
+        missed_world: Where the shape was placed, for a query in the world: ``xform`` (a matrix) and ``scale``.
+        interrupted: Ctrl-C ended it.
+        bounder: SHA-256 of what the kernels read.
+        indicator: SHA-256 of the cells.
+    """
+
+    method: str
+    query: str
+    seed: int
+    wanted: int
+    bounder: str
+    indicator: str
+    done: int = 0
+    chunks: int = 0
+    forms: dict[str, int] = field(default_factory=lambda: dict.fromkeys(FORMS, 0))
+    seconds: float = 0.0
+    missed: list[float] | None = None
+    missed_form: str | None = None
+    missed_world: dict | None = None
+    interrupted: bool = False
+
+    @property
+    def complete(self) -> bool:
+        """Whether as many as wanted were asked, or a false negative was found."""
+        return self.done >= self.wanted or self.missed is not None
+
+    @property
+    def rate(self) -> float:
+        """Positives per second."""
+        return self.done / self.seconds if self.seconds else 0.0
+
+    def to_dict(self) -> dict:
+        """JSON-ready."""
+        return asdict(self)
+
+
+def soak_grid(bounder: Bounder, shape) -> IndicatorGrid:
+    """A shape's cells, made as they were for the fit.
+
+    Raises:
+        QueryError: If the shape is of another dimension, or animated where the bounded one is not.
+    """
+    shape = load_indicator(shape)
+    resolution = None if isinstance(shape, IndicatorGrid) else bounder.info.get("resolution")
+    grid = shape.to_grid(resolution=resolution, margin=bounder.info.get("margin") or 0.0)
+    if (grid.ndim, grid.time) != (bounder.ndim, bounder.domain.time):
+        kinds = [
+            f"{n}D{', animated' if t else ''}" for n, t in ((grid.ndim, grid.time), (bounder.ndim, bounder.domain.time))
+        ]
+        raise QueryError(f"the shape is {kinds[0]}, the bounder {kinds[1]}")
+    return grid
+
+
+def soak(
+    bounder: Bounder | str | Path,
+    shape,
+    count: int = 100_000_000,
+    *,
+    seed: int | None = None,
+    state: str | Path | None = None,
+    progress: Callable[[int, int, str], None] | None = None,
+    seconds: float = float("inf"),
+) -> Soak:
+    """Ask a bounder hard positives until one is missed, or enough were asked.
+
+    Args:
+        bounder: As it was loaded, or the path of its file.
+        shape: The shape that it bounds, or anything that ``load_indicator`` takes.
+        count: Positives to ask; whole chunks are asked, so some more may be.
+        seed: Of the stream, from 0 to 2^63 - 1; if ``None`` the one of the state, or a fresh one.
+        state: JSON file to write as it goes, and to go on from if it exists (then its seed must be the same).
+        progress: Called after each chunk with positives asked, wanted, and a note.
+        seconds: Time allowed for this call.
+
+    Returns:
+        What was done. Ctrl-C ends the soak, and the result says so.
+
+    Raises:
+        QueryError: For a shape of another dimension, or a count or seed that is none.
+        FileFormatError: If the state cannot be read or written, or belongs to another bounder, shape or seed.
+    """
+    _check_whole("count", count, 1, 2**62)
+    if seed is not None:
+        _check_whole("seed", seed, 0, LARGEST_SEED - 1)
+    bounder = bounder_of(bounder)
+    grid = soak_grid(bounder, shape)
+    fresh = Soak(bounder.method, bounder.query_kind, -1, int(count), _digest(bounder), grid.digest)
+    result = _resumed(fresh, None if seed is None else int(seed), state)
+    if state is not None:
+        check_writable(state)
+    started, before, saved = time.perf_counter(), result.seconds, time.perf_counter()
+    length = bounder.domain.length or 1.0
+    positives = HardPositives(bounder.query_kind, grid, length, bounder.device)
+    try:
+        while not result.complete and time.perf_counter() - started < seconds:
+            _chunk(bounder, grid, positives, result)
+            result.seconds = round(before + time.perf_counter() - started, 3)
+            if progress:
+                progress(min(result.done, result.wanted), result.wanted, f"{result.rate / 1e6:.1f} million/s")
+            if state is not None and time.perf_counter() - saved > SAVED_EVERY:
+                _save(result, state)
+                saved = time.perf_counter()
+    except KeyboardInterrupt:
+        result.interrupted = True
+    result.seconds = round(before + time.perf_counter() - started, 3)
+    if state is not None:
+        _save(result, state)
+    return result
+
+
+def _check_whole(name: str, value, least: int, most: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not least <= value <= most:
+        raise QueryError(f"{name} must be a whole number from {least} to {most}, got {value!r}")
+
+
+def _chunk(bounder: Bounder, grid: IndicatorGrid, positives: HardPositives, result: Soak) -> None:
+    """One chunk: what is counted is changed at its end, so that an interruption leaves no half of one."""
+    form, options, world = CYCLE[result.chunks % len(CYCLE)], {}, None
+    if form == "placed":
+        world, options = _placement(bounder, grid, positives, result)
+        form = "placed" if world else "float32"
+    x, certain = positives.draw(result.seed, result.chunks * CHUNK, CHUNK, form, world)
+    answers = bounder.query(x.numpy() if form == "float64" else x, **options).numpy()
+    certain = certain.numpy() != 0
+    missed = np.flatnonzero(certain & (answers == 0))
+    if len(missed):
+        query = x.numpy()[missed[0]]
+        if world is None and not _truth(grid, positives, query):
+            raise BounderError(f"the soak drew a {result.query} that does not meet the object: {query.tolist()}")
+        result.missed, result.missed_form = [float(v) for v in query], form
+        if world:
+            result.missed_world = {k: np.asarray(v).tolist() for k, v in options.items()}
+        return
+    count = int(certain.sum())
+    result.done, result.chunks = result.done + count, result.chunks + 1
+    result.forms[form] += count
+
+
+def _truth(grid: IndicatorGrid, positives: HardPositives, query: np.ndarray) -> bool:
+    """The exact truth of one query, float32 or float64, against every cell and in rational numbers."""
+    truths = {"point": point_truth, "plane": plane_truth, "box": box_truth}
+    if positives.query == "ray":
+        return bool(ray_truth(grid, query[None], positives.length)[0])
+    return bool(truths[positives.query](grid, query[None])[0])
+
+
+def random_world(grid: IndicatorGrid, rng: np.random.Generator, gentle: int = 0) -> tuple[World, dict]:
+    """A random place of a shape.
+
+    Args:
+        grid: The shape; its time is not moved.
+        rng: Source of randomness.
+        gentle: How often to halve how far it is moved and how much it is scaled.
+
+    Returns:
+        The map, and the ``xform`` and ``scale`` that bounders take for it.
+    """
+    n, first = grid.ndim, int(grid.time)
+    spatial, share = n - first, 0.5**gentle
+    rotation, _ = np.linalg.qr(rng.normal(size=(spatial, spatial)))
+    if rng.random() < 0.25:  # a signed permutation: boxes stay boxes
+        rotation = np.eye(spatial)[rng.permutation(spatial)] * rng.choice([-1.0, 1.0], spatial)
+    scale = np.exp2(rng.uniform(-1, 1, spatial) * share)
+    size = (grid.upper - grid.lower)[first:].max()
+    position = rng.uniform(-1, 1, spatial) * size * share
+    forward, inverse, translation = np.eye(n), np.eye(n), np.zeros(n)
+    forward[first:, first:] = rotation * scale
+    inverse[first:, first:] = rotation.T / scale[:, None]
+    translation[first:] = position
+    matrix = np.eye(spatial + 1)
+    matrix[:-1, :-1], matrix[:-1, -1] = rotation, position
+    return World(forward, inverse, translation), {"xform": matrix, "scale": scale}
+
+
+def _placement(
+    bounder: Bounder, grid: IndicatorGrid, positives: HardPositives, result: Soak
+) -> tuple[World | None, dict]:
+    """A place that the bounder's certificate covers: ever gentler ones are tried."""
+    rng = np.random.default_rng([result.seed, result.chunks])
+    nothing = np.zeros((0, positives.columns), np.float32)
+    for gentle in range(WORLDS):
+        world, options = random_world(grid, rng, gentle)
+        try:
+            bounder.query(nothing, **options)
+        except QueryError:
+            continue
+        return world, options
+    return None, {}
+
+
+def _digest(bounder: Bounder) -> str:
+    """SHA-256 of what the kernels compute with, aligned as in the first version: its states are gone on with."""
+    domain, words = bounder.domain, bounder.words()
+    header = np.concatenate([domain.header, [bounder.threshold], domain.extra]).astype(np.float32)
+    numbers = [np.pad(header, (0, -len(header) % ALIGNED)), np.asarray(bounder.weights(), dtype=np.float32), words]
+    sha = hashlib.sha256(f"{bounder.method}|{bounder.query_kind}|{domain.to_dict()}|".encode())
+    sha.update(b"".join(part.tobytes() for part in numbers))
+    return sha.hexdigest()
+
+
+def _save(result: Soak, state: str | Path) -> None:
+    write_whole(state, json.dumps({"soak": 1, **result.to_dict()}, allow_nan=False).encode())
+
+
+def _resumed(fresh: Soak, seed: int | None, state: str | Path | None) -> Soak:
+    """``fresh``, or what the state file says was done of it; with its seed."""
+    if state is None or not Path(state).is_file():
+        fresh.seed = fresh_seed() if seed is None else seed
+        return fresh
+    try:
+        held = json.loads(Path(state).read_text())
+        if held.pop("soak") != 1:
+            raise ValueError("another version")
+        old = Soak(**held)
+        numbers = (old.seed, old.done, old.chunks, *old.forms.values())
+        if not all(type(v) is int and v >= 0 for v in numbers) or set(old.forms) != set(FORMS):
+            raise ValueError("numbers")
+        if sum(old.forms.values()) != old.done or not 0 <= float(old.seconds) < float("inf"):
+            raise ValueError("numbers")
+    except (ValueError, TypeError, KeyError, AttributeError, OSError, RecursionError) as error:
+        raise FileFormatError(f"{state}: not the state of a soak test, or damaged") from error
+    fresh.seed = old.seed if seed is None else seed
+    for name, text in (("bounder", "another bounder"), ("indicator", "another shape"), ("seed", "another seed")):
+        if getattr(old, name) != getattr(fresh, name):
+            raise FileFormatError(f"{state}: the state of a soak of {text}; give another file, or remove it")
+    old.wanted, old.interrupted = fresh.wanted, False
+    old.missed = old.missed_form = old.missed_world = None  # found again, if so: its chunk does not count as done
+    return old

@@ -1,0 +1,42 @@
+"""Boxes against a monotone network: the least f of all that meet the object, as a minimum over the object's points.
+
+See ``bounders.monotone_mlp`` for why. The object's cells are not widened here: what the pipeline rounds is in the function.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.bounders.neural.monotone_mlp import MonotoneMlp
+
+__all__ = ["LeastBox", "of_points"]
+
+
+class LeastBox:
+    """``g(p)``, at most f of any box that holds p, with what ``search.minimum`` and ``certify`` ask of a bounder of points.
+
+    Args:
+        bounder: Whose f.
+    """
+
+    closed_form = False
+
+    def __init__(self, bounder: MonotoneMlp):
+        self.network = bounder.point_network
+        base = bounder.domain.base
+        self.domain = replace(base, delta=np.zeros_like(base.delta))  # `widened` then adds float64's rounding only
+
+    def reference(self, p: np.ndarray) -> np.ndarray:
+        """The values of g at points ``(N, n)`` float64, local space, ``(N,)`` float64."""
+        return self.network(p)
+
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """Certified lower bounds over boxes of p; see ``Bounder.bound``."""
+        least, axes, point, value = self.network.bound(lower, upper)[:4]
+        return BoxBounds(least, axes[0], point, value, axes[1])
+
+
+def of_points(bounder: Bounder) -> Bounder | LeastBox:
+    """What is bounded over the object's points: the bounder itself, or for boxes and a monotone network its ``LeastBox``."""
+    return LeastBox(bounder) if isinstance(bounder, MonotoneMlp) else bounder

@@ -1,0 +1,91 @@
+"""Planes: how far a network's learned support function stays above the object's own, certified by branch and bound.
+
+A plane ``m . y = c`` that meets the object has ``-h(-m) <= c <= h(m)``, h the support function of the object's convex
+hull (that is necessary; for a connected object it is sufficient too, *Theorem of the separating hyperplane*). With
+``f = min(H(m) - c, G(m) + c)`` the least f over all such c is ``min(H(m) - h(m), G(m) - h(-m))``, a function of m alone,
+and m runs over the faces of a cube, where one entry is 1: boxes of n - 1 dimensions. On a box the network has a linear
+lower bound ``C + g . (m - m0)``, so that for every corner y of the object ``H - m . y >= C - m0 . y - sum |g - y|_k r_k``.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+
+from warp_bounding.arithmetic import UNIT64, gamma
+from warp_bounding.bounders.base import BoxBounds
+from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.geometry.hull import hull_corners
+from warp_bounding.indicators.grid import IndicatorGrid
+
+__all__ = ["SupportGap"]
+
+AT_A_TIME = 2048  # boxes against all corners
+FIRST = 4  # boxes along each axis of a cube's face to begin with
+
+
+class SupportGap:
+    """``least f over all c`` as a function of the normal m, with the methods that ``search.minimum`` asks for.
+
+    Args:
+        bounder: An ``mlp`` of plane queries.
+        grid: The object.
+    """
+
+    def __init__(self, bounder: Mlp, grid: IndicatorGrid):
+        self.networks, self.ndim = bounder.networks, grid.ndim
+        base = bounder.domain.base
+        corners = base.to_local(grid.position(hull_corners(grid.occupied) - 0.5))
+        # How far the computed plane may pass a point of the object, in c; and what float64 rounds below.
+        self.room = float(bounder.domain.delta[-1]) * (1 + 1e-9) + 1e-12 * (1 + np.abs(corners).max())
+        self.corners = [corners, -corners]
+
+    def boxes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Boxes that cover the faces ``m_k = 1`` of the cube: lower and upper corners ``(N, n)`` float64."""
+        n, edges = self.ndim, np.linspace(-1.0, 1.0, FIRST + 1)
+        cells = np.stack(np.meshgrid(*[np.arange(FIRST)] * (n - 1), indexing="ij"), -1).reshape(-1, n - 1)
+        intervals = np.array(list(pairwise(edges)))[cells]  # (N, n - 1, 2)
+        lower, upper = [], []
+        for k in range(n):
+            for side, out in ((0, lower), (1, upper)):
+                out.append(np.insert(intervals[..., side], k, 1.0, axis=1))
+        return np.concatenate(lower), np.concatenate(upper)
+
+    def touching(self, m: np.ndarray) -> np.ndarray:
+        """Coordinates ``v = (m, c)`` of the planes with normals ``(N, n)`` that touch the object's hull on either side, ``(2 N, n + 1)``."""
+        ends = m @ self.corners[0].T
+        return np.concatenate([np.column_stack([m, ends.max(axis=1)]), np.column_stack([m, ends.min(axis=1)])])
+
+    def reference(self, m: np.ndarray) -> np.ndarray:
+        """The gap at normals ``(N, n)``, ``(N,)`` float64."""
+        m = np.asarray(m, dtype=np.float64)
+        gap = np.empty(len(m))
+        for start in range(0, len(m), AT_A_TIME):
+            part = m[start : start + AT_A_TIME]
+            gaps = [f(part) - (part @ y.T).max(axis=1) for f, y in zip(self.networks, self.corners, strict=True)]
+            gap[start : start + AT_A_TIME] = np.minimum(*gaps)
+        return gap - self.room
+
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """Certified lower bounds over boxes of m; see ``Bounder.bound``."""
+        center, radius = (lower + upper) / 2, (upper - lower) / 2
+        least, point = np.full(len(lower), np.inf), center.copy()
+        for network, corners in zip(self.networks, self.corners, strict=True):
+            bounds = network.bound(lower, upper)
+            slope, value = bounds.slope, bounds.level
+            size = 4 + np.abs(value).max(initial=0.0) + np.abs(slope).sum(axis=1).max(initial=0.0)
+            rounding = gamma(64, UNIT64) * (size + np.abs(corners).sum(axis=1).max())
+            for start in range(0, len(lower), AT_A_TIME):
+                part = slice(start, start + AT_A_TIME)
+                loss = center[part] @ corners.T
+                for k in range(self.ndim):  # one axis at a time: (boxes, corners) in the cache
+                    away = np.abs(slope[part, k, None] - corners[:, k])
+                    away *= radius[part, k, None]
+                    loss += away
+                worst = loss.argmax(axis=1)
+                bound = value[part] - loss[np.arange(len(loss)), worst] - self.room - rounding
+                bound[np.isnan(bound)] = -np.inf
+                lower_yet = bound < least[part]
+                towards = center[part] - np.sign(slope[part] - corners[worst]) * radius[part]
+                point[part] = np.where(lower_yet[:, None], towards, point[part])
+                least[part] = np.where(lower_yet, bound, least[part])
+        return BoxBounds(least, np.argmax(radius, axis=1), point, self.reference(point))

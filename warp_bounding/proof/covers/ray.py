@@ -1,0 +1,120 @@
+"""Rays that meet an object, as boxes of a chart (``ray_chart``): 2n - 1 numbers, by where a ray first enters the object.
+
+Let a ray ``a + t w`` pass a point of the object at t. Either a lies in the object; or the ray comes, just before it first
+enters, through an empty cell D (or from outside the grid) whose closure holds the point of entry p. Go from D to an occupied
+cell at p by one axis at a time, of those on which the ray moves towards it: the first step from an empty to an occupied cell
+crosses a face that holds p, that is exposed, and that the ray crosses inwards. So exposed faces with directions inwards, and
+origins in the object with all directions, cover all positives.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from warp_bounding.arithmetic import UNIT64, gamma
+from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.indicators.blocks import blocks_of, full_blocks
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.networks.charts.ray import RayChart
+from warp_bounding.proof.search.depth_first import Charted
+
+__all__ = ["charted_rays", "single_faces"]
+
+CELLS = 256  # at a time, of those that are taken one by one
+
+
+def charted_rays(bounder: Mlp, grid: IndicatorGrid) -> Charted:
+    """The rays that meet an object, for a network of ray queries.
+
+    Args:
+        bounder: Its domain holds the object.
+        grid: The object.
+    """
+    n, domain = grid.ndim, bounder.domain
+    local = domain.base.to_local
+    first, last = full_blocks(grid)
+    boxes = [_boxes(domain, grid, first - 0.5, last - 0.5, 0.0, _directions(n))]
+    for axis in range(n):
+        for sign in (1, -1):
+            first, last = blocks_of(_exposed(grid.occupancy, axis, sign), flat=axis)
+            first, last = first - 0.5, last - 0.5
+            (first if sign > 0 else last)[:, axis] = (last if sign > 0 else first)[:, axis]
+            boxes.append(_boxes(domain, grid, first, last, 1.0, _directions(n, axis, -sign)))
+    lower, upper = (np.concatenate(side) for side in zip(*boxes, strict=True))
+    stretch, base = domain.stretch.astype(np.float64), domain.base
+    limit = base.limit.astype(np.float64)
+    slop = gamma(128, UNIT64) * (limit + 2 * stretch)
+    numbers = [stretch, limit, local(grid.lower), local(grid.upper), *np.split(domain.delta, 2), slop]
+    reach = np.concatenate([limit + 2 * stretch, stretch * (1 + 1e-3)])
+    return Charted(bounder.network, RayChart(2 * n), lower, upper, np.concatenate(numbers), reach)
+
+
+def single_faces(bounder: Mlp, grid: IndicatorGrid) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """The same set in other boxes, cell by cell and face by face, some at a time, for those who prove anew.
+
+    Args:
+        bounder: Its domain holds the object.
+        grid: The object.
+
+    Returns:
+        Lower and upper corners ``(N, 2 n + 1)``.
+    """
+    n, domain = grid.ndim, bounder.domain
+    occupied = {tuple(cell) for cell in grid.occupied.tolist()}
+    for start in range(0, len(grid.occupied), CELLS):
+        cells = grid.occupied[start : start + CELLS].astype(np.float64)
+        yield _boxes(domain, grid, cells - 0.5, cells + 0.5, 0.0, _directions(n))
+        for axis in range(n):
+            for sign in (1, -1):
+                step = np.eye(n)[axis] * sign
+                bare = np.array(
+                    [tuple(cell) not in occupied for cell in (cells + step).astype(int).tolist()], dtype=bool
+                )
+                middle = cells[bare] + step / 2
+                half = 0.5 * (1 - np.abs(step))
+                yield _boxes(domain, grid, middle - half, middle + half, 1.0, _directions(n, axis, -sign))
+
+
+def _boxes(
+    domain: RegionDomain,
+    grid: IndicatorGrid,
+    first: np.ndarray,
+    last: np.ndarray,
+    latest: float,
+    directions: tuple[np.ndarray, np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes of p between two corners in cells, t up to a time, and all of some boxes of directions."""
+    sides = []
+    for corner, t, m in ((first, 0.0, directions[0]), (last, latest, directions[1])):
+        p = np.repeat(domain.base.to_local(grid.position(corner)), len(m), axis=0)
+        sides.append(np.concatenate([p, np.full((len(p), 1), t), np.tile(m, (len(corner), 1))], axis=1))
+    return sides[0], sides[1]
+
+
+def _exposed(occupancy: np.ndarray, axis: int, sign: int) -> np.ndarray:
+    """Occupied cells whose neighbour along an axis is empty, or outside the grid."""
+    near = np.moveaxis(occupancy, axis, 0)
+    beyond = np.zeros_like(near)
+    if sign > 0:
+        beyond[:-1] = near[1:]
+    else:
+        beyond[1:] = near[:-1]
+    return np.moveaxis(near & ~beyond, 0, axis)
+
+
+def _directions(n: int, axis: int | None = None, sign: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """The faces of the cube [-1, 1]^n as boxes ``(F, n)``; of those, what has the given sign along an axis."""
+    lower, upper = [], []
+    for k in range(n):
+        for side in (1.0, -1.0):
+            low, high = -np.ones(n), np.ones(n)
+            low[k] = high[k] = side
+            if axis is not None:
+                if k == axis and side != sign:
+                    continue
+                if k != axis:
+                    (low if sign > 0 else high)[axis] = 0.0
+            lower.append(low)
+            upper.append(high)
+    return np.array(lower), np.array(upper)

@@ -1,0 +1,134 @@
+"""Compaction on the device: the ascending indices of the set entries of a mask, and their number, nothing read back.
+
+Three steps: count per block, scan the counts, write; a single block only writes. Both passes over the mask are threaded on a CPU.
+"""
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import warp as wp
+
+from warp_bounding.errors import QueryError
+from warp_bounding.runtime.launch import BlockLaunch
+
+__all__ = ["Compaction", "compact"]
+
+CPU_BLOCK = 16384  # mask entries per CPU thread
+CUDA_BLOCK = 64
+
+
+@wp.func_native("""
+const int begin = block * size; const int end = begin + size < count ? begin + size : count;
+int sum = 0;
+for (int i = begin; i < end; ++i) sum += mask.data[i] != 0;
+counts.data[block] = sum;
+""")
+def _count_block(
+    mask: wp.array(dtype=wp.uint8), count: int, size: int, block: int, counts: wp.array(dtype=wp.int32)
+): ...
+
+
+@wp.func_native("""
+const int begin = block * size; const int end = begin + size < count ? begin + size : count;
+int at = block > 0 ? ends.data[block - 1] : 0;
+const int last = ends.data[block];
+for (int i = begin; i < end && at < last; ++i) { indices.data[at] = i; at += mask.data[i] != 0; }
+if (end == count) total.data[0] = at;
+""")
+def _write_block(
+    mask: wp.array(dtype=wp.uint8),
+    count: int,
+    size: int,
+    block: int,
+    ends: wp.array(dtype=wp.int32),
+    indices: wp.array(dtype=wp.int32),
+    total: wp.array(dtype=wp.int32),
+): ...
+
+
+@wp.kernel(enable_backward=False)
+def _count(
+    # inputs
+    mask: wp.array(dtype=wp.uint8),
+    count: int,
+    size: int,
+    first: int,
+    # outputs
+    counts: wp.array(dtype=wp.int32),
+):
+    _count_block(mask, count, size, first + wp.tid(), counts)
+
+
+@wp.kernel(enable_backward=False)
+def _write(
+    # inputs
+    mask: wp.array(dtype=wp.uint8),
+    count: int,
+    size: int,
+    first: int,
+    ends: wp.array(dtype=wp.int32),
+    # outputs
+    indices: wp.array(dtype=wp.int32),
+    total: wp.array(dtype=wp.int32),
+):
+    _write_block(mask, count, size, first + wp.tid(), ends, indices, total)
+
+
+class Compaction:
+    """The compaction of one mask, its memory made once.
+
+    Attributes:
+        indices: ``(N,)`` int32, ascending indices of what is not zero in its first ``n`` entries, after ``launch``.
+        count: ``n`` as a 1-element int32 array.
+    """
+
+    def __init__(self, mask: wp.array):
+        """Make the memory for a ``(N,)`` uint8 mask, which is read at every launch.
+
+        Raises:
+            QueryError: For another type or shape.
+        """
+        if not isinstance(mask, wp.array) or mask.dtype != wp.uint8 or mask.ndim != 1 or not mask.is_contiguous:
+            got = f"{mask.dtype.__name__} of shape {mask.shape}" if isinstance(mask, wp.array) else type(mask).__name__
+            raise QueryError(f"mask must be a contiguous wp.array of uint8 of shape (N,), got {got}")
+        device, count = mask.device, mask.shape[0]
+        self.indices = wp.empty(count, dtype=wp.int32, device=device)
+        self.count = wp.zeros(1, dtype=wp.int32, device=device)
+        self._steps: list[Callable[[], None]] = []
+        if count == 0:
+            return
+        size = CPU_BLOCK if device.is_cpu else CUDA_BLOCK
+        blocks = -(-count // size)
+        items = count if device.is_cpu else blocks  # one launch item a block on CUDA
+        options = {"device": device, "first_index": 3, "block": size}
+        ends = wp.full(blocks, count, dtype=wp.int32, device=device)
+        if blocks > 1:  # one block needs to know no other's number
+            counts = wp.empty(blocks, dtype=wp.int32, device=device)
+            scanning = partial(wp.utils.array_scan, counts, ends, inclusive=True)
+            if device.is_cpu:  # the same without Warp's checks, which take longer than the sum
+                scanning = partial(np.cumsum, counts.numpy(), out=ends.numpy())
+            self._steps += [BlockLaunch(_count, items, [mask, count, size, 0], [counts], **options).launch, scanning]
+        outputs = [self.indices, self.count]
+        self._steps.append(BlockLaunch(_write, items, [mask, count, size, 0, ends], outputs, **options).launch)
+
+    def launch(self) -> tuple[wp.array, wp.array]:
+        """Fill ``indices`` and ``count``, and return them."""
+        for step in self._steps:
+            step()
+        return self.indices, self.count
+
+
+def compact(mask: wp.array) -> tuple[wp.array, wp.array]:
+    """Indices of what is not zero in a mask.
+
+    Args:
+        mask: ``(N,)`` uint8.
+
+    Returns:
+        ``(N,)`` int32, ascending indices in its first ``n`` entries, and ``n`` as a 1-element int32 array.
+
+    Raises:
+        QueryError: For another type or shape.
+    """
+    return Compaction(mask).launch()

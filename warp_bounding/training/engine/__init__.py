@@ -1,0 +1,1 @@
+"""What trains: the trainable network, its optimiser, its adversary, threads and the clock."""

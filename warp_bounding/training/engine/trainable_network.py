@@ -1,0 +1,158 @@
+"""A small network in torch with a hand-written backward pass, for many short steps on a CPU.
+
+Autograd's bookkeeping and fresh allocations cost more than the arithmetic at these sizes, so forward, backward and the
+gradient in the input run in preallocated buffers. Columns are samples: data is ``(features + 1, N)``, its last row ones,
+so that a layer's weight and bias are one ``(out, in + 1)`` matrix.
+"""
+
+import math
+
+import numpy as np
+import torch
+
+from warp_bounding.bounders.neural.mlp import encoding_tensors
+from warp_bounding.training.engine.activations import TRAINABLE
+
+__all__ = ["Evaluator", "TrainableNetwork"]
+
+
+class TrainableNetwork:
+    """Parameters of a network, flat and as one matrix a layer.
+
+    Args:
+        ndim: Coordinates of ``v``.
+        hidden: Hidden widths.
+        activation: A name in ``ACTIVATIONS``.
+        octaves: Of the positional encoding; 0 for none.
+        moments: Whether the moments ``a_i w_j - a_j w_i``, i < j, of ``v = (a, w)`` are inputs too.
+
+    Raises:
+        ValueError: For an encoding and moments at once.
+    """
+
+    def __init__(self, ndim: int, hidden: tuple[int, ...], activation: str, octaves: int = 0, moments: bool = False):
+        if moments and (octaves or ndim % 2):
+            raise ValueError(f"moments need an even number of coordinates and no octaves, got {ndim} and {octaves}")
+        self.ndim, self.hidden, self.activation, self.octaves, self.moments = ndim, hidden, activation, octaves, moments
+        self.act = TRAINABLE[activation]
+        self._first, self._second = torch.triu_indices(ndim // 2, ndim // 2, 1) if moments else (None, None)
+        fixed = encoding_tensors(ndim, octaves)
+        self.encoding = {name: torch.from_numpy(value) for name, value in fixed.items()} if octaves else {}
+        inputs = ndim + 2 * ndim * octaves + (len(self._first) if moments else 0)
+        self.sizes = [inputs, *hidden, 1]
+        self.flat = torch.zeros(sum(o * (i + 1) for i, o in zip(self.sizes, self.sizes[1:], strict=False)))
+        self.layers = self.split(self.flat)
+
+    def split(self, flat: torch.Tensor) -> list[torch.Tensor]:
+        """Views of a flat vector, one ``(out, in + 1)`` matrix a layer."""
+        views, start = [], 0
+        for i, o in zip(self.sizes, self.sizes[1:], strict=False):
+            views.append(flat[start : start + o * (i + 1)].view(o, i + 1))
+            start += o * (i + 1)
+        return views
+
+    def initialise(self, first: float, later: float, generator: torch.Generator) -> None:
+        """Uniform weights in ``+-gain / sqrt(inputs)``: ``first`` for the first layer, ``later`` for hidden ones behind it, 1 last."""
+        for index, layer in enumerate(self.layers):
+            layer.copy_((torch.rand(layer.shape, generator=generator) * 2 - 1) / math.sqrt(layer.shape[1] - 1))
+            if index < len(self.layers) - 1:
+                layer[:, :-1] *= first if index == 0 else later
+
+    def encode(self, v: torch.Tensor) -> torch.Tensor:
+        """Columns ``(n, N)`` as the network's input ``(features + 1, N)``."""
+        out = torch.ones(self.sizes[0] + 1, v.shape[1])
+        out[: self.ndim] = v
+        if self.encoding:
+            out[self.ndim : -1] = torch.sin(
+                self.encoding["encoding.weight"] @ v + self.encoding["encoding.bias"][:, None]
+            )
+        if self.moments:
+            a, w = v[: self.ndim // 2], v[self.ndim // 2 :]
+            out[self.ndim : -1] = a[self._first] * w[self._second] - a[self._second] * w[self._first]
+        return out
+
+    def decode_gradient(self, gradient: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
+        """Gradient in ``v`` ``(n, N)`` from the gradient in the network's input, without its row of ones."""
+        if self.moments:
+            a, w, slope = v[: self.ndim // 2], v[self.ndim // 2 :], gradient[self.ndim :]
+            by_a, by_w = gradient[: self.ndim].clone().split(self.ndim // 2)
+            by_a.index_add_(0, self._first, slope * w[self._second]).index_add_(
+                0, self._second, slope * -w[self._first]
+            )
+            by_w.index_add_(0, self._second, slope * a[self._first]).index_add_(
+                0, self._first, slope * -a[self._second]
+            )
+            return torch.cat([by_a, by_w])
+        if not self.encoding:
+            return gradient
+        weight, bias = self.encoding["encoding.weight"], self.encoding["encoding.bias"]
+        slope = torch.cos(weight @ v + bias[:, None]) * gradient[self.ndim :]
+        return gradient[: self.ndim] + weight.T @ slope
+
+    def tensors(self, flat: torch.Tensor | None = None) -> dict[str, np.ndarray]:
+        """The parameters as a bounder stores them."""
+        out = {name: value.numpy().copy() for name, value in self.encoding.items()}
+        for index, layer in enumerate(self.layers if flat is None else self.split(flat)):
+            out[f"layers.{index}.weight"] = layer[:, :-1].numpy().copy()
+            out[f"layers.{index}.bias"] = layer[:, -1].numpy().copy()
+        return out
+
+
+class Evaluator:
+    """Forward and backward passes of one thread, in buffers of its own.
+
+    Args:
+        network: Its parameters are read, never written.
+        chunk: Columns that are evaluated at a time, so that the buffers stay in the cache.
+    """
+
+    def __init__(self, network: TrainableNetwork, chunk: int):
+        self.network, self.chunk = network, chunk
+        self.gradient = torch.zeros_like(network.flat)
+        self.gradients = network.split(self.gradient)
+        self._buffers: dict[int, tuple[list[torch.Tensor], ...]] = {}
+
+    def _buffer(self, count: int) -> tuple[list[torch.Tensor], ...]:
+        if count not in self._buffers:
+            hidden = self.network.hidden
+            outputs = [torch.ones(h + 1, count) for h in hidden]
+            scratch = [[torch.empty(h, count) for h in hidden] for _ in range(3)]
+            self._buffers[count] = (outputs, *scratch, [torch.empty(1, count)])
+        return self._buffers[count]
+
+    def forward(self, x: torch.Tensor, *, keep: bool = False) -> torch.Tensor:
+        """Outputs ``(N,)`` for columns ``x``; ``keep`` what ``backward`` needs. The result lives until the next call."""
+        outputs, values, slopes, _, last = self._buffer(x.shape[1])
+        act = self.network.act
+        for index, layer in enumerate(self.network.layers[:-1]):
+            torch.mm(layer, x, out=values[index])
+            act.value(values[index], out=outputs[index][:-1])
+            if keep:
+                act.slope(values[index], outputs[index][:-1], slopes[index])
+            x = outputs[index]
+        return torch.mm(self.network.layers[-1], x, out=last[0])[0]
+
+    def backward(self, x: torch.Tensor, weight: torch.Tensor) -> None:
+        """Add ``sum_i weight_i d f(x_i) / d parameters`` to ``gradient``; ``forward(x, keep=True)`` comes first."""
+        outputs, _, slopes, scratch, _ = self._buffer(x.shape[1])
+        signal = weight.view(1, -1)
+        for index in range(len(self.network.layers) - 1, -1, -1):
+            below = outputs[index - 1] if index else x
+            self.gradients[index].addmm_(signal, below.T.contiguous())  # the product with a transposed view is slower
+            if index:
+                torch.mm(self.network.layers[index][:, :-1].T, signal, out=scratch[index - 1])
+                signal = scratch[index - 1].mul_(slopes[index - 1])
+
+    def input_gradient(self, x: torch.Tensor) -> torch.Tensor:
+        """``d f / d x`` ``(features, N)``."""
+        self.forward(x, keep=True)
+        slopes = self._buffer(x.shape[1])[2]
+        signal = torch.ones(1, x.shape[1])
+        for index in range(len(self.network.layers) - 1, 0, -1):
+            signal = (self.network.layers[index][:, :-1].T @ signal).mul_(slopes[index - 1])
+        return self.network.layers[0][:, :-1].T @ signal
+
+    def evaluate(self, x: torch.Tensor, out: torch.Tensor) -> None:
+        """Outputs for any number of columns, in chunks."""
+        for start in range(0, x.shape[1], self.chunk):
+            out[start : start + self.chunk] = self.forward(x[:, start : start + self.chunk])

@@ -1,0 +1,1 @@
+"""Half-spaces that are learned."""

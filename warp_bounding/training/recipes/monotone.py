@@ -1,0 +1,152 @@
+"""Training of ``monotone-mlp``: a monotone network of boxes, in terms of the square roots of its weights.
+
+A weight is ``s r^2`` with a fixed sign s, and r is what the optimiser changes. Against clamping at zero or ``|r|`` that is the
+difference between training and not training: a gradient step in r multiplies a weight, so weights grow and vanish
+geometrically, few of them stay, and a weight near zero moves slowly enough to come back. The first layer begins as
+supports of boxes, ``max over the box of d . x``, in random directions d.
+
+The positives are points p of the object, boxes ``low = high = p``: the least f is among them. So they are as cheap to draw, to
+walk and to search as a point network's, the prover's own counterexamples are among them, and the threshold is proven.
+"""
+
+import math
+
+import numpy as np
+import torch
+
+from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.training.engine.soap import Soap
+from warp_bounding.training.engine.trainable_network import TrainableNetwork
+from warp_bounding.training.recipes.default import Recipe, Trainer
+from warp_bounding.training.samples.box import BoxSamples
+
+__all__ = ["LeastBoxSamples", "MonotoneTrainer"]
+
+RECIPE = Recipe(first_gain=5.0, later_gain=3.0, sharpness=0.3)
+SPREAD = 0.8  # of the planes that the first layer begins with: |coordinates| of a point on each
+LEAST_ROOT = 0.1  # of an initial weight: one at 0 would stay there
+MOST_ADDED = 256  # points of a search that join the hard ones
+
+
+class LeastBoxSamples(BoxSamples):
+    """Boxes, and as positives the points of the object; a state is a cell and an offset (n rows each). See ``Samples``."""
+
+    def __init__(self, grid: IndicatorGrid, domain: RegionDomain, generator: torch.Generator):
+        super().__init__(grid, domain, generator)
+        self.vertices = self.cells.boundary_vertices().repeat(2, 1)
+
+    def positives(self, count: int) -> torch.Tensor:
+        """See ``Samples``: most in boundary cells and on cell faces, the rest uniform in the object."""
+        return torch.cat(self.cells.draw(count))
+
+    def coordinates(self, state: torch.Tensor) -> torch.Tensor:
+        """See ``Samples``."""
+        return self.point(state).repeat(2, 1)
+
+    def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
+        """See ``Samples``; the largest component moves by ``step`` cells, all stay in their cells."""
+        n = self.grid.ndim
+        slope = (slope[:n] + slope[n:]) * self.cells.unit
+        slope /= slope.abs().amax(0, keepdim=True) + 1e-12
+        return torch.cat([state[:n], (state[n:] - step * slope).clamp_(-0.5, 0.5)])
+
+    def locate(self, v: np.ndarray) -> torch.Tensor:
+        """See ``Samples``; of points ``(N, n)``."""
+        return torch.cat(self.cells.locate(v)[:2])
+
+
+class MonotoneTrainer(Trainer):
+    """A monotone network in training; see ``Trainer``.
+
+    Args:
+        samples: The positives are points.
+        hidden: Hidden widths.
+        activation: A name in ``MONOTONE``.
+        recipe: Constants.
+    """
+
+    samples: LeastBoxSamples
+
+    def __init__(
+        self, samples: LeastBoxSamples, hidden: tuple[int, ...], activation: str, recipe: Recipe | None = None
+    ):
+        super().__init__(samples, hidden, activation, recipe=recipe or RECIPE)
+
+    def add(self, v: np.ndarray) -> None:
+        """See ``Trainer``; lowest first, of which one a cell is kept: a search's points crowd around few minima."""
+        state = self.samples.locate(v)
+        first = np.unique(state[: self.samples.grid.ndim].numpy(), axis=1, return_index=True)[1]
+        self.add_states(state[:, torch.from_numpy(np.sort(first)[:MOST_ADDED])])
+
+    def worst_points(self) -> np.ndarray:
+        """``(K, n)`` float64, the worst points of the object known, local space: where a proof's search may begin."""
+        return super().worst_points()[:, : self.samples.grid.ndim]
+
+    def _initialise(self) -> None:
+        """Supports of boxes in random directions, behind them positive weights around zero arguments."""
+        network, generator, recipe = self.network, self.generator, self.recipe
+        n, act = self.samples.grid.ndim, network.act
+        self._signs = _signs(network, act.falling)
+        for index, (layer, sign) in enumerate(zip(network.layers, self._signs, strict=True)):
+            rows, inputs = sign.shape
+            if index == 0:
+                # An axis of few cells carries less detail than its range in v would suggest.
+                d = torch.randn(rows, n, generator=generator) * self.samples.cells.detail.T
+                d /= d.norm(dim=1, keepdim=True)
+                foot = (torch.rand(rows, n, generator=generator) * 2 - 1) * SPREAD
+                gain = recipe.first_gain * (0.5 + torch.rand(rows, 1, generator=generator))
+                weight = torch.cat([d.clamp(max=0), d.clamp(min=0), -(d * foot).sum(1, keepdim=True)], 1)
+                layer.copy_(weight * gain * sign[:, -1:])
+            else:
+                layer[:, :-1] = torch.rand(rows, inputs, generator=generator) * sign * (2 * recipe.later_gain)
+                layer[:, :-1] /= math.sqrt(inputs)
+                layer[:, -1] = torch.randn(rows, generator=generator) * (recipe.later_gain / 2)
+                layer[:, -1] -= act.mean * recipe.first_gain * layer[:, :-1].sum(1)
+
+    def _optimiser(self) -> Soap:
+        """See ``Trainer``."""
+        return _RootSoap(self.network.layers, self._signs, self.recipe)
+
+
+class _RootSoap(Soap):
+    """Soap over the square roots of weights, and biases as they are; writes the weights after each step.
+
+    Args:
+        layers: ``(out, in + 1)`` matrices, the last column the biases.
+        signs: ``(out, in)`` of their weights.
+        recipe: Constants.
+    """
+
+    def __init__(self, layers: list[torch.Tensor], signs: list[torch.Tensor], recipe: Recipe):
+        self._layers, self._signs = layers, signs
+        roots = [layer.clone() for layer in layers]
+        for root, sign in zip(roots, signs, strict=True):
+            root[:, :-1] = (root[:, :-1] * sign).clamp_(min=LEAST_ROOT**2).sqrt_()
+        super().__init__(roots, recipe.beta1, recipe.beta2)
+        self._write()
+
+    def step(self, gradients: list[torch.Tensor], rate: float) -> None:
+        """One step with this learning rate; the gradients, by the weights, are overwritten."""
+        for gradient, root, sign in zip(gradients, self.weights, self._signs, strict=True):
+            gradient[:, :-1].mul_(root[:, :-1]).mul_(2 * sign)
+        super().step(gradients, rate)
+        self._write()
+
+    def _write(self) -> None:
+        for layer, root, sign in zip(self._layers, self.weights, self._signs, strict=True):
+            layer.copy_(root)
+            layer[:, :-1].mul_(root[:, :-1]).mul_(sign)
+
+
+def _signs(network: TrainableNetwork, falling: float) -> list[torch.Tensor]:
+    """``(out, in)`` signs of each layer's weights, a share of the hidden neurons falling as the box grows."""
+    n, signs = network.ndim // 2, []
+    below = torch.cat([-torch.ones(n), torch.ones(n)])
+    for width in (*network.hidden, 1):
+        way = torch.ones(width)
+        if len(signs) < len(network.hidden):
+            way[: int(falling * width)] = -1.0
+        signs.append(way[:, None] * below)
+        below = way
+    return signs

@@ -1,0 +1,107 @@
+"""The paper's recipe, as an option: uniform samples, asymmetric cross-entropy, a linear schedule of its two weights.
+
+Every ``stage`` iterations the weight of negatives shrinks (1/20, 1/40, ... in 2D, in steps of 1/100 and 1/200 in 3D and 4D) and
+that of positives grows by 0.2, until no false negative was seen for six stages (paper, Sec. 3.4; supplement, Sec. 2). At
+its batch of 200,000 and 10,000 iterations a stage this takes hours on a CPU; a budget ends it earlier. Unlike in the
+paper, the threshold is then set by the proof.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+
+from warp_bounding.runtime.launch import cpu_threads
+from warp_bounding.training.engine.clock import Clock
+from warp_bounding.training.engine.team import Team
+from warp_bounding.training.engine.trainable_network import Evaluator
+from warp_bounding.training.recipes.default import Trainer
+
+__all__ = ["PaperRecipe", "PaperTrainer"]
+
+
+@dataclass(frozen=True)
+class PaperRecipe:
+    """Constants of the paper and its supplement."""
+
+    batch: int = 200_000
+    stage: int = 10_000  # iterations between two changes of the weights
+    stable: int = 6  # stages without a false negative after which training ends
+    rate: float = 1e-3
+    positive_step: float = 0.2
+    regularisation: float = 5e-7  # of the L1 and the L2 norm, reached linearly over `stable` stages
+    note_every: int = 10  # iterations between two reports
+
+    @staticmethod
+    def negative_weight(ndim: int, stage: int) -> float:
+        """1, then 1/d, 1/(2 d), ... with d = 20 in 2D, 100 in 3D, 200 beyond."""
+        return 1.0 / ({1: 20, 2: 20, 3: 100}.get(ndim, 200) * stage) if stage else 1.0
+
+    def positive_weight(self, stage: int) -> float:
+        """1, 1.2, 1.4, ..."""
+        return 1.0 + self.positive_step * stage
+
+
+class PaperTrainer(Trainer):
+    """See ``Trainer``; ``paper`` holds the constants of this recipe, ``recipe`` those of sampling for the proof."""
+
+    paper = PaperRecipe()
+
+    def run(
+        self,
+        clock: Clock,
+        *,
+        counterexamples: Callable[["Trainer", float], None] | None = None,
+        progress: Callable[[float, str], None] | None = None,
+    ) -> None:
+        """Train until the schedule is through, the budget is used up, or an interrupt. No counterexamples: the paper has none."""
+        paper, threads = self.paper, cpu_threads()
+        self.network.initialise(1.0, 1.0, self.generator)  # torch's standard initialisation, near enough
+        team = Team(threads)
+        workers = [Evaluator(self.network, self.recipe.chunk) for _ in range(threads)]
+        optimiser = torch.optim.Adam([self.network.flat], lr=paper.rate)
+        clean = iteration = 0
+        try:
+            while clock.fraction() < 1 and clean < paper.stable:
+                stage = iteration // paper.stage
+                missed = self._iterate(team, workers, optimiser, stage)
+                iteration += 1
+                clock.count += 1
+                if iteration % paper.stage == 0:
+                    clean = clean + 1 if missed == 0 else 0
+                if progress and iteration % paper.note_every == 0:
+                    progress(clock.fraction(), f"stage {stage}, FN {missed} in a batch")
+            self._refresh(team, workers, 1.0)
+        finally:
+            self._best = (float("inf"), self.network.flat.clone())  # the last, after an interrupt too
+            team.close()
+
+    def _iterate(self, team: Team, workers: list[Evaluator], optimiser: torch.optim.Optimizer, stage: int) -> int:
+        """One step; returns the false negatives of its batch at the paper's threshold."""
+        paper, network = self.paper, self.network
+        v, truth = self.samples.uniform(paper.batch)
+        x = network.encode(v)
+        weights = (
+            torch.where(truth, paper.positive_weight(stage), paper.negative_weight(network.ndim, stage)) / paper.batch
+        )
+        target, missed = truth.float(), [0] * team.size
+
+        def job(index: int) -> None:
+            worker = workers[index]
+            worker.gradient.zero_()
+            first, last = (paper.batch * k // team.size for k in (index, index + 1))
+            for start in range(first, last, worker.chunk):
+                part = slice(start, min(start + worker.chunk, last))
+                columns = x[:, part].contiguous()
+                f = worker.forward(columns, keep=True)
+                missed[index] += int(((f < 0) & truth[part]).sum())
+                worker.backward(columns, (torch.sigmoid(f) - target[part]).mul_(weights[part]))
+
+        team.run(job)
+        flat = network.flat
+        decay = paper.regularisation * min(1.0, stage / paper.stable)
+        flat.grad = sum((worker.gradient for worker in workers), torch.zeros_like(flat)) + decay * (
+            torch.sign(flat) + 2 * flat
+        )
+        optimiser.step()
+        return sum(missed)

@@ -1,0 +1,214 @@
+"""Training a ``relu-field``: the asymmetric loss on the nodes' values, positives where the proof looks, and a repair at the end.
+
+f can only be least at certain points of the positives (``break_points``), so these are all that training has to see of them: the
+lowest are looked for again and again. Negatives are fresh samples of the protocol. What is still too low at the end is repaired:
+every value has a non-negative share in f, so raising the nodes around a point by what it lacks never lowers f anywhere.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+
+from warp_bounding.bounders.relu_field.cover import positive_boxes
+from warp_bounding.bounders.relu_field.relu_field import FieldMap, ReluField, break_points, corners_of, field_breaks
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.queries import oracle, sample
+from warp_bounding.training.engine.clock import Clock
+from warp_bounding.training.engine.team import single_threaded_torch
+
+__all__ = ["train_relu_field"]
+
+BATCH = 8192  # of negatives, and of positives
+POOL = 50_000  # samples of the protocol, renewed every REFRESH steps
+CANDIDATES = 60_000  # points of the positives among which the lowest are kept
+HARD = 20_000  # of them
+REFRESH = 50
+SOFTNESS = (0.3, 0.03)  # T, from begin to end
+WEIGHT = (20.0, 1000.0)  # of positives against negatives, likewise
+MARGIN = 0.1  # that positives are pushed above the line, times T's share of its start
+RATE = (0.1, 0.01)
+START = (-1.0, 0.05)  # of nodes that no positive needs, and of the others: no positive is under the line then
+ROUNDED = 1e-4  # of START: interpolation between equal numbers rounds
+STEPS = 1500  # more gain little
+SCALE = 0.25  # f = 0.5 + SCALE * value, so that the line is in the middle
+REPAIR_SHARE = 0.2  # of the budget
+GENTLE = 3  # passes that add no more than is needed, before the one that is sure
+
+Progress = Callable[[float, str], None]
+
+
+def train_relu_field(
+    grid: IndicatorGrid,
+    domain: Domain | RegionDomain,
+    *,
+    budget: float = 30.0,
+    seed: int = 0,
+    steps: int | None = None,
+    device: str | None = None,
+    progress: Progress | None = None,
+) -> tuple[ReluField, dict]:
+    """Learn a ``relu-field``.
+
+    Args:
+        grid: The object.
+        domain: ``domain_of(grid, query, length)``; points of 1D to 4D objects, regions of 2D objects.
+        budget: Seconds, for all but the proof.
+        seed: Of everything random.
+        steps: Training steps instead of seconds: the result is then repeatable.
+        device: Warp device of the bounder.
+        progress: Called with the used fraction and a note. Ctrl-C ends training; the field as it is is then repaired.
+
+    Returns:
+        The bounder, its threshold not set yet (``prove``), and a record of how it went.
+
+    Raises:
+        BounderError: If there is no field for this kind of query.
+    """
+    if not ReluField.supports(domain.query, domain.space_ndim, domain.space):
+        raise BounderError(f"relu-field does not bound {domain.query} queries of {domain.space_ndim}D objects")
+    clock, interrupted = Clock(budget, steps), False
+    trainer = _Trainer(grid, domain, seed)
+    clock.reserved = min(REPAIR_SHARE * budget + clock.seconds, 0.8 * budget)
+    with single_threaded_torch():
+        try:
+            trainer.run(clock, progress)
+        except KeyboardInterrupt:
+            interrupted = True
+        values = trainer.better()
+    bounder = ReluField.of_values(domain, trainer.field, 0.5 + SCALE * values, device)
+    return bounder, {"steps": clock.count, "interrupted": interrupted, "nodes": list(trainer.field.nodes)}
+
+
+class _Trainer:
+    def __init__(self, grid: IndicatorGrid, domain: Domain | RegionDomain, seed: int):
+        self.grid, self.domain, self.field = grid, domain, FieldMap.of(grid, domain)
+        self.rng, self.generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
+        self.oracle = oracle(domain.query, grid, "cpu", domain.length or 1.0)
+        boxes = [[self.field.coordinates(side) for side in pair] for pair in positive_boxes(grid, domain, self.field)]
+        self.low, self.high = (np.concatenate(side) for side in zip(*boxes, strict=True))
+        self.breaks = field_breaks(self.low, self.high).max(axis=1)
+        if (field_breaks(self.low, self.high) < 0).any():
+            raise BounderError("relu-field: the field is too fine for the object's cells")
+        marked = np.zeros(self.field.nodes, dtype=bool)
+        first, last = np.floor(self.low).astype(np.int64), np.ceil(self.high).astype(np.int64)
+        for step in np.ndindex(tuple(int(s) + 1 for s in (last - first).max(axis=0))):
+            marked[tuple(np.minimum(first + step, last).T)] = True
+        self.values = torch.from_numpy(np.where(marked.reshape(-1), START[1], START[0]).astype(np.float32))
+        self.start, self.hard = self.values.clone(), np.zeros((0, len(self.field.nodes)))
+
+    def run(self, clock: Clock, progress: Progress | None) -> None:
+        """Descend until the clock is at its end, or ``STEPS`` are over."""
+        values = self.values.requires_grad_(True)
+        optimiser = torch.optim.Adam([values], lr=RATE[0], betas=(0.9, 0.99))
+        try:
+            for step in range(STEPS):
+                used = max(clock.fraction(), step / STEPS)
+                if used >= 1:
+                    break
+                if step % REFRESH == 0:
+                    self._refresh()
+                    if progress:
+                        progress(used, f"lowest positive {self.lowest:.2f}")
+                softness, weight, rate = (a * (b / a) ** used for a, b in (SOFTNESS, WEIGHT, RATE))
+                with torch.enable_grad():
+                    inside = self._field(values, *self._pick(self.negative))
+                    low = self._field(values, *self._pick(self.positive))
+                    short = (MARGIN * softness / SOFTNESS[0] - low).clamp(min=0)
+                    loss = torch.sigmoid(inside / softness).mean() * self.share + weight * (short * short).mean()
+                    optimiser.zero_grad()
+                    loss.backward()
+                for group in optimiser.param_groups:
+                    group["lr"] = rate
+                optimiser.step()
+                clock.count += 1
+        finally:
+            self.values = values.detach()
+
+    def _pick(self, pool: tuple[torch.Tensor, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
+        chosen = torch.randint(len(pool[0]), (BATCH,), generator=self.generator)
+        return pool[0][chosen], pool[1][chosen]
+
+    @staticmethod
+    def _field(values: torch.Tensor, index: torch.Tensor, share: torch.Tensor) -> torch.Tensor:
+        c = values.index_select(0, index.reshape(-1)).reshape(index.shape)
+        for k in range(share.shape[1] - 1, -1, -1):
+            c = c[:, 0::2] + (c[:, 1::2] - c[:, 0::2]) * share[:, k, None]
+        return c[:, 0]
+
+    def _at(self, t: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
+        index, share = corners_of(self.field.nodes, t)
+        return torch.from_numpy(index), torch.from_numpy(share.astype(np.float32))
+
+    def _refresh(self) -> None:
+        """Fresh negatives, and positives: the lowest of many, and of those before."""
+        x = sample(self.domain.query, self.grid, POOL, self.rng)
+        truth = self.oracle(x)
+        t = self.field.coordinates(self.domain.to_local(x[~truth] if not truth.all() else x[:64]))
+        self.negative, self.share = self._at(t), max(float((~truth).mean()), 1e-3)
+        index = self.rng.integers(len(self.low), size=CANDIDATES)
+        low, high, count = self.low[index], self.high[index], self.breaks[index]
+        pick = self.rng.integers(count[:, None] + 2, size=low.shape)
+        inner = np.minimum(np.floor(low) + pick, high)
+        t = np.concatenate([np.where(pick == 0, low, np.where(pick == count[:, None] + 1, high, inner)), self.hard])
+        at = self._at(t)
+        height = self._field(self.values.detach(), *at)
+        lowest = torch.argsort(height)[:HARD]
+        rest = torch.randint(len(t), (HARD // 4,), generator=self.generator)
+        chosen = torch.cat([lowest, rest])
+        self.hard, self.positive, self.lowest = t[lowest.numpy()], (at[0][chosen], at[1][chosen]), float(height.min())
+
+    def better(self) -> np.ndarray:
+        """The repaired values, or those at the start (no positive is under ``START[1]`` there) if they let fewer negatives through."""
+        self._refresh()
+        values = self.repaired()
+        flat = torch.from_numpy(values.reshape(-1).astype(np.float32))
+        inside = int((self._field(flat, *self.negative) >= 0).sum())
+        before = int((self._field(self.start, *self.negative) >= START[1] - ROUNDED).sum())
+        return values if inside < before else self.start.numpy().reshape(values.shape)
+
+    def repaired(self) -> np.ndarray:
+        """The values, raised so that f is not under zero at any break point of the positives."""
+        values = self.values.detach().numpy().astype(np.float64)
+        for gentle in (*[True] * GENTLE, False):
+            raised = values.copy()
+            for index, share in self._suspects(values):
+                weight = _weights(share)
+                lack = -(values[index] * weight).sum(axis=1)
+                index, weight, lack = index[lack > 0], weight[lack > 0], lack[lack > 0]
+                size = (weight * weight).sum(axis=1) if gentle else np.ones(len(lack))
+                step = lack[:, None] * (weight / size[:, None] if gentle else weight > 0)
+                np.maximum.at(raised, index.reshape(-1), (values[index] + step).reshape(-1))
+            values = raised
+        return values.reshape(self.field.nodes)
+
+    def _suspects(self, values: np.ndarray):
+        """Break points of the boxes where a node around is under zero."""
+        least = values.reshape(self.field.nodes)
+        for k in range(least.ndim):
+            least = np.minimum(*(np.take(least, range(s, least.shape[k] - 1 + s), axis=k) for s in (0, 1)))
+        most = np.array(self.field.nodes) - 2
+        for start in range(0, len(self.low), BATCH * 4):
+            low, high = self.low[start : start + BATCH * 4], self.high[start : start + BATCH * 4]
+            first, last = np.minimum(np.floor(low).astype(np.int64), most), np.ceil(high).astype(np.int64) - 1
+            last = np.maximum(first, np.clip(last, 0, most))
+            quick = np.full(len(low), np.inf)
+            for step in np.ndindex(tuple(int(s) + 1 for s in (last - first).max(axis=0))):
+                quick = np.minimum(quick, least[tuple(np.minimum(first + step, last).T)])
+            part, count = quick < 0, self.breaks[start : start + BATCH * 4]
+            for breaks in np.unique(count[part]):
+                chosen = part & (count == breaks)
+                for t in break_points(low[chosen], high[chosen], int(breaks)):
+                    yield corners_of(self.field.nodes, t)
+
+
+def _weights(share: np.ndarray) -> np.ndarray:
+    """``(N, 2^m)`` weights of the nodes around points, in the order of ``corners_of``."""
+    weights = np.ones((len(share), 1))
+    for k in range(share.shape[1]):
+        pair = np.stack([1 - share[:, k], share[:, k]], axis=1)
+        weights = (weights[:, :, None] * pair[:, None, :]).reshape(len(share), -1)
+    return weights

@@ -1,0 +1,1 @@
+"""Labelled queries for training: one file a kind of query."""

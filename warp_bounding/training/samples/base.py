@@ -1,0 +1,97 @@
+"""What a kind of query gives to training: uniform samples with their truth, and positives that can be moved.
+
+A positive is a column of *state* numbers, such as a cell and an offset in [-1/2, 1/2]^n inside it for a point, from which
+its coordinates ``v`` follow by a formula. Every state in the allowed range is a positive, so a positive can walk down a
+network's output without ever leaving the object. Labels are those of the exact oracles; no sample is ever taken for a
+proof.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators.grid import IndicatorGrid
+
+__all__ = ["Samples", "columns", "samples_of"]
+
+
+class Samples:
+    """Random samples of one kind of query, as columns.
+
+    Attributes:
+        query: Kind of query.
+        ndim: Numbers of ``v``.
+        generator: Source of everything random.
+        detail: ``(ndim, 1)``, how much detail ``v`` carries per unit, relative to the axis with most.
+        vertices: ``(ndim, K)``, positives where a minimum is likely, all of them; may be none.
+    """
+
+    query = ""
+    ndim: int
+    generator: torch.Generator
+    detail: torch.Tensor
+    vertices: torch.Tensor
+
+    def uniform(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
+        """``v`` ``(ndim, count)`` of samples of the protocol, and their truth ``(count,)``."""
+        raise NotImplementedError
+
+    def negatives(self, count: int) -> torch.Tensor:
+        """``v`` of the negatives among ``count`` samples of the protocol; where that is none, of a few others."""
+        raise NotImplementedError
+
+    def positives(self, count: int) -> torch.Tensor:
+        """States ``(S, count)``, most where a network is likely to fail."""
+        raise NotImplementedError
+
+    def coordinates(self, state: torch.Tensor) -> torch.Tensor:
+        """``v`` ``(ndim, N)`` of states."""
+        raise NotImplementedError
+
+    def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
+        """States after one step downhill; they stay positives, and queries that a bounder is asked about.
+
+        Args:
+            state: ``(S, N)``.
+            slope: ``(ndim, N)``, gradient in ``v``; may be overwritten.
+            step: Length, about in cells, one number or ``(N,)``.
+        """
+        raise NotImplementedError
+
+    def locate(self, v: np.ndarray) -> torch.Tensor:
+        """States of positives found elsewhere, ``(N, ndim)`` float64; one that is none, by rounding, is dropped."""
+        raise NotImplementedError(f"{self.query}: counterexamples come as states")
+
+    def at(self, z: np.ndarray) -> torch.Tensor:
+        """States of positives that a proof's search has found, given as numbers of its chart ``(N, Z)``; some may be dropped."""
+        raise NotImplementedError(f"{self.query}: there is no chart")
+
+
+def samples_of(grid: IndicatorGrid, domain: Domain | RegionDomain, seed: int = 0) -> Samples:
+    """The samples of a domain's kind of query.
+
+    Args:
+        grid: The object.
+        domain: ``domain_of(grid, query, length)``.
+        seed: Of everything random, in the samples and in the trainer that takes them.
+
+    Raises:
+        BounderError: For a kind of query that networks are not trained for.
+    """
+    from warp_bounding.training.samples.box import BoxSamples
+    from warp_bounding.training.samples.point import PointSamples
+    from warp_bounding.training.samples.ray import RaySamples
+
+    kinds: dict[str, Callable] = {kind.query: kind for kind in (PointSamples, RaySamples, BoxSamples)}
+    if domain.query not in kinds:
+        raise BounderError(f"training knows {', '.join(kinds)}, got {domain.query}")
+    return kinds[domain.query](grid, domain, torch.Generator().manual_seed(seed))
+
+
+def columns(rows: np.ndarray) -> torch.Tensor:
+    """``(N, n)`` numbers as ``(n, N)`` float32."""
+    return torch.from_numpy(np.ascontiguousarray(rows.T, dtype=np.float32))

@@ -1,0 +1,69 @@
+"""Samples of points: a positive is a cell and an offset inside it."""
+
+import numpy as np
+import torch
+
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.training.samples.base import Samples, columns
+from warp_bounding.training.samples.cell_points import CellPoints
+
+__all__ = ["PointSamples"]
+
+FEWEST_NEGATIVES = 64
+
+
+class PointSamples(Samples):
+    """Random points of a grid; see ``Samples``. A state is a cell (n rows) and an offset (n rows).
+
+    Args:
+        grid: The object.
+        domain: Its domain, which gives the map to ``v``.
+        generator: Source of randomness.
+    """
+
+    query = "point"
+
+    def __init__(self, grid: IndicatorGrid, domain: Domain, generator: torch.Generator):
+        self.grid, self.generator, self.ndim = grid, generator, grid.ndim
+        self.cells = CellPoints(grid, domain, generator)
+        self.detail, self.vertices = self.cells.detail, self.cells.boundary_vertices()
+        shape = np.array(grid.shape)
+        self._first = torch.from_numpy(np.where(shape > 1, 0.0, -0.5).astype(np.float32))[:, None]
+        self._extent = torch.from_numpy(np.where(shape > 1, shape - 1.0, 1.0).astype(np.float32))[:, None]
+        self._table = torch.from_numpy(grid.occupancy.reshape(-1).copy())
+        self._stride = torch.tensor([int(np.prod(shape[k + 1 :])) for k in range(grid.ndim)])[:, None]
+        self._shape = torch.from_numpy(shape)[:, None]
+
+    def uniform(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
+        """See ``Samples``."""
+        t = self.cells.rand(self.ndim, count) * self._extent + self._first
+        cell = torch.minimum(torch.round(t).long().clamp_(min=0), self._shape - 1)
+        return self.cells.to_local(t), self._table[(cell * self._stride).sum(0)]
+
+    def negatives(self, count: int) -> torch.Tensor:
+        """See ``Samples``; the few others are in the empty cells."""
+        v, truth = self.uniform(count)
+        if truth.all():
+            cells = self.cells.pick(columns(np.argwhere(~self.grid.occupancy)), FEWEST_NEGATIVES)
+            return self.cells.to_local(cells + self.cells.rand(*cells.shape) - 0.5)
+        return v[:, ~truth]
+
+    def positives(self, count: int) -> torch.Tensor:
+        """See ``Samples``: most in boundary cells and on cell faces, the rest uniform in the object."""
+        return torch.cat(self.cells.draw(count))
+
+    def coordinates(self, state: torch.Tensor) -> torch.Tensor:
+        """See ``Samples``."""
+        return self.cells.to_local(state[: self.ndim] + state[self.ndim :])
+
+    def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
+        """See ``Samples``; the largest component moves by ``step`` cells, all stay in their cells."""
+        slope = slope * self.cells.unit
+        slope /= slope.abs().amax(0, keepdim=True) + 1e-12
+        cell, offset = state[: self.ndim], state[self.ndim :]
+        return torch.cat([cell, (offset - step * slope).clamp_(-0.5, 0.5)])
+
+    def locate(self, v: np.ndarray) -> torch.Tensor:
+        """See ``Samples``."""
+        return torch.cat(self.cells.locate(v)[:2])
