@@ -60,6 +60,9 @@ class Domain:
     query = "point"
     space = "geometric"
     length = None
+    tested_as_point = True  # ``v`` is one point of the space that is bounded
+    tested_as_region = False
+    parametric = False
 
     @classmethod
     def of(cls, grid: IndicatorGrid, *, room: np.ndarray | float = 0.0) -> "Domain":

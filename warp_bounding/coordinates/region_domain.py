@@ -40,7 +40,8 @@ from warp_bounding.indicators.grid import IndicatorGrid
 __all__ = ["RegionDomain", "domain_of"]
 
 REGIONS = ("ray", "plane", "box")
-SPACES = ("geometric", "parametric")
+PARAMETRIC = "parametric"
+SPACES = ("geometric", PARAMETRIC)
 PLACED = 2.0**-12  # domain half-widths: the error of a placement that proofs allow for,
 PLACED_SHARE = 1.0 / 32.0  # but no more than this share of a cell in all
 
@@ -129,6 +130,21 @@ class RegionDomain:
             return "the domain's delta does not cover the rounding of its own map"
         return None
 
+    @property
+    def parametric(self) -> bool:
+        """The numbers of a query are themselves the point that is bounded, in a space of 2n dimensions."""
+        return self.space == PARAMETRIC
+
+    @property
+    def tested_as_point(self) -> bool:
+        """``v`` is one point of the space that is bounded."""
+        return self.parametric
+
+    @property
+    def tested_as_region(self) -> bool:
+        """``v`` is a set of points of the space that is bounded: the object's."""
+        return not self.parametric
+
     # --- sizes -------------------------------------------------------------------------------------------------------
 
     @property
@@ -182,7 +198,7 @@ class RegionDomain:
             return np.concatenate([self.base.limit, self.base.limit])
         if self.query == "ray":
             return np.concatenate([self.base.limit, round_up(self.stretch * (1 + gamma(16)))])
-        if self.space == "parametric":
+        if self.parametric:
             return np.concatenate([round_up(np.full(n, 1 + gamma(16))), self.base.limit])
         offset = (base.sum() * (1 + GUARD) + FAR * SUMMED) * (1 + gamma(2 * n + 16))
         return np.concatenate([np.ones(n, np.float32), [round_up(offset)]]).astype(np.float32)
@@ -198,7 +214,7 @@ class RegionDomain:
             return np.concatenate([self.base.delta, self.base.delta])
         if self.query == "ray":
             return np.concatenate([self.base.delta, direction_rounding(n) * self.stretch.astype(np.float64)])
-        if self.space == "parametric":
+        if self.parametric:
             return np.concatenate([np.full(n, direction_rounding(n)), self.base.delta])
         return np.concatenate([np.zeros(n), [self.base.delta.sum()]])  # |m| <= 1 on every axis
 
@@ -241,7 +257,7 @@ class RegionDomain:
         if self.query == "ray":
             unit = second / np.linalg.norm(second, axis=1, keepdims=True)
             return np.concatenate([self.base.to_local(first), unit * self.stretch.astype(np.float64)], axis=1)
-        if self.space == "parametric":
+        if self.parametric:
             return np.concatenate([first / np.linalg.norm(first, axis=1, keepdims=True), self.base.to_local(second)], 1)
         normal = first / self.base.scale.astype(np.float64)
         pivot = np.argmax(np.abs(normal), axis=1)
@@ -255,7 +271,7 @@ class RegionDomain:
             return np.concatenate([self.base.to_object(v[:, :n]), self.base.to_object(v[:, n:])], axis=1)
         if self.query == "ray":
             return np.concatenate([self.base.to_object(v[:, :n]), v[:, n:] / self.stretch.astype(np.float64)], axis=1)
-        if self.space == "parametric":
+        if self.parametric:
             return np.concatenate([v[:, :n], self.base.to_object(v[:, n:])], axis=1)
         normal = v[:, :n]
         foot = normal * (v[:, n:] / (normal * normal).sum(axis=1, keepdims=True))

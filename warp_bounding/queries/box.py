@@ -12,10 +12,11 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.queries.region import RegionOracle, loop_snippet, rational_map, valid
+from warp_bounding.queries.base import Query
+from warp_bounding.queries.region import RegionOracle, loop_snippet, rational_map
 from warp_bounding.runtime.native import named
 
-__all__ = ["BoxOracle", "box_truth", "sample_boxes"]
+__all__ = ["BOX", "BoxOracle", "box_truth", "sample_boxes"]
 
 
 def sample_boxes(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -51,7 +52,7 @@ def box_truth(grid: IndicatorGrid, q: np.ndarray) -> np.ndarray:
         ``(N,)`` bool.
     """
     n, half = grid.ndim, Fraction(1, 2)
-    truth = valid("box", q)
+    truth = BOX.valid(q)
     for index in np.flatnonzero(truth):
         lower, upper = rational_map(grid, q[index, :n]), rational_map(grid, q[index, n:])
         cells = [slice(max(0, ceil(a - half)), max(0, floor(b + half) + 1)) for a, b in zip(lower, upper, strict=True)]
@@ -135,3 +136,22 @@ class BoxOracle(RegionOracle):
 
     def _kernel_answers(self, q: np.ndarray) -> np.ndarray:
         return self._launch(_kernel(self.ndim), q, [self._table])
+
+
+class BoxQuery(Query):
+    name = "box"
+
+    def valid(self, q: np.ndarray) -> np.ndarray:
+        return super().valid(q) & (q[:, : q.shape[1] // 2] <= q[:, q.shape[1] // 2 :]).all(axis=1)
+
+    def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+        return sample_boxes(grid, count, rng)
+
+    def oracle(self, grid: IndicatorGrid, device: str | None = None, length: float = 1.0) -> BoxOracle:
+        return BoxOracle(grid, device)
+
+    def truth(self, grid: IndicatorGrid, q: np.ndarray, length: float = 1.0) -> np.ndarray:
+        return box_truth(grid, q)
+
+
+BOX = BoxQuery()

@@ -16,6 +16,7 @@ import warp as wp
 
 from warp_bounding.geometry.hull import components
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.queries.base import Query
 from warp_bounding.queries.directions import sample_directions
 from warp_bounding.queries.point import sample_points
 from warp_bounding.queries.region import (
@@ -25,11 +26,10 @@ from warp_bounding.queries.region import (
     integers,
     loop_snippet,
     rational_map,
-    valid,
 )
 from warp_bounding.runtime.native import named
 
-__all__ = ["PlaneOracle", "plane_truth", "sample_planes"]
+__all__ = ["PLANE", "PlaneOracle", "plane_truth", "sample_planes"]
 
 LANES = 8  # hull corners that one vector instruction takes
 GROUPS = 4  # of lanes, after which the kernel looks whether it knows enough
@@ -62,7 +62,7 @@ def plane_truth(grid: IndicatorGrid, q: np.ndarray, cells: np.ndarray | None = N
     """
     n = grid.ndim
     cells = (grid.occupied if cells is None else cells).astype(object)
-    truth = valid("plane", q)
+    truth = PLANE.valid(q)
     for index in np.flatnonzero(truth):
         scales = [Fraction(float(s)) for s in grid.cells_per_unit]
         normal, _ = integers([Fraction(float(v)) / s for v, s in zip(q[index, :n], scales, strict=True)])
@@ -223,3 +223,22 @@ class PlaneOracle(RegionOracle):
         m = q[:n].astype(np.float64) / self.grid.cells_per_unit
         error = RELATIVE_ERROR * (np.abs(m) * (np.abs(t) + np.array(self.grid.shape) + 1)).sum()
         return cells[np.abs(cells @ m - t @ m) <= np.abs(m).sum() / 2 + error]
+
+
+class PlaneQuery(Query):
+    name = "plane"
+
+    def valid(self, q: np.ndarray) -> np.ndarray:
+        return super().valid(q) & (q[:, : q.shape[1] // 2] != 0).any(axis=1)
+
+    def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+        return sample_planes(grid, count, rng)
+
+    def oracle(self, grid: IndicatorGrid, device: str | None = None, length: float = 1.0) -> PlaneOracle:
+        return PlaneOracle(grid, device)
+
+    def truth(self, grid: IndicatorGrid, q: np.ndarray, length: float = 1.0) -> np.ndarray:
+        return plane_truth(grid, q)
+
+
+PLANE = PlaneQuery()

@@ -13,11 +13,12 @@ import warp as wp
 
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.queries.base import Query
 from warp_bounding.queries.region import rational_map
 from warp_bounding.runtime.launch import BLOCK, launch_blocks
 from warp_bounding.runtime.native import named
 
-__all__ = ["PointOracle", "point_truth", "sample_points"]
+__all__ = ["POINT", "PointOracle", "point_truth", "sample_points"]
 
 
 def sample_points(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -149,3 +150,20 @@ class PointOracle:
             inputs = [flat, len(x), 0, self._map, self._bits]
             launch_blocks(_kernel(self.ndim), len(x), inputs, [out], self.device, first_index=2)
         return out.numpy().astype(bool)
+
+
+class PointQuery(Query):
+    name = "point"
+    is_region = False
+
+    def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+        return sample_points(grid, count, rng)
+
+    def oracle(self, grid: IndicatorGrid, device: str | None = None, length: float = 1.0) -> PointOracle:
+        return PointOracle(grid, device)
+
+    def truth(self, grid: IndicatorGrid, q: np.ndarray, length: float = 1.0) -> np.ndarray:
+        return point_truth(grid, q)
+
+
+POINT = PointQuery()

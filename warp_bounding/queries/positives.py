@@ -14,6 +14,7 @@ import numpy as np
 
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries.point import sample_points
+from warp_bounding.queries.registry import oracle, sample
 
 __all__ = ["DISTRIBUTION", "draw_positives"]
 
@@ -61,8 +62,6 @@ def draw_positives(
     Yields:
         ``(N, m)`` float32 queries, all of them positive.
     """
-    from warp_bounding.queries import oracle, sample
-
     rng = np.random.default_rng([*([seed] if isinstance(seed, (int, np.integer)) else seed), 20_24])
     truth, done, rare = oracle(query, grid, device, length), 0, None
     while done < count:

@@ -17,6 +17,7 @@ import warp as wp
 
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.queries.base import Query
 from warp_bounding.queries.directions import sample_directions
 from warp_bounding.queries.point import sample_points
 from warp_bounding.queries.region import (
@@ -26,11 +27,10 @@ from warp_bounding.queries.region import (
     integers,
     loop_snippet,
     rational_map,
-    valid,
 )
 from warp_bounding.runtime.native import named
 
-__all__ = ["RayOracle", "empty_distance", "ray_truth", "sample_rays"]
+__all__ = ["RAY", "RayOracle", "empty_distance", "ray_truth", "sample_rays"]
 
 FARTHEST = 32  # cells that one jump may cover: more would cost more passes over the grid than it saves
 
@@ -63,7 +63,7 @@ def ray_truth(grid: IndicatorGrid, q: np.ndarray, length: float = 1.0, cells: np
     """
     n = grid.ndim
     cells = (grid.occupied if cells is None else cells).astype(object)
-    truth = valid("ray", q)
+    truth = RAY.valid(q)
     for index in np.flatnonzero(truth):
         d = [Fraction(float(v)) for v in q[index, n:]]
         origin, origin_unit = integers([*rational_map(grid, q[index, :n]), Fraction(1, 2)])
@@ -295,3 +295,23 @@ class RayOracle(RegionOracle):
             start = np.maximum(start, a - np.abs(a) * RELATIVE_ERROR)
             end = np.minimum(end, b + np.abs(b) * RELATIVE_ERROR)
         return cells[start <= end]
+
+
+class RayQuery(Query):
+    name = "ray"
+    has_length = True
+
+    def valid(self, q: np.ndarray) -> np.ndarray:
+        return super().valid(q) & (q[:, q.shape[1] // 2 :] != 0).any(axis=1)
+
+    def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+        return sample_rays(grid, count, rng)
+
+    def oracle(self, grid: IndicatorGrid, device: str | None = None, length: float = 1.0) -> RayOracle:
+        return RayOracle(grid, device, length)
+
+    def truth(self, grid: IndicatorGrid, q: np.ndarray, length: float = 1.0) -> np.ndarray:
+        return ray_truth(grid, q, length)
+
+
+RAY = RayQuery()

@@ -24,7 +24,6 @@ __all__ = [
     "integers",
     "loop_snippet",
     "rational_map",
-    "valid",
 ]
 
 RELATIVE_ERROR = 2.0**-48  # 32 roundings: no quantity that carries it goes through more than 16 (n <= 16)
@@ -126,27 +125,6 @@ def integers(values: list[Fraction]) -> tuple[list[int], int]:
     """
     denominator = lcm(*(v.denominator for v in values))
     return [v.numerator * (denominator // v.denominator) for v in values], denominator
-
-
-def valid(query: str, q: np.ndarray) -> np.ndarray:
-    """Which queries mean something: finite numbers, a direction that is not zero, a box with min <= max.
-
-    Args:
-        query: ``ray``, ``plane`` or ``box`` (points: finite).
-        q: ``(N, m)`` float32.
-
-    Returns:
-        ``(N,)`` bool. The truth of the others is False to oracles; bounders answer *maybe*.
-    """
-    good = np.isfinite(q).all(axis=1)
-    n = q.shape[1] // 2
-    if query == "ray":
-        good &= (q[:, n:] != 0).any(axis=1)
-    elif query == "plane":
-        good &= (q[:, :n] != 0).any(axis=1)
-    elif query == "box":
-        good &= (q[:, :n] <= q[:, n:]).all(axis=1)
-    return good
 
 
 class RegionOracle:

@@ -1,0 +1,67 @@
+"""The kinds of query by name, and what is most often asked of one."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from warp_bounding.errors import QueryError
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.queries.base import Query
+from warp_bounding.queries.box import BOX
+from warp_bounding.queries.plane import PLANE
+from warp_bounding.queries.point import POINT
+from warp_bounding.queries.ray import RAY
+
+__all__ = ["QUERIES", "QUERY_KINDS", "check_query", "oracle", "sample"]
+
+QUERIES: dict[str, Query] = {kind.name: kind for kind in (POINT, RAY, PLANE, BOX)}  # a new kind is one more entry
+QUERY_KINDS = QUERIES.keys()
+
+
+def check_query(query: str) -> str:
+    """``query`` itself, if it is a kind that is known.
+
+    Raises:
+        QueryError: If it is not.
+    """
+    if query not in QUERIES:
+        raise QueryError(f"query must be one of {', '.join(QUERIES)}, got {query!r}")
+    return query
+
+
+def sample(query: str, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Random queries of a kind, drawn as the paper draws them.
+
+    Args:
+        query: One of ``QUERIES``.
+        grid: The object.
+        count: Number of queries N.
+        rng: Source of randomness.
+
+    Returns:
+        ``(N, m)`` float32, object space; m = n for points, else 2n.
+
+    Raises:
+        QueryError: For an unknown kind.
+    """
+    return QUERIES[check_query(query)].sample(grid, count, rng)
+
+
+def oracle(
+    query: str, grid: IndicatorGrid, device: str | None = None, length: float = 1.0
+) -> Callable[[np.ndarray], np.ndarray]:
+    """The exact truth for queries of a kind.
+
+    Args:
+        query: One of ``QUERIES``.
+        grid: The object.
+        device: Warp device; the default device if ``None``.
+        length: Of rays, object units; other kinds have none.
+
+    Returns:
+        An oracle: called with ``(N, m)`` float32 it answers ``(N,)`` bool.
+
+    Raises:
+        QueryError: For an unknown kind, or a length that is negative or not finite.
+    """
+    return QUERIES[check_query(query)].oracle(grid, device, length)
