@@ -156,13 +156,14 @@ def object_points(grid: IndicatorGrid, rng: np.random.Generator, count: int = 40
     return x[grid.contains(x)]
 
 
-def without_proof() -> Mlp:
-    """Random weights; a network that is given a ray's moments has no proof."""
+def without_proof(monkeypatch) -> Mlp:
+    """Random weights, and for the time of a test no network has a proof."""
+    monkeypatch.setattr(Mlp, "provable", False)
     rng, tensors = np.random.default_rng(3), {}
-    for index, (k, h) in enumerate(((5, 6), (6, 1))):
+    for index, (k, h) in enumerate(((4, 6), (6, 1))):
         tensors[f"layers.{index}.weight"] = rng.normal(size=(h, k)).astype(np.float32)
         tensors[f"layers.{index}.bias"] = rng.normal(size=h).astype(np.float32)
-    sizes = {"hidden": [6], "activation": "sin", "octaves": 0, "moments": True}
+    sizes = {"hidden": [6], "activation": "sin", "octaves": 0}
     bounder = Mlp(domain_of(shape("c"), "ray"), tensors, sizes, "cpu")
     bounder.info = {"indicator": shape("c").digest, "margin": 0.0, "seed": 0}
     return bounder

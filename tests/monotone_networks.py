@@ -24,5 +24,5 @@ def random_monotone(grid, hidden=(9, 6), activation="tanh", falling=0.4, seed=0,
         size = np.abs(rng.normal(size=sign.shape)) + 0.1 if dense else np.maximum(rng.normal(size=sign.shape) + 0.4, 0)
         tensors[f"layers.{index}.weight"] = (size * scale * sign).astype(np.float32)
         tensors[f"layers.{index}.bias"] = rng.normal(size=len(sign)).astype(np.float32)
-    sizes = {"hidden": list(hidden), "activation": activation, "octaves": 0, "moments": False}
+    sizes = {"hidden": list(hidden), "activation": activation, "octaves": 0}
     return MonotoneMlp(domain_of(grid, "box"), tensors, sizes, "cpu")

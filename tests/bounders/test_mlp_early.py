@@ -21,13 +21,13 @@ from warp_bounding.kernels.functions import Data, point_type
 from warp_bounding.kernels.source import DENIED
 from warp_bounding.queries import sample
 
-CASES = {  # shape, query, hidden, activation, moments: 2D to 4D, animated, one exit and two
-    "points": ("blob", "point", (13, 10), "sin", False),
-    "points-2d": ("c", "point", (9, 17, 6), "relu", False),
-    "rays": ("blob", "ray", (13, 10), "sin", True),
-    "rays-4d": ("animated", "ray", (9, 8), "relu", False),
-    "boxes": ("c", "box", (9, 8), "sin", False),
-    "planes": ("blob", "plane", (9, 8), "sin", False),
+CASES = {  # shape, query, hidden, activation: 2D to 4D, animated, one exit and two
+    "points": ("blob", "point", (13, 10), "sin"),
+    "points-2d": ("c", "point", (9, 17, 6), "relu"),
+    "rays": ("blob", "ray", (13, 10), "sin"),
+    "rays-4d": ("animated", "ray", (9, 8), "relu"),
+    "boxes": ("c", "box", (9, 8), "sin"),
+    "planes": ("blob", "plane", (9, 8), "sin"),
 }
 
 
@@ -47,12 +47,12 @@ def random_tensors(rng, inputs, hidden, outputs, bias) -> dict[str, np.ndarray]:
 @cache
 def early(case: str, device: str) -> tuple[MlpEarly, np.ndarray]:
     """A random network with exits, a threshold for each that denies some queries, and queries."""
-    name, query, hidden, activation, moments = CASES[case]
+    name, query, hidden, activation = CASES[case]
     grid, rng = shape(name), np.random.default_rng(len(case))
     domain, n = domain_of(grid, query), grid.ndim
-    inputs = n if query == "plane" else domain.ndim + moments * n * (n - 1) // 2
+    inputs = n if query == "plane" else domain.ndim
     tensors = random_tensors(rng, inputs, hidden, 1 + (query == "plane"), 1.0 if query == "plane" else 0.0)
-    sizes = {"hidden": list(hidden), "activation": activation, "octaves": 0, "moments": moments}
+    sizes = {"hidden": list(hidden), "activation": activation, "octaves": 0}
     x = sample(query, grid, 5000, rng)
     x[::501] = np.nan
     parts = MlpEarly(domain, tensors, sizes, device).parts
@@ -138,7 +138,7 @@ def test_the_twin(case, device):
     assert (exact == DENIED).any() == (len(bounder.parts) > 1)
     slope = 1e-4  # the coordinates themselves are rounded
     assert (np.abs(values - exact)[agreed & (exact > DENIED)] <= bounder.rounding_bound() + slope).all()
-    for part in bounder.parts:  # networks of every kind of query, moments and two outputs among them
+    for part in bounder.parts:  # networks of every kind of query, two outputs among them
         values = part.values(x[asked]).numpy()
         assert (np.abs(values - part.reference(v)) <= part.rounding_bound() + slope).all()
 
@@ -182,7 +182,7 @@ def test_without_thresholds_exits_let_everything_pass():
 
 def test_one_hidden_layer_has_no_exit():
     rng = np.random.default_rng(0)
-    sizes = {"hidden": [8], "activation": "sin", "octaves": 0, "moments": False}
+    sizes = {"hidden": [8], "activation": "sin", "octaves": 0}
     bounder = MlpEarly(domain_of(shape("blob"), "point"), random_tensors(rng, 3, (8,), 1, 0.0), sizes, "cpu")
     assert len(bounder.parts) == 1
     assert (MlpEarly.of(bounder.parts).reference(rng.uniform(-1, 1, (50, 3))) > DENIED).all()

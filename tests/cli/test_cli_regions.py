@@ -124,9 +124,9 @@ def test_info(fitted, capsys):
     assert "not proven" in held["statement"]
 
 
-def test_info_of_what_is_not_proven(tmp_path, capsys):
+def test_info_of_what_is_not_proven(tmp_path, capsys, monkeypatch):
     path = tmp_path / "s.safetensors"
-    bounder = without_proof()
+    bounder = without_proof(monkeypatch)
     attest(bounder, shape("c"), least=0.0, room=20.0, count=10_000)
     bounder.save(path)
     status, out, err = run(capsys, "info", path)

@@ -112,8 +112,8 @@ def fitted(query, name="c"):
     return twin.freeze(float(made.threshold), made.certificate)
 
 
-def test_networks_without_a_proof_say_so(tmp_path):
-    bounder = without_proof()
+def test_networks_without_a_proof_say_so(tmp_path, monkeypatch):
+    bounder = without_proof(monkeypatch)
     certificate = attest(bounder, shape("c"), least=10.0, room=0.0)
     assert certificate.kind == "statistical"
     assert not certificate.proven

@@ -27,7 +27,7 @@ def trained(kind, query="point", name="c", hidden=HIDDEN, steps=60, exit_steps=1
         if kind is SupportTrainer:
             trainer = SupportTrainer(grid, domain, hidden, "sin", 0)
         else:
-            trainer = kind(samples_of(grid, domain, 0), hidden, "sin", 0, query == "ray")
+            trainer = kind(samples_of(grid, domain, 0), hidden, "sin", 0)
         trainer.run(Clock(1.0, steps))
         tensors = trainer.tensors() if kind is SupportTrainer else trainer.network.tensors(trainer.best())
         notes = []
@@ -38,8 +38,7 @@ def trained(kind, query="point", name="c", hidden=HIDDEN, steps=60, exit_steps=1
 
 
 def assembled(tensors, exits, domain, hidden=HIDDEN) -> MlpEarly:
-    moments = domain.query == "ray"
-    sizes = {"hidden": list(hidden), "activation": "sin", "octaves": 0, "moments": moments}
+    sizes = {"hidden": list(hidden), "activation": "sin", "octaves": 0}
     return MlpEarly(domain, tensors | exits.tensors, sizes, "cpu")
 
 

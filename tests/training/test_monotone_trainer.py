@@ -40,7 +40,7 @@ def test_positives_are_points_of_the_object_wherever_they_walk(name):
 def test_training_keeps_the_signs_and_lowers_the_false_positives(activation):
     with single_threaded_torch():
         trainer = MonotoneTrainer(samples_of("c"), (8, 6), activation)
-        sizes = {"hidden": [8, 6], "activation": activation, "octaves": 0, "moments": False}
+        sizes = {"hidden": [8, 6], "activation": activation, "octaves": 0}
         domain = trainer.samples.domain
         before = MonotoneMlp(domain, trainer.network.tensors(), sizes, "cpu")
         trainer.run(Clock(1.0, 120))

@@ -20,13 +20,13 @@ def occupancy(query: str, name: str, steps: int, **options) -> Occupancy:
     domain = domain_of(grid, query)
     tensors = train_occupancy(grid, domain, HIDDEN, "sin", Clock(1.0, steps), **options)
     sizes = {"hidden": list(HIDDEN), "activation": "sin", "octaves": options.get("octaves", 0)}
-    return Occupancy(domain, tensors, sizes | {"moments": options.get("moments", False)}, "cpu")
+    return Occupancy(domain, tensors, sizes, "cpu")
 
 
 @pytest.mark.parametrize(("query", "name"), [("point", "c"), ("plane", "c"), ("box", "c"), ("ray", "c")])
 def test_it_errs_both_ways_and_little(query, name):
     notes = []
-    bounder = occupancy(query, name, 250, moments=query == "ray", progress=lambda used, note: notes.append(note))
+    bounder = occupancy(query, name, 250, progress=lambda used, note: notes.append(note))
     x = sample(query, shape(name), 20_000, np.random.default_rng(1))
     truth = oracle(query, shape(name), "cpu")(x)
     inside = np.isfinite(bounder.domain.to_local(x)).all(axis=1)

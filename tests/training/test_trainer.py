@@ -1,7 +1,5 @@
 """The parts of training against plain twins: gradients, clock, team."""
 
-from itertools import combinations
-
 import numpy as np
 import pytest
 from bounding_shapes import shape
@@ -14,13 +12,12 @@ from warp_bounding.training.engine.clock import Clock  # noqa: E402
 from warp_bounding.training.engine.team import Team, single_threaded_torch  # noqa: E402
 from warp_bounding.training.engine.trainable_network import Evaluator, TrainableNetwork  # noqa: E402
 
-NETWORKS = [  # coordinates, hidden, activation, octaves, moments
-    (3, (7,), "sin", 0, False),
-    (3, (6, 5), "relu", 0, False),
-    (3, (6, 5), "tanh", 0, False),
-    (3, (6, 5, 4), "sin", 1, False),
-    (4, (6, 5), "sin", 0, True),
-    (8, (6,), "relu", 0, True),
+NETWORKS = [  # coordinates, hidden, activation, octaves
+    (3, (7,), "sin", 0),
+    (3, (6, 5), "relu", 0),
+    (3, (6, 5), "tanh", 0),
+    (3, (6, 5, 4), "sin", 1),
+    (8, (6,), "relu", 0),
 ]
 
 
@@ -28,8 +25,8 @@ def generator(seed=0):
     return torch.Generator().manual_seed(seed)
 
 
-def network_of(ndim, hidden, activation, octaves, moments=False):
-    network = TrainableNetwork(ndim, hidden, activation, octaves, moments)
+def network_of(ndim, hidden, activation, octaves):
+    network = TrainableNetwork(ndim, hidden, activation, octaves)
     network.initialise(3.0, 1.5, generator())
     return network
 
@@ -41,9 +38,6 @@ def autograd(network, v, flat):
         h = torch.cat(
             [h, torch.sin(network.encoding["encoding.weight"] @ v + network.encoding["encoding.bias"][:, None])]
         )
-    if network.moments:
-        a, w = v.split(network.ndim // 2)
-        h = torch.cat([h, *(a[i : i + 1] * w[j] - a[j : j + 1] * w[i] for i, j in combinations(range(len(a)), 2))])
     layers = network.split(flat)
     for layer in layers[:-1]:
         z = layer[:, :-1] @ h + layer[:, -1:]
@@ -74,20 +68,13 @@ def test_gradients_are_autograds(sizes):
 @pytest.mark.parametrize("sizes", NETWORKS[:4])
 def test_the_bounder_is_the_trained_network(sizes):
     network, domain = network_of(*sizes), Domain.of(shape("blob"))
-    _, hidden, activation, octaves, _ = sizes
+    _, hidden, activation, octaves = sizes
     mlp = Mlp(domain, network.tensors(), {"hidden": list(hidden), "activation": activation, "octaves": octaves}, "cpu")
     v = torch.rand(3, 200, generator=generator(1)) * 2 - 1
     f = autograd(network, v, network.flat).numpy()
     assert np.abs(mlp.reference(v.T.numpy()) - f).max() < 1e-4
     network.flat.zero_()  # weights are copied: an optimiser's step would void the proof
     assert np.abs(mlp.reference(v.T.numpy()) - f).max() < 1e-4
-
-
-def test_moments_and_octaves_exclude_each_other():
-    with pytest.raises(ValueError, match="octaves"):
-        network_of(4, (5,), "sin", 1, True)
-    with pytest.raises(ValueError, match="even"):
-        network_of(3, (5,), "sin", 0, True)
 
 
 def test_clocks():

@@ -44,7 +44,6 @@ class Network:
         activation: A name in ``ACTIVATIONS``, of the hidden layers.
         encoding: ``(weight (F, n), bias (F,))`` of the positional encoding, or ``None``.
         limit: ``(n,)``, largest ``|v|`` that is ever asked for.
-        error: ``(n,)``, what computing an input rounds; 0 if ``None``.
 
     Attributes:
         rounding: E, error of any float32 evaluation.
@@ -54,9 +53,8 @@ class Network:
         BounderError: If an argument can leave the range in which the kernels' activation is certified.
     """
 
-    def __init__(self, layers, activation: str, encoding, limit: np.ndarray, error: np.ndarray | None = None):
+    def __init__(self, layers, activation: str, encoding, limit: np.ndarray):
         self.limit = np.asarray(limit, dtype=np.float64)
-        self._input_error = np.zeros_like(self.limit) if error is None else np.asarray(error, dtype=np.float64)
         stack = []
         if encoding is not None:
             n = len(self.limit)
@@ -100,7 +98,7 @@ class Network:
 
     def _measure(self, limit: np.ndarray) -> tuple[list[float], float, float]:
         """Walk through the layers once: float64 rounding of the bounds, float32 rounding (E) and magnitude of the output."""
-        size, error = limit.copy(), self._input_error.copy()  # of h: largest absolute value; error of the computed h
+        size, error = limit.copy(), np.zeros_like(limit)  # of h: largest absolute value; error of the computed h
         padding = []  # per layer: float64 rounding of anything that `bound` computes there
         operations, chain = 16, limit.copy()  # chain: sums of absolute terms, activations of slope 1 in between
         for index, layer in enumerate([*self.hidden, self.output]):

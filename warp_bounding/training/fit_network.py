@@ -83,17 +83,11 @@ class NetworkOptions:
     steps: int | None = None
     octaves: int = 0
     recipe: str = RECIPES[0]
-    moments: bool = False
 
     @property
     def sizes(self) -> dict:
         """As a bounder stores them."""
-        return {
-            "hidden": list(self.hidden),
-            "activation": self.activation,
-            "octaves": self.octaves,
-            "moments": self.moments,
-        }
+        return {"hidden": list(self.hidden), "activation": self.activation, "octaves": self.octaves}
 
 
 def fit_network(
@@ -156,7 +150,6 @@ class _Fit:
             options.activation,
             self.clock,
             octaves=options.octaves,
-            moments=options.moments,
             seed=problem.seed,
             progress=lambda used, note: self._report(used, note),
         )
@@ -185,7 +178,7 @@ class _Fit:
         if self.monotone:
             trainer = MonotoneTrainer(samples, options.hidden, options.activation)
         else:
-            trainer = trainer_of(samples, options.hidden, options.activation, options.octaves, options.moments)
+            trainer = trainer_of(samples, options.hidden, options.activation, options.octaves)
         waiting = list(SEARCHES if self.as_points else LOOKS)
 
         def counterexamples(_, used: float) -> None:

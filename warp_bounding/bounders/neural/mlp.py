@@ -1,7 +1,7 @@
 """``mlp``: a multi-layer perceptron (the paper's OurNN): sine, ReLU or tanh hidden layers, any widths, optional encoding.
 
 Points, rays and boxes: the network's output before the paper's sigmoid is ``f``; the threshold on it is set by a proof
-or a search, not at a probability of one half. A ray's network may be given its moments too (Pluecker coordinates).
+or a search, not at a probability of one half.
 
 Planes ``m . y = c``: a connected object meets all planes of normal m whose c lies between two supports of its hull, so
 the network has two outputs of m alone, ``H`` and ``G``, and ``f = min(H(m) - c, G(m) + c)``: a learned support function.
@@ -10,7 +10,6 @@ On a CPU the batch path puts a query in each SIMD lane, the function for other k
 """
 
 from dataclasses import dataclass
-from itertools import combinations
 from typing import ClassVar
 
 import numpy as np
@@ -35,7 +34,6 @@ __all__ = [
     "check_octaves",
     "encoding_tensors",
     "head_numbers",
-    "moment_pairs",
     "padded",
 ]
 
@@ -58,7 +56,6 @@ class MlpSource(Source):
     hidden: tuple[int, ...]
     activation: str
     features: int = 0  # sine features of the positional encoding
-    moments: bool = False  # a ray's moments follow its coordinates
 
     packed = True
     width: ClassVar[dict[str, int]] = {
@@ -79,7 +76,7 @@ class MlpSource(Source):
     @property
     def inputs(self) -> int:
         """Numbers that enter the first layer."""
-        return self.raw + self.features + len(moment_pairs(self.ndim)) * self.moments
+        return self.raw + self.features
 
     @property
     def layers(self) -> list[tuple[int, int]]:
@@ -93,7 +90,7 @@ class MlpSource(Source):
     def encode(self, lanes: Lanes) -> list[str]:
         """C statements from ``v`` to the inputs ``h0``."""
         n, count = self.raw, self.features
-        lines = [f"V h0[{self.inputs}]; for (int k = 0; k < {n}; ++k) h0[k] = v[k];", *self._moments()]
+        lines = [f"V h0[{self.inputs}]; for (int k = 0; k < {n}; ++k) h0[k] = v[k];"]
         if count:
             terms = " + ".join(f"v[{k}] * w[{count} + j * {n} + {k}]" for k in range(n))
             lines += [
@@ -143,16 +140,6 @@ class MlpSource(Source):
                 )
         return lines
 
-    def _moments(self) -> list[str]:
-        """``a_i w_j - a_j w_i`` behind the coordinates."""
-        if not self.moments:
-            return []
-        n, first = self.ndim, self.raw
-        return [
-            f"h0[{first + index}] = v[{i}] * v[{n + j}] - v[{j}] * v[{n + i}];"
-            for index, (i, j) in enumerate(moment_pairs(n))
-        ]
-
     def second(self, at: int, index: int = -1) -> int:
         """Where the second output behind hidden layer ``index`` stands, given where the first does."""
         return at + 1 + padded(self.hidden[index])
@@ -194,7 +181,6 @@ class MlpSource(Source):
         lines += ["typedef int I __attribute__((vector_size(4 * L)));"]
         n, count = self.raw, self.features
         lines.append(f"float h0[{self.inputs}]; for (int k = 0; k < {n}; ++k) h0[k] = v[k];")
-        lines += self._moments()
         if count:
             terms = " + ".join(f"v[{k}] * w[{count} + j * {n} + {k}]" for k in range(n))
             lines += [f"for (int j = 0; j < {count}; ++j) {{ typedef float V; V z = {terms} + w[j]; V s;"]
@@ -234,11 +220,6 @@ class MlpSource(Source):
             n = self.ndim
             lines.append(f"f = f - v[{n}]; other = other + v[{n}]; f = other < f ? other : f;")
         return lines
-
-
-def moment_pairs(ndim: int) -> list[tuple[int, int]]:
-    """``(i, j)`` of a ray's moments ``a_i w_j - a_j w_i`` (Pluecker coordinates): n (n - 1) / 2 of them."""
-    return list(combinations(range(ndim), 2))
 
 
 def block_size(neurons: int) -> int:
@@ -344,8 +325,8 @@ class Mlp(Bounder):
     """A network; *maybe* where its output reaches the threshold.
 
     Tensors: ``layers.i.weight`` ``(H, K)``, ``layers.i.bias`` ``(H,)``, the last layer with H = 1, or 2 for planes;
-    ``encoding.weight`` and ``encoding.bias`` where there is an encoding. Sizes: ``hidden``, ``activation``, ``octaves``,
-    ``moments``.
+    ``encoding.weight`` and ``encoding.bias`` where there is an encoding. Sizes: ``hidden``, ``activation``, ``octaves``;
+    older files also hold ``moments``, always false.
     """
 
     method = "mlp"
@@ -363,14 +344,8 @@ class Mlp(Bounder):
         self.hidden = check_hidden(self.sizes.get("hidden", ()))
         self.activation = check_activation(self.sizes.get("activation"))
         octaves = check_octaves(self.sizes.get("octaves", 0))
-        moments = self.sizes.get("moments", False)
-        if not isinstance(moments, bool) or (moments and domain.query != "ray"):
-            raise BounderError(f"moments are a ray's, got moments={moments} for {domain.query} queries")
-        if moments and octaves:
-            raise BounderError(
-                f"moments and octaves of a positional encoding exclude each other, got octaves={octaves}"
-            )
-        self.moments = moments
+        if (moments := self.sizes.get("moments", False)) is not False:
+            raise BounderError(f"networks that are given a ray's moments are no longer read, got moments={moments!r}")
         raw = domain.space_ndim if domain.query == "plane" else domain.ndim
         self.features = 2 * raw * octaves
         self.outputs = outputs = 2 if domain.query == "plane" else 1
@@ -382,8 +357,8 @@ class Mlp(Bounder):
                 f"{self.method}: expected tensors {expected}, got { {k: t.shape for k, t in self.tensors.items()} }"
             )
         encoding = (self.tensors["encoding.weight"], self.tensors["encoding.bias"]) if octaves else None
-        limit, error = self._input_sizes(raw)
-        self.networks = [Network(self._layers(o), self.activation, encoding, limit, error) for o in range(outputs)]
+        limit = self.domain.limit[:raw].astype(np.float64)
+        self.networks = [Network(self._layers(o), self.activation, encoding, limit) for o in range(outputs)]
 
     def _shapes(self) -> dict[str, tuple[int, ...]]:
         """Shapes of the tensors, but for the encoding."""
@@ -391,15 +366,6 @@ class Mlp(Bounder):
         for i, (k, h) in enumerate(zip((self.source.inputs, *self.hidden), (*self.hidden, self.outputs), strict=True)):
             shapes |= {f"layers.{i}.weight": (h, k), f"layers.{i}.bias": (h,)}
         return shapes
-
-    def _input_sizes(self, raw: int) -> tuple[np.ndarray, np.ndarray]:
-        """Largest size of the network's inputs, and what computing them rounds: moments are two products and a difference."""
-        limit = self.domain.limit.astype(np.float64)
-        if not self.moments:
-            return limit[:raw], np.zeros(raw)
-        n = self.ndim
-        size = np.array([limit[i] * limit[n + j] + limit[j] * limit[n + i] for i, j in moment_pairs(n)])
-        return np.concatenate([limit, size]), np.concatenate([np.zeros(raw), gamma(3) * size + 6 * TINY])
 
     def _layers(self, output: int = 0) -> list[tuple[np.ndarray, np.ndarray]]:
         layers = [
@@ -422,7 +388,6 @@ class Mlp(Bounder):
             self.hidden,
             self.activation,
             self.features,
-            self.moments,
             query=self.query_kind,
         )
 
@@ -446,32 +411,22 @@ class Mlp(Bounder):
             [*parts, head_numbers(self.tensors[f"layers.{last}.weight"], self.tensors[f"layers.{last}.bias"])]
         )
 
-    def inputs(self, v: np.ndarray) -> np.ndarray:
-        """The network's inputs ``(N, K)`` for coordinates ``(N, domain.ndim)``, float64, before the positional encoding."""
-        v = np.asarray(v, dtype=np.float64)
-        if self.query_kind == "plane":
-            return v[:, : self.ndim]
-        if not self.moments:
-            return v
-        n = self.ndim
-        return np.column_stack([v, *(v[:, i] * v[:, n + j] - v[:, j] * v[:, n + i] for i, j in moment_pairs(n))])
-
     def reference(self, v: np.ndarray) -> np.ndarray:
         """See ``Bounder``."""
         v = np.asarray(v, dtype=np.float64)
-        values = [network(self.inputs(v)) for network in self.networks]
         if self.query_kind != "plane":
-            return values[0]
+            return self.network(v)
+        values = [network(v[:, : self.ndim]) for network in self.networks]
         return np.minimum(values[0] - v[:, -1], values[1] + v[:, -1])
 
     @property
     def provable(self) -> bool:
-        """See ``Bounder``: every query, but for networks that are given a ray's moments."""
-        return self.conservative and not self.moments
+        """See ``Bounder``: every kind of query."""
+        return self.conservative
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """See ``Bounder``; linear relaxations (``network``)."""
-        if self.moments or self.query_kind == "plane":
+        if self.query_kind == "plane":
             raise BounderError(f"{self.method}: boxes of {self.query_kind} coordinates are not bounded one by one")
         bounds = self.network.bound(lower, upper)
         return BoxBounds(bounds.lower, bounds.axes[0], bounds.point, bounds.value, bounds.axes[1])

@@ -142,7 +142,7 @@ class MlpEarly(Mlp):
     def source(self) -> MlpEarlySource:
         """See ``Bounder``."""
         plain = super().source
-        sizes = (plain.ndim, plain.time, plain.hidden, plain.activation, plain.features, plain.moments)
+        sizes = (plain.ndim, plain.time, plain.hidden, plain.activation, plain.features)
         return MlpEarlySource(*sizes, query=plain.query)
 
     def weights(self) -> np.ndarray:

@@ -24,21 +24,14 @@ class TrainableNetwork:
         hidden: Hidden widths.
         activation: A name in ``ACTIVATIONS``.
         octaves: Of the positional encoding; 0 for none.
-        moments: Whether the moments ``a_i w_j - a_j w_i``, i < j, of ``v = (a, w)`` are inputs too.
-
-    Raises:
-        ValueError: For an encoding and moments at once.
     """
 
-    def __init__(self, ndim: int, hidden: tuple[int, ...], activation: str, octaves: int = 0, moments: bool = False):
-        if moments and (octaves or ndim % 2):
-            raise ValueError(f"moments need an even number of coordinates and no octaves, got {ndim} and {octaves}")
-        self.ndim, self.hidden, self.activation, self.octaves, self.moments = ndim, hidden, activation, octaves, moments
+    def __init__(self, ndim: int, hidden: tuple[int, ...], activation: str, octaves: int = 0):
+        self.ndim, self.hidden, self.activation, self.octaves = ndim, hidden, activation, octaves
         self.act = TRAINABLE[activation]
-        self._first, self._second = torch.triu_indices(ndim // 2, ndim // 2, 1) if moments else (None, None)
         fixed = encoding_tensors(ndim, octaves)
         self.encoding = {name: torch.from_numpy(value) for name, value in fixed.items()} if octaves else {}
-        inputs = ndim + 2 * ndim * octaves + (len(self._first) if moments else 0)
+        inputs = ndim + 2 * ndim * octaves
         self.sizes = [inputs, *hidden, 1]
         self.flat = torch.zeros(sum(o * (i + 1) for i, o in zip(self.sizes, self.sizes[1:], strict=False)))
         self.layers = self.split(self.flat)
@@ -66,23 +59,10 @@ class TrainableNetwork:
             out[self.ndim : -1] = torch.sin(
                 self.encoding["encoding.weight"] @ v + self.encoding["encoding.bias"][:, None]
             )
-        if self.moments:
-            a, w = v[: self.ndim // 2], v[self.ndim // 2 :]
-            out[self.ndim : -1] = a[self._first] * w[self._second] - a[self._second] * w[self._first]
         return out
 
     def decode_gradient(self, gradient: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
         """Gradient in ``v`` ``(n, N)`` from the gradient in the network's input, without its row of ones."""
-        if self.moments:
-            a, w, slope = v[: self.ndim // 2], v[self.ndim // 2 :], gradient[self.ndim :]
-            by_a, by_w = gradient[: self.ndim].clone().split(self.ndim // 2)
-            by_a.index_add_(0, self._first, slope * w[self._second]).index_add_(
-                0, self._second, slope * -w[self._first]
-            )
-            by_w.index_add_(0, self._second, slope * a[self._first]).index_add_(
-                0, self._first, slope * -a[self._second]
-            )
-            return torch.cat([by_a, by_w])
         if not self.encoding:
             return gradient
         weight, bias = self.encoding["encoding.weight"], self.encoding["encoding.bias"]

@@ -88,7 +88,6 @@ class Trainer:
         hidden: Hidden widths.
         activation: A name in ``ACTIVATIONS``.
         octaves: Of the positional encoding.
-        moments: A ray's moments as further inputs, see ``TrainableNetwork``.
         recipe: Constants; those of the kind of query if ``None``.
 
     Attributes:
@@ -104,12 +103,11 @@ class Trainer:
         hidden: tuple[int, ...],
         activation: str,
         octaves: int = 0,
-        moments: bool = False,
         recipe: Recipe | None = None,
     ):
         self.recipe = recipe or recipe_of(samples.query, samples.ndim)
         self.samples, self.generator = samples, samples.generator
-        self.network = TrainableNetwork(samples.ndim, hidden, activation, octaves, moments)
+        self.network = TrainableNetwork(samples.ndim, hidden, activation, octaves)
         self._initialise()
         self.false_positives = self.false_negatives = 1.0
         self.decay = 0.0

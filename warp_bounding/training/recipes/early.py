@@ -110,7 +110,7 @@ class _JointExit:
 
     def __init__(self, trainer: Trainer, depth: int):
         full = trainer.network
-        self.network = TrainableNetwork(full.ndim, full.hidden[:depth], full.activation, full.octaves, full.moments)
+        self.network = TrainableNetwork(full.ndim, full.hidden[:depth], full.activation, full.octaves)
         self.head = self.network.layers[-1]
         self.head.copy_(torch.rand(self.head.shape, generator=trainer.generator) * 2 - 1).div_(
             math.sqrt(self.head.shape[1])
@@ -125,8 +125,8 @@ class _JointExit:
 class EarlyTrainer(Trainer):
     """``Trainer`` of a network with an exit behind each hidden layer but the last; same arguments."""
 
-    def __init__(self, samples, hidden, activation, octaves=0, moments=False, recipe=None):
-        super().__init__(samples, hidden, activation, octaves, moments, recipe)
+    def __init__(self, samples, hidden, activation, octaves=0, recipe=None):
+        super().__init__(samples, hidden, activation, octaves, recipe)
         self.exits = [_JointExit(self, depth) for depth in range(1, len(hidden))]
         self.heads = [own.head.clone() for own in self.exits]
 
@@ -177,7 +177,7 @@ class _Exit(Trainer):
         full = trainer.network
         recipe = replace(trainer.recipe, **SAMPLES)
         hidden = tuple(full.hidden[: len(layers)])
-        super().__init__(trainer.samples, hidden, full.activation, full.octaves, full.moments, recipe)
+        super().__init__(trainer.samples, hidden, full.activation, full.octaves, recipe)
         for own, layer in zip(self.network.layers, [*layers, *([] if head is None else [head])], strict=False):
             own.copy_(layer)
         self._begin = 0.0 if head is None else FINISH

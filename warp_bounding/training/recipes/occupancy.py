@@ -46,7 +46,6 @@ def train_occupancy(
     clock: Clock,
     *,
     octaves: int = 0,
-    moments: bool = False,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> dict[str, np.ndarray]:
@@ -59,14 +58,13 @@ def train_occupancy(
         activation: A name in ``ACTIVATIONS``.
         clock: The budget. Ctrl-C ends training early, with the network as it is.
         octaves: Of the positional encoding; none for planes.
-        moments: A ray's moments as further inputs.
         seed: Of everything random.
         progress: Called with the used fraction and a note.
 
     Returns:
         Tensors as ``Occupancy`` stores them.
     """
-    learner = _Learner(grid, domain, hidden, activation, octaves, moments, seed)
+    learner = _Learner(grid, domain, hidden, activation, octaves, seed)
     with single_threaded_torch():
         team = Team(cpu_threads())
         try:
@@ -81,14 +79,14 @@ def train_occupancy(
 class _Learner:
     """The network, and the samples it learns from. Layers are ``(out, in + 1)`` matrices, samples are rows."""
 
-    def __init__(self, grid, domain, hidden, activation, octaves, moments, seed):
+    def __init__(self, grid, domain, hidden, activation, octaves, seed):
         self.grid, self.domain, self.activation = grid, domain, TRAINABLE[activation]
         self.plane = domain.query == "plane"
         generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
         self.generator = generator
         self._oracle = oracle(domain.query, grid, "cpu", domain.length or 1.0)
         inputs = grid.ndim if self.plane else domain.ndim
-        self._inputs = TrainableNetwork(inputs, hidden, activation, octaves, moments)
+        self._inputs = TrainableNetwork(inputs, hidden, activation, octaves)
         waves = domain.query == "point" and self.activation.wave and not octaves
         first, later = POINT_GAINS if waves else self.activation.support_gains
         self._inputs.initialise(first, later, generator)
