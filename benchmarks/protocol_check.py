@@ -16,8 +16,8 @@ import warp as wp
 from rich.console import Console
 from rich.table import Table
 
-from warp_bounding.bounders.parametric_fit import sampled_fit
 from warp_bounding.indicators import load_indicator
+from warp_bounding.paper.sampled_volumes import sampled_fit
 from warp_bounding.queries import QUERY_KINDS, SampledOracle, sample
 
 FITTED = 20_000

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import warp_bounding as wb
-from warp_bounding.bounders.file_format import write_whole
+from warp_bounding.runtime.whole_file import write_whole
 
 __all__ = ["MESHES", "asset_mesh", "write_assets"]
 

@@ -12,6 +12,7 @@ from bounding_shapes import domain_points, fitted, random_mlp, shape
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS, file_format
 from warp_bounding.errors import FileFormatError
+from warp_bounding.runtime.whole_file import check_writable
 
 
 @pytest.fixture
@@ -257,8 +258,8 @@ def test_places_that_cannot_be_written(saved, tmp_path):
             fitted("aabb", "c").save(path)
     for path in (saved / "below.safetensors", folder):
         with pytest.raises(FileFormatError):
-            file_format.check_writable(path)
-    file_format.check_writable(tmp_path / "new" / "deep" / "b.safetensors")
+            check_writable(path)
+    check_writable(tmp_path / "new" / "deep" / "b.safetensors")
     assert not (tmp_path / "new").exists()
     assert not list(folder.iterdir())
 
@@ -321,7 +322,7 @@ def test_a_folder_without_permission(tmp_path):
     with pytest.raises(FileFormatError):
         fitted("aabb", "c").save(folder / "b.safetensors")
     with pytest.raises(FileFormatError):
-        file_format.check_writable(folder / "b.safetensors")
+        check_writable(folder / "b.safetensors")
     folder.chmod(0o700)
     shutil.rmtree(folder)
 

@@ -8,10 +8,11 @@ from bounding_shapes import shape
 
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders import METHODS
-from warp_bounding.bounders.parametric_fit import fit_parametric, parametric_least, sampled_fit
+from warp_bounding.bounders.parametric_fit import fit_parametric
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry.direction_patches import DirectionPatches
+from warp_bounding.paper.sampled_volumes import sampled_fit
 from warp_bounding.queries import oracle, sample
 from warp_bounding.queries.positives import draw_positives
 from warp_bounding.support_functions.parametric import ParametricSupport
@@ -105,7 +106,7 @@ def test_no_false_negative(name, query):
     v = d.to_local(x[:2000])
     for method in CLASSICS if name == "c" else ("obb", "oriented-ellipsoid"):
         bounder = fit_parametric(METHODS[method], grid, d, v, device="cpu")
-        least, count = parametric_least(bounder, grid)
+        least, count = bounder.least(grid)
         assert count > 0
         bounder.freeze(round_down(least - bounder.rounding_bound()), None)
         assert bounder.query(x).numpy().all(), method
@@ -121,7 +122,7 @@ def test_they_leave_something_out():
         rate = {}
         for method in ("aabb", "kdop"):
             bounder = fit_parametric(METHODS[method], grid, d, v, device="cpu")
-            least, _ = parametric_least(bounder, grid)
+            least, _ = bounder.least(grid)
             assert abs(least) < 1e-4
             rate[method] = (
                 bounder.freeze(round_down(least - bounder.rounding_bound()), None).query(uniform).numpy().mean()

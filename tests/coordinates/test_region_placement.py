@@ -13,7 +13,7 @@ from test_placement import homogeneous, rotation
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.bounders.parametric_fit import fit_parametric, parametric_least
+from warp_bounding.bounders.parametric_fit import fit_parametric
 from warp_bounding.coordinates.native_map import FAR
 from warp_bounding.coordinates.placement import Placement
 from warp_bounding.coordinates.placement_rounding import rounding
@@ -111,7 +111,7 @@ def parametric_box(name: str, query: str, length: float):
     grid = shape(name)
     domain = domain_of(grid, query, length, "parametric")
     bounder = fit_parametric(METHODS["aabb"], grid, domain, np.zeros((1, domain.ndim)), device="cpu")
-    least = parametric_least(bounder, grid)[0] - bounder.rounding_bound()
+    least = bounder.least(grid)[0] - bounder.rounding_bound()
     return bounder.freeze(float(round_down(np.nextafter(least, -np.inf))), None)
 
 

@@ -157,7 +157,9 @@ def test_half_spaces_that_bound_nothing_are_refused(directions, words):
     normals = np.array(directions, np.float32)
     domain = domain_of(shape({2: "c", 3: "blob"}[normals.shape[1]]), "plane")
     with pytest.raises(BounderError, match=words):
-        wb.bounders.LearnedKdop(domain, {"normals": normals, "offsets": np.ones(len(normals), np.float32)}, {}, "cpu")
+        wb.METHODS["learned-kdop"](
+            domain, {"normals": normals, "offsets": np.ones(len(normals), np.float32)}, {}, "cpu"
+        )
 
 
 EDITS = {

@@ -21,6 +21,7 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.arithmetic import UNIT32
+from warp_bounding.bounders.file_format import save
 from warp_bounding.bounders.options import Option
 from warp_bounding.bounders.prepared import Prepared, batch_launch
 from warp_bounding.certificates.certificate import Certificate
@@ -170,6 +171,11 @@ class Bounder(ABC):
         """
 
     @property
+    def in_region_space(self) -> bool:
+        """Whether f is a function of a region's own numbers (parametric space), not of the points of one."""
+        return self.domain.space == "parametric" and self.query_kind != "point"
+
+    @property
     def provable(self) -> bool:
         """Whether there is a proof for the method and its kind of query."""
         return self.conservative and (self.closed_form or self.query_kind in ("point", "plane"))
@@ -184,6 +190,23 @@ class Bounder(ABC):
         """The volume, as a bounder of points, where a region is tested against one; ``None`` where f is a function of v."""
         return None
 
+    @classmethod
+    def fit_regions(
+        cls, grid: IndicatorGrid, domain: RegionDomain, samples: np.ndarray, *, device: str | None = None
+    ) -> "Bounder":
+        """A volume around all positive regions, in the space of their own numbers.
+
+        Args:
+            grid: The object.
+            domain: Of a region, in parametric space.
+            samples: ``(N, 2 n)`` float64, positive queries in their own units; they give the shape, not the size.
+            device: Warp device.
+
+        Raises:
+            BounderError: If the method has none.
+        """
+        raise BounderError(f"{cls.method}: there is no such volume in parametric space")
+
     def least(self, grid: IndicatorGrid) -> tuple[float, int]:
         """Certified least ``f`` over all v that the pipeline can make of a positive query, in closed form.
 
@@ -195,10 +218,6 @@ class Bounder(ABC):
         """
         if self.volume is not None:
             return self.volume.least(grid)
-        if self.domain.space == "parametric" and self.query_kind != "point":
-            from warp_bounding.bounders.parametric_fit import parametric_least
-
-            return parametric_least(self, grid)
         if self.query_kind != "point":
             raise BounderError(f"{self.method}: there is no closed form for {self.query_kind} queries")
         least, cells = np.inf, grid.occupied
@@ -386,8 +405,6 @@ class Bounder(ABC):
 
     def save(self, path) -> None:
         """Write one ``.safetensors`` file: whole or not at all (see ``warp_bounding.bounders.file_format``)."""
-        from warp_bounding.bounders.file_format import save
-
         save(self, path)
 
     def __repr__(self) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.neural.mlp_early import MlpEarly
+from warp_bounding.bounders.registry import METHODS
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import DENIED, Lanes, Source, literal
 
@@ -144,8 +145,6 @@ class Cascade(Bounder):
 
     def __init__(self, domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
         """See ``Bounder``; raises ``BounderError`` where tensors and sizes do not fit together."""
-        from warp_bounding.bounders import METHODS
-
         super().__init__(domain, tensors, sizes, device)
         entries, self._tests = self.sizes.get("parts"), []
         if not isinstance(entries, list) or not entries:

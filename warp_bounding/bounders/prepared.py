@@ -4,26 +4,36 @@ A call of ``Bounder.query`` checks and views its input, makes memory for the ans
 arguments, which takes longer than the answers to a thousand queries. ``Bounder.prepare`` does so once; ``Prepared.launch`` only runs.
 """
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 import warp as wp
 
+from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.placement import Placement
+from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import QueryError
-from warp_bounding.kernels.functions import batch_kernel
+from warp_bounding.kernels.functions import Data, batch_kernel
+from warp_bounding.kernels.source import Source
 from warp_bounding.runtime.arrays import flat_queries, memory_of, new_output
 from warp_bounding.runtime.compaction import Compaction
 from warp_bounding.runtime.launch import BlockLaunch
 
-if TYPE_CHECKING:
-    from warp_bounding.bounders.base import Bounder
-
 __all__ = ["Prepared", "batch_launch"]
 
 
+class Asked(Protocol):
+    """A bounder as launches see it; every ``Bounder`` is one."""
+
+    domain: Domain | RegionDomain
+    query_kind: str
+    device: wp.Device
+    source: Source
+    data: Data
+
+
 def batch_launch(
-    bounder: "Bounder", queries: wp.array, count: int, place: wp.array | None, out: wp.array, *, values: bool = False
+    bounder: Asked, queries: wp.array, count: int, place: wp.array | None, out: wp.array, *, values: bool = False
 ) -> BlockLaunch:
     """A batch of queries about to be asked, with the bounder's threshold as it is now.
 
@@ -55,7 +65,7 @@ class Prepared:
         count: How many there are, a 1-element int32 array, or ``None``.
     """
 
-    def __init__(self, bounder: "Bounder", x, *, out: wp.array | None, xform, scale, candidates: bool):
+    def __init__(self, bounder: Asked, x, *, out: wp.array | None, xform, scale, candidates: bool):
         """See ``Bounder.prepare``."""
         self._bounder, self._x = bounder, x
         self._queries, self._number, _ = flat_queries(x, bounder.domain.columns, bounder.device)

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.bounders.base import Bounder
+from warp_bounding.arithmetic import round_down
 from warp_bounding.certificates.certificate import Certificate, fn_rate_bound
+from warp_bounding.certificates.subject import Subject
 from warp_bounding.coordinates.domain import DELTA_LARGEST_SHARE
 from warp_bounding.errors import FileFormatError
 
@@ -23,17 +24,18 @@ LEAST_ERROR = (
 )
 
 
-def check_claims(bounder: Bounder, certificate: Certificate, document: dict[str, Any]) -> None:
+def check_claims(bounder: Subject, certificate: Certificate, document: dict[str, Any]) -> None:
     """Refuse a certificate whose fields contradict each other, the bounder, or what the file says of the shape.
 
     Args:
         bounder: As it was read.
-        certificate: As it was read; query, domain and threshold are known to be the bounder's.
-        document: The file's other fields.
+        certificate: As it was read.
+        document: The file's other fields, its threshold among them.
 
     Raises:
         FileFormatError: If one is impossible; it is named.
     """
+    _check_subject(bounder, certificate, document["threshold"])
     if certificate.kind not in KINDS:
         _refuse(f"kind {certificate.kind!r} is not one of {', '.join(KINDS)}")
     for name in ("boxes", "cells", "samples", "restarts"):
@@ -66,6 +68,30 @@ def check_claims(bounder: Bounder, certificate: Certificate, document: dict[str,
     _check_statistics(bounder, certificate)
 
 
+def _check_subject(bounder: Subject, certificate: Certificate, threshold: float) -> None:
+    """The certificate must be about this bounder; where it claims a proof, its numbers must add up with this network's rounding."""
+    if certificate.threshold != threshold:
+        raise FileFormatError(f"the certificate is about threshold {certificate.threshold}, the file has {threshold}")
+    if certificate.query != bounder.query_kind or certificate.domain != [
+        bounder.domain.lower.tolist(),
+        bounder.domain.upper.tolist(),
+    ]:
+        raise FileFormatError("the certificate is about other queries or another domain than the file")
+    if not bounder.conservative:
+        raise FileFormatError(f"{bounder.method} is not conservative and cannot hold a certificate")
+    if not certificate.proven:
+        return
+    if not bounder.provable:
+        raise FileFormatError(
+            f"the certificate claims a proof, {bounder.method} has none for {bounder.query_kind} queries"
+        )
+    error = bounder.rounding_bound()
+    if not threshold <= round_down(certificate.lower_bound - error):
+        raise FileFormatError(
+            f"the certificate does not add up: threshold {threshold:.6g} exceeds bound {certificate.lower_bound:.6g} less rounding {error:.2g}"
+        )
+
+
 def _check_about(certificate: Certificate, document: dict[str, Any]) -> None:
     """What the claim is about stands in the certificate and beside it; older files have it beside it only."""
     if certificate.placement is None:
@@ -78,7 +104,7 @@ def _check_about(certificate: Certificate, document: dict[str, Any]) -> None:
             _refuse(f"it is for {name} {own!r}, the file for {value!r}")
 
 
-def _check_delta(bounder: Bounder, certificate: Certificate, shape: Any) -> None:
+def _check_delta(bounder: Subject, certificate: Certificate, shape: Any) -> None:
     """Cells, and the input error as a share of one."""
     base, delta = bounder.domain.base, np.array(certificate.delta, dtype=np.float64)
     if delta.shape != (base.ndim,) or not ((delta >= 0) & (delta <= DELTA_LARGEST_SHARE * (1 + CLOSE))).all():
@@ -99,7 +125,7 @@ def _check_delta(bounder: Bounder, certificate: Certificate, shape: Any) -> None
         _refuse(f"delta {certificate.delta}, the domain's is {cells.tolist()}")
 
 
-def _check_statistics(bounder: Bounder, certificate: Certificate) -> None:
+def _check_statistics(bounder: Subject, certificate: Certificate) -> None:
     """A rate that is not smaller than the samples allow; of several tests the certificate holds sums."""
     rate, confidence, margin = certificate.fn_rate_bound, certificate.confidence, certificate.worst_margin
     if not (_number(rate) and _number(confidence) and rate >= 0 and 0 < confidence < 1):

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from warp_bounding.bounders.base import Bounder
 from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates.subject import Subject
 from warp_bounding.coordinates.placement import placement_room
 from warp_bounding.indicators.grid import IndicatorGrid
 
@@ -13,7 +13,7 @@ __all__ = ["conjunction", "document", "least_room"]
 
 
 def document(
-    bounder: Bounder,
+    bounder: Subject,
     grid: IndicatorGrid | None,
     kind: str,
     threshold: float,
@@ -62,7 +62,7 @@ def document(
     )
 
 
-def about(bounder: Bounder, grid: IndicatorGrid) -> str:
+def about(bounder: Subject, grid: IndicatorGrid) -> str:
     """What a certificate is about, in words: the object and its margin, the length of rays, what may be placed, and restrictions."""
     dilated = f"dilated by {float(grid.margin)}" if grid.margin else "not dilated"
     sides = " x ".join(map(str, grid.shape))
@@ -75,7 +75,7 @@ def about(bounder: Bounder, grid: IndicatorGrid) -> str:
     )
 
 
-def least_room(bounder: Bounder) -> float:
+def least_room(bounder: Subject) -> float:
     """What ``xform=`` and ``scale=`` may round a query by on every axis of space, object units."""
     return float(placement_room(bounder.domain)[int(bounder.domain.time) :].min())
 

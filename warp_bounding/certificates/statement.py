@@ -6,9 +6,9 @@ is computed here; every number is the certificate's or the domain's.
 
 from collections.abc import Iterable
 
-from warp_bounding.bounders.base import Bounder
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.document import least_room
+from warp_bounding.certificates.subject import Subject
 from warp_bounding.queries.positives import DISTRIBUTION
 
 __all__ = ["NOT_CONSERVATIVE", "statement"]
@@ -28,7 +28,7 @@ def _numbers(values: Iterable[float]) -> str:
     return f"({', '.join(f'{v:.4g}' for v in values)})"
 
 
-def _queries(bounder: Bounder) -> str:
+def _queries(bounder: Subject) -> str:
     domain = bounder.domain
     corners = f"{_numbers(domain.lower)} to {_numbers(domain.upper)}"
     cut = f"only its part inside the domain counts, {corners} (object space)"
@@ -44,7 +44,7 @@ def _queries(bounder: Bounder) -> str:
     return text
 
 
-def _object(bounder: Bounder, certificate: Certificate | None) -> str:
+def _object(bounder: Subject, certificate: Certificate | None) -> str:
     info = bounder.info
     margin, shape = info.get("margin") or 0.0, info.get("grid_shape")
     grid = " x ".join(map(str, shape)) if shape else "an unknown number of"
@@ -55,7 +55,7 @@ def _object(bounder: Bounder, certificate: Certificate | None) -> str:
     return f"{info.get('name') or 'a shape'}: {cells}{fineness}{dilated}; SHA-256 {digest[:16]}"
 
 
-def _not_proven(bounder: Bounder) -> Iterable[str]:
+def _not_proven(bounder: Subject) -> Iterable[str]:
     info = bounder.info
     if info.get("resolution"):
         yield "anything of the mesh beyond its cells' cover of it (every cell within the margin of it is occupied)"
@@ -69,7 +69,7 @@ def _not_proven(bounder: Bounder) -> Iterable[str]:
     yield "how many false positives there are (evaluate)"
 
 
-def statement(bounder: Bounder) -> dict[str, str]:
+def statement(bounder: Subject) -> dict[str, str]:
     """What is known of a bounder, by heading, in the order in which it is to be read.
 
     Args:
@@ -105,7 +105,7 @@ def statement(bounder: Bounder) -> dict[str, str]:
     }
 
 
-def _statistical(bounder: Bounder, certificate: Certificate, common: dict[str, str]) -> dict[str, str]:
+def _statistical(bounder: Subject, certificate: Certificate, common: dict[str, str]) -> dict[str, str]:
     rate = "unknown" if certificate.fn_rate_bound is None else f"{certificate.fn_rate_bound:.3g}"
     alpha = 1 - (certificate.confidence or 0.0)
     margin = certificate.worst_margin

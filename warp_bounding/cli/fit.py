@@ -21,6 +21,7 @@ from warp_bounding.cli.output import (
     whole_number,
 )
 from warp_bounding.cli.shape import Origin, Spacing, Threshold, read_shape
+from warp_bounding.runtime.whole_file import BOUNDER_FILE, check_writable
 
 __all__ = ["command"]
 
@@ -62,13 +63,12 @@ def command(
     then statistical, and says so. Ctrl-C ends training early; the best bounder so far is proven and saved.
     """
     from warp_bounding.bounders import save
-    from warp_bounding.bounders.file_format import SUFFIX, check_writable
     from warp_bounding.evaluation import evaluate
     from warp_bounding.training import fit
 
     quiet_warp(device)
     count = whole_number("samples", samples)
-    check_writable(output, shape, suffix=SUFFIX)
+    check_writable(output, shape, kind=BOUNDER_FILE)
     indicator = read_shape(shape, threshold, spacing, origin)
     started = time.perf_counter()
     with bar("fit") as update:

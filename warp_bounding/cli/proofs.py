@@ -10,6 +10,7 @@ from rich.console import Console
 from warp_bounding.cli.output import Json, console, print_json, quiet_warp
 from warp_bounding.cli.table1 import command_line, words_of
 from warp_bounding.errors import BounderError
+from warp_bounding.runtime.whole_file import write_whole
 
 __all__ = ["command"]
 
@@ -38,7 +39,6 @@ def command(
     proven threshold, or the run was stopped.
     """
     import warp_bounding.paper as tables
-    from warp_bounding.bounders.file_format import write_whole
     from warp_bounding.paper.folder import read_settings
     from warp_bounding.paper.pages.proofs_page import proofs_page, summary, summary_text
     from warp_bounding.paper.proof_rows import PROOFS

@@ -10,6 +10,7 @@ import typer
 
 from warp_bounding.cli.output import BounderFile, Device, Json, console, print_json, quiet_warp
 from warp_bounding.errors import QueryError
+from warp_bounding.runtime.whole_file import ARRAY_FILE, check_writable, write_whole
 
 __all__ = ["command"]
 
@@ -28,10 +29,9 @@ def command(
 ) -> int:
     """Ask FILE about every row of POINTS.npy, in object space, and write the answers."""
     from warp_bounding.bounders import load
-    from warp_bounding.bounders.file_format import check_writable, write_whole
 
     quiet_warp(device)
-    check_writable(output, file, points, suffix=".npy")
+    check_writable(output, file, points, kind=ARRAY_FILE)
     bounder, queries = load(file, device=device), _read(points)
     started = time.perf_counter()
     try:
@@ -41,7 +41,7 @@ def command(
     seconds = time.perf_counter() - started
     content = io.BytesIO()
     np.save(content, mask)
-    write_whole(output, content.getvalue(), ".npy")
+    write_whole(output, content.getvalue(), ARRAY_FILE)
     maybe = int(mask.sum())
     if json:
         about = {

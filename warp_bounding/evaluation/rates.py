@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.file_format import bounder_of
+from warp_bounding.bounders.load import bounder_of
 from warp_bounding.bounders.slabs.aabb import Aabb
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import QueryError

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from warp_bounding.bounders.file_format import write_whole
 from warp_bounding.errors import BoundingError, FileFormatError
 from warp_bounding.paper.rows import HEADER, Key, Row, format_line, parse_line
 from warp_bounding.paper.settings import Settings
+from warp_bounding.runtime.whole_file import write_whole
 
 try:
     import fcntl

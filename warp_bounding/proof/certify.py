@@ -13,7 +13,7 @@ import numpy as np
 
 from warp_bounding.arithmetic import UNIT64
 from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.file_format import bounder_of
+from warp_bounding.bounders.load import bounder_of
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.document import conjunction, document
 from warp_bounding.errors import BounderError, BoundingError

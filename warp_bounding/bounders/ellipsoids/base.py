@@ -20,12 +20,14 @@ from warp_bounding.bounders.ellipsoids.regions import (
     row_sizes,
     squares_error,
 )
+from warp_bounding.bounders.parametric_fit import enclosing_of_samples, units
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry.enclosing_ellipsoid import enclosing_ellipsoid
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.kernels.source import Lanes, Source
+from warp_bounding.support_functions.parametric import ParametricSupport
 
 __all__ = ["QuadricBounder", "QuadricSource"]
 
@@ -80,6 +82,16 @@ class QuadricBounder(Bounder):
         offset = -matrix @ (center - domain.center)
         tensors = {"matrix": (local if cls.family == "determinant" else np.diag(local)).astype(np.float32)}
         return cls(domain, tensors | {"offset": offset.astype(np.float32)}, {}, device)
+
+    @classmethod
+    def fit_regions(
+        cls, grid: IndicatorGrid, domain: RegionDomain, samples: np.ndarray, *, device: str | None = None
+    ) -> "QuadricBounder":
+        """See ``Bounder``; the threshold is the radius."""
+        matrix, center = enclosing_of_samples(samples, cls.family)
+        local, offset = matrix / units(domain), (-matrix @ center).astype(np.float32)
+        tensors = {"matrix": (local if cls.family == "determinant" else np.diag(local)).astype(np.float32)}
+        return cls(domain, tensors | {"offset": offset}, {}, device)
 
     def __init__(
         self, domain: Domain | RegionDomain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None
@@ -162,6 +174,13 @@ class QuadricBounder(Bounder):
         size = (np.abs(a) @ np.maximum(np.abs(lower), np.abs(upper)).max(axis=0) + np.abs(b)) ** 2
         rounding = gamma(4 * n + 16, UNIT64) * size.sum()
         return BoxBounds(least - rounding, np.argmax(half, axis=1), point, self.reference(point))
+
+    def least(self, grid: IndicatorGrid) -> tuple[float, int]:
+        """See ``Bounder``."""
+        if not self.in_region_space:
+            return super().least(grid)
+        offset = self.tensors["offset"].astype(np.float64)
+        return -ParametricSupport(grid, self.domain).square(self.matrix, offset), 1
 
     @property
     def nbytes(self) -> int:

@@ -14,6 +14,7 @@ import numpy as np
 from warp_bounding.arithmetic import TINY, UNIT64, gamma, round_up
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.options import STEPS, Option
+from warp_bounding.bounders.parametric_fit import units
 from warp_bounding.bounders.polytopes.half_spaces import HalfSpacesSource, half_space_region
 from warp_bounding.bounders.slabs.kdop import kdop_directions
 from warp_bounding.coordinates.domain import Domain
@@ -32,8 +33,6 @@ def classic_normals(domain: Domain | RegionDomain, k: int | None = None) -> np.n
     tested = domain.query != "point" and domain.space == "geometric"
     scale = domain.scale.astype(np.float64)
     if domain.space == "parametric" and domain.query != "point":
-        from warp_bounding.bounders.parametric_fit import units
-
         scale = units(domain)
     directions = kdop_directions(len(scale) if not tested else domain.space_ndim, k) / scale
     return np.concatenate([directions, -directions])

@@ -13,12 +13,14 @@ import numpy as np
 
 from warp_bounding.arithmetic import TINY, UNIT64, gamma, round_down, round_up
 from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.bounders.parametric_fit import units
 from warp_bounding.bounders.slabs.regions import SlabBox, SlabPlane, SlabRay, Slabs, slab_region
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.kernels.source import Lanes, Source
+from warp_bounding.support_functions.parametric import ParametricSupport
 
 __all__ = ["SlabBounder", "SlabsSource"]
 
@@ -92,6 +94,25 @@ class SlabBounder(Bounder):
         room = 2 * _rounding(local, np.maximum(np.abs(low), np.abs(high)), domain, cls.diagonal)
         tensors |= {"low": round_down(low - room), "high": round_up(high + room)}
         return cls(whole, tensors, {}, device)
+
+    @classmethod
+    def fit_regions(
+        cls, grid: IndicatorGrid, domain: RegionDomain, samples: np.ndarray, *, device: str | None = None, **options
+    ) -> "SlabBounder":
+        """See ``Bounder``; ``options`` are those of ``sampled_directions``."""
+        local = (cls.sampled_directions(samples, **options) / units(domain)).astype(np.float32)
+        tensors = {} if cls.diagonal else {"directions": local}
+        normals = np.eye(domain.ndim) if cls.diagonal else local.astype(np.float64)
+        support = ParametricSupport(grid, domain)(np.concatenate([normals, -normals]))
+        high, low = support[: len(normals)], -support[len(normals) :]
+        tight = cls(domain, tensors | {"low": round_down(low), "high": round_up(high)}, {}, device)
+        room = 2 * tight.rounding_bound()  # so that the threshold comes out at about zero
+        return cls(domain, tensors | {"low": round_down(low - room), "high": round_up(high + room)}, {}, device)
+
+    @classmethod
+    def sampled_directions(cls, samples: np.ndarray) -> np.ndarray:
+        """``(k, m)`` float64, slab normals for ``(N, m)`` samples, in their units; the axes by default."""
+        return np.eye(samples.shape[1])
 
     def __init__(
         self, domain: Domain | RegionDomain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None
@@ -190,11 +211,17 @@ class SlabBounder(Bounder):
         return BoxBounds(slack.min(axis=1) - rounding, np.argmax(half, axis=1), point, self.reference(point))
 
     def least(self, grid: IndicatorGrid) -> tuple[float, int]:
-        """See ``Bounder``; zero for regions.
+        """See ``Bounder``; zero for regions that are tested against the slabs.
 
         Raises:
             BounderError: If the slabs do not hold all of the object.
         """
+        if self.in_region_space:
+            normals = self.directions
+            reach = ParametricSupport(grid, self.domain)(np.concatenate([normals, -normals]))
+            high, low = (self.tensors[name].astype(np.float64) for name in ("high", "low"))
+            slack = np.concatenate([high - reach[: len(high)], -low - reach[len(high) :]])
+            return float(np.nextafter(slack.min(), -np.inf)), len(reach)
         least, count = super().least(grid)
         if self._region is None:
             return least, count

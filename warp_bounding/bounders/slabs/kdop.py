@@ -46,6 +46,11 @@ class Kdop(SlabBounder):
         """
         return cls.of_directions(grid, domain, kdop_directions(grid.ndim, k), device)
 
+    @classmethod
+    def sampled_directions(cls, samples: np.ndarray, k: int | None = None) -> np.ndarray:
+        """See ``SlabBounder``: as in ``fit``."""
+        return kdop_directions(samples.shape[1], k)
+
 
 def kdop_directions(ndim: int, k: int | None = None) -> np.ndarray:
     """Unit slab normals of a k-DOP.

@@ -17,6 +17,9 @@ class Obb(SlabBounder):
     @classmethod
     def fit(cls, grid: IndicatorGrid, domain: Domain, *, device: str | None = None) -> "Obb":
         """The smallest box with these axes around a grid's occupied cells."""
-        centers = grid.position(grid.occupied)
-        covariance = np.atleast_2d(np.cov(centers.T, ddof=0))
-        return cls.of_directions(grid, domain, np.linalg.eigh(covariance)[1].T, device)
+        return cls.of_directions(grid, domain, cls.sampled_directions(grid.position(grid.occupied)), device)
+
+    @classmethod
+    def sampled_directions(cls, samples: np.ndarray) -> np.ndarray:
+        """See ``SlabBounder``: principal axes."""
+        return np.linalg.eigh(np.atleast_2d(np.cov(samples.T, ddof=0)))[1].T

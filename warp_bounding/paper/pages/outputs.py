@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-from warp_bounding.bounders.file_format import write_whole
 from warp_bounding.errors import BoundingError
 from warp_bounding.paper.columns import Supports
 from warp_bounding.paper.folder import Folder
 from warp_bounding.paper.pages.markdown import page
 from warp_bounding.paper.pages.rank_plot import rank_plot
+from warp_bounding.runtime.whole_file import write_whole
 
 __all__ = ["PICTURE", "write_outputs", "write_page"]
 

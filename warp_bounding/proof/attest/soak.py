@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.file_format import bounder_of, check_writable, write_whole
+from warp_bounding.bounders.load import bounder_of
 from warp_bounding.errors import BounderError, FileFormatError, QueryError
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -30,6 +30,7 @@ from warp_bounding.queries.hard import FORMS, HardPositives, World
 from warp_bounding.queries.plane import plane_truth
 from warp_bounding.queries.point import point_truth
 from warp_bounding.queries.ray import ray_truth
+from warp_bounding.runtime.whole_file import check_writable, write_whole
 
 __all__ = ["CHUNK", "Soak", "random_world", "soak", "soak_grid"]
 

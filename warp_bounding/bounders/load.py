@@ -1,0 +1,91 @@
+"""``load``: from a file to a bounder of whose every number is checked that it can be true."""
+
+import os
+
+import numpy as np
+
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.cascade import Cascade
+from warp_bounding.bounders.file_format import INFO_FIELDS, read
+from warp_bounding.bounders.registry import METHODS
+from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates.claims import check_claims
+from warp_bounding.coordinates.domain import number
+from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.errors import BounderError, BoundingError, FileFormatError
+from warp_bounding.runtime.whole_file import file_path
+
+__all__ = ["bounder_of", "load"]
+
+
+def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
+    """Read a bounder and check all of it.
+
+    Args:
+        path: A file that ``save`` wrote.
+        device: Warp device, such as ``"cpu"`` or ``"cuda:0"``; the default device if ``None``.
+
+    Returns:
+        The bounder, with its certificate as stored (``certify`` proves it anew).
+
+    Raises:
+        FileFormatError: If the file is missing, damaged, truncated, foreign, edited or newer than this library.
+    """
+    path = file_path(path)
+    tensors, document = read(path)
+    try:
+        name = document["method"]
+        method = Cascade if name == Cascade.method else METHODS[name]
+        bounder = method(RegionDomain.from_dict(document["domain"]), tensors, document["sizes"], device)
+        threshold = document["threshold"]
+        certificate = Certificate.from_dict(document["certificate"]) if document["certificate"] else None
+        described = [document[k] for k in ("query", "dimension", "space", "length", "motion")]
+        motion = "time" if bounder.domain.time else None
+        if described != [bounder.query_kind, bounder.ndim, bounder.domain.space, bounder.domain.length, motion]:
+            raise FileFormatError("query, dimension, space, length and motion are not those of the domain inside")
+        if not np.isfinite(number(threshold, "the threshold")) or np.float32(threshold) != threshold:
+            raise FileFormatError(f"the threshold {threshold} is not a finite float32 number")
+        _check_info(document)
+        if certificate:
+            check_claims(bounder, certificate, document)
+        bounder.freeze(threshold, certificate)
+        bounder.info = {field: document.get(field) for field in INFO_FIELDS} | {"library": document["library"]}
+    except BoundingError as error:
+        raise FileFormatError(f"{path}: {error}") from error
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileFormatError(f"{path}: a field is missing or of the wrong type ({error})") from error
+    return bounder
+
+
+def bounder_of(source: Bounder | str | os.PathLike, device: str | None = None) -> Bounder:
+    """A bounder, or the one that a file holds.
+
+    Args:
+        source: Either.
+        device: Warp device of one that is read.
+
+    Raises:
+        BounderError: For anything else.
+        FileFormatError: See ``load``.
+    """
+    if isinstance(source, Bounder):
+        return source
+    if isinstance(source, str | os.PathLike):
+        return load(source, device)
+    raise BounderError(
+        f"expected a bounder or the path of its file first, then the shape, got {type(source).__name__} first"
+    )
+
+
+def _check_info(document: dict) -> None:
+    """Margin and resolution are used again, to make the same cells of a mesh; rates are shown."""
+    margin, resolution = document.get("margin"), document.get("resolution")
+    if margin is not None and not (isinstance(margin, int | float) and 0 <= margin < float("inf")):
+        raise FileFormatError(f"the margin {margin!r} is not a length")
+    if resolution is not None and not isinstance(resolution, int):
+        raise FileFormatError(f"the resolution {resolution!r} is not a whole number")
+    rates = document.get("rates")
+    if rates is not None and not all(0 <= rates[key] <= 100 for key in ("fp_rate", "fp_rate_aabb")):
+        raise FileFormatError(f"the rates {rates!r} are none")
+    if rates is not None and not isinstance(rates["samples"], int):
+        raise FileFormatError(f"the samples {rates['samples']!r} are not a whole number")

@@ -1,0 +1,65 @@
+"""The methods by name. ``register`` adds one, from inside the package (``methods.py``) or from outside it."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TypeVar
+
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.errors import BounderError
+
+__all__ = ["METHODS", "method_class", "register", "supports", "unregister"]
+
+_registered: dict[str, type[Bounder]] = {}
+METHODS: Mapping[str, type[Bounder]] = MappingProxyType(_registered)  # in the order in which they were registered
+Kind = TypeVar("Kind", bound=Bounder)
+RESERVED = "cascade"  # what files call a conjunction of methods
+
+
+def register(kind: type[Kind]) -> type[Kind]:
+    """Make a method known by its name: to ``fit``, ``load``, cascades and the command line. Also a decorator of the class.
+
+    Args:
+        kind: A class of bounders with a ``method`` of its own; see ``Bounder`` for what it supplies.
+
+    Returns:
+        The class.
+
+    Raises:
+        BounderError: If it is no class of bounders, or another one has its name.
+    """
+    if not (isinstance(kind, type) and issubclass(kind, Bounder)):
+        raise BounderError(f"expected a class of bounders, got {kind!r}")
+    name = getattr(kind, "method", None)
+    if not isinstance(name, str) or not name or "+" in name or name == RESERVED:
+        raise BounderError(f"{kind.__name__}.method must be a name without +, other than {RESERVED}, got {name!r}")
+    if _registered.setdefault(name, kind) is not kind:
+        raise BounderError(f"method {name} is {_registered[name].__name__} already, got {kind.__name__}")
+    return kind
+
+
+def unregister(kind: type[Bounder]) -> None:
+    """Undo ``register``: nothing finds the method by its name any more."""
+    if _registered.get(kind.method) is kind:
+        del _registered[kind.method]
+
+
+def method_class(method: str, query: str = "point", ndim: int = 3, space: str = "geometric") -> type[Bounder]:
+    """The class of a method that can hold a kind of query.
+
+    Raises:
+        BounderError: For an unknown method, or one that cannot hold the query.
+    """
+    if method not in METHODS:
+        raise BounderError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    if not METHODS[method].supports(query, ndim, space):
+        where = " in parametric space" if space == "parametric" else ""
+        raise BounderError(f"method {method} does not bound {query} queries of {ndim}D objects{where}")
+    return METHODS[method]
+
+
+def supports(method: str, query: str, ndim: int, space: str = "geometric") -> bool:
+    """Whether a method can bound a kind of query of an n-dimensional object, in a space; ``False`` for unknown methods.
+
+    Of several, as in ``"kdop+mlp"``: whether each can.
+    """
+    return all(name in METHODS and METHODS[name].supports(query, ndim, space) for name in method.split("+"))

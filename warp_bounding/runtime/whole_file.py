@@ -1,0 +1,115 @@
+"""Files that are written whole or not at all, and never over a file of another kind."""
+
+import os
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+from warp_bounding.errors import FileFormatError
+
+__all__ = ["ARRAY_FILE", "BOUNDER_FILE", "FileKind", "check_writable", "file_path", "write_whole"]
+
+
+class FileKind(NamedTuple):
+    """A kind of file: its suffix, and the bytes by which its content tells what it is, with their place."""
+
+    suffix: str
+    at: int
+    start: bytes
+
+
+BOUNDER_FILE = FileKind(".safetensors", 8, b"{")
+ARRAY_FILE = FileKind(".npy", 0, b"\x93NUMPY")
+
+
+def file_path(path: str | os.PathLike) -> Path:
+    """The path, which must be text or a path.
+
+    Raises:
+        FileFormatError: For anything else.
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise FileFormatError(f"path must be a file name, got {type(path).__name__}")
+    return Path(os.fsdecode(path))
+
+
+def write_whole(path: str | os.PathLike, content: bytes, kind: FileKind | None = None) -> None:
+    """Write a file so that a reader, a crash or a full disk never sees half of it; a link stays, and what it points to is written.
+
+    Args:
+        path: File to write.
+        content: All of it.
+        kind: See ``check_writable``.
+
+    Raises:
+        FileFormatError: If it cannot be written; an existing file is then untouched.
+    """
+    check_writable(path, kind=kind)
+    given, path, temporary = file_path(path), Path(os.path.realpath(path)), None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
+            temporary = Path(file.name)
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.chmod(0o666 & ~_umask())
+        os.replace(temporary, path)
+    except OSError as error:
+        raise FileFormatError(f"{given}: cannot be written ({error.strerror or error})") from error
+    finally:  # whatever ended it, Ctrl-C too
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+def check_writable(path: str | os.PathLike, *inputs: str | os.PathLike, kind: FileKind | None = None) -> None:
+    """Find out before long work whether its result can be written at the end; changes nothing.
+
+    Args:
+        path: File to write.
+        *inputs: Files that the work reads, if they exist.
+        kind: What is written. An existing file is then replaced only if it has that kind's suffix or content: a shape, or whatever
+            else a slip of the hand names, is kept.
+
+    Raises:
+        FileFormatError: If the path is a folder or a device, cannot be written to, is one of the inputs, or such a file.
+    """
+    given = file_path(path)
+    if not os.fspath(path) or "\0" in str(given):
+        raise FileFormatError(f"path must be a file name, got {os.fsdecode(path)!r}")
+    path = Path(os.path.realpath(given))
+    try:
+        if any(path.exists() and Path(own).exists() and path.samefile(own) for own in inputs):
+            raise FileFormatError(f"{given}: is read here, expected another file to write")
+        if path.is_dir():
+            raise FileFormatError(f"{given}: is a folder, expected a file name")
+        if path.exists():
+            if not path.is_file():
+                raise FileFormatError(f"{given}: is a device or a pipe, expected a file name")
+            if not os.access(path, os.W_OK):
+                raise FileFormatError(f"{given}: exists and may not be written to")
+            if kind is not None and given.suffix.lower() != kind.suffix and not _holds(path, kind):
+                raise FileFormatError(
+                    f"{given}: exists and is no {kind.suffix} file, so it is kept; expected a new name, or a {kind.suffix} file to "
+                    "replace"
+                )
+        folder = path.parent
+        while not folder.exists() and folder != folder.parent:
+            folder = folder.parent
+    except OSError as error:
+        raise FileFormatError(f"{given}: cannot be written ({error.strerror or error})") from error
+    if not folder.is_dir() or not os.access(folder, os.W_OK):
+        raise FileFormatError(f"{given}: {folder} is not a folder that can be written to")
+
+
+def _holds(path: Path, kind: FileKind) -> bool:
+    """Whether a file is of this kind by its content, or empty."""
+    with path.open("rb") as file:
+        content = file.read(kind.at + len(kind.start))
+    return not content or content[kind.at :] == kind.start
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
