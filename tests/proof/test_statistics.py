@@ -14,8 +14,8 @@ from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import attempt_confidence, attest, certify, fn_rate_bound, fresh_seed, prove, try_positives
-from warp_bounding.queries import oracle
-from warp_bounding.queries.positives import DISTRIBUTION, draw_positives
+from warp_bounding.queries import QUERIES, oracle
+from warp_bounding.queries.positives import draw_positives
 
 
 @pytest.mark.parametrize("count", [1, 10, 3000, 1_000_000])
@@ -48,7 +48,7 @@ def test_what_is_clipped_is_among_the_positives(query, name):
 
     assert outside(next(draw_positives(query, grid, 20_000, 3, "cpu", 1.0))) > 0.05
     assert outside(next(draw_positives(query, grid, 20_000, 3, "cpu", 1.0, outside=False))) == 0.0 or query == "plane"
-    assert "outside" in DISTRIBUTION[query] or "away" in DISTRIBUTION[query]
+    assert "outside" in QUERIES[query].distribution or "away" in QUERIES[query].distribution
 
 
 def test_directions_of_any_length_are_among_the_positives():

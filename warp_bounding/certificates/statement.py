@@ -9,18 +9,12 @@ from collections.abc import Iterable
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.document import least_room
 from warp_bounding.certificates.subject import Subject
-from warp_bounding.queries.positives import DISTRIBUTION
+from warp_bounding.queries import QUERIES
 
 __all__ = ["NOT_CONSERVATIVE", "statement"]
 
 NOT_CONSERVATIVE = "NOT conservative: it misses queries that meet the object, and is kept to show what that does."
 
-_CLAIM = {
-    "point": "No point of the object is ever answered with no.",
-    "ray": "No ray that meets the object is ever answered with no.",
-    "plane": "No plane that meets the object is ever answered with no.",
-    "box": "No box that meets the object is ever answered with no.",
-}
 _OUTSIDE = "what lies outside it is not in the object"
 
 
@@ -29,17 +23,13 @@ def _numbers(values: Iterable[float]) -> str:
 
 
 def _queries(bounder: Subject) -> str:
-    domain = bounder.domain
+    domain, kind = bounder.domain, QUERIES[bounder.query_kind]
     corners = f"{_numbers(domain.lower)} to {_numbers(domain.upper)}"
-    cut = f"only its part inside the domain counts, {corners} (object space)"
-    text = {
-        "point": f"every point of the domain, {corners} (object space); {_OUTSIDE}",
-        "ray": f"every segment o + t d/|d|, 0 <= t <= {domain.length or 0} (object units): any origin o, inside or outside, any "
-        f"direction d; {cut}",
-        "plane": f"every plane: any normal, given by any of its points; {cut}",
-        "box": f"every axis-aligned box, of any size, also of none; {cut}",
-    }[bounder.query_kind]
-    if domain.space == "parametric" and bounder.query_kind != "point":
+    every = kind.every.format(length=domain.length or 0)
+    if not kind.is_region:
+        return f"{every}, {corners} (object space); {_OUTSIDE}"
+    text = f"{every}; only its part inside the domain counts, {corners} (object space)"
+    if domain.parametric:
         text += "; fitted in the paper's parametric space, a query given by a point outside the domain is answered with maybe"
     return text
 
@@ -91,7 +81,7 @@ def statement(bounder: Subject) -> dict[str, str]:
         return _statistical(bounder, certificate, common)
     return {
         "certificate": "proven",
-        "what is proven": _CLAIM[bounder.query_kind],
+        "what is proven": f"No {QUERIES[bounder.query_kind].positive} is ever answered with no.",
         "for": common["queries"],
         "object": common["object"],
         "input error": f"up to {share:.2g} of a cell on each axis: the rounding of float64 queries, of the map, and of xform= and "
@@ -117,7 +107,7 @@ def _statistical(bounder: Subject, certificate: Certificate, common: dict[str, s
         "certificate": f"{certificate.kind}, not proven",
         "what is known": f"{certificate.samples:,} fresh positives in {certificate.seconds:.2f} s, none answered with no: fewer than "
         f"{rate} of such queries are missed, wrong with probability alpha = {alpha:.2g} at most (Clopper-Pearson){tried}",
-        "sampled": DISTRIBUTION[bounder.query_kind],
+        "sampled": QUERIES[bounder.query_kind].distribution,
         "for": common["queries"],
         "object": common["object"],
         "placement": common["placement"],

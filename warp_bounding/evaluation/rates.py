@@ -89,7 +89,7 @@ def evaluate(
         raise QueryError(f"the shape is {grid.ndim}D, the bounder {bounder.ndim}D")
     query, rng = bounder.query_kind, np.random.default_rng(seed)
     length = bounder.domain.length or 1.0
-    if protocol == "sampled" and query != "point":
+    if protocol == "sampled":
         truth_of = SampledOracle(query, grid, device=bounder.device, seed=seed, length=length)
     else:
         truth_of = oracle(query, grid, device=bounder.device, length=length)

@@ -27,7 +27,7 @@ from warp_bounding.proof.least import charted
 from warp_bounding.proof.prove import mismatch, outside, provable
 from warp_bounding.proof.search.best_first import halve, minimum
 from warp_bounding.proof.search.depth_first import Charted
-from warp_bounding.queries import oracle
+from warp_bounding.queries import QUERIES, oracle
 from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["certify"]
@@ -338,8 +338,7 @@ def _plus(a: float, b: float) -> float:
 
 def _proven(bounder: Bounder) -> str:
     """Of a certificate, its first sentence."""
-    met = "every point of" if bounder.query_kind == "point" else f"every {bounder.query_kind} that meets"
-    return f"Proven from scratch: {met} the object is answered with maybe."
+    return f"Proven from scratch: every {QUERIES[bounder.query_kind].positive} is answered with maybe."
 
 
 def _inapplicable(bounder: Bounder, shape, reason: str) -> Certificate:

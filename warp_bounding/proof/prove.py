@@ -16,6 +16,7 @@ from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.least import least_value
 from warp_bounding.proof.search.best_first import Search
+from warp_bounding.queries import QUERIES
 
 __all__ = ["mismatch", "outside", "provable", "prove", "settle"]
 
@@ -82,9 +83,8 @@ def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate
     threshold = float(round_down(np.nextafter(search.lower_bound - error, -np.inf)))
     if not np.isfinite(threshold):
         raise BounderError(f"{bounder.method}: the proof found no finite minimum")
-    met = "no point of" if bounder.query_kind == "point" else f"no {bounder.query_kind} that meets"
     message = (
-        f"Proven: {met} the object is ever answered with no. "
+        f"Proven: no {QUERIES[bounder.query_kind].positive} is ever answered with no. "
         f"f >= {search.lower_bound:.6g} on all of them, float32 rounding changes it by at most {error:.2g}, the threshold is {threshold:.6g}."
     )
     certificate = document(

@@ -4,19 +4,20 @@ Per axis the closed cells that meet the box are a range of integers, found exact
 then counts the occupied cells of the block with 2^n look-ups (Crow 1984). Nothing is ever undecided.
 """
 
-from fractions import Fraction
 from functools import cache
-from math import ceil, floor
 
 import numpy as np
 import warp as wp
 
+from warp_bounding.indicators.blocks import summed_area
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries.base import Query
-from warp_bounding.queries.region import RegionOracle, loop_snippet, rational_map
-from warp_bounding.runtime.native import named
+from warp_bounding.queries.directions import NARROW
+from warp_bounding.queries.exact import ExactOracle, any_occupied, oracle_kernel, rational_map
 
 __all__ = ["BOX", "BoxOracle", "box_truth", "sample_boxes"]
+
+BEYOND = 0.15  # share of a box's coordinates that lie outside the domain
 
 
 def sample_boxes(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -51,18 +52,16 @@ def box_truth(grid: IndicatorGrid, q: np.ndarray) -> np.ndarray:
     Returns:
         ``(N,)`` bool.
     """
-    n, half = grid.ndim, Fraction(1, 2)
+    n = grid.ndim
     truth = BOX.valid(q)
     for index in np.flatnonzero(truth):
-        lower, upper = rational_map(grid, q[index, :n]), rational_map(grid, q[index, n:])
-        cells = [slice(max(0, ceil(a - half)), max(0, floor(b + half) + 1)) for a, b in zip(lower, upper, strict=True)]
-        truth[index] = grid.occupancy[tuple(cells)].any()
+        truth[index] = any_occupied(grid, rational_map(grid, q[index, :n]), rational_map(grid, q[index, n:]))
     return truth
 
 
 _BODY = """
 bool some = true;
-long long first[N], last[N];  // in the table: cells first .. last - 1
+long long first[N], last[N];  // in the table of sums: cells first .. last - 1
 for (int k = 0; k < N; ++k) {
     const double r = map.data[2 * N + k];
     const double lo = Coordinate(q[k], map.data[k], map.data[N + k]).lo;
@@ -81,7 +80,7 @@ for (int corner = 0; corner < (1 << N); ++corner) {
         index = index * ((long long)map.data[2 * N + k] + 1) + (low ? first[k] : last[k]);
         sign = low ? -sign : sign;
     }
-    sum += sign * table.data[index];
+    sum += sign * indices.data[index];
 }
 answer = sum > 0;
 """
@@ -89,35 +88,10 @@ answer = sum > 0;
 
 @cache
 def _kernel(ndim: int) -> wp.Kernel:
-    name = named(f"wb_box_oracle_{ndim}d")
-
-    @name.func_native(loop_snippet(ndim, _BODY))
-    def meets(
-        x: wp.array(dtype=wp.float32),
-        count: int,
-        block: int,
-        map: wp.array(dtype=wp.float64),
-        table: wp.array(dtype=wp.int32),
-        out: wp.array(dtype=wp.uint8),
-    ): ...
-
-    @name.kernel
-    def box_oracle(
-        # inputs
-        x: wp.array(dtype=wp.float32),
-        count: int,
-        first: int,
-        map: wp.array(dtype=wp.float64),
-        table: wp.array(dtype=wp.int32),
-        # outputs
-        out: wp.array(dtype=wp.uint8),
-    ):
-        meets(x, count, first + wp.tid(), map, table, out)
-
-    return box_oracle
+    return oracle_kernel(f"wb_box_oracle_{ndim}d", ndim, _BODY)
 
 
-class BoxOracle(RegionOracle):
+class BoxOracle(ExactOracle):
     """The exact truth for many boxes, as a Warp kernel; ``box_truth`` is its plain twin.
 
     Args:
@@ -128,30 +102,84 @@ class BoxOracle(RegionOracle):
     kind = "box"
 
     def __init__(self, grid: IndicatorGrid, device: str | None = None):
-        super().__init__(grid, device)
-        table = np.pad(grid.occupancy, [(1, 0)] * grid.ndim).astype(np.int32)
-        for axis in range(grid.ndim):
-            np.cumsum(table, axis=axis, out=table)
-        self._table = self._array(table, wp.int32)
-
-    def _kernel_answers(self, q: np.ndarray) -> np.ndarray:
-        return self._launch(_kernel(self.ndim), q, [self._table])
+        super().__init__(grid, device, _kernel(grid.ndim), indices=summed_area(grid.occupancy))
 
 
 class BoxQuery(Query):
+    """Box queries; see ``Query``."""
+
     name = "box"
+    sample = staticmethod(sample_boxes)
+    every = "every axis-aligned box, of any size, also of none"
+    hard_positives = (
+        "thin, small or touching boxes around its points, mostly on faces, edges and corners of boundary cells, some reaching "
+        "outside the domain"
+    )
+    sampled_point = """
+for (int k = 0; k < N; ++k) y[k] = (double)q[k] + uniform() * ((double)q[N + k] - (double)q[k]);
+"""
+    hard_draw = """
+const bool slab = u() < 0.5;
+for (int k = 0; k < N; ++k) for (int side = 0; side < 2; ++side) {
+    const double kind = u(), end = side ? upper[k] : lower[k];
+    double share = u() * (kind < 0.5 ? 1e-3 : 1.0);
+    if (kind > 0.5 && slab) share = 1.0;
+    if (kind < 0.3) share = 0.0;
+    if (kind > 0.85) share = 1.0 / power(10);
+    (side ? b : a)[k] = share == 0.0 ? p[k] : p[k] + share * (end - p[k]);
+}
+"""
+    hard_to_world = """
+// a box of the world around the point: its sides reach as far as the box of the object does
+for (int k = 0; k < N; ++k) {
+    const double center = moved(p, k) + place.data[k];
+    double below = 0.0, above = 0.0;
+    for (int j = 0; j < N; ++j) {
+        const double size = fabs(forward[k * N + j]);
+        below += size * (p[j] - a[j]), above += size * (b[j] - p[j]);
+    }
+    q[k] = center - below, q[N + k] = center + above;
+}
+"""
+    hard_certain = """
+for (int k = 0; k < N; ++k) {
+    const At low = at(0, k), high = at(N, k);
+    sure &= x[k] <= x[N + k] && low.to(cell[k] + 0.5) >= low.err && high.to(cell[k] - 0.5) <= -high.err;
+}
+"""
+    hard_certain_placed = """
+for (int k = 0; k < N; ++k) {  // the point, which lies inside its cell, lies in the box
+    double size = fabs(place.data[k]);
+    for (int j = 0; j < N; ++j) size += fabs(forward[k * N + j] * p[j]);
+    const double center = moved(p, k) + place.data[k];
+    sure &= (double)x[k] <= center - slack * size && (double)x[N + k] >= center + slack * size;
+    const double t = p[k] * map.data[k] - map.data[N + k];
+    sure &= fabs(t - cell[k]) <= 0.5 - slack * (fabs(p[k] * map.data[k]) + fabs(map.data[N + k]) + 1.0);
+}
+"""
 
     def valid(self, q: np.ndarray) -> np.ndarray:
         return super().valid(q) & (q[:, : q.shape[1] // 2] <= q[:, q.shape[1] // 2 :]).all(axis=1)
-
-    def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
-        return sample_boxes(grid, count, rng)
 
     def oracle(self, grid: IndicatorGrid, device: str | None = None, length: float = 1.0) -> BoxOracle:
         return BoxOracle(grid, device)
 
     def truth(self, grid: IndicatorGrid, q: np.ndarray, length: float = 1.0) -> np.ndarray:
         return box_truth(grid, q)
+
+    def barely(
+        self, grid: IndicatorGrid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool
+    ) -> np.ndarray:
+        corners, slab = [], rng.random((len(p), 1)) < 0.5  # half reach the domain's border along most axes
+        for end in (grid.lower, grid.upper):
+            kind = rng.random(p.shape)
+            share = rng.random(p.shape) * np.where(kind < 0.5, NARROW, 1.0)
+            share = np.where((kind > 0.5) & slab, 1.0, share)
+            share = np.where(kind < 0.3, 0.0, share)
+            if outside:
+                share = np.where(kind > 1 - BEYOND, np.exp2(rng.uniform(0, 10, p.shape)), share)
+            corners.append(p + share * (end - p))
+        return np.concatenate(corners, axis=1)
 
 
 BOX = BoxQuery()

@@ -1,12 +1,32 @@
-"""Random directions as the paper draws them: spherical angles, each uniform, so *not* uniform on the sphere.
+"""Random directions, as the paper draws them and as bounders may miss them, for the kinds of query that have one.
 
-In n dimensions there are n - 1 angles, all in [0, pi] but the last, which is in [0, 2 pi]; coordinate k is the cosine of
-angle k times the sines of the angles before it. One dimension has the two directions +1 and -1.
+The paper's have spherical angles that are each uniform, so they are *not* uniform on the sphere. In n dimensions there are n - 1
+angles, all in [0, pi] but the last, which is in [0, 2 pi]; coordinate k is the cosine of angle k times the sines of the angles
+before it. One dimension has the two directions +1 and -1.
 """
 
 import numpy as np
 
-__all__ = ["sample_directions"]
+__all__ = ["HARD_DIRECTION", "NARROW", "hard_directions", "hard_lengths", "sample_directions"]
+
+NARROW = 1e-3  # the largest size that "barely" means: of the domain, or of an entry of a direction of length 1
+SCALED = 0.2  # share of directions whose length is not 1
+
+# A direction d of length 1 and what it is stretched by, where kernels draw hard positives (``hard``).
+HARD_DIRECTION = """
+double d[N], norm = 0.0;
+for (int k = 0; k < N; ++k) {
+    d[k] = u() + u() - 1.0;
+    const double kind = u();
+    if (kind < 0.2) d[k] *= kind < 0.1 ? 0.0 : 1e-3;
+    norm += d[k] * d[k];
+}
+if (!(norm > 1e-12)) { for (int k = 0; k < N; ++k) d[k] = k == 0; norm = 1.0; }
+norm = sqrt(norm);
+for (int k = 0; k < N; ++k) d[k] /= norm;
+double stretch = 1.0;
+if (u() < 0.2) stretch = u() < 0.5 ? power(12) : 1.0 / power(12);
+"""
 
 
 def sample_directions(ndim: int, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -30,3 +50,17 @@ def sample_directions(ndim: int, count: int, rng: np.random.Generator) -> np.nda
     for k in range(ndim - 1):
         direction[:, k + 1 :] *= sines[:, k, None]
     return direction
+
+
+def hard_directions(shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
+    """``(N, n)`` float64 directions of length 1; some entries are 0 or nearly so: parallel to faces."""
+    d = rng.normal(size=shape)
+    kind = rng.random(shape)
+    d = np.where(kind < 0.1, 0.0, np.where(kind < 0.2, d * NARROW, d))
+    d[np.abs(d).max(axis=1) == 0, 0] = 1.0
+    return d / np.linalg.norm(d, axis=1, keepdims=True)
+
+
+def hard_lengths(count: int, rng: np.random.Generator) -> np.ndarray:
+    """``(count, 1)``, what unit directions are multiplied with: bounders take any length."""
+    return np.where(rng.random((count, 1)) < SCALED, np.exp2(rng.uniform(-12, 12, (count, 1))), 1.0)

@@ -17,20 +17,21 @@ import warp as wp
 from warp_bounding.geometry.hull import components
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries.base import Query
-from warp_bounding.queries.directions import sample_directions
-from warp_bounding.queries.point import sample_points
-from warp_bounding.queries.region import (
+from warp_bounding.queries.directions import HARD_DIRECTION, hard_directions, hard_lengths, sample_directions
+from warp_bounding.queries.exact import (
     RELATIVE_ERROR,
-    RegionOracle,
+    ExactOracle,
     cell_coordinates,
     integers,
-    loop_snippet,
+    oracle_kernel,
     rational_map,
 )
-from warp_bounding.runtime.native import named
+from warp_bounding.queries.point import sample_points
 
 __all__ = ["PLANE", "PlaneOracle", "plane_truth", "sample_planes"]
 
+AWAY = 8.0  # domain widths at most, from a plane's given point to the object's
+SMALLEST_STEP = 24  # halvings of a quarter of a cell, of the distance of a plane from being tangent
 LANES = 8  # hull corners that one vector instruction takes
 GROUPS = 4  # of lanes, after which the kernel looks whether it knows enough
 
@@ -86,8 +87,9 @@ for (int k = 0; k < N; ++k) {{
 }}
 if (slanted == 0) break;
 const double error = magnitude * rho;
+const int components = indices.shape[0] - 1;  // component c: groups indices[c] to indices[c + 1] - 1 of corners
 for (int c = 0; c < components && answer != 1; ++c) {{
-    const double* lower = bounds.data + (size_t)c * (2 * N); const double* upper = lower + N;
+    const double* lower = map.data + 3 * N + (size_t)c * (2 * N); const double* upper = lower + N;
     if (slanted == 1) {{  // the component is connected: its cells leave no gap along an axis
         if (p[axis].to(lower[axis]) <= 0.0 && p[axis].to(upper[axis]) >= 0.0) answer = 1;
         continue;
@@ -100,10 +102,10 @@ for (int c = 0; c < components && answer != 1; ++c) {{
     if (fabs(middle) > reach + error) continue;
     double low[{LANES}], high[{LANES}], least, greatest;
     for (int j = 0; j < {LANES}; ++j) low[j] = 1.0e300, high[j] = -1.0e300;
-    for (int g = groups.data[c]; g < groups.data[c + 1] && answer != 1; ) {{
-        const int pause = g + {GROUPS} < groups.data[c + 1] ? g + {GROUPS} : groups.data[c + 1];
+    for (int g = indices.data[c]; g < indices.data[c + 1] && answer != 1; ) {{
+        const int pause = g + {GROUPS} < indices.data[c + 1] ? g + {GROUPS} : indices.data[c + 1];
         for (; g < pause; ++g) {{
-            const double* corner = corners.data + (size_t)g * (N * {LANES});
+            const double* corner = numbers.data + (size_t)g * (N * {LANES});
             double d[{LANES}];
             for (int j = 0; j < {LANES}; ++j) d[j] = -offset;
             for (int k = 0; k < N; ++k) for (int j = 0; j < {LANES}; ++j) d[j] += m[k] * corner[k * {LANES} + j];
@@ -123,10 +125,10 @@ for (int c = 0; c < components && answer != 1; ++c) {{
     if (least > error || greatest < -error) continue;
     // again, with an error bound for each corner that vanishes where the corner is the plane's own point
     bool below = false, above = false, perhaps_below = false, perhaps_above = false;
-    for (int g = groups.data[c]; g < groups.data[c + 1]; ++g) for (int j = 0; j < {LANES}; ++j) {{
+    for (int g = indices.data[c]; g < indices.data[c + 1]; ++g) for (int j = 0; j < {LANES}; ++j) {{
         double d = 0.0, bound = 0.0;
         for (int k = 0; k < N; ++k) {{
-            const double term = m[k] * p[k].to(corners.data[((size_t)g * N + k) * {LANES} + j]);
+            const double term = m[k] * p[k].to(numbers.data[((size_t)g * N + k) * {LANES} + j]);
             d += term;
             bound += fabs(term) * rho;
         }}
@@ -140,38 +142,7 @@ for (int c = 0; c < components && answer != 1; ++c) {{
 
 @cache
 def _kernel(ndim: int) -> wp.Kernel:
-    name = named(f"wb_plane_oracle_{ndim}d")
-
-    @name.func_native(loop_snippet(ndim, _BODY))
-    def meets(
-        x: wp.array(dtype=wp.float32),
-        count: int,
-        block: int,
-        map: wp.array(dtype=wp.float64),
-        components: int,
-        bounds: wp.array(dtype=wp.float64),
-        groups: wp.array(dtype=wp.int32),
-        corners: wp.array(dtype=wp.float64),
-        out: wp.array(dtype=wp.uint8),
-    ): ...
-
-    @name.kernel
-    def plane_oracle(
-        # inputs
-        x: wp.array(dtype=wp.float32),
-        count: int,
-        first: int,
-        map: wp.array(dtype=wp.float64),
-        components: int,
-        bounds: wp.array(dtype=wp.float64),
-        groups: wp.array(dtype=wp.int32),
-        corners: wp.array(dtype=wp.float64),
-        # outputs
-        out: wp.array(dtype=wp.uint8),
-    ):
-        meets(x, count, first + wp.tid(), map, components, bounds, groups, corners, out)
-
-    return plane_oracle
+    return oracle_kernel(f"wb_plane_oracle_{ndim}d", ndim, _BODY)
 
 
 def _outermost_first(corners: np.ndarray) -> np.ndarray:
@@ -183,7 +154,7 @@ def _outermost_first(corners: np.ndarray) -> np.ndarray:
     return np.concatenate([corners[first], np.delete(corners, first, axis=0)])
 
 
-class PlaneOracle(RegionOracle):
+class PlaneOracle(ExactOracle):
     """The exact truth for many planes, as a Warp kernel; ``plane_truth`` is its plain twin.
 
     Args:
@@ -194,24 +165,16 @@ class PlaneOracle(RegionOracle):
     kind = "plane"
 
     def __init__(self, grid: IndicatorGrid, device: str | None = None):
-        super().__init__(grid, device)
         parts = components(grid.occupancy)
         lanes = []
         for part in parts:
             corners = _outermost_first(part.corners)
             corners = np.concatenate([corners, corners[[0] * (-len(corners) % LANES)]])
-            lanes.append(np.moveaxis(corners.reshape(-1, LANES, self.ndim), 1, 2) - 0.5)
+            lanes.append(np.moveaxis(corners.reshape(-1, LANES, grid.ndim), 1, 2) - 0.5)
         groups = np.cumsum([0, *(len(part) for part in lanes)])
         bounds = np.stack([np.stack([part.lower - 0.5, part.upper + 0.5]) for part in parts])
-        self._inputs = [
-            len(parts),
-            self._array(bounds, wp.float64),
-            self._array(groups.astype(np.int32), wp.int32),
-            self._array(np.concatenate(lanes), wp.float64),
-        ]
-
-    def _kernel_answers(self, q: np.ndarray) -> np.ndarray:
-        return self._launch(_kernel(self.ndim), q, self._inputs)
+        arrays = {"map": bounds, "indices": groups, "numbers": np.concatenate(lanes)}
+        super().__init__(grid, device, _kernel(grid.ndim), **arrays)
 
     def _decide(self, q: np.ndarray) -> bool:
         return bool(plane_truth(self.grid, q[None], self._near(q))[0])
@@ -226,19 +189,110 @@ class PlaneOracle(RegionOracle):
 
 
 class PlaneQuery(Query):
+    """Plane queries; see ``Query``."""
+
     name = "plane"
+    sample = staticmethod(sample_planes)
+    every = "every plane: any normal, given by any of its points"
+    hard_positives = (
+        "planes through its points, mostly on faces, edges and corners of boundary cells, given by that point or one as far "
+        "as several domains away"
+    )
+    sampled_point = """
+if (q[0] == 0.0f) break;
+// all points whose free coordinates lie outside the domain are skipped at once: their number is geometric
+const double skipped = floor(log(uniform()) / map.data[5 * N]);
+if (skipped >= COUNT - sample) break;
+sample += (int)skipped;
+double rest = 0.0;
+for (int k = 1; k < N; ++k) {
+    y[k] = map.data[3 * N + k] + uniform() * (map.data[4 * N + k] - map.data[3 * N + k]);
+    rest += (double)q[k] * (y[k] - (double)q[N + k]);
+}
+y[0] = (double)q[N] - rest / (double)q[0];
+"""
+    hard_draw = (
+        HARD_DIRECTION
+        + f"""
+if (u() < 0.6) {{  // tangent to a component, or a little inside of that
+    const int c = (int)(u() * components);
+    int best = groups.data[c];
+    double most = -1.0e300;
+    for (int v = groups.data[c]; v < groups.data[c + 1]; ++v) {{
+        double height = 0.0;
+        for (int k = 0; k < N; ++k) height += d[k] / map.data[k] * corners.data[(size_t)v * (2 * N) + k];
+        if (height > most) most = height, best = v;
+    }}
+    const double inwards = u() < 0.4 ? inset / fastest : 0.25 / fastest * power({SMALLEST_STEP});
+    for (int k = 0; k < N; ++k) {{
+        cell[k] = (int)corners.data[(size_t)best * (2 * N) + N + k];
+        p[k] = (corners.data[(size_t)best * (2 * N) + k] + map.data[N + k]) / map.data[k] - inwards * d[k];
+    }}
+}}
+double along = 0.0, far = u() < 0.5 ? 0.0 : u() < 0.5 ? 1.0 : 1.0 + 11.0 * u();
+for (int k = 0; k < N; ++k) {{ b[k] = lower[k] + u() * (upper[k] - lower[k]) - p[k]; along += b[k] * d[k]; }}
+for (int k = 0; k < N; ++k) {{
+    b[k] = p[k] + far * (b[k] - along * d[k]);
+    a[k] = d[k] * stretch;
+}}
+"""
+    )
+    hard_to_world = """
+for (int k = 0; k < N; ++k) {
+    q[N + k] = moved(b, k) + place.data[k];
+    q[k] = 0.0;  // a normal turns with the transposed inverse
+    for (int j = 0; j < N; ++j) q[k] += inverse[j * N + k] * a[j];
+}
+"""
+    hard_certain = """
+bool below = false, above = false;
+double m[N], me[N];
+At c[N];
+for (int k = 0; k < N; ++k) c[k] = at(N, k), m[k] = normal(0, k) / map.data[k], me[k] = normal_error(0, k) / map.data[k];
+for (int corner = 0; corner < (1 << N); ++corner) {
+    double height = 0.0, bound = 0.0;
+    for (int k = 0; k < N; ++k) {
+        const double reach = c[k].to(cell[k] + ((corner >> k) & 1 ? 0.5 : -0.5)), term = m[k] * reach;
+        height += term;
+        bound += fabs(term) * rho + (fabs(m[k]) + me[k]) * c[k].err + me[k] * fabs(reach);
+    }
+    below |= height <= -bound, above |= height >= bound;
+}
+sure = below && above;
+"""
 
     def valid(self, q: np.ndarray) -> np.ndarray:
         return super().valid(q) & (q[:, : q.shape[1] // 2] != 0).any(axis=1)
-
-    def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
-        return sample_planes(grid, count, rng)
 
     def oracle(self, grid: IndicatorGrid, device: str | None = None, length: float = 1.0) -> PlaneOracle:
         return PlaneOracle(grid, device)
 
     def truth(self, grid: IndicatorGrid, q: np.ndarray, length: float = 1.0) -> np.ndarray:
         return plane_truth(grid, q)
+
+    def barely(
+        self, grid: IndicatorGrid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool
+    ) -> np.ndarray:
+        d = hard_directions(p.shape, rng)
+        away = sample_points(grid, len(p), rng) - p  # another point of the same plane
+        away -= (away * d).sum(axis=1, keepdims=True) * d
+        kind, far = rng.random((len(p), 1)), rng.uniform(1.0, AWAY if outside else 1.0, (len(p), 1))
+        away *= np.where(kind < 0.5, 0.0, np.where(kind < 0.75, 1.0, far))
+        return np.concatenate([d * hard_lengths(len(p), rng), p + away], axis=1)
+
+    def hulls(self, grid: IndicatorGrid) -> list[np.ndarray]:
+        # corners in cell coordinates, and an occupied cell at each
+        n, found = grid.ndim, []
+        padded = np.pad(grid.occupancy, 1)
+        for part in components(grid.occupancy):
+            corners = part.corners
+            cells = np.zeros_like(corners)
+            for shift in np.ndindex((2,) * n):
+                neighbour = corners - shift
+                there = padded[tuple((neighbour + 1).T)]
+                cells[there] = neighbour[there]
+            found.append(np.concatenate([corners - 0.5, cells], axis=1).astype(np.float64))
+        return found
 
 
 PLANE = PlaneQuery()

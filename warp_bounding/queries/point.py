@@ -4,19 +4,14 @@ The oracle decides in float64, where the cell coordinate of a float32 point is e
 the face between two cells belongs to both.
 """
 
-from fractions import Fraction
 from functools import cache
-from math import ceil, floor
 
 import numpy as np
 import warp as wp
 
-from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries.base import Query
-from warp_bounding.queries.region import rational_map
-from warp_bounding.runtime.launch import BLOCK, launch_blocks
-from warp_bounding.runtime.native import named
+from warp_bounding.queries.exact import ExactOracle, any_occupied, oracle_kernel, rational_map
 
 __all__ = ["POINT", "PointOracle", "point_truth", "sample_points"]
 
@@ -46,74 +41,43 @@ def point_truth(grid: IndicatorGrid, x: np.ndarray) -> np.ndarray:
     Returns:
         ``(N,)`` bool.
     """
-    half, truth = Fraction(1, 2), np.isfinite(x).all(axis=1)
+    truth = POINT.valid(x)
     for index in np.flatnonzero(truth):
-        cells = [slice(max(0, ceil(t - half)), max(0, floor(t + half) + 1)) for t in rational_map(grid, x[index])]
-        truth[index] = grid.occupancy[tuple(cells)].any()
+        cell = rational_map(grid, x[index])
+        truth[index] = any_occupied(grid, cell, cell)
     return truth
 
 
-def _snippet(ndim: int) -> str:
-    """One block of points on a CPU, one point on CUDA."""
-    each = range(ndim)
-    inside = " ".join(
-        f"const double t{k} = (double)x.data[i * {ndim} + {k}] * map.data[{k}] - map.data[{ndim + k}];"
-        f"const double lo{k} = ceil(t{k} - 0.5), hi{k} = floor(t{k} + 0.5), r{k} = map.data[{2 * ndim + k}];"
-        f"if (!(hi{k} >= 0.0 && lo{k} < r{k})) continue;"
-        f"const int a{k} = lo{k} < 0.0 ? 0 : (int)lo{k}, b{k} = hi{k} >= r{k} ? (int)r{k} - 1 : (int)hi{k};"
-        for k in each
-    )
-    loops = " ".join(f"for (int c{k} = a{k}; c{k} <= b{k}; ++c{k})" for k in each)
-    index = "0"
-    for k in each:
-        index = f"({index}) * (int)r{k} + c{k}"
-    return f"""
-#if defined(__CUDA_ARCH__)
-const int begin = block; const int end = block < count ? block + 1 : count;
-#else
-const int begin = block * {BLOCK}; const int end = begin + {BLOCK} < count ? begin + {BLOCK} : count;
-#endif
-for (int i = begin; i < end; ++i) {{
-    out.data[i] = 0;
-    {inside}
-    unsigned int found = 0;
-    {loops} {{ const int c = {index}; found |= bits.data[c >> 5] >> (c & 31); }}
-    out.data[i] = (unsigned char)(found & 1u);
-}}
+_BODY = """
+int first[N], last[N], cell[N];  // cells that the point may lie in, two where it lies on a face
+bool some = true;
+for (int k = 0; k < N; ++k) {
+    const double t = (double)q[k] * map.data[k] - map.data[N + k], r = map.data[2 * N + k];
+    const double lo = ceil(t - 0.5), hi = floor(t + 0.5);
+    some = hi >= 0.0 && lo < r;
+    if (!some) break;
+    first[k] = cell[k] = lo < 0.0 ? 0 : (int)lo;
+    last[k] = hi >= r ? (int)r - 1 : (int)hi;
+}
+while (some) {
+    int c = 0, k = N - 1;
+    for (int j = 0; j < N; ++j) c = c * (int)map.data[2 * N + j] + cell[j];
+    if (indices.data[c >> 5] >> (c & 31) & 1) { answer = 1; break; }
+    for (; k >= 0; --k) {
+        if (++cell[k] <= last[k]) break;
+        cell[k] = first[k];
+    }
+    some = k >= 0;
+}
 """
 
 
 @cache
 def _kernel(ndim: int) -> wp.Kernel:
-    name = named(f"wb_point_oracle_{ndim}d")
-
-    @name.func_native(_snippet(ndim))
-    def contains(
-        x: wp.array(dtype=wp.float32),
-        count: int,
-        block: int,
-        map: wp.array(dtype=wp.float64),
-        bits: wp.array(dtype=wp.uint32),
-        out: wp.array(dtype=wp.uint8),
-    ): ...
-
-    @name.kernel
-    def point_oracle(
-        # inputs
-        x: wp.array(dtype=wp.float32),
-        count: int,
-        first: int,
-        map: wp.array(dtype=wp.float64),
-        bits: wp.array(dtype=wp.uint32),
-        # outputs
-        out: wp.array(dtype=wp.uint8),
-    ):
-        contains(x, count, first + wp.tid(), map, bits, out)
-
-    return point_oracle
+    return oracle_kernel(f"wb_point_oracle_{ndim}d", ndim, _BODY, columns=ndim)
 
 
-class PointOracle:
+class PointOracle(ExactOracle):
     """The exact truth for many points, as a Warp kernel; ``IndicatorGrid.contains`` is its plain twin.
 
     Args:
@@ -121,49 +85,45 @@ class PointOracle:
         device: Warp device; the default device if ``None``.
     """
 
+    kind = "point"
+
     def __init__(self, grid: IndicatorGrid, device: str | None = None):
-        self.ndim, self.device = grid.ndim, wp.get_device(device)
         packed = np.packbits(grid.occupancy.reshape(-1), bitorder="little")
-        bits = np.pad(packed, (0, -len(packed) % 4)).view("<u4").astype(np.uint32)
-        values = np.concatenate([grid.cells_per_unit, grid.offset, np.array(grid.shape, dtype=np.float64)])
-        self._bits = wp.array(bits, dtype=wp.uint32, device=self.device)
-        self._map = wp.array(values, dtype=wp.float64, device=self.device)
-
-    def __call__(self, x: np.ndarray) -> np.ndarray:
-        """Truth for points.
-
-        Args:
-            x: ``(N, n)`` float32, object space. NaN and points outside the domain are in no cell.
-
-        Returns:
-            ``(N,)`` bool.
-
-        Raises:
-            QueryError: For another shape.
-        """
-        x = np.ascontiguousarray(x, dtype=np.float32)
-        if x.ndim != 2 or x.shape[1] != self.ndim:
-            raise QueryError(f"points must have shape (N, {self.ndim}), got {x.shape}")
-        out = wp.empty(len(x), dtype=wp.uint8, device=self.device)
-        if len(x):
-            flat = wp.array(x.reshape(-1), dtype=wp.float32, device=self.device, copy=not self.device.is_cpu)
-            inputs = [flat, len(x), 0, self._map, self._bits]
-            launch_blocks(_kernel(self.ndim), len(x), inputs, [out], self.device, first_index=2)
-        return out.numpy().astype(bool)
+        bits = np.pad(packed, (0, -len(packed) % 4)).view("<i4").astype(np.int32)
+        super().__init__(grid, device, _kernel(grid.ndim), columns=grid.ndim, indices=bits)
 
 
 class PointQuery(Query):
+    """Point queries; see ``Query``."""
+
     name = "point"
     is_region = False
+    sample = staticmethod(sample_points)
+    every = "every point of the domain"
+    hard_positives = "points of its cells, mostly on faces, edges and corners of boundary cells"
+    hard_draw = "for (int k = 0; k < N; ++k) a[k] = p[k];"
+    hard_to_world = "for (int k = 0; k < N; ++k) q[k] = moved(a, k) + place.data[k];"
+    hard_certain = """
+for (int k = 0; k < N; ++k) {
+    const At c = at(0, k);
+    sure &= c.to(cell[k] - 0.5) <= -c.err && c.to(cell[k] + 0.5) >= c.err;
+}
+"""
 
-    def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
-        return sample_points(grid, count, rng)
+    @property
+    def positive(self) -> str:
+        return "point of the object"
 
     def oracle(self, grid: IndicatorGrid, device: str | None = None, length: float = 1.0) -> PointOracle:
         return PointOracle(grid, device)
 
     def truth(self, grid: IndicatorGrid, q: np.ndarray, length: float = 1.0) -> np.ndarray:
         return point_truth(grid, q)
+
+    def barely(
+        self, grid: IndicatorGrid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool
+    ) -> np.ndarray:
+        return p
 
 
 POINT = PointQuery()

@@ -18,20 +18,20 @@ import warp as wp
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries.base import Query
-from warp_bounding.queries.directions import sample_directions
-from warp_bounding.queries.point import sample_points
-from warp_bounding.queries.region import (
+from warp_bounding.queries.directions import HARD_DIRECTION, hard_directions, hard_lengths, sample_directions
+from warp_bounding.queries.exact import (
     RELATIVE_ERROR,
-    RegionOracle,
+    ExactOracle,
     cell_coordinates,
     integers,
-    loop_snippet,
+    oracle_kernel,
     rational_map,
 )
-from warp_bounding.runtime.native import named
+from warp_bounding.queries.point import sample_points
 
 __all__ = ["RAY", "RayOracle", "empty_distance", "ray_truth", "sample_rays"]
 
+FROM_OUTSIDE = 0.5  # share of the hard rays that start outside, of those which would
 FARTHEST = 32  # cells that one jump may cover: more would cost more passes over the grid than it saves
 
 
@@ -99,19 +99,9 @@ def empty_distance(occupancy: np.ndarray) -> np.ndarray:
     Returns:
         uint8 of the same shape: 0 in occupied cells, at most ``FARTHEST``.
     """
-    distance = np.zeros(occupancy.shape, dtype=np.uint8)
-    covered = occupancy
-    for _ in range(FARTHEST):
-        if covered.all():
-            break
-        distance += ~covered
-        for axis in range(covered.ndim):
-            wider = np.swapaxes(covered.copy(), 0, axis)
-            before = np.swapaxes(covered, 0, axis)
-            wider[1:] |= before[:-1]
-            wider[:-1] |= before[1:]
-            covered = np.swapaxes(wider, 0, axis)
-    return distance
+    from scipy import ndimage
+
+    return np.minimum(ndimage.distance_transform_cdt(~occupancy, metric="chessboard"), FARTHEST).astype(np.uint8)
 
 
 _BODY = """
@@ -177,7 +167,7 @@ for (int left = (end_slab - begin_slab) * sign, slab = begin_slab; left >= 0 && 
         index += (y < 0.0 ? 0 : y > size[k] - 1 ? size[k] - 1 : (int)y) * stride[k];
     }
     // y moves by <= j + 1/2 cells until slab j ahead is left, so cells farther than j + 1 are not touched
-    const int jump = distance.data[index] - 1;
+    const int jump = cells.data[index] - 1;
     if (jump > 0) { left -= jump; slab += sign * jump; continue; }
     const double w0 = larger(w_first, w_middle - 0.5), w1 = smaller(w_last, w_middle + 0.5);
     bool none = false;
@@ -195,7 +185,7 @@ for (int left = (end_slab - begin_slab) * sign, slab = begin_slab; left >= 0 && 
     while (!none) {
         int at = 0;
         for (int k = 0; k < N; ++k) at += cell[k] * stride[k];
-        if (distance.data[at] == 0) {
+        if (cells.data[at] == 0) {
             double a_sure = 0.0, b_sure = certain_length, a_most = 0.0, b_most = w_length + w_length * rho;
             for (int k = 0; k < N; ++k) {
                 if (v[k] == 0.0) continue;
@@ -221,37 +211,10 @@ for (int left = (end_slab - begin_slab) * sign, slab = begin_slab; left >= 0 && 
 
 @cache
 def _kernel(ndim: int) -> wp.Kernel:
-    name = named(f"wb_ray_oracle_{ndim}d")
-
-    @name.func_native(loop_snippet(ndim, _BODY))
-    def meets(
-        x: wp.array(dtype=wp.float32),
-        count: int,
-        block: int,
-        map: wp.array(dtype=wp.float64),
-        distance: wp.array(dtype=wp.uint8),
-        length: wp.float64,
-        out: wp.array(dtype=wp.uint8),
-    ): ...
-
-    @name.kernel
-    def ray_oracle(
-        # inputs
-        x: wp.array(dtype=wp.float32),
-        count: int,
-        first: int,
-        map: wp.array(dtype=wp.float64),
-        distance: wp.array(dtype=wp.uint8),
-        length: wp.float64,
-        # outputs
-        out: wp.array(dtype=wp.uint8),
-    ):
-        meets(x, count, first + wp.tid(), map, distance, length, out)
-
-    return ray_oracle
+    return oracle_kernel(f"wb_ray_oracle_{ndim}d", ndim, _BODY)
 
 
-class RayOracle(RegionOracle):
+class RayOracle(ExactOracle):
     """The exact truth for many rays, as a Warp kernel; ``ray_truth`` is its plain twin.
 
     Args:
@@ -266,14 +229,9 @@ class RayOracle(RegionOracle):
     kind = "ray"
 
     def __init__(self, grid: IndicatorGrid, device: str | None = None, length: float = 1.0):
-        super().__init__(grid, device)
         if not 0 <= length < np.inf:
             raise QueryError(f"length must be finite and non-negative, got {length}")
-        self.length = float(length)
-        self._distance = self._array(empty_distance(grid.occupancy), wp.uint8)
-
-    def _kernel_answers(self, q: np.ndarray) -> np.ndarray:
-        return self._launch(_kernel(self.ndim), q, [self._distance, wp.float64(self.length)])
+        super().__init__(grid, device, _kernel(grid.ndim), cells=empty_distance(grid.occupancy), length=length)
 
     def _decide(self, q: np.ndarray) -> bool:
         return bool(ray_truth(self.grid, q[None], self.length, self._near(q))[0])
@@ -298,20 +256,76 @@ class RayOracle(RegionOracle):
 
 
 class RayQuery(Query):
+    """Ray queries; see ``Query``."""
+
     name = "ray"
     has_length = True
+    sample = staticmethod(sample_rays)
+    oracle = staticmethod(RayOracle)
+    truth = staticmethod(ray_truth)
+    every = (
+        "every segment o + t d/|d|, 0 <= t <= {length} (object units): any origin o, inside or outside, any direction d"
+    )
+    hard_positives = (
+        "rays that pass, begin or end at such points, mostly on faces, edges and corners of boundary cells, many of them "
+        "from outside the domain"
+    )
+    sampled_point = """
+const double along = length * uniform() / size;
+for (int k = 0; k < N; ++k) y[k] = (double)q[k] + along * (double)q[N + k];
+"""
+    hard_draw = (
+        HARD_DIRECTION
+        + """
+const double kind = u();
+double t = u() * (u() < 0.5 ? length : length < across ? length : across);
+if (kind < 0.3) t = length * (1.0 - 2e-7);
+else if (kind < 0.5) t = 0.0;
+bool outside = false;
+for (int k = 0; k < N; ++k) {
+    a[k] = p[k] - t * d[k];
+    outside |= a[k] < lower[k] || a[k] > upper[k];
+    b[k] = d[k] * stretch;
+}
+if (outside && u() < 0.5) for (int k = 0; k < N; ++k) a[k] = p[k];
+"""
+    )
+    hard_to_world = "for (int k = 0; k < N; ++k) { q[k] = moved(a, k) + place.data[k]; q[N + k] = moved(b, k); }"
+    hard_certain = """
+double square = 0.0;
+for (int k = 0; k < N; ++k) { const double v = vector(N, k); square += v * v; }
+const double last = length / sqrt(square);
+double begin_ = 0.0, end_ = last - last * (inset > 0.0 ? slack * 16.0 : rho);
+sure = square > 0.0;
+for (int k = 0; k < N; ++k) {
+    const At c = at(0, k);
+    const double err = c.err + last * vector_error(N, k) * map.data[k], v = vector(N, k) * map.data[k];
+    const double near = c.to(cell[k] - 0.5) + err, far = c.to(cell[k] + 0.5) - err;
+    if (fabs(v) < 1e-280) { sure &= near <= 0.0 && far >= 0.0; continue; }
+    const double first_u = (v > 0.0 ? near : far) / v, last_u = (v > 0.0 ? far : near) / v;
+    const double a_sure = first_u + fabs(first_u) * rho, b_sure = last_u - fabs(last_u) * rho;
+    begin_ = a_sure > begin_ ? a_sure : begin_;
+    end_ = b_sure < end_ ? b_sure : end_;
+    sure &= near <= far;
+}
+sure &= begin_ <= end_;
+"""
 
     def valid(self, q: np.ndarray) -> np.ndarray:
         return super().valid(q) & (q[:, q.shape[1] // 2 :] != 0).any(axis=1)
 
-    def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
-        return sample_rays(grid, count, rng)
-
-    def oracle(self, grid: IndicatorGrid, device: str | None = None, length: float = 1.0) -> RayOracle:
-        return RayOracle(grid, device, length)
-
-    def truth(self, grid: IndicatorGrid, q: np.ndarray, length: float = 1.0) -> np.ndarray:
-        return ray_truth(grid, q, length)
+    def barely(
+        self, grid: IndicatorGrid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool
+    ) -> np.ndarray:
+        d = hard_directions(p.shape, rng)
+        t = rng.random((len(p), 1)) * length
+        kind = rng.random((len(p), 1))
+        t = np.where(kind < 0.3, length * (1 - 2e-7), np.where(kind < 0.5, 0.0, t))
+        origin = p - t * d
+        stays = ((origin >= grid.lower) & (origin <= grid.upper)).all(axis=1, keepdims=True)
+        if outside:
+            stays |= rng.random((len(p), 1)) < FROM_OUTSIDE
+        return np.concatenate([np.where(stays, origin, p), d * hard_lengths(len(p), rng)], axis=1)
 
 
 RAY = RayQuery()

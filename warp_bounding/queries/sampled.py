@@ -13,18 +13,13 @@ from functools import cache
 import numpy as np
 import warp as wp
 
-from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.queries.box import BoxOracle
-from warp_bounding.queries.plane import PlaneOracle
-from warp_bounding.queries.point import PointOracle
-from warp_bounding.queries.ray import RayOracle
-from warp_bounding.queries.region import RegionOracle, loop_snippet
-from warp_bounding.runtime.native import named
+from warp_bounding.queries.base import Query
+from warp_bounding.queries.exact import ExactOracle, oracle_kernel
+from warp_bounding.queries.registry import QUERIES, check_query
 
 __all__ = ["SampledOracle", "points_per_region"]
 
-_EXACT = {"ray": RayOracle, "plane": PlaneOracle, "box": BoxOracle}
 PLANE_SPAN = 3.0  # the paper's: free coordinates of a plane's points are uniform in [-3, 3]
 
 
@@ -33,31 +28,7 @@ def points_per_region(ndim: int) -> int:
     return 500 if ndim < 4 else 1500
 
 
-_POINTS = {
-    "ray": """
-    const double along = length * uniform() / size;
-    for (int k = 0; k < N; ++k) y[k] = (double)q[k] + along * (double)q[N + k];
-    """,
-    "box": """
-    for (int k = 0; k < N; ++k) y[k] = (double)q[k] + uniform() * ((double)q[N + k] - (double)q[k]);
-    """,
-    "plane": """
-    // all points whose free coordinates lie outside the domain are skipped at once: their number is geometric
-    const double skipped = floor(log(uniform()) / map.data[5 * N]);
-    if (skipped >= COUNT - sample) break;
-    sample += (int)skipped;
-    double rest = 0.0;
-    for (int k = 1; k < N; ++k) {
-        y[k] = map.data[3 * N + k] + uniform() * (map.data[4 * N + k] - map.data[3 * N + k]);
-        rest += (double)q[k] * (y[k] - (double)q[N + k]);
-    }
-    y[0] = (double)q[N] - rest / (double)q[0];
-    """,
-}
-
-
-def _body(query: str, ndim: int) -> str:
-    zero_normal = "if (q[0] == 0.0f) break;" if query == "plane" else ""
+def _body(kind: Query, ndim: int) -> str:
     return f"""
 struct Generator {{  // PCG-RXS-M-XS 32 (O'Neill 2014), keyed by a hash of the seed and the query
     unsigned int state;
@@ -68,8 +39,7 @@ struct Generator {{  // PCG-RXS-M-XS 32 (O'Neill 2014), keyed by a hash of the s
         return (word >> 22u) ^ word;
     }}
 }};
-if (exact.data[i] != 1) break;
-{zero_normal}
+if (out.data[i] != 1) break;  // the exact truth
 Generator generator;
 generator.state = (unsigned int)seed;
 unsigned int key = generator();
@@ -87,7 +57,7 @@ size = sqrt(size);
 constexpr int COUNT = {points_per_region(ndim)};
 for (int sample = 0; sample < COUNT; ++sample) {{
     double y[N];
-    {_POINTS[query]}
+    {kind.sampled_point}
     long long index = 0;
     bool inside = true;
     for (int k = 0; k < N; ++k) {{
@@ -95,48 +65,17 @@ for (int sample = 0; sample < COUNT; ++sample) {{
         inside &= t >= 0.0 && t < r;
         index = index * (long long)r + (t >= 0.0 && t < r ? (long long)t : 0);
     }}
-    if (inside && occupied.data[index]) {{ answer = 1; break; }}
+    if (inside && cells.data[index]) {{ answer = 1; break; }}
 }}
 """
 
 
 @cache
 def _kernel(query: str, ndim: int) -> wp.Kernel:
-    name = named(f"wb_sampled_{query}_{ndim}d")
-
-    @name.func_native(loop_snippet(ndim, _body(query, ndim)))
-    def meets(
-        x: wp.array(dtype=wp.float32),
-        count: int,
-        block: int,
-        map: wp.array(dtype=wp.float64),
-        occupied: wp.array(dtype=wp.uint8),
-        exact: wp.array(dtype=wp.uint8),
-        length: wp.float64,
-        seed: wp.uint32,
-        out: wp.array(dtype=wp.uint8),
-    ): ...
-
-    @name.kernel
-    def sampled_oracle(
-        # inputs
-        x: wp.array(dtype=wp.float32),
-        count: int,
-        first: int,
-        map: wp.array(dtype=wp.float64),
-        occupied: wp.array(dtype=wp.uint8),
-        exact: wp.array(dtype=wp.uint8),
-        length: wp.float64,
-        seed: wp.uint32,
-        # outputs
-        out: wp.array(dtype=wp.uint8),
-    ):
-        meets(x, count, first + wp.tid(), map, occupied, exact, length, seed, out)
-
-    return sampled_oracle
+    return oracle_kernel(f"wb_sampled_{query}_{ndim}d", ndim, _body(QUERIES[query], ndim))
 
 
-class SampledOracle(RegionOracle):
+class SampledOracle(ExactOracle):
     """The paper's labels. They are a subset of the exact ones: sampling misses thin hits and invents none.
 
     Args:
@@ -148,22 +87,16 @@ class SampledOracle(RegionOracle):
     """
 
     def __init__(self, query: str, grid: IndicatorGrid, device: str | None = None, seed: int = 0, length: float = 1.0):
-        super().__init__(grid, device)
-        self.kind, self.length, self.seed = query, float(length), int(seed)
-        if query == "point":
-            self._exact = PointOracle(grid, device)
+        kind = QUERIES[check_query(query)]
+        self.kind, self.seed, self._exact = query, int(seed), kind.oracle(grid, device, length)
+        self._is_region = kind.is_region
+        if not self._is_region:
             return
-        if query not in _EXACT:
-            raise QueryError(f"query must be one of point, {', '.join(_EXACT)}, got {query!r}")
-        self._exact = RayOracle(grid, device, length) if query == "ray" else _EXACT[query](grid, device)
-        free = (grid.upper - grid.lower)[1:] / (grid.sample_upper - grid.sample_lower)[
-            1:
-        ]  # of the domain, in the frame
+        free = (grid.upper - grid.lower) / (grid.sample_upper - grid.sample_lower)  # of the domain, in the frame
         with np.errstate(divide="ignore"):
-            outside = np.log1p(-np.prod(free / (2 * PLANE_SPAN)))
-        frame = np.concatenate([self._map.numpy(), grid.lower, grid.upper, [outside]])
-        self._map = self._array(frame, wp.float64)
-        self._occupied = self._array(grid.occupancy.astype(np.uint8), wp.uint8)
+            outside = np.log1p(-np.prod(free[1:] / (2 * PLANE_SPAN)))
+        arrays = {"map": np.concatenate([grid.lower, grid.upper, [outside]]), "cells": grid.occupancy.astype(np.uint8)}
+        super().__init__(grid, device, _kernel(query, grid.ndim), length=length, **arrays)
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
         """Labels of queries.
@@ -177,9 +110,7 @@ class SampledOracle(RegionOracle):
         Raises:
             QueryError: For another shape.
         """
-        return self._exact(q) if self.kind == "point" else super().__call__(q)
+        return super().__call__(q) if self._is_region else self._exact(q)
 
-    def _kernel_answers(self, q: np.ndarray) -> np.ndarray:
-        exact = self._array(self._exact(q).astype(np.uint8), wp.uint8)
-        inputs = [self._occupied, exact, wp.float64(self.length), wp.uint32(self.seed % 2**32)]
-        return self._launch(_kernel(self.kind, self.ndim), q, inputs)
+    def _answers(self, q: np.ndarray) -> np.ndarray:
+        return super()._answers(q, self.seed, self._exact(q).astype(np.uint8))

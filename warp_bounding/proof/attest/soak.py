@@ -25,11 +25,8 @@ from warp_bounding.errors import BounderError, FileFormatError, QueryError
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.attest.statistics import fresh_seed
-from warp_bounding.queries.box import box_truth
+from warp_bounding.queries import QUERIES
 from warp_bounding.queries.hard import FORMS, HardPositives, World
-from warp_bounding.queries.plane import plane_truth
-from warp_bounding.queries.point import point_truth
-from warp_bounding.queries.ray import ray_truth
 from warp_bounding.runtime.whole_file import check_writable, write_whole
 
 __all__ = ["CHUNK", "Soak", "random_world", "soak", "soak_grid"]
@@ -197,10 +194,7 @@ def _chunk(bounder: Bounder, grid: IndicatorGrid, positives: HardPositives, resu
 
 def _truth(grid: IndicatorGrid, positives: HardPositives, query: np.ndarray) -> bool:
     """The exact truth of one query, float32 or float64, against every cell and in rational numbers."""
-    truths = {"point": point_truth, "plane": plane_truth, "box": box_truth}
-    if positives.query == "ray":
-        return bool(ray_truth(grid, query[None], positives.length)[0])
-    return bool(truths[positives.query](grid, query[None])[0])
+    return bool(QUERIES[positives.query].truth(grid, query[None], positives.length)[0])
 
 
 def random_world(grid: IndicatorGrid, rng: np.random.Generator, gentle: int = 0) -> tuple[World, dict]:

@@ -23,7 +23,8 @@ from warp_bounding.certificates.document import document
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.search.best_first import Search
-from warp_bounding.queries.positives import DISTRIBUTION, draw_positives
+from warp_bounding.queries import QUERIES
+from warp_bounding.queries.positives import draw_positives
 from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["CONFIDENCE", "attempt_confidence", "attest", "fn_rate_bound", "fresh_seed", "try_positives"]
@@ -132,7 +133,7 @@ def attest(
     rate = fn_rate_bound(done, judged)
     before = f" after {restart} that missed one" if restart else ""
     message = (
-        f"Statistical, not proven: {done:,} fresh positives ({DISTRIBUTION[bounder.query_kind]}), none answered with no; "
+        f"Statistical, not proven: {done:,} fresh positives ({QUERIES[bounder.query_kind].distribution}), none answered with no; "
         f"at {CONFIDENCE:.0%} confidence fewer than {rate:.2g} of such queries are missed (attempt {restart + 1}{before}, judged "
         f"at {judged:.6%}, so that all attempts together keep to {CONFIDENCE:.0%}). The threshold was set by an adversarial search. "
     )

@@ -1,4 +1,4 @@
-"""What rays, planes and boxes share: the batch oracle around a kernel, and exact rational numbers on the host.
+"""What the exact oracles share: the kernel around their C text, its arrays and launches, and rational numbers on the host.
 
 A kernel writes 0 or 1 where float64 arithmetic is certain, and 2 where a comparison that matters is closer than its
 error bound; those few queries are decided on the host, in integers. The cell coordinate ``t = cells_per_unit x - offset``
@@ -7,7 +7,7 @@ too (Knuth's TwoSum), so that signs of ``face - t`` are exact and its relative e
 """
 
 from fractions import Fraction
-from math import lcm
+from math import ceil, floor, lcm
 
 import numpy as np
 import warp as wp
@@ -15,14 +15,16 @@ import warp as wp
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.runtime.launch import BLOCK, launch_blocks
+from warp_bounding.runtime.native import named
 
 __all__ = [
     "COORDINATE",
     "RELATIVE_ERROR",
-    "RegionOracle",
+    "ExactOracle",
+    "any_occupied",
     "cell_coordinates",
     "integers",
-    "loop_snippet",
+    "oracle_kernel",
     "rational_map",
 ]
 
@@ -46,21 +48,14 @@ struct Coordinate {  // t + rest = cells_per_unit * x - offset, exactly; lo, hi:
 """
 
 
-def loop_snippet(ndim: int, body: str) -> str:
+def loop_snippet(ndim: int, body: str, columns: int) -> str:
     """Native source: ``body`` for every query of a block on a CPU, for one query on CUDA.
 
-    The body sees ``q`` (2n finite floats), ``N``, ``rho`` (``RELATIVE_ERROR``) and ``answer`` (0 at first), and may
+    The body sees ``q`` (finite floats), their number ``M``, ``N``, ``rho`` (``RELATIVE_ERROR``) and ``answer`` (0 at first), and may
     ``break`` when it knows the answer.
-
-    Args:
-        ndim: Dimension n of the object.
-        body: Native source.
-
-    Returns:
-        A snippet for ``func_native``, over arrays ``x``, ``map``, ``out`` and integers ``count``, ``block``.
     """
     return f"""
-constexpr int N = {ndim};
+constexpr int N = {ndim}, M = {columns};
 constexpr double rho = {RELATIVE_ERROR.hex()};
 {COORDINATE}
 #if defined(__CUDA_ARCH__)
@@ -69,10 +64,10 @@ const int begin = block; const int end = block < count ? block + 1 : count;
 const int begin = block * {BLOCK}; const int end = begin + {BLOCK} < count ? begin + {BLOCK} : count;
 #endif
 for (int i = begin; i < end; ++i) {{
-    const float* q = x.data + (size_t)i * (2 * N);
+    const float* q = x.data + (size_t)i * M;
     unsigned char answer = 0;
     bool finite = true;
-    for (int k = 0; k < 2 * N; ++k) finite &= q[k] - q[k] == 0.0f;
+    for (int k = 0; k < M; ++k) finite &= q[k] - q[k] == 0.0f;
     while (finite) {{
         {body}
         break;
@@ -80,6 +75,53 @@ for (int i = begin; i < end; ++i) {{
     out.data[i] = answer;
 }}
 """
+
+
+def oracle_kernel(name: str, ndim: int, body: str, columns: int | None = None) -> wp.Kernel:
+    """The kernel of an oracle.
+
+    Args:
+        name: Of the kernel, of this body and dimension only.
+        ndim: Dimension n of the object.
+        body: See ``loop_snippet``. Besides the queries it reads ``map`` (cells per unit, offset and shape, n float64 each, and more
+            where the oracle adds it) and whichever it needs of ``numbers``, ``indices``, ``cells``, ``length`` and ``seed``; ``out`` holds
+            what the oracle has put there.
+        columns: Numbers of a query; 2n if ``None``.
+    """
+    name = named(name)
+
+    @name.func_native(loop_snippet(ndim, body, columns or 2 * ndim))
+    def answers(
+        x: wp.array(dtype=wp.float32),
+        count: int,
+        block: int,
+        map: wp.array(dtype=wp.float64),
+        numbers: wp.array(dtype=wp.float64),
+        indices: wp.array(dtype=wp.int32),
+        cells: wp.array(dtype=wp.uint8),
+        length: wp.float64,
+        seed: wp.uint32,
+        out: wp.array(dtype=wp.uint8),
+    ): ...
+
+    @name.kernel
+    def oracle(
+        # inputs
+        x: wp.array(dtype=wp.float32),
+        count: int,
+        first: int,
+        map: wp.array(dtype=wp.float64),
+        numbers: wp.array(dtype=wp.float64),
+        indices: wp.array(dtype=wp.int32),
+        cells: wp.array(dtype=wp.uint8),
+        length: wp.float64,
+        seed: wp.uint32,
+        # outputs
+        out: wp.array(dtype=wp.uint8),
+    ):
+        answers(x, count, first + wp.tid(), map, numbers, indices, cells, length, seed, out)
+
+    return oracle
 
 
 def cell_coordinates(grid: IndicatorGrid, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -127,52 +169,73 @@ def integers(values: list[Fraction]) -> tuple[list[int], int]:
     return [v.numerator * (denominator // v.denominator) for v in values], denominator
 
 
-class RegionOracle:
-    """The exact truth for regions of 2n numbers. A kind sets its kernel and arrays, and decides single queries exactly.
+def any_occupied(grid: IndicatorGrid, lower: list[Fraction], upper: list[Fraction]) -> bool:
+    """Whether a closed occupied cell meets the closed box between two points in cell coordinates."""
+    half = Fraction(1, 2)
+    cells = [slice(max(0, ceil(a - half)), max(0, floor(b + half) + 1)) for a, b in zip(lower, upper, strict=True)]
+    return bool(grid.occupancy[tuple(cells)].any())
+
+
+class ExactOracle:
+    """The exact truth for queries of a kind, which sets its kernel and arrays, and decides single queries exactly.
 
     Attributes:
         grid: The object.
         ndim: Its dimension n.
+        columns: Numbers of a query.
         device: Where the kernel runs.
         undecided: How many queries of the last call went to the host.
     """
 
     kind = ""
 
-    def __init__(self, grid: IndicatorGrid, device: str | None = None):
+    def __init__(
+        self,
+        grid: IndicatorGrid,
+        device: str | None,
+        kernel: wp.Kernel,
+        *,
+        columns: int | None = None,
+        map: np.ndarray | None = None,
+        numbers: np.ndarray | None = None,
+        indices: np.ndarray | None = None,
+        cells: np.ndarray | None = None,
+        length: float = 0.0,
+    ):
         self.grid, self.ndim, self.device, self.undecided = grid, grid.ndim, wp.get_device(device), 0
-        values = np.concatenate([grid.cells_per_unit, grid.offset, np.array(grid.shape, dtype=np.float64)])
-        self._map = self._array(values, wp.float64)
+        self.columns, self.length, self._kernel = columns or 2 * grid.ndim, float(length), kernel
+        own = [grid.cells_per_unit, grid.offset, np.array(grid.shape, dtype=np.float64)]
+        own += [] if map is None else [map.reshape(-1)]
+        held = ((np.concatenate(own), wp.float64), (numbers, wp.float64), (indices, wp.int32), (cells, wp.uint8))
+        self._inputs = [
+            wp.array(np.zeros(1) if a is None else a.reshape(-1), dtype=t, device=self.device) for a, t in held
+        ]
 
-    def _array(self, values: np.ndarray, dtype) -> wp.array:
-        return wp.array(values.reshape(-1), dtype=dtype, device=self.device)
+    def _answers(self, q: np.ndarray, seed: int = 0, given: np.ndarray | None = None) -> np.ndarray:
+        """``(N,)`` uint8: 0, 1, or 2 for undecided.
 
-    def _launch(self, kernel: wp.Kernel, q: np.ndarray, inputs: list) -> np.ndarray:
+        Args:
+            q: ``(N, m)`` float32.
+            seed: That the kernel sees.
+            given: ``(N,)`` uint8 that it finds in ``out``.
+        """
         out = wp.empty(len(q), dtype=wp.uint8, device=self.device)
+        if given is not None:
+            out = wp.array(given, dtype=wp.uint8, device=self.device)
         flat = wp.array(q.reshape(-1), dtype=wp.float32, device=self.device, copy=not self.device.is_cpu)
-        launch_blocks(kernel, len(q), [flat, len(q), 0, self._map, *inputs], [out], self.device, first_index=2)
+        inputs = [flat, len(q), 0, *self._inputs, wp.float64(self.length), wp.uint32(seed % 2**32)]
+        launch_blocks(self._kernel, len(q), inputs, [out], self.device, first_index=2)
         return out.numpy()
-
-    def _checked(self, q: np.ndarray) -> np.ndarray:
-        with np.errstate(over="ignore"):
-            q = np.ascontiguousarray(q, dtype=np.float32)
-        if q.ndim != 2 or q.shape[1] != 2 * self.ndim:
-            raise QueryError(f"a {self.kind} query must have shape (N, {2 * self.ndim}), got {q.shape}")
-        return q
-
-    def _kernel_answers(self, q: np.ndarray) -> np.ndarray:
-        """``(N,)`` uint8: 0, 1, or 2 for undecided."""
-        raise NotImplementedError
 
     def _decide(self, q: np.ndarray) -> bool:
         """The exact truth of one valid query, in rational arithmetic."""
         raise NotImplementedError
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
-        """Truth for regions.
+        """The truth for queries.
 
         Args:
-            q: ``(N, 2n)`` float32, object space. Invalid queries (NaN, infinity, zero direction or normal, min > max)
+            q: ``(N, m)`` float32, object space. Invalid queries (NaN, infinity, zero direction or normal, min > max)
                 meet nothing here; bounders answer *maybe* to them.
 
         Returns:
@@ -181,10 +244,13 @@ class RegionOracle:
         Raises:
             QueryError: For another shape.
         """
-        q = self._checked(q)
+        with np.errstate(over="ignore"):
+            q = np.ascontiguousarray(q, dtype=np.float32)
+        if q.ndim != 2 or q.shape[1] != self.columns:
+            raise QueryError(f"{self.kind} queries must have shape (N, {self.columns}), got {q.shape}")
         if len(q) == 0:
             return np.zeros(0, dtype=bool)
-        answer = self._kernel_answers(q)
+        answer = self._answers(q)
         undecided = np.flatnonzero(answer == 2)
         self.undecided = len(undecided)
         truth = answer == 1
