@@ -27,7 +27,7 @@ import warp as wp
 from rich.console import Console
 from rich.table import Table
 
-from warp_bounding.activations.base import SINE
+from warp_bounding.activations import SINE
 from warp_bounding.networks.network import Network
 from warp_bounding.runtime.launch import cpu_threads
 from warp_bounding.training.engine.trainable_network import TrainableNetwork

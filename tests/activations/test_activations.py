@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+import warp as wp
 from bounding_shapes import EARLY, HIDDEN, object_points, shape, told_of
 from region_cases import hard_regions, ray_length
 
 pytest.importorskip("torch", reason="torch is not installed")
 
 import warp_bounding as wb
-from warp_bounding.activations.base import ACTIVATIONS
+from warp_bounding.activations import ACTIVATIONS
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.neural.mlp_early import MlpEarly
@@ -47,7 +48,7 @@ def test_every_activation_in_every_network(method, query, name, activation, monk
     hidden, length = EARLY if issubclass(kind, MlpEarly) else HIDDEN, ray_length(grid)
     told = told_of(method, query, activation=activation, hidden=hidden, steps=3, length=length)
     bounder = wb.fit(grid, query, method, device="cpu", **told)
-    assert bounder.activation in (activation, ACTIVATIONS[activation].monotone)
+    assert bounder.activation in (activation, ACTIVATIONS[activation].monotone.name)
     bounder.save(tmp_path / "b.safetensors")
     loaded = wb.load(tmp_path / "b.safetensors")
     assert loaded.activation == bounder.activation
@@ -78,9 +79,28 @@ def test_what_the_registry_says_of_an_activation(name):
     assert activation.name == name
     assert (np.abs(np.diff(y)) <= np.diff(x) * (1 + 1e-9)).all()
     assert (np.abs(y) <= (np.abs(x) if activation.largest is None else activation.largest)).all()
-    twin = ACTIVATIONS[activation.monotone]
-    assert twin.monotone == twin.name
+    twin = activation.monotone
+    assert twin.monotone is twin
     assert (np.diff(twin.value(x)) >= 0).all()
     assert activation.error(1.0) < 1e-5
     bend = activation.relax(x[None], np.full((1, len(x)), 0.1), np.full((1, len(x)), 1e-3))[2]
     assert bend.any() == activation.bends
+
+
+def plain_kernel(activation):
+    @wp.kernel(module="unique", enable_backward=False)
+    def values(z: wp.array(dtype=float), h: wp.array(dtype=float)):
+        h[wp.tid()] = wp.static(activation.plain)(z[wp.tid()])
+
+    return values
+
+
+@pytest.mark.parametrize("name", ACTIVATIONS)
+def test_plain_values_are_within_the_error(name, device):
+    activation, limit = ACTIVATIONS[name], min(ACTIVATIONS[name].limit, 1e3)
+    z = np.linspace(-limit, limit, 200_001).astype(np.float32)
+    h = wp.empty(len(z), dtype=float, device=device)
+    wp.launch(plain_kernel(activation), len(z), [wp.array(z, dtype=float, device=device)], [h], device=device)
+    error = np.abs(h.numpy() - activation.value(z.astype(np.float64)))
+    assert error.max() <= activation.error(limit)
+    assert np.abs(activation.value32(z) - h.numpy()).max() <= 2 * activation.error(limit)

@@ -6,8 +6,7 @@ from bounding_shapes import random_bounder, random_mlp, shape
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from warp_bounding.activations.base import ACTIVATIONS
-from warp_bounding.arithmetic import sine, tanh32
+from warp_bounding.activations import ACTIVATIONS
 from warp_bounding.bounders import METHODS
 from warp_bounding.errors import BounderError
 from warp_bounding.networks.network import Network
@@ -157,11 +156,17 @@ def float32_network(mlp, v, rng, how):
     h = v.astype(F32)
     if mlp.features:
         h = np.concatenate(
-            [h, sine(float32_layer(h, mlp.tensors["encoding.weight"], mlp.tensors["encoding.bias"], rng, how))], axis=1
+            [
+                h,
+                ACTIVATIONS["sin"].value32(
+                    float32_layer(h, mlp.tensors["encoding.weight"], mlp.tensors["encoding.bias"], rng, how)
+                ),
+            ],
+            axis=1,
         )
     for index in range(len(mlp.hidden) + 1):
         z = float32_layer(h, mlp.tensors[f"layers.{index}.weight"], mlp.tensors[f"layers.{index}.bias"], rng, how)
-        h = {"sin": sine, "tanh": tanh32, "relu": lambda z: np.maximum(z, F32(0))}[mlp.activation](z)
+        h = ACTIVATIONS[mlp.activation].value32(z)
     return z[:, 0].astype(np.float64)
 
 

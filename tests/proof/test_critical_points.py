@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 import warp as wp
 from bounding_shapes import random_mlp, shape
+from fused_activations import fused_sine, fused_tanh
 from monotone_networks import random_monotone
-from test_arithmetic import fused_sine, fused_tanh
 from test_charts import random_network
 from test_planes import random_supports
 
-from warp_bounding.arithmetic import round_down, round_up, sine, tanh32
+from warp_bounding.activations import activation_of
+from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.kernels.functions import Data, point_type
 from warp_bounding.proof import least_value, settle
@@ -174,7 +175,9 @@ def check_values(compute, bounder, q: np.ndarray) -> None:
 
 
 def in_order(how: str, bounder, _, v: np.ndarray) -> np.ndarray:
-    sin, tanh = (fused_sine, fused_tanh) if "fused" in how else (sine, tanh32)
+    sin, tanh = (
+        (fused_sine, fused_tanh) if "fused" in how else (activation_of("sin").value32, activation_of("tanh").value32)
+    )
     functions = {"sin": sin, "tanh": tanh, "relu": lambda z: np.maximum(z, F32(0))}
     return forward(bounder, v, F32, partial(float32_affine, how=how), functions)
 

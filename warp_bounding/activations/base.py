@@ -1,118 +1,115 @@
-"""The activations of hidden layers, one entry each: all that inference, rounding and bounds ask of one, looked up by its name.
+"""The contract of an activation: all that inference, rounding, bounds and training ask of what a hidden layer applies to its sums.
 
-What training asks besides, in torch, stands in ``training.activations`` under the same names. An activation has slopes from
--1 to 1: rounding and bounds are passed on through it undiminished.
+An activation is one file with one object, and a line in the registry; one that is defined elsewhere is registered by
+``activations.register``. Its slopes lie between -1 and 1: rounding and bounds are passed on through it undiminished.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+import warp as wp
 
-from warp_bounding.activations.sine_relaxation import relax_sin, sine_text
-from warp_bounding.activations.tanh_relaxation import relax_tanh, tanh_text
-from warp_bounding.arithmetic import SINE_LIMIT, sine_error, tanh_error
-from warp_bounding.errors import BounderError
-from warp_bounding.kernels.source import Lanes
+from warp_bounding.kernels.source import Lanes, literal
 
-__all__ = ["ACTIVATIONS", "SINE", "Activation", "check_activation"]
+if TYPE_CHECKING:
+    import torch
+
+__all__ = ["Activation", "constant", "polynomial"]
 
 
-@dataclass(frozen=True)
-class Activation:
+class Activation(ABC):
     """What a hidden layer applies to each of its sums.
 
     Attributes:
-        name: As users and files say it.
-        value: Of arrays, as exactly as their type allows.
-        statement: Called with ``Lanes``, a target and an argument: the C statement of inference, float32.
-        error: Of arguments up to a size: bound of ``|computed - true|`` in float32, fused or not.
-        relax: ``(z, near, noise) -> slope, mean, bend, spread``, each ``(N, H)``: the activation at ``z + l + y``, ``|l| <= near`` and
-            ``|y| <= noise``, is ``mean + slope (l + y) + bend l^2`` to within ``spread``. Float64 rounding is the caller's. Of near and noise
-            together one is above 0.
-        text: C lambdas ``act_<name>(z)`` and ``relax_<name>(z, near, noise, slope, mean, bend, spread)``, the same in the kernel of bounds.
-        monotone: Name of what a monotone network has in its place; its own if it never falls.
+        name: As users and files say it, and a part of names in C.
+        plain: Warp's own Python of ``statement``: a ``wp.func`` of one float.
         limit: Largest argument up to which ``error`` holds.
         largest: Of the value's size; that of the argument if ``None``.
         bends: Whether ``relax`` may bend.
+        wave: Whether training begins with steep first layers (``Recipe.first_gain``), which tell neighbouring cells apart.
+        support_gains: Initial weights of a plane's supports and of regions' occupancy: +-gain / sqrt(inputs), the first
+            layer's and later ones'.
+        falling: Share of a monotone network's neurons that fall as the box grows; where the activation is odd they add nothing.
+        mean: Of a monotone network's neurons behind the first layer, in units of its gain, about.
     """
 
-    name: str
-    value: Callable[[np.ndarray], np.ndarray]
-    statement: Callable[[Lanes, str, str], str]
-    error: Callable[[float], float]
-    relax: Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, ...]]
-    text: Callable[[], str]
-    monotone: str
-    limit: float = np.inf
-    largest: float | None = None
-    bends: bool = False
+    name: ClassVar[str]
+    plain: ClassVar[wp.Function]
+    limit: ClassVar[float] = np.inf
+    largest: ClassVar[float | None] = None
+    bends: ClassVar[bool] = False
+    wave: ClassVar[bool] = False
+    support_gains: ClassVar[tuple[float, float]] = (1.7, 1.7)
+    falling: ClassVar[float] = 0.0
+    mean: ClassVar[float] = 0.0
+
+    @property
+    def monotone(self) -> "Activation":
+        """What a monotone network has in its place; itself if it never falls."""
+        return self
+
+    # --- inference, float32 ------------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def statement(self, lanes: Lanes, target: str, z: str) -> str:
+        """A C statement that sets ``target`` to the value at ``z``, both of type ``V``."""
+
+    @abstractmethod
+    def value32(self, z: np.ndarray) -> np.ndarray:
+        """NumPy twin of ``statement``: the same float32 operations, without fused multiply-adds."""
+
+    @abstractmethod
+    def error(self, limit: float) -> float:
+        """Bound of ``|computed - true value|`` for float32 arguments up to ``limit``, fused or not."""
+
+    # --- bounds, float64 ---------------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def value(self, z: np.ndarray) -> np.ndarray:
+        """The value at each of an array's numbers, as exactly as their type allows."""
+
+    @abstractmethod
+    def relax(self, z: np.ndarray, near: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, ...]:
+        """A line or a parabola with a band around it.
+
+        Args:
+            z: ``(N, H)``, centres.
+            near: ``(N, H)``, largest size of l. Of near and noise together one is above 0.
+            noise: ``(N, H)``, largest size of y.
+
+        Returns:
+            slope, mean, bend and spread, each ``(N, H)``: the value at ``z + l + y`` is ``mean + slope (l + y) + bend l^2`` to
+            within ``spread``. Float64 rounding is the caller's.
+        """
+
+    @abstractmethod
+    def relaxation(self) -> str:
+        """C lambdas of the kernel of bounds: ``act_<name>(z)`` and ``relax_<name>(z, near, noise, slope, mean, bend, spread)``.
+
+        They do the operations of ``value`` and ``relax``, in type ``V``: doubles, one a lane (``I`` are as many ``long long``), or
+        on CUDA one double; ``zero`` is 0 of that type.
+        """
+
+    # --- training ----------------------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def torch_value(self, z: "torch.Tensor", out: "torch.Tensor | None" = None) -> "torch.Tensor":
+        """The value in torch, which autograd knows."""
+
+    @abstractmethod
+    def torch_slope(self, z: "torch.Tensor", h: "torch.Tensor", out: "torch.Tensor") -> None:
+        """Write the derivative at z, where ``h`` is the value, into ``out``."""
 
 
-def _relax_relu(z: np.ndarray, near: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The chord, and half of what the corner lies under it."""
-    width = near + noise
-    low, high = z - width, z + width
-    slope = np.clip(high / (2 * width), 0.0, 1.0)
-    spread = np.where((low < 0) & (high > 0), -slope * low / 2, 0.0)
-    return slope, slope * z + spread, np.zeros_like(z), spread
+def constant(value: float) -> str:
+    """A float64 constant in C, exactly."""
+    return float(value).hex()
 
 
-def _relu_text() -> str:
-    return """
-auto relax_relu = [&](V z, V near, V noise, V& slope, V& mean, V& bend, V& spread) {
-    const V d = near + noise; const V low = z - d; const V high = z + d; V s = high / (d + d);
-    s = s < zero ? zero : s; s = s > zero + 1.0 ? zero + 1.0 : s;
-    V e = s * low * -0.5; e = low < zero ? e : zero; e = high > zero ? e : zero;
-    slope = s; mean = s * z + e; bend = zero; spread = e;
-};
-auto act_relu = [&](V z) { return z > zero ? z : zero; };
-"""
-
-
-_ALL = (
-    Activation(
-        name="sin",
-        value=np.sin,
-        statement=Lanes.sine,
-        error=sine_error,
-        relax=relax_sin,
-        text=sine_text,
-        monotone="tanh",
-        limit=SINE_LIMIT,
-        largest=1.0,
-        bends=True,
-    ),
-    Activation(
-        name="relu",
-        value=lambda z: np.maximum(z, 0.0),
-        statement=Lanes.relu,
-        error=lambda _: 0.0,
-        relax=_relax_relu,
-        text=_relu_text,
-        monotone="relu",
-    ),
-    Activation(
-        name="tanh",
-        value=np.tanh,
-        statement=Lanes.tanh,
-        error=lambda _: tanh_error(),
-        relax=relax_tanh,
-        text=tanh_text,
-        monotone="tanh",
-        largest=1.0,
-    ),
-)
-ACTIVATIONS = {activation.name: activation for activation in _ALL}
-SINE = ACTIVATIONS["sin"]  # of the positional encoding
-
-
-def check_activation(name) -> str:
-    """The name of an activation.
-
-    Raises:
-        BounderError: If there is none of this name.
-    """
-    if not isinstance(name, str) or name not in ACTIVATIONS:
-        raise BounderError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {name!r}")
-    return name
+def polynomial(coefficients: tuple[float, ...], s: str) -> str:
+    """C expression of a float32 polynomial in ``s``, lowest power first, by Horner's rule."""
+    text = literal(coefficients[-1])
+    for c in reversed(coefficients[:-1]):
+        text = f"{literal(c)} + {s} * ({text})"
+    return text

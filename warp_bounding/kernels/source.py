@@ -18,16 +18,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from warp_bounding.arithmetic import (
-    SINE_COEFFICIENTS,
-    SINE_INVERSE_PI,
-    SINE_MAGIC,
-    SINE_PI_HIGH,
-    SINE_PI_LOW,
-    TANH_DENOMINATOR,
-    TANH_END,
-    TANH_NUMERATOR,
-)
 from warp_bounding.coordinates.native_map import extra_count, locate
 from warp_bounding.runtime.launch import BLOCK
 from warp_bounding.runtime.native import identity
@@ -41,41 +31,9 @@ FINITE = 0xBFFFFFFF  # bits of a float32 that are neither an infinity nor NaN, w
 
 @dataclass(frozen=True)
 class Lanes:
-    """How to write the few things that differ between a vector of lanes and a single float."""
+    """Whether ``V`` is a vector of lanes or a single float: the few things that a body writes differently."""
 
     vector: bool
-
-    def sine(self, target: str, z: str) -> str:
-        """Write a C statement that sets ``target`` to the sine of ``z``, by the operations of ``arithmetic.sine``."""
-        s1, s2, s3 = (literal(c) for c in SINE_COEFFICIENTS)
-        body = (
-            f"V q_ = z_ * {literal(SINE_INVERSE_PI)} + {literal(SINE_MAGIC)}; V n_ = q_ - {literal(SINE_MAGIC)}; "
-            f"V r_ = (z_ - n_ * {literal(SINE_PI_HIGH)}) - n_ * {literal(SINE_PI_LOW)}; V s_ = r_ * r_; "
-            f"V p_ = r_ + (r_ * s_) * ({s1} + s_ * ({s2} + s_ * {s3})); "
-        )
-        if self.vector:
-            sign = f"{target} = (V)((I)p_ ^ ((I)q_ << 31));"  # bit 0 of q_ is the parity of n_
-        else:
-            sign = (
-                "union { float f; unsigned int i; } a_, b_; a_.f = p_; b_.f = q_; "
-                f"a_.i ^= b_.i << 31; {target} = a_.f;"
-            )
-        return f"{{ V z_ = {z}; {body}{sign} }}"
-
-    def relu(self, target: str, z: str) -> str:
-        """Write a C statement that sets ``target`` to ``z``, or to 0 where that is negative."""
-        if self.vector:
-            return f"{{ V z_ = {z}; const V o_ = {{}}; {target} = z_ > o_ ? z_ : o_; }}"
-        return f"{{ V z_ = {z}; {target} = z_ > 0.0f ? z_ : z_ * 0.0f; }}"
-
-    def tanh(self, target: str, z: str) -> str:
-        """Write a C statement that sets ``target`` to the tanh of ``z``, by the operations of ``arithmetic.tanh32``."""
-        numerator, denominator = (_horner(c, "s_") for c in (TANH_NUMERATOR, TANH_DENOMINATOR))
-        return (
-            f"{{ V z_ = {z}; const V zero_ = {{}}; const V end_ = zero_ + {literal(TANH_END)}; "
-            "z_ = z_ > end_ ? end_ : z_; z_ = z_ < -end_ ? -end_ : z_; const V s_ = z_ * z_; "
-            f"{target} = over(z_ * ({numerator}), {denominator}); }}"
-        )
 
 
 @dataclass(frozen=True)
@@ -159,14 +117,6 @@ class Source:
 def literal(value: float) -> str:
     """A float32 constant, exactly."""
     return f"{float(value).hex()}f"
-
-
-def _horner(coefficients: tuple[float, ...], s: str) -> str:
-    """A polynomial in ``s``, lowest power first."""
-    text = literal(coefficients[-1])
-    for c in reversed(coefficients[:-1]):
-        text = f"{literal(c)} + {s} * ({text})"
-    return text
 
 
 _VECTOR_TYPES = """

@@ -5,13 +5,13 @@ noise. A thread takes a block of boxes through all layers and back without leavi
 parabola or a line (``activations``) in the linear part of its argument, plus noise; backwards, the actual coefficients of the
 output weigh lines and parabolas, which so may cancel, and only the rest counts in absolute value. The arithmetic
 is ``(columns + 3) H^2`` multiply-adds a box for two layers of H neurons. Sums may be taken in any order and fused: the rounding
-that the network sets aside (``padding``, and ``BULK``) covers all of them, ``SINE_SLACK`` and ``TANH_SLACK`` the kernel's own
+that the network sets aside (``padding``, and ``BULK``) covers all of them, the activations' own slack their
 functions. ``Network.bound_plain`` is the plain twin.
 """
 
 from dataclasses import dataclass
 
-from warp_bounding.activations.base import ACTIVATIONS
+from warp_bounding.activations import ACTIVATIONS
 from warp_bounding.networks.charts.base import Chart
 
 __all__ = ["BLOCK", "NetworkSizes", "axis_text", "body", "lanes_text", "load_text", "snippet"]
@@ -47,13 +47,7 @@ def lanes_text(sizes: NetworkSizes, inputs: str) -> tuple[str, str]:
         sizes: Of the network.
         inputs: C statements that name the kernel's arrays.
     """
-    tools = "".join(ACTIVATIONS[name].text() for name in sorted({layer[2] for layer in sizes.layers}))
-    cpu_tools = tools.replace("FLIP(s, s_)", "const I sign = (I)q << 63; s = (V)((I)s_ ^ sign);").replace(
-        "FLIP(c, c_)", "c = (V)((I)c_ ^ sign);"
-    )
-    cuda_tools = tools.replace("FLIP(s, s_)", "const bool odd = ((long long)n) & 1; s = odd ? -s_ : s_;").replace(
-        "FLIP(c, c_)", "c = odd ? -c_ : c_;"
-    )
+    tools = "".join(ACTIVATIONS[name].relaxation() for name in sorted({layer[2] for layer in sizes.layers}))
     cpu = f"""
 #pragma clang fp contract(fast)
 #define LANE(x) x[l]
@@ -62,7 +56,7 @@ typedef double V __attribute__((vector_size(8 * L))); typedef long long I __attr
 const V zero = {{}};
 auto root = [](V x) {{ return __builtin_elementwise_sqrt(x); }};
 {inputs}
-{cpu_tools}"""
+{tools}"""
     cuda = f"""
 #define LANE(x) x
 constexpr int L = 1;
@@ -70,7 +64,7 @@ typedef double V;
 const V zero = 0.0;
 auto root = [](V x) {{ return sqrt(x); }};
 {inputs}
-{cuda_tools}"""
+{tools}"""
     return cpu, cuda
 
 

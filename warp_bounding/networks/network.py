@@ -5,7 +5,7 @@ fixed features ``[v, sin(F v + g)]`` before the first layer; it is a sine layer 
 
 Bounds use one relaxation per neuron with the *same* slope on both sides, ``act(z + x) in mean + slope x + [-e, e]`` (a
 zonotope's; Singh et al., *Fast and Effective Robustness Certification*, 2018), and for the sine a parabola in the linear
-part l of x besides, ``bend l^2`` (``sine_relaxation``). With equal slopes layers compose exactly: only the half-widths e remain. For
+part l of x besides, ``bend l^2`` (``activations.sine``). With equal slopes layers compose exactly: only the half-widths e remain. For
 the output they, lines and parabolas are carried back through the actual coefficients (backward substitution, as in CROWN, Zhang et
 al. 2018): parabolas of many neurons cancel to a large part, so that what is left in small boxes is of third order in their size. For
 pre-activations behind the second hidden layer all that is not linear is taken in absolute value. Any slope and any parabola is
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from warp_bounding.activations.base import ACTIVATIONS, SINE, Activation
+from warp_bounding.activations import SINE, Activation, activation_of
 from warp_bounding.arithmetic import LARGEST, TINY, UNIT64, gamma
 from warp_bounding.errors import BounderError
 from warp_bounding.networks.bound_kernel import NetworkBounds, bound_boxes
@@ -62,7 +62,7 @@ class Network:
             bias = np.concatenate([np.zeros(n), np.asarray(encoding[1], dtype=np.float64)])
             stack.append(Layer(weight, bias, SINE, linear=n))
         for weight, bias in layers[:-1]:
-            stack.append(Layer(weight.astype(np.float64), bias.astype(np.float64), ACTIVATIONS[activation]))
+            stack.append(Layer(weight.astype(np.float64), bias.astype(np.float64), activation_of(activation)))
         self.hidden = stack
         self.output = Layer(layers[-1][0].astype(np.float64), layers[-1][1].astype(np.float64), None)
         self.padding, self.rounding, self.largest = self._measure(self.limit)

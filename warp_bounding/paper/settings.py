@@ -5,6 +5,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
+from warp_bounding.activations import DEFAULT
 from warp_bounding.errors import BounderError, FileFormatError
 from warp_bounding.paper.budgets import budget_of, parse_budget
 from warp_bounding.paper.columns import COLUMNS, Column, Variant
@@ -41,7 +42,7 @@ class Settings:
     samples: int = 1_000_000
     seed: int = 0
     length: float = 1.0
-    activation: str = "sin"
+    activation: str = DEFAULT.name
     device: str = "cpu"
     hidden: Any = None
     library: str = __version__

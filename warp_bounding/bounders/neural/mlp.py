@@ -14,7 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from warp_bounding.activations.base import ACTIVATIONS, check_activation
+from warp_bounding.activations import ACTIVATIONS, DEFAULT, SINE, activation_of
 from warp_bounding.arithmetic import TINY, gamma
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.options import STEPS, Option, one_of
@@ -85,7 +85,7 @@ class MlpSource(Source):
 
     def activate(self, lanes: Lanes, target: str, z: str) -> str:
         """C statement ``target = act(z)``."""
-        return ACTIVATIONS[self.activation].statement(lanes, target, z)
+        return activation_of(self.activation).statement(lanes, target, z)
 
     def encode(self, lanes: Lanes) -> list[str]:
         """C statements from ``v`` to the inputs ``h0``."""
@@ -95,7 +95,7 @@ class MlpSource(Source):
             terms = " + ".join(f"v[{k}] * w[{count} + j * {n} + {k}]" for k in range(n))
             lines += [
                 f"for (int j = 0; j < {count}; ++j) {{ V z = {terms} + w[j]; V s;",
-                lanes.sine("s", "z"),
+                SINE.statement(lanes, "s", "z"),
                 f"h0[{n} + j] = s; }}",
             ]
         return lines
@@ -184,7 +184,7 @@ class MlpSource(Source):
         if count:
             terms = " + ".join(f"v[{k}] * w[{count} + j * {n} + {k}]" for k in range(n))
             lines += [f"for (int j = 0; j < {count}; ++j) {{ typedef float V; V z = {terms} + w[j]; V s;"]
-            lines += [Lanes(vector=False).sine("s", "z"), f"h0[{n} + j] = s; }}"]
+            lines += [SINE.statement(Lanes(vector=False), "s", "z"), f"h0[{n} + j] = s; }}"]
         return lines
 
     def function_layer(self, index: int) -> list[str]:
@@ -307,7 +307,7 @@ def _widths(text: str) -> tuple[int, ...]:
 
 HIDDEN = Option("hidden", (50, 50), "widths of the hidden layers", check_hidden, _widths)
 ACTIVATION = Option(
-    "activation", "sin", f"of the hidden layers: {', '.join(ACTIVATIONS)}", one_of("activation", ACTIVATIONS)
+    "activation", DEFAULT.name, f"of the hidden layers: {', '.join(ACTIVATIONS)}", one_of("activation", ACTIVATIONS)
 )
 OCTAVES = Option(
     "octaves", 0, "of positional encoding, 0 for none", check_octaves, int, queries=("point", "ray", "box")
@@ -342,7 +342,7 @@ class Mlp(Bounder):
         """See ``Bounder``; raises ``BounderError`` where tensors and sizes do not fit together."""
         super().__init__(domain, tensors, sizes, device)
         self.hidden = check_hidden(self.sizes.get("hidden", ()))
-        self.activation = check_activation(self.sizes.get("activation"))
+        self.activation = activation_of(self.sizes.get("activation")).name
         octaves = check_octaves(self.sizes.get("octaves", 0))
         if (moments := self.sizes.get("moments", False)) is not False:
             raise BounderError(f"networks that are given a ray's moments are no longer read, got moments={moments!r}")

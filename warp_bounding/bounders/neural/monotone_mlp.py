@@ -18,22 +18,27 @@ from functools import cached_property
 
 import numpy as np
 
-from warp_bounding.activations.base import ACTIVATIONS
+from warp_bounding.activations import ACTIVATIONS, DEFAULT, activation_of
 from warp_bounding.arithmetic import UNIT64, gamma
-from warp_bounding.bounders.neural.mlp import ACTIVATION, HIDDEN, Mlp
+from warp_bounding.bounders.neural.mlp import HIDDEN, Mlp
 from warp_bounding.bounders.options import STEPS, Option
 from warp_bounding.coordinates.domain import GROWTH
 from warp_bounding.errors import BounderError
 from warp_bounding.networks.network import Network
 
-__all__ = ["MONOTONE", "MonotoneMlp"]
-
-MONOTONE = tuple(name for name, activation in ACTIVATIONS.items() if activation.monotone == name)  # never fall
+__all__ = ["MonotoneMlp"]
 
 
 def _monotone(activation) -> str:
-    """What a monotone network has in its place: networks of other kinds beside it may have sines, which fall."""
-    return ACTIVATIONS[ACTIVATION.check(activation)].monotone
+    """What a monotone network has in its place: networks of other kinds beside it may have some that fall."""
+    return activation_of(activation).monotone.name
+
+
+def _help() -> str:
+    """Which activations there are, and what stands in for those that fall."""
+    never, falling = ([a for a in ACTIVATIONS.values() if (a.monotone is a) == own] for own in (True, False))
+    others = "".join(f"; {a.monotone.name} stands in for {a.name}" for a in falling)
+    return f"{' or '.join(a.name for a in reversed(never))}{others}"
 
 
 class MonotoneMlp(Mlp):
@@ -48,7 +53,7 @@ class MonotoneMlp(Mlp):
     method = "monotone-mlp"
     options = (
         HIDDEN,
-        Option("activation", _monotone(ACTIVATION.default), "tanh or relu; tanh stands in for sin", _monotone),
+        Option("activation", DEFAULT.monotone.name, _help(), _monotone),
         STEPS,
     )
 
@@ -60,9 +65,9 @@ class MonotoneMlp(Mlp):
     def __init__(self, domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
         """See ``Mlp``; raises ``BounderError`` where f would not be monotone, too."""
         super().__init__(domain, tensors, sizes, device)
-        if self.features or self.activation not in MONOTONE:
+        if self.features or _monotone(self.activation) != self.activation:
             raise BounderError(
-                f"{self.method} takes no octaves, and activations {' or '.join(MONOTONE)}, got "
+                f"{self.method} takes no octaves, and activations that never fall ({_help()}), got "
                 f"octaves={self.sizes.get('octaves', 0)} and {self.activation}"
             )
         self.signs = self._signs()

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from warp_bounding.activations.base import ACTIVATIONS
+from warp_bounding.activations import activation_of
 from warp_bounding.paper.columns import COLUMNS, Column, Supports, Variant
 from warp_bounding.paper.folder import Folder
 from warp_bounding.paper.pages.means import Mean, Means
@@ -92,7 +92,7 @@ def _made_with(folder: Folder, rows: Sequence[Row]) -> list[str]:
     s = folder.settings
     objects = {n: len({r.object for r in rows if r.dimension == n}) for n in sorted({r.dimension for r in rows})}
     threads = sorted({str(r.threads) for r in rows}) or ["?"]
-    monotone = ACTIVATIONS[s.activation].monotone
+    monotone = activation_of(s.activation).monotone.name
     replaced = monotone != s.activation and any(r.method == "monotone-mlp" for r in rows)
     commands, versions = folder.commands or ["(no command yet)"], sorted({r.versions for r in rows})
     counts = ", ".join(f"{count} in {n}D" for n, count in objects.items()) or "none"

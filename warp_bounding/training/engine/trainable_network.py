@@ -10,8 +10,8 @@ import math
 import numpy as np
 import torch
 
+from warp_bounding.activations import activation_of
 from warp_bounding.bounders.neural.mlp import encoding_tensors
-from warp_bounding.training.engine.activations import TRAINABLE
 
 __all__ = ["Evaluator", "TrainableNetwork"]
 
@@ -28,7 +28,7 @@ class TrainableNetwork:
 
     def __init__(self, ndim: int, hidden: tuple[int, ...], activation: str, octaves: int = 0):
         self.ndim, self.hidden, self.activation, self.octaves = ndim, hidden, activation, octaves
-        self.act = TRAINABLE[activation]
+        self.act = activation_of(activation)
         fixed = encoding_tensors(ndim, octaves)
         self.encoding = {name: torch.from_numpy(value) for name, value in fixed.items()} if octaves else {}
         inputs = ndim + 2 * ndim * octaves
@@ -106,9 +106,9 @@ class Evaluator:
         act = self.network.act
         for index, layer in enumerate(self.network.layers[:-1]):
             torch.mm(layer, x, out=values[index])
-            act.value(values[index], out=outputs[index][:-1])
+            act.torch_value(values[index], out=outputs[index][:-1])
             if keep:
-                act.slope(values[index], outputs[index][:-1], slopes[index])
+                act.torch_slope(values[index], outputs[index][:-1], slopes[index])
             x = outputs[index]
         return torch.mm(self.network.layers[-1], x, out=last[0])[0]
 

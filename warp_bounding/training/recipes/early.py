@@ -214,7 +214,7 @@ class _Exit(Trainer):
                 h = x[:, part]
                 for layer in self.network.layers[:-1]:
                     z = layer @ h
-                    h = torch.cat([self.network.act.value(z), torch.ones(1, z.shape[1])])
+                    h = torch.cat([self.network.act.torch_value(z), torch.ones(1, z.shape[1])])
                 rows[part] = h.T
 
         team.run(job)
@@ -279,5 +279,5 @@ class _SupportExit(SupportTrainer):
     def _forward(self, m: torch.Tensor) -> torch.Tensor:
         with torch.no_grad():
             for layer in self._fixed:
-                m = self.activation.value(torch.addmm(layer[:, -1], m, layer[:, :-1].T))
+                m = self.activation.torch_value(torch.addmm(layer[:, -1], m, layer[:, :-1].T))
         return super()._forward(m)

@@ -62,7 +62,7 @@ class MonotoneTrainer(Trainer):
     Args:
         samples: The positives are points.
         hidden: Hidden widths.
-        activation: A name in ``MONOTONE``.
+        activation: One that never falls.
         recipe: Constants.
     """
 

@@ -12,12 +12,12 @@ import numpy as np
 import torch
 from torch.nn.functional import binary_cross_entropy_with_logits
 
+from warp_bounding.activations import activation_of
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import oracle, sample
 from warp_bounding.runtime.launch import cpu_threads
-from warp_bounding.training.engine.activations import TRAINABLE
 from warp_bounding.training.engine.clock import Clock
 from warp_bounding.training.engine.soap import Soap
 from warp_bounding.training.engine.team import Team, single_threaded_torch
@@ -80,7 +80,7 @@ class _Learner:
     """The network, and the samples it learns from. Layers are ``(out, in + 1)`` matrices, samples are rows."""
 
     def __init__(self, grid, domain, hidden, activation, octaves, seed):
-        self.grid, self.domain, self.activation = grid, domain, TRAINABLE[activation]
+        self.grid, self.domain, self.activation = grid, domain, activation_of(activation)
         self.plane = domain.query == "plane"
         generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
         self.generator = generator
@@ -115,7 +115,7 @@ class _Learner:
     def forward(self, h: torch.Tensor, offset: torch.Tensor) -> torch.Tensor:
         """``f`` ``(N,)``: log odds, or for planes what they are proportional to."""
         for layer in self.layers[:-1]:
-            h = self.activation.value(torch.addmm(layer[:, -1], h, layer[:, :-1].T))
+            h = self.activation.torch_value(torch.addmm(layer[:, -1], h, layer[:, :-1].T))
         out = torch.addmm(self.layers[-1][:, -1], h, self.layers[-1][:, :-1].T)
         return torch.minimum(out[:, 0] - offset, out[:, 1] + offset) if self.plane else out[:, 0]
 

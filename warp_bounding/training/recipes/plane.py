@@ -13,11 +13,11 @@ from itertools import pairwise
 import numpy as np
 import torch
 
+from warp_bounding.activations import activation_of
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.geometry.hull import hull_corners
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import sample
-from warp_bounding.training.engine.activations import TRAINABLE
 from warp_bounding.training.engine.clock import Clock
 from warp_bounding.training.engine.soap import Soap
 
@@ -49,7 +49,7 @@ class SupportTrainer:
     def __init__(
         self, grid: IndicatorGrid, domain: RegionDomain, hidden: tuple[int, ...], activation: str, seed: int = 0
     ):
-        self.grid, self.domain, self.activation, self.ndim = grid, domain, TRAINABLE[activation], grid.ndim
+        self.grid, self.domain, self.activation, self.ndim = grid, domain, activation_of(activation), grid.ndim
         self.generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
         corners = domain.base.to_local(grid.position(hull_corners(grid.occupied) - 0.5))
         self._corners = torch.from_numpy(corners.astype(np.float32))
@@ -76,7 +76,7 @@ class SupportTrainer:
     def _forward(self, m: torch.Tensor) -> torch.Tensor:
         """H and G ``(N, 2)``."""
         for layer in self._layers[:-1]:
-            m = self.activation.value(torch.addmm(layer[:, -1], m, layer[:, :-1].T))
+            m = self.activation.torch_value(torch.addmm(layer[:, -1], m, layer[:, :-1].T))
         return torch.addmm(self._layers[-1][:, -1], m, self._layers[-1][:, :-1].T)
 
     def _supports(self, m: torch.Tensor) -> torch.Tensor:

@@ -1,0 +1,134 @@
+"""An activation of one's own, defined here, in every role that a network gives it: no file of the package is touched for it."""
+
+import numpy as np
+import pytest
+import warp as wp
+from bounding_shapes import object_points, shape
+from region_cases import hard_regions
+
+pytest.importorskip("torch", reason="torch is not installed")
+
+import warp_bounding as wb
+from warp_bounding import activations
+from warp_bounding.activations import ACTIVATIONS, Activation, register
+from warp_bounding.arithmetic import TINY
+from warp_bounding.errors import BounderError, FileFormatError
+from warp_bounding.queries import oracle
+
+
+@wp.func
+def leaky_plain(z: float):
+    return wp.max(z, 0.125 * z)
+
+
+class Leaky(Activation):
+    """``max(z, z / 8)``: slopes 1 and 1/8, exact in float32 but for what is subnormal; it never falls."""
+
+    name = "leaky"
+    plain = leaky_plain
+
+    def statement(self, lanes, target, z):
+        return f"{{ const V z_ = {z}; const V less_ = z_ * 0.125f; {target} = z_ > less_ ? z_ : less_; }}"
+
+    def value32(self, z):
+        return np.maximum(z, z * np.float32(0.125))
+
+    def error(self, limit):
+        return TINY
+
+    def value(self, z):
+        return np.maximum(z, z / 8)
+
+    def relax(self, z, near, noise):
+        """The chord, and half of what the corner lies under it."""
+        width = near + noise
+        low, high = z - width, z + width
+        rising = np.clip(high / (2 * width), 0.0, 1.0)
+        spread = np.where((low < 0) & (high > 0), -0.875 * rising * low / 2, 0.0)
+        slope = 0.125 + 0.875 * rising
+        return slope, slope * z + spread, np.zeros_like(z), spread
+
+    def relaxation(self):
+        return """
+auto act_leaky = [&](V z) { return z > z * 0.125 ? z : z * 0.125; };
+auto relax_leaky = [&](V z, V near, V noise, V& slope, V& mean, V& bend, V& spread) {
+    const V d = near + noise; const V low = z - d; const V high = z + d; V s = high / (d + d);
+    s = s < zero ? zero : s; s = s > zero + 1.0 ? zero + 1.0 : s;
+    V e = s * low * -0.4375; e = low < zero ? e : zero; e = high > zero ? e : zero;
+    slope = s * 0.875 + 0.125; mean = slope * z + e; bend = zero; spread = e;
+};
+"""
+
+    def torch_value(self, z, out=None):
+        import torch
+
+        return torch.maximum(z, z * 0.125, out=out)
+
+    def torch_slope(self, z, h, out):
+        import torch
+
+        torch.gt(z, 0, out=out)
+        out.mul_(0.875).add_(0.125)
+
+
+@pytest.fixture(autouse=True)
+def leaky():
+    """Registered for the time of a test."""
+    activation = Leaky()
+    register(activation)
+    yield activation
+    del ACTIVATIONS[activation.name]
+
+
+def network(query: str, method: str = "mlp"):
+    return wb.fit(shape("c"), query, method, hidden=(7, 6), activation="leaky", steps=60, device="cpu")
+
+
+@pytest.mark.parametrize(
+    ("query", "method"), [("point", "mlp"), ("plane", "mlp"), ("point", "mlp-early"), ("box", "monotone-mlp")]
+)
+def test_an_activation_of_ones_own(query, method, tmp_path, rng):
+    """Fitted, proven, stored, loaded, certified, asked."""
+    grid, bounder = shape("c"), network(query, method)
+    assert bounder.activation == "leaky"
+    assert bounder.certificate.proven
+    bounder.save(tmp_path / "b.safetensors")
+    loaded = wb.load(tmp_path / "b.safetensors", device="cpu")
+    assert wb.certify(loaded, grid).proven
+    q = object_points(grid, rng) if query == "point" else hard_regions(query, grid, rng, 1.0)
+    rates = wb.evaluate(loaded, grid, samples=20_000)
+    assert rates.fn == 0
+    assert rates.fp_rate + rates.positives < 99.5  # it denies something
+    truth = oracle(query, grid, "cpu")(q.astype(np.float32))
+    assert loaded.query(q.astype(np.float32)).numpy().astype(bool)[truth].all()
+
+
+def test_its_relaxation_holds_and_its_kernel_does_the_same(leaky, rng):
+    z = rng.normal(size=(500, 9)) * 3
+    near, noise = (10 ** rng.uniform(-6, 1, z.shape) for _ in range(2))
+    slope, mean, _, spread = leaky.relax(z, near, noise)
+    for _ in range(200):
+        x = rng.uniform(-1, 1, z.shape) * near + rng.uniform(-1, 1, z.shape) * noise
+        assert (np.abs(leaky.value(z + x) - mean - slope * x) <= spread + 1e-12 * (1 + np.abs(z) + near + noise)).all()
+    part = network("point").network
+    center, radius = rng.uniform(-0.9, 0.9, (200, 2)), 10 ** rng.uniform(-4, -1, (200, 1))
+    fused, plain = part.bound(center - radius, center + radius), part.bound_plain(center - radius, center + radius)
+    assert np.allclose(fused.lower, plain[0], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["leaky", "sin", "one-eighth", "", "été"])
+def test_names_that_are_refused(name):
+    other = Leaky()
+    other.name = name
+    with pytest.raises(BounderError, match="name"):
+        register(other)
+
+
+def test_files_of_activations_that_nobody_knows(tmp_path):
+    network("point").save(tmp_path / "b.safetensors")
+    held = ACTIVATIONS.pop("leaky")
+    try:
+        with pytest.raises(FileFormatError, match=r"activation must be one of sin, relu, tanh, got 'leaky'"):
+            wb.load(tmp_path / "b.safetensors", device="cpu")
+    finally:
+        activations.register(held)
