@@ -98,7 +98,7 @@ def test_an_activation_of_ones_own(query, method, tmp_path, rng):
     q = object_points(grid, rng) if query == "point" else hard_regions(query, grid, rng, 1.0)
     rates = wb.evaluate(loaded, grid, samples=20_000)
     assert rates.fn == 0
-    assert rates.fp_rate + rates.positives < 99.5  # it denies something
+    assert rates.fp_rate + rates.positives < 99.95  # it denies something
     truth = oracle(query, grid, "cpu")(q.astype(np.float32))
     assert loaded.query(q.astype(np.float32)).numpy().astype(bool)[truth].all()
 
