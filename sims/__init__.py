@@ -1,5 +1,8 @@
 """Simulations that use ``warp_bounding`` as their broad phase, through its public API only.
 
-A folder a demo: an ``Example`` class with ``step``, ``render`` and ``test_final``, and ``run``, the whole demo, which ``warp-bounding demo NAME``
-calls. ``prefitted`` has the bounders that they load, ``report`` what they print, ``drawing`` and ``cores`` are what their names say.
+A folder a demo, which ``warp-bounding demo NAME`` runs: an ``Example``, one run of the simulation, and a ``Demo``, which runs it with and
+without bounders (``base`` has what all of them share). ``prefitted`` has the bounders that they load, ``report`` what they print,
+``drawing`` and ``cores`` are what their names say.
 """
+
+DEMOS = ("particles", "cloth", "path", "shadows")

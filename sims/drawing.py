@@ -9,13 +9,26 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["CAPTIONS", "INK", "STONE", "Drawn", "draw_with", "light", "polygons", "upright"]
+__all__ = [
+    "CAPTIONS",
+    "INK",
+    "STONE",
+    "Drawn",
+    "aim",
+    "draw_with",
+    "panels",
+    "polygons",
+    "upright",
+    "with_palette",
+    "write",
+]
 
 SECONDS = 120  # for drawing
 COLOURS = 256  # of a picture's palette
@@ -49,6 +62,8 @@ def draw_with(module: str, folder: Path, data: dict[str, np.ndarray]) -> Drawn:
     Returns:
         The pictures, or why there are none.
     """
+    from PIL import Image
+
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     root = str(Path(__file__).resolve().parent.parent)
@@ -68,20 +83,18 @@ def draw_with(module: str, folder: Path, data: dict[str, np.ndarray]) -> Drawn:
                 continue
             made = sorted(Path(work).glob("*.png"))
             if done.returncode == 0 and made:
-                _with_palette(made)
+                for path in made:
+                    with_palette(Image.open(path)).save(path, optimize=True)
                 return Drawn([path.replace(folder / path.name) for path in made])
             problem = problem or _reason(done)
     return Drawn([], f"No pictures: {problem}. Everything else is complete.")
 
 
-def _with_palette(paths: list[Path]) -> None:
-    """Give pictures a palette, which makes their files a third as large."""
+def with_palette(image, colours: int = COLOURS):
+    """A Pillow image with a palette, which makes its file a third as large, and no difference that one could see."""
     from PIL import Image
 
-    for path in paths:
-        Image.open(path).convert("RGB").quantize(
-            COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=2, dither=Image.Dither.NONE
-        ).save(path, optimize=True)
+    return image.convert("RGB").quantize(colours, Image.Quantize.MAXCOVERAGE, kmeans=2, dither=Image.Dither.NONE)
 
 
 def _windows() -> list[dict[str, str]]:
@@ -119,15 +132,43 @@ def polygons(vertices: np.ndarray, faces: np.ndarray):
     return surface.compute_normals(split_vertices=False, feature_angle=180.0)
 
 
-def light(plotter, towards: tuple[float, float, float] = (0.0, 0.0, 0.8)) -> None:
-    """Three lights: key, fill, rim."""
+def panels(path: Path, count: int, width: int, height: int) -> Iterator[tuple]:
+    """Numbers of a picture's panels, side by side, each with a pyvista plotter that draws there; the picture is written after the last.
+
+    Args:
+        path: Of the PNG file.
+        count: Of the panels.
+        width: Of the whole picture, pixels.
+        height: Of it, pixels.
+    """
+    import pyvista
+
+    plotter = pyvista.Plotter(off_screen=True, shape=(1, count), window_size=(width, height), border=False)
+    for number in range(count):
+        plotter.subplot(0, number)
+        yield number, plotter
+    plotter.screenshot(str(path))
+    plotter.close()
+
+
+def write(plotter, text: str, place: tuple[float, float], size: int, color: str = INK) -> None:
+    """Text in a panel, at shares of its width and height."""
+    if text:
+        plotter.add_text(text, position=place, viewport=True, font_size=size, color=color)
+
+
+def aim(plotter, position, focal_point, angle: float, lit: tuple[float, float, float] = (0.0, 0.0, 0.8)) -> None:
+    """Three lights (key, fill, rim) towards ``lit``, and an upright camera; ``angle`` of the view in degrees."""
     import pyvista
 
     plotter.remove_all_lights()
-    for position, strength in (((-3, -5, 6), 0.75), ((5, -3, 2), 0.3), ((0, 4, 5), 0.3)):
-        place = tuple(np.add(position, towards) - np.array([0, 0, 0.8]))
-        lamp = pyvista.Light(position=place, focal_point=towards, intensity=strength, light_type="scene light")
+    for source, strength in (((-3, -5, 6), 0.75), ((5, -3, 2), 0.3), ((0, 4, 5), 0.3)):
+        place = tuple(np.add(source, lit) - np.array([0, 0, 0.8]))
+        lamp = pyvista.Light(position=place, focal_point=lit, intensity=strength, light_type="scene light")
         plotter.add_light(lamp)
+    plotter.enable_anti_aliasing("ssaa")
+    plotter.camera.position, plotter.camera.focal_point = position, focal_point
+    plotter.camera.up, plotter.camera.view_angle = (0, 0, 1), angle
 
 
 if __name__ == "__main__":

@@ -10,8 +10,8 @@ from itertools import groupby
 from pathlib import Path
 
 import warp_bounding as wb
+from sims import DEMOS
 from sims.report import UNPROVEN
-from warp_bounding.cli.demo import DEMOS
 
 __all__ = ["page"]
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import warp_bounding as wb
-from sims.report import UNPROVEN, bar
+from sims.report import UNPROVEN
 
-__all__ = ["FOLDER", "Recipe", "bounder_from", "bounders_of", "check_fit", "fit", "stored"]
+__all__ = ["FOLDER", "Recipe", "bounder_from", "bounders_of", "check_fit", "fit", "fitted", "owner", "stored"]
 
 FOLDER = Path(__file__).parent / "bounders"
 CLOSED = ("aabb", "obb", "sphere", "ellipsoid", "oriented-ellipsoid", "kdop", "bvh", "voxels")
@@ -51,11 +51,7 @@ def fit(
     """Fit a bounder by its recipe; a budget (seconds) replaces the recipe's own."""
     seconds = recipe.budget if budget is None else budget
     options = {"query": recipe.query, "method": recipe.method, "budget": seconds, "seed": seed, **recipe.options}
-    options |= {"margin": grid.margin, "resolution": grid.resolution, "device": device}
-    if recipe.closed:
-        return wb.fit(grid, **options)
-    with bar(f"fitting {recipe.method}, {seconds:g} s") as update:
-        return wb.fit(grid, **options, progress=update)
+    return wb.fit(grid, **options, margin=grid.margin, resolution=grid.resolution, device=device)
 
 
 def check_fit(bounder: wb.Bounder, grid: wb.IndicatorGrid, recipe: Recipe, source: str) -> None:
@@ -117,8 +113,9 @@ def bounders_of(
     file: Path | None = None,
     seed: int = 0,
     device: str = "cpu",
+    own: bool = False,
 ) -> dict[str, wb.Bounder]:
-    """All bounders of a scene.
+    """All bounders of one shape.
 
     Args:
         scene: Name under which its files lie.
@@ -130,6 +127,7 @@ def bounders_of(
         file: A file for ``mlp``, instead of the stored one.
         seed: Of the fits.
         device: Warp device.
+        own: The shape is a user's: its files lie in ``out``, and what is missing there is fitted.
 
     Raises:
         BounderError: For a file that is missing or of another shape, margin or resolution.
@@ -137,17 +135,58 @@ def bounders_of(
     bounders: dict[str, wb.Bounder] = {}
     for name, recipe in recipes.items():
         parts = name.split("+")
+        path = stored(scene, name, Path(out) if own else FOLDER)
         if len(parts) > 1 and all(part in bounders for part in parts):
             bounders[name] = wb.cascade(*(bounders[part] for part in parts))
         elif recipe.closed:
             bounders[name] = fit(recipe, grid, device=device)
         elif name == "mlp" and file is not None:
-            bounders[name] = bounder_from(Path(file), grid, recipe, device=device)
-        elif refit:
+            bounders[name] = bounder_from(file, grid, recipe, device=device)
+        elif refit or (own and not path.is_file()):
             bounders[name] = fit(recipe, grid, budget=budget, seed=seed, device=device)
             if out is not None:
                 Path(out).mkdir(parents=True, exist_ok=True)
                 bounders[name].save(stored(scene, name, Path(out)))
         else:
-            bounders[name] = bounder_from(stored(scene, name), grid, recipe, device=device)
+            bounders[name] = bounder_from(path, grid, recipe, device=device)
     return bounders
+
+
+def owner(file: Path, cells: dict[str, wb.IndicatorGrid]) -> str | None:
+    """Whose bounder a file holds: the name of the very cells that it was fitted to, if they are among these.
+
+    Raises:
+        BounderError: If there is no such file.
+    """
+    if not Path(file).is_file():
+        raise wb.BounderError(f"{file}: there is no such file")
+    made = wb.load(file, device="cpu").info.get("indicator")
+    return next((name for name, grid in cells.items() if grid.digest == made), None)
+
+
+def fitted(
+    cells: dict[str, wb.IndicatorGrid],
+    recipes: dict[str, Recipe],
+    *,
+    scenes: str = "",
+    file: Path | None = None,
+    **options,
+) -> dict[str, dict[str, wb.Bounder]]:
+    """All bounders of some shapes, by name of the method, then of the shape.
+
+    Args:
+        cells: Of the shapes, by name.
+        recipes: By name of the method.
+        scenes: What the names of all shapes' files begin with.
+        file: For ``mlp`` of the shape that it was made of; the first shape refuses one that is of none of them.
+        options: More of what ``bounders_of`` takes.
+
+    Raises:
+        BounderError: For a bounder that is missing or does not fit.
+    """
+    whose = None if file is None else owner(file, cells) or next(iter(cells))
+    found = {
+        name: bounders_of(scenes + name, grid, recipes, file=file if name == whose else None, **options)
+        for name, grid in cells.items()
+    }
+    return {method: {name: found[name][method] for name in cells} for method in recipes}

@@ -13,8 +13,8 @@ from importlib import import_module
 from rich.console import Console
 
 import warp_bounding as wb
+from sims import DEMOS
 from sims.prefitted import FOLDER, Recipe, bounder_from, fit, stored
-from warp_bounding.cli.demo import DEMOS
 
 __all__ = ["main", "plan"]
 

@@ -2,25 +2,26 @@
 
 import os
 import platform
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from itertools import groupby
+from typing import TypeVar
 
 import warp as wp
 from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import track
 from rich.table import Table
 
 import warp_bounding as wb
 
-__all__ = ["UNPROVEN", "Run", "bar", "bounder_rows", "kept", "output", "result", "run_table", "verdict"]
+__all__ = ["UNPROVEN", "Run", "bounder_rows", "kept", "output", "result", "run_table", "shown", "verdict"]
 
 UNPROVEN = ("occupancy",)  # what is shown to go wrong; every other run must keep the promise
-SAMPLES = 400_000
-WIDTH = 140
+SAMPLES = 400_000  # random queries of a rate of false positives
+WIDTH = 140  # columns of a line where standard output is no terminal
+T = TypeVar("T")
 
 
 @dataclass
@@ -71,20 +72,10 @@ def output(stderr: bool = False) -> Console:
     return console if console.is_terminal else Console(stderr=stderr, highlight=False, soft_wrap=True, width=WIDTH)
 
 
-@contextmanager
-def bar(description: str) -> Iterator[Callable[[float, float, str], None]]:
-    """A progress bar on standard error; yields ``update(done, total, note="")``."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=28),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[note]}"),
-    )
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task(description, total=1.0, note="")
-        yield lambda done, total=1.0, note="": progress.update(task, completed=done / total, note=note)
+def shown(items: Iterable[T], description: str) -> Iterator[T]:
+    """The same items one after another, with a progress bar on standard error where that is a terminal."""
+    err = Console(stderr=True)
+    return track(items, description, console=err, transient=True, disable=not err.is_terminal)
 
 
 def bounder_rows(bounders: dict[str, wb.Bounder], grid: wb.IndicatorGrid, samples: int = SAMPLES) -> list[dict]:
@@ -94,13 +85,11 @@ def bounder_rows(bounders: dict[str, wb.Bounder], grid: wb.IndicatorGrid, sample
         Per bounder: ``bounder``, ``query``, ``fp_rate`` (per cent of random queries), ``fn`` (a count), ``bytes``, ``certificate`` (its kind).
     """
     rows = []
-    with bar("measuring bounders") as update:
-        for done, (name, bounder) in enumerate(bounders.items()):
-            update(done, len(bounders), name)
-            rates = wb.evaluate(bounder, grid, samples=samples)
-            kind = bounder.certificate.kind if bounder.certificate else "none"
-            row = {"bounder": name, "query": bounder.query_kind, "fp_rate": rates.fp_rate, "fn": rates.fn}
-            rows.append(row | {"bytes": bounder.nbytes, "certificate": kind})
+    for name, bounder in shown(bounders.items(), "measuring bounders"):
+        rates = wb.evaluate(bounder, grid, samples=samples)
+        kind = bounder.certificate.kind if bounder.certificate else "none"
+        row = {"bounder": name, "query": bounder.query_kind, "fp_rate": rates.fp_rate, "fn": rates.fn}
+        rows.append(row | {"bytes": bounder.nbytes, "certificate": kind})
     return rows
 
 

@@ -9,13 +9,14 @@ the extra ``sims``, with Newton in it.
 import newton  # noqa: F401  first: where it is missing, the error names it
 
 import warp_bounding as wb
-from sims.cloth.demo import run
+from sims.cloth.demo import Demo
 from sims.cloth.example import Example
 from sims.cloth.field import FIELD_RECIPES, GAPS, Field
 from sims.cloth.scene import RECIPES, SHAPES, Scene, grid_of
 
-__all__ = ["RECIPES", "SCENE_RECIPES", "Example", "Field", "Scene", "grids", "run"]
+__all__ = ["RECIPES", "SCENE_RECIPES", "Demo", "Example", "Field", "Scene", "grids", "run"]
 
+run = Demo.run
 SCENE_RECIPES = {f"field-{name}": FIELD_RECIPES for name in SHAPES}  # for the scenes that do not take all of RECIPES
 
 

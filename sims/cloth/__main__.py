@@ -1,8 +1,6 @@
 """``python -m sims.cloth``: the same as ``warp-bounding demo cloth``."""
 
-import sys
-
-from warp_bounding.cli import main
+from sims.base import command
 
 if __name__ == "__main__":
-    main(["demo", "cloth", *sys.argv[1:]])
+    command("cloth")

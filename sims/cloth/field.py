@@ -16,7 +16,6 @@ import time
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import newton
 import numpy as np
@@ -27,8 +26,8 @@ from rich.table import Table
 import warp_bounding as wb
 from sims.cloth.example import contact_keys, contact_records, one_thread
 from sims.cloth.scene import GAP, RADIUS, SHAPES, grid_of, newton_mesh
-from sims.prefitted import Recipe, bounders_of
-from sims.report import bar
+from sims.prefitted import Recipe, fitted
+from sims.report import shown
 from warp_bounding.newton import ParticleCull
 
 __all__ = ["FIELD_RECIPES", "GAPS", "Field", "bounders_for", "field_table", "measure", "sentences"]
@@ -60,9 +59,8 @@ def bounders_for(
     Returns:
         By name of the method, then by name of the shape.
     """
-    closed = {name: bounders_of("field", grid_of(name, gap), CLOSED) for name in SHAPES}
-    found = {method: {name: closed[name][method] for name in SHAPES} for method in CLOSED}
-    return found | {"mlp": networks if gap <= GAP else wide}
+    closed = fitted({name: grid_of(name, gap) for name in SHAPES}, CLOSED)
+    return closed | {"mlp": networks if gap <= GAP else wide}
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,31 +184,22 @@ def measure(field: Field, gap: float, bounders: dict[str, dict[str, wb.Bounder]]
     return head | {"contacts": len(keys), "bounders": rows}
 
 
-def run_field(
-    field: Field,
-    networks: dict[str, wb.Bounder],
-    *,
-    rounds: int,
-    refit: bool = False,
-    budget: float | None = None,
-    out: Path | None = None,
-    seed: int = 0,
-) -> list[dict]:
-    """Measure all gaps; arguments as of ``sims.cloth.run``.
+def run_field(field: Field, networks: dict[str, wb.Bounder], *, rounds: int, **options) -> list[dict]:
+    """Measure all gaps.
+
+    Args:
+        field: The scene.
+        networks: By shape, those of the cloth.
+        rounds: Repeats.
+        options: Of ``sims.prefitted.bounders_of``, for the networks of the wider gaps.
 
     Returns:
         Per gap what ``measure`` returns.
     """
-    options = {"refit": refit, "budget": budget, "out": out, "seed": seed}
-    wide = {
-        name: bounders_of(f"field-{name}", grid_of(name, max(GAPS)), FIELD_RECIPES, **options)["mlp"] for name in SHAPES
-    }
-    with bar("many meshes") as update:
-        rows = []
-        for done, gap in enumerate(GAPS):
-            update(done, len(GAPS), f"gap {gap:g}")
-            rows.append(measure(field, gap, bounders_for(gap, networks, wide), rounds=rounds))
-    return rows
+    cells = {name: grid_of(name, max(GAPS)) for name in SHAPES}
+    wide = fitted(cells, FIELD_RECIPES, scenes="field-", **options)["mlp"]
+    gaps = shown(GAPS, "many meshes")
+    return [measure(field, gap, bounders_for(gap, networks, wide), rounds=rounds) for gap in gaps]
 
 
 def field_table(field: Field, rows: list[dict]) -> Table:

@@ -1,7 +1,6 @@
 """``python -m sims.particles``: the same as ``warp-bounding demo particles``."""
 
-import sys
+from sims.base import command
 
-from warp_bounding.cli import main
-
-main(["demo", "particles", *sys.argv[1:]])
+if __name__ == "__main__":
+    command("particles")

@@ -8,20 +8,20 @@ same state; no contact may be missed, and all runs must end in the same state to
     python -m sims.particles --out out/demo
 """
 
-from pathlib import Path
-
-import numpy as np
-from rich.console import Console
+from dataclasses import dataclass
+from typing import Any
 
 import warp_bounding as wb
-from sims.drawing import draw_with
+from sims import base
+from sims.drawing import Drawn, draw_with
+from sims.particles.bounds import bounds_data
 from sims.particles.broad import MovingBox, OfMotion
-from sims.particles.example import CONTACT, CONTAINMENT, Example
+from sims.particles.example import CONTACT, CONTAINMENT, Example, rain_data
 from sims.particles.scene import RESOLUTION, Scene
-from sims.prefitted import Recipe, bounders_of
-from sims.report import Run, bar, bounder_rows, output, result, run_table, verdict
+from sims.prefitted import Recipe
+from sims.report import Run
 
-__all__ = ["MOVING_BOX", "RECIPES", "compare", "grids", "run", "simulate"]
+__all__ = ["MOVING_BOX", "RECIPES", "Demo", "grids", "simulate"]
 
 SCENE = "rain"
 MOVING_BOX = "moving aabb"
@@ -51,77 +51,58 @@ def grids(device: str = "cpu") -> dict[str, wb.IndicatorGrid]:
     return {SCENE: Scene.bunny(device).grid()}
 
 
-def run(
-    out: Path,
-    *,
-    quick: bool = False,
-    refit: bool = False,
-    budget: float | None = None,
-    bounder_file: Path | None = None,
-    particles: int | None = None,
-    steps: int | None = None,
-    seed: int = 0,
-    device: str | None = None,
-    console: Console | None = None,
-    recipes: dict[str, Recipe] | None = None,
-    resolution: int = RESOLUTION,
-) -> dict:
-    """Do the whole demo.
+@dataclass
+class Demo(base.Demo):
+    """See module, and ``sims.base.Demo``.
 
-    Args:
-        out: Folder for pictures, and for bounders that are fitted; made if there is none.
-        quick: Fewer particles and steps.
-        refit: Fit the learned bounders anew, rather than load them.
-        budget: Seconds for each of them.
-        bounder_file: A file to take ``mlp`` from.
+    Attributes:
         particles: How many; 100,000, or 10,000 if quick.
         steps: Simulation steps; 150, or 24 if quick.
-        seed: Of fits and particles.
-        device: Warp device; the default device if ``None``.
-        console: Where the table and sentences go; standard output if ``None``. Progress bars go to standard error.
-        recipes: Other bounders than ``RECIPES``.
         resolution: Cells along the moving bunny's longest side.
-
-    Returns:
-        JSON-ready, see ``report.result``; runs have a ``section``, the narrow phase; ``particles``, ``device``, ``bounders``.
-
-    Raises:
-        BoundingError: For an impossible option, an unknown device or a bounder file that does not fit.
     """
-    out, console = Path(out), console or output()
-    particles = PARTICLES[quick] if particles is None else particles
-    steps = STEPS[quick] if steps is None else steps
-    if particles < 1 or steps < 1:
-        raise wb.BoundingError(f"particles and steps must be at least 1, got {particles} and {steps}")
-    scene = Scene.bunny(device)
-    grid = scene.grid(resolution)
-    recipes = RECIPES if recipes is None else recipes
-    options = {"refit": refit, "budget": budget, "out": out, "file": bounder_file, "seed": seed}
-    bounders = bounders_of(SCENE, grid, recipes, device=str(scene.device), **options)
-    rows = bounder_rows(bounders, grid)
-    broad = {MOVING_BOX: MovingBox(scene)} | {name: OfMotion(b, scene) for name, b in bounders.items()}
-    rates = {row["bounder"]: row["fp_rate"] for row in rows} | {
-        MOVING_BOX: broad[MOVING_BOX].fp_rate(scene.motion, grid)
-    }
-    runs, first = [], None
-    for section, reach in NARROW.items():
-        examples = simulate(scene, broad, reach=reach, particles=particles, steps=steps, seed=seed)
-        runs += compare(examples, bounders, rates, section)
-        first = first or examples
-    title = f"{particles:,} particles, {steps} steps, by narrow phase: calls and milliseconds a step (median)"
-    console.print(run_table(title, runs, steps=steps, calls="narrow calls"))
-    console.print(verdict(runs))
-    with bar("drawing") as update:
-        update(0.3, 1.0, "")
-        from sims.particles.pictures import bounds_data, rain_data
 
+    particles: int | None = None
+    steps: int | None = None
+    resolution: int = RESOLUTION
+
+    NAME = "particles"
+    RECIPES = RECIPES
+
+    def set_up(self) -> dict[str, wb.IndicatorGrid]:
+        """The cells of the motion."""
+        self.particles = PARTICLES[self.quick] if self.particles is None else self.particles
+        self.steps = STEPS[self.quick] if self.steps is None else self.steps
+        if self.particles < 1 or self.steps < 1:
+            raise wb.BoundingError(f"particles and steps must be at least 1, got {self.particles} and {self.steps}")
+        self.scene = Scene.bunny(self.device)
+        self.shape = self.scene.motion.name
+        return {SCENE: self.scene.grid(self.resolution)}
+
+    def simulate(self) -> tuple[list[Run], str, dict[str, str]]:
+        """Both narrow phases."""
+        bounders, box = self.of_shape(SCENE), MovingBox(self.scene)
+        rate = box.fp_rate(self.scene.motion, self.scene.grid(self.resolution))
+        rows = [*self.rows[SCENE], {"bounder": MOVING_BOX, "fp_rate": rate}]
+        broad = {MOVING_BOX: box} | {name: OfMotion(bounder, self.scene) for name, bounder in bounders.items()}
+        options = {"particles": self.particles, "steps": self.steps, "seed": self.seed}
+        examples = {section: simulate(self.scene, broad, reach=reach, **options) for section, reach in NARROW.items()}
+        runs = [run for section, each in examples.items() for run in base.compare(each, self.bounders, rows, section)]
+        self.examples = next(iter(examples.values()))
+        about = f"{self.particles:,} particles, {self.steps} steps"
+        return runs, f"{about}, by narrow phase: calls and milliseconds a step (median)", {}
+
+    def draw(self) -> Drawn:
+        """Bounds, and the rain with the first narrow phase."""
+        bounders, examples, reference = self.of_shape(SCENE), self.examples, self.examples["none"]
+        rates = {row["bounder"]: row["fp_rate"] for row in self.rows[SCENE]}
         pictured = {name: (bounders[name], rates[name]) for name in PICTURED if name in bounders}
-        shown = {name: first[name] for name in RAINED if name in first} or {"none": first["none"]}
-        data = bounds_data(scene, first["none"].time, pictured) | rain_data(shown, bounders, first["none"])
-        drawn = draw_with("sims.particles.pictures", out, data)
-    console.print(drawn.lines(), markup=False)
-    more = {"particles": particles, "device": str(scene.device), "bounders": rows}
-    return result("particles", scene.motion.name, steps, runs, drawn.paths, **more)
+        rained = {name: examples[name] for name in RAINED if name in examples} or {"none": reference}
+        data = bounds_data(self.scene, reference.time, pictured) | rain_data(rained, bounders, reference)
+        return draw_with("sims.particles.pictures", self.out, data)
+
+    def more(self) -> dict[str, Any]:
+        """``particles``, ``device``, and ``bounders``: a row for each."""
+        return {"particles": self.particles, "device": str(self.scene.device), "bounders": self.rows[SCENE]}
 
 
 def simulate(
@@ -133,39 +114,10 @@ def simulate(
     steps: int,
     seed: int = 0,
 ) -> dict[str, Example]:
-    """The same rain once without a broad phase (``"none"``) and once with each, from the same state.
+    """The same rain without a broad phase and with each; see ``sims.base.simulate``."""
 
-    Returns:
-        The runs, finished.
-    """
-    examples = {}
-    for name, phase in {"none": None, **broad}.items():
-        warm_up = Example(scene, phase, reach=reach, particles=min(particles, WARM_UP), seed=seed)
-        warm_up.step()
-        warm_up.step()
-        examples[name] = example = Example(scene, phase, reach=reach, particles=particles, seed=seed)
-        with bar(f"rain, broad phase: {name}") as update:
-            for step in range(steps):
-                example.step()
-                update(step + 1, steps, "")
-    return examples
+    def rain(phase: MovingBox | OfMotion | None, small: bool) -> Example:
+        count = min(particles, WARM_UP) if small else particles
+        return Example(scene, phase, reach=reach, particles=count, seed=seed)
 
-
-def compare(
-    examples: dict[str, Example], bounders: dict[str, wb.Bounder], rates: dict[str, float], section: str = ""
-) -> list[Run]:
-    """What the runs cost and missed, and whether they ended in the reference's state; ``"none"`` is the reference."""
-    reference = examples["none"]
-    final, runs = reference.state(), []
-    for name, example in examples.items():
-        bounder = bounders.get(name)
-        if name == MOVING_BOX:
-            certificate = "by construction"  # it is made of the very vertices
-        else:
-            certificate = bounder.certificate.kind if bounder and bounder.certificate else ""
-        run = Run(
-            name, int(np.sum(example.calls)), *example.milliseconds(), 0, True, rates.get(name), certificate, section
-        )
-        run.missed, run.identical = example.missed(reference), example.state() == final
-        runs.append(run)
-    return runs
+    return base.simulate("rain", broad, rain, steps)

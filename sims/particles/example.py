@@ -1,23 +1,26 @@
 """One run of the rain, timed phase by phase."""
 
-import time
 from pathlib import Path
 
 import numpy as np
 import warp as wp
 
+import warp_bounding as wb
+from sims import base
 from sims.cores import launch_on_all_cores
+from sims.drawing import CAPTIONS, draw_with
+from sims.particles.bounds import decisions
 from sims.particles.broad import MovingBox, OfMotion
 from sims.particles.kernels import DT, collide, integrate
 from sims.particles.scene import Scene
 
-__all__ = ["CONTACT", "CONTAINMENT", "Example"]
+__all__ = ["CONTACT", "CONTAINMENT", "Example", "rain_data"]
 
 CONTACT = 0.04  # reach of a narrow phase that looks for near contact only: a little more than a drop falls in a step
 CONTAINMENT = 0.52  # no point of the moving bunny is deeper: whatever is inside is found and pushed out
 
 
-class Example:
+class Example(base.Example):
     """One run of the simulation.
 
     Attributes:
@@ -44,6 +47,8 @@ class Example:
             particles: How many.
             seed: Of the first state and of every new life.
         """
+        super().__init__()
+        self.certificate = "by construction" if isinstance(broad, MovingBox) else ""  # it is made of the very vertices
         self.scene, self.broad, self.particles, self.seed = scene, broad, particles, seed
         self.reach, self.steps = reach, 0
         device = scene.device
@@ -60,8 +65,6 @@ class Example:
         self._vertices = vertices
         self._everyone = wp.array(np.arange(particles), dtype=wp.int32, device=device)
         self._count = wp.array([particles], dtype=wp.int32, device=device)
-        self.seconds: list[tuple[float, float, float]] = []
-        self.calls: list[int] = []
         self.touched: list[np.ndarray] = []
 
     @property
@@ -71,22 +74,23 @@ class Example:
 
     def step(self) -> None:
         """One step."""
-        start = self._now()
+        device = self.scene.device
+        start = base.now(device)
         self.steps += 1
         self._move_mesh()
         state = [self.positions, self.velocities, self.ages, self.lives, self.contacts]
         self._launch(integrate, self.particles, [self.scene.rain, self.seed], state)
-        moved = self._now()
+        moved = base.now(device)
         candidates, count = self._everyone, self._count
         if self.broad is not None:
             candidates, count = self.broad.candidates(self.time, self.mesh.points, self.positions)
         # A CPU reads the count in place; elsewhere the launch covers everyone, and threads from count on return at once.
-        items = int(count.numpy()[0]) if self.scene.device.is_cpu else self.particles
-        found = self._now()
+        items = int(count.numpy()[0]) if device.is_cpu else self.particles
+        found = base.now(device)
         self.mesh.refit()
         inputs = [self.mesh.id, self.reach, candidates, count]
         self._launch(collide, items, inputs, [self.positions, self.velocities, self.contacts])
-        end = self._now()
+        end = base.now(device)
         self.seconds.append((found - moved if self.broad is not None else 0.0, end - found, end - start))
         self.calls.append(int(count.numpy()[0]))
         self.touched.append(np.packbits(self.contacts.numpy()))
@@ -100,13 +104,13 @@ class Example:
     def _launch(self, kernel: wp.Kernel, count: int, inputs: list, outputs: list) -> None:
         launch_on_all_cores(kernel, count, inputs, outputs, self.scene.device)
 
-    def _now(self) -> float:
-        wp.synchronize_device(self.scene.device)
-        return time.perf_counter()
-
     def state(self) -> bytes:
         """Everything that the next step depends on, but time."""
         return b"".join(a.numpy().tobytes() for a in (self.positions, self.velocities, self.ages, self.lives))
+
+    def identical(self, reference: "Example") -> bool:
+        """Whether the final state is a run's."""
+        return self.state() == reference.state()
 
     def lost(self, reference: "Example") -> np.ndarray:
         """Contacts that the reference, a run of the same length without a broad phase, has and this run lacks.
@@ -121,23 +125,47 @@ class Example:
         """How many contacts are ``lost``."""
         return int(self.lost(reference).sum())
 
-    def milliseconds(self) -> tuple[float, float, float]:
-        """Median per step: broad phase, narrow phase, whole step."""
-        return tuple(1e3 * np.median(self.seconds, axis=0))
-
     def render(self, folder: Path) -> list[Path]:
         """Draw the present state; see ``pictures``."""
-        from sims.drawing import draw_with
-        from sims.particles.pictures import rain_data
-
         return draw_with("sims.particles.pictures", folder, rain_data({"rain": self})).paths
 
-    def test_final(self, reference: "Example") -> None:
-        """Check this run against one without a broad phase.
 
-        Raises:
-            AssertionError: If a contact was missed or a bit of the state differs.
-        """
-        missed = self.missed(reference)
-        assert missed == 0, f"{missed} contacts were missed"
-        assert self.state() == reference.state(), "the final states differ"
+def rain_data(
+    examples: dict[str, Example],
+    bounders: dict[str, wb.Bounder] | None = None,
+    reference: Example | None = None,
+) -> dict[str, np.ndarray]:
+    """What the picture of the rain needs.
+
+    Args:
+        examples: Runs of one scene and length, by name; a panel each.
+        bounders: Theirs, by the same names, where the bound is to be shown.
+        reference: The run without a broad phase, to say what a run lost against it.
+
+    Returns:
+        Arrays by name.
+    """
+    data, bounders = {}, bounders or {}
+    for number, (name, example) in enumerate(examples.items()):
+        data["vertices"], data["faces"] = example.scene.motion.vertices_at(example.time), example.scene.motion.faces
+        positions = example.positions.numpy()
+        data[f"rain{number}_positions"], data[f"rain{number}_velocities"] = positions, example.velocities.numpy()
+        lines = [CAPTIONS.get(name, name)]
+        if name in bounders:
+            data |= decisions(f"around{number}", bounders[name], example.time)
+            queries = np.insert(positions, 0, example.time, axis=1)
+            balls = bounders[name].query(queries).numpy().astype(bool)
+            lines.append(f"balls: drops in its bound (pale), {balls.sum():,} of {example.particles:,} now")
+        else:
+            balls = example.contacts.numpy().astype(bool)
+            lines.append(f"balls: drops that touch the bunny, {balls.sum():,} of {example.particles:,} now")
+        data[f"rain{number}_balls"] = balls
+        if reference is not None:
+            lost, alive = example.lost(reference), example.ages.numpy() + 1  # steps of the present life
+            present = np.arange(example.steps)[:, None] >= example.steps - alive
+            data[f"rain{number}_lost"] = (lost & present).any(axis=0)
+            identical = example.state() == reference.state()
+            end = "identical to the run without a bounder, to the bit" if identical else "red: drops that lost one"
+            lines += [f"{lost.sum():,} contacts missed in {example.steps} steps", end]
+        data[f"rain{number}_caption"] = np.array("\n".join(lines))
+    return data

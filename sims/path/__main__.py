@@ -1,8 +1,6 @@
 """``python -m sims.path``: the same as ``warp-bounding demo path``."""
 
-import sys
-
-from warp_bounding.cli import main
+from sims.base import command
 
 if __name__ == "__main__":
-    main(["demo", "path", *sys.argv[1:]])
+    command("path")

@@ -33,6 +33,17 @@ class BroadPhase(Protocol):
         """``(N,)`` bool: edges between states, ``(N, 2)`` float32 each, that need no exact check."""
 
 
+class _OfPoints:
+    """A bounder of points."""
+
+    def __init__(self, bounder: wb.Bounder):
+        self.bounder = bounder
+
+    def states(self, x: np.ndarray) -> np.ndarray:
+        """See ``BroadPhase``."""
+        return self.bounder.query(x).numpy() == 0
+
+
 def clear_by_boxes(
     bounder: wb.Bounder, starts: np.ndarray, ends: np.ndarray, *, halvings: int = HALVINGS
 ) -> np.ndarray:
@@ -104,30 +115,20 @@ class Boxes:
         return clear_by_boxes(self.bounder, starts, ends)
 
 
-class Segments:
+class Segments(_OfPoints):
     """A network of points, and proofs along whole edges."""
-
-    def __init__(self, bounder: wb.Bounder):
-        self.bounder = bounder
-
-    def states(self, x: np.ndarray) -> np.ndarray:
-        """See ``BroadPhase``."""
-        return self.bounder.query(x).numpy() == 0
 
     def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
         """See ``BroadPhase``."""
         return wb.clear_segments(self.bounder, starts, ends, depth=NETWORK_HALVINGS)
 
 
-class Samples:
+class Samples(_OfPoints):
     """A bounder of points asked at points along an edge: it clears what it should not, even if the bounder is proven."""
 
     def __init__(self, bounder: wb.Bounder, cells_per_unit: np.ndarray, spacing: float = SPACING):
-        self.bounder, self.cells_per_unit, self.spacing = bounder, cells_per_unit, spacing
-
-    def states(self, x: np.ndarray) -> np.ndarray:
-        """See ``BroadPhase``."""
-        return self.bounder.query(x).numpy() == 0
+        super().__init__(bounder)
+        self.cells_per_unit, self.spacing = cells_per_unit, spacing
 
     def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
         """See ``BroadPhase``."""

@@ -4,20 +4,25 @@ Bounders of the generated worlds come with the demo. Those of a user's world are
 holds the world's digest, so that they are used again for the very same cells only.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from rich.console import Console
+from rich.markup import escape
 
 import warp_bounding as wb
+from sims import base
+from sims.drawing import Drawn
 from sims.path.broad import Boxes, BroadPhase, First, Samples, Segments
 from sims.path.exact import ExactWorld
+from sims.path.pictures import draw
 from sims.path.planner import Example
-from sims.path.report import compare, described, report
+from sims.path.report import described, price, solved
 from sims.path.worlds import World, generated, worlds_at
-from sims.prefitted import Recipe, bounder_from, bounders_of, fit, stored
-from sims.report import bar, bounder_rows, output, result
+from sims.prefitted import Recipe, bounders_of, owner, stored
+from sims.report import Run
 
-__all__ = ["RECIPES", "grids", "phases", "run", "simulate"]
+__all__ = ["RECIPES", "Demo", "grids", "phases", "run", "simulate"]
 
 HIDDEN = (50, 50)
 RECIPES: dict[str, Recipe] = {
@@ -31,10 +36,11 @@ RECIPES: dict[str, Recipe] = {
 }
 CASCADE = "aabb+mlp"  # boxes first, then a network's segments: bounders of different queries, so the planner puts them together
 USERS_BUDGET = 20.0  # seconds a network, for a user's world
-STATES, PROBLEMS, SAMPLES = 4000, 200, 200_000
-QUICK_STATES, QUICK_PROBLEMS, QUICK_SAMPLES = 2500, 40, 20_000
+STATES, PROBLEMS = (4000, 2500), (200, 40)  # full, quick
+REPEATS = (3, 1)  # of a run, for its time
 WARM_UP = 300  # states of the run that loads kernels outside the timed part
-REPEATS = 3  # of a run in full, for its time
+WIDE = 116  # columns of a terminal, where the table has room for more than all demos' tables have
+COLUMNS = {"fewer": "fewer", "solved": "solved", "collisions": "collide"}
 
 
 def grids(device: str = "cpu") -> dict[str, wb.IndicatorGrid]:
@@ -42,121 +48,99 @@ def grids(device: str = "cpu") -> dict[str, wb.IndicatorGrid]:
     return {world.scene: world.grid for world in generated()}
 
 
-def run(
-    out: Path,
-    *,
-    quick: bool = False,
-    refit: bool = False,
-    budget: float | None = None,
-    bounder_file: Path | None = None,
-    world: str | Path | None = None,
-    seed: int = 0,
-    device: str = "cpu",
-    states: int | None = None,
-    problems: int | None = None,
-    console: Console | None = None,
-) -> dict:
-    """Do the whole demo.
+@dataclass
+class Demo(base.Demo):
+    """Planning in 2D worlds; see ``sims.path`` and ``sims.base.Demo``. The only step plans everything in a world.
 
-    Args:
-        out: Folder for the picture, and for bounders that are fitted; made if there is none.
-        quick: A small form.
-        refit: Fit the networks anew, rather than load them.
-        budget: Seconds a network, where one is fitted.
-        bounder_file: A network to take as ``mlp``, for the world whose cells it was fitted to.
-        world: A file or a folder of worlds, instead of the generated ones.
-        seed: Of states, problems and fits.
-        device: Warp device.
-        states: Random states of a roadmap; 4,000 by default, 2,500 if quick.
-        problems: Problems a world; 200 by default, 40 if quick.
-        console: Where tables and sentences go; standard output if ``None``. Progress bars go to standard error.
-
-    Returns:
-        JSON-ready: see ``sims.report.result``; the only step plans everything in a world, and runs are told apart by ``world``. Besides:
-        ``worlds`` and ``bounders``.
-
-    Raises:
-        BoundingError: For an impossible option, a world that cannot be read, or a bounder file that does not fit.
+    Attributes:
+        world: A file or a folder of worlds, instead of the generated ones; bounders of these are fitted, and kept in ``out``.
+        states: Random states of a roadmap; 4,000, or 2,500 if quick.
+        problems: Problems a world; 200, or 40 if quick.
     """
-    out, console = Path(out), console or output()
-    states = (QUICK_STATES if quick else STATES) if states is None else states
-    problems = (QUICK_PROBLEMS if quick else PROBLEMS) if problems is None else problems
-    if states < 2 or problems < 1:
-        raise wb.BoundingError(f"expected at least 2 states and 1 problem, got {states} and {problems}")
-    if budget is not None and not budget > 0:
-        raise wb.BoundingError(f"budget must be a positive number of seconds, got {budget}")
-    worlds = generated() if world is None else worlds_at(world)
-    files = _files(worlds, bounder_file)
-    rows, runs, examples, asked = [], [], [], []
-    for place in worlds:
-        bounders = _bounders(place, files.get(place.scene), out, refit, budget, seed, device, console)
-        measured = bounder_rows(bounders, place.grid, QUICK_SAMPLES if quick else SAMPLES)
-        options = {"states": states, "problems": problems, "seed": seed, "device": device}
-        each = simulate(place, bounders, repeats=1 if quick else REPEATS, **options)
-        runs += compare(place, each, bounders, measured, section=place.name if len(worlds) > 1 else "")
-        rows += [{"world": place.name, **row} for row in measured]
-        examples.append(each)
-        asked.append((bounders["mlp"], bounders["occupancy"]))
-    report(console, worlds, examples, runs)
-    with bar("drawing") as update:
-        update(0.3, 1.0, "")
-        from sims.path.pictures import draw
 
-        pairs = [(each["mlp"], each["occupancy"]) for each in examples]
-        pictures = [draw(out, pairs, asked, ("mlp", "occupancy"))]
-    console.print("\n".join(f"Picture: {path}" for path in pictures), markup=False)
-    shape = ", ".join(place.name for place in worlds)
-    return result("path", shape, 1, runs, pictures, worlds=described(worlds, examples), bounders=rows)
+    world: str | Path | None = None
+    states: int | None = None
+    problems: int | None = None
+    device: str = "cpu"
+
+    NAME = "path"
+    RECIPES = RECIPES
+    SAMPLES = (200_000, 20_000)
+    CALLS = "checks"
+    MISSED = "colliding states and edges"
+
+    def set_up(self) -> dict[str, wb.IndicatorGrid]:
+        """The worlds."""
+        self.states = STATES[self.quick] if self.states is None else self.states
+        self.problems = PROBLEMS[self.quick] if self.problems is None else self.problems
+        if self.states < 2 or self.problems < 1:
+            raise wb.BoundingError(f"expected at least 2 states and 1 problem, got {self.states} and {self.problems}")
+        if self.budget is not None and not self.budget > 0:
+            raise wb.BoundingError(f"budget must be a positive number of seconds, got {self.budget}")
+        self.worlds = generated() if self.world is None else worlds_at(self.world)
+        self.steps, self.shape = 1, ", ".join(world.name for world in self.worlds)
+        return {world.scene: world.grid for world in self.worlds}
+
+    def fit(self, cells: dict[str, wb.IndicatorGrid]) -> dict[str, dict[str, wb.Bounder]]:
+        """From the demo's own files; of a user's worlds, fitted here, or what was before."""
+        whose = None if self.bounder_file is None else owner(self.bounder_file, cells)
+        if self.bounder_file is not None and whose is None:
+            expected = ", ".join(f"{world.name} ({world.grid.digest[:12]})" for world in self.worlds)
+            made = str(wb.load(self.bounder_file, device="cpu").info.get("indicator"))[:12]
+            raise wb.BounderError(f"{self.bounder_file}: expected a bounder of one of {expected}, got one of {made}")
+        if self.world is None:
+            return super().fit(cells)
+        found, options = {}, self.fits | {"budget": self.budget or USERS_BUDGET, "own": True, "device": self.device}
+        for world in self.worlds:
+            file = self.bounder_file if world.scene == whose else None
+            kept = [n for n, recipe in self.recipes.items() if not recipe.closed and (n != "mlp" or file is None)]
+            again = [n for n in kept if stored(world.scene, n, self.out).is_file() and not self.refit]
+            found[world.scene] = bounders_of(world.scene, world.grid, self.recipes, file=file, **options)
+            if new := ", ".join(n for n in kept if n not in again):
+                text = f"{world.name}: fitted {new} for this world; kept in {self.out} for the next time."
+                self.console.print(text, markup=False)
+            if again:
+                text = f"{world.name}: took {', '.join(again)} from {self.out}, fitted to these very cells before."
+                self.console.print(text, markup=False)
+        return {method: {scene: found[scene][method] for scene in cells} for method in self.recipes}
+
+    def simulate(self) -> tuple[list[Run], str, dict[str, str]]:
+        """All worlds."""
+        options = {"states": self.states, "problems": self.problems, "seed": self.seed, "device": self.device}
+        runs, self.examples = [], []
+        for world in self.worlds:
+            bounders, section = self.of_shape(world.scene), world.name if len(self.worlds) > 1 else ""
+            examples = simulate(world, bounders, repeats=REPEATS[self.quick], **options)
+            own = {name: {world.scene: bounder} for name, bounder in bounders.items()}
+            runs += base.compare(examples, own, self.rows[world.scene], section)
+            self.examples.append(examples)
+        about = f"{self.states:,} random states and {examples['none'].neighbours} neighbours each"
+        return runs, f"{about}: exact checks of states and edges", COLUMNS if self.console.width >= WIDE else {}
+
+    def tell(self, runs: list[Run]) -> None:
+        """What collides, what is saved, what is solved, and whether it pays."""
+        for run in runs:
+            if not run.conservative:
+                paths = f"{run.extra['collisions']:,} of its {run.extra['solved']:,} paths"
+                self.console.print(f"[red]{run.bounder}[/] in {escape(run.extra['world'])}: {paths} collide.")
+        for examples in self.examples:
+            self.console.print(solved(examples), markup=False)
+        self.console.print(price(runs))
+
+    def draw(self) -> Drawn:
+        """A row a world: the proven network's run, and that of the one that has no proof."""
+        names = ("mlp", "occupancy")
+        pairs = [tuple(examples[name] for name in names) for examples in self.examples]
+        asked = [tuple(self.of_shape(world.scene)[name] for name in names) for world in self.worlds]
+        return Drawn([draw(self.out, pairs, asked, names)])
+
+    def more(self) -> dict[str, Any]:
+        """``worlds``, and ``bounders``: a row a world and bounder."""
+        rows = [{"world": world.name, **row} for world in self.worlds for row in self.rows[world.scene]]
+        return {"worlds": [described(examples["none"]) for examples in self.examples], "bounders": rows}
 
 
-def _files(worlds: list[World], file: Path | None) -> dict[str, Path]:
-    """The world that a user's file belongs to, by its cells."""
-    if file is None:
-        return {}
-    digest = wb.load(file).info.get("indicator")
-    scenes = [world.scene for world in worlds if world.grid.digest == digest]
-    if not scenes:
-        expected = ", ".join(f"{world.name} ({world.grid.digest[:12]})" for world in worlds)
-        raise wb.BounderError(f"{file}: expected a bounder of one of {expected}, got one of {str(digest)[:12]}")
-    return {scenes[0]: Path(file)}
-
-
-def _bounders(
-    world: World,
-    file: Path | None,
-    out: Path,
-    refit: bool,
-    budget: float | None,
-    seed: int,
-    device: str,
-    console: Console,
-) -> dict[str, wb.Bounder]:
-    """All bounders of a world: from the demo's own files, or fitted here and kept in ``out``."""
-    if world.fitted:
-        options = {"refit": refit, "budget": budget, "out": out, "file": file, "seed": seed, "device": device}
-        return bounders_of(world.scene, world.grid, RECIPES, **options)
-    bounders, fitted, again = {}, [], []
-    for name, recipe in RECIPES.items():
-        path = stored(world.scene, name, out)
-        if recipe.closed:
-            bounders[name] = fit(recipe, world.grid, device=device)
-        elif name == "mlp" and file is not None:
-            bounders[name] = bounder_from(file, world.grid, recipe, device=device)
-        elif path.is_file() and not refit:
-            bounders[name] = bounder_from(path, world.grid, recipe, device=device)
-            again.append(name)
-        else:
-            bounders[name] = fit(recipe, world.grid, budget=budget or USERS_BUDGET, seed=seed, device=device)
-            out.mkdir(parents=True, exist_ok=True)
-            bounders[name].save(path)
-            fitted.append(name)
-    if fitted:
-        text = f"{world.name}: fitted {', '.join(fitted)} for this world; kept in {out} for the next time."
-        console.print(text, markup=False)
-    if again:
-        text = f"{world.name}: took {', '.join(again)} from {out}, fitted to these very cells before."
-        console.print(text, markup=False)
-    return bounders
+run = Demo.run
 
 
 def phases(bounders: dict[str, wb.Bounder], world: World) -> dict[str, BroadPhase]:
@@ -177,28 +161,18 @@ def phases(bounders: dict[str, wb.Bounder], world: World) -> dict[str, BroadPhas
 def simulate(
     world: World, bounders: dict[str, wb.Bounder], *, repeats: int = 1, device: str = "cpu", **options
 ) -> dict[str, Example]:
-    """The same problems once without a broad phase (``"none"``) and once with each.
+    """The same problems without a broad phase and with each; see ``sims.base.simulate``.
 
     Args:
         world: Where.
         bounders: By name.
-        repeats: How often each run is done; the times are those of the run of median time.
+        repeats: How often each run is done, for its time.
         device: Warp device.
         options: Of ``Example``.
-
-    Returns:
-        The runs, finished.
     """
-    exact, examples = ExactWorld(world.grid, device), {}
-    broad = {"none": None, **phases(bounders, world)}
-    with bar(f"planning in {world.name}") as update:
-        for done, (name, phase) in enumerate(broad.items()):
-            update(done, len(broad), name)
-            Example(world, phase, exact=exact, **{**options, "states": WARM_UP, "problems": 1}).step()
-            examples[name] = example = Example(world, phase, exact=exact, **options)
-            seconds = []
-            for _ in range(repeats):
-                example.step()
-                seconds.append(example.seconds)
-            example.seconds = sorted(seconds, key=lambda spent: spent[-1])[repeats // 2]
-    return examples
+    exact = ExactWorld(world.grid, device)
+
+    def planned(phase: BroadPhase | None, small: bool) -> Example:
+        return Example(world, phase, exact=exact, **options | ({"states": WARM_UP, "problems": 1} if small else {}))
+
+    return base.simulate(f"planning in {world.name}", phases(bounders, world), planned, repeats)

@@ -1,6 +1,6 @@
 """Pictures of planning: the proven network's path on the left, on the right the path of the network that has no proof, and where it collides.
 
-After the top of Fig. 9 of *Neural Bounding* (Liu et al. 2024). Drawn with matplotlib, without a display.
+Runs are those of ``planner``. After the top of Fig. 9 of *Neural Bounding* (Liu et al. 2024). Drawn with matplotlib, without a display.
 """
 
 from itertools import pairwise
@@ -9,15 +9,16 @@ from pathlib import Path
 import numpy as np
 
 import warp_bounding as wb
-from sims.path.planner import Example
+from sims.base import Example
+from sims.drawing import INK, with_palette
 
 __all__ = ["draw", "draw_one", "worst_path"]
 
-INK, STONE, ROADMAP = "#22303c", "#c9bfb2", "#9fb4c4"
+STONE, ROADMAP = "#c9bfb2", "#9fb4c4"
 PROVEN, UNPROVEN, COLLISION = "#1f6fb4", "#e08a00", "#d1242f"
 WIDTH = 5.2  # of a world, inches
 ASPECTS = (0.3, 2.5)  # least and largest height of a world over its width
-DPI, COLOURS = 110, 160
+DPI, COLOURS = 110, 160  # dots an inch; of the picture's palette
 RESOLUTION = 700  # of outlines, along a side
 SAMPLES = 400  # of a path's edge, where it is asked for the part that collides: for drawing only
 MOST_WORLDS = 3
@@ -157,6 +158,8 @@ def _path(ax, example: Example, problem: int | None, colour: str, *, rings: bool
 
 def _close_up(ax, example: Example, bounder: wb.Bounder, problem: int) -> None:
     """An inset with the longest collision of a path, in the corner that is farthest from the path."""
+    from matplotlib.patches import Rectangle
+
     parts = _inside(example, problem)
     if not parts:
         return
@@ -180,19 +183,12 @@ def _close_up(ax, example: Example, bounder: wb.Bounder, problem: int) -> None:
     inset.set_ylim(row + reach, row - reach)
     for side in inset.spines.values():
         side.set(color=COLLISION, linewidth=1.6)
-    ax.add_patch(_frame(column, row, reach))
+    frame = {"fill": False, "edgecolor": COLLISION, "linewidth": 1.2, "zorder": 8}
+    ax.add_patch(Rectangle((column - reach, row - reach), 2 * reach, 2 * reach, **frame))
     middle = np.array([place[0] + size / 2, 1 - place[1] - size / 2]) * shape[::-1] - 0.5
     way = middle - [column, row]
     start = np.array([column, row]) + way * reach / np.abs(way).max()
     ax.plot(*zip(start, middle, strict=True), color=COLLISION, linewidth=1.0, zorder=8)  # ends behind the inset
-
-
-def _frame(column: float, row: float, reach: float):
-    from matplotlib.patches import Rectangle
-
-    return Rectangle(
-        (column - reach, row - reach), 2 * reach, 2 * reach, fill=False, edgecolor=COLLISION, linewidth=1.2, zorder=8
-    )
 
 
 def _legend(figure, names: tuple[str, str]) -> None:
@@ -211,12 +207,10 @@ def _legend(figure, names: tuple[str, str]) -> None:
 
 
 def _save(figure, folder: Path, name: str) -> Path:
-    """With a palette: a third of the size, and no difference that one could see."""
     from PIL import Image
 
     folder.mkdir(parents=True, exist_ok=True)
     figure.set_dpi(DPI)
     figure.canvas.draw()
-    image = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())).convert("RGB")
-    image.quantize(COLOURS, dither=Image.Dither.NONE).save(folder / name, optimize=True)
+    with_palette(Image.fromarray(np.asarray(figure.canvas.buffer_rgba())), COLOURS).save(folder / name, optimize=True)
     return folder / name

@@ -1,7 +1,6 @@
 """``python -m sims.shadows``: the same as ``warp-bounding demo shadows``."""
 
-import sys
+from sims.base import command
 
-from warp_bounding.cli import main
-
-main(["demo", "shadows", *sys.argv[1:]])
+if __name__ == "__main__":
+    command("shadows")

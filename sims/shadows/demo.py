@@ -11,18 +11,19 @@ do not expect a network to save time here, with meshes of some thousand faces on
     python -m sims.shadows --out out/demo
 """
 
-from pathlib import Path
-
-import numpy as np
-from rich.console import Console
+from dataclasses import dataclass
+from typing import Any
 
 import warp_bounding as wb
-from sims.prefitted import Recipe, bounders_of
-from sims.report import Run, bar, bounder_rows, output, result, run_table, verdict
-from sims.shadows.example import Example, check_rays, simulate
+from sims import base
+from sims.drawing import Drawn
+from sims.prefitted import Recipe
+from sims.report import UNPROVEN, Run
+from sims.shadows.example import Example, check_rays
+from sims.shadows.pictures import OVERSAMPLING, draw
 from sims.shadows.scene import LENGTH, RESOLUTION, SCENES, Scene, grid_of
 
-__all__ = ["RECIPES", "compare", "run"]
+__all__ = ["RECIPES", "Demo", "simulate"]
 
 RAYS = {"length": LENGTH}
 NETWORK = RAYS | {"hidden": (50, 50)}
@@ -38,136 +39,84 @@ RECIPES = {
     "occupancy": Recipe("occupancy", "ray", budget=30.0, options=NETWORK),
 }
 SIZES, STEPS = ((640, 480), (160, 120)), (8, 2)  # full, quick
-SAMPLES = (400_000, 50_000)  # of each bounder's rate of false positives
 SHOWN = ("mlp", "learned-kdop+mlp", "learned-kdop", "kdop", "aabb")  # in the left picture: the first that is proven
+WARM_UP = (96, 72)  # pixels of the picture that loads kernels outside the timed part
 SUN = 0.35  # time of the day of the picture
 
 
-def run(
-    out: Path,
-    *,
-    quick: bool = False,
-    refit: bool = False,
-    budget: float | None = None,
-    bounder_file: Path | None = None,
-    steps: int | None = None,
-    seed: int = 0,
-    device: str | None = None,
-    console: Console | None = None,
-    recipes: dict[str, Recipe] | None = None,
-    resolution: int = RESOLUTION,
-) -> dict:
-    """Do the whole demo.
+@dataclass
+class Demo(base.Demo):
+    """A still life in the sun; see module, and ``sims.base.Demo``.
 
-    Args:
-        out: Folder for the picture, and for bounders that are fitted; made if there is none.
-        quick: Fewer and smaller pictures.
-        refit: Fit the learned bounders anew, rather than load them.
-        budget: Seconds for each of them.
-        bounder_file: A file to take ``mlp`` of one of the objects from; that of the other is the stored one, or fitted.
+    Attributes:
         steps: Pictures: places of the sun; 8, or 2 if quick.
-        seed: Of fits.
-        device: Warp device; the default device if ``None``.
-        console: Where the table and sentences go; standard output if ``None``. Progress bars go to standard error.
-        recipes: Other bounders than ``RECIPES``.
         resolution: Cells along an object's longest side.
-
-    Returns:
-        JSON-ready, see ``report.result``; of each run ``hits``: calls that found the ray stopped; ``size``, ``rays`` (shadow rays of all
-            pictures), ``device``, ``bounders``: rows of each object.
-
-    Raises:
-        BoundingError: For an impossible option, an unknown device or a bounder file that does not fit.
     """
-    out, console = Path(out), console or output()
-    steps = STEPS[quick] if steps is None else steps
-    if steps < 1:
-        raise wb.BoundingError(f"steps must be at least 1, got {steps}")
-    scene = Scene.still_life(*SIZES[quick], device)
-    cells = {name: grid_of(shape, resolution) for name, shape in scene.shapes.items()}
-    recipes = RECIPES if recipes is None else recipes
-    options = {"refit": refit, "budget": budget, "out": out, "seed": seed, "device": str(scene.device)}
-    whose = None if bounder_file is None else _object_of(Path(bounder_file), cells)
-    rows, methods = {}, {name: {} for name in recipes}
-    for name, grid in cells.items():
-        file = bounder_file if name == whose else None
-        bounders = bounders_of(SCENES + name, grid, recipes, file=file, **options)
-        for method, bounder in bounders.items():
-            check_rays(bounder, f"{method} of the {name}")
-            methods[method][name] = bounder
-        rows[name] = bounder_rows(bounders, grid, SAMPLES[quick])
-    examples = simulate(scene, methods, steps=steps)
-    runs = compare(examples, methods, rows)
-    rays, (width, height) = sum(examples["none"].rays), SIZES[quick]
-    title = (
-        f"{steps} pictures, {width} x {height} pixels, {rays // steps:,} shadow rays, {len(cells)} objects; per picture"
-    )
-    console.print(run_table(title, runs, steps=steps, calls="mesh rays"))
-    console.print(verdict(runs, "shadow pixels"))
-    with bar("drawing") as update:
-        update(0.3, 1.0, "")
-        picture, same = _picture(out, methods, device)
-    if not same:
-        console.print("[bold red]Broken promise: the large picture is not the one without a broad phase.[/]")
-    console.print(f"Picture: {picture}", markup=False)
-    more = {"size": [width, height], "rays": rays, "device": str(scene.device), "bounders": rows}
-    told = result("shadows", " and ".join(cells), steps, runs, [picture], **more)
-    return told | {"identical": told["identical"] and same}
+
+    steps: int | None = None
+    resolution: int = RESOLUTION
+
+    NAME = "shadows"
+    RECIPES = RECIPES
+    SCENES = SCENES
+    SAMPLES = (400_000, 50_000)
+    CALLS = "mesh rays"
+    MISSED = "shadow pixels"
+
+    def set_up(self) -> dict[str, wb.IndicatorGrid]:
+        """The cells of both objects."""
+        self.steps = STEPS[self.quick] if self.steps is None else self.steps
+        if self.steps < 1:
+            raise wb.BoundingError(f"steps must be at least 1, got {self.steps}")
+        self.scene = Scene.still_life(*SIZES[self.quick], self.device)
+        self.shape = " and ".join(self.scene.shapes)
+        return {name: grid_of(shape, self.resolution) for name, shape in self.scene.shapes.items()}
+
+    def simulate(self) -> tuple[list[Run], str, dict[str, str]]:
+        """A series for each method."""
+        for method, found in self.bounders.items():
+            for name, bounder in found.items():
+                check_rays(bounder, f"{method} of the {name}")
+        self.examples = simulate(self.scene, self.bounders, steps=self.steps)
+        self.rays = sum(self.examples["none"].rays)
+        width, height = SIZES[self.quick]
+        about = f"{self.steps} pictures, {width} x {height} pixels, {self.rays // self.steps:,} shadow rays"
+        runs = base.compare(self.examples, self.bounders, [row for own in self.rows.values() for row in own])
+        return runs, f"{about}, {len(self.scene.shapes)} objects; per picture", {}
+
+    def draw(self) -> Drawn:
+        """One place of the sun: with a proven bounder, and with ``occupancy`` where there is one."""
+        width, height = SIZES[False]
+        scene = Scene.still_life(width * OVERSAMPLING, height * OVERSAMPLING, self.device)
+        proven = [name for name in SHOWN if base.weakest(self.bounders.get(name, {}).values()) == "proven"][:1]
+        examples = {"none": Example(scene, sun=SUN)}
+        for name in (*proven, *(name for name in UNPROVEN if name in self.bounders)):
+            examples[name] = Example(scene, self.bounders[name], sun=SUN)
+        for example in examples.values():
+            example.step()
+        reference = examples["none"]
+        if not all(examples[name].identical(reference) for name in proven):
+            self.notes.append("[bold red]Broken promise: the large picture is not the one without a broad phase.[/]")
+        shown = {name: example for name, example in examples.items() if example is not reference}
+        return Drawn([draw(self.out, reference, shown or examples)])
+
+    def more(self) -> dict[str, Any]:
+        """``size`` and ``rays`` (shadow rays of all pictures), ``device``, and ``bounders``: rows of each object."""
+        about = {"size": list(SIZES[self.quick]), "rays": self.rays}
+        return {**about, "device": str(self.scene.device), "bounders": self.rows}
 
 
-def compare(
-    examples: dict[str, Example], methods: dict[str, dict[str, wb.Bounder]], rows: dict[str, list[dict]] | None = None
-) -> list[Run]:
-    """What the series cost and lost against ``"none"``, the reference.
+def simulate(scene: Scene, methods: dict[str, dict[str, wb.Bounder]], *, steps: int = 8) -> dict[str, Example]:
+    """The same pictures without a broad phase and with the bounders of each method; see ``sims.base.simulate``.
 
     Args:
-        examples: As ``simulate`` returns them.
-        methods: As it takes them.
-        rows: Per object, what ``report.bounder_rows`` says of its bounders; a run's rate of false positives is their mean.
+        scene: What is drawn.
+        methods: By name of a method, then of an object.
+        steps: Pictures of each series.
     """
-    reference, runs = examples["none"], []
-    final = reference.state()
-    for name, example in examples.items():
-        bounders = methods.get(name, {}).values()
-        kinds = [bounder.certificate.kind if bounder.certificate else "" for bounder in bounders]
-        certificate = next((kind for kind in ("", "statistical", "proven") if kind in kinds), "")  # the weakest
-        rates = [row["fp_rate"] for of in (rows or {}).values() for row in of if row["bounder"] == name]
-        calls = sum(example.calls)
-        run = Run(name, calls, *example.milliseconds(), 0, True, float(np.mean(rates)) if rates else None, certificate)
-        run.missed, run.identical = example.missed(reference), example.state() == final
-        run.extra = {"hits": sum(example.hits)}
-        runs.append(run)
-    return runs
+    little = Scene.still_life(*WARM_UP, str(scene.device))
 
+    def series(bounders: dict[str, wb.Bounder] | None, small: bool) -> Example:
+        return Example(little if small else scene, bounders, steps=steps)
 
-def _object_of(path: Path, cells: dict[str, wb.IndicatorGrid]) -> str:
-    """Whose bounder a file holds: of the object with its very cells; of the first, which then refuses it, if there is none."""
-    if not path.is_file():
-        raise wb.BounderError(f"{path}: there is no such file")
-    made = wb.load(path, device="cpu").info.get("indicator")
-    return next((name for name, grid in cells.items() if grid.digest == made), next(iter(cells)))
-
-
-def _picture(out: Path, methods: dict[str, dict[str, wb.Bounder]], device: str | None) -> tuple[Path, bool]:
-    """Draw one place of the sun: with a proven bounder, and with ``occupancy`` where there is one.
-
-    Returns:
-        The file, and whether what is proven changed nothing.
-    """
-    from sims.shadows.pictures import OVERSAMPLING, draw
-
-    width, height = SIZES[False]
-    scene = Scene.still_life(width * OVERSAMPLING, height * OVERSAMPLING, device)
-
-    def proven(name: str) -> bool:
-        return all(b.certificate is not None and b.certificate.proven for b in methods[name].values())
-
-    kept = [name for name in SHOWN if name in methods and proven(name)][:1]
-    shown = kept + [name for name in ("occupancy",) if name in methods] or ["none"]
-    examples = {"none": Example(scene, sun=SUN)}
-    examples |= {name: Example(scene, methods[name], sun=SUN) for name in shown if name != "none"}
-    for example in examples.values():
-        example.step()
-    reference = examples["none"]
-    same = all(examples[name].state() == reference.state() for name in kept)
-    return draw(out, reference, {name: examples[name] for name in shown}), same
+    return base.simulate("shadows", methods, series, steps)

@@ -1,21 +1,20 @@
 """Pictures of a still life with shadows, one for each place of the sun, with and without bounders; see ``sims.shadows.scene``."""
 
-import time
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import warp as wp
 
 import warp_bounding as wb
+from sims import base
 from sims.cores import launch_on_all_cores
-from sims.report import bar
 from sims.shadows.kernels import cast, face_sun, stop
+from sims.shadows.pictures import draw_one
 from sims.shadows.scene import LENGTH, LIFT, REACH, TOLERANCE, Scene
 
-__all__ = ["Example", "check_rays", "simulate"]
-
-WARM_UP = (96, 72)  # pixels of the picture that loads kernels outside the timed part
+__all__ = ["Example", "check_rays"]
 
 
 def check_rays(bounder: wb.Bounder, source: str) -> None:
@@ -31,8 +30,8 @@ def check_rays(bounder: wb.Bounder, source: str) -> None:
         raise wb.BounderError(f"{source}: expected a bounder of rays of length {LENGTH:g}, got length {got:g}")
 
 
-class Example:
-    """One series of pictures.
+class Example(base.Example):
+    """Pictures of a still life, one after another.
 
     Attributes:
         seconds: Per picture: broad phase, narrow phase, whole step.
@@ -41,6 +40,9 @@ class Example:
         hits: Per picture: those of them that met the object.
         shadows: Per picture: ``(H, W)`` uint8, bit k - 1 set where the k-th object stops the pixel's ray.
     """
+
+    LOST = "shadow pixels were lost"
+    DIFFER = "the pictures differ"
 
     def __init__(
         self,
@@ -61,6 +63,7 @@ class Example:
         Raises:
             BounderError: If an object has no bounder, or one of other rays.
         """
+        super().__init__()
         self.scene, self.bounders = scene, None if bounders is None else dict(bounders)
         if bounders is not None:
             if set(bounders) != set(scene.shapes):
@@ -70,16 +73,14 @@ class Example:
                 check_rays(bounder, name)
         self.suns = scene.suns((np.arange(steps) + 0.5) / steps if sun is None else np.array([sun]))
         self._everyone = wp.array(np.arange(len(scene.seen.pixels)), dtype=wp.int32, device=scene.device)
-        self.seconds: list[tuple[float, float, float]] = []
         self.rays: list[int] = []
-        self.calls: list[int] = []
         self.hits: list[int] = []
         self.shadows: list[np.ndarray] = []
 
     def step(self) -> None:
         """One picture of shadows, timed phase by phase. What the camera sees is known before."""
         scene, device, seen = self.scene, self.scene.device, self.scene.seen
-        start = self._now()
+        start = base.now(device)
         sun = wp.vec3(*map(float, self.suns[len(self.shadows) % len(self.suns)]))
         facing = wp.empty(len(seen.pixels), dtype=wp.uint8, device=device)
         launch_on_all_cores(face_sun, len(seen.pixels), [sun, seen.normals], [facing], device)
@@ -95,13 +96,13 @@ class Example:
         for bit, (name, mesh) in enumerate(scene.meshes.items()):
             stopped = wp.zeros(count, dtype=wp.uint8, device=device)
             candidates, some, items = self._everyone, all_of_them, count
-            begin = self._now()
+            begin = base.now(device)
             if self.bounders is not None and count:
                 candidates, some = self.bounders[name].candidates(rays)
                 items = int(some.numpy()[0])
-            found = self._now()
+            found = base.now(device)
             launch_on_all_cores(stop, items, [mesh.id, rays, REACH, TOLERANCE, candidates, some], [stopped], device)
-            end = self._now()
+            end = base.now(device)
             broad += found - begin if self.bounders is not None else 0.0
             narrow += end - found
             calls += items
@@ -109,14 +110,10 @@ class Example:
             hits += int(np.count_nonzero(answers))
             shadow[seen.pixels[chosen]] |= answers << np.uint8(bit)
         self.shadows.append(shadow.reshape(scene.camera.height, scene.camera.width))
-        self.seconds.append((broad, narrow, self._now() - start))
+        self.seconds.append((broad, narrow, base.now(device) - start))
         self.rays.append(count)
         self.calls.append(calls)
         self.hits.append(hits)
-
-    def _now(self) -> float:
-        wp.synchronize_device(self.scene.device)
-        return time.perf_counter()
 
     def state(self) -> bytes:
         """All pictures: which object stops the ray of which pixel."""
@@ -128,49 +125,16 @@ class Example:
 
     def missed(self, reference: "Example") -> int:
         """Shadow pixels of a series of the same length without a broad phase which this one lacks."""
-        pairs = zip(reference.shadows, self.shadows, strict=True)
-        return sum(int(((there != 0) & (here == 0)).sum()) for there, here in pairs)
+        return sum(int(self.lost(reference, step).sum()) for step in range(len(reference.shadows)))
 
-    def milliseconds(self) -> tuple[float, float, float]:
-        """Median per picture: broad phase, narrow phase, whole step."""
-        return tuple(1e3 * float(x) for x in np.median(self.seconds, axis=0))
+    def identical(self, reference: "Example") -> bool:
+        """Whether all pictures are those of another series."""
+        return self.state() == reference.state()
+
+    def extra(self, reference: "Example") -> dict[str, Any]:
+        """``hits``: calls that found the ray stopped."""
+        return {"hits": sum(self.hits)}
 
     def render(self, folder: Path) -> list[Path]:
         """Draw the last picture, ``shadows.png``; see ``sims.shadows.pictures``."""
-        from sims.shadows.pictures import draw_one
-
         return [draw_one(self, Path(folder))]
-
-    def test_final(self, reference: "Example") -> None:
-        """Check this series against one without a broad phase.
-
-        Raises:
-            AssertionError: If a shadow pixel was lost or a bit of the pictures differs.
-        """
-        missed = self.missed(reference)
-        assert missed == 0, f"{missed} shadow pixels were lost"
-        assert self.state() == reference.state(), "the pictures differ"
-
-
-def simulate(scene: Scene, methods: Mapping[str, Mapping[str, wb.Bounder]], *, steps: int = 8) -> dict[str, Example]:
-    """The same pictures once without a broad phase (``"none"``) and once with the bounders of each method.
-
-    Args:
-        scene: What is drawn.
-        methods: By name of a method, then of an object.
-        steps: Pictures of each series.
-
-    Returns:
-        The series, finished.
-    """
-    small = Scene.still_life(*WARM_UP, str(scene.device))
-    examples = {}
-    for name, bounders in {"none": None, **methods}.items():
-        if bounders is None or set(bounders) == set(small.shapes):
-            Example(small, bounders, steps=1).step()
-        examples[name] = example = Example(scene, bounders, steps=steps)
-        with bar(f"shadows, broad phase: {name}") as update:
-            for step in range(steps):
-                example.step()
-                update(step + 1, steps, "")
-    return examples

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sims.shadows.example import Example
+from sims.base import Example
+from sims.drawing import INK
 
 __all__ = ["OVERSAMPLING", "draw", "draw_one", "shaded"]
 
@@ -20,7 +21,7 @@ THINGS = np.array([[0.74, 0.66, 0.55], [0.36, 0.17, 0.08], [0.30, 0.38, 0.46]]) 
 TILES = 1.0  # world units a side
 HAZE = (7.0, 20.0)  # distances at which the floor begins to fade, and is gone
 LOST = (0.86, 0.03, 0.05)  # linear, of a shadow pixel that was lost
-INK, PALE, GOOD, BAD = "#22303c", "#5b6771", "#1d6b3a", "#b01218"
+PALE, GOOD, BAD = "#5b6771", "#1d6b3a", "#b01218"
 BAND, GAP = 46, 12  # pixels above a panel for its title, and between panels
 DPI = 100
 

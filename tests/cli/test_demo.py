@@ -12,8 +12,8 @@ import pytest
 
 import sims.particles
 import warp_bounding as wb
+from sims import DEMOS
 from warp_bounding.cli import main
-from warp_bounding.cli.demo import DEMOS
 
 
 def run(capsys, *arguments):

@@ -6,9 +6,9 @@ from importlib import import_module
 import pytest
 
 import warp_bounding as wb
+from sims import DEMOS
 from sims.prefitted import FOLDER, bounder_from, stored
 from sims.refit import plan
-from warp_bounding.cli.demo import DEMOS
 
 KEYS = {"bounder", "narrow_calls", "ms_broad", "ms_narrow", "ms_step", "missed", "identical", "fp_rate", "certificate"}
 

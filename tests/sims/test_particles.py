@@ -5,12 +5,14 @@ from PIL import Image
 
 import warp_bounding as wb
 from sims import drawing
+from sims.base import compare
 from sims.cores import launch_on_all_cores
+from sims.particles import run
+from sims.particles.bounds import bounds_data
 from sims.particles.broad import MovingBox, OfMotion
-from sims.particles.demo import MOVING_BOX, compare, run, simulate
-from sims.particles.example import CONTACT, CONTAINMENT, Example
+from sims.particles.demo import MOVING_BOX, simulate
+from sims.particles.example import CONTACT, CONTAINMENT, Example, rain_data
 from sims.particles.kernels import RADIUS, collide
-from sims.particles.pictures import bounds_data, rain_data
 from sims.particles.scene import PERIOD, Scene
 from sims.prefitted import FOLDER, Recipe, fit
 
@@ -91,7 +93,7 @@ def test_a_tighter_bounder_calls_less(examples):
 def test_a_bounder_that_denies_a_part_of_the_object_is_found_out(scene, bounders, method):
     broken = {"broken": denying(bounders[method])}
     runs = simulate(scene, {"broken": OfMotion(broken["broken"], scene)}, particles=PARTICLES, steps=3)
-    row = compare(runs, broken, {})[1]
+    row = compare(runs, {"broken": broken})[1]
     assert not row.identical
     assert row.missed > 0
     with pytest.raises(AssertionError, match="contacts were missed"):

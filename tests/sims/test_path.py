@@ -7,10 +7,9 @@ from bounding_shapes import told_of
 from rich.console import Console
 
 import warp_bounding as wb
-from sims.path import demo
+from sims.base import compare
 from sims.path.demo import RECIPES, grids, phases, run, simulate
 from sims.path.planner import Example
-from sims.path.report import compare
 from sims.path.worlds import World
 from sims.prefitted import Recipe
 
@@ -73,7 +72,7 @@ def test_the_reference_plans_without_a_collision(examples, world):
     assert none.solved == PROBLEMS
     assert not none.collisions().any()
     assert none.missed() == 0
-    assert none.seconds[0] == 0.0
+    assert none.milliseconds()[0] == 0.0
     for problem, path in zip(none.problems, none.paths, strict=True):
         np.testing.assert_array_equal(path[[0, -1]], problem)
         assert path.dtype == np.float32
@@ -105,7 +104,7 @@ def test_a_bounder_that_denies_a_part_of_the_object_is_found_out(world, bounders
     points = np.concatenate([inside, inside], axis=1) if name == "bvh" else inside
     broken = denying(bounders[name], points)
     runs = simulate(world, {name: broken}, states=STATES, problems=PROBLEMS)
-    rows = compare(world, runs, {name: broken}, [])
+    rows = compare(runs, {name: {"walls": broken}})
     assert rows[1].missed > 0
     assert not rows[1].identical
     with pytest.raises(AssertionError, match="were cleared that collide"):
@@ -122,7 +121,7 @@ def test_paths_through_walls_are_counted(world, examples):
 
 
 def test_a_path_that_collides_is_enough_to_fail(world, examples, monkeypatch):
-    monkeypatch.setattr(Example, "missed", lambda self: 0)
+    monkeypatch.setattr(Example, "missed", lambda self, reference: 0)
     through = Example(world, Everything(), states=STATES, problems=PROBLEMS)
     through.step()
     with pytest.raises(AssertionError, match="paths collide"):
@@ -179,7 +178,8 @@ def test_no_problem_that_can_be_asked():
 
 
 def test_the_runs_of_the_table(world, examples, bounders):
-    runs = compare(world, examples, bounders, [{"bounder": "mlp", "fp_rate": 12.5}], section="walls")
+    own = {name: {"walls": bounder} for name, bounder in bounders.items()}
+    runs = compare(examples, own, [{"bounder": "mlp", "fp_rate": 12.5}], section="walls")
     by_name = {each.bounder: each for each in runs}
     assert by_name["mlp"].fp_rate == 12.5
     assert by_name["mlp"].section == "walls"
@@ -204,15 +204,15 @@ def test_recipes_and_worlds_belong_together(bounders, world):
 
 
 @pytest.fixture
-def tiny(tmp_path, monkeypatch):
+def tiny(tmp_path):
     """A user's world, and fits of a few steps."""
-    monkeypatch.setattr(demo, "RECIPES", {name: small(name) for name in RECIPES})
+    recipes = {name: small(name) for name in RECIPES}
     path = tmp_path / "mine.npy"
     np.save(path, walls())
 
     def go(**options):
         console = Console(record=True, width=140, highlight=False, soft_wrap=True, file=StringIO())
-        given = {"quick": True, "states": 300, "problems": 5, "world": path, **options}
+        given = {"recipes": recipes, "quick": True, "states": 300, "problems": 5, "world": path, **options}
         return run(tmp_path / "out", console=console, **given), console.export_text()
 
     return go
@@ -255,8 +255,8 @@ def test_a_users_world_is_fitted_once(tiny, tmp_path):
         tiny(world=tmp_path / "other.npy", bounder_file=kept)
 
 
-def test_two_worlds_are_two_sections(tmp_path, monkeypatch):
-    monkeypatch.setattr(demo, "RECIPES", {name: small(name) for name in RECIPES})
+def test_two_worlds_are_two_sections(tmp_path):
+    recipes = {name: small(name) for name in RECIPES}
     np.save(tmp_path / "a.npy", walls())
     (tmp_path / "b.map").write_text(
         "type octile\nheight 9\nwidth 9\nmap\n" + "@@@@@@@@@\n" + "@.......@\n" * 7 + "@@@@@@@@@\n"
@@ -265,7 +265,8 @@ def test_two_worlds_are_two_sections(tmp_path, monkeypatch):
         "version 1\n0\tb.map\t9\t9\t2\t2\t6\t6\t5.6\n0\tb.map\t9\t9\t0\t0\t6\t6\t5.6\n"
     )
     console = Console(quiet=True)
-    found = run(tmp_path / "out", quick=True, world=tmp_path, states=150, problems=4, console=console)
+    options = {"states": 150, "problems": 4, "recipes": recipes, "console": console}
+    found = run(tmp_path / "out", quick=True, world=tmp_path, **options)
     assert [each["section"] for each in found["runs"]] == ["a.npy"] * 9 + ["b.map"] * 9
     assert found["worlds"][1] | {"blocked": 1, "solved": 1, "problems": 2} == found["worlds"][1]
     assert found["identical"]

@@ -6,11 +6,12 @@ import warp as wp
 
 import warp_bounding as wb
 from sims import shadows
-from sims.prefitted import Recipe, stored
+from sims.base import compare
+from sims.prefitted import Recipe, owner, stored
 from sims.report import kept, verdict
 from sims.shadows import Example, Scene
-from sims.shadows.demo import _object_of, compare
-from sims.shadows.example import check_rays, simulate
+from sims.shadows.demo import simulate
+from sims.shadows.example import check_rays
 from sims.shadows.kernels import stop
 from sims.shadows.scene import FARTHEST, LENGTH, LIFT, LOWEST, REACH, TOLERANCE, grid_of
 
@@ -269,7 +270,7 @@ def test_the_whole_demo(tmp_path, monkeypatch, capsys):
     assert again["identical"]
     cells = {name: grid_of(shape, RESOLUTION) for name, shape in Scene.still_life(8, 8, "cpu").shapes.items()}
     for name in cells:
-        assert _object_of(stored(f"shadows-{name}", "occupancy", tmp_path), cells) == name
+        assert owner(stored(f"shadows-{name}", "occupancy", tmp_path), cells) == name
     with pytest.raises(wb.BounderError, match="there is no such file"):
         shadows.run(tmp_path, quick=True, bounder_file=tmp_path / "none.safetensors", recipes=recipes)
     with pytest.raises(wb.BoundingError, match="steps must be at least 1"):

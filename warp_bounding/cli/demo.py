@@ -1,19 +1,19 @@
 """``warp-bounding demo``: the library at work on real input, with tables and pictures."""
 
-import inspect
+from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
+from sims import DEMOS
 from warp_bounding.cli.output import Device, Json, console, print_json, quiet_warp
 from warp_bounding.errors import BoundingError
 
-__all__ = ["DEMOS", "command"]
+__all__ = ["command"]
 
-DEMOS = ("particles", "cloth", "path", "shadows")
-EXTRA = {"newton": "sims", "pyvista": "sims", "scipy": "sims", "torch": "sims", "trimesh": "sims", "matplotlib": "sims"}
+NEEDED = ("newton", "pyvista", "scipy", "torch", "trimesh", "matplotlib")  # packages of the extra ``sims``
 
 
 def command(
@@ -54,11 +54,11 @@ def command(
     try:
         from sims.report import output
 
-        run = import_module(f"sims.{name}").run
-        _check(name, run, options)
-        folder = _folder("out", out)
-        result = run(
-            folder,
+        demo = import_module(f"sims.{name}")
+        for option in options.keys() - {field.name for field in fields(demo.Demo)}:
+            raise BoundingError(f"demo {name} has no option --{option.removesuffix('_file')}")
+        result = demo.run(
+            _folder("out", out),
             quick=quick,
             refit=refit,
             budget=budget,
@@ -68,10 +68,9 @@ def command(
             **options,
         )
     except ImportError as error:
-        extra = EXTRA.get((error.name or "").split(".")[0])
-        if extra is None:
+        if (error.name or "").split(".")[0] not in NEEDED:
             raise
-        raise BoundingError(f"the demo needs {error.name}: pip install 'warp-bounding[{extra}]'") from error
+        raise BoundingError(f"the demo needs {error.name}: pip install 'warp-bounding[sims]'") from error
     if json:
         print_json(result)
     return 0 if result["identical"] else 1
@@ -97,10 +96,3 @@ def _folder(option: str, out: str) -> Path:
     except OSError as error:
         raise BoundingError(f"{option} must be a folder that can be written to, got {out}: {error.strerror}") from error
     return Path(out)
-
-
-def _check(name: str, run, options: dict[str, Any]) -> None:
-    """Refuse an option that this demo does not have."""
-    for option in options.keys() - inspect.signature(run).parameters.keys():
-        shown = option.removesuffix("_file")
-        raise BoundingError(f"demo {name} has no option --{shown}")

@@ -1,0 +1,250 @@
+"""What every demo is made of: an ``Example``, one run of its simulation, and a ``Demo``, which runs it with and without bounders.
+
+A demo tells a ``Demo`` its shapes, its recipes, how a run begins and what is drawn. The rest is the same for all: bounders are fitted or
+loaded, the runs take turns, step by step, so that whatever else the machine does slows all of them alike, each is compared with the run
+without a broad phase, to the bit, and a table, a verdict, pictures and JSON are made of it.
+"""
+
+import runpy
+import sys
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import warp as wp
+from rich.console import Console
+
+import warp_bounding as wb
+from sims.drawing import Drawn
+from sims.prefitted import Recipe, fitted
+from sims.report import Run, bounder_rows, kept, output, result, run_table, shown, verdict
+
+__all__ = ["Demo", "Example", "command", "compare", "now", "simulate", "weakest"]
+
+
+class Example(ABC):
+    """One run of a simulation, in the manner of Newton's examples: ``step``, ``render``, ``test_final``.
+
+    Attributes:
+        seconds: Per step: broad phase, narrow phase, whole step.
+        calls: Per step: what the narrow phase was called for.
+        certificate: What stands in for a certificate where the broad phase is no bounder.
+    """
+
+    LOST: ClassVar[str] = "contacts were missed"
+    DIFFER: ClassVar[str] = "the final states differ"
+
+    def __init__(self):
+        self.seconds: list[tuple[float, float, float]] = []
+        self.calls: list[int] = []
+        self.certificate = ""
+
+    @abstractmethod
+    def step(self) -> None:
+        """One step, timed phase by phase."""
+
+    @abstractmethod
+    def render(self, folder: Path) -> list[Path]:
+        """Draw what there is after the last step into a folder; returns the pictures."""
+
+    @abstractmethod
+    def missed(self, reference: "Example | None" = None) -> int:
+        """How much of what a run of the same length without a broad phase finds this one lacks."""
+
+    @abstractmethod
+    def identical(self, reference: "Example") -> bool:
+        """Whether all of the result is another run's, to the bit: a proven bounder changes none."""
+
+    def milliseconds(self) -> tuple[float, float, float]:
+        """Median per step: broad phase, narrow phase, whole step."""
+        return tuple(1e3 * float(x) for x in np.median(self.seconds, axis=0))
+
+    def extra(self, reference: "Example") -> dict[str, Any]:
+        """More numbers for the table, beside those of ``report.Run``."""
+        return {}
+
+    def test_final(self, reference: "Example") -> None:
+        """Check this run against one without a broad phase.
+
+        Raises:
+            AssertionError: If it lacks something that the reference has, or a bit of the result differs.
+        """
+        missed = self.missed(reference)
+        assert missed == 0, f"{missed} {self.LOST}"
+        assert self.identical(reference), self.DIFFER
+
+
+def command(name: str) -> None:
+    """What ``python -m sims.NAME`` does: the same as ``warp-bounding demo NAME``, with this process' arguments."""
+    sys.argv[1:1] = ["demo", name]
+    runpy.run_module("warp_bounding", run_name="__main__")
+
+
+def now(device: wp.Device) -> float:
+    """Seconds, once a device has done all that it was asked to."""
+    wp.synchronize_device(device)
+    return time.perf_counter()
+
+
+def simulate(what: str, phases: Mapping[str, Any], make: Callable[[Any, bool], Example], steps: int) -> dict[str, Any]:
+    """The same run once without a broad phase (``"none"``) and once with each, from the same state, in turns, step by step.
+
+    Args:
+        what: Of the simulation, for people.
+        phases: Broad phases by name.
+        make: From a broad phase, or ``None``, to a run of it that has not begun; a small one, that only loads kernels, if told so.
+        steps: How many.
+
+    Returns:
+        The runs, finished.
+    """
+    phases = {"none": None, **phases}
+    for phase in shown(phases.values(), "loading kernels (compiled at first use, a minute)"):
+        make(phase, True).step()
+    examples = {name: make(phase, False) for name, phase in phases.items()}
+    for _ in shown(range(steps), f"{what}, {len(examples)} runs in turns"):
+        for example in examples.values():
+            example.step()
+    return examples
+
+
+def weakest(bounders: Iterable[wb.Bounder]) -> str:
+    """The weakest kind of some bounders' certificates; empty where one has none, and for no bounders."""
+    kinds = {bounder.certificate.kind if bounder.certificate else "" for bounder in bounders}
+    return next((kind for kind in ("", "statistical", "proven") if kind in kinds), "")
+
+
+def compare(
+    examples: Mapping[str, Example],
+    bounders: Mapping[str, Mapping[str, wb.Bounder]],
+    rows: Iterable[Mapping[str, Any]] = (),
+    section: str = "",
+) -> list[Run]:
+    """What runs cost and lost against ``"none"``, the reference.
+
+    Args:
+        examples: By name: of a method, with more words after a comma or not, or of two methods, joined by a plus.
+        bounders: By name of the method, then of the shape.
+        rows: Of ``report.bounder_rows``; a run's rate of false positives is the mean over the shapes.
+        section: Of the table.
+    """
+    reference, runs = examples["none"], []
+    for name, example in examples.items():
+        method = name.split(",")[0]
+        parts = [method] if method in bounders else method.split("+")
+        rates = [row["fp_rate"] for row in rows if row["bounder"] == method]
+        run = Run(
+            name,
+            sum(example.calls),
+            *example.milliseconds(),
+            missed=example.missed(reference),
+            identical=example.identical(reference),
+            fp_rate=sum(rates) / len(rates) if rates else None,
+            certificate=example.certificate or weakest(b for p in parts for b in bounders.get(p, {}).values()),
+            section=section,
+            extra=example.extra(reference),
+        )
+        runs.append(run)
+    return runs
+
+
+@dataclass
+class Demo(ABC):
+    """A whole demo: from its options to what it prints and returns.
+
+    Attributes:
+        out: Folder for pictures, and for bounders that are fitted; made if there is none.
+        quick: A small form.
+        refit: Fit the learned bounders anew, into ``out``, rather than load them.
+        budget: Seconds for each of them, then.
+        bounder_file: A file to take ``mlp`` from, for the shape that it was made of; the others' stay.
+        seed: Of fits, and of all that is random.
+        device: Warp device; the default device if ``None``.
+        console: Where tables and sentences go; standard output if ``None``. Progress goes to standard error.
+        recipes: Other bounders than the demo's own.
+    """
+
+    out: Path
+    quick: bool = False
+    refit: bool = False
+    budget: float | None = None
+    bounder_file: Path | None = None
+    seed: int = 0
+    device: str | None = None
+    console: Console | None = None
+    recipes: dict[str, Recipe] | None = None
+    notes: list[str] = field(default_factory=list, init=False)  # broken promises beside those of the runs, with markup
+
+    NAME: ClassVar[str]
+    RECIPES: ClassVar[dict[str, Recipe]]
+    SCENES: ClassVar[str] = ""  # what the names of all shapes' files begin with
+    SAMPLES: ClassVar[tuple[int, int]] = (400_000, 400_000)  # random queries of a rate of false positives: full, quick
+    CALLS: ClassVar[str] = "narrow calls"  # what the narrow phase is called for
+    MISSED: ClassVar[str] = "contacts"  # what must not be missed
+
+    @classmethod
+    def run(cls, out: Path, **options) -> dict[str, Any]:
+        """Do the whole demo; its options are the attributes.
+
+        Returns:
+            JSON-ready: see ``report.result``, and what the demo's own ``more`` adds.
+
+        Raises:
+            BoundingError: For an impossible option, an unknown device, or a bounder that is missing or does not fit.
+        """
+        return cls(Path(out), **options)._run()
+
+    def _run(self) -> dict[str, Any]:
+        self.console = self.console or output()
+        self.recipes = self.RECIPES if self.recipes is None else self.recipes
+        cells = self.set_up()
+        self.bounders = self.fit(cells)
+        samples = self.SAMPLES[self.quick]
+        self.rows = {name: bounder_rows(self.of_shape(name), grid, samples) for name, grid in cells.items()}
+        runs, title, columns = self.simulate()
+        self.console.print(run_table(title, runs, steps=self.steps, calls=self.CALLS, extra=columns))
+        self.console.print(verdict(runs, self.MISSED))
+        self.tell(runs)
+        (drawn,) = (self.draw() for _ in shown([None], "drawing"))
+        for note in self.notes:
+            self.console.print(note)
+        self.console.print(drawn.lines(), markup=False)
+        told = result(self.NAME, self.shape, self.steps, runs, drawn.paths, **self.more())
+        return told | {"identical": kept(runs) and not self.notes}
+
+    def fit(self, cells: dict[str, wb.IndicatorGrid]) -> dict[str, dict[str, wb.Bounder]]:
+        """All bounders, fitted or loaded, by name of the method, then of the shape."""
+        device = str(wp.get_device(self.device))
+        return fitted(cells, self.recipes, scenes=self.SCENES, file=self.bounder_file, device=device, **self.fits)
+
+    @property
+    def fits(self) -> dict[str, Any]:
+        """Options of ``prefitted.bounders_of``."""
+        return {"refit": self.refit, "budget": self.budget, "out": self.out, "seed": self.seed}
+
+    def of_shape(self, name: str) -> dict[str, wb.Bounder]:
+        """The bounders of one shape, by name of the method."""
+        return {method: found[name] for method, found in self.bounders.items()}
+
+    @abstractmethod
+    def set_up(self) -> dict[str, wb.IndicatorGrid]:
+        """Check the options, set ``steps`` and ``shape`` (its name), make what runs share; returns cells by name of the shape."""
+
+    @abstractmethod
+    def simulate(self) -> tuple[list[Run], str, dict[str, str]]:
+        """All runs, the title of their table, and its columns of ``Example.extra``, heads by key."""
+
+    def tell(self, runs: list[Run]) -> None:  # noqa: B027  not all demos have more to say
+        """Print more sentences."""
+
+    @abstractmethod
+    def draw(self) -> Drawn:
+        """The pictures."""
+
+    @abstractmethod
+    def more(self) -> dict[str, Any]:
+        """More keys of the JSON."""
