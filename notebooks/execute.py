@@ -20,6 +20,8 @@ from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
 from PIL import Image
 
+from sims.drawing import with_palette
+
 __all__ = ["FOLDER", "execute", "main", "problems", "sources"]
 
 FOLDER = Path(__file__).resolve().parent
@@ -27,7 +29,7 @@ BUDGET = 20.0  # seconds a fit, the notebooks' own default
 SECONDS = 1800  # for one cell
 LARGEST = 400_000  # bytes of a notebook
 NO_NEWS = "Warp CUDA warning: Could not find or load the NVIDIA CUDA driver."  # native code says so without being asked
-PNG, COLOURS = "image/png", 256
+PNG = "image/png"
 KERNEL = {"display_name": "Python 3 (ipykernel)", "language": "python", "name": "python3"}
 
 
@@ -94,9 +96,9 @@ def problems(notebook: nbformat.NotebookNode) -> list[str]:
 
 
 def _with_palette(picture: str) -> str:
-    """A PNG picture (base64) with at most ``COLOURS`` colours, if that makes it smaller."""
+    """A PNG picture (base64) with a palette, if that makes it smaller."""
     image, content = Image.open(io.BytesIO(base64.b64decode(picture))), io.BytesIO()
-    image.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(content, "PNG", optimize=True)
+    with_palette(image).save(content, "PNG", optimize=True)
     smaller = base64.b64encode(content.getvalue()).decode()
     return smaller if len(smaller) < len(picture) else picture
 

@@ -1,16 +1,16 @@
-"""Shapes for a first look: meshes that installed packages bring along, read from there or written where a user wants them.
+"""Shapes for a first look: meshes that installed packages bring along; nothing is downloaded.
 
-Nothing is downloaded. ``warp-bounding demo --assets DIR`` writes them as ``.obj`` files, so that what documentation shows runs as printed.
+``warp-bounding demo --assets DIR`` writes them as ``.obj`` files, so that what documentation shows runs as printed.
 """
 
 from pathlib import Path
 
 import numpy as np
+import warp as wp
 
 import warp_bounding as wb
-from warp_bounding.runtime.whole_file import write_whole
 
-__all__ = ["MESHES", "asset_mesh", "write_assets"]
+__all__ = ["MESHES", "asset_mesh", "obj", "surface"]
 
 MESHES = ("bunny", "bear", "rocks")  # by the names of warp-lang's files
 
@@ -29,26 +29,15 @@ def asset_mesh(name: str) -> wb.IndicatorMesh:
     return wb.load_indicator(path)
 
 
-def write_assets(folder: Path) -> list[Path]:
-    """Write every mesh as ``.obj``; float32 numbers are written so that they are read back to the bit.
-
-    Args:
-        folder: Where; made if there is none. Files of these names are replaced.
-
-    Returns:
-        The files.
-
-    Raises:
-        IndicatorError: If one of the meshes is missing; nothing is written then.
-        FileFormatError: If a file cannot be written.
-    """
-    files = {Path(folder) / f"{name}.obj": _obj(asset_mesh(name)) for name in MESHES}
-    for path, content in files.items():
-        write_whole(path, content)
-    return list(files)
-
-
-def _obj(shape: wb.IndicatorMesh) -> bytes:
+def obj(shape: wb.IndicatorMesh) -> bytes:
+    """A mesh as an ``.obj`` file; its float32 numbers are read back to the bit."""
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in np.asarray(shape.vertices, np.float32)]
     lines += [f"f {a} {b} {c}" for a, b, c in shape.faces + 1]
     return ("\n".join(lines) + "\n").encode()
+
+
+def surface(vertices: np.ndarray, faces: np.ndarray, device: wp.Device | str, moving: bool = False) -> wp.Mesh:
+    """A mesh for queries in kernels; one that moves has velocities, of 0."""
+    points = wp.array(vertices, dtype=wp.vec3, device=device)
+    indices = wp.array(faces.reshape(-1), dtype=wp.int32, device=device)
+    return wp.Mesh(points=points, indices=indices, velocities=wp.zeros_like(points) if moving else None)

@@ -34,10 +34,7 @@ SECONDS = 120  # for drawing
 COLOURS = 256  # of a picture's palette
 WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
 STONE, INK = "#d8cfc4", "#22303c"
-CAPTIONS = {
-    "mlp": "mlp: a network with a proof",
-    "occupancy": "occupancy: a network with no proof",
-}  # of panels, by method
+CAPTIONS = {"mlp": "mlp: a network with a proof", "occupancy": "occupancy: a network with no proof"}  # of panels
 
 
 class Drawn(NamedTuple):

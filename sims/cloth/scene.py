@@ -16,25 +16,12 @@ import numpy as np
 import warp as wp
 
 import warp_bounding as wb
-from sims.assets import asset_mesh
+from sims.assets import asset_mesh, surface
 from sims.cloth.star import star
 from sims.prefitted import Recipe
 from warp_bounding.newton import margin_for
 
-__all__ = [
-    "DT",
-    "GAP",
-    "HIDDEN",
-    "RADIUS",
-    "RECIPES",
-    "RESOLUTION",
-    "SHAPES",
-    "Scene",
-    "grid_of",
-    "margin",
-    "newton_mesh",
-    "shape",
-]
+__all__ = ["DT", "GAP", "RADIUS", "RECIPES", "SHAPES", "Scene", "grid_of", "newton_mesh", "shape"]
 
 SHAPES = ("bunny", "star")
 RADIUS = 0.02  # of a particle, world units (the bunny is 1.6 of them high)
@@ -77,9 +64,7 @@ RECIPES = {
 @cache
 def shape(name: str) -> wb.IndicatorMesh:
     """The bunny that ships in warp-lang, or the star; y up."""
-    if name == "star":
-        return star()
-    return asset_mesh("bunny")
+    return star() if name == "star" else asset_mesh("bunny")
 
 
 @cache
@@ -173,19 +158,16 @@ class Scene:
         rng = np.random.default_rng(self.seed)
         q = self.first_positions() + rng.uniform(-JITTER, JITTER, (self.particles, 3))
         falling = [wp.vec3(0.0, -FALLING, 0.0)] * self.particles
-        builder.add_particles(
-            [wp.vec3(*x) for x in q.tolist()], falling, [MASS] * self.particles, [RADIUS] * self.particles
-        )
+        positions = [wp.vec3(*x) for x in q.tolist()]
+        builder.add_particles(positions, falling, [MASS] * self.particles, [RADIUS] * self.particles)
         for (right, down), stiffness in SPRINGS.items():
             for i, j in self.neighbours(right, down).tolist():
                 builder.add_spring(i, j, stiffness, 0.0, 0.0)
         model = builder.finalize(device="cpu")
         model.set_gravity((0.0, -GRAVITY, 0.0))
         model.soft_contact_mu, model.particle_max_velocity = FRICTION, FASTEST
-        model.particle_max_radius, model.particle_grid = (
-            0.0,
-            None,
-        )  # the solver then leaves out contacts between particles
+        # The solver then leaves out contacts between particles.
+        model.particle_max_radius, model.particle_grid = 0.0, None
         return model
 
     def first_positions(self) -> np.ndarray:
@@ -213,11 +195,7 @@ class Scene:
 
     @cached_property
     def _surfaces(self) -> dict[str, wp.Mesh]:
-        def surface(mesh: wb.IndicatorMesh) -> wp.Mesh:
-            points = wp.array(mesh.vertices, dtype=wp.vec3, device="cpu")
-            return wp.Mesh(points=points, indices=wp.array(mesh.faces.reshape(-1), dtype=wp.int32, device="cpu"))
-
-        return {name: surface(shape(name)) for name in SHAPES}
+        return {name: surface(shape(name).vertices, shape(name).faces, "cpu") for name in SHAPES}
 
     def depths(self, q: wp.array) -> np.ndarray:
         """How far under a surface points lie, by signed closest points of the meshes.

@@ -7,6 +7,7 @@ import warp as wp
 
 import warp_bounding as wb
 from sims import base
+from sims.assets import surface
 from sims.cores import launch_on_all_cores
 from sims.drawing import CAPTIONS, draw_with
 from sims.particles.bounds import decisions
@@ -59,9 +60,7 @@ class Example(base.Example):
         self.lives = wp.zeros(particles, dtype=wp.int32, device=device)
         self.contacts = wp.zeros(particles, dtype=wp.uint8, device=device)
         vertices = scene.motion.vertices_at(scene.time(0))
-        points = wp.array(vertices, dtype=wp.vec3, device=device)
-        indices = wp.array(scene.motion.faces.reshape(-1), dtype=wp.int32, device=device)
-        self.mesh = wp.Mesh(points=points, indices=indices, velocities=wp.zeros_like(points))
+        self.mesh = surface(vertices, scene.motion.faces, device, moving=True)
         self._vertices = vertices
         self._everyone = wp.array(np.arange(particles), dtype=wp.int32, device=device)
         self._count = wp.array([particles], dtype=wp.int32, device=device)

@@ -18,7 +18,7 @@ What this does not do: particles do not meet each other.
 
 import os
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 import warp as wp
@@ -28,7 +28,7 @@ from sims.assets import asset_mesh
 from sims.cores import device_of
 from sims.particles.kernels import DRAG, DT, GRAVITY, RADIUS, WIND, Rain
 
-__all__ = ["PERIOD", "Scene", "bunny", "moving"]
+__all__ = ["PERIOD", "Scene", "moving"]
 
 PERIOD = 1.25  # seconds: the bunny's motion repeats
 KEYFRAMES = 51
@@ -38,12 +38,6 @@ RESOLUTION, TIME_CELLS = 48, 50
 AROUND = 0.45  # of the rain, around the bunny
 FALL = 0.9  # from the top of the rain to the bunny's
 ROUNDING = 32 * 2.0**-24  # of a computed distance, relative to the largest coordinate; see Scene.margin
-
-
-@cache
-def bunny() -> wb.IndicatorMesh:
-    """The Stanford bunny that ships in warp-lang."""
-    return asset_mesh("bunny")
 
 
 def moving(mesh: wb.IndicatorMesh) -> wb.IndicatorMotion:
@@ -84,7 +78,7 @@ class Scene:
         Raises:
             BoundingError: If there is no such device.
         """
-        return cls(moving(bunny()), device_of(device))
+        return cls(moving(asset_mesh("bunny")), device_of(device))
 
     @property
     def margin(self) -> float:

@@ -18,22 +18,12 @@ SEAT_SIZE = (0.46, 0.42)  # half its width and its depth
 LEG, SPINDLE, STRETCHER = 0.042, 0.016, 0.026  # largest radii
 SPINDLES = 7
 GRAIN = 2.0**14  # vertices lie on multiples of 1 / GRAIN, so that they are the same wherever sines are computed
-# A turned leg: radius, in shares of the largest, by share of its length from the top.
-TURNING = np.array(
+TURNING = np.array(  # a turned leg: share of its length from the top, radius in shares of the largest
     [
-        [0.0, 0.60],
-        [0.10, 0.72],
-        [0.30, 1.0],
-        [0.42, 0.78],
-        [0.45, 0.52],
-        [0.48, 0.95],
-        [0.53, 1.0],
-        [0.57, 0.55],
-        [0.66, 0.92],
-        [0.80, 0.70],
-        [1.0, 0.44],
+        [0.0, 0.10, 0.30, 0.42, 0.45, 0.48, 0.53, 0.57, 0.66, 0.80, 1.0],
+        [0.60, 0.72, 1.0, 0.78, 0.52, 0.95, 1.0, 0.55, 0.92, 0.70, 0.44],
     ]
-)
+).T
 
 
 def tube(

@@ -28,7 +28,7 @@ import numpy as np
 import warp as wp
 
 import warp_bounding as wb
-from sims.assets import asset_mesh
+from sims.assets import asset_mesh, surface
 from sims.cores import device_of, launch_on_all_cores
 from sims.shadows.chair import chair
 from sims.shadows.kernels import Camera, see_floor, see_mesh
@@ -103,7 +103,7 @@ class Scene:
 
         Args:
             width: Of a picture, pixels.
-            height: Likewise.
+            height: Of a picture, pixels.
             device: Warp device; the default device if ``None``.
 
         Raises:
@@ -135,13 +135,7 @@ class Scene:
     @cached_property
     def meshes(self) -> dict[str, wp.Mesh]:
         """The narrow phase's meshes."""
-        return {
-            name: wp.Mesh(
-                points=wp.array(shape.vertices, dtype=wp.vec3, device=self.device),
-                indices=wp.array(shape.faces.reshape(-1), dtype=wp.int32, device=self.device),
-            )
-            for name, shape in self.shapes.items()
-        }
+        return {name: surface(shape.vertices, shape.faces, self.device) for name, shape in self.shapes.items()}
 
     @cached_property
     def seen(self) -> Seen:

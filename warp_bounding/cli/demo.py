@@ -10,6 +10,7 @@ import typer
 from sims import DEMOS
 from warp_bounding.cli.output import Device, Json, console, print_json, quiet_warp
 from warp_bounding.errors import BoundingError
+from warp_bounding.runtime.whole_file import write_whole
 
 __all__ = ["command"]
 
@@ -77,11 +78,15 @@ def command(
 
 
 def _write_assets(folder: str, json: bool) -> int:
-    """The meshes that documentation speaks of."""
-    from sims.assets import write_assets
+    """The meshes that documentation speaks of; if one is missing, nothing is written."""
+    from sims.assets import MESHES, asset_mesh, obj
 
     quiet_warp()
-    files = [str(path) for path in write_assets(_folder("assets", folder))]
+    path = _folder("assets", folder)
+    contents = {path / f"{name}.obj": obj(asset_mesh(name)) for name in MESHES}
+    for file, content in contents.items():
+        write_whole(file, content)
+    files = [str(file) for file in contents]
     if json:
         print_json({"path": folder, "files": files})
     else:
