@@ -31,6 +31,7 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.kernels.functions import Data, point_func
+from warp_bounding.kernels.plain import plain_func
 from warp_bounding.kernels.source import FRONT, Source
 from warp_bounding.runtime.arrays import flat_queries, new_output
 from warp_bounding.runtime.compaction import compact
@@ -83,6 +84,7 @@ class Bounder(ABC):
         info: How it was made: indicator digest and name, margin, resolution, seed, seconds, training record, and rates:
             false positives on a few queries, the bounder's own and those of the box around the same cells.
         device: The Warp device that queries run on.
+        native: Whether queries run as native text, or as its plain twin (``to``).
     """
 
     method: ClassVar[str]
@@ -133,6 +135,7 @@ class Bounder(ABC):
         self.info: dict[str, Any] = {}
         self._device = device
         self._data: tuple[np.float32, Data] | None = None  # of a threshold
+        self.native = True
 
     # --- what a method supplies --------------------------------------------------------------------------------------
 
@@ -249,16 +252,25 @@ class Bounder(ABC):
         """The Warp device that queries run on."""
         return wp.get_device(self._device)
 
-    def to(self, device: str) -> "Bounder":
+    def to(self, device: str | None = None, *, native: bool | None = None) -> "Bounder":
         """This bounder on another device; weights are copied, the certificate holds for both.
+
+        Args:
+            device: Warp device; the same one if ``None``.
+            native: ``False`` runs ``func``, ``query``, ``candidates`` and ``prepare`` as the plain twin in Warp's own Python
+                (``kernels.plain``), for devices without a compiler for native text. It answers the same but for rounding, which the
+                certificate has room for, one query at a time, so it takes several times as long; and its kernels must be compiled without
+                ``fast_math``. ``None`` keeps what it is.
 
         Raises:
             BounderError: If there is no such device.
         """
+        device = self._device if device is None else device
         checked_device(device)
         twin = object.__new__(type(self))
         twin.__dict__.update({k: v for k, v in self.__dict__.items() if k not in ("func",)})
         twin._device, twin._data = device, None
+        twin.native = self.native if native is None else native
         return twin
 
     def freeze(self, threshold: float, certificate: Certificate | None) -> "Bounder":
@@ -296,7 +308,7 @@ class Bounder(ABC):
         A name for it, ``test = bounder.func``, can be bound to another bounder's function before Warp builds the module; see
         ``point_func``.
         """
-        return point_func(self.source)
+        return point_func(self.source) if self.native else plain_func(self.source)
 
     @property
     def data(self) -> Data:

@@ -12,11 +12,13 @@ from functools import cached_property
 from itertools import accumulate
 
 import numpy as np
+import warp as wp
 
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.neural.mlp_early import MlpEarly
 from warp_bounding.bounders.registry import METHODS
 from warp_bounding.errors import BounderError
+from warp_bounding.kernels.plain import Numbers, Words, plain_value, twin, vector_type
 from warp_bounding.kernels.source import DENIED, Lanes, Source, literal
 
 __all__ = ["Cascade", "CascadeSource"]
@@ -80,6 +82,27 @@ class CascadeSource(Source):
             lines += [_at(place, test.function_body() + " first_ = f;"), f"if (first_ < w[{bars + index}]) break;"]
         lines += [_at(last, self.tests[-1].function_body() + " answer_ = f;")]
         return "\n".join([*lines, "} while (false); const float f = answer_;"])
+
+    def plain(self) -> wp.Function:
+        """See ``Source.plain``."""
+        f = plain_value(self.tests[-1])
+        for index in reversed(range(len(self.tests) - 1)):
+            f = _behind(self, index, f)
+        return f
+
+
+def _behind(source: CascadeSource, index: int, rest: wp.Function) -> wp.Function:
+    """The twin from part ``index`` on: ``rest`` where it passes."""
+    test, place, bar = plain_value(source.tests[index]), source.places[index], source.places[-1] + index
+    vector = vector_type(source.coordinates)
+
+    @twin(source, f"value_{index}")
+    def f(w: Numbers, words: Words, at: int, v: vector) -> float:
+        if test(w, words, at + place, v) < w[at + bar]:
+            return DENIED
+        return rest(w, words, at, v)
+
+    return f
 
 
 def _at(place: int, code: str) -> str:

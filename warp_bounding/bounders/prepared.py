@@ -14,10 +14,11 @@ from warp_bounding.coordinates.placement import Placement
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import QueryError
 from warp_bounding.kernels.functions import Data, batch_kernel
+from warp_bounding.kernels.plain import plain_kernel
 from warp_bounding.kernels.source import Source
 from warp_bounding.runtime.arrays import flat_queries, memory_of, new_output
 from warp_bounding.runtime.compaction import Compaction
-from warp_bounding.runtime.launch import BlockLaunch
+from warp_bounding.runtime.launch import BLOCK, BlockLaunch
 
 __all__ = ["Prepared", "batch_launch"]
 
@@ -29,6 +30,7 @@ class Asked(Protocol):
     query_kind: str
     device: wp.Device
     source: Source
+    native: bool
     data: Data
 
 
@@ -48,8 +50,9 @@ def batch_launch(
     data = bounder.data
     place_or_any = data.parameters if place is None else place  # kernels may not be given null pointers
     inputs = [queries, count, 0, data.parameters, data.words, place_or_any]
-    kernel = batch_kernel(bounder.source, place is not None, values)
-    return BlockLaunch(kernel, count, inputs, [out], bounder.device, first_index=2)
+    kernel_of, block = (batch_kernel, BLOCK) if bounder.native else (plain_kernel, 1)
+    kernel = kernel_of(bounder.source, place is not None, values)
+    return BlockLaunch(kernel, count, inputs, [out], bounder.device, first_index=2, block=block)
 
 
 class Prepared:

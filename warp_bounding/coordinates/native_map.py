@@ -15,6 +15,7 @@ __all__ = ["FAR", "GUARD", "SMALLEST", "SUMMED", "extra_count", "locate"]
 FAR = 8.0  # domain half-widths: a region given from farther away, and not certainly outside, is answered with maybe
 SMALLEST = 2.0**-90  # largest entry of a direction under which it is answered with maybe
 LARGEST = 2.0**90
+FARTHEST = 2.0**60  # the sum of absolute values of a point's coordinates beyond which a region is answered with maybe
 PARALLEL = 2.0**-80  # of w: a ray that moves less than this along an axis does not cross a face
 GUARD = 16 * UNIT32  # relative room in the test against the domain: over three times its rounding
 SUMMED = 2.0**-17  # of an offset: above what a sum of n <= 64 products rounds, n + 12 units
@@ -160,7 +161,7 @@ def _ray(n: int, time: bool, placed: bool) -> list[str]:
         ]
     lines.append(f"enter = enter * {_number(1 - GUARD)}; leave = leave * {_number(1 + GUARD)};")
     lines.append("auto inside = enter <= leave;")
-    lines.append(f"finite = finite & (far <= {_number(2.0**60)}) & ((far <= {_number(FAR)}) | (enter > leave));")
+    lines.append(f"finite = finite & (far <= {_number(FARTHEST)}) & ((far <= {_number(FAR)}) | (enter > leave));")
     for k in range(n):
         lines.append(f"{{ const V top = zero + limit[{k}]; const V at = a{k} + enter * w{k};")
         lines.append(f"v[{k}] = at < -top ? -top : at; v[{k}] = v[{k}] > top ? top : v[{k}]; v[{n + k}] = w{k}; }}")
@@ -191,7 +192,7 @@ def _plane(n: int, time: bool, placed: bool) -> list[str]:
     lines.append(f"v[{n}] = offset; {_absolute('away', 'offset')}")
     lines.append(f"const V room = reach * {_number(1 + GUARD)} + summed * {_number(SUMMED)}{drift};")
     lines.append("auto inside = away <= room;")
-    lines.append(f"finite = finite & (far <= {_number(2.0**60)}) & ((far <= {_number(FAR)}) | (away > room));")
+    lines.append(f"finite = finite & (far <= {_number(FARTHEST)}) & ((far <= {_number(FAR)}) | (away > room));")
     if time:  # a plane of constant time, outside the range
         still = " + ".join(f"d{k}" for k in range(1, n))
         lines.append(f"finite = finite & ((({still}) > zero) | (size0 <= zero + extra[{n}]));")

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
+import warp as wp
 
 from warp_bounding.coordinates.native_map import extra_count, locate
 from warp_bounding.runtime.launch import BLOCK
@@ -112,6 +113,10 @@ class Source:
     def function_body(self) -> str:
         """C statements that declare and compute ``float f`` for one query on a CPU, from ``float v[]``."""
         return "typedef float V; V f;\n" + self.body(Lanes(vector=False))
+
+    def plain(self) -> wp.Function:
+        """The twin of ``body`` in Warp's own Python, ``f(w, words, at, v) -> float32``: the method's numbers begin at ``w[at]``."""
+        raise TypeError(f"{type(self).__name__} does not define plain")
 
 
 def literal(value: float) -> str:

@@ -11,10 +11,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import warp as wp
 
 from warp_bounding.arithmetic import TINY, gamma, round_down, round_up
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.bvh.build import build, inner_nodes
+from warp_bounding.bounders.bvh.plain import plain_walk
 from warp_bounding.bounders.neural.mlp import HIDDEN
 from warp_bounding.bounders.options import Option, whole
 from warp_bounding.bounders.slabs.regions import ROOM, clip
@@ -77,6 +79,10 @@ class BvhSource(Source):
                 "f = found ? none : none - 1.0f; }",
             ]
         )
+
+    def plain(self) -> wp.Function:
+        """See ``Source.plain``."""
+        return plain_walk(self, FRONT)
 
     def _point(self) -> tuple[list[str], str]:
         n = self.ndim

@@ -9,9 +9,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import warp as wp
 
 from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.bounders.ellipsoids.plain import PLAIN
 from warp_bounding.bounders.ellipsoids.regions import (
     QuadricBox,
     QuadricPlane,
@@ -59,6 +61,10 @@ class QuadricSource(Source):
             )
             lines.append(f"{{ const V y = {terms} + w[{i}]; f = f - y * y; }}")
         return "\n".join(lines)
+
+    def plain(self) -> wp.Function:
+        """See ``Source.plain``."""
+        return PLAIN["point" if self.tested_as_point else self.query](self)
 
 
 class QuadricBounder(Bounder):

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+import warp as wp
 
 from warp_bounding.activations import ACTIVATIONS, DEFAULT, SINE, activation_of
 from warp_bounding.arithmetic import TINY, gamma
@@ -21,6 +22,7 @@ from warp_bounding.bounders.options import STEPS, Option, one_of
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import Lanes, Source
 from warp_bounding.networks.network import Network
+from warp_bounding.networks.plain import plain_network
 
 __all__ = [
     "ACTIVATION",
@@ -58,6 +60,7 @@ class MlpSource(Source):
     features: int = 0  # sine features of the positional encoding
 
     packed = True
+    exits: ClassVar[tuple[int, ...]] = ()
     width: ClassVar[dict[str, int]] = {
         "avx512": 32,
         "other": 16,
@@ -107,6 +110,16 @@ class MlpSource(Source):
         for k, h in self.layers:
             places.append(places[-1] + h * (k + 1) + query_padding(h, k) + neuron_size(h, k))
         return places
+
+    @property
+    def neuron_rows(self) -> list[tuple[int, int]]:
+        """Where each layer's neuron-major copy begins, and the length of its rows."""
+        starts = zip(self.places, self.layers, strict=False)
+        return [(place + h * (k + 1) + query_padding(h, k), padded(h)) for place, (k, h) in starts]
+
+    def plain(self) -> wp.Function:
+        """See ``Source.plain``."""
+        return plain_network(self)
 
     def body(self, lanes: Lanes) -> str:
         """See ``Source.body``; one query per lane."""

@@ -9,8 +9,10 @@
 from dataclasses import dataclass
 
 import numpy as np
+import warp as wp
 
 from warp_bounding.arithmetic import TINY, gamma, round_up
+from warp_bounding.bounders.polytopes.plain import PLAIN
 from warp_bounding.bounders.slabs.regions import ROOM, SlabPlane, Slabs, row
 from warp_bounding.coordinates.native_map import GUARD, PARALLEL
 from warp_bounding.coordinates.region_domain import RegionDomain
@@ -43,6 +45,10 @@ class HalfSpacesSource(Source):
         for i in range(k):
             lines.append(f"{{ const V y = w[{i}] - ({row(n, 0, k + i * n)}); f = y < f ? y : f; }}")
         return "\n".join(lines)
+
+    def plain(self) -> wp.Function:
+        """See ``Source.plain``."""
+        return PLAIN["point" if self.tested_as_point else self.query](self)
 
 
 def half_space_region(

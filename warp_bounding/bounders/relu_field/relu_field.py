@@ -12,10 +12,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import warp as wp
 
 from warp_bounding.arithmetic import TINY, UNIT64, gamma
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.options import STEPS
+from warp_bounding.bounders.relu_field.plain import plain_field
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
@@ -105,6 +107,10 @@ class ReluFieldSource(Source):
                 lines.append(f"c[{pair}] = c[{2 * pair}] + (c[{2 * pair + 1}] - c[{2 * pair}]) * s{k};")
         lines.append("f = c[0] < 0.0f ? c[0] * 0.0f : c[0]; f = f > 1.0f ? f * 0.0f + 1.0f : f;")
         return "\n".join(lines)
+
+    def plain(self) -> wp.Function:
+        """See ``Source.plain``."""
+        return plain_field(self)
 
 
 class ReluField(Bounder):

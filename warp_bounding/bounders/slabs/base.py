@@ -10,10 +10,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import warp as wp
 
 from warp_bounding.arithmetic import TINY, UNIT64, gamma, round_down, round_up
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.parametric_fit import units
+from warp_bounding.bounders.slabs.plain import PLAIN
 from warp_bounding.bounders.slabs.regions import SlabBox, SlabPlane, SlabRay, Slabs, slab_region
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
@@ -48,6 +50,10 @@ class SlabsSource(Source):
             lines.append(f"{{ const V y = {terms}; const V a = y - w[{i}]; const V b = w[{k + i}] - y; ")
             lines.append("const V c = a < b ? a : b; f = c < f ? c : f; }")
         return "\n".join(lines)
+
+    def plain(self) -> wp.Function:
+        """See ``Source.plain``."""
+        return PLAIN["point" if self.tested_as_point else self.query](self)
 
 
 class SlabBounder(Bounder):

@@ -1,0 +1,95 @@
+"""The plain twin of the hierarchy: the walk through its nodes, and what a point, ray, plane or box asks of each."""
+
+import warp as wp
+
+from warp_bounding.bounders.slabs.plain import clipped
+from warp_bounding.coordinates.native_map import GUARD
+from warp_bounding.kernels.plain import Numbers, Words, twin, vector_type
+from warp_bounding.kernels.source import Source
+
+__all__ = ["plain_walk"]
+
+
+def plain_walk(source: Source, front: int) -> wp.Function:
+    """0 where a leaf is met, else -1: after a node that is met the next one, after others the one behind the subtree."""
+    size, vector, touches = 2 * source.ndim + 1, vector_type(source.coordinates), _TOUCHES[source.query](source)
+
+    @twin(source)
+    def f(w: Numbers, words: Words, at: int, v: vector) -> float:
+        count, i, value = int(w[at]), wp.int32(0), wp.float32(-1.0)
+        while i < count:
+            node = at + front + i * size
+            past = int(w[node + size - 1])
+            if touches(w, at, node, v):
+                i += 1
+                if past == i:  # a leaf
+                    value = wp.float32(0.0)
+                    i = count
+            else:
+                i = past
+        return value
+
+    return f
+
+
+def _point(source: Source) -> wp.Function:
+    """Whether a point lies in the box at ``w[node]``."""
+    n, vector = source.ndim, vector_type(source.coordinates)
+
+    @twin(source, "touches")
+    def touches(w: Numbers, at: int, node: int, v: vector) -> bool:
+        met = wp.bool(True)
+        for k in range(n):
+            met = met and v[k] >= w[node + k] and v[k] <= w[node + n + k]
+        return met
+
+    return touches
+
+
+def _box(source: Source) -> wp.Function:
+    """Whether a box meets the one at ``w[node]``."""
+    n, vector = source.ndim, vector_type(source.coordinates)
+
+    @twin(source, "touches")
+    def touches(w: Numbers, at: int, node: int, v: vector) -> bool:
+        met = wp.bool(True)
+        for k in range(n):
+            met = met and v[n + k] >= w[node + k] and v[k] <= w[node + n + k]
+        return met
+
+    return touches
+
+
+def _plane(source: Source) -> wp.Function:
+    """Whether a plane lies between the supports of the box at ``w[node]``, which have room for rounding."""
+    n, vector = source.ndim, vector_type(source.coordinates)
+
+    @twin(source, "touches")
+    def touches(w: Numbers, at: int, node: int, v: vector) -> bool:
+        most, least = wp.float32(0.0), wp.float32(0.0)
+        for k in range(n):
+            low, high = v[k] * w[node + k], v[k] * w[node + n + k]
+            most += wp.max(low, high)
+            least += wp.min(low, high)
+        return v[n] - w[at + 1] <= most and v[n] + w[at + 1] >= least
+
+    return touches
+
+
+def _ray(source: Source) -> wp.Function:
+    """Whether something of a segment is left in the box at ``w[node]``."""
+    n, vector = source.ndim, vector_type(source.coordinates)
+
+    @twin(source, "touches")
+    def touches(w: Numbers, at: int, node: int, v: vector) -> bool:
+        enter, leave = wp.float32(0.0), wp.float32(1.0)
+        for k in range(n):
+            near, away = clipped(w[node + k], w[node + n + k], v[k], v[n + k])
+            enter = wp.max(enter, near)
+            leave = wp.min(leave, away)
+        return enter <= leave + GUARD
+
+    return touches
+
+
+_TOUCHES = {"point": _point, "ray": _ray, "plane": _plane, "box": _box}
