@@ -20,7 +20,7 @@ from region_cases import VOLUMES, cases, fitted_region, ray_length
 from test_functions import asking_kernel, network, remade
 
 import warp_bounding as wb
-from warp_bounding.activations.base import ACTIVATIONS
+from warp_bounding.activations import ACTIVATIONS
 from warp_bounding.bounders import METHODS, supports
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.neural.mlp import Mlp
