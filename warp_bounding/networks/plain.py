@@ -64,7 +64,8 @@ def _layer(source: Source, index: int) -> wp.Function:
 
 def _output(source: Source, index: int) -> wp.Function:
     """The output at ``w[at]`` behind hidden layer ``index``; of planes the lesser of two supports."""
-    n, supports, neurons, second = source.ndim, source.supports, source.hidden[index], source.second(0, index)
+    n, neurons, outputs = source.coordinates - 1, source.hidden[index], source.head.outputs
+    second = source.head_size(index) // outputs
     vector, above = vector_type(source.coordinates), vector_type(neurons)
 
     @twin(source, f"output_{index}")
@@ -72,7 +73,7 @@ def _output(source: Source, index: int) -> wp.Function:
         f = w[at]
         for j in range(neurons):
             f += h[j] * w[at + 1 + j]
-        if supports:
+        if outputs > 1:
             other = w[at + second]
             for j in range(neurons):
                 other += h[j] * w[at + second + 1 + j]

@@ -20,10 +20,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from warp_bounding.bounders.base import BoxBounds
-from warp_bounding.bounders.neural.mlp import ACTIVATION, HIDDEN, OCTAVES, RECIPE, Mlp, MlpSource, head_numbers, padded
+from warp_bounding.bounders.neural.mlp import ACTIVATION, HIDDEN, OCTAVES, RECIPE, Mlp
 from warp_bounding.bounders.options import STEPS
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import DENIED, Lanes, literal
+from warp_bounding.networks.inference import MlpSource, head_numbers
 
 __all__ = ["MlpEarly", "MlpEarlySource"]
 
@@ -39,8 +40,8 @@ class MlpEarlySource(MlpSource):
     def exits(self) -> list[int]:
         """Where in the numbers each exit's threshold stands; its output follows."""
         places, at = [], self.places[-1]
-        for width in (self.hidden[-1], *self.hidden[:-1]):
-            at += (1 + self.supports) * (1 + padded(width))
+        for index in (-1, *range(len(self.hidden) - 1)):
+            at += self.head_size(index)
             places.append(at)
             at += 1
         return places[:-1]
@@ -48,30 +49,27 @@ class MlpEarlySource(MlpSource):
     def early(self) -> list[tuple[str, str]]:
         """See ``Source.early``."""
         lanes = Lanes(vector=True)
-        return [
-            ("\n".join(self.chain(lanes, index + 1, place + 1)), f"w[{place}]")
-            for index, place in enumerate(self.exits)
-        ]
+        return [(self.chain(lanes, index + 1, place + 1), f"w[{place}]") for index, place in enumerate(self.exits)]
 
     def body(self, lanes: Lanes) -> str:
         """See ``Source.body``; with exits for a single query, without for lanes, where ``early`` comes before."""
         if lanes.vector:
             return super().body(lanes)
-        lines = self.encode(lanes)
+        lines = [self.encode(lanes)]
         for index, place in enumerate(self.exits):
-            lines += self.layer(lanes, index, place + 1, keep=True)
+            lines.append(self.layer(index, place + 1, keep=True))
             lines.append(f"if (f < w[{place}]) {{ f = {literal(DENIED)}; }} else {{")
-        lines += self.layer(lanes, len(self.hidden) - 1, self.places[-1], keep=False)
+        lines.append(self.layer(len(self.hidden) - 1, self.places[-1], keep=False))
         return "\n".join([*lines, "}" * len(self.exits)])
 
     def function_body(self) -> str:
         """See ``Source.function_body``."""
-        lines = [f"float answer = {literal(DENIED)}; do {{", *self.function_encode()]
+        lines = [f"float answer = {literal(DENIED)}; do {{", self.function_encode()]
         for index, place in enumerate(self.exits):
-            lines += self.function_layer(index)
-            lines += ["{", *self.function_head(index, place + 1), f"if (f < w[{place}]) break; }}"]
+            lines.append(self.function_layer(index))
+            lines += ["{", self.function_head(index, place + 1), f"if (f < w[{place}]) break; }}"]
         last = len(self.hidden) - 1
-        lines += [*self.function_layer(last), *self.function_head(last, self.places[-1])]
+        lines += [self.function_layer(last), self.function_head(last, self.places[-1])]
         return "\n".join([*lines, "answer = f; } while (false); const float f = answer;"])
 
 
@@ -135,7 +133,7 @@ class MlpEarly(Mlp):
     def _shapes(self) -> dict[str, tuple[int, ...]]:
         shapes = super()._shapes()
         for index, width in enumerate(self.hidden[:-1]):
-            shapes |= {f"exits.{index}.weight": (self.outputs, width), f"exits.{index}.bias": (self.outputs,)}
+            shapes |= {f"exits.{index}.weight": (self.head.outputs, width), f"exits.{index}.bias": (self.head.outputs,)}
         return shapes | {"exits.thresholds": (len(self.hidden) - 1,)}
 
     @property

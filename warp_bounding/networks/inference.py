@@ -1,0 +1,265 @@
+"""A network's native code of inference, and its numbers in the order in which that reads them.
+
+In the batch path and on CUDA each lane is a query (``V`` a vector of lanes, or a float), and each weight that is loaded serves all
+of them. The function for other kernels asks one query on a CPU: there the lanes are eight neurons, so that one query is fast by
+itself. Every text below is C as it stands; what it calls by capitals are constants of the layer, written in front of it.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import warp as wp
+
+from warp_bounding.activations import SINE, activation_of
+from warp_bounding.kernels.source import Lanes, Source
+from warp_bounding.networks.heads import Head, head_of
+from warp_bounding.networks.plain import plain_network
+
+__all__ = ["MlpSource", "head_numbers", "layer_numbers", "padded"]
+
+ALIGN = 8  # floats, one vector: rows of the neuron-major copy are padded to it
+
+# From the coordinates v to the inputs h0: themselves, and the FEATURES sines of the positional encoding; its biases stand first, then
+# N weights of each feature.
+_ENCODE = """
+for (int k = 0; k < N; ++k) h0[k] = v[k];
+for (int j = 0; j < FEATURES; ++j) {
+    const float* c = w + FEATURES + j * N;
+    T z = v[0] * c[0];
+    for (int k = 1; k < N; ++k) z += v[k] * c[k];
+    h0[N + j] = sine(z + w[j]);
+}
+"""
+
+# BLOCKS blocks of J neurons, from the inputs x on: J biases, then J weights of each of K inputs stand together, so that each input that is
+# loaded serves J sums. KEEP their activations in y, and add them up to the OUTPUTS that stand at HEAD and at SECOND.
+_NEURONS = """
+for (int b = 0; b < BLOCKS; ++b) {
+    const float* p = w + AT + b * J * (K + 1);
+    V s[J];
+#pragma unroll
+    for (int r = 0; r < J; ++r) s[r] = x[0] * p[J + r] + p[r];
+    for (int k = 1; k < K; ++k) {
+        const V input = x[k]; const float* c = p + J + k * J;
+#pragma unroll
+        for (int r = 0; r < J; ++r) s[r] += input * c[r];
+    }
+#pragma unroll
+    for (int r = 0; r < J; ++r) {
+        const int j = FIRST + b * J + r;
+        const V h = act(s[r]);
+        if (KEEP) y[j] = h;
+        if (OUTPUTS > 0) f += h * w[HEAD + 1 + j];
+        if (OUTPUTS > 1) other += h * w[SECOND + 1 + j];
+    }
+}
+"""
+
+# One layer of one query: ROW neurons, L at a time, from K inputs x to y; a row of biases, then one of weights an input. Even and odd inputs
+# are summed apart, so that sums need not wait for each other.
+_ROWS = """
+V a[ROW / L], b[ROW / L];
+const float* p = w + AT;
+for (int q = 0; q < ROW / L; ++q) { a[q] = *(const V*)(p + q * L); b[q] = a[q] * 0.0f; }
+int k = 0;
+for (; k + 1 < K; k += 2) {
+    const float* c = p + ROW * (k + 1); const float even = x[k], odd = x[k + 1];
+    for (int q = 0; q < ROW / L; ++q) {
+        a[q] += *(const V*)(c + q * L) * even;
+        b[q] += *(const V*)(c + ROW + q * L) * odd;
+    }
+}
+if (k < K) for (int q = 0; q < ROW / L; ++q) a[q] += *(const V*)(p + ROW * (k + 1) + q * L) * x[k];
+for (int q = 0; q < ROW / L; ++q) *(V*)(y + q * L) = act(a[q] + b[q]);
+"""
+
+# One output of one query, from ROW activations x; those behind the last neuron are 0, and so are their weights.
+_SUM = """
+V sum = *(const V*)x * *(const V*)(w + AT + 1);
+for (int q = 1; q < ROW / L; ++q) sum += *(const V*)(x + q * L) * *(const V*)(w + AT + 1 + q * L);
+OUTPUT = ((sum[0] + sum[4]) + (sum[2] + sum[6])) + ((sum[1] + sum[5]) + (sum[3] + sum[7])) + w[AT];
+"""
+
+
+@dataclass(frozen=True)
+class MlpSource(Source):
+    """Native code of a network, for its sizes.
+
+    Numbers: the encoding's biases and weights, then per layer the query-major copy (``_NEURONS``) and the neuron-major one
+    (``_ROWS``), and for each output its bias and its weights.
+    """
+
+    hidden: tuple[int, ...]
+    activation: str
+    features: int = 0  # sine features of the positional encoding
+
+    packed = True
+    exits: ClassVar[tuple[int, ...]] = ()
+    # Two registers a block: each weight that is loaded serves both.
+    width: ClassVar[dict[str, int]] = {"avx512": 32, "other": 16}
+
+    @property
+    def head(self) -> Head:
+        """What the outputs become."""
+        return head_of(self.query)
+
+    @property
+    def raw(self) -> int:
+        """Coordinates that enter the first layer."""
+        return self.coordinates - self.head.offsets
+
+    @property
+    def inputs(self) -> int:
+        """Numbers that enter the first layer."""
+        return self.raw + self.features
+
+    @property
+    def layers(self) -> list[tuple[int, int]]:
+        """``(inputs, outputs)`` of each hidden layer."""
+        return list(zip((self.inputs, *self.hidden[:-1]), self.hidden, strict=True))
+
+    @property
+    def places(self) -> list[int]:
+        """Where in the numbers each layer's copies begin, and at last where the output stands."""
+        places = [self.features * (self.raw + 1)]
+        for k, h in self.layers:
+            places.append(places[-1] + h * (k + 1) + _filling(h, k) + padded(h) * (k + 1))
+        return places
+
+    @property
+    def neuron_rows(self) -> list[tuple[int, int]]:
+        """Where each layer's neuron-major copy begins, and the length of its rows."""
+        starts = zip(self.places, self.layers, strict=False)
+        return [(place + h * (k + 1) + _filling(h, k), padded(h)) for place, (k, h) in starts]
+
+    def plain(self) -> wp.Function:
+        """See ``Source.plain``."""
+        return plain_network(self)
+
+    def head_size(self, index: int) -> int:
+        """Numbers of the outputs behind hidden layer ``index``."""
+        return self.head.outputs * (1 + padded(self.hidden[index]))
+
+    # --- a query in each lane ----------------------------------------------------------------------------------------
+
+    def body(self, lanes: Lanes) -> str:
+        """See ``Source.body``; one query per lane."""
+        return self.chain(lanes, len(self.hidden), self.places[-1])
+
+    def chain(self, lanes: Lanes, depth: int, head: int) -> str:
+        """C statements from ``v`` to ``f``: the first ``depth`` hidden layers, and the output that stands at ``head``."""
+        last = depth - 1
+        layers = (self.layer(index, head if index == last else None, keep=index < last) for index in range(depth))
+        return "\n".join([self.encode(lanes), *layers])
+
+    def encode(self, lanes: Lanes) -> str:
+        """C statements from ``v`` to the inputs ``h0``, and the activation that the layers behind call."""
+        act = _function("act", activation_of(self.activation), lanes)
+        return "\n".join([act, "const V none = {}; V other = none;", self._inputs(lanes, "V")])
+
+    def layer(self, index: int, head: int | None, *, keep: bool) -> str:
+        """One hidden layer: ``keep`` its activations, add them up to ``f`` by the output that stands at ``head``, or both."""
+        (k, h), at, ends = self.layers[index], self.places[index], head is not None
+        outputs, head = self.head.outputs * ends, head or 0
+        second = head + 1 + padded(h)
+        lines = [f"V h{index + 1}[{h if keep else 1}];", "f = other = none;" if ends else ""]
+        lines.append(f"{{ const V* x = h{index}; V* y = h{index + 1}; (void)y;")
+        j = _block(h)
+        for first, size, blocks in ((0, j, h // j), (h // j * j, h % j, 1)):
+            if size:
+                place = at + first * (k + 1)
+                own = constants(K=k, J=size, FIRST=first, BLOCKS=blocks, AT=place, KEEP=int(keep))
+                lines += ["{", own, constants(OUTPUTS=outputs, HEAD=head, SECOND=second), _NEURONS, "}"]
+        lines.append("}")
+        if ends:
+            lines += [f"f = f + w[{head}];", f"other = other + w[{second}];" * (outputs > 1), self._finish()]
+        return "\n".join(lines)
+
+    # --- one query on a CPU, a neuron in each lane -------------------------------------------------------------------
+
+    def function_body(self) -> str:
+        """See ``Source.function_body``."""
+        last = len(self.hidden) - 1
+        layers = (self.function_layer(index) for index in range(last + 1))
+        return "\n".join([self.function_encode(), *layers, self.function_head(last, self.places[-1])])
+
+    def function_encode(self) -> str:
+        """C statements from ``v`` to the inputs ``float h0[]``; the vector type and the activation of the layers behind."""
+        return "\n".join(
+            [
+                f"constexpr int L = {ALIGN}; typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));",
+                "typedef int I __attribute__((vector_size(4 * L)));",
+                _function("act", activation_of(self.activation), Lanes(vector=True)),
+                self._inputs(Lanes(vector=False), "float"),
+            ]
+        )
+
+    def function_layer(self, index: int) -> str:
+        """One hidden layer, eight neurons at a time."""
+        place, row = self.neuron_rows[index]
+        own = constants(K=self.layers[index][0], ROW=row, AT=place)
+        names = f"const float* x = h{index}; float* y = h{index + 1};"
+        return "\n".join([f"float h{index + 1}[{row}]; {{", own, names, _ROWS, "}"])
+
+    def function_head(self, index: int, head: int) -> str:
+        """``float f``, the output behind hidden layer ``index`` that stands at ``head``."""
+        row, lines = padded(self.hidden[index]), ["float f, other = 0.0f; (void)other;"]
+        for output, name in zip(range(self.head.outputs), ("f", "other"), strict=False):
+            own = constants(ROW=row, AT=head + output * (1 + row))
+            names = f"const float* x = h{index + 1}; float& OUTPUT = {name};"
+            lines += ["{", own, names, _SUM, "}"]
+        return "\n".join([*lines, self._finish()])
+
+    def _inputs(self, lanes: Lanes, type_: str) -> str:
+        sizes = constants(N=self.raw, FEATURES=self.features)
+        sine = _function("sine", SINE, lanes, type_) if self.features else f"auto sine = []({type_} z) {{ return z; }};"
+        return "\n".join([f"{type_} h0[{self.inputs}]; {{ typedef {type_} T;", sizes, sine, _ENCODE, "}"])
+
+    def _finish(self) -> str:
+        return f"{{ {constants(OFFSET=self.coordinates - 1)} {self.head.finish} }}" if self.head.finish else ""
+
+
+def _function(name: str, activation, lanes: Lanes, type_: str = "V") -> str:
+    """A C lambda of an activation."""
+    own = "" if type_ == "V" else f"typedef {type_} V;"
+    return f"auto {name} = [&]({type_} z) {{ {own} V h; {activation.statement(lanes, 'h', 'z')} return h; }};"
+
+
+def constants(**values: int) -> str:
+    """C constants, by name."""
+    return f"constexpr int {', '.join(f'{name} = {value}' for name, value in values.items())};"
+
+
+def padded(neurons: int) -> int:
+    """Length of a row of the neuron-major copy."""
+    return -(-neurons // ALIGN) * ALIGN
+
+
+def _block(neurons: int) -> int:
+    """Neurons that are summed at a time: the largest divisor up to 10, or 8 and a remainder."""
+    best = max(d for d in range(1, 11) if neurons % d == 0)
+    return best if best >= 5 else min(8, neurons)
+
+
+def _filling(neurons: int, inputs: int) -> int:
+    """Floats behind a layer's query-major copy that align what follows."""
+    return -(neurons * (inputs + 1)) % ALIGN
+
+
+def layer_numbers(weight: np.ndarray, bias: np.ndarray) -> np.ndarray:
+    """A hidden layer as ``MlpSource`` reads it, from ``(H, K)`` and ``(H,)`` float32: the query-major copy and the neuron-major one."""
+    (h, k), parts = weight.shape, []
+    for first in range(0, h, _block(h)):
+        rows = slice(first, first + _block(h))
+        parts += [bias[rows], weight[rows].T.reshape(-1)]
+    rows = np.zeros((k + 1, padded(h)), np.float32)
+    rows[0, :h], rows[1:, :h] = bias, weight.T
+    return np.concatenate([*parts, np.zeros(_filling(h, k), np.float32), rows.reshape(-1)])
+
+
+def head_numbers(weight: np.ndarray, bias: np.ndarray) -> np.ndarray:
+    """Outputs as ``MlpSource`` reads them: per row of ``weight`` its bias and the weights, padded."""
+    rows = np.zeros((len(bias), 1 + padded(weight.shape[1])), np.float32)
+    rows[:, 0], rows[:, 1 : 1 + weight.shape[1]] = bias, weight
+    return rows.reshape(-1)
