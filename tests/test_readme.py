@@ -5,7 +5,6 @@ What would take minutes is shortened, by ``SHORTER`` (words of the text that are
 tests run a small one) are not run but read, by what would run them: ``make -n``, the parser of the command line.
 """
 
-import dataclasses
 import importlib.metadata
 import re
 import shlex
@@ -20,8 +19,7 @@ import numpy as np
 import pytest
 import typer
 
-import warp_bounding as wb
-from warp_bounding import cli
+from warp_bounding import cli, training
 from warp_bounding.cli.demo import DEMOS
 
 for name in ("torch", "trimesh", "matplotlib", "PIL"):
@@ -161,14 +159,19 @@ def place(tmp_path, monkeypatch):
     """An empty folder to stand in, with the paper's data beside it: one small image; networks of tables are fitted in a few steps."""
     from PIL import Image
 
-    from warp_bounding.paper import Tools
+    from warp_bounding.paper.run import Run
 
-    tools = Tools.of_library()
+    of_table, fit = Run.fit, training.fit
 
-    def fit(grid, **options):
-        return wb.fit(grid, **options, **({"steps": 20} if options["method"] == "mlp" else {}))
+    def few_steps(grid, **options):
+        return fit(grid, **options, **({"steps": 20} if options["method"] == "mlp" else {}))
 
-    monkeypatch.setattr(Tools, "of_library", lambda: dataclasses.replace(tools, fit=fit))
+    def quick(self, *job):
+        with monkeypatch.context() as patch:
+            patch.setattr(training, "fit", few_steps)
+            return of_table(self, *job)
+
+    monkeypatch.setattr(Run, "fit", quick)
     (tmp_path / "data/2D").mkdir(parents=True)
     pixels = np.zeros((10, 10, 4), np.uint8)
     pixels[3:8, 2:6, 3] = 255

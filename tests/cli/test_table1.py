@@ -18,7 +18,6 @@ sys.path.append(str(TESTS / "paper"))
 from fake_library import Library, data_folder  # noqa: E402
 
 from warp_bounding.cli import main  # noqa: E402
-from warp_bounding.paper import Tools  # noqa: E402
 
 QUICK = ("--columns", "2d-point,3d-ray", "--methods", "aabb,bvh-16,mlp,relu-field")
 CELLS = 3 * 4 + 2 * 5  # points: one row a method; rays: two of each classic volume, no field in 3D
@@ -36,8 +35,7 @@ def library(place, monkeypatch):
 
     def put(**manners):
         fake = Library(place / "log", **manners)
-        monkeypatch.setattr(Tools, "of_library", lambda: fake.tools)
-        monkeypatch.setattr("warp_bounding.bounders.supports", fake.tools.supports)
+        fake.install(monkeypatch)
         plots = {"png": b"picture", "svg": b"<svg/>"}  # tests of the plot itself are elsewhere
         monkeypatch.setattr("warp_bounding.paper.pages.outputs.rank_plot", lambda rows: plots if list(rows) else {})
         return fake
@@ -182,12 +180,10 @@ import sys
 from pathlib import Path
 sys.path.insert(0, {tests!r})
 from fake_library import Library
+from pytest import MonkeyPatch
 from warp_bounding.cli import main
-from warp_bounding.paper import Tools
-import warp_bounding.bounders as bounders, warp_bounding.paper.pages.outputs as outputs
-tools = Library(Path({log!r}), endless=6).tools
-Tools.of_library, bounders.supports = (lambda: tools), tools.supports
-outputs.rank_plot = lambda rows: {{}}
+Library(Path({log!r}), endless=6).install(MonkeyPatch())
+MonkeyPatch().setattr("warp_bounding.paper.pages.outputs.rank_plot", lambda rows: {{}})
 main(sys.argv[1:])
 """
 

@@ -12,7 +12,7 @@ import numpy as np
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.options import taken
 from warp_bounding.errors import BounderError, FileFormatError
-from warp_bounding.paper import Row, Tools
+from warp_bounding.paper import Row
 from warp_bounding.paper.columns import COLUMNS, VARIANTS
 
 RATES = {v.label: 40.0 - i for i, v in enumerate(VARIANTS)}
@@ -114,10 +114,17 @@ class Library:
         ndim = int(path.parent.name[0])
         return SimpleNamespace(ndim=ndim, name=path.stem, digest=path.read_bytes().hex().ljust(64, "0"))
 
-    @property
-    def tools(self) -> Tools:
-        """As the run takes them."""
-        return Tools(self.fit, self.evaluate, self.save, self.load, self.load_shape, supports)
+    def install(self, monkeypatch) -> None:
+        """Put them in the library's place."""
+        for place, fake in {
+            "training.fit": self.fit,
+            "evaluation.evaluate": self.evaluate,
+            "bounders.save": self.save,
+            "bounders.load": self.load,
+            "bounders.supports": supports,
+            "indicators.load_indicator": self.load_shape,
+        }.items():
+            monkeypatch.setattr(f"warp_bounding.{place}", fake)
 
 
 def data_folder(path: Path) -> Path:

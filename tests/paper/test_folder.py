@@ -8,10 +8,10 @@ import pytest
 from fake_library import make_row, table_rows
 
 from warp_bounding.errors import BoundingError
-from warp_bounding.paper import open_folder
+from warp_bounding.paper import TABLE1, open_folder
 from warp_bounding.paper.columns import COLUMNS, VARIANTS
-from warp_bounding.paper.rows import HEADER, format_line, parse_line
 
+HEADER, format_line, parse_line = TABLE1.header, TABLE1.format, TABLE1.parse
 ROW = make_row(COLUMNS[1], VARIANTS[0])
 OTHER = make_row(COLUMNS[1], VARIANTS[0], name='a,"b"', leaves=None, fit_seconds=None)
 

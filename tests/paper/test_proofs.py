@@ -10,12 +10,12 @@ import pytest
 
 import warp_bounding as wb
 from warp_bounding.cli import main
-from warp_bounding.paper import Tools, open_folder
+from warp_bounding.paper import PROOFS, open_folder
 from warp_bounding.paper.pages.proofs_page import proofs_page, summary
-from warp_bounding.paper.proof_rows import LINES, PROOFS
 from warp_bounding.paper.proofs import Thresholds, _as_asked
 from warp_bounding.proof import prove
 from warp_bounding.queries import oracle
+from warp_bounding.training import fit
 
 QUICK = ("--columns", "2d-point,2d-plane", "--methods", "mlp", "--samples", "4000", "--seconds", "20")
 
@@ -23,7 +23,7 @@ QUICK = ("--columns", "2d-point,2d-plane", "--methods", "mlp", "--samples", "400
 def tiny_fit(log, grid, **options):
     """A network of few neurons and steps."""
     log.append((options["query"], options["method"]))
-    return wb.fit(grid, **(options | {"hidden": (6, 6), "steps": 30}))
+    return fit(grid, **(options | {"hidden": (6, 6), "steps": 30}))
 
 
 @pytest.fixture(scope="module")
@@ -47,9 +47,8 @@ def place(tmp_path_factory):
 @pytest.fixture
 def fits(monkeypatch):
     """Fits are tiny, and noted here."""
-    log, tools = [], Tools.of_library()
-    quick = dataclasses.replace(tools, fit=partial(tiny_fit, log))
-    monkeypatch.setattr(Tools, "of_library", lambda: quick)
+    log = []
+    monkeypatch.setattr("warp_bounding.training.fit", partial(tiny_fit, log))
     return log
 
 
@@ -194,7 +193,7 @@ def test_rows_come_back_whole_and_damage_is_told(place, fits, capsys):
     quick = ("--columns", "2d-plane", "--methods", "mlp", "--objects", "half", "--samples", "500", "--positives", "500")
     assert proofs(capsys, place, *quick, out="one")[0] == 0
     (row,) = rows(place, "one")
-    assert PROOFS.parse(LINES.format(row).rstrip("\n")) == row
+    assert PROOFS.parse(PROOFS.format(row).rstrip("\n")) == row
     with (place / "one/proofs.csv").open() as file:
         assert next(csv.DictReader(file))["object"] == "half"
     with open_folder(place / "one", {}, create=False, kind=PROOFS) as folder:
@@ -202,7 +201,7 @@ def test_rows_come_back_whole_and_damage_is_told(place, fits, capsys):
         assert "No network has been measured yet" in proofs_page(folder, ["2d-ray half: no luck"])
     table = place / "one/proofs.csv"
     for changes in ({"search": "guessed"}, {"samples": 501}, {"method": "magic"}, {"found_by": "luck"}):
-        table.write_text(LINES.header + LINES.format(dataclasses.replace(row, **changes)))
+        table.write_text(PROOFS.header + PROOFS.format(dataclasses.replace(row, **changes)))
         check_bad(*proofs(capsys, place, *quick, out="one"))
 
 

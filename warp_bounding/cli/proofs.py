@@ -1,11 +1,10 @@
 """``warp-bounding proofs``: networks of a table with a sampled and with a proven threshold; what sampling would have shipped."""
 
-import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from warp_bounding.cli.output import Json, console, print_json, quiet_warp
 from warp_bounding.cli.table1 import command_line, words_of
@@ -39,9 +38,10 @@ def command(
     proven threshold, or the run was stopped.
     """
     import warp_bounding.paper as tables
+    from warp_bounding.bounders import supports
+    from warp_bounding.indicators import load_indicator
     from warp_bounding.paper.folder import read_settings
-    from warp_bounding.paper.pages.proofs_page import proofs_page, summary, summary_text
-    from warp_bounding.paper.proof_rows import PROOFS
+    from warp_bounding.paper.pages.proofs_page import summary, summary_text
     from warp_bounding.paper.proofs import METHODS, run_proofs
 
     fits = read_settings(Path(table))
@@ -53,60 +53,65 @@ def command(
     wanted, variants = tables.select_columns(words_of(columns)), tables.select_methods(names)
     found = tables.find_shapes(Path(data), dict.fromkeys(c.ndim for c in wanted))
     shapes = tables.select_shapes(found, words_of(objects))
-    tools = tables.Tools.of_library()
-    tables.plan(wanted, variants, shapes, ("exact",), tools.supports, ())  # before a folder is made
-    grids = tables.load_shapes(shapes, tools.load_shape)
+    tables.plan(wanted, variants, shapes, ("exact",), supports, ())  # before a folder is made
+    grids = tables.load_shapes(shapes, load_indicator)
     given = {"positives": positives, "samples": samples, "seconds": seconds}
     selected = {"columns": columns, "methods": methods, "objects": objects}
     table_name = Path(table).name if Path(table).is_absolute() else table
     line = command_line("proofs", {"data": data, "table": table_name, "out": out, **selected, **given})
-    err = Console(stderr=True, highlight=False, soft_wrap=True)
-    with tables.open_folder(Path(out), given | {"table": fits.to_dict()}, create=True, kind=PROOFS) as folder:
-
-        def write(failed=()) -> None:
-            write_whole(folder.page, proofs_page(folder, failed).encode())
-
-        reporter = _Reporter(err, write)
-        for note in folder.notes:
-            reporter.say(note)
-        outcome = run_proofs(folder, Path(table), wanted, variants, grids, command=line, tools=tools, reporter=reporter)
-        write(outcome.failed)
+    given["table"] = fits.to_dict()
+    with tables.open_folder(Path(out), given, create=True, kind=tables.PROOFS) as folder:
+        reporter = _Reporter(folder)
+        outcome = run_proofs(folder, Path(table), wanted, variants, grids, command=line, reporter=reporter)
+        reporter.write_page(outcome.failed)
         rows = list(folder.rows.values())
         counts, text, path, page = summary(rows), summary_text(rows), str(folder.path), folder.page
     if outcome.interrupted:
-        err.print(f"interrupted: {outcome.done} of {outcome.total} networks are done", markup=False)
+        reporter.say(f"interrupted: {outcome.done} of {outcome.total} networks are done")
     if json:
         done = {"total": outcome.total, "done": outcome.done, "failed": outcome.failed}
         print_json({"path": path, **done, "interrupted": outcome.interrupted, "summary": counts})
     else:
-        console(False).print(text, markup=False)
-        console(False).print(f"{outcome.done} of {outcome.total} networks; the tables are {page}", markup=False)
+        console(False).print(text)
+        console(False).print(f"{outcome.done} of {outcome.total} networks; the tables are {page}")
     return 1 if outcome.failed or outcome.interrupted or counts["missed_proven"] else 0
 
 
 class _Reporter:
-    """A line a network; keeps ``README.md`` up to date."""
+    """A line a network on standard error; keeps ``README.md`` up to date."""
 
-    def __init__(self, err: Console, write):
-        self._err, self._write, self._begun = err, write, time.monotonic()
+    def __init__(self, folder):
+        self._folder = folder
+        for note in folder.notes:
+            self.say(note)
 
-    def start(self, job, done, total) -> None:
-        """See ``ProofReporter``."""
-        self._prefix = f"{done + 1}/{total}"
+    def begin(self, outcome) -> None:
+        """The run begins; it keeps its outcome up to date."""
+        self._outcome = outcome
+
+    def start(self, job) -> None:
+        """A network begins."""
 
     def row(self, row) -> None:
-        """See ``ProofReporter``."""
-        self._write()
+        """A network is done, its row written."""
+        self.write_page()
         missed = (
             f"a false negative by the {row.found_by}, {row.depth_std:.3g} std deep"
             if row.missed_sampled
             else "none found"
         )
         self.say(
-            f"{self._prefix} {row.column.name} {row.object}: {row.method}: proof {row.search} in {row.proof_seconds:.1f} s, "
-            f"{row.fp_sampled:.3f} -> {row.fp_proven:.3f} % false positives; at the sampled minimum: {missed}"
+            f"{self._outcome.done}/{self._outcome.total} {row.column.name} {row.object}: {row.method}: proof {row.search} in "
+            f"{row.proof_seconds:.1f} s, {row.fp_sampled:.3f} -> {row.fp_proven:.3f} % false positives; "
+            f"at the sampled minimum: {missed}"
         )
 
-    def say(self, text) -> None:
-        """See ``ProofReporter``."""
-        self._err.print(text, markup=False)
+    def say(self, text: str) -> None:
+        """Something people should know."""
+        console(True).print(text)
+
+    def write_page(self, failed: Sequence[str] = ()) -> None:
+        """``README.md``."""
+        from warp_bounding.paper.pages.proofs_page import proofs_page
+
+        write_whole(self._folder.page, proofs_page(self._folder, failed).encode())

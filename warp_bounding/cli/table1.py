@@ -2,10 +2,8 @@
 
 import shlex
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -34,9 +32,7 @@ def command(
     ] = None,
     preset: Annotated[
         str | None,
-        typer.Option(
-            help=PRESETS_DO  # and how long they take, where help is shown
-        ),
+        typer.Option(help=PRESETS_DO),  # and how long they take, where help is shown
     ] = None,
     budget: Annotated[
         str | None,
@@ -71,11 +67,14 @@ def command(
     """
     import warp_bounding.paper as tables
     from warp_bounding.bounders import supports
+    from warp_bounding.indicators import load_indicator
 
-    options = {"preset": preset, "budget": budget, "samples": samples, "seed": seed, "length": length, "device": device}
-    budget, samples, protocol = _preset(preset, budget, samples, protocol)
-    given = {"samples": samples, "seed": seed, "length": length, "device": device, **_budget(budget)}
+    given = {"budget": budget, "samples": samples, "seed": seed, "length": length, "device": device}
     selected = {"protocol": protocol, "columns": columns, "methods": methods, "objects": objects}
+    line = command_line("table1", {"data": data, "out": out, **selected, "preset": preset, **given})
+    given, protocol = _with_preset(preset, given, protocol)
+    if given["budget"] is not None:  # it is whole: what it does not name has the number without a name
+        given["budget"], given["budgets"] = tables.parse_budget(given["budget"])
     quiet_warp(device)
     if data is None:
         useless = [f"--{name}" for name, value in (selected | {"plan": plan or None}).items() if value is not None]
@@ -90,14 +89,12 @@ def command(
     variants = tables.select_methods(words_of(methods))
     found = tables.find_shapes(Path(data), dict.fromkeys(c.ndim for c in wanted))
     shapes = tables.select_shapes(found, words_of(objects))
-    tools = tables.Tools.of_library()
-    tables.plan(wanted, variants, shapes, protocols, tools.supports, ())  # before a folder is made
+    tables.plan(wanted, variants, shapes, protocols, supports, ())  # before a folder is made
     if plan:
-        return _plan(Path(out), given, (wanted, variants, shapes, protocols, tools.supports), json)
-    grids = tables.load_shapes(shapes, tools.load_shape)
-    line = command_line("table1", {"data": data, "out": out, **selected, **options})
-    with tables.open_folder(Path(out), given, create=True) as folder, _reporter(folder, supports) as reporter:
-        outcome = tables.run(folder, wanted, variants, grids, protocols, command=line, tools=tools, reporter=reporter)
+        return _plan(Path(out), given, (wanted, variants, shapes, protocols, supports), json)
+    grids = tables.load_shapes(shapes, load_indicator)
+    with tables.open_folder(Path(out), given, create=True) as folder, _Reporter(folder, supports) as reporter:
+        outcome = tables.run(folder, wanted, variants, grids, protocols, command=line, reporter=reporter)
         reporter.stop()
         return _end(folder, outcome, supports, json)
 
@@ -121,30 +118,17 @@ def words_of(text: str | None) -> list[str] | None:
     return None if text is None else [word.strip() for word in text.split(",")]
 
 
-def _preset(preset: str | None, budget: str | None, samples: int | None, protocol: str | None) -> tuple:
-    """Budget, samples and protocol: those that were given, the rest of a preset."""
+def _with_preset(preset: str | None, given: dict[str, Any], protocol: str | None) -> tuple[dict[str, Any], str | None]:
+    """Settings and protocol: those that were given, the rest of a preset."""
     from warp_bounding.paper import PRESETS
 
     if preset is None:
-        return budget, samples, protocol
+        return given, protocol
     if preset not in PRESETS:
         raise QueryError(f"preset must be one of {', '.join(PRESETS)}, got {preset!r}")
-    chosen = PRESETS[preset]
-    return (
-        chosen.budget if budget is None else budget,
-        chosen.samples if samples is None else samples,
-        chosen.protocol if protocol is None else protocol,
-    )
-
-
-def _budget(text: str | None) -> dict[str, object]:
-    """Settings of ``--budget``; it is whole: what it does not name has the number without a name."""
-    from warp_bounding.paper import parse_budget
-
-    if text is None:
-        return {}
-    general, budgets = parse_budget(text)
-    return {"budget": general, "budgets": budgets}
+    chosen = PRESETS[preset]._asdict()
+    filled = {name: chosen.get(name) if value is None else value for name, value in given.items()}
+    return filled, chosen["protocol"] if protocol is None else protocol
 
 
 def _plan(out: Path, given: dict, selection: tuple, json: bool) -> int:
@@ -203,8 +187,7 @@ def command_line(command: str, options: dict[str, object]) -> str:
 
 def _end(folder, outcome, supports, json: bool) -> int:
     """Write the outputs, tell people or programs, and give the exit status."""
-    import warp_bounding.paper as tables
-    from warp_bounding.paper import PROTOCOLS, Means, write_outputs
+    from warp_bounding.paper import PROTOCOLS, Means, against_the_paper, write_outputs
 
     err = Console(stderr=True, highlight=False, soft_wrap=True)
     notes = write_outputs(folder, supports, outcome.failed)
@@ -230,20 +213,11 @@ def _end(folder, outcome, supports, json: bool) -> int:
         print_json({"path": str(folder.path), **cells, "interrupted": outcome.interrupted, "columns": columns})
     else:
         for m in means:
-            line = tables.against_the_paper(m, plain=True)
+            line = against_the_paper(m, plain=True)
             if line:
                 console(False).print(f"{m.protocol} protocol: {line}", markup=False)
         console(False).print(f"{outcome.done} of {outcome.total} cells; the table is {folder.page}", markup=False)
     return 1 if outcome.failed or broken or outcome.interrupted else 0
-
-
-@contextmanager
-def _reporter(folder, supports) -> Iterator["_Reporter"]:
-    reporter = _Reporter(folder, supports)
-    try:
-        yield reporter
-    finally:
-        reporter.stop()
 
 
 class _Reporter:
@@ -262,8 +236,14 @@ class _Reporter:
         for note in folder.notes:
             self.say(note)
 
+    def __enter__(self) -> "_Reporter":
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.stop()
+
     def begin(self, total, done, left) -> None:
-        """See ``Reporter``."""
+        """The run begins: cells in all, cells done before, and how long the rest takes."""
         self._total, self._done, self._left = total, done, left
         self._task = self._bar.add_task("", total=total, cells=f"{done}/{total}", left="", note="")
         if done < total:
@@ -271,7 +251,7 @@ class _Reporter:
         self._bar.start()
 
     def start(self, job) -> None:
-        """See ``Reporter``."""
+        """A job begins."""
         self._job = job
         self._show("")
         if self._stale and (job.variant.learned or time.monotonic() - self._written > PAGE_SECONDS):
@@ -280,27 +260,28 @@ class _Reporter:
             write_page(self._folder, self._supports, self._failed)
             self._stale, self._written = False, time.monotonic()
 
-    def within(self, done, total=1.0, note="") -> None:
-        """See ``Reporter``."""
+    def within(self, note) -> None:
+        """What a job is doing."""
         self._show(note)
 
     def row(self, row) -> None:
-        """See ``Reporter``."""
+        """A cell is done, its row written."""
         self._done += 1
         certificate = row.certificate or "no certificate"
         text = (
             f"{row.column.name} {row.object}: {row.variant.label} ({row.protocol}): {row.fp_rate:.3f} % false positives"
         )
-        self._line(f"{text}, {row.fn} false negatives, {certificate}")
+        if not self._err.is_terminal:
+            self.say(f"{self._done}/{self._total} {text}, {row.fn} false negatives, {certificate}; {self._left.text}")
         self._stale = True
 
     def fail(self, job, reason) -> None:
-        """See ``Reporter``."""
+        """A job has failed."""
         self._failed += [f"{job.title} ({p}): {reason}" for p in job.protocols]
         self.say(f"failed: {job.title}: {reason}")
 
     def say(self, text) -> None:
-        """See ``Reporter``."""
+        """Something people should know."""
         self._err.print(text, markup=False)
 
     def stop(self) -> None:
@@ -312,7 +293,3 @@ class _Reporter:
         self._bar.update(
             self._task, completed=self._done, cells=f"{self._done}/{self._total}", left=self._left.text, note=text
         )
-
-    def _line(self, text: str) -> None:
-        if not self._err.is_terminal:
-            self.say(f"{self._done}/{self._total} {text}; {self._left.text}")

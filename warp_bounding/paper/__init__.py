@@ -11,25 +11,27 @@ from warp_bounding.paper.pages.markdown import against_the_paper
 from warp_bounding.paper.pages.means import Means
 from warp_bounding.paper.pages.outputs import write_outputs, write_page
 from warp_bounding.paper.plan import Job, Share, TimeLeft, duration, plan, preset_seconds, shares
-from warp_bounding.paper.rows import PROTOCOLS, Row
+from warp_bounding.paper.rows import PROOFS, PROTOCOLS, TABLE1, ProofRow, Row
 from warp_bounding.paper.run import Outcome, run
-from warp_bounding.paper.settings import Settings
+from warp_bounding.paper.settings import ProofSettings, Settings
 from warp_bounding.paper.shapes import find_shapes, load_shapes, select_shapes
-from warp_bounding.paper.tools import Tools
 
 __all__ = [
     "PRESETS",
+    "PROOFS",
     "PROTOCOLS",
+    "TABLE1",
     "Folder",
     "Job",
     "Means",
     "Outcome",
     "Preset",
+    "ProofRow",
+    "ProofSettings",
     "Row",
     "Settings",
     "Share",
     "TimeLeft",
-    "Tools",
     "against_the_paper",
     "duration",
     "find_shapes",

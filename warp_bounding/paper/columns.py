@@ -8,15 +8,13 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from warp_bounding.errors import BounderError, QueryError
+from warp_bounding.queries import QUERIES, Query
 
 __all__ = [
     "COLUMNS",
-    "DIMENSIONS",
-    "IN_BOTH_SPACES",
     "LEARNED",
     "METHODS",
     "NETWORKS",
-    "QUERIES",
     "VARIANTS",
     "Column",
     "Supports",
@@ -27,10 +25,8 @@ __all__ = [
     "variant_of",
 ]
 
-QUERIES = ("point", "ray", "plane", "box")
-DIMENSIONS = (2, 3, 4)
-HIDDEN = {2: (25, 25), 3: (50, 50), 4: (75, 75)}
-PAPER_OBJECTS = {2: 9, 3: 9, 4: 3}
+HIDDEN = {2: (25, 25), 3: (50, 50), 4: (75, 75)}  # widths of hidden layers by dimension, from the supplement
+PAPER_OBJECTS = {2: 9, 3: 9, 4: 3}  # by dimension
 NONE = None  # the paper has no such figure
 PAPER = {  # false positives in per cent; columns as in ``COLUMNS``
     "aabb": (28.4, 43.9, 21.3, 11.0, 28.5, 69.3, 19.1, 18.9, 81.7, 70.3, 3.6, 38.0),
@@ -65,6 +61,11 @@ class Column(NamedTuple):
     query: str
 
     @property
+    def kind(self) -> Query:
+        """The kind of query."""
+        return QUERIES[self.query]
+
+    @property
     def name(self) -> str:
         """As the command line takes it, such as ``2d-point``."""
         return f"{self.ndim}d-{self.query}"
@@ -90,7 +91,7 @@ class Column(NamedTuple):
         return PAPER_OBJECTS[self.ndim]
 
 
-COLUMNS = tuple(Column(n, q) for n in DIMENSIONS for q in QUERIES)
+COLUMNS = tuple(Column(n, q) for n in HIDDEN for q in ("point", "ray", "plane", "box"))
 
 
 class Variant(NamedTuple):
@@ -152,7 +153,7 @@ class Variant(NamedTuple):
         """
         if self.in_both_spaces:
             spaces = ("parametric",) if self.parametric else ("geometric",)
-            if self.parametric and column.query == "point":
+            if self.parametric and not column.kind.is_region:
                 return None
         else:
             spaces = ("geometric", "parametric")
@@ -163,7 +164,7 @@ class Variant(NamedTuple):
         if self.leaves is not None:
             return None
         if self.in_both_spaces:
-            parametric = column.query != "point" and supports(self.method, column.query, column.ndim, "parametric")
+            parametric = column.kind.is_region and supports(self.method, column.query, column.ndim, "parametric")
             if self.parametric != parametric:
                 return None
         figures = PAPER.get(self.method)

@@ -11,14 +11,12 @@ there is no ``flock`` (Windows) nothing keeps two runs apart.
 import contextlib
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from warp_bounding.errors import BoundingError, FileFormatError
-from warp_bounding.paper.rows import HEADER, Key, Row, format_line, parse_line
-from warp_bounding.paper.settings import Settings
+from warp_bounding.paper.rows import TABLE1, Key, Kind
 from warp_bounding.runtime.whole_file import write_whole
 
 try:
@@ -26,50 +24,10 @@ try:
 except ImportError:  # Windows
     fcntl = None
 
-__all__ = ["TABLE1", "Folder", "Kind", "open_folder", "read_settings"]
+__all__ = ["Folder", "open_folder", "read_settings"]
 
 SETTINGS, PAGE, BOUNDERS, LOCK = "settings.json", "README.md", "bounders", ".lock"
 FORMAT = 1
-
-
-@dataclass(frozen=True)
-class Kind:
-    """What a folder is for.
-
-    Attributes:
-        command: Name of the command that makes it.
-        table: Name of the CSV.
-        ours: Other names that would be overwritten in somebody else's folder.
-        settings: Class of the settings, with ``of``, ``to_dict`` and ``from_dict``.
-        header: First line of the CSV.
-        format: From a row to a line.
-        parse: From a line without its end to a row.
-        check: Refuses a row that cannot have been measured with these settings.
-    """
-
-    command: str
-    table: str
-    ours: tuple[str, ...]
-    settings: type
-    header: str
-    format: Callable[[Any], str]
-    parse: Callable[[str], Any]
-    check: Callable[[Any, Any], None]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Everything but the settings."""
-        return (self.table, PAGE, *self.ours, BOUNDERS)
-
-
-def _check_row(s: Settings, row: Row) -> None:
-    budget, hidden = s.budget_of(row.column, row.variant), "-".join(map(str, row.column.hidden))
-    expected = (budget, s.samples, s.seed, s.length, s.activation, s.device, hidden)
-    if expected != (row.budget, row.samples, row.seed, row.length, row.activation, row.device, row.hidden):
-        raise FileFormatError("it was measured with other settings")
-
-
-TABLE1 = Kind("table1", "table1.csv", ("rank.png", "rank.svg"), Settings, HEADER, format_line, parse_line, _check_row)
 
 
 class Folder:
@@ -149,7 +107,10 @@ class Folder:
         for number, line in enumerate(lines[1:], start=2):
             try:
                 row = self.kind.parse(line)
-                self._check(row)
+                if not row.agrees(self.settings):
+                    raise FileFormatError("it was measured with other settings")
+                if row.key in self.rows:
+                    raise FileFormatError("it is there twice")
             except BoundingError as error:
                 raise FileFormatError(
                     f"{self.table}: line {number} is damaged ({error}); delete it and it is measured again"
@@ -161,12 +122,6 @@ class Folder:
                     f"{self.table}: the last line was torn by an interruption; dropped, to be measured again"
                 )
             write_whole(self.table, whole or header.encode())
-
-    def _check(self, row: Any) -> None:
-        """Refuse a row that cannot have been measured with these settings, or twice."""
-        self.kind.check(self.settings, row)
-        if row.key in self.rows:
-            raise FileFormatError("it is there twice")
 
 
 @contextlib.contextmanager
@@ -191,7 +146,7 @@ def open_folder(path: Path, given: Mapping[str, Any], *, create: bool, kind: Kin
             raise FileFormatError(f"{path}: no tables there yet; --data DIR is needed to make them")
         if path.exists() and not path.is_dir():
             raise FileFormatError(f"{path}: a file, expected a folder")
-        strangers = [name for name in kind.names if (path / name).exists()]
+        strangers = [name for name in _names(kind) if (path / name).exists()]
         if strangers:
             raise FileFormatError(
                 f"{path}: holds {', '.join(strangers)} but no {SETTINGS}; choose another folder for --out"
@@ -237,6 +192,11 @@ def _lock(path: Path, kind: Kind) -> Iterator[None]:
         os.close(file)
 
 
+def _names(kind: Kind) -> tuple[str, ...]:
+    """Everything in a folder but the settings."""
+    return (kind.table, PAGE, *kind.pictures, BOUNDERS)
+
+
 def _is_blank(path: Path, kind: Kind) -> bool:
     """Whether nothing has been fitted or measured here."""
     table = path / kind.table
@@ -245,7 +205,7 @@ def _is_blank(path: Path, kind: Kind) -> bool:
 
 def _sweep(path: Path, kind: Kind) -> None:
     """Remove what a killed run had begun to write beside our files."""
-    for name in (*kind.names, SETTINGS):
+    for name in (*_names(kind), SETTINGS):
         for part in path.glob(f".{name}.*"):
             part.unlink()
     for part in (path / BOUNDERS).glob(".*.safetensors.*"):

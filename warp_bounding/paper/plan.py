@@ -8,7 +8,7 @@ from pathlib import Path
 
 from warp_bounding.errors import BounderError
 from warp_bounding.paper.budgets import Preset, parse_budget
-from warp_bounding.paper.columns import COLUMNS, PAPER_OBJECTS, QUERIES, VARIANTS, Column, Supports, Variant
+from warp_bounding.paper.columns import COLUMNS, PAPER_OBJECTS, VARIANTS, Column, Supports, Variant
 from warp_bounding.paper.rows import PROTOCOLS, Key
 from warp_bounding.paper.settings import Settings
 from warp_bounding.paper.shapes import Shape
@@ -19,7 +19,9 @@ __all__ = ["Job", "Share", "TimeLeft", "duration", "plan", "preset_seconds", "sh
 KDOP_SECONDS = 11.0  # after which a learned k-DOP's fit has ended whatever its budget
 PARAMETRIC_PROOF = {4: 15.0}  # of its volumes around parameters, by dimension
 FIELD_PROOF = {"2d-ray": 25.0, "4d-point": 20.0}
-THRESHOLD = {2: 4.0, 3: 6.0, 4: 11.0}  # of a network of rays or boxes; its exit takes as long again
+SLOW_THRESHOLDS = ("ray", "box")  # queries whose networks' thresholds take so long, whatever the budget:
+THRESHOLD = {2: 4.0, 3: 6.0, 4: 11.0}  # by dimension
+THRESHOLDS = {"mlp": 1, "mlp-early": 2}  # how many a network has: its exit has one, too
 CLASSIC_FIT = {2: 0.1, 3: 0.5, 4: 1.7}  # by dimension
 EVALUATE = {"3d-plane": 1.0, "4d-plane": 4.5, "4d-box": 1.5, "4d-point": 0.6, "2d-point": 0.3, "2d-box": 0.4}
 SLOWEST_USUAL = 0.8  # a million queries of the other columns
@@ -104,8 +106,8 @@ def _expected(job: Job, budget: float) -> float:
         return min(budget, KDOP_SECONDS) + (PARAMETRIC_PROOF.get(column.ndim, 0.0) if job.variant.parametric else 0.0)
     if method == "relu-field":
         return max(budget, FIELD_PROOF.get(column.name, 0.0))
-    if method in ("mlp", "mlp-early") and column.query in ("ray", "box"):
-        return max(budget, THRESHOLD[column.ndim] * (2 if method == "mlp-early" else 1))
+    if method in THRESHOLDS and column.query in SLOW_THRESHOLDS:
+        return max(budget, THRESHOLDS[method] * THRESHOLD[column.ndim])
     return budget
 
 
@@ -219,7 +221,7 @@ def shares(jobs: Sequence[Job], settings: Settings, fitted: Collection[str] = ()
         classic = sum(not j.variant.learned for j in new)
         cells = sum(len(j.protocols) for j in own)
         result.append(Share(column, dict(fits), classic, cells, sum(map(left.job, own))))
-    return sorted(result, key=lambda s: (s.column.ndim, QUERIES.index(s.column.query)))
+    return sorted(result, key=lambda s: COLUMNS.index(s.column))
 
 
 @cache

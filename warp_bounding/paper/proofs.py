@@ -10,43 +10,32 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from warp_bounding.errors import BounderError, FileFormatError
+from warp_bounding.errors import BounderError
 from warp_bounding.paper.columns import Column, Variant
-from warp_bounding.paper.fitting import FAILURES, fit_bounder, interruptions, load_bounder, reason_of
 from warp_bounding.paper.folder import Folder
 from warp_bounding.paper.plan import Job, plan
-from warp_bounding.paper.proof_rows import PROOF_COST, ProofRow
-from warp_bounding.paper.run import DIGEST, Outcome
+from warp_bounding.paper.rows import ProofRow
+from warp_bounding.paper.run import DIGEST, Outcome, Run
+from warp_bounding.paper.settings import ProofSettings
 from warp_bounding.paper.shapes import Shape
-from warp_bounding.paper.tools import Tools, versions
+from warp_bounding.paper.versions import versions
 from warp_bounding.proof import prove
 from warp_bounding.proof.attest.falsify import Walk, queries_at
-from warp_bounding.queries import oracle, sample
+from warp_bounding.queries import QUERIES, oracle, sample
 from warp_bounding.queries.positives import draw_positives
 from warp_bounding.runtime.launch import cpu_threads
 
-__all__ = ["METHODS", "ProofReporter", "Thresholds", "run_proofs"]
+__all__ = ["METHODS", "PROOF_COST", "Thresholds", "run_proofs"]
 
 METHODS = ("mlp", "monotone-mlp")
+DISTANCES = ("plane",)  # queries whose networks learn distances, and no output between 0 and 1
 LOWEST = 2048  # of the hard positives: where searches begin
-SMALLEST_GAP = 1e-6
-
-
-class ProofReporter(Protocol):
-    """Who is told how the run goes."""
-
-    def start(self, job: Job, done: int, total: int) -> None:
-        """A network begins."""
-
-    def row(self, row: ProofRow) -> None:
-        """A network is done, its row written."""
-
-    def say(self, text: str) -> None:
-        """Something people should know."""
+PROOF_COST = 1e-4  # share of all queries that a proof's gap may cost in false positives
+SMALLEST_GAP = 1e-6  # of a search, in units of f
 
 
 @dataclass(frozen=True)
@@ -97,8 +86,7 @@ def run_proofs(
     grids: Mapping[Shape, Any],
     *,
     command: str,
-    tools: Tools,
-    reporter: ProofReporter,
+    reporter: Any,
 ) -> Outcome:
     """Measure every network that is not in the folder yet.
 
@@ -109,69 +97,53 @@ def run_proofs(
         variants: Selected methods.
         grids: Selected objects, as read.
         command: The command line, to be remembered.
-        tools: The library.
-        reporter: Told of each step.
-
-    Returns:
-        How it ended.
+        reporter: Told of each step, such as the command line's.
 
     Raises:
         BoundingError: If there is nothing to do at all, or the folder cannot be written to.
     """
-    jobs, total = plan(columns, variants, list(grids), ("exact",), tools.supports, folder.rows)
-    outcome = Outcome(total, total - len(jobs))
-    if jobs:
-        folder.remember(command)
-    with interruptions() as interrupted:
-        try:
-            for job in jobs:
-                reporter.start(job, outcome.done, total)
-                try:
-                    row = _measure(job, grids[job.shape], folder, table, tools, reporter.say, interrupted)
-                except FileFormatError:
-                    raise
-                except FAILURES as error:
-                    outcome.failed.append(f"{job.title}: {reason_of(error)}")
-                    reporter.say(f"failed: {outcome.failed[-1]}")
-                    continue
-                folder.append(row)
-                outcome.done += 1
-                reporter.row(row)
-        except KeyboardInterrupt:
-            outcome.interrupted = True
-    return outcome
+    from warp_bounding.bounders import supports
+
+    jobs, total = plan(columns, variants, list(grids), ("exact",), supports, folder.rows)
+    return _Proofs(table, folder, grids, jobs, total, reporter).go(command)
 
 
-def _bounder(job: Job, grid, folder: Folder, table: Path, tools: Tools, say, interrupted) -> tuple[Any, str]:
-    """The network of a job, and where it was fitted."""
-    fits, name = folder.settings.fits, f"{job.name}.safetensors"
-    for path, where in ((table / "bounders" / name, "table"), (folder.bounder(job.name), "here")):
-        bounder = load_bounder(path, grid, fits, tools, say) if path.exists() else None
-        if bounder is not None:
-            return bounder, where
-    bounder = fit_bounder(job, grid, fits, tools, lambda *_: None)
-    if interrupted.is_set():
-        raise KeyboardInterrupt
-    tools.save(bounder, folder.bounder(job.name))
-    return bounder, "here"
+class _Proofs(Run):
+    """Networks with both thresholds."""
+
+    def __init__(self, table: Path, *inputs):
+        super().__init__(*inputs)
+        self._table = table
+        self.reporter.begin(self.outcome)
+
+    def measure(self, job: Job, grid: Any) -> None:
+        """One row."""
+        path = self._table / "bounders" / f"{job.name}.safetensors"
+        bounder, where = self.load(path, grid), "table"
+        if bounder is None:
+            bounder, where = self.load(self.folder.bounder(job.name), grid), "here"
+        if bounder is None:
+            bounder = self.fit(job, grid, lambda *_: None)
+        self.add(_measured(job, grid, bounder, self.folder.settings, where, self.heed))
+
+    def fail(self, job: Job, reason: str) -> None:
+        """No row."""
+        self.outcome.failed.append(f"{job.title}: {reason}")
+        self.reporter.say(f"failed: {self.outcome.failed[-1]}")
 
 
-def _measure(job: Job, grid, folder: Folder, table: Path, tools: Tools, say: Callable[[str], None], interrupted):
-    """One row."""
-    s = folder.settings
-    bounder, where = _bounder(job, grid, folder, table, tools, say, interrupted)
+def _measured(job: Job, grid, bounder, s: ProofSettings, where: str, heed: Callable[[], None]) -> ProofRow:
     rates = Thresholds.of(bounder, grid, s.samples, s.fits.sample_seed)
     hard, lowest = _hard_positives(bounder, grid, s.positives, s.positives_seed)
     sampled = float(hard.min())
     twin = bounder.to(str(bounder.device))
     started = time.perf_counter()
-    known = job.column.query != "plane" and job.variant.method == "mlp"  # others are searched over other numbers
+    known = _has_output(bounder) and job.variant.method == "mlp"  # others are searched over other numbers
     points = _as_asked(bounder, lowest) if known else None
     search = prove(twin, grid, seconds=s.seconds, eps=rates.room(sampled), points=points)
     spent = time.perf_counter() - started
     _check(bounder, search)
-    if interrupted.is_set():
-        raise KeyboardInterrupt
+    heed()
     walk = Walk(twin, grid, s.fits.seed)
     start, _ = walk.around(queries_at(twin, grid, search.worst)) if len(search.worst) else (lowest[:0], None)
     found = {"prover": walk.down(start) if len(start) else (start, np.empty(0)), "walk": walk.down(lowest)}
@@ -224,10 +196,15 @@ def _measure(job: Job, grid, folder: Folder, table: Path, tools: Tools, say: Cal
     )
 
 
+def _has_output(bounder) -> bool:
+    """Whether its network has an output between 0 and 1; those of planes learn distances."""
+    return bounder.query_kind not in DISTANCES
+
+
 def _as_asked(bounder, x: np.ndarray) -> np.ndarray:
     """``v`` of queries, without rays from outside the domain: a device moves these to where they enter it first."""
     v = bounder.domain.to_local(x)
-    if bounder.query_kind != "ray":
+    if not QUERIES[bounder.query_kind].has_length:
         return v
     base = bounder.domain.base
     return v[(np.abs(v[:, : base.ndim]) <= base.limit).all(axis=1)]
@@ -263,7 +240,7 @@ def _hard_positives(bounder, grid, count: int, seed: int) -> tuple[np.ndarray, n
 def _at_zero(bounder, grid, rates: Thresholds, hard: np.ndarray, lowest: np.ndarray, found: dict) -> dict:
     """The row's fields about threshold 0; see ``ProofRow``."""
     names = ("fp_zero", "fn_zero", "hard_fn_zero", "missed_zero")
-    if bounder.query_kind == "plane":
+    if not _has_output(bounder):
         return dict.fromkeys(names)
     found = found | {"samples": (lowest, np.sort(hard)[: len(lowest)])}
     missed = _counterexample(bounder, grid, found, 0.0)[0] is not None

@@ -1,12 +1,16 @@
-"""One line of ``table1.csv``: what was measured of one bounder, and everything that it depends on."""
+"""One line of a table: what was measured of one bounder, and everything that it depends on; and the files that hold such lines."""
 
-from dataclasses import dataclass
+import csv
+import io
+import math
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, get_args
 
 from warp_bounding.errors import FileFormatError
 from warp_bounding.paper.columns import COLUMNS, VARIANTS, Column, Variant, variant_of
-from warp_bounding.paper.lines import Lines, optional, share, whole
+from warp_bounding.paper.settings import ProofSettings, Settings, Stored
 
-__all__ = ["FIELDS", "HEADER", "PROTOCOLS", "Row", "format_line", "parse_line"]
+__all__ = ["PROOFS", "PROTOCOLS", "TABLE1", "Key", "Kind", "ProofRow", "Row"]
 
 PROTOCOLS = ("exact", "sampled")
 SPACES = ("geometric", "parametric")
@@ -16,59 +20,34 @@ Key = tuple[int, str, str, str, str, int | None, str]
 
 @dataclass(frozen=True)
 class Row:
-    """A bounder of one object, measured under one protocol.
+    """A bounder of one object, measured under one protocol."""
 
-    Attributes:
-        dimension: Of the object.
-        object: Its name, the file's stem.
-        query: Kind of query.
-        method: Name in the registry.
-        space: ``geometric`` or ``parametric``.
-        leaves: Of a hierarchy, where a number was asked for.
-        protocol: How truth was found.
-        fp_rate: False positives, per cent of all samples.
-        fn: False negatives, a count.
-        positives: Per cent of all samples.
-        certificate: Its kind, or empty where there is none.
-        fit_seconds: Of the fit, its proof included; ``None`` where it is not known any more.
-        proof_seconds: Of the last proof.
-        nbytes: Memory of the bounder.
-        hidden: Widths of hidden layers, such as ``25-25``; for a hierarchy, of the network whose memory it may use.
-        activation: Of the network.
-        budget: Seconds for a learned fit.
-        samples: Number of queries.
-        seed: Of the fit; the samples have the next one.
-        length: Of a ray.
-        device: Warp device.
-        threads: CPU threads.
-        indicator: Start of the SHA-256 of the object's cells.
-        versions: Of what did it.
-    """
+    dimension: int  # of the object
+    object: str  # its name, the file's stem
+    query: str  # kind of query
+    method: str  # name in the registry
+    space: str  # ``geometric`` or ``parametric``
+    leaves: int | None  # of a hierarchy, where a number was asked for
+    protocol: str  # how truth was found
+    fp_rate: float  # false positives, per cent of all samples
+    fn: int  # false negatives, a count
+    positives: float  # per cent of all samples
+    certificate: str  # its kind, or empty where there is none
+    fit_seconds: float | None  # of the fit, its proof included; ``None`` where it is not known any more
+    proof_seconds: float | None  # of the last proof
+    nbytes: int  # memory of the bounder
+    hidden: str  # widths of hidden layers, such as ``25-25``; for a hierarchy, of the network whose memory it may use
+    activation: str  # of the network
+    budget: float  # seconds for a learned fit
+    samples: int  # number of queries
+    seed: int  # of the fit; the samples have the next one
+    length: float  # of a ray
+    device: str  # Warp device
+    threads: int  # CPU threads
+    indicator: str  # start of the SHA-256 of the object's cells
+    versions: str  # of what did it
 
-    dimension: int
-    object: str
-    query: str
-    method: str
-    space: str
-    leaves: int | None
-    protocol: str
-    fp_rate: float
-    fn: int
-    positives: float
-    certificate: str
-    fit_seconds: float | None
-    proof_seconds: float | None
-    nbytes: int
-    hidden: str
-    activation: str
-    budget: float
-    samples: int
-    seed: int
-    length: float
-    device: str
-    threads: int
-    indicator: str
-    versions: str
+    SIGNED: ClassVar[frozenset[str]] = frozenset()  # numbers that may be negative
 
     @property
     def key(self) -> Key:
@@ -85,28 +64,185 @@ class Row:
         """Where it stands."""
         return variant_of(self.method, self.space, self.leaves)
 
+    def check(self) -> None:
+        """Refuse what makes no sense.
 
-LINES = Lines(
-    Row,
-    {
-        **dict.fromkeys(("dimension", "fn", "nbytes", "samples", "seed", "threads"), whole),
-        **dict.fromkeys(("fp_rate", "positives", "budget", "length"), share),
-        **dict.fromkeys(("fit_seconds", "proof_seconds"), optional(share)),
-        "leaves": optional(whole),
-    },
-)
-FIELDS, HEADER, format_line = LINES.fields, LINES.header, LINES.format
+        Raises:
+            FileFormatError: With what it is.
+        """
+        if self.column not in COLUMNS or self.variant not in VARIANTS:
+            raise FileFormatError(f"there is no {self.variant.label} for {self.column.name}")
+        if self.protocol not in PROTOCOLS or self.space not in SPACES or not self.object or self.fp_rate > 100:
+            raise FileFormatError("protocol, space, object or fp_rate makes no sense")
+
+    def agrees(self, s: Settings) -> bool:
+        """Whether it can have been measured with these settings."""
+        budget, hidden = s.budget_of(self.column, self.variant), "-".join(map(str, self.column.hidden))
+        expected = (budget, s.samples, s.seed, s.length, s.activation, s.device, hidden)
+        return expected == (
+            self.budget,
+            self.samples,
+            self.seed,
+            self.length,
+            self.activation,
+            self.device,
+            self.hidden,
+        )
 
 
-def parse_line(line: str) -> Row:
-    """Inverse of ``format_line``.
+@dataclass(frozen=True)
+class ProofRow:
+    """A network of one object, with three thresholds: 0, the least f of many positives, and what a proof allows.
 
-    Raises:
-        FileFormatError: With what is wrong with it, if it is not such a line.
+    What is said about threshold 0 is ``None`` for planes, whose networks learn distances and no output between 0 and 1.
     """
-    row = LINES.parse(line)
-    if row.column not in COLUMNS or row.variant not in VARIANTS:
-        raise FileFormatError(f"there is no {row.variant.label} for {row.column.name}")
-    if row.protocol not in PROTOCOLS or row.space not in SPACES or not row.object or row.fp_rate > 100:
-        raise FileFormatError("protocol, space, object or fp_rate makes no sense")
-    return row
+
+    dimension: int  # of the object
+    object: str  # its name, the file's stem
+    query: str  # kind of query
+    method: str  # name in the registry
+    search: (
+        str  # ``complete``: as near to the least f as was asked for; ``cut short``, by time or rounding: it costs more
+    )
+    fp_zero: float | None  # false positives at threshold 0, an output of 0.5, per cent of all samples
+    fn_zero: int | None  # false negatives there among the samples, a count
+    hard_fn_zero: int | None  # false negatives there among the hard positives, a count
+    missed_zero: int | None  # whether a checked query is a false negative there
+    fp_sampled: float  # false positives at the least f of the hard positives, per cent
+    fn_sampled: int  # false negatives there among the samples, a count
+    missed_sampled: int  # whether a checked query is a false negative there
+    found_by: str  # ``prover`` if that query comes from the proof's search, ``walk`` if only from a walk from samples
+    depth: float | None  # how far its f is below that threshold, as computed by the kernel
+    depth_std: float | None  # the same in standard deviations of f over the samples
+    depth_fp: (
+        float | None
+    )  # false positives that a threshold that lets it through would have cost, per cent of all samples
+    fp_proven: float  # false positives at the proven threshold, per cent
+    fn_proven: int  # false negatives there among samples, hard positives and what the searches found
+    positives: float  # per cent of all samples
+    sampled: float  # least f of the hard positives
+    proven: float  # the proven threshold
+    lower_bound: float  # certified: f is not less on any positive
+    upper_bound: float  # least f that the proof's search found
+    gap: float  # the difference of these bounds
+    rounding_bound: float  # E, what float32 may change
+    boxes: int  # of the proof
+    proof_seconds: float  # of the proof
+    counterexample: str  # numbers of the query, separated by blanks
+    counterexample_f: float | None  # its f
+    shipped: float  # threshold of the bounder as it was fitted
+    certificate: str  # kind of its certificate
+    fp_shipped: float  # false positives there, per cent
+    fit_seconds: float | None  # of the fit
+    samples: int  # random queries
+    hard_positives: int  # number of these
+    seconds: float  # time that the proof was given
+    budget: float  # time that the fit was given
+    fitted: str  # ``table`` or ``here``
+    seed: int  # of the fit
+    threads: int  # CPU threads
+    indicator: str  # start of the SHA-256 of the object's cells
+    versions: str  # of what did it
+
+    SIGNED = frozenset({"sampled", "proven", "lower_bound", "upper_bound", "gap", "shipped", "counterexample_f"})
+
+    @property
+    def key(self) -> Key:
+        """As a job of ``table1`` has it."""
+        return self.dimension, self.object, self.query, self.method, "geometric", None, "exact"
+
+    @property
+    def column(self) -> Column:
+        """Where it stands."""
+        return Column(self.dimension, self.query)
+
+    @property
+    def variant(self) -> Variant:
+        """Its method."""
+        return Variant(self.method)
+
+    def check(self) -> None:
+        """See ``Row.check``."""
+        if self.column not in COLUMNS or self.variant not in VARIANTS or not self.object:
+            raise FileFormatError(f"there is no {self.method} for {self.dimension}d-{self.query}")
+        if self.search not in ("complete", "cut short") or self.found_by not in ("", "prover", "walk"):
+            raise FileFormatError("search or found_by makes no sense")
+
+    def agrees(self, s: ProofSettings) -> bool:
+        """See ``Row.agrees``."""
+        expected = (s.samples, s.seconds, s.fits.budget_of(self.column, self.variant), s.fits.seed)
+        measured = (self.samples, self.seconds, self.budget, self.seed)
+        return expected == measured and self.hard_positives >= s.positives
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a folder is for: a CSV file with one dataclass a line, and what is made of it.
+
+    Attributes:
+        command: Name of the command that makes it.
+        row: Class of the rows: ``Row``, or one like it.
+        settings: Class of the settings.
+        pictures: Names of these.
+    """
+
+    command: str
+    row: type
+    settings: type[Stored]
+    pictures: tuple[str, ...] = ()
+
+    @property
+    def table(self) -> str:
+        """Name of the CSV."""
+        return f"{self.command}.csv"
+
+    @property
+    def header(self) -> str:
+        """First line of the CSV, its end included."""
+        return ",".join(f.name for f in fields(self.row)) + "\n"
+
+    def format(self, row: Any) -> str:
+        """The line of a row, its end included."""
+        text = io.StringIO()
+        values = ("" if (v := getattr(row, f.name)) is None else v for f in fields(self.row))
+        csv.writer(text, lineterminator="\n").writerow(values)
+        return text.getvalue()
+
+    def parse(self, line: str) -> Any:
+        """Inverse of ``format``; the line is without its end.
+
+        Raises:
+            FileFormatError: With what is wrong with it, if it is not such a line.
+        """
+        try:
+            (cells,) = csv.reader([line], strict=True)
+        except (csv.Error, ValueError) as error:
+            raise FileFormatError(str(error) or "not a line of a table") from None
+        if len(cells) != len(fields(self.row)):
+            raise FileFormatError(f"{len(cells)} fields instead of {len(fields(self.row))}")
+        values = {}
+        for f, text in zip(fields(self.row), cells, strict=True):
+            try:
+                values[f.name] = _read(f.type, text, signed=f.name in self.row.SIGNED)
+            except ValueError as error:
+                raise FileFormatError(f"{f.name}: {error}") from None
+        row = self.row(**values)
+        row.check()
+        return row
+
+
+def _read(kind: Any, text: str, *, signed: bool) -> Any:
+    """A value of a field's type; what may be missing is ``None`` where there is no text, no number is infinite, few are negative."""
+    optional, kind = len(get_args(kind)) > 1, (get_args(kind) or (kind,))[0]
+    if optional and not text:
+        return None
+    if kind is int and not text.isdecimal():
+        raise ValueError(f"{text!r} is not a whole number")
+    value = kind(text)
+    if kind is float and not (math.isfinite(value) and (signed or value >= 0)):
+        raise ValueError(f"{text!r} is not {'a finite number' if signed else 'a number of at least 0'}")
+    return value
+
+
+TABLE1 = Kind("table1", Row, Settings, ("rank.png", "rank.svg"))
+PROOFS = Kind("proofs", ProofRow, ProofSettings)

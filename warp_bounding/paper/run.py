@@ -1,49 +1,34 @@
-"""The resumable run: fit, save, measure under each protocol, write the row at once; what is in the folder is not done again.
+"""A resumable run: fit, save, measure, write a row at once; what is in the folder is not done again.
 
 A fit that fails is reported at the end and the others go on. An interruption is never taken for a result: Ctrl-C makes
 ``fit`` end its training early and return what it has, which is thrown away here.
 """
 
+import contextlib
+import signal
+import threading
 import time
-from collections.abc import Mapping, Sequence
+import traceback
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from pathlib import Path
+from typing import Any
 
-from warp_bounding.errors import FileFormatError, IndicatorError
+from warp_bounding.bounders import METHODS
+from warp_bounding.bounders.options import taken
+from warp_bounding.errors import BoundingError, FileFormatError, IndicatorError
 from warp_bounding.paper.columns import Column, Variant
-from warp_bounding.paper.fitting import FAILURES, fit_bounder, interruptions, load_bounder, reason_of
 from warp_bounding.paper.folder import Folder
 from warp_bounding.paper.plan import Job, TimeLeft, plan
 from warp_bounding.paper.rows import Row
 from warp_bounding.paper.shapes import Shape
-from warp_bounding.paper.tools import Tools, versions
+from warp_bounding.paper.versions import versions
 from warp_bounding.runtime.launch import cpu_threads
 
-__all__ = ["Outcome", "Reporter", "run"]
+__all__ = ["DIGEST", "Outcome", "Run", "run"]
 
 DIGEST = 16  # characters of the SHA-256 of an object's cells
-
-
-class Reporter(Protocol):
-    """Who is told how the run goes."""
-
-    def begin(self, total: int, done: int, left: TimeLeft) -> None:
-        """The run begins: cells in all, cells done before."""
-
-    def start(self, job: Job) -> None:
-        """A job begins."""
-
-    def within(self, done: float, total: float = 1.0, note: str = "") -> None:
-        """How far a fit or a measurement has come."""
-
-    def row(self, row: Row) -> None:
-        """A cell is done, its row written."""
-
-    def fail(self, job: Job, reason: str) -> None:
-        """A job has failed."""
-
-    def say(self, text: str) -> None:
-        """Something people should know."""
 
 
 @dataclass
@@ -63,6 +48,141 @@ class Outcome:
     interrupted: bool = False
 
 
+class Run(ABC):
+    """What the runs that fit bounders have in common.
+
+    Attributes:
+        folder: Where rows and bounders go.
+        jobs: What is missing in it.
+        outcome: So far.
+    """
+
+    def __init__(self, folder: Folder, grids: Mapping[Shape, Any], jobs: Sequence[Job], total: int, reporter: Any):
+        """Begin.
+
+        Args:
+            folder: Where rows and bounders go.
+            grids: Objects, as read.
+            jobs: What is missing in the folder.
+            total: Cells in all.
+            reporter: Told of each step; has ``start``, ``row`` and ``say``.
+        """
+        self.folder, self.jobs, self.reporter, self._grids = folder, jobs, reporter, grids
+        self.outcome = Outcome(total, total - sum(len(j.protocols) for j in jobs))
+        self._interrupted = threading.Event()
+
+    @abstractmethod
+    def measure(self, job: Job, grid: Any) -> None:
+        """Do one job; a failure may be any exception."""
+
+    @abstractmethod
+    def fail(self, job: Job, reason: str) -> None:
+        """Note that a job has failed."""
+
+    def go(self, command: str) -> Outcome:
+        """Do all jobs.
+
+        Args:
+            command: The command line, to be remembered.
+
+        Raises:
+            BoundingError: If the folder cannot be written to: it is no use going on then.
+        """
+        if self.jobs:
+            self.folder.remember(command)
+        with _interruptions(self._interrupted):
+            try:
+                for job in self.jobs:
+                    self.reporter.start(job)
+                    self._try(job)
+            except KeyboardInterrupt:
+                self.outcome.interrupted = True
+        return self.outcome
+
+    def _try(self, job: Job) -> None:
+        try:
+            self.measure(job, self._grids[job.shape])
+        except FileFormatError:
+            raise
+        except Exception as error:  # whatever ends one cell of a long run is reported, and the others go on
+            self.fail(job, _reason(error))
+
+    def add(self, row: Any) -> None:
+        """Write a row."""
+        self.folder.append(row)
+        self.outcome.done += 1
+        self.reporter.row(row)
+
+    def heed(self) -> None:
+        """End the run if it was interrupted: a callee may have swallowed that, and returned early."""
+        if self._interrupted.is_set():
+            raise KeyboardInterrupt
+
+    def load(self, path: Path, grid: Any) -> Any | None:
+        """The bounder that an earlier run fitted, unless there is none, or it is damaged or of something else; then people are told."""
+        from warp_bounding.bounders import load
+
+        if not path.exists():
+            return None
+        settings = self.folder.settings.fits
+        try:
+            bounder = load(path, device=settings.device)
+        except BoundingError as error:
+            self.reporter.say(f"{error}; fitted again")
+            return None
+        if (bounder.info.get("indicator"), bounder.info.get("seed")) == (grid.digest, settings.seed):
+            return bounder
+        self.reporter.say(f"{path}: fitted to another object or with another seed; fitted again")
+        return None
+
+    def fit(self, job: Job, grid: Any, progress: Callable[..., None], last: Any | None = None) -> Any:
+        """Fit the bounder of a job, a cascade's from its ``last`` part, and keep it; this imports torch."""
+        from warp_bounding.bounders import save
+        from warp_bounding.training import fit
+
+        settings, method, query = self.folder.settings.fits, job.variant.method, job.column.kind
+        told = {"hidden": job.column.hidden, "activation": settings.activation, "leaves": job.variant.leaves}
+        known = taken((METHODS[name] for name in method.split("+")), query.name)
+        options = {name: value for name, value in told.items() if name in known and value is not None}
+        options |= {"last": last} if last is not None else {}
+        options |= {"length": settings.length} if query.has_length else {}
+        options |= {"space": job.space} if query.is_region else {}
+        about = {"query": query.name, "method": method, "budget": settings.budget_of(job.column, job.variant)}
+        bounder = fit(grid, **about, seed=settings.seed, device=settings.device, progress=progress, **options)
+        self.heed()
+        save(bounder, self.folder.bounder(job.name))
+        return bounder
+
+
+@contextlib.contextmanager
+def _interruptions(event: threading.Event) -> Iterator[None]:
+    """Ctrl-C sets an event, besides raising ``KeyboardInterrupt``."""
+    unheard = signal.getsignal(signal.SIGINT) == signal.SIG_IGN  # as in a shell's background jobs
+    if unheard or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def handler(number, frame):
+        event.set()
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _reason(error: BaseException) -> str:
+    """A failure in one line; of what is no error of ours, also its type and where it was raised."""
+    reason = " ".join(str(error).split()) or type(error).__name__
+    if isinstance(error, BoundingError):
+        return reason
+    frames = traceback.extract_tb(error.__traceback__)
+    where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
+    return f"{type(error).__name__}: {reason}{where}"
+
+
 def run(
     folder: Folder,
     columns: Sequence[Column],
@@ -71,10 +191,9 @@ def run(
     protocols: Sequence[str],
     *,
     command: str,
-    tools: Tools,
-    reporter: Reporter,
+    reporter: Any,
 ) -> Outcome:
-    """Measure every cell that is not in the folder yet.
+    """Measure every cell of Table 1 that is not in the folder yet.
 
     Args:
         folder: Where rows and bounders go.
@@ -83,104 +202,84 @@ def run(
         grids: Selected objects, as read.
         protocols: Selected.
         command: The command line, to be remembered.
-        tools: The library, or its stand-in.
-        reporter: Told of each step.
-
-    Returns:
-        How it ended.
+        reporter: Told of each step, such as the command line's.
 
     Raises:
         BoundingError: If an object is not the one that was measured before, or the folder cannot be written to.
     """
-    jobs, total = plan(columns, variants, list(grids), protocols, tools.supports, folder.rows)
+    from warp_bounding.bounders import supports
+
+    jobs, total = plan(columns, variants, list(grids), protocols, supports, folder.rows)
     for shape in {j.shape for j in jobs}:
-        _check_known(shape, grids[shape], folder)
-    if jobs:
-        folder.remember(command)
-    outcome = Outcome(total, total - sum(len(j.protocols) for j in jobs))
-    left = TimeLeft(jobs, folder.settings, {j.name for j in jobs if folder.bounder(j.name).exists()})
-    reporter.begin(total, outcome.done, left)
-    with interruptions() as interrupted:
-        try:
-            for job in jobs:
-                reporter.start(job)
-                _work(job, grids[job.shape], folder, tools, reporter, outcome, left, interrupted)
-        except KeyboardInterrupt:
-            outcome.interrupted = True
-    return outcome
+        known = {r.indicator for r in folder.rows.values() if (r.dimension, r.object) == (shape.ndim, shape.name)}
+        if known - {grids[shape].digest[:DIGEST]}:
+            raise IndicatorError(
+                f"{shape.path}: not the object that {folder.table} was measured on; choose another --out"
+            )
+    table = _Table(folder, grids, jobs, total, reporter)
+    reporter.begin(total, table.outcome.done, table.left)
+    return table.go(command)
 
 
-def _check_known(shape: Shape, grid: Any, folder: Folder) -> None:
-    """Refuse an object that has changed since its other rows were measured."""
-    known = {r.indicator for r in folder.rows.values() if (r.dimension, r.object) == (shape.ndim, shape.name)}
-    if known - {grid.digest[:DIGEST]}:
-        raise IndicatorError(f"{shape.path}: not the object that {folder.table} was measured on; choose another --out")
+class _Table(Run):
+    """Table 1.
 
+    Attributes:
+        left: How long the rest will take.
+    """
 
-def _work(job, grid, folder, tools, reporter, outcome, left, interrupted) -> None:
-    """One job: its rows, or a failure."""
-    try:
-        bounder, seconds, spent = _bounder(job, grid, folder, tools, reporter, interrupted)
+    def __init__(self, *inputs):
+        super().__init__(*inputs)
+        fitted = {j.name for j in self.jobs if self.folder.bounder(j.name).exists()}
+        self.left = TimeLeft(self.jobs, self.folder.settings, fitted)
+
+    def measure(self, job: Job, grid: Any) -> None:
+        """The rows of a job."""
+        from warp_bounding.evaluation import evaluate
+
+        s = self.folder.settings
+        bounder, seconds, spent = self._bounder(job, grid)
         started, rates = time.perf_counter(), {}
         for protocol in job.protocols:
-            s = folder.settings
-            progress = _note(reporter, f"measuring, {protocol}")
-            rates[protocol] = tools.evaluate(bounder, grid, s.samples, protocol, seed=s.sample_seed, progress=progress)
-            if interrupted.is_set():
-                raise KeyboardInterrupt
-    except FileFormatError:  # the folder cannot be written to: no use going on
-        raise
-    except FAILURES as error:
-        reason = reason_of(error)
-        outcome.failed += [f"{job.title} ({p}): {reason}" for p in job.protocols]
-        left.drop(job)
-        reporter.fail(job, reason)
-        return
-    left.finish(job, spent, time.perf_counter() - started)
-    for protocol in job.protocols:
-        row = _row(job, protocol, grid, bounder, seconds, rates[protocol], folder)
-        folder.append(row)
-        outcome.done += 1
-        reporter.row(row)
+            progress = self._note(f"measuring, {protocol}")
+            rates[protocol] = evaluate(bounder, grid, s.samples, protocol, seed=s.sample_seed, progress=progress)
+            self.heed()
+        self.left.finish(job, spent, time.perf_counter() - started)
+        for protocol in job.protocols:
+            self.add(_row(job, protocol, grid, bounder, seconds, rates[protocol], s))
 
+    def fail(self, job: Job, reason: str) -> None:
+        """None of its rows."""
+        self.outcome.failed += [f"{job.title} ({p}): {reason}" for p in job.protocols]
+        self.left.drop(job)
+        self.reporter.fail(job, reason)
 
-def _bounder(job, grid, folder, tools, reporter, interrupted) -> tuple[Any, float | None, float]:
-    """The bounder of a job, the seconds that its fit took, and those that it took now."""
-    s, path = folder.settings, folder.bounder(job.name)
-    if path.exists():
-        bounder = load_bounder(path, grid, s, tools, reporter.say)
+    def _bounder(self, job: Job, grid: Any) -> tuple[Any, float | None, float]:
+        """The bounder of a job, the seconds that its fit took, and those that it took now."""
+        bounder = self.load(self.folder.bounder(job.name), grid)
         if bounder is not None:
-            return bounder, _recorded(job, bounder, folder), 0.0
-    started = time.perf_counter()
-    last = _last(job, grid, folder, tools, reporter)
-    bounder = fit_bounder(job, grid, s, tools, _note(reporter, "fitting"), last)
-    seconds = time.perf_counter() - started
-    if interrupted.is_set():
-        raise KeyboardInterrupt
-    tools.save(bounder, path)
-    before = 0.0 if last is None else (last.info.get("training") or {}).get("seconds", 0.0)
-    return bounder, seconds + before, seconds
+            return bounder, self._recorded(job, bounder), 0.0
+        started, last = time.perf_counter(), None
+        if job.variant.last != job.variant.method:  # the last part of a cascade is the same by itself, if it is there
+            last = self.load(self.folder.bounder(replace(job, variant=Variant(job.variant.last)).name), grid)
+        bounder = self.fit(job, grid, self._note("fitting"), last)
+        seconds = time.perf_counter() - started
+        before = 0.0 if last is None else (last.info.get("training") or {}).get("seconds", 0.0)
+        return bounder, seconds + before, seconds
+
+    def _recorded(self, job: Job, bounder: Any) -> float | None:
+        """Seconds that an earlier fit took: from its rows, or else as it says itself."""
+        about, rows = job.key("")[:-1], self.folder.rows.items()
+        known = [r.fit_seconds for key, r in rows if key[:-1] == about and r.fit_seconds is not None]
+        return known[0] if known else (bounder.info.get("training") or {}).get("seconds")
+
+    def _note(self, what: str) -> Callable[..., None]:
+        """A progress callback that says what is going on where the callee does not."""
+        return lambda done, total=1.0, note="": self.reporter.within(f"{what}, {note}" if note else what)
 
 
-def _last(job: Job, grid: Any, folder: Folder, tools: Tools, reporter) -> Any | None:
-    """Of a cascade the last part, which is the same by itself, if this folder has it."""
-    if job.variant.last == job.variant.method:
-        return None
-    path = folder.bounder(replace(job, variant=Variant(job.variant.last)).name)
-    if not path.exists():
-        return None
-    return load_bounder(path, grid, folder.settings, tools, reporter.say)
-
-
-def _recorded(job: Job, bounder: Any, folder: Folder) -> float | None:
-    """Seconds that an earlier fit took: from its rows, or else as it says itself."""
-    about = job.key("")[:-1]
-    known = [r.fit_seconds for key, r in folder.rows.items() if key[:-1] == about and r.fit_seconds is not None]
-    return known[0] if known else (bounder.info.get("training") or {}).get("seconds")
-
-
-def _row(job: Job, protocol: str, grid: Any, bounder: Any, seconds: float | None, rates: Any, folder: Folder) -> Row:
-    s, certificate = folder.settings, bounder.certificate
+def _row(job: Job, protocol: str, grid: Any, bounder: Any, seconds: float | None, rates: Any, s: Any) -> Row:
+    certificate = bounder.certificate
     return Row(
         dimension=job.shape.ndim,
         object=job.shape.name,
@@ -207,8 +306,3 @@ def _row(job: Job, protocol: str, grid: Any, bounder: Any, seconds: float | None
         indicator=grid.digest[:DIGEST],
         versions=versions(),
     )
-
-
-def _note(reporter: Reporter, what: str):
-    """A progress callback that says what is going on where the callee does not."""
-    return lambda done, total=1.0, note="": reporter.within(done, total, f"{what}, {note}" if note else what)

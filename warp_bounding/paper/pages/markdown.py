@@ -109,7 +109,7 @@ def _made_with(folder: Folder, rows: Sequence[Row]) -> list[str]:
     ]
     lines += [
         f"- {_budgets(s)}, its proof included; sizes as in the paper's supplement "
-        f"({', '.join(f'{c.ndim}D {c.hidden}' for c in COLUMNS if c.query == 'point')}), activation {s.activation}, seed {s.seed}",
+        f"({', '.join(f'{c.ndim}D {c.hidden}' for c in COLUMNS if not c.kind.is_region)}), activation {s.activation}, seed {s.seed}",
         f"- rates over {s.samples:,} random queries (seed {s.sample_seed}), rays of length {s.length:g}",
         *([f"- networks that are monotone by construction have {monotone} as their activation"] if replaced else []),
         f"- device {s.device}, CPU threads {' and '.join(threads)}",
@@ -193,7 +193,7 @@ def _cell(means: Means, variant: Variant, column: Column, supports: Supports) ->
         text = f"{mean.fp_rate:.2f}"
         text = f"**{text}**" if variant in means.best(column) else text
         text += _sign(variant, mean, len(means.objects[column]))
-    elif variant.parametric and column.query == "point":
+    elif variant.parametric and not column.kind.is_region:
         text = SAME
     else:
         text = NOT_YET if variant.space_in(column, supports) else NO_METHOD

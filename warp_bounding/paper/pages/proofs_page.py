@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterable, Sequence
 
 from warp_bounding.paper.columns import COLUMNS
 from warp_bounding.paper.folder import Folder
-from warp_bounding.paper.proof_rows import PROOF_COST, ProofRow
+from warp_bounding.paper.proofs import PROOF_COST
+from warp_bounding.paper.rows import ProofRow
 
 __all__ = ["proofs_page", "summary", "summary_text"]
 

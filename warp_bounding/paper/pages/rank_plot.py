@@ -11,7 +11,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from warp_bounding.errors import BoundingError
-from warp_bounding.paper.columns import LEARNED, QUERIES
+from warp_bounding.paper.columns import COLUMNS, LEARNED
 from warp_bounding.paper.rows import PROTOCOLS, Row
 
 __all__ = ["FORMATS", "rank_plot"]
@@ -104,7 +104,7 @@ def _draw(figure, rows: list[Row], protocol: str) -> None:
                 lines[method] = _line(panel, method, np.maximum(rates, least))
             cases = {(r.object, r.query) for r in own}
             _panel(panel, len(cases), least, last=space == spaces[-1])
-            queries = ", ".join(q for q in QUERIES if any(query == q for _, query in cases))
+            queries = ", ".join(dict.fromkeys(c.query for c in COLUMNS if any(c.query == query for _, query in cases)))
             panel.set_title(f"{ndim}D", loc="left", fontweight="bold", color=INK)
             panel.set_title(queries, loc="right", fontsize=8.5, color=INK)
         caption = f"{CAPTIONS[space]}\n" if len(spaces) > 1 else ""
@@ -138,7 +138,7 @@ def _brings(row: Row, space: str) -> bool:
 
 def _belongs(row: Row, space: str) -> bool:
     """Whether a line in this space's panels holds the row: points, and what has no space, are in both."""
-    return not row.variant.in_both_spaces or row.query == "point" or row.space == space
+    return not row.variant.in_both_spaces or not row.column.kind.is_region or row.space == space
 
 
 def _line(panel, method: str, rates: np.ndarray):
