@@ -46,15 +46,15 @@ def test_the_budget_of_a_hierarchy(monkeypatch, options, seconds):
 
 @pytest.mark.parametrize("method", ["learned-kdop", "relu-field"])
 def test_learned_closed_forms_leave_time_for_their_proof(monkeypatch, method):
-    pytest.importorskip("torch", reason="torch is not installed")
+    trainers = pytest.importorskip("warp_bounding.training.trainers", reason="torch is not installed")
     name = {"learned-kdop": "train_learned_kdop", "relu-field": "train_relu_field"}[method]
-    given, inner = [], getattr(fit_module, name)
+    given, inner = [], getattr(trainers, name)
 
     def recorded(*arguments, budget, **more):
         given.append(budget)
         return inner(*arguments, budget=budget, **more)
 
-    monkeypatch.setattr(fit_module, name, recorded)
+    monkeypatch.setattr(trainers, name, recorded)
     grid = shape("c")
     for seconds in (0.01, 1e9):
         monkeypatch.setattr(fit_module, "PROOF_SECONDS", seconds)

@@ -91,6 +91,9 @@ class Bounder(ABC):
     closed_form: ClassVar[bool] = True  # ``bound`` is exact on a cell, so that one pass over the cells is the proof
     conservative: ClassVar[bool] = True  # false: kept to show what goes wrong; it never holds a certificate
     bit_fields: ClassVar[tuple[str, ...]] = ()  # tensors that are uint32
+    takes_seconds: ClassVar[bool] = (
+        False  # ``fit`` has an argument of that name, and makes something looser when they are over
+    )
     options: ClassVar[tuple[Option, ...]] = ()  # what ``fit`` and the command line can tell the method
 
     def __init__(

@@ -1,12 +1,8 @@
-"""``fit``: from a shape to a bounder, in a given time.
-
-Closed forms are fitted and proven at once, networks in ``networks``. What can be asked for stands in ``bounders.METHODS``.
-"""
+"""``fit``: from a shape to a bounder, in a given time. What can be asked for stands in ``METHODS``, how it is made in ``trainers``."""
 
 import math
 import time
 import warnings
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -14,36 +10,24 @@ import numpy as np
 
 from warp_bounding.bounders import Bounder, method_class
 from warp_bounding.bounders.base import checked_device
-from warp_bounding.bounders.bvh.bvh import Bvh, leaves_for_bytes
 from warp_bounding.bounders.cascade import Cascade
-from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.options import settled
-from warp_bounding.bounders.parametric_fit import fit_parametric
-from warp_bounding.bounders.polytopes.learned_kdop import LearnedKdop
-from warp_bounding.bounders.relu_field.relu_field import ReluField
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import RegionDomain, domain_of
+from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError, BoundingWarning
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, IndicatorMotion, load_indicator
 from warp_bounding.indicators.memory import check_memory
 from warp_bounding.indicators.mesh import MAX_RESOLUTION
 from warp_bounding.proof import cascade, prove
-from warp_bounding.queries import check_query, oracle, sample
-from warp_bounding.queries.positives import draw_positives
+from warp_bounding.queries import QUERIES, check_query
 from warp_bounding.runtime.launch import compile_seconds
 from warp_bounding.runtime.progress import Progress, reported
-from warp_bounding.training.fit_network import NetworkOptions, fit_network
-from warp_bounding.training.learned_kdop.train import train_learned_kdop
 from warp_bounding.training.problem import Problem
-from warp_bounding.training.relu_field import train_relu_field
+from warp_bounding.training.trainers import trainer_of
 
 __all__ = ["fit"]
 
 SPACES = ("geometric", "parametric")
-PARAMETRIC_SAMPLES = 20_000  # as in the paper's code
-KDOP_SECONDS = 10.0  # more does not make learned half-spaces tighter
-FRONT_FACES = 40  # of a learned-kdop before a network; twice as many are hardly nearer to the convex hull
 FRONT_SHARE = 0.1  # of what is left of the budget: for each learned part of a cascade before its networks
 COORDINATE_BYTES = 32  # of an occupied cell, on each axis: its index, two corners and what is computed of them
 PROOF_SECONDS = 8e-6  # an occupied cell: the proof of learned closed forms, measured; left over by their training
@@ -129,7 +113,8 @@ def fit(
     if last is not None and (len(kinds) < 2 or type(last) is not kinds[-1]):
         raise BounderError(f"last must be the last of several methods, {method!r}, got {last!r}")
     told = settled(kinds, query, options)
-    problem = Problem(grid, domain_of(grid, query, length, space), query, int(seed), device)
+    domain, repeatable = domain_of(grid, query, length, space), any(each.get("steps") for each in told)
+    problem = Problem(grid, domain, query, int(seed), device, repeatable=repeatable)
     with reported(progress, f"fit {method}") as update:
         parts = _fit_parts(problem, kinds if last is None else kinds[:-1], kinds, told, budget, spent, update)
     if last is not None:
@@ -169,22 +154,19 @@ def _fit_parts(
     progress: Progress | None,
 ) -> list[Bounder]:
     """The bounders of these classes, each behind those before it: the first of ``kinds``, among which the budget is shared."""
-    networks, parts, grid = [issubclass(kind, Mlp) for kind in kinds], [], problem.grid
+    trainers, parts, grid = [trainer_of(kind) for kind in kinds], [], problem.grid
     for index, kind in enumerate(wanted):
-        own, waiting = spent if index == 0 else _Stopwatch(), sum(networks[index:])
+        trainer, own = trainers[index], spent if index == 0 else _Stopwatch()
         left = max(budget - spent.working, LEAST_SHARE * budget) if parts else budget
-        part = replace(problem, front=tuple(parts))
-        if networks[index]:
-            bounder, record = fit_network(kind, part, NetworkOptions(budget=left / waiting, **told[index]), progress)
+        waiting = sum(each.proves for each in trainers[index:])
+        if trainer.proves:
+            seconds = left / waiting
         else:
-            seconds = min(left * (FRONT_SHARE if waiting else 1.0), KDOP_SECONDS if kind is LearnedKdop else left)
+            seconds = min(left * (FRONT_SHARE if waiting else 1.0), trainer.most_seconds)
             seconds -= min(seconds / 2, PROOF_SECONDS * len(grid.occupied))
-            if kind is Bvh and any(each.get("steps") for each in told):
-                seconds = math.inf  # what is to be repeatable knows no clock
-            options = told[index]
-            if waiting and kind is LearnedKdop and problem.query != "plane" and options["k"] is None:
-                options = options | {"k": FRONT_FACES}
-            bounder, record = _fit_other(part, kind, options, seconds, progress)
+        part = replace(problem, front=tuple(parts), in_front=waiting > 0)
+        bounder, record = trainer.train(kind, part, told[index], seconds, progress)
+        if not trainer.proves:
             prove(bounder, grid)
         bounder.info = {
             "indicator": grid.digest,
@@ -226,19 +208,6 @@ def _warn_of_coarse_cells(grid: IndicatorGrid) -> None:
         warnings.warn(text, BoundingWarning, stacklevel=3)
 
 
-def _fit_other(
-    problem: Problem, kind: type[Bounder], options: dict[str, Any], seconds: float, progress: Progress | None
-) -> tuple[Bounder, dict]:
-    """A bounder that is no network, and a record of how it went."""
-    grid, domain = problem.grid, problem.domain
-    learned = {"seed": problem.seed, "device": problem.device, "progress": _shown(progress), "budget": seconds}
-    if kind is LearnedKdop:
-        return train_learned_kdop(grid, domain, **learned, **options)
-    if kind is ReluField:
-        return train_relu_field(grid, domain, **learned, **options)
-    return _fit_classic(problem, kind, options, seconds), {}
-
-
 def _check(query, method, budget, seed, margin, length, space) -> None:
     def number(value) -> bool:
         return isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and np.isfinite(value)
@@ -251,41 +220,11 @@ def _check(query, method, budget, seed, margin, length, space) -> None:
         raise BounderError(f"seed must be a whole number from 0 to 2^63 - 1, got {seed!r}")
     if not number(margin) or margin < 0:
         raise BounderError(f"margin must be a length of at least 0, got {margin!r}")
-    if length is not None and query != "ray":
+    if length is not None and not QUERIES[query].has_length:
         raise BounderError(f"length is for ray queries, got length={length} for {query} queries")
     if length is not None and (not number(length) or length <= 0):
         raise BounderError(f"length must be a positive number, got {length!r}")
-    if space is not None and query == "point":
+    if space is not None and not QUERIES[query].is_region:
         raise BounderError(f"space is for ray, plane and box queries, got space={space} for point queries")
     if space is not None and space not in SPACES:
         raise BounderError(f"space must be one of {', '.join(SPACES)}, got {space!r}")
-
-
-def _fit_classic(problem: Problem, kind: type[Bounder], options: dict[str, Any], seconds: float) -> Bounder:
-    """A closed form; in parametric space around sampled positives, as in the paper, and then around all of them."""
-    grid, domain, device = problem.grid, problem.domain, problem.device
-    if domain.space == "parametric" and problem.query != "point":
-        x = sample(problem.query, grid, PARAMETRIC_SAMPLES, np.random.default_rng(problem.seed))
-        positive = x[oracle(problem.query, grid, device, domain.length or 1.0)(x)]
-        if len(positive) < 2:
-            length = domain.length or 1.0
-            drawn = draw_positives(problem.query, grid, PARAMETRIC_SAMPLES, problem.seed, device, length, outside=False)
-            positive = next(drawn)
-        return fit_parametric(kind, grid, domain, domain.to_local(positive), device=device, **options)
-    if kind is Bvh:
-        leaves = options["leaves"] or leaves_for_bytes(_network_bytes(domain, options["hidden"]), grid.ndim)
-        return kind.fit(grid, domain, device=device, leaves=leaves, seconds=seconds)
-    return kind.fit(grid, domain, device=device, **options)
-
-
-def _network_bytes(domain: Domain | RegionDomain, hidden: tuple[int, ...]) -> int:
-    """Memory of the network of these widths that the same queries would have."""
-    sizes = [domain.space_ndim if domain.query == "plane" else domain.ndim, *hidden]
-    outputs = 2 if domain.query == "plane" else 1
-    numbers = sum(k * h + h for k, h in zip(sizes, [*sizes[1:], outputs], strict=True))
-    return 4 * (numbers + len(domain.header) + 1 + len(domain.extra))
-
-
-def _shown(progress: Progress | None) -> Callable[[float, str], None] | None:
-    """A trainer's progress as the caller's."""
-    return (lambda used, note: progress(min(used, 1.0), 1.0, note)) if progress else None

@@ -23,6 +23,8 @@ class Problem:
         seed: Of everything random.
         device: Warp device of the bounder.
         front: Bounders that are asked first: only what they let through is asked further, and only that can be a false positive.
+        in_front: A network is asked afterwards.
+        repeatable: The result is to be the same on every run: no clock may enter.
     """
 
     grid: IndicatorGrid
@@ -31,6 +33,8 @@ class Problem:
     seed: int
     device: str | None
     front: tuple[Bounder, ...] = ()
+    in_front: bool = False
+    repeatable: bool = False
 
     def asked(self, x: np.ndarray) -> np.ndarray:
         """``(N,)`` bool: the front lets these queries, in object space, through."""

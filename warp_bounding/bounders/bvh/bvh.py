@@ -9,6 +9,7 @@ have nothing to ask. Points and boxes are only compared, so they cannot round; a
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 import warp as wp
@@ -26,6 +27,7 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.kernels.source import Lanes, Source
+from warp_bounding.queries.plane import PLANE
 
 __all__ = ["Bvh", "BvhSource", "leaves_for_bytes"]
 
@@ -47,6 +49,14 @@ def leaves_for_bytes(nbytes: int, ndim: int) -> int:
         middle = (low + high + 1) // 2
         low, high = (middle, high) if middle + inner_nodes(middle) <= nodes else (low, middle - 1)
     return low
+
+
+def _network_bytes(domain: Domain | RegionDomain, hidden: tuple[int, ...]) -> int:
+    """Memory of the network of these widths that the same queries would have."""
+    planes = domain.query == PLANE.name  # a network of planes has the normal's entries as inputs, and two outputs
+    sizes = [domain.space_ndim if planes else domain.ndim, *hidden, 2 if planes else 1]
+    numbers = sum(k * h + h for k, h in pairwise(sizes))
+    return 4 * (numbers + len(domain.header) + 1 + len(domain.extra))
 
 
 @dataclass(frozen=True)
@@ -121,6 +131,7 @@ class Bvh(Bounder):
     """
 
     method = "bvh"
+    takes_seconds = True
     options = (
         Option("leaves", None, "leaf boxes; by default as many as take a network's memory", whole("leaves", 1), int),
         replace(HIDDEN, help="of the network whose memory sets the leaves"),
@@ -137,7 +148,8 @@ class Bvh(Bounder):
         grid: IndicatorGrid,
         domain: Domain | RegionDomain,
         *,
-        leaves: int = LEAVES,
+        leaves: int | None = LEAVES,
+        hidden: tuple[int, ...] = HIDDEN.default,
         builder: str = "tight",
         seconds: float = math.inf,
         device: str | None = None,
@@ -147,7 +159,8 @@ class Bvh(Bounder):
         Args:
             grid: The object.
             domain: Its domain, or that of a region.
-            leaves: Number of leaf boxes (fewer where the object consists of fewer); see ``leaves_for_bytes``.
+            leaves: Number of leaf boxes (fewer where the object consists of fewer); ``None`` for as many as a network's memory holds.
+            hidden: Widths of that network's hidden layers.
             builder: ``"tight"``: boxes of little volume; ``"median"``: halves in Morton order.
             seconds: Time for the ``tight`` boxes; the fewer there are, the looser.
             device: Warp device.
@@ -155,6 +168,8 @@ class Bvh(Bounder):
         Raises:
             BounderError: If ``leaves`` or ``builder`` is none of these.
         """
+        if leaves is None:
+            leaves = leaves_for_bytes(_network_bytes(domain, hidden), grid.ndim)
         if not isinstance(leaves, int) or leaves < 1:
             raise BounderError(f"leaves must be a positive whole number, got {leaves!r}")
         if builder not in BUILDERS:
