@@ -11,10 +11,10 @@ import warp_bounding as wb
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.ellipsoids.base import QuadricBounder
 from warp_bounding.geometry.enclosing_ellipsoid import GAP
-from warp_bounding.indicators.formats.load import SUFFIXES
+from warp_bounding.indicators.formats.load import READERS
 
 DATA = Path(os.environ.get("WARP_BOUNDING_DATA") or Path(__file__).parents[2] / "shared" / "data")
-SHAPES = sorted(p for p in DATA.glob("[234]D/*") if p.suffix in SUFFIXES) if DATA.is_dir() else []
+SHAPES = sorted(p for p in DATA.glob("[234]D/*") if p.suffix in READERS) if DATA.is_dir() else []
 CLOSED = [name for name, kind in METHODS.items() if kind.closed_form]
 
 FEW = {"2D-star1", "3D-bunny", "4D-teapot"}  # the others need --slow

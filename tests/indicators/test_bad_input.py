@@ -12,7 +12,7 @@ from PIL import Image
 
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, load_indicator
-from warp_bounding.indicators.formats.load import SUFFIXES
+from warp_bounding.indicators.formats.load import READERS
 
 BINVOX = b"#binvox 1\ndim 2 2 2\ntranslate 0 0 0\nscale 1\ndata\n"
 TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
@@ -170,7 +170,7 @@ def test_bad_file(tmp_path, name):
     fails(tmp_path / name, name, *words)
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", READERS)
 class TestEveryFormat:
     def test_missing(self, tmp_path, suffix):
         fails(tmp_path / f"gone{suffix}", f"gone{suffix}", "no such file")

@@ -7,72 +7,37 @@ A bounder maps a query to coordinates ``v`` (``Domain``), computes one float32 n
 * ``reference(v)``: the same ``f`` in plain NumPy float64, the twin that tests and proofs evaluate;
 * ``bound(lower, upper)``: a certified lower bound of the exact ``f`` over boxes of ``v``;
 * ``rounding_bound()``: ``E >= |f as any device computes it - exact f|`` wherever the domain test lets a query through;
-* ``fit(grid, domain, ...)``, where there is a closed form, or a trainer elsewhere.
+* ``options``, what users can tell it, and ``supports``, what it bounds;
+* ``fit(grid, domain, ...)``, where there is a closed form; else an entry in ``training.trainers``.
 
 It is proven when ``threshold <= (least bound over the widened object) - E``; ``proof`` establishes that, for every
-method by the same code. A new method is one file with a subclass, and a line in the registry.
+method by the same code. A new method is one file with a subclass, and a line in ``methods.py`` (``register``).
 """
 
-from abc import ABC, abstractmethod
-from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from abc import abstractmethod
+from typing import Any, ClassVar
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.arithmetic import UNIT32
+from warp_bounding.bounders.asking import Asking
 from warp_bounding.bounders.file_format import save
 from warp_bounding.bounders.options import Option
-from warp_bounding.bounders.prepared import Prepared, batch_launch
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.placement import Placement
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.kernels.functions import Data, point_func
-from warp_bounding.kernels.plain import plain_func
-from warp_bounding.kernels.source import FRONT, Source
-from warp_bounding.runtime.arrays import flat_queries, new_output
-from warp_bounding.runtime.compaction import compact
+from warp_bounding.networks.box_bounds import BoxBounds
+from warp_bounding.queries import QUERIES
+from warp_bounding.runtime.devices import device_of
 
-__all__ = ["Bounder", "BoxBounds", "checked_device"]
+__all__ = ["Bounder", "BoxBounds"]
 
 CELLS_AT_A_TIME = 16384
 
 
-def checked_device(device: str | None) -> wp.Device:
-    """The Warp device of this name; the default device if ``None``.
-
-    Raises:
-        BounderError: If there is none.
-    """
-    try:
-        return wp.get_device(device)
-    except (ValueError, RuntimeError) as error:
-        names = ", ".join(str(d) for d in wp.get_devices())
-        raise BounderError(f"device must be one of {names}, got {device!r}") from error
-
-
-class BoxBounds(NamedTuple):
-    """What a method knows about ``f`` over N boxes.
-
-    Attributes:
-        lower: ``(N,)`` float64, certified lower bound.
-        axis: ``(N,)`` int, the axis along which halving the box helps the bound most.
-        point: ``(N, n)`` float64, a point of the box where ``f`` is likely to be least.
-        value: ``(N,)`` float64, ``f`` there.
-        next_axis: ``(N,)`` int, the axis to halve after ``axis``, or ``None`` where the method does not know.
-    """
-
-    lower: np.ndarray
-    axis: np.ndarray
-    point: np.ndarray
-    value: np.ndarray
-    next_axis: np.ndarray | None = None
-
-
-class Bounder(ABC):
+class Bounder(Asking):
     """A conservative test: *maybe* (1) or certainly *no* (0). Never *no* where the truth is *yes*.
 
     Attributes:
@@ -92,7 +57,7 @@ class Bounder(ABC):
     conservative: ClassVar[bool] = True  # false: kept to show what goes wrong; it never holds a certificate
     bit_fields: ClassVar[tuple[str, ...]] = ()  # tensors that are uint32
     takes_seconds: ClassVar[bool] = (
-        False  # ``fit`` has an argument of that name, and makes something looser when they are over
+        False  # the class's ``fit`` has such an argument: when they are over, it ends, looser
     )
     options: ClassVar[tuple[Option, ...]] = ()  # what ``fit`` and the command line can tell the method
 
@@ -115,7 +80,7 @@ class Bounder(ABC):
             BounderError: If a tensor is not finite or of the wrong type, the method does not bound such queries, or there is no
                 such device.
         """
-        checked_device(device)
+        device_of(device, BounderError)
         if not self.supports(domain.query, domain.space_ndim, domain.space):
             where = " in parametric space" if domain.space == "parametric" else ""
             raise BounderError(
@@ -137,23 +102,9 @@ class Bounder(ABC):
         self.certificate: Certificate | None = None
         self.info: dict[str, Any] = {}
         self._device = device
-        self._data: tuple[np.float32, Data] | None = None  # of a threshold
         self.native = True
 
     # --- what a method supplies --------------------------------------------------------------------------------------
-
-    @property
-    @abstractmethod
-    def source(self) -> Source:
-        """The native code of ``f``; equal for bounders of equal sizes."""
-
-    @abstractmethod
-    def weights(self) -> np.ndarray:
-        """``(K,)`` float32, the method's numbers in the order in which ``source`` reads them."""
-
-    def words(self) -> np.ndarray:
-        """``(W,)`` uint32, the method's bit field."""
-        return np.zeros(1, dtype=np.uint32)
 
     @abstractmethod
     def reference(self, v: np.ndarray) -> np.ndarray:
@@ -177,14 +128,9 @@ class Bounder(ABC):
         """
 
     @property
-    def in_region_space(self) -> bool:
-        """Whether f is a function of a region's own numbers (parametric space), not of the points of one."""
-        return self.domain.space == "parametric" and self.query_kind != "point"
-
-    @property
     def provable(self) -> bool:
         """Whether there is a proof for the method and its kind of query."""
-        return self.conservative and (self.closed_form or self.query_kind in ("point", "plane"))
+        return self.conservative
 
     @property
     def parts(self) -> "list[Bounder]":
@@ -195,6 +141,23 @@ class Bounder(ABC):
     def volume(self) -> "Bounder | None":
         """The volume, as a bounder of points, where a region is tested against one; ``None`` where f is a function of v."""
         return None
+
+    @classmethod
+    def fit(
+        cls, grid: IndicatorGrid, domain: Domain | RegionDomain, *, device: str | None = None, **options
+    ) -> "Bounder":
+        """The method's volume of a grid, in closed form; ``prove`` sets its threshold.
+
+        Args:
+            grid: The object.
+            domain: ``domain_of(grid, query)``.
+            device: Warp device.
+            options: The method's own.
+
+        Raises:
+            BounderError: If there is no closed form.
+        """
+        raise BounderError(f"{cls.method}: there is no closed form")
 
     @classmethod
     def fit_regions(
@@ -224,7 +187,7 @@ class Bounder(ABC):
         """
         if self.volume is not None:
             return self.volume.least(grid)
-        if self.query_kind != "point":
+        if QUERIES[self.query_kind].is_region:
             raise BounderError(f"{self.method}: there is no closed form for {self.query_kind} queries")
         least, cells = np.inf, grid.occupied
         for start in range(0, len(cells), CELLS_AT_A_TIME):
@@ -238,22 +201,7 @@ class Bounder(ABC):
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
         """Whether the method can bound this kind of query of an n-dimensional object, in this space."""
-        return query == "point"
-
-    @property
-    def ndim(self) -> int:
-        """Dimension n of the object."""
-        return self.domain.space_ndim
-
-    @property
-    def query_kind(self) -> str:
-        """What is asked."""
-        return self.domain.query
-
-    @property
-    def device(self) -> wp.Device:
-        """The Warp device that queries run on."""
-        return wp.get_device(self._device)
+        return query in QUERIES and not QUERIES[query].is_region
 
     def to(self, device: str | None = None, *, native: bool | None = None) -> "Bounder":
         """This bounder on another device; weights are copied, the certificate holds for both.
@@ -269,7 +217,7 @@ class Bounder(ABC):
             BounderError: If there is no such device.
         """
         device = self._device if device is None else device
-        checked_device(device)
+        device_of(device, BounderError)
         twin = object.__new__(type(self))
         twin.__dict__.update({k: v for k, v in self.__dict__.items() if k not in ("func",)})
         twin._device, twin._data = device, None
@@ -298,111 +246,6 @@ class Bounder(ABC):
         """Memory that a query computes with at most: parameters, without what tells whose they are, and bit field."""
         header = len(self.domain.header) + 1 + len(self.domain.extra)
         return 4 * header + sum(t.nbytes for t in self.tensors.values())
-
-    Data = Data
-
-    @cached_property
-    def func(self) -> wp.Function:
-        """``test(data, q)`` for your own kernels, or ``test(data, a, b)`` for regions; write ``wp.static(bounder.func)(data, q)``.
-
-        The proof is of the float32 numbers that it gets, in IEEE arithmetic: it keeps to that in a module with ``fast_math``, and does not
-        compile with ``-ffast-math`` in ``cpu_compiler_flags``; other such flags are outside the claim.
-
-        A name for it, ``test = bounder.func``, can be bound to another bounder's function before Warp builds the module; see
-        ``point_func``.
-        """
-        return point_func(self.source) if self.native else plain_func(self.source)
-
-    @property
-    def data(self) -> Data:
-        """The instance of ``Data`` that ``func`` takes, on this bounder's device."""
-        threshold, held = self.threshold, self._data  # each read once: another thread may freeze it meanwhile
-        if held is None or held[0] is not threshold:
-            source, words = self.source, self.words()
-            weights = np.asarray(self.weights(), dtype=np.float32)
-            parameters = np.zeros(source.start + len(weights), dtype=np.float32)
-            header = np.concatenate([self.domain.header, [threshold], self.domain.extra])
-            parameters[:FRONT] = source.front(len(parameters), len(words))
-            parameters[FRONT : FRONT + len(header)] = header
-            parameters[source.start :] = weights
-            data = Data()
-            data.parameters = wp.array(parameters, dtype=wp.float32, device=self.device)
-            data.words = wp.array(words, dtype=wp.uint32, device=self.device)
-            held = self._data = threshold, data
-        return held[1]
-
-    # --- asking it ---------------------------------------------------------------------------------------------------
-
-    def query(self, x, *, xform=None, scale=None, out: wp.array | None = None) -> wp.array:
-        """Test many queries.
-
-        Args:
-            x: ``(N, m)`` NumPy array or torch tensor, float32 or float64, or ``wp.array`` of ``vec_m`` ``(N,)`` or float32 ``(N, m)``.
-                Points: m = n. Regions, m = 2 n: a ray's origin and direction, a plane's normal and point, a box's lower
-                and upper corner. Torch tensors on the CPU and ``wp.array`` are read in place.
-            xform: Places the shape in the world: ``wp.transform``, 7 numbers or a homogeneous rigid matrix. ``x`` are then
-                numbers in the world; time is not moved. A rotated box is tested by the axis-aligned box around it in object
-                space; without a rotation, or by right angles, that is the box itself.
-            scale: Positive number, or one per spatial axis; applied before ``xform``. The length of rays stays in object
-                units: where the shape is scaled by one number s, its rays are s times as long in the world.
-            out: ``(N,)`` uint8 to write to, instead of a new array.
-
-        Returns:
-            ``(N,)`` uint8 ``wp.array``: 1 = maybe, 0 = certainly not. NaN, infinity, a direction of no length, a box upside
-            down: maybe. Outside the domain: no.
-
-        Raises:
-            QueryError: For a wrong shape, dtype or device, or a placement that the certificate does not cover.
-        """
-        return self._batch(x, xform, scale, out, values=False)
-
-    def values(self, x, *, xform=None, scale=None) -> wp.array:
-        """``f`` itself, as the device computes it: ``(N,)`` float32; +inf where the answer is *maybe* without asking, -inf outside."""
-        return self._batch(x, xform, scale, None, values=True)
-
-    def candidates(self, x, *, xform=None, scale=None) -> tuple[wp.array, wp.array]:
-        """The queries that may meet the object, compacted on the device.
-
-        Args:
-            x: As for ``query``.
-            xform: As for ``query``.
-            scale: As for ``query``.
-
-        Returns:
-            ``(N,)`` int32 indices, ascending, of which the first ``n`` are valid, and ``n`` as a 1-element int32 array.
-            Nothing is read back to the host.
-        """
-        return compact(self.query(x, xform=xform, scale=scale))
-
-    def prepare(self, x, *, out: wp.array | None = None, xform=None, scale=None, candidates: bool = False) -> Prepared:
-        """Set up queries that are asked often, such as in every step of a simulation.
-
-        Args:
-            x: As for ``query``, but float32, on this device and in one piece: it is kept, and read at every launch, so what is written
-                there is asked next.
-            out: As for ``query``.
-            xform: As for ``query``; ``Prepared.move`` changes it.
-            scale: As for ``query``; ``Prepared.move`` changes it.
-            candidates: Compact the answers, as ``candidates`` does.
-
-        Returns:
-            An object whose ``launch()`` asks.
-
-        Raises:
-            QueryError: As for ``query``, and for ``x`` that would have to be copied.
-        """
-        return Prepared(self, x, out=out, xform=xform, scale=scale, candidates=candidates)
-
-    def _batch(self, x, xform, scale, out, *, values: bool) -> wp.array:
-        device = self.device
-        queries, count, double = flat_queries(x, self.domain.columns, device)
-        placement, place = Placement.of(self.domain, xform, scale), None
-        if placement is not None:
-            placement.check(self.domain, double=double)
-            place = wp.array(placement.values, dtype=wp.float32, device=device, copy=not device.is_cpu)
-        out = new_output(out, count, wp.float32 if values else wp.uint8, device)
-        batch_launch(self, queries, count, place, out, values=values).launch_once()
-        return out
 
     @property
     def tightness(self) -> str:

@@ -17,7 +17,9 @@ import safetensors.numpy
 
 from warp_bounding.certificates.subject import Subject
 from warp_bounding.errors import FileFormatError
-from warp_bounding.indicators.formats.load import ARRAY_SUFFIXES, SUFFIXES
+from warp_bounding.indicators.formats.load import READERS
+from warp_bounding.indicators.formats.mesh_files import MESH_SUFFIXES
+from warp_bounding.indicators.formats.usd import USD_SUFFIXES
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, write_whole
 from warp_bounding.version import __version__
 
@@ -97,8 +99,8 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], str]:
     except (safetensors.SafetensorError, OSError, ValueError, TypeError) as error:
         if isinstance(error, FileFormatError):
             raise
-        if path.suffix.lower() in SUFFIXES:
-            kind = "an array, image or voxel" if path.suffix.lower() in ARRAY_SUFFIXES else "a mesh"
+        if (suffix := path.suffix.lower()) in READERS:
+            kind = "a mesh" if suffix in (*MESH_SUFFIXES, *USD_SUFFIXES) else "an array, image or voxel"
             got = f"got {kind} file; where both are named, the bounder comes first, then the shape"
             raise FileFormatError(f"{path}: expected a bounder that fit wrote, {got}") from error
         raise FileFormatError(f"{path}: not a complete safetensors file ({error})") from error

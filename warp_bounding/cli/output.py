@@ -14,6 +14,7 @@ from rich.console import Console
 from warp_bounding.bounders import Bounder, Certificate
 from warp_bounding.certificates.statement import NOT_CONSERVATIVE
 from warp_bounding.errors import BoundingWarning, QueryError
+from warp_bounding.runtime.devices import device_of
 from warp_bounding.runtime.progress import bar
 
 __all__ = [
@@ -82,11 +83,7 @@ def quiet_warp(device: str | None = None) -> None:
     with _silent_errors():  # a machine without a GPU is no news
         wp.init()
     if device is not None:
-        try:
-            wp.get_device(device)
-        except (ValueError, RuntimeError) as error:
-            names = ", ".join(str(d) for d in wp.get_devices())
-            raise QueryError(f"device must be one of {names}, got {device!r}") from error
+        device_of(device)
 
 
 @contextlib.contextmanager

@@ -4,9 +4,9 @@ Importing this package needs NumPy only; trimesh, usd-core, Pillow, SciPy and Wa
 mesh asks for them.
 """
 
-from warp_bounding.indicators.formats.load import load_indicator
+from warp_bounding.indicators.formats.load import READERS, Indicator, load_indicator
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.mesh import IndicatorMesh
 from warp_bounding.indicators.motion import IndicatorMotion
 
-__all__ = ["IndicatorGrid", "IndicatorMesh", "IndicatorMotion", "load_indicator"]
+__all__ = ["READERS", "Indicator", "IndicatorGrid", "IndicatorMesh", "IndicatorMotion", "load_indicator"]

@@ -1,38 +1,16 @@
 """The bounds of ``Network.bound`` as one fused native kernel, float64, one box per SIMD lane; its plain twin is there."""
 
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 import warp as wp
 
 from warp_bounding.networks.bound_source import BLOCK, NetworkSizes, snippet
+from warp_bounding.networks.box_bounds import BoxBounds
 from warp_bounding.runtime.launch import launch_blocks
 from warp_bounding.runtime.native import named, unique_name
 
-__all__ = ["NetworkBounds", "bound_boxes", "double_array"]
-
-
-class NetworkBounds(NamedTuple):
-    """Bounds over N boxes of the numbers z of a chart.
-
-    Attributes:
-        lower: ``(N,)`` certified lower bounds, infinity where a box holds no positive.
-        axes: ``(2, N)`` int32, the number to halve, and the one to halve next.
-        point: ``(N, Z)``, a positive where f looks lowest.
-        value: ``(N,)`` f there, infinity where there is none.
-        slope: ``(N, K)``, slopes in the network's inputs.
-        level: ``(N,)``, ``f >= level + slope . (v - center)`` on the box (inputs that are the chart's numbers themselves).
-        boxes: ``(N, 2, Z)``, corners of what is left of the boxes where the chart cuts off what holds no positive.
-    """
-
-    lower: np.ndarray
-    axes: np.ndarray
-    point: np.ndarray
-    value: np.ndarray
-    slope: np.ndarray
-    level: np.ndarray
-    boxes: np.ndarray
+__all__ = ["bound_boxes", "double_array"]
 
 
 @cache
@@ -107,7 +85,7 @@ def bound_boxes(
     numbers: np.ndarray | None = None,
     table: np.ndarray | None = None,
     device="cpu",
-) -> NetworkBounds:
+) -> BoxBounds:
     """Bounds of a network over boxes.
 
     Args:
@@ -141,5 +119,6 @@ def bound_boxes(
         launch_blocks(_kernel(sizes), count, inputs, outputs, device, first_index=2, block=BLOCK)
     least, value, axes, point, slope, level = (o.numpy() for o in outputs)
     shapes = [(2, count), (count, size), (count,), (count, sizes.ndim), (count,)]
-    parts = [part.reshape(shape) for part, shape in zip((axes, point, value, slope, level), shapes, strict=True)]
-    return NetworkBounds(least, *parts, boxes.numpy().reshape(count, 2, size))
+    numbers = (axes, point, value, slope, level)
+    (axis, next_axis), point, value, *linear = (part.reshape(s) for part, s in zip(numbers, shapes, strict=True))
+    return BoxBounds(least, axis, point, value, next_axis, *linear, boxes.numpy().reshape(count, 2, size))

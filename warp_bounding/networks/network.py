@@ -19,8 +19,9 @@ import numpy as np
 from warp_bounding.activations import SINE, Activation, activation_of
 from warp_bounding.arithmetic import LARGEST, TINY, UNIT64, gamma
 from warp_bounding.errors import BounderError
-from warp_bounding.networks.bound_kernel import NetworkBounds, bound_boxes
+from warp_bounding.networks.bound_kernel import bound_boxes
 from warp_bounding.networks.bound_source import BULK, NetworkSizes
+from warp_bounding.networks.box_bounds import BoxBounds
 from warp_bounding.networks.charts.base import Chart, PlainChart
 
 __all__ = ["Network"]
@@ -131,7 +132,7 @@ class Network:
             size[: layer.linear] = limit[: layer.linear]
         return padding, float(rounding[0]) * (1 + 1e-6), float(largest[0]) * (1 + 1e-6)
 
-    def bound(self, lower: np.ndarray, upper: np.ndarray) -> NetworkBounds:
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """Lower bounds of f over boxes of its inputs, by the fused kernel (``bound_plain`` is its twin).
 
         Args:
@@ -139,7 +140,7 @@ class Network:
             upper: ``(N, n)`` float64.
 
         Returns:
-            See ``NetworkBounds``; ``f >= level + slope . (v - center)`` on the box.
+            See ``BoxBounds``; ``f >= level + slope . (v - center)`` on the box.
         """
         return bound_boxes(self.sizes(), self._packed, np.array(self.padding), lower, upper)
 

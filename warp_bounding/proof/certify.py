@@ -248,14 +248,14 @@ def _check_charted(
             if not low.any():
                 continue
             corners = bounds.boxes[low]
-            width = np.take_along_axis(corners[:, 1] - corners[:, 0], bounds.axes[0, low, None].astype(np.int64), 1)
+            width = np.take_along_axis(corners[:, 1] - corners[:, 0], bounds.axis[low, None].astype(np.int64), 1)
             if (bounds.value[low] < target).any() or width.min() < NARROWEST:
                 lowest = np.argsort(bounds.value[low])[:SUSPECTS]
                 suspects = cover.coordinates(bounds.point[low][lowest])
                 return _Checked(float(bounds.lower[low].min()), boxes, suspects)
             if working_seconds() > deadline:
                 return _Checked(float(bounds.lower[low].min()), boxes, complete=False)
-            stack.append(halve(corners[:, 0], corners[:, 1], bounds.axes[0, low]))
+            stack.append(halve(corners[:, 0], corners[:, 1], bounds.axis[low]))
         if progress and bounder.query_kind == "ray":
             progress(min(index * CELLS // (1 + 2 * grid.ndim), len(grid.occupied)), len(grid.occupied))
     return _Checked(least, boxes)

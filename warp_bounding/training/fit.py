@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from warp_bounding.bounders import Bounder, method_class
-from warp_bounding.bounders.base import checked_device
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.options import settled
 from warp_bounding.coordinates.region_domain import domain_of
@@ -20,6 +19,7 @@ from warp_bounding.indicators.memory import check_memory
 from warp_bounding.indicators.mesh import MAX_RESOLUTION
 from warp_bounding.proof import cascade, prove
 from warp_bounding.queries import QUERIES, check_query
+from warp_bounding.runtime.devices import device_of
 from warp_bounding.runtime.launch import compile_seconds
 from warp_bounding.runtime.progress import Progress, reported
 from warp_bounding.training.problem import Problem
@@ -96,7 +96,7 @@ def fit(
     check_query(query)
     _check(query, method, budget, seed, margin, length, space)
     length, space = length or 1.0, space or SPACES[0]
-    checked_device(device)
+    device_of(device, BounderError)
     spent = _Stopwatch()
     shape = load_indicator(shape)
     _check_extent(shape, margin, force)

@@ -183,7 +183,7 @@ class QuadricBounder(Bounder):
 
     def least(self, grid: IndicatorGrid) -> tuple[float, int]:
         """See ``Bounder``."""
-        if not self.in_region_space:
+        if not self.domain.parametric:
             return super().least(grid)
         offset = self.tensors["offset"].astype(np.float64)
         return -ParametricSupport(grid, self.domain).square(self.matrix, offset), 1

@@ -200,8 +200,7 @@ class Mlp(Bounder):
         """See ``Bounder``; linear relaxations (``network``)."""
         if self.head.outputs > 1:
             raise BounderError(f"{self.method}: boxes of {self.query_kind} coordinates are not bounded one by one")
-        bounds = self.network.bound(lower, upper)
-        return BoxBounds(bounds.lower, bounds.axes[0], bounds.point, bounds.value, bounds.axes[1])
+        return self.network.bound(lower, upper)
 
     def rounding_bound(self) -> float:
         """See ``Bounder``."""

@@ -222,7 +222,7 @@ class SlabBounder(Bounder):
         Raises:
             BounderError: If the slabs do not hold all of the object.
         """
-        if self.in_region_space:
+        if self.domain.parametric:
             normals = self.directions
             reach = ParametricSupport(grid, self.domain)(np.concatenate([normals, -normals]))
             high, low = (self.tensors[name].astype(np.float64) for name in ("high", "low"))

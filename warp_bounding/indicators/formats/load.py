@@ -1,15 +1,16 @@
 """``load_indicator``: one door for files, arrays and meshes; and the readers of the formats that hold arrays.
 
-Which reader a file gets depends on its extension alone; what it holds must then be what the extension says. Meshes
-come from trimesh (``mesh_files.py``) and usd-core (``usd.py``), voxels from ``binvox.py``, pixels from ``images.py``. What an
-array's values mean and where its cells lie is told in ``arrays.py``, meshes and arrays of other libraries in ``objects.py``.
+Which reader a file gets depends on its extension alone (``READERS``); what it holds must then be what the extension says.
+Meshes come from trimesh (``mesh_files.py``) and usd-core (``usd.py``), voxels from ``binvox.py``, pixels from ``images.py``. What
+an array's values mean and where its cells lie is told in ``arrays.py``, meshes and arrays of other libraries in ``objects.py``.
+Shapes of other kinds are objects with a ``to_grid`` (``Indicator``), as ours are, or files whose reader makes one.
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -24,10 +25,25 @@ from warp_bounding.indicators.formats.usd import USD_SUFFIXES, read_usd
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.mesh import IndicatorMesh
 from warp_bounding.indicators.motion import IndicatorMotion
+from warp_bounding.runtime.whole_file import BOUNDER_FILE
 
-__all__ = ["ARRAY_SUFFIXES", "SUFFIXES", "load_indicator"]
+__all__ = ["READERS", "Indicator", "load_indicator"]
 
-BOUNDER_SUFFIX = ".safetensors"
+
+@runtime_checkable
+class Indicator(Protocol):
+    """A shape: all that is asked of one.
+
+    Attributes:
+        name: For people.
+        extent: ``(n,)``, its size along each axis, object units.
+    """
+
+    name: str
+    extent: np.ndarray
+
+    def to_grid(self, *, resolution: int | None = None, margin: float = 0.0) -> IndicatorGrid:
+        """Closed cells that hold every point within ``margin`` of the shape, ``resolution`` of them along the longest axis."""
 
 
 def load_indicator(
@@ -37,7 +53,7 @@ def load_indicator(
     threshold: float | str | None = None,
     spacing: float | Sequence[float] | None = None,
     origin: Sequence[float] | None = None,
-) -> IndicatorGrid | IndicatorMesh | IndicatorMotion:
+) -> Indicator:
     """Make an indicator of a file, an array or a mesh.
 
     Coordinate k is array axis k: of an image, coordinate 0 is the row, from the top, and coordinate 1 the column.
@@ -47,8 +63,8 @@ def load_indicator(
             (one array, or one named ``occupancy``), a mesh that trimesh reads (``.obj``, ``.ply``, ``.stl``, ``.glb``,
             ``.gltf``, ``.off``) or USD (``.usd``, ``.usda``, ``.usdc``, ``.usdz``); an n-D array of NumPy, torch or Warp that
             holds truth values, or 0 and 1; a pair ``(vertices, faces)``, a ``trimesh.Trimesh`` or ``trimesh.Scene``, a
-            ``newton.Mesh`` or a ``wp.Mesh``; an ``IndicatorGrid``, ``IndicatorMesh`` or ``IndicatorMotion``, which is returned
-            as it is.
+            ``newton.Mesh`` or a ``wp.Mesh``; an ``IndicatorGrid``, ``IndicatorMesh`` or ``IndicatorMotion``, or whatever else
+            has their ``name``, ``extent`` and ``to_grid``, which is returned as it is.
         time: Whether coordinate 0 is time. By default it is for 4-D arrays and motions; a mesh never moves.
         threshold: Which values of an array, or grey values of an image, are occupied: a text such as ``"<128"``, ``"<=0"``,
             ``">0.5"``, or a number, from which on they are.
@@ -80,9 +96,9 @@ def load_indicator(
         if time is False:
             raise IndicatorError(f"{found.name}: coordinate 0 of a motion is time, got time=False")
         return found
-    if isinstance(found, IndicatorMesh):
+    if not isinstance(found, IndicatorGrid):
         if time:
-            raise IndicatorError(f"{found.name}: a mesh has no time coordinate, got time=True")
+            raise IndicatorError(f"{found.name}: {_article(found)} has no time coordinate, got time=True")
         return found
     if time is not None and time != found.time:
         found = replace(found, time=bool(time))
@@ -98,8 +114,8 @@ class _Array(NamedTuple):
     name: str
 
 
-def _load(source: object, threshold: Threshold | None) -> _Array | IndicatorGrid | IndicatorMesh | IndicatorMotion:
-    if isinstance(source, IndicatorGrid | IndicatorMesh | IndicatorMotion):
+def _load(source: object, threshold: Threshold | None) -> _Array | Indicator:
+    if isinstance(source, Indicator):
         return source
     if isinstance(source, str | os.PathLike):
         return _load_file(Path(os.fsdecode(source)), threshold)
@@ -112,25 +128,26 @@ def _load(source: object, threshold: Threshold | None) -> _Array | IndicatorGrid
     return mesh
 
 
-def _load_file(path: Path, threshold: Threshold | None) -> _Array | IndicatorMesh:
+def _article(found: Indicator) -> str:
+    return "a mesh" if isinstance(found, IndicatorMesh) else f"this {type(found).__name__}"
+
+
+def _load_file(path: Path, threshold: Threshold | None) -> _Array | Indicator:
     suffix = path.suffix.lower()
     try:
         if not path.exists():
             raise IndicatorError(f"{path}: there is no such file")
         if not path.is_file():
             raise IndicatorError(f"{path}: expected a file, got {'a directory' if path.is_dir() else 'something else'}")
-        if suffix == BOUNDER_SUFFIX:
+        if suffix == BOUNDER_FILE.suffix:
             raise IndicatorError(f"{path}: expected a shape, got a bounder's file; load (or info) reads it")
-        if suffix not in SUFFIXES:
-            raise IndicatorError(f"{path}: expected one of {' '.join(SUFFIXES)}, got {suffix or 'no extension'!r}")
+        if suffix not in READERS:
+            raise IndicatorError(f"{path}: expected one of {' '.join(READERS)}, got {suffix or 'no extension'!r}")
         with path.open("rb") as file:
             if not file.read(1):
                 raise IndicatorError(f"{path}: expected a {suffix} file, but it is empty")
-        if suffix in MESH_SUFFIXES:
-            return read_mesh(path)
-        if suffix in USD_SUFFIXES:
-            return read_usd(path)
-        return _Array(_ARRAY_READERS[suffix](path, threshold is not None), path.name)
+        found = READERS[suffix](path, threshold is not None)
+        return _Array(found, path.name) if isinstance(found, np.ndarray) else found
     except (OSError, ValueError) as error:  # no permission, a name with a null byte, ...
         if isinstance(error, IndicatorError):
             raise
@@ -161,12 +178,12 @@ def _read_npz(path: Path) -> np.ndarray:
             return array
 
 
-# Each is given a path and whether a threshold waits for numbers.
-_ARRAY_READERS = {
+# By extension: each is given a path and whether a threshold waits for numbers, and makes an array or an ``Indicator``.
+READERS: dict[str, Callable[[Path, bool], Any]] = {
     ".png": lambda path, numbers: read_png(path, grey=numbers),
     ".binvox": lambda path, _: read_binvox(path),
     ".npy": lambda path, _: _read_npy(path),
     ".npz": lambda path, _: _read_npz(path),
+    **dict.fromkeys(MESH_SUFFIXES, lambda path, _: read_mesh(path)),
+    **dict.fromkeys(USD_SUFFIXES, lambda path, _: read_usd(path)),
 }
-ARRAY_SUFFIXES = tuple(_ARRAY_READERS)
-SUFFIXES = (*ARRAY_SUFFIXES, *MESH_SUFFIXES, *USD_SUFFIXES)

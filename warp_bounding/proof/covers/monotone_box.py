@@ -33,8 +33,7 @@ class LeastBox:
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """Certified lower bounds over boxes of p; see ``Bounder.bound``."""
-        least, axes, point, value = self.network.bound(lower, upper)[:4]
-        return BoxBounds(least, axes[0], point, value, axes[1])
+        return self.network.bound(lower, upper)
 
 
 def of_points(bounder: Bounder) -> Bounder | LeastBox:

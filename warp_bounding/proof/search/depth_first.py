@@ -13,7 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import warp as wp
 
-from warp_bounding.networks.bound_kernel import NetworkBounds, bound_boxes, double_array
+from warp_bounding.networks.bound_kernel import bound_boxes, double_array
+from warp_bounding.networks.box_bounds import BoxBounds
 from warp_bounding.networks.charts.base import Chart
 from warp_bounding.networks.network import Network
 from warp_bounding.proof.search.best_first import Search
@@ -54,7 +55,7 @@ class Charted:
     limit: np.ndarray
     table: np.ndarray = field(default_factory=lambda: np.zeros(1, np.int32))
 
-    def bound(self, lower: np.ndarray, upper: np.ndarray, device="cpu") -> NetworkBounds:
+    def bound(self, lower: np.ndarray, upper: np.ndarray, device="cpu") -> BoxBounds:
         """Certified bounds over boxes of z."""
         return bound_boxes(
             self.network.sizes(self.chart),
@@ -304,7 +305,7 @@ def _divided(cover: Charted, count: float, device: str) -> Charted:
             break
         bounds = cover.bound(lower, upper, device)
         some = ~np.isposinf(bounds.lower)
-        boxes, axis, row = bounds.boxes[some], bounds.axes[0, some], np.arange(np.count_nonzero(some))
+        boxes, axis, row = bounds.boxes[some], bounds.axis[some], np.arange(np.count_nonzero(some))
         (lower, upper), middle = boxes.swapaxes(0, 1), cover.chart.middle(boxes[row, 0, axis], boxes[row, 1, axis])
         less, more = upper.copy(), lower.copy()
         less[row, axis] = more[row, axis] = middle

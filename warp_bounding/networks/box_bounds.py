@@ -1,0 +1,31 @@
+"""What is known about a function over boxes: what every bounder's ``bound`` gives, and networks a little more."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+__all__ = ["BoxBounds"]
+
+
+class BoxBounds(NamedTuple):
+    """Bounds of ``f`` over N boxes of m numbers: a query's coordinates, or the numbers of a network's chart.
+
+    Attributes:
+        lower: ``(N,)`` float64, certified lower bounds; infinity where a box of a chart holds no positive.
+        axis: ``(N,)`` int, the axis along which halving the box helps the bound most.
+        point: ``(N, m)`` float64, a point of the box where ``f`` is likely to be least; of a chart, a positive.
+        value: ``(N,)`` float64, ``f`` there; infinity where a box of a chart holds no positive.
+        next_axis: ``(N,)`` int, the axis to halve after ``axis``; this and what follows is ``None`` where it is not known.
+        slope: ``(N, K)``, of a network: slopes in its inputs.
+        level: ``(N,)``, of a network: ``f >= level + slope . (v - center)`` on the box (inputs that are the chart's numbers themselves).
+        boxes: ``(N, 2, m)``, of a network: corners of what is left where its chart cuts off what holds no positive.
+    """
+
+    lower: np.ndarray
+    axis: np.ndarray
+    point: np.ndarray
+    value: np.ndarray
+    next_axis: np.ndarray | None = None
+    slope: np.ndarray | None = None
+    level: np.ndarray | None = None
+    boxes: np.ndarray | None = None
