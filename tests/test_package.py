@@ -105,3 +105,12 @@ def test_the_readme_compiles_and_names_what_exists():
         for node in ast.walk(tree):
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "wb":
                 assert hasattr(wb, node.attr), f"README.md uses wb.{node.attr}"
+
+
+@pytest.mark.skipif(not (ROOT / "README.md").exists(), reason="there is no README.md yet")
+def test_the_readme_names_every_method():
+    section = (ROOT / "README.md").read_text().partition("\n## Methods\n")[2].partition("\n## ")[0]
+    named = re.findall(
+        r"`([^`]+)`", "".join(row.split("|")[1] for row in section.splitlines() if row.startswith("| `"))
+    )
+    assert {name for name in named if "+" not in name} - {"method="} == set(wb.METHODS)

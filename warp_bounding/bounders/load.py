@@ -35,7 +35,9 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
     tensors, document = read(path)
     try:
         name = document["method"]
-        method = Cascade if name == Cascade.method else METHODS[name]
+        method = Cascade if name == Cascade.method else METHODS.get(name)
+        if method is None:
+            raise FileFormatError(f"method {name!r} is not among those that are known here: {', '.join(METHODS)}")
         bounder = method(RegionDomain.from_dict(document["domain"]), tensors, document["sizes"], device)
         threshold = document["threshold"]
         certificate = Certificate.from_dict(document["certificate"]) if document["certificate"] else None

@@ -26,6 +26,7 @@ def _app():
         add_completion=False,
         pretty_exceptions_enable=False,
     )
+    fit.state_options()
     for module in (fit, query, certify, soak, evaluate, info, table1, proofs, demo):
         name, command = module.__name__.rpartition(".")[2], module.command
         app.command(name=name, cls=getattr(module, "Help", None), help=_paragraphs(command.__doc__))(command)

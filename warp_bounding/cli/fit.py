@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from warp_bounding.bounders import METHODS, Bounder
-from warp_bounding.bounders.options import STEPS
+from warp_bounding.bounders.options import STEPS, Option
 from warp_bounding.cli.output import (
     NOT_CONSERVATIVE,
     Device,
@@ -23,9 +23,12 @@ from warp_bounding.cli.output import (
 from warp_bounding.cli.shape import Origin, Spacing, Threshold, read_shape
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, check_writable
 
-__all__ = ["command"]
+__all__ = ["command", "state_options"]
 
-OPTIONS = {option.name: option for kind in METHODS.values() for option in kind.options}  # of all methods
+
+def _options() -> dict[str, Option]:
+    """What methods can be told, by name."""
+    return {option.name: option for kind in METHODS.values() for option in kind.options}
 
 
 def command(
@@ -67,6 +70,7 @@ def command(
     from warp_bounding.training import fit
 
     quiet_warp(device)
+    known = _options()
     count = whole_number("samples", samples)
     check_writable(output, shape, kind=BOUNDER_FILE)
     indicator = read_shape(shape, threshold, spacing, origin)
@@ -85,7 +89,7 @@ def command(
             space=space,
             device=device,
             progress=update,
-            **{name: OPTIONS[name].parse(value) for name, value in told.items() if value is not None},
+            **{name: known[name].parse(value) for name, value in told.items() if value is not None},
         )
     seconds = time.perf_counter() - started
     save(bounder, output)
@@ -138,15 +142,15 @@ def _looser(bounder: Bounder) -> str | None:
     return f"looser than a box: {shares} ({rates['samples']:,} samples){more}"
 
 
-def _option_parameters() -> list[Parameter]:
-    """One for each thing that some method can be told, with the help of every method that takes it."""
+def state_options() -> None:
+    """Give ``command`` a parameter for each thing that some method can be told, with the help of every method that takes it."""
     words: dict[str, dict[str, list[str]]] = {}
     for method, kind in METHODS.items():
         for option in kind.options:
             default = option.default if not isinstance(option.default, tuple) else ",".join(map(str, option.default))
             shown = "" if default is None else f" (default: {default})"
             words.setdefault(option.name, {}).setdefault(option.help + shown, []).append(method)
-    return [
+    stated = [
         Parameter(
             name,
             Parameter.KEYWORD_ONLY,
@@ -156,11 +160,9 @@ def _option_parameters() -> list[Parameter]:
                 typer.Option(help="; ".join(f"{', '.join(who)}: {text}" for text, who in words[name].items())),
             ],
         )
-        for name, option in OPTIONS.items()
+        for name, option in _options().items()
     ]
+    command.__signature__ = _OWN.replace(parameters=[*_OWN.parameters.values()][:-1] + stated)
 
 
-_own = signature(command)
-command.__signature__ = _own.replace(
-    parameters=[*(p for p in _own.parameters.values() if p.kind is not Parameter.VAR_KEYWORD), *_option_parameters()]
-)
+_OWN = signature(command)

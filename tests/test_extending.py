@@ -1,0 +1,212 @@
+"""A method and a kind of shape of one's own, defined here: registered, they are fitted, proven, kept, certified and asked as the library's are.
+
+No file of the package is touched for it. ``test_extending_activations.py`` does so with an activation.
+"""
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import warp as wp
+from bounding_shapes import object_points
+
+import warp_bounding as wb
+from warp_bounding.arithmetic import TINY, UNIT64, gamma, round_up
+from warp_bounding.bounders import register, unregister
+from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.bounders.options import Option
+from warp_bounding.errors import BounderError, FileFormatError, IndicatorError
+from warp_bounding.indicators import READERS
+from warp_bounding.kernels.plain import Numbers, Words, twin, vector_type
+from warp_bounding.kernels.source import Source
+from warp_bounding.proof import soak
+
+
+@dataclass(frozen=True)
+class DiamondSource(Source):
+    """Native text of the diamond. Numbers: its radius."""
+
+    def body(self, lanes):
+        terms = " ".join(f"f = f - (v[{k}] < none ? none - v[{k}] : v[{k}]);" for k in range(self.coordinates))
+        return f"const V none = {'{}' if lanes.vector else '0.0f'}; f = none + w[0]; {terms}"
+
+    def plain(self):
+        n, vector = self.coordinates, vector_type(self.coordinates)
+
+        @twin(self)
+        def f(w: Numbers, words: Words, at: int, v: vector) -> float:
+            value = w[at]
+            for k in range(n):
+                value -= wp.abs(v[k])
+            return value
+
+        return f
+
+
+class Diamond(Bounder):
+    """Points whose coordinates v have absolute values that sum up to at most a radius: ``f(v) = radius - sum |v_k|``, which is concave."""
+
+    method = "diamond"
+    options = (Option("slack", 0.0, "added to the radius, half-widths of the domain", float, float),)
+
+    @classmethod
+    def fit(cls, grid, domain, *, slack=0.0, device=None):
+        lower, upper = domain.widened(grid.position(grid.occupied - 0.5), grid.position(grid.occupied + 0.5))
+        radius = np.maximum(np.abs(lower), np.abs(upper)).sum(axis=1).max() + slack
+        return cls(domain, {"radius": round_up([radius])}, {}, device)
+
+    @property
+    def source(self):
+        return DiamondSource(self.ndim, self.domain.time)
+
+    def weights(self):
+        return self.tensors["radius"]
+
+    def reference(self, v):
+        return float(self.tensors["radius"][0]) - np.abs(v).sum(axis=1)
+
+    def bound(self, lower, upper):
+        point = np.where(np.abs(lower) > np.abs(upper), lower, upper)
+        value = self.reference(point)
+        return BoxBounds(value - self._rounding(UNIT64), np.argmax(upper - lower, axis=1), point, value)
+
+    def rounding_bound(self):
+        return self._rounding()
+
+    def _rounding(self, *unit):
+        return float(gamma(self.ndim + 1, *unit) * (self.tensors["radius"][0] + self.domain.limit.sum()) + 8 * TINY)
+
+
+class Ball:
+    """A shape that the library does not know: a disc, in a file of centre and radius."""
+
+    def __init__(self, center, radius, name="ball"):
+        self.center, self.radius, self.name = np.array(center, dtype=np.float64), float(radius), name
+
+    @classmethod
+    def read(cls, path):
+        return cls(*json.loads(path.read_text()), name=path.name)
+
+    @property
+    def extent(self):
+        return np.full(2, 2 * self.radius)
+
+    def to_grid(self, *, resolution=None, margin=0.0):
+        cells = resolution or 16
+        scale = cells / 8  # cells of a half or less, on a square of width 8
+        nearest = np.arange(cells) - 0.5, np.arange(cells) + 0.5
+        away = [np.maximum(np.maximum(nearest[0] / scale - c, c - nearest[1] / scale), 0) for c in self.center]
+        occupied = np.hypot(*np.meshgrid(*away, indexing="ij")) <= self.radius + margin
+        scale, offset = np.full(2, scale), np.zeros(2)
+        return wb.IndicatorGrid(occupied, scale, offset, name=self.name, margin=margin, resolution=cells)
+
+
+@pytest.fixture(autouse=True)
+def registered():
+    """The method and the reader, for the time of a test."""
+    methods, readers = list(wb.METHODS), list(READERS)
+    register(Diamond)
+    READERS[".ball"] = lambda path, _: Ball.read(path)
+    yield
+    unregister(Diamond)
+    del READERS[".ball"]
+    assert (list(wb.METHODS), list(READERS)) == (methods, readers)
+
+
+@pytest.fixture
+def ball(tmp_path):
+    path = tmp_path / "b.ball"
+    path.write_text(json.dumps([[4.0, 3.5], 2.0]))
+    return path
+
+
+def test_from_a_file_to_an_answer(ball, tmp_path, rng):
+    pytest.importorskip("torch", reason="torch is not installed")
+    bounder = wb.fit(str(ball), method="diamond", resolution=24, margin=0.25, device="cpu")
+    assert bounder.certificate.proven
+    bounder.save(tmp_path / "b.safetensors")
+    loaded = wb.load(tmp_path / "b.safetensors", device="cpu")
+    certificate = wb.certify(loaded, str(ball))
+    assert certificate.proven
+    assert (certificate.object, certificate.margin, certificate.resolution) == ("b.ball", 0.25, 24)
+    grid = wb.load_indicator(ball).to_grid(resolution=24, margin=0.25)
+    inside = object_points(grid, rng, 20_000)
+    assert loaded.query(inside).numpy().all()
+    assert loaded.to(native=False).query(inside).numpy().all()
+    x = rng.uniform(grid.lower, grid.upper, (20_000, 2)).astype(np.float32)
+    asked, plain = loaded.query(x).numpy(), loaded.to(native=False).query(x).numpy()
+    assert 0 < asked.sum() < len(x)
+    assert (asked != plain).mean() < 1e-3  # within rounding of the threshold only
+    values, exact = loaded.values(x).numpy(), loaded.reference(loaded.domain.to_local(x))
+    seen = np.isfinite(values)
+    assert np.abs(values[seen] - exact[seen]).max() <= loaded.rounding_bound() + loaded.domain.delta.sum()
+    assert wb.evaluate(loaded, Ball([4.0, 3.5], 2.0), samples=10_000).fn == 0
+    assert soak(loaded, str(ball), 20_000).missed is None
+
+
+def test_its_option_is_checked_and_loosens_it(ball):
+    pytest.importorskip("torch", reason="torch is not installed")
+    tight, loose = (wb.fit(str(ball), method="diamond", device="cpu", slack=slack) for slack in (0.0, 0.5))
+    assert loose.tensors["radius"] > tight.tensors["radius"]
+    with pytest.raises(BounderError, match="diamond takes slack for point queries, got leaves"):
+        wb.fit(str(ball), method="diamond", leaves=3)
+    with pytest.raises(BounderError, match="diamond does not bound ray queries"):
+        wb.fit(str(ball), "ray", "diamond")
+
+
+def test_in_a_cascade(ball, tmp_path, rng):
+    pytest.importorskip("torch", reason="torch is not installed")
+    whole = wb.fit(str(ball), method="diamond+obb", device="cpu")
+    assert whole.certificate.proven
+    whole.save(tmp_path / "whole.safetensors")
+    loaded = wb.load(tmp_path / "whole.safetensors", device="cpu")
+    x = rng.uniform(0, 8, (20_000, 2)).astype(np.float32)
+    parts = [part.query(x).numpy() for part in loaded.parts]
+    assert (loaded.query(x).numpy() == parts[0] & parts[1]).all()
+    assert parts[0].sum() > 0 < parts[1].sum()
+
+
+def test_on_the_command_line(ball, tmp_path, capsys):
+    pytest.importorskip("torch", reason="torch is not installed")
+    from warp_bounding.cli import main
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as end:
+            main(list(map(str, arguments)))
+        return end.value.code, capsys.readouterr().out
+
+    status, text = run("fit", ball, "-o", tmp_path / "b.safetensors", "--method", "diamond", "--slack", 0.25, "--json")
+    assert status == 0
+    assert json.loads(text)["certificate"]["proven"]
+    assert run("certify", tmp_path / "b.safetensors", ball)[0] == 0
+    assert "--slack" in run("fit", "--help")[1]
+
+
+def test_what_is_not_registered_is_not_known(ball, tmp_path):
+    bounder = Diamond.fit(grid := Ball([4.0, 3.5], 2.0).to_grid(), wb.bounders.base.Domain.of(grid), device="cpu")
+    bounder.save(tmp_path / "b.safetensors")
+    unregister(Diamond)
+    with pytest.raises(FileFormatError, match="diamond"):
+        wb.load(tmp_path / "b.safetensors")
+    register(Diamond)
+    assert wb.load(tmp_path / "b.safetensors", device="cpu").method == "diamond"
+    del READERS[".ball"]
+    with pytest.raises(IndicatorError, match=r"expected one of .* got '\.ball'"):
+        wb.load_indicator(ball)
+    READERS[".ball"] = lambda path, _: Ball.read(path)
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        (Ball, "expected a class of bounders"),
+        (type("Nameless", (Diamond,), {"method": ""}), "must be a name"),
+        (type("Two", (Diamond,), {"method": "a+b"}), "must be a name without"),
+        (type("Other", (Diamond,), {}), "method diamond is Diamond already"),
+        (type("Cascade", (Diamond,), {"method": "cascade"}), "other than cascade"),
+    ],
+)
+def test_what_cannot_be_registered(kind, words):
+    with pytest.raises(BounderError, match=words):
+        register(kind)
