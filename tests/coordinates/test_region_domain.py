@@ -10,7 +10,8 @@ from located import EXACT, corners, located, plane_points, ray_distance, ray_poi
 from region_cases import REGIONS, fitted_region, hard_regions, ray_length
 
 from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.coordinates.native_map import FAR, extra_count
+from warp_bounding.coordinates.base import FAR
+from warp_bounding.coordinates.native_map import extra_count
 from warp_bounding.coordinates.region_domain import RegionDomain, domain_of, region_rounding
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorGrid

@@ -14,9 +14,8 @@ from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.parametric_fit import fit_parametric
-from warp_bounding.coordinates.native_map import FAR
-from warp_bounding.coordinates.placement import Placement
-from warp_bounding.coordinates.placement_rounding import rounding
+from warp_bounding.coordinates.base import FAR
+from warp_bounding.coordinates.placement import Placement, rounding
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators import IndicatorGrid

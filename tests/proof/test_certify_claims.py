@@ -12,8 +12,7 @@ from warp_bounding.bounders import file_format
 from warp_bounding.certificates.certificate import ABOUT
 from warp_bounding.certificates.statement import statement
 from warp_bounding.coordinates.domain import rounding_of_map
-from warp_bounding.coordinates.placement import Placement
-from warp_bounding.coordinates.placement_rounding import rounding
+from warp_bounding.coordinates.placement import Placement, rounding
 from warp_bounding.errors import FileFormatError, QueryError
 
 MESH = wb.IndicatorMesh(*(lambda m: (m.vertices, m.faces))(trimesh.creation.box(extents=(1, 1, 2))), name="brick.obj")

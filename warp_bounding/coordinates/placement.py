@@ -14,13 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from warp_bounding.arithmetic import LARGEST, round_up
+from warp_bounding.arithmetic import LARGEST, UNIT32
+from warp_bounding.coordinates.base import FAR, WorldMap
 from warp_bounding.coordinates.domain import GROWTH, Domain, rounding_of_map
-from warp_bounding.coordinates.placement_rounding import WorldMap, drift, farthest, rounding
 from warp_bounding.coordinates.region_domain import RegionDomain, region_rounding
+from warp_bounding.coordinates.registry import coordinates_of
 from warp_bounding.errors import QueryError
 
-__all__ = ["Placement", "placement_room"]
+__all__ = ["Placement", "placement_room", "rounding"]
 
 MOST_STRETCH = 1e6  # of one axis by another: the condition of the map
 UNIT_TOLERANCE = 1e-5  # of a quaternion's norm; it is normalised here, which Warp's own transforms do not do
@@ -82,13 +83,9 @@ class Placement:
         if not np.isfinite(single).all():
             raise QueryError("xform and scale must fit float32")
         world = WorldMap(matrix, forward, translation, np.abs(translation - single))
-        parts = [single, matrix.reshape(-1)]
         with np.errstate(over="ignore"):
-            if domain.query in ("ray", "plane"):
-                parts.append(round_up(drift(domain, world)))
-            if domain.query == "plane":
-                parts.append(forward.T.reshape(-1))
-            values = np.concatenate(parts).astype(np.float32)
+            own = coordinates_of(domain.query, domain.space).placed_values(domain, world)
+            values = np.concatenate([single, matrix.reshape(-1), *own]).astype(np.float32)
         if not np.isfinite(values).all():
             raise QueryError("xform and scale must fit float32")
         return cls(values, world)
@@ -104,7 +101,7 @@ class Placement:
             QueryError: If the error bound exceeds ``delta`` on an axis, or what the map of regions leaves of it.
         """
         needed, covered = rounding(domain, self.world, double=double), _covered(domain)
-        if not (needed <= covered).all() or not (farthest(domain, self.world) < LARGEST).all():
+        if not (needed <= covered).all() or not (_farthest(domain, self.world) < LARGEST).all():
             axis = int(np.argmax(needed - covered))
             raise QueryError(
                 f"xform and scale move a {domain.query} by a rounding error of up to {needed[axis]:.2g} along axis {axis}, the "
@@ -112,9 +109,29 @@ class Placement:
             )
 
 
+def rounding(domain: Domain | RegionDomain, world: WorldMap, *, double: bool) -> np.ndarray:
+    """``(n,)``, units of local space: what a placement rounds (``placement_rounding``); infinite where a bound does not hold.
+
+    Args:
+        domain: The bounder's.
+        world: The map.
+        double: Queries come in float64 and are rounded to float32 in the world first.
+    """
+    return coordinates_of(domain.query, domain.space).placed_rounding(domain, world, UNIT32 if double else 0.0)
+
+
+def _farthest(domain: Domain | RegionDomain, world: WorldMap) -> np.ndarray:
+    """``(n,)``: about the largest coordinates in the world that a bounder computes with."""
+    base = domain.base
+    reach = base.reach
+    if domain is not base:
+        reach = reach + 1.1 * FAR / base.scale.astype(np.float64)
+    return np.abs(world.translation) + np.abs(world.forward) @ reach
+
+
 def _covered(domain: Domain | RegionDomain) -> np.ndarray:
     """``(n,)``, units of local space: what the proof's ``delta`` leaves for a moved query, the map of points behind it included."""
-    if not isinstance(domain, RegionDomain):
+    if domain is domain.base:
         return domain.delta
     return np.maximum(domain.base.delta - region_rounding(domain.base, domain.query, domain.length), 0.0)
 
@@ -122,7 +139,7 @@ def _covered(domain: Domain | RegionDomain) -> np.ndarray:
 def placement_room(domain: Domain | RegionDomain) -> np.ndarray:
     """``(n,)``, object units: by how much a placement may round a query before it is refused, on each axis, rounded down."""
     base = domain.base
-    behind = rounding_of_map(base.limit.astype(np.float64)) if domain.query == "point" else 0.0
+    behind = rounding_of_map(base.limit.astype(np.float64)) if domain is base else 0.0
     return np.maximum(_covered(domain) / GROWTH - behind, 0.0) / base.scale / GROWTH
 
 

@@ -18,75 +18,31 @@ Rays and planes are computed with where ``|a|_1 <= FAR``; beyond, they are denie
 domain by ``drift |a|_1`` before it denies.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
-from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, gamma
-from warp_bounding.coordinates.domain import GROWTH, Domain, rounding_of_map
-from warp_bounding.coordinates.native_map import FAR, SMALLEST
-from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.arithmetic import TINY, UNIT64, gamma
+from warp_bounding.coordinates.base import FAR, SMALLEST, WorldMap
+from warp_bounding.coordinates.domain import GROWTH, Domain
 
-__all__ = ["WorldMap", "drift", "farthest", "rounding"]
+__all__ = ["SLOPE", "STEEPEST", "at_points", "distance", "distance_error", "tilt", "turn"]
 
 HOST = 64 * UNIT64  # relative to a row's largest entry: what the host rounds in M and N
 SLOPE = 1.05  # how much faster than computed the exact |a|_1 grows, and a few roundings
 STEEPEST = 0.01  # a placement with larger relative errors is refused
 
 
-class WorldMap(NamedTuple):
-    """The map, in float64: M, M^-1, the translation, and the error of the latter in float32."""
-
-    matrix: np.ndarray
-    forward: np.ndarray
-    translation: np.ndarray
-    away: np.ndarray
-
-
-def rounding(domain: Domain | RegionDomain, world: WorldMap, *, double: bool) -> np.ndarray:
-    """``(n,)``, units of local space: see module; infinite where a bound does not hold. Of points, with the map of the domain.
-
-    Args:
-        domain: The bounder's.
-        world: The map.
-        double: Queries come in float64 and are rounded to float32 in the world first.
-    """
-    base, input_unit = domain.base, UNIT32 if double else 0.0
-    scale, n, limit = base.scale.astype(np.float64), base.ndim, base.limit.astype(np.float64)
-    if domain.query in ("point", "box"):
-        map_behind = rounding_of_map(limit) if domain.query == "point" else 0.0
-        return (_at_points(base, world, input_unit) * scale * (1 + 4 * UNIT32) + map_behind + TINY) * GROWTH
-    alpha, beta = _distance(base, world, input_unit)
+def distance_error(base: Domain, world: WorldMap, input_unit: float) -> tuple[np.ndarray, float]:
+    """``(n,)`` error of a moved point within FAR, local space, and the largest exact ``|a|_1`` of one; infinite where there is no bound."""
+    scale = base.scale.astype(np.float64)
+    alpha, beta = distance(base, world, input_unit)
     slope = float((scale * beta).sum())
     if not slope < STEEPEST:
-        return np.full(n, np.inf)
-    far = (FAR * (1 + gamma(n + 4)) + float((scale * alpha).sum())) / (1 - slope)  # the largest exact |a|_1
-    off = scale * (alpha + beta * far)
-    if domain.query == "ray":
-        epsilon = _turn(world, n, input_unit)
-        if not epsilon < STEEPEST:
-            return np.full(n, np.inf)
-        way = min(domain.length * (1 + 4 * UNIT32), float((limit / scale).sum() + far / scale.min()))
-        off = off + scale * epsilon * (1 + epsilon) * way
-    else:
-        tau = _tilt(base, world, input_unit)
-        if not tau.max() < STEEPEST:
-            return np.full(n, np.inf)
-        off = np.full(n, float(off.sum() + (tau @ limit + tau.max() * far) / (1 - tau.max())))
-    return (off * (1 + 4 * UNIT32) + TINY) * GROWTH
+        return np.full(base.ndim, np.inf), np.inf
+    far = (FAR * (1 + gamma(base.ndim + 4)) + float((scale * alpha).sum())) / (1 - slope)
+    return scale * (alpha + beta * far), far
 
 
-def drift(domain: RegionDomain, world: WorldMap) -> np.ndarray:
-    """``(n,)`` float64: what the kernel adds for rays and planes from far away, units of local space, per ``|a|_1``."""
-    base = domain.base
-    n, scale = base.ndim, base.scale.astype(np.float64)
-    _, beta = _distance(base, world, UNIT32)
-    if domain.query == "ray":
-        return scale * (beta + _turn(world, n, UNIT32) / scale.min()) * SLOPE
-    return np.full(n, float((scale * beta).sum() + _tilt(base, world, UNIT32).max()) * SLOPE)
-
-
-def _at_points(base: Domain, world: WorldMap, input_unit: float) -> np.ndarray:
+def at_points(base: Domain, world: WorldMap, input_unit: float) -> np.ndarray:
     """``(n,)``, object units: error of a moved point of the domain."""
     n, away = base.ndim, np.abs(world.forward) @ base.reach  # largest |q - translation|
     rounded = world.away + input_unit * (np.abs(world.translation) + away)
@@ -96,21 +52,12 @@ def _at_points(base: Domain, world: WorldMap, input_unit: float) -> np.ndarray:
     return moved + (n + 2) * TINY * (1 + size.sum(axis=1))  # results that are subnormal
 
 
-def farthest(domain: Domain | RegionDomain, world: WorldMap) -> np.ndarray:
-    """``(n,)``: about the largest coordinates in the world that a bounder computes with."""
-    base = domain.base
-    reach = base.reach
-    if domain.query != "point":
-        reach = reach + 1.1 * FAR / base.scale.astype(np.float64)
-    return np.abs(world.translation) + np.abs(world.forward) @ reach
-
-
 def _host(size: np.ndarray) -> np.ndarray:
     """``(n,)``: error of an entry of a row, from the host, or because it is subnormal."""
     return HOST * size.max(axis=1) + 2 * TINY
 
 
-def _distance(base: Domain, world: WorldMap, input_unit: float) -> tuple[np.ndarray, np.ndarray]:
+def distance(base: Domain, world: WorldMap, input_unit: float) -> tuple[np.ndarray, np.ndarray]:
     """``alpha`` and ``beta``, object units. A difference, an entry of M, a product and n - 1 sums round, the input too."""
     n, scale = base.ndim, base.scale.astype(np.float64)
     size, forward = np.abs(world.matrix), np.abs(world.forward)
@@ -126,14 +73,14 @@ def _flushed(n: int) -> float:
     return (n + 1) * TINY / SMALLEST
 
 
-def _turn(world: WorldMap, n: int, input_unit: float) -> float:
+def turn(world: WorldMap, n: int, input_unit: float) -> float:
     """``epsilon`` of a direction."""
     size = np.linalg.norm(world.matrix, axis=1)
     entries = size * (gamma(n + 3) + input_unit + _flushed(n)) + _host(np.abs(world.matrix)) * np.sqrt(n)
     return float(np.linalg.norm(entries) * np.linalg.norm(world.forward, 2) + n * _flushed(n)) * GROWTH
 
 
-def _tilt(base: Domain, world: WorldMap, input_unit: float) -> np.ndarray:
+def tilt(base: Domain, world: WorldMap, input_unit: float) -> np.ndarray:
     """``tau`` of a normal: ``e = N n / scale``, and ``|n| <= |N^-1 scale| |e| <= |N^-1 scale| sqrt(n) max |e|``."""
     n, scale, normals = base.ndim, base.scale.astype(np.float64), world.forward.T
     size = np.linalg.norm(normals, axis=1)

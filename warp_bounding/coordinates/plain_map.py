@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from warp_bounding.coordinates.native_map import (
+from warp_bounding.coordinates.base import (
     FAR,
     FARTHEST,
     GUARD,

@@ -1,17 +1,7 @@
-"""From a region (ray, plane, box) in object space to the coordinates ``v`` that a bounder computes with.
-
-In local space, where the domain is about [-1, 1]^n:
-
-* ray: ``v = (a, w)``, the segment ``a + t w``, 0 <= t <= 1: origin, moved up to where the ray enters the domain, and displacement
-  over the whole length (so a ray from outside is bounded by a longer one, never a shorter one);
-* plane: ``v = (m, c)``, all y with ``m . y = c``, where the entry of m that is largest in absolute value is exactly 1: the
-  normals are the faces of a cube, and a plane has one pair of them, not two;
-* box: ``v = (low, high)``, cut at the domain;
-* in parametric space (the paper's way to fit its classic volumes) v are a query's own numbers: ray and box as above, a plane
-  its unit normal and its point; a point outside the domain is answered with *maybe*.
+"""From a region (a query that is a set of points) to the coordinates ``v`` that a bounder computes with; one file a kind says which.
 
 A region counts by its part inside the domain, in time too; one that lies wholly outside the range of time is answered with
-*maybe*. So is one that is given from farther away than ``locate.FAR`` half-widths and may meet the domain.
+*maybe*. So is one that is given from farther away than ``FAR`` half-widths and may meet the domain.
 
 ``base`` is the domain of points, with a ``delta`` that covers what the map of regions rounds: *for every point x of the
 object in an exact region, the region that the pipeline computes with passes x within* ``base.delta`` *on every axis.* It is
@@ -23,25 +13,24 @@ from functools import cached_property
 
 import numpy as np
 
-from warp_bounding.arithmetic import TINY, gamma, round_down, round_up
+from warp_bounding.arithmetic import round_down
+from warp_bounding.coordinates.base import GEOMETRIC, PARAMETRIC, Coordinates
 from warp_bounding.coordinates.domain import (
     DELTA_LARGEST_SHARE,
     GROWTH,
     POSITIONS,
     Domain,
-    input_rounding,
     number,
     truth,
 )
-from warp_bounding.coordinates.native_map import FAR, GUARD, SMALLEST, SUMMED
+from warp_bounding.coordinates.registry import COORDINATES, coordinates_of
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.queries import QUERIES
 
 __all__ = ["RegionDomain", "domain_of"]
 
-REGIONS = ("ray", "plane", "box")
-PARAMETRIC = "parametric"
-SPACES = ("geometric", PARAMETRIC)
+SPACES = (GEOMETRIC, PARAMETRIC)
 PLACED = 2.0**-12  # domain half-widths: the error of a placement that proofs allow for,
 PLACED_SHARE = 1.0 / 32.0  # but no more than this share of a cell in all
 
@@ -61,7 +50,7 @@ def domain_of(
         IndicatorError: If float32 cannot resolve the grid's cells where the grid lies.
         BounderError: If the length is so large that float32 cannot resolve the cells along a ray.
     """
-    return Domain.of(grid) if query == "point" else RegionDomain.of(grid, query, length, space)
+    return RegionDomain.of(grid, query, length, space) if QUERIES[query].is_region else Domain.of(grid)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +76,7 @@ class RegionDomain:
         """See ``domain_of``."""
         still = replace(grid, time=False)
         base = Domain.of(still)
-        length = float(length) if query == "ray" else None
+        length = float(length) if QUERIES[query].has_length else None
         cell = base.scale / grid.cells_per_unit
         largest = replace(
             base, limit=(base.limit + DELTA_LARGEST_SHARE * cell).astype(np.float32)
@@ -112,13 +101,10 @@ class RegionDomain:
 
     def fault(self) -> str | None:
         """What is wrong with these numbers, in a few words; ``None`` if every claim of this class holds for them."""
-        if self.query not in REGIONS or self.space not in SPACES:
+        kind = QUERIES.get(self.query)
+        if kind is None or not kind.is_region or self.space not in SPACES:
             return f"{self.query} in {self.space} space is not a kind of region"
-        if (
-            (self.length is None) != (self.query != "ray")
-            or not np.isfinite(self.length or 1.0)
-            or (self.length or 1) <= 0
-        ):
+        if (self.length is None) == kind.has_length or not np.isfinite(self.length or 1.0) or (self.length or 1) <= 0:
             return f"a ray's length must be positive, got {self.length}"
         fault = self.base.fault()
         if fault or self.base.time:
@@ -145,6 +131,11 @@ class RegionDomain:
         """``v`` is a set of points of the space that is bounded: the object's."""
         return not self.parametric
 
+    @property
+    def coordinates(self) -> Coordinates:
+        """What is special to the kind of query."""
+        return coordinates_of(self.query, self.space)
+
     # --- sizes -------------------------------------------------------------------------------------------------------
 
     @property
@@ -160,7 +151,7 @@ class RegionDomain:
     @property
     def ndim(self) -> int:
         """Number of coordinates ``v``."""
-        return self.base.ndim + 1 if self.query == "plane" and self.space == "geometric" else self.columns
+        return self.coordinates.ndim(self.base.ndim)
 
     @property
     def lower(self) -> np.ndarray:
@@ -185,38 +176,17 @@ class RegionDomain:
     @cached_property
     def stretch(self) -> np.ndarray:
         """``(n,)`` float32, a ray's displacement in local space, per axis and unit direction; ones for other regions."""
-        if self.query != "ray":
-            return np.ones(self.base.ndim, np.float32)
-        with np.errstate(over="ignore"):
-            return (self.base.scale.astype(np.float64) * self.length).astype(np.float32)
+        return self.coordinates.stretch(self.base, self.length)
 
     @cached_property
     def limit(self) -> np.ndarray:
         """``(ndim,)`` float32, largest ``|v|`` that a bounder is asked about."""
-        n, base = self.base.ndim, self.base.limit.astype(np.float64)
-        if self.query == "box":
-            return np.concatenate([self.base.limit, self.base.limit])
-        if self.query == "ray":
-            return np.concatenate([self.base.limit, round_up(self.stretch * (1 + gamma(16)))])
-        if self.parametric:
-            return np.concatenate([round_up(np.full(n, 1 + gamma(16))), self.base.limit])
-        offset = (base.sum() * (1 + GUARD) + FAR * SUMMED) * (1 + gamma(2 * n + 16))
-        return np.concatenate([np.ones(n, np.float32), [round_up(offset)]]).astype(np.float32)
+        return self.coordinates.limit(self)
 
     @cached_property
     def delta(self) -> np.ndarray:
-        """``(ndim,)`` float64, the input error of ``v`` that proofs cover.
-
-        A plane's m counts as exact: what it rounds is added to the offset, which is then off by that from every point.
-        """
-        n = self.base.ndim
-        if self.query == "box":
-            return np.concatenate([self.base.delta, self.base.delta])
-        if self.query == "ray":
-            return np.concatenate([self.base.delta, direction_rounding(n) * self.stretch.astype(np.float64)])
-        if self.parametric:
-            return np.concatenate([np.full(n, direction_rounding(n)), self.base.delta])
-        return np.concatenate([np.zeros(n), [self.base.delta.sum()]])  # |m| <= 1 on every axis
+        """``(ndim,)`` float64, the input error of ``v`` that proofs cover."""
+        return self.coordinates.delta(self)
 
     @property
     def header(self) -> np.ndarray:
@@ -225,10 +195,8 @@ class RegionDomain:
 
     @property
     def extra(self) -> np.ndarray:
-        """float32, see ``locate.extra_count``."""
-        own = {"ray": self.stretch, "plane": (1 / self.base.scale.astype(np.float64)).astype(np.float32)}
-        parts = [own.get(self.query, np.zeros(0, np.float32)), self._time_limit]
-        return np.concatenate(parts)
+        """float32, see ``extra_count``."""
+        return np.concatenate([self.coordinates.extra(self), self._time_limit])
 
     @property
     def _time_limit(self) -> np.ndarray:
@@ -249,33 +217,11 @@ class RegionDomain:
         Returns:
             ``(N, ndim)`` float64. A ray's origin is taken as it is, not moved to where it enters the domain.
         """
-        q, n = np.asarray(q, dtype=np.float64), self.base.ndim
-        first, second = q[:, :n], q[:, n:]
-        if self.query == "box":
-            limit = self.base.limit.astype(np.float64)
-            return np.clip(np.concatenate([self.base.to_local(first), self.base.to_local(second)], 1), *_both(limit))
-        if self.query == "ray":
-            unit = second / np.linalg.norm(second, axis=1, keepdims=True)
-            return np.concatenate([self.base.to_local(first), unit * self.stretch.astype(np.float64)], axis=1)
-        if self.parametric:
-            return np.concatenate([first / np.linalg.norm(first, axis=1, keepdims=True), self.base.to_local(second)], 1)
-        normal = first / self.base.scale.astype(np.float64)
-        pivot = np.argmax(np.abs(normal), axis=1)
-        normal = normal / normal[np.arange(len(q)), pivot][:, None]
-        return np.concatenate([normal, (normal * self.base.to_local(second)).sum(axis=1, keepdims=True)], axis=1)
+        return self.coordinates.to_local(self, np.asarray(q, dtype=np.float64))
 
     def to_object(self, v: np.ndarray) -> np.ndarray:
         """A query ``(N, 2 n)`` float64 in object space for each ``v`` ``(N, ndim)``."""
-        v, n = np.asarray(v, dtype=np.float64), self.base.ndim
-        if self.query == "box":
-            return np.concatenate([self.base.to_object(v[:, :n]), self.base.to_object(v[:, n:])], axis=1)
-        if self.query == "ray":
-            return np.concatenate([self.base.to_object(v[:, :n]), v[:, n:] / self.stretch.astype(np.float64)], axis=1)
-        if self.parametric:
-            return np.concatenate([v[:, :n], self.base.to_object(v[:, n:])], axis=1)
-        normal = v[:, :n]
-        foot = normal * (v[:, n:] / (normal * normal).sum(axis=1, keepdims=True))
-        return np.concatenate([normal * self.base.scale.astype(np.float64), self.base.to_object(foot)], axis=1)
+        return self.coordinates.to_object(self, np.asarray(v, dtype=np.float64))
 
     # --- keeping it --------------------------------------------------------------------------------------------------
 
@@ -303,35 +249,6 @@ class RegionDomain:
         return domain
 
 
-def _both(limit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    both = np.concatenate([limit, limit])
-    return -both, both
-
-
-def direction_rounding(ndim: int) -> float:
-    """Relative error of an entry of a unit direction: a division, the norm of n squares, a division, a float64 input's rounding."""
-    return gamma(ndim + 10)
-
-
 def region_rounding(base: Domain, query: str, length: float | None) -> np.ndarray:
-    """``(n,)``: how far, per axis of local space, the computed region may pass a point of the exact one.
-
-    An origin or a plane's point lies within FAR half-widths (``locate``); ``reach`` is what float64 input is rounded by there.
-    """
-    n = base.ndim
-    scale = base.scale.astype(np.float64)
-    if query == "box":
-        return input_rounding(base.center, base.scale, base.limit.astype(np.float64), base.lower, base.upper)
-    around = FAR * (1 + gamma(4)) / scale
-    extent = np.full(n, FAR * (1 + gamma(4)))
-    origin = input_rounding(base.center, base.scale, extent, base.center - around, base.center + around)
-    if query == "ray":
-        # Moved by up to its distance to the domain, in one product and one sum, by a t that is early by GUARD at most.
-        moved = (gamma(8) + 3 * GUARD) * (FAR + 2)
-        turned = (direction_rounding(n) + gamma(4)) * scale * length
-        return origin + moved + turned + 4 * TINY
-    # The offset m . a of a plane: entries of m are off by gamma(7), of which 2 are float64 input's, and by numbers that are
-    # subnormal or flushed; products and sum by gamma(n + 2).
-    limit = base.limit.astype(np.float64)
-    tilt = (gamma(7) + 4 * TINY / SMALLEST) * (FAR * (1 + gamma(4)) + limit.sum()) + (2 * n + 4) * TINY
-    return np.full(n, float(tilt + gamma(n + 2) * FAR * (1 + gamma(8)) + origin.sum() * (1 + gamma(8))))
+    """``(n,)``: how far, per axis of local space, the computed region may pass a point of the exact one."""
+    return COORDINATES[query].rounding(base, length)

@@ -18,7 +18,8 @@ from functools import cached_property
 import numpy as np
 
 from warp_bounding.arithmetic import UNIT64, gamma
-from warp_bounding.coordinates.region_domain import RegionDomain, direction_rounding
+from warp_bounding.coordinates.base import direction_rounding
+from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry.direction_patches import DirectionPatches
 from warp_bounding.indicators.grid import IndicatorGrid

@@ -21,8 +21,8 @@ from warp_bounding.bounders.bvh.plain import plain_walk
 from warp_bounding.bounders.neural.mlp import HIDDEN
 from warp_bounding.bounders.options import Option, whole
 from warp_bounding.bounders.slabs.regions import ROOM, clip
+from warp_bounding.coordinates.base import GUARD, PARALLEL
 from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.native_map import GUARD, PARALLEL
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid

@@ -14,7 +14,7 @@ import warp as wp
 from warp_bounding.arithmetic import TINY, gamma, round_up
 from warp_bounding.bounders.polytopes.plain import PLAIN
 from warp_bounding.bounders.slabs.regions import ROOM, SlabPlane, Slabs, row
-from warp_bounding.coordinates.native_map import GUARD, PARALLEL
+from warp_bounding.coordinates.base import GUARD, PARALLEL
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import Lanes, Source

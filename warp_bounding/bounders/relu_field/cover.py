@@ -13,8 +13,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from warp_bounding.coordinates.base import direction_rounding
 from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import RegionDomain, direction_rounding
+from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.geometry.hull import components
 from warp_bounding.indicators.grid import IndicatorGrid
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_bounding.arithmetic import TINY, UNIT64, gamma, round_down, round_up
-from warp_bounding.coordinates.native_map import GUARD, PARALLEL
+from warp_bounding.coordinates.base import GUARD, PARALLEL
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry.checked_inverse import checked_inverse, polytope_vertices

@@ -1,0 +1,72 @@
+"""Boxes: ``v = (low, high)``, the corners in local space, cut at the domain. A moved box is the box around what it becomes."""
+
+import numpy as np
+
+from warp_bounding.arithmetic import TINY, UNIT32
+from warp_bounding.coordinates.base import Coordinates, WorldMap
+from warp_bounding.coordinates.domain import GROWTH, Domain, input_rounding
+from warp_bounding.coordinates.placement_rounding import at_points
+
+__all__ = ["BOX"]
+
+
+class BoxCoordinates(Coordinates):
+    """The coordinates of boxes, in either space; see ``Coordinates``."""
+
+    name = "box"
+    text = """
+for (int k = 0; k < AXES; ++k) {
+    const V low = (q[k] - center[k]) * scale[k], high = (q[AXES + k] - center[k]) * scale[k];
+    const V top = zero + limit[k], bottom = zero - limit[k];
+    finite = finite & (q[k] <= q[AXES + k]);
+    inside = inside & (low <= top) & (high >= bottom);
+    v[k] = low < bottom ? bottom : low;
+    v[k] = v[k] > top ? top : v[k];
+    v[AXES + k] = high < bottom ? bottom : high;
+    v[AXES + k] = v[AXES + k] > top ? top : v[AXES + k];
+    if (TIME && k == 0) finite = finite & (low <= zero + extra[0]) & (high >= zero - extra[0]);
+}
+"""
+    moving = """
+V below[AXES], above[AXES];  // the box around the moved one (Arvo 1990)
+for (int k = 0; k < AXES; ++k) {
+    finite = finite & (q[k] <= q[AXES + k]);
+    below[k] = q[k] - place[k], above[k] = q[AXES + k] - place[k];
+    finite = finite & ((below[k] - below[k]) == zero) & ((above[k] - above[k]) == zero);
+}
+for (int k = 0; k < AXES; ++k) {
+    V low = zero, high = zero;
+    for (int j = 0; j < AXES; ++j) {
+        const V s = below[j] * place[AXES + AXES * k + j], t = above[j] * place[AXES + AXES * k + j];
+        low = low + (s < t ? s : t);
+        high = high + (s < t ? t : s);
+    }
+    q[k] = low, q[AXES + k] = high;
+    finite = finite & ((low - low) == zero) & ((high - high) == zero);  // an overflow
+}
+"""
+
+    def limit(self, domain) -> np.ndarray:
+        return np.concatenate([domain.base.limit, domain.base.limit])
+
+    def delta(self, domain) -> np.ndarray:
+        return np.concatenate([domain.base.delta, domain.base.delta])
+
+    def rounding(self, base: Domain, length: float | None) -> np.ndarray:
+        return input_rounding(base.center, base.scale, base.limit.astype(np.float64), base.lower, base.upper)
+
+    def to_local(self, domain, q: np.ndarray) -> np.ndarray:
+        n, base = domain.base.ndim, domain.base
+        limit = np.tile(base.limit.astype(np.float64), 2)
+        return np.clip(np.concatenate([base.to_local(q[:, :n]), base.to_local(q[:, n:])], axis=1), -limit, limit)
+
+    def to_object(self, domain, v: np.ndarray) -> np.ndarray:
+        n, base = domain.base.ndim, domain.base
+        return np.concatenate([base.to_object(v[:, :n]), base.to_object(v[:, n:])], axis=1)
+
+    def placed_rounding(self, domain, world: WorldMap, input_unit: float) -> np.ndarray:
+        base = domain.base
+        return (at_points(base, world, input_unit) * base.scale.astype(np.float64) * (1 + 4 * UNIT32) + TINY) * GROWTH
+
+
+BOX = BoxCoordinates()

@@ -1,0 +1,175 @@
+"""Planes: ``v = (m, c)``, all y with ``m . y = c``, where the entry of m that is largest in absolute value is exactly 1.
+
+So the normals are the faces of a cube, and a plane has one pair of them, not two. In parametric space (the paper's way to fit its
+classic volumes) v are the unit normal and the point as they are given; a point outside the domain is answered with *maybe*.
+"""
+
+import numpy as np
+
+from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_up
+from warp_bounding.coordinates.base import (
+    FAR,
+    FARTHEST,
+    GUARD,
+    LARGEST,
+    SMALLEST,
+    SUMMED,
+    Coordinates,
+    WorldMap,
+    direction_rounding,
+    literal,
+)
+from warp_bounding.coordinates.direction import FAR_POINT, MOVING, UNIT, origin_rounding
+from warp_bounding.coordinates.domain import GROWTH, Domain
+from warp_bounding.coordinates.placement_rounding import SLOPE, STEEPEST, distance, distance_error, tilt
+
+__all__ = ["PLANE"]
+
+_PLACES = "constexpr int POINT = AXES, TURN = 0, TURNED = 2 * AXES + AXES * AXES;  // in q, in q and in place\n"
+
+
+class PlaneCoordinates(Coordinates):
+    """The coordinates of planes in geometric space; see ``Coordinates``."""
+
+    name = "plane"
+    moving = _PLACES + MOVING
+    text = (
+        _PLACES
+        + FAR_POINT
+        + f"""
+V e[AXES], d[AXES];  // the normal in local space, and the absolute values of its entries, of which the largest is the pivot
+for (int k = 0; k < AXES; ++k) {{
+    e[k] = q[k] * extra[k];
+    d[k] = e[k] < zero ? -e[k] : e[k];
+}}
+V pivot = e[0], longest = d[0];
+for (int k = 1; k < AXES; ++k) {{
+    pivot = d[k] > longest ? e[k] : pivot;
+    longest = d[k] > longest ? d[k] : longest;
+}}
+float widest = 1.0f;  // entries that are subnormal, or flushed, may be stretched as far as that
+for (int k = 0; k < AXES; ++k) widest = extra[k] > widest ? extra[k] : widest;
+finite = finite & (longest >= zero + {literal(SMALLEST)} * widest) & (longest <= {literal(LARGEST)});
+pivot = longest > zero ? pivot : zero + 1.0f;
+V offset = zero, summed = zero, reach = zero;
+for (int k = 0; k < AXES; ++k) {{
+    v[k] = over(e[k], pivot);
+    const V part = v[k] * a[k];
+    offset = offset + part;
+    summed = summed + (part < zero ? -part : part);
+    reach = reach + (v[k] < zero ? -v[k] : v[k]) * limit[k];
+}}
+v[AXES] = offset;
+const V away = offset < zero ? -offset : offset;
+V room = reach * {literal(1 + GUARD)} + summed * {literal(SUMMED)};
+if (PLACED) room = room + wide * place[AXES + AXES * AXES];
+inside = away <= room;
+finite = finite & (far <= {literal(FARTHEST)}) & ((far <= {literal(FAR)}) | (away > room));
+if (TIME) {{  // a plane of constant time, outside the range
+    V still = zero;
+    for (int k = 1; k < AXES; ++k) still = still + d[k];
+    finite = finite & ((still > zero) | (size[0] <= zero + extra[AXES]));
+}}
+"""
+    )
+
+    @property
+    def parametric(self) -> Coordinates:
+        return PlaneParameters()
+
+    def ndim(self, n: int) -> int:
+        return n + 1
+
+    def extra_count(self, n: int, time: bool) -> int:
+        return n + time
+
+    def extra(self, domain) -> np.ndarray:
+        return (1 / domain.base.scale.astype(np.float64)).astype(np.float32)
+
+    def limit(self, domain) -> np.ndarray:
+        n, base = domain.base.ndim, domain.base.limit.astype(np.float64)
+        offset = (base.sum() * (1 + GUARD) + FAR * SUMMED) * (1 + gamma(2 * n + 16))
+        return np.concatenate([np.ones(n, np.float32), [round_up(offset)]]).astype(np.float32)
+
+    def delta(self, domain) -> np.ndarray:
+        """See ``Coordinates``; m counts as exact: what it rounds is added to the offset, which is then off by that from every point."""
+        return np.concatenate([np.zeros(domain.base.ndim), [domain.base.delta.sum()]])  # |m| <= 1 on every axis
+
+    def rounding(self, base: Domain, length: float | None) -> np.ndarray:
+        # The offset m . a: entries of m are off by gamma(7), of which 2 are float64 input's, and by numbers that are
+        # subnormal or flushed; products and sum by gamma(n + 2).
+        n, limit = base.ndim, base.limit.astype(np.float64)
+        tilt = (gamma(7) + 4 * TINY / SMALLEST) * (FAR * (1 + gamma(4)) + limit.sum()) + (2 * n + 4) * TINY
+        origin = origin_rounding(base).sum() * (1 + gamma(8))
+        return np.full(n, float(tilt + gamma(n + 2) * FAR * (1 + gamma(8)) + origin))
+
+    def to_local(self, domain, q: np.ndarray) -> np.ndarray:
+        n, base = domain.base.ndim, domain.base
+        normal = q[:, :n] / base.scale.astype(np.float64)
+        pivot = np.argmax(np.abs(normal), axis=1)
+        normal = normal / normal[np.arange(len(q)), pivot][:, None]
+        return np.concatenate([normal, (normal * base.to_local(q[:, n:])).sum(axis=1, keepdims=True)], axis=1)
+
+    def to_object(self, domain, v: np.ndarray) -> np.ndarray:
+        n, base = domain.base.ndim, domain.base
+        normal = v[:, :n]
+        foot = normal * (v[:, n:] / (normal * normal).sum(axis=1, keepdims=True))
+        return np.concatenate([normal * base.scale.astype(np.float64), base.to_object(foot)], axis=1)
+
+    def placed_values(self, domain, world: WorldMap) -> list[np.ndarray]:
+        base, scale = domain.base, domain.base.scale.astype(np.float64)
+        _, beta = distance(base, world, UNIT32)
+        drift = np.full(base.ndim, float((scale * beta).sum() + tilt(base, world, UNIT32).max()) * SLOPE)
+        return [round_up(drift), world.forward.T.reshape(-1)]
+
+    def placed_rounding(self, domain, world: WorldMap, input_unit: float) -> np.ndarray:
+        base = domain.base
+        off, far = distance_error(base, world, input_unit)
+        tau = tilt(base, world, input_unit)
+        if not (np.isfinite(far) and tau.max() < STEEPEST):
+            return np.full(base.ndim, np.inf)
+        limit = base.limit.astype(np.float64)
+        off = float(off.sum() + (tau @ limit + tau.max() * far) / (1 - tau.max()))
+        return (np.full(base.ndim, off) * (1 + 4 * UNIT32) + TINY) * GROWTH
+
+
+class PlaneParameters(PlaneCoordinates):
+    """Unit normal and point as they are given; a point outside the domain is answered with maybe."""
+
+    text = (
+        _PLACES
+        + FAR_POINT
+        + UNIT
+        + """
+for (int k = 0; k < AXES; ++k) {
+    finite = finite & (size[k] <= limit[k]);
+    v[k] = u[k], v[AXES + k] = a[k];
+}
+if (TIME) finite = finite & (size[0] <= zero + extra[AXES]);
+"""
+    )
+
+    @property
+    def parametric(self) -> Coordinates:
+        return self
+
+    def ndim(self, n: int) -> int:
+        return 2 * n
+
+    def limit(self, domain) -> np.ndarray:
+        return np.concatenate([round_up(np.full(domain.base.ndim, 1 + gamma(16))), domain.base.limit])
+
+    def delta(self, domain) -> np.ndarray:
+        n = domain.base.ndim
+        return np.concatenate([np.full(n, direction_rounding(n)), domain.base.delta])
+
+    def to_local(self, domain, q: np.ndarray) -> np.ndarray:
+        n, base = domain.base.ndim, domain.base
+        return np.concatenate([q[:, :n] / np.linalg.norm(q[:, :n], axis=1, keepdims=True), base.to_local(q[:, n:])], 1)
+
+    def to_object(self, domain, v: np.ndarray) -> np.ndarray:
+        n = domain.base.ndim
+        return np.concatenate([v[:, :n], domain.base.to_object(v[:, n:])], axis=1)
+
+
+PLANE = PlaneCoordinates()

@@ -1,0 +1,121 @@
+"""Rays: ``v = (a, w)``, the segment ``a + t w``, 0 <= t <= 1, in local space: origin, and displacement over the whole length.
+
+The origin is moved up to where the ray enters the domain, so a ray from outside is bounded by a longer one, never a shorter one.
+"""
+
+import numpy as np
+
+from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_up
+from warp_bounding.coordinates.base import (
+    FAR,
+    FARTHEST,
+    GUARD,
+    LATER,
+    PARALLEL,
+    Coordinates,
+    WorldMap,
+    direction_rounding,
+    literal,
+)
+from warp_bounding.coordinates.direction import FAR_POINT, MOVING, UNIT, origin_rounding
+from warp_bounding.coordinates.domain import GROWTH, Domain
+from warp_bounding.coordinates.placement_rounding import SLOPE, STEEPEST, distance, distance_error, turn
+
+__all__ = ["RAY"]
+
+_PLACES = "constexpr int POINT = 0, TURN = AXES, TURNED = AXES;  // in q, in q and in place\n"
+
+
+class RayCoordinates(Coordinates):
+    """The coordinates of rays, in either space; see ``Coordinates``."""
+
+    name = "ray"
+    moving = _PLACES + MOVING
+    text = (
+        _PLACES
+        + FAR_POINT
+        + UNIT
+        + f"""
+V w[AXES], enter = zero, leave = zero + 1.0f;
+#pragma unroll
+for (int k = 0; k < AXES; ++k) {{
+    w[k] = u[k] * extra[k];
+    V room = zero + limit[k] + size[k] * {literal(GUARD)};
+    if (PLACED) room = room + wide * place[AXES + AXES * AXES + k];
+    const V speed = w[k] < zero ? -w[k] : w[k], cross = speed > {literal(PARALLEL)} ? w[k] : zero + 1.0f;
+    V first = over(-room - a[k], cross), last = over(room - a[k], cross);
+    const V near = first < last ? first : last, away = first < last ? last : first;
+    const V always = size[k] <= room ? zero : zero + 2.0f, never = size[k] <= room ? zero + 1.0f : zero - 1.0f;
+    first = speed > {literal(PARALLEL)} ? near : always;
+    last = speed > {literal(PARALLEL)} ? away : never;
+    enter = first > enter ? first : enter;
+    leave = last < leave ? last : leave;
+}}
+enter = enter * {literal(1 - GUARD)};
+leave = leave * {literal(1 + GUARD)};
+inside = enter <= leave;
+finite = finite & (far <= {literal(FARTHEST)}) & ((far <= {literal(FAR)}) | (enter > leave));
+#pragma unroll
+for (int k = 0; k < AXES; ++k) {{
+    const V top = zero + limit[k], at = a[k] + enter * w[k];
+    v[k] = at < -top ? -top : at;
+    v[k] = v[k] > top ? top : v[k];
+    v[AXES + k] = w[k];
+}}
+if (TIME) {{
+    const V top = zero + extra[AXES] - size[0] * {literal(LATER)}, end = a[0] + w[0];
+    finite = finite & ((a[0] <= top) | (end <= top)) & ((a[0] >= -top) | (end >= -top));
+}}
+"""
+    )
+
+    def extra_count(self, n: int, time: bool) -> int:
+        return n + time
+
+    def extra(self, domain) -> np.ndarray:
+        return domain.stretch
+
+    def stretch(self, base: Domain, length: float | None) -> np.ndarray:
+        with np.errstate(over="ignore"):
+            return (base.scale.astype(np.float64) * length).astype(np.float32)
+
+    def limit(self, domain) -> np.ndarray:
+        return np.concatenate([domain.base.limit, round_up(domain.stretch * (1 + gamma(16)))])
+
+    def delta(self, domain) -> np.ndarray:
+        base = domain.base
+        return np.concatenate([base.delta, direction_rounding(base.ndim) * domain.stretch.astype(np.float64)])
+
+    def rounding(self, base: Domain, length: float | None) -> np.ndarray:
+        # Moved by up to its distance to the domain, in one product and one sum, by a t that is early by GUARD at most.
+        moved = (gamma(8) + 3 * GUARD) * (FAR + 2)
+        turned = (direction_rounding(base.ndim) + gamma(4)) * base.scale.astype(np.float64) * length
+        return origin_rounding(base) + moved + turned + 4 * TINY
+
+    def to_local(self, domain, q: np.ndarray) -> np.ndarray:
+        """See ``Coordinates``; an origin is taken as it is, not moved to where the ray enters the domain."""
+        n, base = domain.base.ndim, domain.base
+        unit = q[:, n:] / np.linalg.norm(q[:, n:], axis=1, keepdims=True)
+        return np.concatenate([base.to_local(q[:, :n]), unit * domain.stretch.astype(np.float64)], axis=1)
+
+    def to_object(self, domain, v: np.ndarray) -> np.ndarray:
+        n, base = domain.base.ndim, domain.base
+        return np.concatenate([base.to_object(v[:, :n]), v[:, n:] / domain.stretch.astype(np.float64)], axis=1)
+
+    def placed_values(self, domain, world: WorldMap) -> list[np.ndarray]:
+        base, scale = domain.base, domain.base.scale.astype(np.float64)
+        _, beta = distance(base, world, UNIT32)
+        return [round_up(scale * (beta + turn(world, base.ndim, UNIT32) / scale.min()) * SLOPE)]
+
+    def placed_rounding(self, domain, world: WorldMap, input_unit: float) -> np.ndarray:
+        base, scale = domain.base, domain.base.scale.astype(np.float64)
+        off, far = distance_error(base, world, input_unit)
+        epsilon = turn(world, base.ndim, input_unit)
+        if not (np.isfinite(far) and epsilon < STEEPEST):
+            return np.full(base.ndim, np.inf)
+        limit = base.limit.astype(np.float64)
+        way = min(domain.length * (1 + 4 * UNIT32), float((limit / scale).sum() + far / scale.min()))
+        return ((off + scale * epsilon * (1 + epsilon) * way) * (1 + 4 * UNIT32) + TINY) * GROWTH
+
+
+RAY = RayCoordinates()
