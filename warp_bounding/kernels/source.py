@@ -174,23 +174,7 @@ def _head(source: Source) -> str:
 
 def _locate(source: Source, placed: bool) -> str:
     """C statements from ``V q[]`` to ``v[]`` and the masks ``finite`` (else: maybe) and ``inside`` (else: no); V vector or float."""
-    n = source.ndim
-    if source.query != "point":
-        return locate(source.query, source.space, n, source.time, placed)
-    lines = ["auto finite = (q[0] - q[0]) == zero;"]  # false for NaN and for infinity
-    lines += [f"finite = finite & ((q[{k}] - q[{k}]) == zero);" for k in range(1, n)]
-    if placed:
-        lines += [f"const V d{k} = q[{k}] - place[{k}];" for k in range(n)]
-        rows = (" + ".join(f"d{j} * place[{n + n * k + j}]" for j in range(n)) for k in range(n))
-        lines += [f"const V x{k} = {row};" for k, row in enumerate(rows)]
-    else:
-        lines += [f"const V x{k} = q[{k}];" for k in range(n)]
-    lines += [f"v[{k}] = (x{k} - center[{k}]) * scale[{k}];" for k in range(n)]
-    lines += [f"auto inside{k} = (v[{k}] <= limit[{k}]) & (v[{k}] >= -limit[{k}]);" for k in range(n)]
-    lines += [f"auto inside = {' & '.join(f'inside{k}' for k in range(n))};"]
-    if source.time:  # outside its range of time the object may be anywhere
-        lines += ["finite = finite & inside0;"]
-    return "\n".join(lines)
+    return locate(source.query, source.space, source.ndim, source.time, placed)
 
 
 def batch_snippet(source: Source, placed: bool, values: bool) -> str:

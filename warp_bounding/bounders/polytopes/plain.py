@@ -3,7 +3,7 @@
 import warp as wp
 
 from warp_bounding.bounders.slabs.plain import plain_corners
-from warp_bounding.coordinates.native_map import GUARD, PARALLEL
+from warp_bounding.coordinates.base import GUARD, PARALLEL
 from warp_bounding.kernels.plain import Numbers, Words, twin, vector_type
 from warp_bounding.kernels.source import Source
 
