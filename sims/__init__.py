@@ -2,7 +2,7 @@
 
 A folder a demo, which ``warp-bounding demo NAME`` runs: an ``Example``, one run of the simulation, and a ``Demo``, which runs it with and
 without bounders (``base`` has what all of them share). ``prefitted`` has the bounders that they load, ``report`` what they print,
-``drawing`` and ``cores`` are what their names say.
+``drawing`` is what its name says.
 """
 
 DEMOS = ("particles", "cloth", "path", "shadows")

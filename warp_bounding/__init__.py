@@ -39,8 +39,10 @@ __all__ = [
     "certify",
     "clear_segments",
     "compact",
+    "device_of",
     "evaluate",
     "fit",
+    "launch_on_cores",
     "load",
     "load_indicator",
 ]
@@ -59,6 +61,8 @@ _HOMES = {
     "warp_bounding.proof": ("cascade", "certify", "clear_segments"),
     "warp_bounding.evaluation": ("Rates", "evaluate"),
     "warp_bounding.training": ("fit",),
+    "warp_bounding.runtime.devices": ("device_of",),
+    "warp_bounding.runtime.launch": ("launch_on_cores",),
 }
 _WHERE = {name: home for home, names in _HOMES.items() for name in names}
 

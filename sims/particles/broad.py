@@ -4,7 +4,6 @@ import numpy as np
 import warp as wp
 
 import warp_bounding as wb
-from sims.cores import launch_on_all_cores
 from sims.particles.kernels import box_mask, box_of, with_time
 from sims.particles.scene import Scene
 
@@ -43,7 +42,7 @@ class MovingBox:
         wp.copy(self._box, self._empty)
         wp.launch(box_of, dim=len(points), inputs=[points], outputs=[self._box], device=self.device)
         inputs = [self._box, self.margin, positions]
-        launch_on_all_cores(box_mask, count, inputs, [self._mask], self.device)
+        wb.launch_on_cores(box_mask, count, inputs, [self._mask], self.device)
         return wb.compact(self._mask)
 
     def fp_rate(self, motion: wb.IndicatorMotion, grid: wb.IndicatorGrid, times: int = 50, seed: int = 1) -> float:
@@ -74,5 +73,5 @@ class OfMotion:
         if self._asking is None or len(self._queries) != len(positions):
             self._queries = wp.empty(len(positions), dtype=wp.vec4, device=self.device)
             self._asking = self.bounder.prepare(self._queries, candidates=True)
-        launch_on_all_cores(with_time, len(positions), [time, positions], [self._queries], self.device)
+        wb.launch_on_cores(with_time, len(positions), [time, positions], [self._queries], self.device)
         return self._asking.launch()

@@ -8,7 +8,6 @@ import warp as wp
 import warp_bounding as wb
 from sims import base
 from sims.assets import surface
-from sims.cores import launch_on_all_cores
 from sims.drawing import CAPTIONS, draw_with
 from sims.particles.bounds import decisions
 from sims.particles.broad import MovingBox, OfMotion
@@ -101,7 +100,7 @@ class Example(base.Example):
         self._vertices = vertices
 
     def _launch(self, kernel: wp.Kernel, count: int, inputs: list, outputs: list) -> None:
-        launch_on_all_cores(kernel, count, inputs, outputs, self.scene.device)
+        wb.launch_on_cores(kernel, count, inputs, outputs, self.scene.device)
 
     def state(self) -> bytes:
         """Everything that the next step depends on, but time."""

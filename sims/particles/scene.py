@@ -25,7 +25,6 @@ import warp as wp
 
 import warp_bounding as wb
 from sims.assets import asset_mesh
-from sims.cores import device_of
 from sims.particles.kernels import DRAG, DT, GRAVITY, RADIUS, WIND, Rain
 
 __all__ = ["PERIOD", "Scene", "moving"]
@@ -78,7 +77,7 @@ class Scene:
         Raises:
             BoundingError: If there is no such device.
         """
-        return cls(moving(asset_mesh("bunny")), device_of(device))
+        return cls(moving(asset_mesh("bunny")), wb.device_of(device))
 
     @property
     def margin(self) -> float:

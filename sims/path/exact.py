@@ -19,7 +19,6 @@ import numpy as np
 import warp as wp
 
 import warp_bounding as wb
-from sims.cores import launch_on_all_cores
 
 __all__ = ["ExactWorld"]
 
@@ -190,7 +189,7 @@ class ExactWorld:
         answers = wp.empty(count, dtype=wp.uint8, device=self.device)
         arrays = [wp.array(place, dtype=wp.vec2, device=self.device) for place in places]
         if count:
-            launch_on_all_cores(kernel, count, [*arrays, *self._world], [answers], self.device)
+            wb.launch_on_cores(kernel, count, [*arrays, *self._world], [answers], self.device)
         return answers.numpy()
 
     def _checked(self, x: np.ndarray) -> np.ndarray:

@@ -9,7 +9,6 @@ import warp as wp
 
 import warp_bounding as wb
 from sims import base
-from sims.cores import launch_on_all_cores
 from sims.shadows.kernels import cast, face_sun, stop
 from sims.shadows.pictures import draw_one
 from sims.shadows.scene import LENGTH, LIFT, REACH, TOLERANCE, Scene
@@ -83,12 +82,12 @@ class Example(base.Example):
         start = base.now(device)
         sun = wp.vec3(*map(float, self.suns[len(self.shadows) % len(self.suns)]))
         facing = wp.empty(len(seen.pixels), dtype=wp.uint8, device=device)
-        launch_on_all_cores(face_sun, len(seen.pixels), [sun, seen.normals], [facing], device)
+        wb.launch_on_cores(face_sun, len(seen.pixels), [sun, seen.normals], [facing], device)
         chosen = np.flatnonzero(facing.numpy()).astype(np.int32)
         count = len(chosen)
         rays = wp.empty((count, 6), dtype=float, device=device)
         lit = wp.array(chosen, dtype=wp.int32, device=device)
-        launch_on_all_cores(cast, count, [sun, LIFT, lit, seen.points, seen.normals], [rays], device)
+        wb.launch_on_cores(cast, count, [sun, LIFT, lit, seen.points, seen.normals], [rays], device)
         all_of_them = wp.array([count], dtype=wp.int32, device=device)
         shadow = np.zeros(scene.camera.width * scene.camera.height, dtype=np.uint8)
         broad = narrow = 0.0
@@ -101,7 +100,7 @@ class Example(base.Example):
                 candidates, some = self.bounders[name].candidates(rays)
                 items = int(some.numpy()[0])
             found = base.now(device)
-            launch_on_all_cores(stop, items, [mesh.id, rays, REACH, TOLERANCE, candidates, some], [stopped], device)
+            wb.launch_on_cores(stop, items, [mesh.id, rays, REACH, TOLERANCE, candidates, some], [stopped], device)
             end = base.now(device)
             broad += found - begin if self.bounders is not None else 0.0
             narrow += end - found

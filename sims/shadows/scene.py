@@ -29,7 +29,6 @@ import warp as wp
 
 import warp_bounding as wb
 from sims.assets import asset_mesh, surface
-from sims.cores import device_of, launch_on_all_cores
 from sims.shadows.chair import chair
 from sims.shadows.kernels import Camera, see_floor, see_mesh
 
@@ -111,7 +110,7 @@ class Scene:
         """
         shapes = objects()
         camera = look((0.9, 2.45, 5.0), (0.5, 0.66, 0.0), 33.0, width, height)
-        return cls(shapes, float(shapes["bunny"].bounds[0, 1]), camera, device_of(device))
+        return cls(shapes, float(shapes["bunny"].bounds[0, 1]), camera, wb.device_of(device))
 
     def margin(self, name: str) -> float:
         """By what the bounder of an object must dilate it, world units: the tolerance of a hit, and what its check rounds."""
@@ -145,10 +144,10 @@ class Scene:
         depths, things = wp.empty(count, dtype=float, device=device), wp.empty(count, dtype=wp.int8, device=device)
         points, normals, smooth = (wp.zeros(count, dtype=wp.vec3, device=device) for _ in range(3))
         outputs = [depths, things, points, normals, smooth]
-        launch_on_all_cores(see_floor, count, [self.camera, self.floor, FARTHEST], outputs, device)
+        wb.launch_on_cores(see_floor, count, [self.camera, self.floor, FARTHEST], outputs, device)
         for thing, (name, mesh) in enumerate(self.meshes.items(), 1):
             corners = wp.array(corner_normals(self.shapes[name]), dtype=wp.vec3, device=device)
-            launch_on_all_cores(see_mesh, count, [self.camera, mesh.id, thing, corners], outputs, device)
+            wb.launch_on_cores(see_mesh, count, [self.camera, mesh.id, thing, corners], outputs, device)
         shown = things.numpy()
         pixels = np.flatnonzero(shown >= 0).astype(np.int32)
         return Seen(

@@ -6,7 +6,6 @@ from PIL import Image
 import warp_bounding as wb
 from sims import drawing
 from sims.base import compare
-from sims.cores import launch_on_all_cores
 from sims.particles import run
 from sims.particles.bounds import bounds_data
 from sims.particles.broad import MovingBox, OfMotion
@@ -137,7 +136,7 @@ def test_the_sign_agrees_with_the_cells_far_from_the_bunny(scene, grid):
         example.positions.assign(np.ascontiguousarray(x[:, 1:]))
         arrays = [example.positions, example.velocities, example.contacts]
         inputs = [example.mesh.id, CONTAINMENT, example._everyone, example._count]
-        launch_on_all_cores(collide, count, inputs, arrays, scene.device)
+        wb.launch_on_cores(collide, count, inputs, arrays, scene.device)
         touched = example.contacts.numpy().astype(bool)
         assert touched.any()
         assert not (touched & ~grid.contains(x)).any()

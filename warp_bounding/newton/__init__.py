@@ -25,9 +25,9 @@ from warp_bounding.bounders import Bounder
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorMesh
 from warp_bounding.newton.kernels import (
-    HULL,
     IN_MESH,
     IN_WORLD,
+    Hull,
     Placed,
     ask_bounders,
     ask_hulls,
@@ -35,6 +35,7 @@ from warp_bounding.newton.kernels import (
     gather_pairs,
     place_shapes,
 )
+from warp_bounding.queries import QUERIES
 from warp_bounding.runtime.compaction import Compaction
 from warp_bounding.runtime.launch import launch_blocks
 
@@ -128,7 +129,7 @@ class ParticleCull:
         self._sizes = wp.array(sizes, dtype=wp.float32, device=self._device)
         self._domains = wp.array(domains, dtype=wp.vec3, device=self._device)
         self._placed = wp.empty(shape_count, dtype=Placed, device=self._device)
-        self._hulls = wp.empty((shape_count, HULL), dtype=wp.float32, device=self._device)
+        self._hulls = wp.empty(shape_count, dtype=Hull, device=self._device)
         self._asked = wp.empty(self.pairs, dtype=wp.int32, device=self._device)
         self._left = wp.empty(-(-self.pairs // block_size(self._device)), dtype=wp.int32, device=self._device)
         self._asked_gap = _gap(pipeline)
@@ -207,7 +208,7 @@ class ParticleCull:
             raise BounderError(f"shape {shape}: expected a bounder, got {type(bounder).__name__}")
         if int(self.model.shape_type.numpy()[shape]) not in MESHES:
             raise BounderError(f"shape {shape}: expected a mesh, bounders of other shapes save nothing")
-        if bounder.query_kind != "point" or bounder.ndim != 3 or bounder.domain.time:
+        if QUERIES[bounder.query_kind].is_region or bounder.ndim != 3 or bounder.domain.time:
             got = f"{bounder.ndim}D {bounder.query_kind}s"
             raise BounderError(f"shape {shape}: expected a bounder of 3D points, got one of {got}")
         if str(bounder.device) != str(self._device):

@@ -15,9 +15,9 @@ from warp_bounding.kernels.source import Source
 from warp_bounding.runtime.native import named, unique_name
 
 __all__ = [
-    "HULL",
     "IN_MESH",
     "IN_WORLD",
+    "Hull",
     "Placed",
     "ask_bounders",
     "ask_hulls",
@@ -41,7 +41,6 @@ _UNIT_ROTATION = wp.constant(1.0e-6)
 _LONGEST_ROTATION = wp.constant(2.0)
 
 
-HULL = 20  # numbers of a shape in ``hulls``, see ``place_shapes``
 CPU_BLOCK = 1024  # pairs that one thread of a kernel goes through; CUDA: one
 
 
@@ -56,6 +55,24 @@ class Placed:
 
     to_shape: wp.transform
     scale: wp.vec3
+
+
+@wp.struct
+class Hull:
+    """What is asked of a particle in the world before a shape's bounder is: beyond the ball or the box the bounder denies everything.
+
+    And it may be asked at all only where ``reach + per_radius r + per_coordinate (|q_x| + |q_y| + |q_z|) <= margin``, of a particle
+    q of radius r: its margin is then as far as the pass looks, ``gap + (margin of the shape + r) / least scale``, and what rounding does.
+    """
+
+    center: wp.vec3  # of ball and box, world
+    squared_radius: float  # of the ball
+    axes: wp.mat33  # rows: directions of the box
+    half: wp.vec3  # its half widths
+    reach: float
+    per_radius: float
+    per_coordinate: float
+    margin: float  # minus infinity: a shape without a bounder, or one that is placed by what is no rotation
 
 
 @wp.func
@@ -77,15 +94,12 @@ def place_shapes(
     gap: float,
     # outputs
     placed: wp.array(dtype=Placed),
-    hulls: wp.array2d(dtype=float),
+    hulls: wp.array(dtype=Hull),
 ):
-    """World to shape, by the operations of Newton's own pass; and what is asked of a particle q of radius r before its bounder is.
+    """World to shape, by the operations of Newton's own pass; and the hull of each shape.
 
-    In ``hulls``: 0 to 2 the centre of a ball in the world, 3 its squared radius, 8 to 16 the directions of a box about that centre, 17 to 19 half
-    of its size: beyond either the bounder denies everything. Rounding, when a hull is made and when it is asked, is within what is added: 256 units of
-    2^-24 of all lengths that enter, of which a rotation, a difference and a product take under 64. And a bounder may be asked at all only where
-    ``[4] + [5] r + [6] (|q_x| + |q_y| + |q_z|) <= [7]``: its margin is then as far as the pass looks,
-    ``gap + (margin of the shape + r) / least scale``, and what rounding does. A shape without a bounder has minus infinity there.
+    Rounding, when a hull is made and when it is asked, is within what is added: 256 units of 2^-24 of all lengths that enter, of
+    which a rotation, a difference and a product take under 64.
     """
     s = wp.tid()
     place = wp.transform_identity()
@@ -106,26 +120,29 @@ def place_shapes(
     beyond = 0.0
     if not wp.abs(length - 1.0) <= _UNIT_ROTATION:
         beyond = wp.inf  # the bounder itself is asked, in the coordinates of Newton's pass
+    hull = Hull()
+    hull.center = center
+    hull.squared_radius = radius * radius + beyond
+    axes, half = wp.mat33(), wp.vec3()
     for k in range(3):
-        hulls[s, k] = center[k]
         axis = wp.vec3(0.0, 0.0, 0.0)
         axis[k] = 1.0
-        axis = wp.quat_rotate(turn, axis)
-        for j in range(3):
-            hulls[s, 8 + 3 * k + j] = axis[j]
-        hulls[s, 17 + k] = wp.abs(domains[s, 1][k] * scale[k]) + rounding + beyond
-    hulls[s, 3] = radius * radius + beyond
+        axes[k] = wp.quat_rotate(turn, axis)
+        half[k] = wp.abs(domains[s, 1][k] * scale[k]) + rounding + beyond
+    hull.axes = axes
+    hull.half = half
     inverse = 1.0 / wp.min(wp.min(wp.abs(scale[0]), wp.abs(scale[1])), wp.abs(scale[2]))
     widened = shape_margin[s] * inverse
     reach = gap + widened
     world = _size(wp.transform_get_translation(p.to_shape)) * inverse
     moved = _MESH_ROUNDING * (sizes[s] + wp.abs(reach)) + _WORLD_ROUNDING * world
-    hulls[s, 4] = reach + moved + _SUM_ROUNDING * (wp.abs(gap) + wp.abs(widened))
-    hulls[s, 5] = inverse * (1.0 + _MESH_ROUNDING + _SUM_ROUNDING)
-    hulls[s, 6] = inverse * _WORLD_ROUNDING
-    hulls[s, 7] = margins[s]
+    hull.reach = reach + moved + _SUM_ROUNDING * (wp.abs(gap) + wp.abs(widened))
+    hull.per_radius = inverse * (1.0 + _MESH_ROUNDING + _SUM_ROUNDING)
+    hull.per_coordinate = inverse * _WORLD_ROUNDING
+    hull.margin = margins[s]
     if not length <= _LONGEST_ROTATION:
-        hulls[s, 7] = -wp.inf  # no bounder is asked: rounding is more than what is added
+        hull.margin = -wp.inf  # no bounder is asked: rounding is more than what is added
+    hulls[s] = hull
 
 
 @wp.kernel(enable_backward=False)
@@ -147,14 +164,15 @@ const float* const place = (const float*)particle_q.data;
 int count = 0;
 for (int i = begin; i < end; ++i) {
     const int p = pair[2 * i];
-    const float* const b = hulls.data + 20 * pair[2 * i + 1];
+    const auto& b = hulls.data[pair[2 * i + 1]];
     const float x = place[3 * p], y = place[3 * p + 1], z = place[3 * p + 2];
-    const bool known = b[4] + b[5] * particle_radius.data[p] + b[6] * (fabsf(x) + fabsf(y) + fabsf(z)) <= b[7];
-    const float dx = x - b[0], dy = y - b[1], dz = z - b[2];
-    bool maybe = known && !(dx * dx + dy * dy + dz * dz > b[3]);
+    const float way = b.reach + b.per_radius * particle_radius.data[p] + b.per_coordinate * (fabsf(x) + fabsf(y) + fabsf(z));
+    const float dx = x - b.center[0], dy = y - b.center[1], dz = z - b.center[2];
+    const bool known = way <= b.margin;
+    bool maybe = known && !(dx * dx + dy * dy + dz * dz > b.squared_radius);
     if (maybe) for (int k = 0; k < 3; ++k) {
-        const float* const u = b + 8 + 3 * k;
-        maybe = maybe && !(fabsf(u[0] * dx + u[1] * dy + u[2] * dz) > b[17 + k]);
+        const float* const u = b.axes.data[k];
+        maybe = maybe && !(fabsf(u[0] * dx + u[1] * dy + u[2] * dz) > b.half[k]);
     }
     keep.data[i] = !known;
     asked.data[begin + count] = i;
@@ -168,7 +186,7 @@ def _ask_hulls(
     pairs: wp.array(dtype=wp.vec2i),
     particle_q: wp.array(dtype=wp.vec3),
     particle_radius: wp.array(dtype=float),
-    hulls: wp.array2d(dtype=float),
+    hulls: wp.array(dtype=Hull),
     asked: wp.array(dtype=wp.int32),
     keep: wp.array(dtype=wp.uint8),
 ) -> int:
@@ -184,7 +202,7 @@ def ask_hulls(
     pairs: wp.array(dtype=wp.vec2i),
     particle_q: wp.array(dtype=wp.vec3),
     particle_radius: wp.array(dtype=float),
-    hulls: wp.array2d(dtype=float),
+    hulls: wp.array(dtype=Hull),
     # outputs
     asked: wp.array(dtype=wp.int32),
     left: wp.array(dtype=wp.int32),

@@ -24,6 +24,7 @@ __all__ = [
     "compile_seconds",
     "cpu_threads",
     "launch_blocks",
+    "launch_on_cores",
     "ready",
     "working_seconds",
 ]
@@ -271,3 +272,22 @@ def launch_blocks(
 ) -> None:
     """Launch a kernel over the blocks of ``count`` items; arguments as of ``BlockLaunch``."""
     BlockLaunch(kernel, count, inputs, outputs, device, first_index=first_index, block=block).launch_once()
+
+
+def launch_on_cores(
+    kernel: wp.Kernel, count: int, inputs: list, outputs: list, device: str | wp.Device | None = None
+) -> None:
+    """Launch a kernel of your own over all cores of a CPU, as batch queries are: by itself Warp uses one.
+
+    So a broad phase and the narrow phase behind it have the same number of threads, ``WARP_BOUNDING_THREADS`` of them or one a core.
+    On CUDA it is an ordinary launch.
+
+    Args:
+        kernel: Its first input is an int, the number of the launch's first item; its own item is ``first + wp.tid()``. Items write to
+            disjoint places and use no tiles.
+        count: Items.
+        inputs: All inputs but the first.
+        outputs: Outputs.
+        device: Warp device; the default device if ``None``.
+    """
+    launch_blocks(kernel, count, [0, *inputs], outputs, wp.get_device(device), first_index=0, block=1)
