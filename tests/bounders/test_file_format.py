@@ -1,6 +1,5 @@
 """Files come back as they were, or not at all."""
 
-import json
 import os
 import shutil
 
@@ -8,6 +7,7 @@ import numpy as np
 import pytest
 import safetensors.numpy
 from bounding_shapes import domain_points, fitted, random_mlp, shape
+from rewriting import check_refused, rewrite
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS, file_format
@@ -20,23 +20,6 @@ def saved(tmp_path):
     path = tmp_path / "box.safetensors"
     fitted("aabb", "c").save(path)
     return path
-
-
-def rewrite(path, change, tensors=None):
-    """Edit the document as an author who knows the format would: with a digest that fits."""
-    held = tensors or safetensors.numpy.load_file(path)
-    with safetensors.safe_open(path, framework="numpy") as file:
-        document = json.loads(file.metadata()[file_format.KEY])["bounder"]
-    change(document)
-    entry = json.dumps({"sha256": file_format._digest(held, document), "bounder": document})
-    path.write_bytes(safetensors.numpy.save(held, metadata={file_format.KEY: entry}))
-
-
-def check_refused(path, *words):
-    with pytest.raises(FileFormatError) as error:
-        wb.load(path, device="cpu")
-    assert str(path) in str(error.value)
-    assert all(word in str(error.value) for word in words)
 
 
 @pytest.mark.parametrize("method", METHODS)

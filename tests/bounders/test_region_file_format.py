@@ -7,7 +7,7 @@ import pytest
 import safetensors.numpy
 from bounding_shapes import shape, told_of
 from region_cases import REGIONS, hard_regions
-from test_file_format import check_refused, rewrite
+from rewriting import check_refused, rewrite
 
 import warp_bounding as wb
 from warp_bounding.bounders.neural.mlp import Mlp

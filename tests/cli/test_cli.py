@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bounding_shapes import HIDDEN, shape
+from commands import check_bad, run
 
 import warp_bounding as wb
-from warp_bounding.cli import main
 
 ROOT = Path(__file__).parents[2]
 WIDTHS = ",".join(map(str, HIDDEN))
@@ -27,17 +27,8 @@ def files(tmp_path):
     return tmp_path
 
 
-def run(capsys, *arguments):
-    """Status, standard output and standard error of a command in this process."""
-    capsys.readouterr()
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    out, err = capsys.readouterr()
-    return stop.value.code, out, err
-
-
 def command(*arguments, module=True):
-    """The same in a process of its own."""
+    """A command in a process of its own."""
     environment = os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "200"}
     return subprocess.run(
         [sys.executable, "-m", "warp_bounding", *map(str, arguments)],
@@ -51,14 +42,6 @@ def command(*arguments, module=True):
 def fit(capsys, files, *options, name="b", source="c.npy", method="aabb"):
     path = files / f"{name}.safetensors"
     return path, run(capsys, "fit", files / source, "-o", path, "--method", method, "--samples", 20_000, *options)
-
-
-def check_bad(status, out, err):
-    assert status == 2
-    assert out == ""
-    assert len(err.strip().splitlines()) == 1, err
-    assert err.startswith("warp-bounding: ")
-    assert "Traceback" not in err
 
 
 def test_processes_fit_certify_another_shape_and_damage(files):

@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 import pytest
+from commands import run
 
 import warp_bounding as wb
-from warp_bounding.cli import main
 
 CELLS = np.pad(np.ones((2, 3, 2), bool), 2)
 
@@ -21,13 +21,6 @@ def files(tmp_path_factory) -> dict[str, str]:
         paths[query] = str(folder / f"{query}.safetensors")
         wb.fit(shape, query=query, method="aabb", margin=0.05, length=length, device="cpu").save(paths[query])
     return paths
-
-
-def run(capsys, *arguments: str) -> tuple[int, str, str]:
-    capsys.readouterr()
-    with pytest.raises(SystemExit) as end:
-        main([*arguments])
-    return end.value.code, *capsys.readouterr()
 
 
 def test_the_claim_is_told(files, capsys):

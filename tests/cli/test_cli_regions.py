@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 from bounding_shapes import shape, without_proof
+from commands import check_bad, run
 from PIL import Image
-from test_cli import check_bad, run
 
 from warp_bounding.proof import attest
 

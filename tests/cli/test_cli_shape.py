@@ -5,20 +5,13 @@ import json
 import numpy as np
 import pytest
 import trimesh
+from commands import run
 from PIL import Image
 
 import warp_bounding as wb
-from warp_bounding.cli import main
 
 MAP = np.full((12, 20), 254, dtype=np.uint8)  # white is free
 MAP[3:6, 4:9] = 10
-
-
-def run(capsys, *arguments):
-    with pytest.raises(SystemExit) as ended:
-        main([str(a) for a in arguments])
-    captured = capsys.readouterr()
-    return ended.value.code, captured.out, captured.err
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 from bounding_shapes import shape
-from test_cli import check_bad, run
+from commands import check_bad, run
 
 import warp_bounding as wb
 

@@ -9,19 +9,11 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from commands import run
 
 import sims.particles
 import warp_bounding as wb
 from sims import DEMOS
-from warp_bounding.cli import main
-
-
-def run(capsys, *arguments):
-    """Status, standard output and standard error."""
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    out, err = capsys.readouterr()
-    return stop.value.code, out, err
 
 
 @pytest.fixture

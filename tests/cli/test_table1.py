@@ -11,13 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import check_bad, run
+from fake_library import Library, data_folder
+
+from warp_bounding.cli import main
 
 TESTS = Path(__file__).parents[1]
-sys.path.append(str(TESTS / "paper"))
-
-from fake_library import Library, data_folder  # noqa: E402
-
-from warp_bounding.cli import main  # noqa: E402
 
 QUICK = ("--columns", "2d-point,3d-ray", "--methods", "aabb,bvh-16,mlp,relu-field")
 CELLS = 3 * 4 + 2 * 5  # points: one row a method; rays: two of each classic volume, no field in 3D
@@ -45,12 +44,7 @@ def library(place, monkeypatch):
 
 def table1(capsys, place, *arguments, data=True):
     """Status, standard output, standard error."""
-    capsys.readouterr()
-    words = ["table1", "--out", place / "out", *(("--data", place / "data") if data else ()), *arguments]
-    with pytest.raises(SystemExit) as stop:
-        main([str(word) for word in words])
-    out, err = capsys.readouterr()
-    return stop.value.code, out, err
+    return run(capsys, "table1", "--out", place / "out", *(("--data", place / "data") if data else ()), *arguments)
 
 
 def rows(place):
@@ -60,13 +54,6 @@ def rows(place):
 
 def contents(place):
     return {p: p.read_bytes() for p in (place / "out").rglob("*") if p.is_file()}
-
-
-def check_bad(status, out, err):
-    assert status == 2, err
-    assert out == ""
-    assert len(err.strip().splitlines()) == 1, err
-    assert err.startswith("warp-bounding: ")
 
 
 def test_a_run_and_the_same_again(place, library, capsys):
@@ -190,7 +177,7 @@ main(sys.argv[1:])
 
 @pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGINT])
 def test_killed_half_way_and_resumed(place, library, capsys, end):
-    program = PROGRAM.format(tests=str(TESTS / "paper"), log=str(place / "log"))
+    program = PROGRAM.format(tests=str(TESTS / "shared"), log=str(place / "log"))
     arguments = ["table1", "--out", place / "out", "--data", place / "data", *QUICK]
     process = subprocess.Popen(
         [sys.executable, "-c", program, *map(str, arguments)],

@@ -4,22 +4,9 @@ import numpy as np
 import pytest
 import warp as wp
 from bounding_shapes import CONSERVATIVE, fitted, object_points, shape
+from placements import homogeneous, rotation
 
 from warp_bounding.errors import QueryError
-
-
-def rotation(s: int, rng) -> np.ndarray:
-    q, r = np.linalg.qr(rng.normal(size=(s, s)))
-    q *= np.sign(np.diag(r))
-    if np.linalg.det(q) < 0:
-        q[:, 0] *= -1
-    return q
-
-
-def homogeneous(q, t) -> np.ndarray:
-    matrix = np.eye(len(t) + 1)
-    matrix[:-1, :-1], matrix[:-1, -1] = q, t
-    return matrix
 
 
 def inner_points(grid, rng) -> np.ndarray:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import warp as wp
 from bounding_shapes import shape
+from placements import homogeneous, rotation
 from region_cases import REGIONS, fitted_region, hard_regions, ray_length
-from test_placement import homogeneous, rotation
 
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders import METHODS

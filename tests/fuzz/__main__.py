@@ -14,7 +14,7 @@ EVERY = 10.0  # seconds between lines of progress
 
 
 def main() -> int:
-    sys.path.insert(0, str(Path(__file__).parents[1]))  # what all tests share
+    sys.path.insert(0, str(Path(__file__).parents[1] / "shared"))
     os.environ["WARP_BOUNDING_THREADS"] = "1"  # what does not end is interrupted, and must not leave threads at work
     import warp as wp
 

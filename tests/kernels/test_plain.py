@@ -4,8 +4,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-import test_functions
 import warp as wp
+from asked_functions import ask as ask_a_foreigner
+from asked_functions import asking_kernel, bounders, network, remade
 from bounding_shapes import (
     CONSERVATIVE,
     domain_points,
@@ -17,7 +18,6 @@ from bounding_shapes import (
     told_of,
 )
 from region_cases import VOLUMES, cases, fitted_region, ray_length
-from test_functions import asking_kernel, network, remade
 
 import warp_bounding as wb
 from warp_bounding.activations import ACTIVATIONS
@@ -218,10 +218,10 @@ def test_no_region_is_denied_that_a_learned_bounder_is_proven_for(method, query,
 
 @pytest.mark.parametrize("query", QUERIES)
 def test_foreign_data_are_answered_with_maybe(query, device):
-    everyone = [b.to(device, native=False) for b in test_functions.bounders(query, "cpu").values()]
+    everyone = [b.to(device, native=False) for b in bounders(query, "cpu").values()]
     everything = slice(None)
     for bounder, other in zip(everyone, everyone[1:] + everyone[:1], strict=True):
-        data, ask_for = bounder.data, test_functions.ask
+        data, ask_for = bounder.data, ask_a_foreigner
         assert (ask_for(bounder, data) == 0).all()
         assert (ask_for(bounder, other.data) == 1).all()
         assert (ask_for(bounder, Data()) == 1).all()

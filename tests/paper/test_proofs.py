@@ -7,9 +7,9 @@ from functools import partial
 
 import numpy as np
 import pytest
+from commands import check_bad, run
 
 import warp_bounding as wb
-from warp_bounding.cli import main
 from warp_bounding.paper import PROOFS, open_folder
 from warp_bounding.paper.pages.proofs_page import proofs_page, summary
 from warp_bounding.paper.proofs import Thresholds, _as_asked
@@ -54,12 +54,8 @@ def fits(monkeypatch):
 
 def proofs(capsys, place, *arguments, out="out", table="table", data="data"):
     """Status, standard output, standard error."""
-    capsys.readouterr()
-    words = ["proofs", "--data", place / data, "--table", place / table, "--out", place / out, *arguments]
-    with pytest.raises(SystemExit) as stop:
-        main([str(word) for word in words])
-    text, err = capsys.readouterr()
-    return stop.value.code, text, err
+    places = ("--data", place / data, "--table", place / table, "--out", place / out)
+    return run(capsys, "proofs", *places, *arguments)
 
 
 def rows(place, out="out"):
@@ -203,13 +199,6 @@ def test_rows_come_back_whole_and_damage_is_told(place, fits, capsys):
     for changes in ({"search": "guessed"}, {"samples": 501}, {"method": "magic"}, {"found_by": "luck"}):
         table.write_text(PROOFS.header + PROOFS.format(dataclasses.replace(row, **changes)))
         check_bad(*proofs(capsys, place, *quick, out="one"))
-
-
-def check_bad(status, text, err):
-    assert status == 2, err
-    assert text == ""
-    assert len(err.strip().splitlines()) == 1, err
-    assert err.startswith("warp-bounding: ")
 
 
 @pytest.mark.parametrize(

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from bounding_shapes import shape
+from random_networks import random_network
 
 import warp_bounding as wb
 from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import certify, charted, least_value, prove
 from warp_bounding.proof.covers.ray import single_faces
@@ -25,15 +25,6 @@ def grid_of(name: str) -> IndicatorGrid:
     occupancy = np.zeros((4, 3, 4), bool)
     occupancy[1, 1, 1] = occupancy[2, 1, 1] = occupancy[2, 2, 3] = occupancy[0, 0, 3] = True
     return IndicatorGrid(occupancy)
-
-
-def random_network(query: str, grid: IndicatorGrid, seed=0, activation="sin", hidden=(9, 7), gain=2.0) -> Mlp:
-    rng, domain, tensors = np.random.default_rng(seed), domain_of(grid, query), {}
-    for i, (k, h) in enumerate(zip((domain.ndim, *hidden), (*hidden, 1), strict=True)):
-        scale = gain if i == 0 else 1.5
-        tensors[f"layers.{i}.weight"] = (rng.normal(size=(h, k)) * scale / np.sqrt(k)).astype(np.float32)
-        tensors[f"layers.{i}.bias"] = rng.normal(size=h).astype(np.float32)
-    return Mlp(domain, tensors, {"hidden": list(hidden), "activation": activation, "octaves": 0}, "cpu")
 
 
 def positives(bounder: Mlp, grid: IndicatorGrid, count: int, seed: int = 0) -> np.ndarray:

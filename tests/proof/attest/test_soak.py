@@ -190,7 +190,7 @@ STATED = {  # what states of the first version say of stored bounders
 @pytest.mark.parametrize("name", STATED)
 def test_states_of_the_first_version_are_gone_on_with(name):
     other, digest = STATED[name]
-    file = Path(__file__).parents[2] / "sims" / "bounders" / f"{name}.safetensors"
+    file = Path(__file__).parents[3] / "sims" / "bounders" / f"{name}.safetensors"
     assert soak(file, shape(other), 1, seed=1, seconds=0.0).bounder == digest
 
 

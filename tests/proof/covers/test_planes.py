@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from bounding_shapes import shape
+from random_networks import random_supports
 
 import warp_bounding as wb
 from warp_bounding.bounders.neural.mlp import Mlp
@@ -14,14 +15,6 @@ from warp_bounding.proof.covers.plane import SupportGap
 from warp_bounding.queries.positives import draw_positives
 
 SHAPES = ("c", "blob", "anisotropic", "animated")
-
-
-def random_supports(grid, seed=0, activation="sin", hidden=(9, 7)) -> Mlp:
-    rng, domain, tensors = np.random.default_rng(seed), domain_of(grid, "plane"), {}
-    for i, (k, h) in enumerate(zip((grid.ndim, *hidden), (*hidden, 2), strict=True)):
-        tensors[f"layers.{i}.weight"] = (rng.normal(size=(h, k)) * 1.5 / np.sqrt(k)).astype(np.float32)
-        tensors[f"layers.{i}.bias"] = rng.normal(size=h).astype(np.float32)
-    return Mlp(domain, tensors, {"hidden": list(hidden), "activation": activation, "octaves": 0}, "cpu")
 
 
 @pytest.mark.parametrize("name", ["c", "blob", "star", "single", "anisotropic", "animated"])

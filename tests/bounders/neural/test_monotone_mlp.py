@@ -6,7 +6,7 @@ import warp as wp
 from bounding_shapes import shape
 from monotone_networks import random_monotone
 from region_cases import cases
-from test_file_format import check_refused, rewrite
+from rewriting import check_refused, rewrite
 
 import warp_bounding as wb
 from warp_bounding.bounders.neural.monotone_mlp import MonotoneMlp

@@ -16,7 +16,7 @@ from PIL import Image
 import warp_bounding as wb
 from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, load_indicator
 
-DATA = Path(os.environ.get("WARP_BOUNDING_DATA", Path(__file__).parents[3] / "shared" / "data"))
+DATA = Path(os.environ.get("WARP_BOUNDING_DATA", Path(__file__).parents[4] / "shared" / "data"))
 BOX = trimesh.creation.box(extents=(1, 2, 3))
 
 
