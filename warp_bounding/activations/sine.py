@@ -43,10 +43,10 @@ LIMIT = 4096.0  # arguments beyond are outside the certified range
 REDUCED = 1.5725  # |r| stays under it for |z| <= LIMIT (checked in error)
 
 # |error| of the float64 sine and cosine of bounds for |z| <= 2^13: Taylor remainders under 7e-12 (degrees 15 and 16 on
-# [-pi/2, pi/2]), the reduction under 2^-52 (1 + n 2^-30), about 30 roundings of terms under 2. Mean, slope and spread carry it at
-# most 4 times. Arguments are certified up to 2^12 with activations of size 1. A relaxed neuron's centre is a mean plus half a
-# parabola, and at most 2: where it is not flat, spread and half of the parabola's height together are at most 1. So centres of
-# arguments stay below 2^13.
+# [-pi/2, pi/2]), the reduction under 2^-52 (1 + n 2^-30), about 30 roundings of terms under 2. Mean, slope and spread
+# carry it at most 4 times. Arguments are certified up to 2^12 with activations of size 1. A relaxed neuron's centre is
+# a mean plus half a parabola, and at most 2: where it is not flat, spread and half of the parabola's height together
+# are at most 1. So centres of arguments stay below 2^13.
 SLACK = 1e-11
 PI_PARTS = (  # of float64: the first 34 bits of pi, times n < 2^12 (|z| < 2^13) exact; the next 32; the rest
     float.fromhex("0x1.921fb544p+1"),
@@ -119,7 +119,8 @@ class _Sine(Activation):
         # n is within 1/2 + 3 u |z| / pi of z / pi: one rounding to an integer, one of the product, one of the constant.
         count = limit / math.pi + 1.0  # bound of |n|
         reduced = math.pi / 2 + 3 * u * limit
-        # n * PI_HIGH is exact; each subtraction rounds once; n * PI_LOW rounds once unless fused; the rest of pi is left out.
+        # n * PI_HIGH is exact; each subtraction rounds once; n * PI_LOW rounds once unless fused; the rest of pi is
+        # left out.
         rest = abs(math.pi - PI_HIGH - PI_LOW) + 2e-16  # 2e-16: pi itself in float64
         first = u * (reduced + count * PI_LOW)
         reduction = first + u * count * PI_LOW + u * (reduced + first) + count * rest

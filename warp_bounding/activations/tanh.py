@@ -34,9 +34,9 @@ DENOMINATOR = tuple(
 )
 DIVISION = 4  # roundings that a division counts for: correctly rounded it is one, CUDA's fast one errs by two units
 
-# The float64 tanh of bounds is 1 - 2 / (E + 1), E = exp(2 |x|) as the 64th power of a Taylor polynomial of degree 16, |x| cut at
-# 20. Remainder 1e-18; at most 4 u for the polynomial's positive terms, 64 times that and 63 u for the squarings: E within 3.6e-14,
-# relatively, so tanh within 2e-14 (and 9e-18 for the cut). NumPy's is better.
+# The float64 tanh of bounds is 1 - 2 / (E + 1), E = exp(2 |x|) as the 64th power of a Taylor polynomial of degree 16,
+# |x| cut at 20. Remainder 1e-18; at most 4 u for the polynomial's positive terms, 64 times that and 63 u for the
+# squarings: E within 3.6e-14, relatively, so tanh within 2e-14 (and 9e-18 for the cut). NumPy's is better.
 SLACK = 1e-13
 CUT, SQUARINGS, DEGREE = 20.0, 6, 16
 NARROW = 1.0  # half-width up to which an interval beside 0 takes its centre

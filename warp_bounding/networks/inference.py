@@ -20,8 +20,8 @@ __all__ = ["MlpSource", "head_numbers", "layer_numbers", "padded"]
 
 ALIGN = 8  # floats, one vector: rows of the neuron-major copy are padded to it
 
-# From the coordinates v to the inputs h0: themselves, and the FEATURES sines of the positional encoding; its biases stand first, then
-# N weights of each feature.
+# From the coordinates v to the inputs h0: themselves, and the FEATURES sines of the positional encoding; its biases
+# stand first, then N weights of each feature.
 _ENCODE = """
 for (int k = 0; k < N; ++k) h0[k] = v[k];
 for (int j = 0; j < FEATURES; ++j) {
@@ -32,8 +32,9 @@ for (int j = 0; j < FEATURES; ++j) {
 }
 """
 
-# BLOCKS blocks of J neurons, from the inputs x on: J biases, then J weights of each of K inputs stand together, so that each input that is
-# loaded serves J sums. KEEP their activations in y, and add them up to the OUTPUTS that stand at HEAD and at SECOND.
+# BLOCKS blocks of J neurons, from the inputs x on: J biases, then J weights of each of K inputs stand together, so that
+# each input that is loaded serves J sums. KEEP their activations in y, and add them up to the OUTPUTS that stand at
+# HEAD and at SECOND.
 _NEURONS = """
 for (int b = 0; b < BLOCKS; ++b) {
     const float* p = w + AT + b * J * (K + 1);
@@ -56,8 +57,8 @@ for (int b = 0; b < BLOCKS; ++b) {
 }
 """
 
-# One layer of one query: ROW neurons, L at a time, from K inputs x to y; a row of biases, then one of weights an input. Even and odd inputs
-# are summed apart, so that sums need not wait for each other.
+# One layer of one query: ROW neurons, L at a time, from K inputs x to y; a row of biases, then one of weights an input.
+# Even and odd inputs are summed apart, so that sums need not wait for each other.
 _ROWS = """
 V a[ROW / L], b[ROW / L];
 const float* p = w + AT;

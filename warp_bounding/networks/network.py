@@ -159,7 +159,8 @@ class Network:
         mean, slope, noise = center, None, 0.0
         trace = []  # per hidden layer: generators g of z, near, width of z, slope, bend, spread
         for index, layer in enumerate(self.hidden):
-            # h = mean + slope * (sum_k g_k zeta_k) + bend * (near'^2 - near^2 / 2) + noise; what is not linear is bounded entry by entry
+            # h = mean + slope * (sum_k g_k zeta_k) + bend * (near'^2 - near^2 / 2) + noise; what is not linear is
+            # bounded entry by entry
             z = mean @ layer.weight.T + layer.bias
             if index == 0:
                 parts = [column * radius[:, k, None] for k, column in enumerate(layer.weight.T)]
@@ -175,7 +176,8 @@ class Network:
             trace.append((parts, near, near + noise + pad, slope, bend, spread))
             mean, noise = mean + bend * half, np.abs(slope) * noise + np.abs(bend) * half + spread
         least = mean @ self.output.weight[0] + self.output.bias[0] - self.padding[-1]
-        # Backwards: lines and parabolas weighed by the output's coefficients, and what each neuron's rest costs and whose fault it is.
+        # Backwards: lines and parabolas weighed by the output's coefficients, and what each neuron's rest costs and
+        # whose fault it is.
         n = center.shape[1]
         coefficient = np.broadcast_to(self.output.weight[0], slope.shape)
         score, square = np.zeros_like(center), np.zeros((len(center), n, n))

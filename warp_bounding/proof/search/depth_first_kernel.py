@@ -7,11 +7,15 @@ A box that has become too small to be halved is closed, too: the least bound of 
 what can be proven.
 """
 
+import re
 from functools import cache
 
 import warp as wp
 
-from warp_bounding.networks.bound_source import NetworkSizes, axis_text, body, lanes_text, load_text
+from warp_bounding.activations.base import constant
+from warp_bounding.networks.bound_source import NetworkSizes, body, lanes_text, load_text
+from warp_bounding.networks.bound_text import AXIS
+from warp_bounding.networks.inference import constants
 from warp_bounding.runtime.native import named, unique_name
 
 __all__ = ["KEPT", "STACK", "depth_first_kernel"]
@@ -22,48 +26,64 @@ SMALLEST = 1e-8  # a box that is no wider than this is closed as it is: what it 
 KEPT = 8  # low points that a block returns
 
 
-def _snippet(sizes: NetworkSizes) -> str:
-    chart = sizes.chart
-    size, row = chart.size, 2 * chart.size
-    cpu, cuda = lanes_text(sizes, "const double* w = weights.data; const double* padding = paddings.data;")
-    text = body(sizes, "tried")
-    work = f"""
-double* stack = stacks.data + (long long)block * {STACK * row}; int held = heights.data[block], first = firsts.data[block]; long long done = 0;
-double closed = INFINITY; double* kept_value = low_value.data + block * {KEPT}; double* kept_point = low_point.data + (long long)block * {KEPT * size};
-for (int k = 0; k < {KEPT}; ++k) kept_value[k] = INFINITY;
-bool broken = false; int turn = 0, rounds = 0;
+# A block's search; BODY bounds the boxes of all lanes, SPLIT sets where one is halved.
+_SEARCH = """
+double* stack = stacks.data + (long long)block * (STACK * ROW);
+double* kept_value = low_value.data + block * KEPT; double* kept_point = low_point.data + (long long)block * (KEPT * BOX);
+for (int k = 0; k < KEPT; ++k) kept_value[k] = INFINITY;
+int held = heights.data[block], first = firsts.data[block], turn = 0, rounds = 0;
+long long done = 0; double closed = INFINITY;
+bool broken = false; // whether a positive lies under the target
 const bool last = isinf(target) && target < 0.0;
-while (held > 0 && (last || (done < most && held + L <= {STACK} && !broken))) {{
-const int taken = held < L ? held : L; held -= taken; first = held < first ? held : first; const bool tried = !isfinite(target) || rounds++ % {RARELY} == 0; turn = (turn + tried) % {KEPT};
-V low[{size}], high[{size}];
-for (int l = 0; l < L; ++l) {{ const int j = held + (l < taken ? l : 0); {load_text(size, "stack", "j")} }}
-{text}
-done += taken;
-for (int l = 0; l < taken; ++l) {{
-if (LANE(dead) != 0.0) continue;
-if (LANE(valid) != 0.0 && LANE(value) < kept_value[turn]) {{
-kept_value[turn] = LANE(value); broken = broken || LANE(value) < target;
-{" ".join(f"kept_point[turn * {size} + {k}] = LANE(z[{k}]);" for k in range(size))}
-}}
-if (last) {{ const double b = LANE(least) == LANE(least) ? LANE(least) : target; closed = b < closed ? b : closed; continue; }}
-if (LANE(least) >= target) {{ closed = LANE(least) < closed ? LANE(least) : closed; continue; }}
-{axis_text(chart.columns)}
-double* one = stack + (long long)held * {row}; double* two = one + {row};
-{" ".join(f"one[{k}] = two[{k}] = LANE(low[{k}]); one[{size + k}] = two[{size + k}] = LANE(high[{k}]);" for k in range(size))}
-if (one[{size} + axis] - one[axis] < {SMALLEST}) for (int k = 0; k < {size}; ++k) if (one[{size} + k] - one[k] > one[{size} + axis] - one[axis]) axis = k;
-if (one[{size} + axis] - one[axis] < {SMALLEST}) {{ const double b = LANE(least) == LANE(least) ? LANE(least) : -INFINITY; closed = b < closed ? b : closed; continue; }}
-held += 2;
-{{ const double a = one[axis], b = one[{size} + axis]; double middle; {chart.split()} one[{size} + axis] = middle; two[axis] = middle; }}
-}} }}
+while (held > 0 && (last || (done < most && held + L <= STACK && !broken))) {
+    const int taken = held < L ? held : L;
+    held -= taken; first = held < first ? held : first;
+    const bool tried = !isfinite(target) || rounds++ % RARELY == 0; turn = (turn + tried) % KEPT;
+    V low[BOX], high[BOX];
+    for (int l = 0; l < L; ++l) { const int j = held + (l < taken ? l : 0); LOAD }
+    BODY
+    done += taken;
+    for (int l = 0; l < taken; ++l) {
+        if (LANE(dead) != 0.0) continue;
+        if (LANE(valid) != 0.0 && LANE(value) < kept_value[turn]) {
+            kept_value[turn] = LANE(value); broken = broken || LANE(value) < target;
+            for (int k = 0; k < BOX; ++k) kept_point[turn * BOX + k] = LANE(z[k]);
+        }
+        const double bound = LANE(least);
+        if (last) { const double b = bound == bound ? bound : target; closed = b < closed ? b : closed; continue; }
+        if (bound >= target) { closed = bound < closed ? bound : closed; continue; }
+        AXIS
+        double* one = stack + (long long)held * ROW; double* two = one + ROW;
+        for (int k = 0; k < BOX; ++k) { one[k] = two[k] = LANE(low[k]); one[BOX + k] = two[BOX + k] = LANE(high[k]); }
+        if (one[BOX + axis] - one[axis] < SMALLEST)
+            for (int k = 0; k < BOX; ++k) if (one[BOX + k] - one[k] > one[BOX + axis] - one[axis]) axis = k;
+        if (one[BOX + axis] - one[axis] < SMALLEST) {
+            const double b = bound == bound ? bound : -INFINITY; closed = b < closed ? b : closed; continue;
+        }
+        held += 2;
+        const double a = one[axis], b = one[BOX + axis]; double middle;
+        SPLIT
+        one[BOX + axis] = middle; two[axis] = middle;
+    }
+}
 heights.data[block] = held; firsts.data[block] = first; done_out.data[block] = done; closed_out.data[block] = closed;
 """
+
+
+def _snippet(sizes: NetworkSizes) -> str:
+    names = "const double* w = weights.data; const double* padding = paddings.data;\n"
+    names += constants(BOX=sizes.chart.size, ROW=2 * sizes.chart.size, STACK=STACK, RARELY=RARELY, KEPT=KEPT)
+    names += f" constexpr double SMALLEST = {constant(SMALLEST)};"
+    cpu, cuda = lanes_text(sizes, names)
+    parts = {"LOAD": load_text("stack", "j"), "BODY": body(sizes, "tried"), "AXIS": AXIS, "SPLIT": sizes.chart.split()}
+    search = re.sub(r"\b(LOAD|BODY|AXIS|SPLIT)\b", lambda part: parts[part.group()], _SEARCH)
     return f"""
 #if !defined(__CUDA_ARCH__)
 {cpu}
-{work}
+{search}
 #else
 {cuda}
-{work}
+{search}
 #endif
 #undef LANE
 """
