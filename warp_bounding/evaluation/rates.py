@@ -11,7 +11,8 @@ from warp_bounding.bounders.load import bounder_of
 from warp_bounding.bounders.slabs.aabb import Aabb
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import QueryError
-from warp_bounding.indicators import IndicatorGrid, load_indicator
+from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.proof.prove import as_fitted
 from warp_bounding.queries import SampledOracle, oracle, sample
 
 __all__ = ["PROTOCOLS", "Rates", "evaluate", "quick_rates"]
@@ -82,9 +83,8 @@ def evaluate(
         raise QueryError(f"samples must be a whole number of at least 1, got {samples!r}")
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise QueryError(f"seed must be a whole number of at least 0, got {seed!r}")
-    bounder, shape = bounder_of(bounder), load_indicator(shape)
-    resolution = None if isinstance(shape, IndicatorGrid) else bounder.info.get("resolution")
-    grid = shape.to_grid(resolution=resolution, margin=bounder.info.get("margin") or 0.0)
+    bounder = bounder_of(bounder)
+    grid = as_fitted(bounder, shape)
     if grid.ndim != bounder.ndim:
         raise QueryError(f"the shape is {grid.ndim}D, the bounder {bounder.ndim}D")
     query, rng = bounder.query_kind, np.random.default_rng(seed)

@@ -5,7 +5,8 @@ from warp_bounding.proof.attest.soak import Soak, soak
 from warp_bounding.proof.attest.statistics import attempt_confidence, attest, fn_rate_bound, fresh_seed, try_positives
 from warp_bounding.proof.cascade import cascade
 from warp_bounding.proof.certify import certify
-from warp_bounding.proof.least import charted, least_value, positive_boxes
+from warp_bounding.proof.covers.base import positive_boxes
+from warp_bounding.proof.least import charted, least_value
 from warp_bounding.proof.prove import provable, prove, settle
 from warp_bounding.proof.search.best_first import Search, minimum
 from warp_bounding.proof.segments import clear_segments

@@ -17,14 +17,13 @@ from warp_bounding.bounders.load import bounder_of
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.document import conjunction, document
 from warp_bounding.errors import BounderError, BoundingError
-from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.attest.statistics import CONFIDENCE, POSITIVES, fn_rate_bound, fresh_seed, try_positives
+from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.covers.monotone_box import of_points
 from warp_bounding.proof.covers.plane import SupportGap
-from warp_bounding.proof.covers.ray import CELLS, single_faces
 from warp_bounding.proof.least import charted
-from warp_bounding.proof.prove import mismatch, outside, provable
+from warp_bounding.proof.prove import as_fitted, mismatch, outside, provable
 from warp_bounding.proof.search.best_first import halve, minimum
 from warp_bounding.proof.search.depth_first import Charted
 from warp_bounding.queries import QUERIES, oracle
@@ -47,6 +46,15 @@ class _Checked(NamedTuple):
     boxes: int
     suspects: np.ndarray | None = None
     complete: bool = True
+
+
+class _Failed(NamedTuple):
+    """Of the boxes that do not reach the target: low points and f there, middles, and which of the given boxes they are parts of."""
+
+    point: np.ndarray
+    value: np.ndarray
+    center: np.ndarray
+    owner: np.ndarray
 
 
 def certify(
@@ -87,7 +95,7 @@ def certify(
     expected = {"query": query} | {name: _exactly(name, value) for name, value in numbers.items()}
     other = _other_claim(bounder, expected)
     try:
-        grid = _as_grid(bounder, shape)
+        grid = as_fitted(bounder, shape)
     except BoundingError as error:
         return _inapplicable(bounder, shape, other or str(error))
     reason = other or mismatch(bounder, grid) or bounder.domain.fault()
@@ -141,11 +149,11 @@ def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress) ->
 
     beyond = outside(bounder, grid)
     if len(beyond):
-        point = _denied(bounder, grid, grid.position(beyond)) if bounder.query_kind == "point" else None
+        point = _denied(bounder, grid, grid.position(beyond)) if not QUERIES[bounder.query_kind].is_region else None
         text = "the shape reaches outside the domain that the bounder was made for"
         return result("refuted" if point is not None else "undecided", text, threshold, point)
     checked = of_points(bounder)
-    if bounder.query_kind != "point" and checked is bounder:
+    if QUERIES[bounder.query_kind].is_region and checked is bounder:
         return _certify_regions(bounder, grid, target, seconds, result, progress)
     for start in range(0, len(cells), CHUNK):
         part = _check_cells(checked, grid, target, started + seconds, cells[start : start + CHUNK])
@@ -230,34 +238,18 @@ def _check_normals(bounder: Bounder, grid: IndicatorGrid, target: float, seconds
 def _check_charted(
     bounder: Bounder, grid: IndicatorGrid, cover: Charted, target: float, seconds: float, progress
 ) -> _Checked:
-    """Rays and boxes of a network."""
-    deadline = working_seconds() + seconds
-    sets = single_faces(bounder, grid) if bounder.query_kind == "ray" else [(cover.lower, cover.upper)]
-    least, boxes = np.inf, 0
-    for index, (lower, upper) in enumerate(sets):
-        stack = [(lower, upper)]
-        while stack:  # newest first: memory grows with depth only
-            lower, upper = stack.pop()
-            if len(lower) > CHUNK:
-                stack += [(lower[part], upper[part]) for part in (slice(CHUNK, None), slice(CHUNK))]
-                continue
-            bounds = cover.bound(lower, upper)
-            boxes += len(lower)
-            low = ~(bounds.lower >= target)
-            least = min(least, float(bounds.lower[~low].min(initial=np.inf)))
-            if not low.any():
-                continue
-            corners = bounds.boxes[low]
-            width = np.take_along_axis(corners[:, 1] - corners[:, 0], bounds.axis[low, None].astype(np.int64), 1)
-            if (bounds.value[low] < target).any() or width.min() < NARROWEST:
-                lowest = np.argsort(bounds.value[low])[:SUSPECTS]
-                suspects = cover.coordinates(bounds.point[low][lowest])
-                return _Checked(float(bounds.lower[low].min()), boxes, suspects)
-            if working_seconds() > deadline:
-                return _Checked(float(bounds.lower[low].min()), boxes, complete=False)
-            stack.append(halve(corners[:, 0], corners[:, 1], bounds.axis[low]))
-        if progress and bounder.query_kind == "ray":
-            progress(min(index * CELLS // (1 + 2 * grid.ndim), len(grid.occupied)), len(grid.occupied))
+    """The positives of a network as boxes of a chart."""
+    deadline, least, boxes = working_seconds() + seconds, np.inf, 0
+    for lower, upper, done in COVERS[bounder.query_kind].anew(bounder, grid, cover):
+        part, failed = _check(cover, lower, upper, target, deadline)
+        least, boxes = min(least, part.least), boxes + part.boxes
+        if failed is not None:
+            lowest = np.argsort(failed.value)[:SUSPECTS]
+            return _Checked(part.least, boxes, cover.coordinates(failed.point[lowest]))
+        if not part.complete:
+            return part._replace(boxes=boxes)
+        if progress:
+            progress(done, len(grid.occupied))
     return _Checked(least, boxes)
 
 
@@ -278,43 +270,50 @@ def _denied_region(bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.n
 def _check_cells(bounder: Bounder, grid: IndicatorGrid, target: float, deadline: float, cells: np.ndarray) -> _Checked:
     """Check ``f >= target`` over all that the pipeline can make of the points of some cells."""
     first, last = grid.position(cells - 0.5), grid.position(cells + 0.5)
-    low, high = bounder.domain.widened(first, last)
-    stack, least, boxes = [(low, high, np.arange(len(cells)))], np.inf, 0
-    while stack:  # in chunks, so that memory grows with depth, not with the number of boxes
-        low, high, owner = stack.pop()
-        if len(low) > CHUNK:
-            stack += [(low[part], high[part], owner[part]) for part in (slice(CHUNK, None), slice(CHUNK))]
+    checked, failed = _check(bounder, *bounder.domain.widened(first, last), target, deadline)
+    if failed is None:
+        return checked
+    suspects, cell = np.concatenate([failed.point, failed.center]), np.tile(failed.owner, 2)
+    lowest = np.argsort(bounder.reference(suspects))[:SUSPECTS]
+    suspects, cell = suspects[lowest], cell[lowest]
+    inside = np.clip(bounder.domain.to_object(suspects), first[cell], last[cell])  # P_delta is a little wider
+    inner = inside + PULL * ((first[cell] + last[cell]) / 2 - inside)  # a corner's float32 neighbour may lie outside
+    return checked._replace(suspects=np.concatenate([inside, inner]))
+
+
+def _check(
+    f, lower: np.ndarray, upper: np.ndarray, target: float, deadline: float
+) -> tuple[_Checked, "_Failed | None"]:
+    """Halve boxes until ``f >= target`` on all, or a point shows that it is not, or a box is too narrow, or time is over.
+
+    Args:
+        f: What has ``bound``.
+        lower: ``(N, Z)`` float64.
+        upper: ``(N, Z)`` float64.
+        target: Of the bounds.
+        deadline: On the clock ``working_seconds``.
+    """
+    stack, least, boxes = [(lower, upper, np.arange(len(lower)))], np.inf, 0
+    while stack:  # newest first, in chunks: memory grows with depth, not with the number of boxes
+        lower, upper, owner = stack.pop()
+        if len(lower) > CHUNK:
+            stack += [(lower[part], upper[part], owner[part]) for part in (slice(CHUNK, None), slice(CHUNK))]
             continue
-        bounds = bounder.bound(low, high)
-        boxes += len(low)
-        proven = bounds.lower >= target
-        least = min(least, float(bounds.lower[proven].min(initial=np.inf)))
-        low, high, owner, failed = low[~proven], high[~proven], owner[~proven], bounds.lower[~proven]
-        if not len(low):
+        bounds = f.bound(lower, upper)
+        boxes += len(lower)
+        low = ~(bounds.lower >= target)
+        least = min(least, float(bounds.lower[~low].min(initial=np.inf)))
+        if not low.any():
             continue
-        below = bounds.value[~proven] < target
-        if below.any() or (high - low).max(axis=1).min() < NARROWEST:
-            suspects, cell = np.concatenate([bounds.point[~proven], (low + high) / 2]), np.tile(owner, 2)
-            lowest = np.argsort(bounder.reference(suspects))[:SUSPECTS]
-            suspects, cell = suspects[lowest], cell[lowest]
-            inside = np.clip(bounder.domain.to_object(suspects), first[cell], last[cell])  # P_delta is a little wider
-            inner = inside + PULL * (
-                (first[cell] + last[cell]) / 2 - inside
-            )  # a corner's float32 neighbour may lie outside
-            inside = np.concatenate([inside, inner])
-            return _Checked(float(failed.min()), boxes, inside)
+        lower, upper = (lower[low], upper[low]) if bounds.boxes is None else bounds.boxes[low].swapaxes(0, 1)
+        axis, owner, lowest = bounds.axis[low], owner[low], float(bounds.lower[low].min())
+        width = np.take_along_axis(upper - lower, axis[:, None].astype(np.int64), axis=1)
+        if (bounds.value[low] < target).any() or width.min() < NARROWEST:
+            return _Checked(lowest, boxes), _Failed(bounds.point[low], bounds.value[low], (lower + upper) / 2, owner)
         if working_seconds() > deadline:
-            return _Checked(float(failed.min()), boxes, complete=False)
-        low, high = halve(low, high, bounds.axis[~proven])
-        stack.append((low, high, np.tile(owner, 2)))
-    return _Checked(least, boxes)
-
-
-def _as_grid(bounder: Bounder, shape) -> IndicatorGrid:
-    """The shape's cells, made as they were for the fit."""
-    shape, margin = load_indicator(shape), bounder.info.get("margin") or 0.0
-    resolution = None if isinstance(shape, IndicatorGrid) else bounder.info.get("resolution")
-    return shape.to_grid(resolution=resolution, margin=margin)
+            return _Checked(lowest, boxes, complete=False), None
+        stack.append((*halve(lower, upper, axis), np.tile(owner, 2)))
+    return _Checked(least, boxes), None
 
 
 def _denied(bounder: Bounder, grid: IndicatorGrid, x: np.ndarray) -> np.ndarray | None:
@@ -326,7 +325,7 @@ def _denied(bounder: Bounder, grid: IndicatorGrid, x: np.ndarray) -> np.ndarray 
     x = x[grid.contains(x)]
     if not len(x):
         return None
-    x = x if bounder.query_kind == "point" else np.concatenate([x, x], axis=1)
+    x = COVERS[bounder.query_kind].at_points(x, bounder.domain)
     missed = np.flatnonzero(bounder.query(x).numpy() == 0)
     return x[missed[0]] if len(missed) else None
 

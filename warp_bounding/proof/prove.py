@@ -13,12 +13,13 @@ from warp_bounding.bounders.base import Bounder
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.document import document
 from warp_bounding.errors import BounderError
+from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.least import least_value
 from warp_bounding.proof.search.best_first import Search
 from warp_bounding.queries import QUERIES
 
-__all__ = ["mismatch", "outside", "provable", "prove", "settle"]
+__all__ = ["as_fitted", "mismatch", "other_dimension", "outside", "provable", "prove", "settle"]
 
 
 def provable(bounder: Bounder) -> bool:
@@ -61,7 +62,7 @@ def prove(
         )
     if not provable(bounder):
         raise BounderError(f"{bounder.method}: {bounder.query_kind} queries of networks like this one have no proof")
-    if len(bounder.parts) > 1 and bounder.query_kind != "point":
+    if len(bounder.parts) > 1 and QUERIES[bounder.query_kind].is_region:
         raise BounderError(f"{bounder.method}: {bounder.query_kind} queries are proven part by part, see Bounder.parts")
     search = least_value(bounder, grid, eps=eps, seconds=seconds, boxes=boxes, points=points, progress=progress)
     settle(bounder, grid, search)
@@ -94,13 +95,30 @@ def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate
     return certificate
 
 
+def as_fitted(bounder: Bounder, shape) -> IndicatorGrid:
+    """A shape's cells, made as they were for the fit: with the bounder's own resolution and margin.
+
+    Args:
+        bounder: Any.
+        shape: Anything that ``load_indicator`` takes.
+    """
+    shape = load_indicator(shape)
+    resolution = None if isinstance(shape, IndicatorGrid) else bounder.info.get("resolution")
+    return shape.to_grid(resolution=resolution, margin=bounder.info.get("margin") or 0.0)
+
+
+def other_dimension(bounder: Bounder, grid: IndicatorGrid) -> str | None:
+    """How a grid's dimension, or its having a time, differs from the bounder's; ``None`` where it does not."""
+    sides = ((grid.ndim, grid.time), (bounder.ndim, bounder.domain.time))
+    kinds = [f"{n}D" + (", animated" if t else "") for n, t in sides]
+    return None if sides[0] == sides[1] else f"the shape is {kinds[0]}, the bounder {kinds[1]}"
+
+
 def mismatch(bounder: Bounder, grid: IndicatorGrid) -> str | None:
     """Why a grid's points cannot be this bounder's queries, or ``None``."""
     domain = bounder.domain.base
-    if grid.ndim != bounder.ndim or grid.time != bounder.domain.time:
-        sides = ((grid.ndim, grid.time), (bounder.ndim, bounder.domain.time))
-        kinds = [f"{n}D" + (", animated" if t else "") for n, t in sides]
-        return f"the shape is {kinds[0]}, the bounder {kinds[1]}"
+    if other := other_dimension(bounder, grid):
+        return other
     if grid.time and (domain.lower[0] < grid.lower[0] or domain.upper[0] > grid.upper[0]):
         known, asked = (
             f"{a[0]:.7g} to {b[0]:.7g}" for a, b in ((grid.lower, grid.upper), (domain.lower, domain.upper))

@@ -45,7 +45,7 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
     """
     if (
         not isinstance(bounder, Bounder)
-        or bounder.query_kind != "point"
+        or bounder.domain is not bounder.domain.base
         or not isinstance(bounder, Mlp)
         or bounder.domain.time
     ):

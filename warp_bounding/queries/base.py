@@ -92,6 +92,10 @@ class Query(ABC):
             ``(N, m)`` float64; rounding may move some off the object.
         """
 
+    @abstractmethod
+    def nudged(self, grid: IndicatorGrid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
+        """Queries ``(N, m)`` float64 near others ``x``: points move by shares ``move`` of the domain and stay in it, directions turn."""
+
     def hulls(self, grid: IndicatorGrid) -> list[np.ndarray]:
         """For each connected component ``(V, 2 n)`` hull corners and cells that ``hard_draw`` reads; one row of zeros where it does not."""
         return [np.zeros((1, 2 * grid.ndim))]

@@ -14,6 +14,7 @@ from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries.base import Query
 from warp_bounding.queries.directions import NARROW
 from warp_bounding.queries.exact import ExactOracle, any_occupied, oracle_kernel, rational_map
+from warp_bounding.queries.point import nudged_points
 
 __all__ = ["BOX", "BoxOracle", "box_truth", "sample_boxes"]
 
@@ -180,6 +181,11 @@ for (int k = 0; k < N; ++k) {  // the point, which lies inside its cell, lies in
                 share = np.where(kind > 1 - BEYOND, np.exp2(rng.uniform(0, 10, p.shape)), share)
             corners.append(p + share * (end - p))
         return np.concatenate(corners, axis=1)
+
+    def nudged(self, grid: IndicatorGrid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
+        n = grid.ndim
+        ends = [nudged_points(grid, x[:, part], move[:, part]) for part in (slice(n), slice(n, None))]
+        return np.concatenate([np.minimum(*ends), np.maximum(*ends)], axis=1)
 
 
 BOX = BoxQuery()

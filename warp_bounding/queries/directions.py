@@ -7,7 +7,7 @@ before it. One dimension has the two directions +1 and -1.
 
 import numpy as np
 
-__all__ = ["HARD_DIRECTION", "NARROW", "hard_directions", "hard_lengths", "sample_directions"]
+__all__ = ["HARD_DIRECTION", "NARROW", "hard_directions", "hard_lengths", "nudged_directions", "sample_directions"]
 
 NARROW = 1e-3  # the largest size that "barely" means: of the domain, or of an entry of a direction of length 1
 SCALED = 0.2  # share of directions whose length is not 1
@@ -64,3 +64,9 @@ def hard_directions(shape: tuple[int, int], rng: np.random.Generator) -> np.ndar
 def hard_lengths(count: int, rng: np.random.Generator) -> np.ndarray:
     """``(count, 1)``, what unit directions are multiplied with: bounders take any length."""
     return np.where(rng.random((count, 1)) < SCALED, np.exp2(rng.uniform(-12, 12, (count, 1))), 1.0)
+
+
+def nudged_directions(d: np.ndarray, move: np.ndarray) -> np.ndarray:
+    """Directions of length 1 near others ``(N, n)``, after a step ``(N, n)`` on the sphere."""
+    d = d / np.linalg.norm(d, axis=1, keepdims=True) + move
+    return d / np.linalg.norm(d, axis=1, keepdims=True)

@@ -17,7 +17,13 @@ import warp as wp
 from warp_bounding.geometry.hull import components
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries.base import Query
-from warp_bounding.queries.directions import HARD_DIRECTION, hard_directions, hard_lengths, sample_directions
+from warp_bounding.queries.directions import (
+    HARD_DIRECTION,
+    hard_directions,
+    hard_lengths,
+    nudged_directions,
+    sample_directions,
+)
 from warp_bounding.queries.exact import (
     RELATIVE_ERROR,
     ExactOracle,
@@ -26,7 +32,7 @@ from warp_bounding.queries.exact import (
     oracle_kernel,
     rational_map,
 )
-from warp_bounding.queries.point import sample_points
+from warp_bounding.queries.point import nudged_points, sample_points
 
 __all__ = ["PLANE", "PlaneOracle", "plane_truth", "sample_planes"]
 
@@ -293,6 +299,11 @@ sure = below && above;
                 cells[there] = neighbour[there]
             found.append(np.concatenate([corners - 0.5, cells], axis=1).astype(np.float64))
         return found
+
+    def nudged(self, grid: IndicatorGrid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
+        n = grid.ndim
+        parts = [nudged_directions(x[:, :n], move[:, :n]), nudged_points(grid, x[:, n:], move[:, n:])]
+        return np.concatenate(parts, axis=1)
 
 
 PLANE = PlaneQuery()

@@ -13,7 +13,7 @@ from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries.base import Query
 from warp_bounding.queries.exact import ExactOracle, any_occupied, oracle_kernel, rational_map
 
-__all__ = ["POINT", "PointOracle", "point_truth", "sample_points"]
+__all__ = ["POINT", "PointOracle", "nudged_points", "point_truth", "sample_points"]
 
 
 def sample_points(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -29,6 +29,11 @@ def sample_points(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> 
     """
     u = rng.random((count, grid.ndim), dtype=np.float32)
     return (grid.sample_lower + u * (grid.sample_upper - grid.sample_lower)).astype(np.float32)
+
+
+def nudged_points(grid: IndicatorGrid, p: np.ndarray, move: np.ndarray) -> np.ndarray:
+    """Points moved by shares ``(N, n)`` of the domain, and not out of it."""
+    return np.clip(p + move * (grid.upper - grid.lower), grid.lower, grid.upper)
 
 
 def point_truth(grid: IndicatorGrid, x: np.ndarray) -> np.ndarray:
@@ -99,6 +104,7 @@ class PointQuery(Query):
     name = "point"
     is_region = False
     sample = staticmethod(sample_points)
+    nudged = staticmethod(nudged_points)
     every = "every point of the domain"
     hard_positives = "points of its cells, mostly on faces, edges and corners of boundary cells"
     hard_draw = "for (int k = 0; k < N; ++k) a[k] = p[k];"

@@ -18,7 +18,13 @@ import warp as wp
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries.base import Query
-from warp_bounding.queries.directions import HARD_DIRECTION, hard_directions, hard_lengths, sample_directions
+from warp_bounding.queries.directions import (
+    HARD_DIRECTION,
+    hard_directions,
+    hard_lengths,
+    nudged_directions,
+    sample_directions,
+)
 from warp_bounding.queries.exact import (
     RELATIVE_ERROR,
     ExactOracle,
@@ -27,7 +33,7 @@ from warp_bounding.queries.exact import (
     oracle_kernel,
     rational_map,
 )
-from warp_bounding.queries.point import sample_points
+from warp_bounding.queries.point import nudged_points, sample_points
 
 __all__ = ["RAY", "RayOracle", "empty_distance", "ray_truth", "sample_rays"]
 
@@ -326,6 +332,11 @@ sure &= begin_ <= end_;
         if outside:
             stays |= rng.random((len(p), 1)) < FROM_OUTSIDE
         return np.concatenate([np.where(stays, origin, p), d * hard_lengths(len(p), rng)], axis=1)
+
+    def nudged(self, grid: IndicatorGrid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
+        n = grid.ndim
+        parts = [nudged_points(grid, x[:, :n], move[:, :n]), nudged_directions(x[:, n:], move[:, n:])]
+        return np.concatenate(parts, axis=1)
 
 
 RAY = RayQuery()

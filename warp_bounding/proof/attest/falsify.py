@@ -10,10 +10,9 @@ of the bounder at that threshold. What is not found proves nothing.
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
-from warp_bounding.errors import BounderError
-from warp_bounding.geometry.hull import hull_corners
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.queries import oracle
+from warp_bounding.proof.covers import COVERS
+from warp_bounding.queries import QUERIES, oracle
 
 __all__ = ["Walk", "queries_at"]
 
@@ -22,7 +21,6 @@ JITTERS = (0.0, 1e-7, 1e-6, 1e-6, 1e-5, 1e-5, 1e-4, 1e-4, 1e-3, 1e-3, 1e-2)  # o
 ROUNDS, RENEWED = 240, 24  # steps, and after how many the lower half takes the place of the upper one
 LONGEST, SHORTEST, FRESH = 0.05, 1e-7, 3e-3  # steps, of the domain
 GROWTH, SHRINK = 1.6, 0.75  # of a step's length, after a success and after a failure
-CORNERS_AT_A_TIME = 256  # normals against all corners
 
 
 class Walk:
@@ -85,24 +83,9 @@ class Walk:
 
     def _moved(self, x: np.ndarray, steps: np.ndarray) -> np.ndarray:
         """Each query moved by about its step, some numbers of it only; still a query of its kind, as float32."""
-        rng, grid, n = self._rng, self.grid, self.grid.ndim
         x = np.asarray(x, dtype=np.float64)
-        move = rng.normal(size=x.shape) * steps[:, None] * (rng.random(x.shape) < 0.6)
-        size = grid.upper - grid.lower
-        places = {"point": (True,), "ray": (True, False), "plane": (False, True), "box": (True, True)}[self.query]
-        parts = []
-        for start, place in zip(range(0, x.shape[1], n), places, strict=True):
-            part = x[:, start : start + n]
-            if place:
-                part = np.clip(part + move[:, start : start + n] * size, grid.lower, grid.upper)
-            else:
-                length = np.linalg.norm(part, axis=1, keepdims=True)
-                part = part / length + move[:, start : start + n]
-                part = part / np.linalg.norm(part, axis=1, keepdims=True)
-            parts.append(part)
-        if self.query == "box":
-            parts = [np.minimum(*parts), np.maximum(*parts)]
-        return np.concatenate(parts, axis=1).astype(np.float32)
+        move = self._rng.normal(size=x.shape) * steps[:, None] * (self._rng.random(x.shape) < 0.6)
+        return QUERIES[self.query].nudged(self.grid, x, move).astype(np.float32)
 
 
 def queries_at(bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray:
@@ -117,27 +100,4 @@ def queries_at(bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarr
     Raises:
         BounderError: If these are other numbers.
     """
-    kind, n, count = bounder.query_kind, grid.ndim, v.shape[1]
-    if kind == "plane" and count == n:
-        v = _touching(bounder, grid, v)
-    elif kind == "box" and count == n:
-        v = np.concatenate([v, v], axis=1)
-    elif kind == "ray" and count == 2 * n + 1:
-        m = v[:, n + 1 :]
-        w = m / np.linalg.norm(m, axis=1, keepdims=True) * bounder.domain.stretch.astype(np.float64)
-        v = np.concatenate([v[:, :n] - v[:, n : n + 1] * w, w], axis=1)
-    elif count != bounder.domain.ndim:
-        raise BounderError(f"{kind} queries of {n}D objects have {bounder.domain.ndim} coordinates, got {count}")
-    return bounder.domain.to_object(v)
-
-
-def _touching(bounder: Bounder, grid: IndicatorGrid, normals: np.ndarray) -> np.ndarray:
-    """Both planes ``(m, c)`` of each normal that touch the object's convex hull."""
-    corners = bounder.domain.base.to_local(grid.position(hull_corners(grid.occupied) - 0.5))
-    least, most = [], []
-    for start in range(0, len(normals), CORNERS_AT_A_TIME):
-        along = normals[start : start + CORNERS_AT_A_TIME] @ corners.T
-        least.append(along.min(axis=1))
-        most.append(along.max(axis=1))
-    ends = [np.concatenate(least)[:, None], np.concatenate(most)[:, None]]
-    return np.concatenate([np.concatenate([normals, end], axis=1) for end in ends])
+    return bounder.domain.to_object(COVERS[bounder.query_kind].coordinates(bounder, grid, v))

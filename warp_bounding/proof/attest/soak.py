@@ -22,9 +22,9 @@ import numpy as np
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.load import bounder_of
 from warp_bounding.errors import BounderError, FileFormatError, QueryError
-from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.attest.statistics import fresh_seed
+from warp_bounding.proof.prove import as_fitted, other_dimension
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.hard import FORMS, HardPositives, World
 from warp_bounding.runtime.whole_file import check_writable, write_whole
@@ -96,14 +96,9 @@ def soak_grid(bounder: Bounder, shape) -> IndicatorGrid:
     Raises:
         QueryError: If the shape is of another dimension, or animated where the bounded one is not.
     """
-    shape = load_indicator(shape)
-    resolution = None if isinstance(shape, IndicatorGrid) else bounder.info.get("resolution")
-    grid = shape.to_grid(resolution=resolution, margin=bounder.info.get("margin") or 0.0)
-    if (grid.ndim, grid.time) != (bounder.ndim, bounder.domain.time):
-        kinds = [
-            f"{n}D{', animated' if t else ''}" for n, t in ((grid.ndim, grid.time), (bounder.ndim, bounder.domain.time))
-        ]
-        raise QueryError(f"the shape is {kinds[0]}, the bounder {kinds[1]}")
+    grid = as_fitted(bounder, shape)
+    if other := other_dimension(bounder, grid):
+        raise QueryError(other)
     return grid
 
 

@@ -12,12 +12,14 @@ from itertools import pairwise
 import numpy as np
 
 from warp_bounding.arithmetic import UNIT64, gamma
-from warp_bounding.bounders.base import BoxBounds
+from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.coordinates.domain import Domain
 from warp_bounding.geometry.hull import hull_corners
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.proof.covers.base import Cover
 
-__all__ = ["SupportGap"]
+__all__ = ["PLANE", "SupportGap"]
 
 AT_A_TIME = 2048  # boxes against all corners
 FIRST = 4  # boxes along each axis of a cube's face to begin with
@@ -34,7 +36,7 @@ class SupportGap:
     def __init__(self, bounder: Mlp, grid: IndicatorGrid):
         self.networks, self.ndim = bounder.networks, grid.ndim
         base = bounder.domain.base
-        corners = base.to_local(grid.position(hull_corners(grid.occupied) - 0.5))
+        corners = hull_points(base, grid)
         # How far the computed plane may pass a point of the object, in c; and what float64 rounds below.
         self.room = float(bounder.domain.delta[-1]) * (1 + 1e-9) + 1e-12 * (1 + np.abs(corners).max())
         self.corners = [corners, -corners]
@@ -51,9 +53,8 @@ class SupportGap:
         return np.concatenate(lower), np.concatenate(upper)
 
     def touching(self, m: np.ndarray) -> np.ndarray:
-        """Coordinates ``v = (m, c)`` of the planes with normals ``(N, n)`` that touch the object's hull on either side, ``(2 N, n + 1)``."""
-        ends = m @ self.corners[0].T
-        return np.concatenate([np.column_stack([m, ends.max(axis=1)]), np.column_stack([m, ends.min(axis=1)])])
+        """Coordinates of the planes with normals ``(N, n)`` that touch the object's hull."""
+        return touching(self.corners[0], m)
 
     def reference(self, m: np.ndarray) -> np.ndarray:
         """The gap at normals ``(N, n)``, ``(N,)`` float64."""
@@ -89,3 +90,34 @@ class SupportGap:
                 point[part] = np.where(lower_yet[:, None], towards, point[part])
                 least[part] = np.where(lower_yet, bound, least[part])
         return BoxBounds(least, np.argmax(radius, axis=1), point, self.reference(point))
+
+
+class PlaneCover(Cover):
+    """Planes; see ``Cover``."""
+
+    name = "plane"
+
+    def best_first(self, bounder: Mlp, grid: IndicatorGrid) -> tuple:
+        gap = SupportGap(bounder, grid)
+        return gap, *gap.boxes()
+
+    def coordinates(self, bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray:
+        """See ``Cover``; normals become the planes that touch the object."""
+        if v.shape[1] != grid.ndim:
+            return super().coordinates(bounder, grid, v)
+        return touching(hull_points(bounder.domain.base, grid), v)
+
+
+def hull_points(base: Domain, grid: IndicatorGrid) -> np.ndarray:
+    """``(C, n)`` float64, local space: points of the object among which are all vertices of its hull."""
+    return base.to_local(grid.position(hull_corners(grid.occupied) - 0.5))
+
+
+def touching(corners: np.ndarray, m: np.ndarray) -> np.ndarray:
+    """Coordinates ``v = (m, c)`` of the planes with normals ``(N, n)`` that touch a hull on either side, ``(2 N, n + 1)``."""
+    ends = [m[i : i + AT_A_TIME] @ corners.T for i in range(0, len(m), AT_A_TIME)]
+    most, least = (np.concatenate([getattr(end, side)(axis=1) for end in ends]) for side in ("max", "min"))
+    return np.concatenate([np.column_stack([m, most]), np.column_stack([m, least])])
+
+
+PLANE = PlaneCover()

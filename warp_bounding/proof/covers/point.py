@@ -3,22 +3,27 @@
 import numpy as np
 
 from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.indicators.blocks import full_blocks
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.networks.charts.base import PlainChart
+from warp_bounding.proof.covers.base import Cover, positive_boxes
 from warp_bounding.proof.search.depth_first import Charted
 
-__all__ = ["charted_points"]
+__all__ = ["POINT"]
 
 
-def charted_points(bounder: Mlp, grid: IndicatorGrid) -> Charted:
-    """The object's points, for a network of point queries.
+class PointCover(Cover):
+    """Points; see ``Cover``."""
 
-    Args:
-        bounder: Its domain holds the object.
-        grid: The object.
-    """
-    first, last = full_blocks(grid)
-    lower, upper = bounder.domain.widened(grid.position(first - 0.5), grid.position(last - 0.5))
-    limit = bounder.domain.limit.astype(np.float64)
-    return Charted(bounder.network, PlainChart(grid.ndim), lower, upper, np.zeros(1), limit)
+    name = "point"
+
+    def charted(self, bounder: Mlp, grid: IndicatorGrid) -> Charted:
+        limit = bounder.domain.limit.astype(np.float64)
+        return Charted(bounder.network, PlainChart(grid.ndim), *positive_boxes(bounder, grid), np.zeros(1), limit)
+
+    def at_points(self, p: np.ndarray, domain: Domain | RegionDomain) -> np.ndarray:
+        return p
+
+
+POINT = PointCover()

@@ -12,42 +12,19 @@ from collections.abc import Iterator
 import numpy as np
 
 from warp_bounding.arithmetic import UNIT64, gamma
+from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators.blocks import blocks_of, full_blocks
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.networks.charts.ray import RayChart
+from warp_bounding.proof.covers.base import Cover
 from warp_bounding.proof.search.depth_first import Charted
 
-__all__ = ["charted_rays", "single_faces"]
+__all__ = ["RAY", "single_faces"]
 
 CELLS = 256  # at a time, of those that are taken one by one
-
-
-def charted_rays(bounder: Mlp, grid: IndicatorGrid) -> Charted:
-    """The rays that meet an object, for a network of ray queries.
-
-    Args:
-        bounder: Its domain holds the object.
-        grid: The object.
-    """
-    n, domain = grid.ndim, bounder.domain
-    local = domain.base.to_local
-    first, last = full_blocks(grid)
-    boxes = [_boxes(domain, grid, first - 0.5, last - 0.5, 0.0, _directions(n))]
-    for axis in range(n):
-        for sign in (1, -1):
-            first, last = blocks_of(_exposed(grid.occupancy, axis, sign), flat=axis)
-            first, last = first - 0.5, last - 0.5
-            (first if sign > 0 else last)[:, axis] = (last if sign > 0 else first)[:, axis]
-            boxes.append(_boxes(domain, grid, first, last, 1.0, _directions(n, axis, -sign)))
-    lower, upper = (np.concatenate(side) for side in zip(*boxes, strict=True))
-    stretch, base = domain.stretch.astype(np.float64), domain.base
-    limit = base.limit.astype(np.float64)
-    slop = gamma(128, UNIT64) * (limit + 2 * stretch)
-    numbers = [stretch, limit, local(grid.lower), local(grid.upper), *np.split(domain.delta, 2), slop]
-    reach = np.concatenate([limit + 2 * stretch, stretch * (1 + 1e-3)])
-    return Charted(bounder.network, RayChart(2 * n), lower, upper, np.concatenate(numbers), reach)
 
 
 def single_faces(bounder: Mlp, grid: IndicatorGrid) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -118,3 +95,49 @@ def _directions(n: int, axis: int | None = None, sign: int = 1) -> tuple[np.ndar
             lower.append(low)
             upper.append(high)
     return np.array(lower), np.array(upper)
+
+
+class RayCover(Cover):
+    """Rays; see ``Cover``."""
+
+    name = "ray"
+
+    def charted(self, bounder: Mlp, grid: IndicatorGrid) -> Charted:
+        n, domain = grid.ndim, bounder.domain
+        local = domain.base.to_local
+        first, last = full_blocks(grid)
+        boxes = [_boxes(domain, grid, first - 0.5, last - 0.5, 0.0, _directions(n))]
+        for axis in range(n):
+            for sign in (1, -1):
+                first, last = blocks_of(_exposed(grid.occupancy, axis, sign), flat=axis)
+                first, last = first - 0.5, last - 0.5
+                (first if sign > 0 else last)[:, axis] = (last if sign > 0 else first)[:, axis]
+                boxes.append(_boxes(domain, grid, first, last, 1.0, _directions(n, axis, -sign)))
+        lower, upper = (np.concatenate(side) for side in zip(*boxes, strict=True))
+        stretch, base = domain.stretch.astype(np.float64), domain.base
+        limit = base.limit.astype(np.float64)
+        slop = gamma(128, UNIT64) * (limit + 2 * stretch)
+        numbers = [stretch, limit, local(grid.lower), local(grid.upper), *np.split(domain.delta, 2), slop]
+        reach = np.concatenate([limit + 2 * stretch, stretch * (1 + 1e-3)])
+        return Charted(bounder.network, RayChart(2 * n), lower, upper, np.concatenate(numbers), reach)
+
+    def anew(self, bounder: Mlp, grid: IndicatorGrid, cover: Charted) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
+        sets = 1 + 2 * grid.ndim  # the cells of a part, and their faces on each side
+        for index, (lower, upper) in enumerate(single_faces(bounder, grid)):
+            yield lower, upper, min((index + 1) * CELLS // sets, len(grid.occupied))
+
+    def at_points(self, p: np.ndarray, domain: Domain | RegionDomain) -> np.ndarray:
+        n = p.shape[1]
+        return np.concatenate([p, np.eye(n)[np.arange(len(p)) % n] * domain.stretch.astype(np.float64)], axis=1)
+
+    def coordinates(self, bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray:
+        """See ``Cover``; numbers ``(p, t, m)`` of the chart are the ray with ``p = a + t w`` and a direction m of any length."""
+        n = grid.ndim
+        if v.shape[1] != 2 * n + 1:
+            return super().coordinates(bounder, grid, v)
+        m = v[:, n + 1 :]
+        w = m / np.linalg.norm(m, axis=1, keepdims=True) * bounder.domain.stretch.astype(np.float64)
+        return np.concatenate([v[:, :n] - v[:, n : n + 1] * w, w], axis=1)
+
+
+RAY = RayCover()

@@ -1,0 +1,70 @@
+"""What a kind of query is to the proofs: boxes that cover its positives, and how their numbers become queries again."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators.blocks import full_blocks
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.proof.covers.monotone_box import LeastBox, of_points
+from warp_bounding.proof.search.depth_first import Charted
+
+__all__ = ["Cover", "positive_boxes"]
+
+
+class Cover:
+    """The cover of a kind of query; an object a kind, found under its name in ``covers.COVERS``."""
+
+    name: str
+
+    def charted(self, bounder: Mlp, grid: IndicatorGrid) -> Charted | None:
+        """The positives of a network as boxes of a chart, to be searched depth first; ``None`` where they are searched otherwise.
+
+        Args:
+            bounder: Its domain holds the object.
+            grid: The object.
+
+        Raises:
+            BounderError: If the bounds' own arithmetic cannot be certified so far beyond the domain.
+        """
+        return None
+
+    def best_first(self, bounder: Bounder, grid: IndicatorGrid) -> tuple:
+        """What ``minimum`` searches where there is no chart: a function with ``bound`` and ``reference``, lower and upper corners."""
+        f = of_points(bounder)
+        return f, *positive_boxes(f, grid)
+
+    def anew(self, bounder: Mlp, grid: IndicatorGrid, cover: Charted) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
+        """The charted positives for those who prove anew: lower and upper corners, some at a time, and how many cells are then done."""
+        yield cover.lower, cover.upper, len(grid.occupied)
+
+    def at_points(self, p: np.ndarray, domain: Domain | RegionDomain) -> np.ndarray:
+        """Queries that pass points ``(N, n)`` of the object, in the points' own space, local or the object's."""
+        raise NotImplementedError(self.name)
+
+    def coordinates(self, bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray:
+        """Coordinates of the domain of what a search has found, ``(N, Z)`` numbers of whatever it searched.
+
+        Raises:
+            BounderError: If these are other numbers.
+        """
+        if v.shape[1] != bounder.domain.ndim:
+            raise BounderError(
+                f"{self.name} queries of {grid.ndim}D objects have {bounder.domain.ndim} coordinates, got {v.shape[1]}"
+            )
+        return v
+
+
+def positive_boxes(bounder: Bounder | LeastBox, grid: IndicatorGrid) -> tuple[np.ndarray, np.ndarray]:
+    """P_delta as boxes of ``v``: one per cell for closed forms, few large ones where a search halves them itself.
+
+    Returns:
+        Lower and upper corners ``(N, n)`` float64.
+    """
+    first, last = (grid.occupied, grid.occupied + 1) if bounder.closed_form else full_blocks(grid)
+    return bounder.domain.widened(grid.position(first - 0.5), grid.position(last - 0.5))
