@@ -4,24 +4,66 @@ __all__ = ["BounderError", "BoundingError", "BoundingWarning", "FileFormatError"
 
 
 class BoundingError(ValueError):
-    """Base of all errors that bad input causes in this library."""
+    """Base of all errors that bad input causes in this library.
+
+    Example:
+        >>> try:
+        ...     wb.load_indicator("nothing.obj")
+        ... except wb.BoundingError as error:
+        ...     print(error)
+        nothing.obj: there is no such file
+    """
 
 
 class IndicatorError(BoundingError):
-    """A shape cannot be read, or there is nothing in it that can be bounded."""
+    """A shape cannot be read, or there is nothing in it that can be bounded.
+
+    Example:
+        >>> wb.load_indicator(np.zeros((4, 4), bool))
+        Traceback (most recent call last):
+        ...
+        warp_bounding.errors.IndicatorError: array: there is nothing to bound, all 16 cells are empty
+    """
 
 
 class QueryError(BoundingError):
-    """A query array, a transform or a scale does not fit the bounder that it is given to."""
+    """A query array, a transform or a scale does not fit the bounder that it is given to.
+
+    Example:
+        >>> bounder.query(np.zeros((5, 2), np.float32))
+        Traceback (most recent call last):
+        ...
+        warp_bounding.errors.QueryError: queries must have shape (N, 3), got (5, 2)
+    """
 
 
 class BounderError(BoundingError):
-    """A bounder cannot be built: unknown method, impossible size, non-finite weight."""
+    """A bounder cannot be built: unknown method, impossible size, non-finite weight.
+
+    Example:
+        >>> wb.fit(ball, method="aabb", k=14)
+        Traceback (most recent call last):
+        ...
+        warp_bounding.errors.BounderError: aabb takes no options of its own for point queries, got k
+    """
 
 
 class FileFormatError(BoundingError):
-    """A bounder file is damaged, truncated, foreign, edited or newer than this library."""
+    """A bounder file is damaged, truncated, foreign, edited or newer than this library.
+
+    Example:
+        >>> wb.load("nothing.safetensors")
+        Traceback (most recent call last):
+        ...
+        warp_bounding.errors.FileFormatError: nothing.safetensors: no such file
+    """
 
 
 class BoundingWarning(UserWarning):
-    """What was asked for was done, and is probably not what was wanted."""
+    """What was asked for was done, and is probably not what was wanted.
+
+    Example:
+        >>> import warnings
+        >>> warnings.simplefilter("error", wb.BoundingWarning)  # whoever wants none of it
+        >>> warnings.simplefilter("default", wb.BoundingWarning)
+    """

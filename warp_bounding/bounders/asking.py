@@ -73,12 +73,27 @@ class Asking(ABC):
 
         A name for it, ``test = bounder.func``, can be bound to another bounder's function before Warp builds the module; see
         ``point_func``.
+
+        Example:
+            >>> @wp.kernel
+            ... def ask(data: wb.Data, q: wp.array(dtype=wp.vec3), answers: wp.array(dtype=wp.bool)):
+            ...     i = wp.tid()
+            ...     answers[i] = wp.static(bounder.func)(data, q[i])
+            >>> q, answers = wp.array(points, dtype=wp.vec3, device="cpu"), wp.zeros(len(points), dtype=wp.bool, device="cpu")
+            >>> wp.launch(ask, len(points), [bounder.data, q, answers], device="cpu")
+            >>> bool((answers.numpy() == bounder.query(points).numpy()).all())
+            True
         """
         return point_func(self.source) if self.native else plain_func(self.source)
 
     @property
     def data(self) -> Data:
-        """The instance of ``Data`` that ``func`` takes, on this bounder's device."""
+        """The instance of ``Data`` that ``func`` takes, on this bounder's device.
+
+        Example:
+            >>> bounder.data.parameters.device
+            'cpu'
+        """
         threshold, held = self.threshold, self._data  # each read once: another thread may freeze it meanwhile
         if held is None or held[0] is not threshold:
             source, words = self.source, self.words()
@@ -114,11 +129,23 @@ class Asking(ABC):
 
         Raises:
             QueryError: For a wrong shape, dtype or device, or a placement that the certificate does not cover.
+
+        Example:
+            >>> bounder.query(np.array([[0.5, 0.5, 0.5], [9.0, 9.0, 9.0]], np.float32)).numpy()
+            array([1, 0], dtype=uint8)
+            >>> bounder.query(points + np.float32(2), xform=wp.transform(wp.vec3(2.0), wp.quat_identity())).shape
+            (100,)
         """
         return self._batch(x, xform, scale, out, values=False)
 
     def values(self, x, *, xform=None, scale=None) -> wp.array:
-        """``f`` itself, as the device computes it: ``(N,)`` float32; +inf where the answer is *maybe* without asking, -inf outside."""
+        """``f`` itself, as the device computes it: ``(N,)`` float32; +inf where the answer is *maybe* without asking, -inf outside.
+
+        Example:
+            >>> f = bounder.values(points).numpy()
+            >>> bool(((f >= bounder.threshold) == (bounder.query(points).numpy() == 1)).all())
+            True
+        """
         return self._batch(x, xform, scale, None, values=True)
 
     def candidates(self, x, *, xform=None, scale=None) -> tuple[wp.array, wp.array]:
@@ -132,6 +159,12 @@ class Asking(ABC):
         Returns:
             ``(N,)`` int32 indices, ascending, of which the first ``n`` are valid, and ``n`` as a 1-element int32 array.
             Nothing is read back to the host.
+
+        Example:
+            >>> indices, count = bounder.candidates(points)
+            >>> kept = points[indices.numpy()[: int(count.numpy()[0])]]
+            >>> len(kept) == int(bounder.query(points).numpy().sum())
+            True
         """
         return compact(self.query(x, xform=xform, scale=scale))
 
@@ -151,6 +184,12 @@ class Asking(ABC):
 
         Raises:
             QueryError: As for ``query``, and for ``x`` that would have to be copied.
+
+        Example:
+            >>> asked = bounder.prepare(points)
+            >>> points[0] = 0.5  # a step of a simulation writes to the same memory
+            >>> int(asked.launch().numpy()[0])
+            1
         """
         return Prepared(self, x, out=out, xform=xform, scale=scale, candidates=candidates)
 

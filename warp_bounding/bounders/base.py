@@ -50,6 +50,13 @@ class Bounder(Asking):
             false positives on a few queries, the bounder's own and those of the box around the same cells.
         device: The Warp device that queries run on.
         native: Whether queries run as native text, or as its plain twin (``to``).
+
+    Example:
+        >>> bounder = wb.fit(ball, method="obb", device="cpu")
+        >>> bounder.certificate.proven
+        True
+        >>> bounder.query(np.array([[0.5, 0.5, 0.5], [9.0, 9.0, 9.0]], np.float32)).numpy()
+        array([1, 0], dtype=uint8)
     """
 
     method: ClassVar[str]
@@ -215,6 +222,11 @@ class Bounder(Asking):
 
         Raises:
             BounderError: If there is no such device.
+
+        Example:
+            >>> plain = bounder.to("cpu", native=False)
+            >>> bool((plain.query(points).numpy() == bounder.query(points).numpy()).all())
+            True
         """
         device = self._device if device is None else device
         device_of(device, BounderError)
@@ -225,7 +237,13 @@ class Bounder(Asking):
         return twin
 
     def freeze(self, threshold: float, certificate: Certificate | None) -> "Bounder":
-        """Set threshold and certificate; the only way that they change. Rates that were measured before say nothing any more."""
+        """Set threshold and certificate; the only way that they change. Rates that were measured before say nothing any more.
+
+        Example:
+            >>> looser = bounder.to("cpu").freeze(bounder.threshold - 0.5, None)
+            >>> int(looser.query(points).numpy().sum()) >= int(bounder.query(points).numpy().sum())
+            True
+        """
         self.info = {key: value for key, value in self.info.items() if key != "rates"}
         self.threshold = np.float32(threshold)
         self.certificate = certificate
@@ -262,7 +280,13 @@ class Bounder(Asking):
     # --- keeping it --------------------------------------------------------------------------------------------------
 
     def save(self, path) -> None:
-        """Write one ``.safetensors`` file: whole or not at all (see ``warp_bounding.bounders.file_format``)."""
+        """Write one ``.safetensors`` file: whole or not at all (see ``warp_bounding.bounders.file_format``).
+
+        Example:
+            >>> bounder.save("ball.safetensors")
+            >>> wb.load("ball.safetensors", device="cpu").certificate == bounder.certificate
+            True
+        """
         save(self, path)
 
     def __repr__(self) -> str:

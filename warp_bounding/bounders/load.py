@@ -30,6 +30,11 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
 
     Raises:
         FileFormatError: If the file is missing, damaged, truncated, foreign, edited or newer than this library.
+
+    Example:
+        >>> bounder.save("ball.safetensors")
+        >>> wb.load("ball.safetensors", device="cpu").method
+        'obb'
     """
     path = file_path(path)
     tensors, document = read(path)

@@ -66,6 +66,12 @@ class Prepared:
         out: ``(N,)`` uint8, 1 = maybe, 0 = certainly not.
         indices: ``(N,)`` int32, ascending indices of the candidates; ``None`` unless they are asked for.
         count: How many there are, a 1-element int32 array, or ``None``.
+
+    Example:
+        >>> asked = bounder.prepare(points, candidates=True)
+        >>> indices, count = asked.launch()
+        >>> asked.out.shape, indices.shape, count.shape
+        ((100,), (100,), (1,))
     """
 
     def __init__(self, bounder: Asked, x, *, out: wp.array | None, xform, scale, candidates: bool):
@@ -96,6 +102,10 @@ class Prepared:
 
         Raises:
             QueryError: If ``x`` lies elsewhere by now, or has another shape, as after ``resize_`` or a new ``data`` of a torch tensor.
+
+        Example:
+            >>> bounder.prepare(points).launch().dtype.__name__
+            'uint8'
         """
         if memory_of(self._x) != self._memory:
             raise QueryError("x lies elsewhere than when it was prepared, or has another shape; prepare it again")
@@ -114,6 +124,12 @@ class Prepared:
         Raises:
             QueryError: If neither is given, or ``prepare`` was given neither, or for a placement that the certificate does not cover;
                 the old one is kept.
+
+        Example:
+            >>> asked = bounder.prepare(points, scale=1.0)
+            >>> asked.move(xform=wp.transform(wp.vec3(9.0), wp.quat_identity()))
+            >>> int(asked.launch().numpy().sum())
+            0
         """
         if self._place is None:
             raise QueryError("move: expected queries that were prepared with xform or scale, got ones in object space")

@@ -45,6 +45,13 @@ class Certificate:
         length: Of rays, object units; ``None`` for other queries.
         resolution: That a mesh was voxelised with; ``None`` for grids.
         placement: Per axis, object units: by how much ``xform=`` and ``scale=`` may round a query; those that need more are refused.
+
+    Example:
+        >>> certificate = bounder.certificate
+        >>> certificate.proven, certificate.query
+        (True, 'point')
+        >>> certificate.threshold <= certificate.lower_bound - certificate.rounding_bound
+        True
     """
 
     kind: str
@@ -76,11 +83,21 @@ class Certificate:
 
     @property
     def proven(self) -> bool:
-        """Whether there is a proof."""
+        """Whether there is a proof.
+
+        Example:
+            >>> bounder.certificate.proven
+            True
+        """
         return self.kind == "proven"
 
     def to_dict(self) -> dict:
-        """JSON-ready."""
+        """JSON-ready.
+
+        Example:
+            >>> bounder.certificate.to_dict()["kind"]
+            'proven'
+        """
         return asdict(self)
 
     @classmethod
@@ -89,6 +106,10 @@ class Certificate:
 
         Raises:
             FileFormatError: If a field is missing or unknown.
+
+        Example:
+            >>> wb.Certificate.from_dict(bounder.certificate.to_dict()) == bounder.certificate
+            True
         """
         names = {f.name for f in fields(cls)}
         since = {

@@ -35,6 +35,11 @@ class Rates:
         seed: Of the samples.
         truth: Of what the truth is, in words: of the cells that were bounded, which cover a mesh by up to a cell and its margin.
         indicator: SHA-256 of the cells that were asked about; ``bounder.info["indicator"]`` for those of the fit.
+
+    Example:
+        >>> rates = wb.evaluate(bounder, grid, samples=10_000)
+        >>> rates.fn, rates.samples
+        (0, 10000)
     """
 
     fp_rate: float
@@ -47,7 +52,12 @@ class Rates:
     indicator: str | None = None
 
     def to_dict(self) -> dict:
-        """JSON-ready."""
+        """JSON-ready.
+
+        Example:
+            >>> wb.evaluate(bounder, grid, samples=1000).to_dict()["protocol"]
+            'exact'
+        """
         return asdict(self)
 
 
@@ -76,6 +86,11 @@ def evaluate(
 
     Raises:
         QueryError: For an unknown protocol, fewer than one sample, or a shape of another dimension.
+
+    Example:
+        >>> rates = wb.evaluate(bounder, grid, samples=10_000)
+        >>> rates.fn, 0 < rates.fp_rate < 100
+        (0, True)
     """
     if protocol not in PROTOCOLS:
         raise QueryError(f"protocol must be one of {', '.join(PROTOCOLS)}, got {protocol!r}")

@@ -39,6 +39,12 @@ class IndicatorGrid:
         margin: How far the object was dilated before it was divided into cells, object units.
         resolution: The ``resolution`` that a mesh was voxelised with; ``None`` where the grid was given as one.
         note: A restriction that a user should know, such as that an open mesh is bounded by its surface only.
+
+    Example:
+        >>> wb.IndicatorGrid(ball)
+        <IndicatorGrid array: 3D, 16 x 16 x 16 cells, 912 occupied, extent 1.067 x 1.067 x 1.067>
+        >>> wb.IndicatorGrid(ball, cells_per_unit=[4, 4, 4], offset=[0, 0, 0]).upper
+        array([3.875, 3.875, 3.875])
     """
 
     occupancy: np.ndarray
@@ -132,6 +138,11 @@ class IndicatorGrid:
 
         Returns:
             ``(..., n)`` float64, object space.
+
+        Example:
+            >>> grid.position([[0, 0, 0], [15, 15, 15]])
+            array([[0., 0., 0.],
+                   [1., 1., 1.]])
         """
         return (np.asarray(t, dtype=np.float64) + self.offset) / self.cells_per_unit
 
@@ -143,6 +154,10 @@ class IndicatorGrid:
 
         Returns:
             ``(..., n)`` float64.
+
+        Example:
+            >>> grid.cell_coordinate(np.ones((1, 3), np.float32))
+            array([[15., 15., 15.]])
         """
         return np.asarray(x).astype(np.float64) * self.cells_per_unit - self.offset
 
@@ -156,6 +171,10 @@ class IndicatorGrid:
 
         Returns:
             ``(N,)`` bool.
+
+        Example:
+            >>> grid.contains(np.array([[0.5, 0.5, 0.5], [0.0, 0.0, 0.0]]))
+            array([ True, False])
         """
         with np.errstate(invalid="ignore", over="ignore"):
             t = self.cell_coordinate(x)
@@ -210,6 +229,11 @@ class IndicatorGrid:
 
         Raises:
             IndicatorError: For a resolution, or a negative or non-finite margin.
+
+        Example:
+            >>> wider = grid.to_grid(margin=0.1)
+            >>> int(wider.occupancy.sum()) > int(grid.occupancy.sum())
+            True
         """
         from warp_bounding.indicators.dilation import dilate
         from warp_bounding.indicators.mesh import checked_margin

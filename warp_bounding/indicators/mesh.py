@@ -43,6 +43,11 @@ class IndicatorMesh:
         faces: ``(F, 3)`` int32, read-only, indices of vertices; faces without area are kept, and bounded.
         name: What it was read from, for messages.
         note: A restriction that a user should know, such as parts of a file that were not read.
+
+    Example:
+        >>> mesh = wb.IndicatorMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+        >>> mesh.watertight
+        True
     """
 
     vertices: np.ndarray
@@ -131,6 +136,10 @@ class IndicatorMesh:
 
         Raises:
             IndicatorError: For an impossible resolution or margin, or a mesh too far away for its size.
+
+        Example:
+            >>> mesh.to_grid(resolution=8, margin=0.1).shape
+            (11, 11, 11)
         """
         from warp_bounding.indicators.voxelization import solid_cells
 

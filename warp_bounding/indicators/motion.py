@@ -55,6 +55,11 @@ class IndicatorMotion:
         time_cells: Cells that ``to_grid`` divides the range of time into; up to 4 more where they fit it better.
         name: What it was made from, for messages and files.
         note: A restriction that a user should know.
+
+    Example:
+        >>> motion = wb.IndicatorMotion([mesh.vertices, mesh.vertices + 0.5], mesh.faces, times=[0.0, 2.0])
+        >>> motion.ndim
+        4
     """
 
     frames: np.ndarray
@@ -139,6 +144,10 @@ class IndicatorMotion:
 
         Returns:
             ``(V, 3)`` float32.
+
+        Example:
+            >>> motion.vertices_at(1.0)[0]
+            array([0.25, 0.25, 0.25], dtype=float32)
         """
         return self._exactly_at(float(np.float32(time))).astype(np.float32)
 
@@ -158,6 +167,10 @@ class IndicatorMotion:
 
         Raises:
             IndicatorError: For an impossible resolution or margin, or a mesh or times too far from the origin.
+
+        Example:
+            >>> motion.to_grid(resolution=8).time
+            True
         """
         resolution = DEFAULT_RESOLUTION if resolution is None else resolution
         resolution, margin = checked_resolution(resolution), checked_margin(margin)

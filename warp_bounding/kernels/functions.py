@@ -20,6 +20,11 @@ class Data:
     Attributes:
         parameters: Whose they are, domain, threshold and the method's numbers (see ``Source``).
         words: Bit field of ``voxels``; empty for other methods.
+
+    Example:
+        >>> data = bounder.data
+        >>> data.parameters.dtype.__name__, data.words.dtype.__name__
+        ('float32', 'uint32')
     """
 
     parameters: wp.array(dtype=wp.float32)

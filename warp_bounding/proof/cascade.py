@@ -22,6 +22,11 @@ def cascade(*bounders: Bounder) -> Cascade:
 
     Raises:
         BounderError: If they were made for different objects, margins, queries or domains, or cannot be put together (``Cascade.of``).
+
+    Example:
+        >>> both = wb.cascade(wb.fit(ball, method="sphere", device="cpu"), bounder)
+        >>> both.method, both.certificate.proven
+        ('cascade', True)
     """
     whole = Cascade.of(list(bounders))
     last = bounders[-1]

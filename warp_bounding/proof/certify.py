@@ -87,6 +87,12 @@ def certify(
     Returns:
         A certificate of kind ``"proven"``, ``"refuted"`` (with a counterexample), ``"undecided"`` or ``"inapplicable"`` (the shape cannot
         be the bounded one, or the claim is not the expected one).
+
+    Example:
+        >>> wb.certify(bounder, grid).kind
+        'proven'
+        >>> wb.certify(bounder, grid, margin=0.5).kind
+        'inapplicable'
     """
     if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not seconds >= 0:
         raise BounderError(f"seconds must be a number of at least 0, got {seconds!r}")

@@ -42,6 +42,11 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
     Raises:
         BounderError: For another kind of bounder.
         QueryError: For arrays of another shape, or a negative depth.
+
+    Example:
+        >>> network = wb.fit(ball, method="mlp", hidden=(8,), steps=3, device="cpu")
+        >>> wb.clear_segments(network, np.array([[9.0, 9.0, 9.0], [0.0, 0.0, 0.0]]), np.array([[9.0, 9.0, 0.0], [1.0, 1.0, 1.0]]))
+        array([ True, False])
     """
     if (
         not isinstance(bounder, Bounder)

@@ -130,5 +130,10 @@ def compact(mask: wp.array) -> tuple[wp.array, wp.array]:
 
     Raises:
         QueryError: For another type or shape.
+
+    Example:
+        >>> indices, count = wb.compact(bounder.query(points))
+        >>> int(count.numpy()[0]) == int(bounder.query(points).numpy().sum())
+        True
     """
     return Compaction(mask).launch()

@@ -12,6 +12,10 @@ def device_of(name: str | wp.Device | None, error: type[BoundingError] = QueryEr
 
     Raises:
         BoundingError: Of the given class, if there is none.
+
+    Example:
+        >>> wb.device_of("cpu").is_cpu
+        True
     """
     try:
         return wp.get_device(name)

@@ -289,5 +289,16 @@ def launch_on_cores(
         inputs: All inputs but the first.
         outputs: Outputs.
         device: Warp device; the default device if ``None``.
+
+    Example:
+        >>> @wp.kernel
+        ... def double(first: int, x: wp.array(dtype=float), y: wp.array(dtype=float)):
+        ...     i = first + wp.tid()
+        ...     y[i] = 2.0 * x[i]
+        >>> x = wp.full(5, 3.0, dtype=float, device="cpu")
+        >>> y = wp.empty_like(x)
+        >>> wb.launch_on_cores(double, 5, [x], [y], "cpu")
+        >>> y.numpy()
+        array([6., 6., 6., 6., 6.], dtype=float32)
     """
     launch_blocks(kernel, count, [0, *inputs], outputs, wp.get_device(device), first_index=0, block=1)

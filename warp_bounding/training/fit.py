@@ -92,6 +92,13 @@ def fit(
         QueryError: For an unknown kind of query.
         BounderError: For an unknown method, an option that makes no sense or that the method does not take, or a margin larger than
             the object that is not forced.
+
+    Example:
+        >>> ball = np.linalg.norm(np.indices((16, 16, 16)) - 7.5, axis=0) < 6
+        >>> bounder = wb.fit(ball, method="obb", device="cpu")
+        >>> bounder.certificate.proven
+        True
+        >>> rays = wb.fit(ball, "ray", "kdop", length=0.5, k=26, device="cpu")
     """
     check_query(query)
     _check(query, method, budget, seed, margin, length, space)

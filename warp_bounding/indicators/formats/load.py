@@ -78,6 +78,12 @@ def load_indicator(
 
     Raises:
         IndicatorError: In one line, for everything that cannot be read or bounded, or that may mean two things.
+
+    Example:
+        >>> wb.load_indicator(ball)
+        <IndicatorGrid array: 3D, 16 x 16 x 16 cells, 912 occupied, extent 1.067 x 1.067 x 1.067>
+        >>> wb.load_indicator(np.eye(3), threshold=">0.5", spacing=0.1).extent
+        array([0.3, 0.3])
     """
     if time is not None and not isinstance(time, bool | np.bool_):
         raise IndicatorError(f"time must be True, False or None, got {time!r}")

@@ -58,6 +58,12 @@ class Soak:
         interrupted: Ctrl-C ended it.
         bounder: SHA-256 of what the kernels read.
         indicator: SHA-256 of the cells.
+
+    Example:
+        >>> from warp_bounding.proof import soak
+        >>> result = soak(bounder, grid, 10_000, seed=1)
+        >>> result.missed is None, result.complete
+        (True, True)
     """
 
     method: str
@@ -77,16 +83,31 @@ class Soak:
 
     @property
     def complete(self) -> bool:
-        """Whether as many as wanted were asked, or a false negative was found."""
+        """Whether as many as wanted were asked, or a false negative was found.
+
+        Example:
+            >>> soak(bounder, grid, 1000, seed=1).complete
+            True
+        """
         return self.done >= self.wanted or self.missed is not None
 
     @property
     def rate(self) -> float:
-        """Positives per second."""
+        """Positives per second.
+
+        Example:
+            >>> soak(bounder, grid, 1000, seed=1).rate > 0
+            True
+        """
         return self.done / self.seconds if self.seconds else 0.0
 
     def to_dict(self) -> dict:
-        """JSON-ready."""
+        """JSON-ready.
+
+        Example:
+            >>> soak(bounder, grid, 1000, seed=1).to_dict()["query"]
+            'point'
+        """
         return asdict(self)
 
 
