@@ -13,9 +13,7 @@ threads, timed in the same rounds ("peak"); sines, relaxations and the search's 
 """
 
 import argparse
-import json
 import statistics
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -24,8 +22,7 @@ from itertools import pairwise, product
 import numpy as np
 import torch
 import warp as wp
-from rich.console import Console
-from rich.table import Table
+from racing import clock, options, race, show, tell
 
 from warp_bounding.activations import SINE
 from warp_bounding.networks.network import Network
@@ -146,13 +143,6 @@ def problem(ndim: int, hidden: tuple[int, ...], activation: str, boxes: int) -> 
     return Network(layers, activation, None, np.ones(ndim)), center - radius, center + radius
 
 
-def clock(function: Callable) -> tuple[float, float]:
-    """Seconds of one call, by the wall and of all cores."""
-    start, busy = time.perf_counter(), time.process_time()
-    function()
-    return time.perf_counter() - start, time.process_time() - busy
-
-
 def contest(network: Network, lower: np.ndarray, upper: np.ndarray) -> tuple[dict[str, Callable], float, float]:
     """The contestants, our median gap over torch's, and the share of boxes where our bound is looser.
 
@@ -179,17 +169,6 @@ def contest(network: Network, lower: np.ndarray, upper: np.ndarray) -> tuple[dic
     if (our_least > found).any() or (looser.any() and network.hidden[0].activation.name == "relu"):
         raise RuntimeError("the bounds are not right")
     return contestants, gap, float(looser.mean())
-
-
-def race(contestants: dict[str, Callable], rounds: int) -> dict[str, np.ndarray]:
-    """``(rounds, 2)`` times of every contestant, after one warm-up; see ``clock``."""
-    for function in contestants.values():
-        function()
-    times = {name: [] for name in contestants}
-    for _ in range(rounds):
-        for name, function in contestants.items():
-            times[name].append(clock(function))
-    return {name: np.array(values) for name, values in times.items()}
 
 
 def results(ndim: int, hidden: tuple[int, ...], activation: str, arguments: argparse.Namespace) -> list[dict]:
@@ -228,11 +207,7 @@ def results(ndim: int, hidden: tuple[int, ...], activation: str, arguments: argp
 
 def main() -> None:
     """Run and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--boxes", type=int, default=100_000)
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
-    arguments = parser.parse_args()
+    arguments = options(__doc__, boxes=100_000, rounds=5).parse_args()
     wp.config.quiet = True
     torch.set_grad_enabled(False)
     rows = []
@@ -240,32 +215,22 @@ def main() -> None:
         for activation in ("sin", "relu"):
             rows += results(ndim, hidden, activation, arguments)
     if arguments.json:
-        head = {"boxes": arguments.boxes, "threads": cpu_threads(), "torch": torch.__version__}
-        print(json.dumps(head | {"results": rows}))
+        tell({"boxes": arguments.boxes, "threads": cpu_threads(), "torch": torch.__version__}, rows)
         return
-    table = Table(title=f"{arguments.boxes:,} boxes, {cpu_threads()} threads, median of {arguments.rounds} rounds")
-    for column in (
-        "network",
-        "contestant",
-        "boxes / s",
-        "time / ours",
-        "range",
-        "core time / ours",
-        "core ns / box",
-        "mul-adds",
-        "of peak",
-        "looser",
-    ):
-        table.add_column(column, justify="left" if column in ("network", "contestant") else "right")
+    heads = ("network", "contestant", "boxes / s", "time / ours", "range", "core time / ours", "core ns / box")
+    cells = []
     for row in rows:
         low, high = row["times_ours_range"]
-        table.add_row(
-            *(row["network"], row["contestant"], f"{row['boxes_per_second']:,}", f"{row['times_ours']:.2f}"),
-            *(f"{low:.1f} - {high:.1f}", f"{row['core_times_ours']:.2f}", f"{row['core_ns_per_box']:,}"),
-            *(f"{row['multiply_adds_per_box']:,}", f"{row['share_of_peak']:.1%}"),
-            *((f"{row['our_gap']:.2f}", f"{row['ours_looser']:.1%}") if row["contestant"] == "ours" else ("", "")),
+        cells.append(
+            (
+                *(row["network"], row["contestant"], f"{row['boxes_per_second']:,}", f"{row['times_ours']:.2f}"),
+                *(f"{low:.1f} - {high:.1f}", f"{row['core_times_ours']:.2f}", f"{row['core_ns_per_box']:,}"),
+                *(f"{row['multiply_adds_per_box']:,}", f"{row['share_of_peak']:.1%}"),
+                *((f"{row['our_gap']:.2f}", f"{row['ours_looser']:.1%}") if row["contestant"] == "ours" else ("", "")),
+            )
         )
-    Console(width=140).print(table)
+    title = f"{arguments.boxes:,} boxes, {cpu_threads()} threads, median of {arguments.rounds} rounds"
+    show(title, (*heads, "mul-adds", "of peak", "gap", "looser"), cells, left=2, width=140)
 
 
 if __name__ == "__main__":

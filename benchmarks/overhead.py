@@ -4,17 +4,13 @@ Each round times every way of asking an ``aabb`` once, in turn, the median of a 
 very same kernel on one thread are taken within a round, and their median is printed. Answers are compared first.
 """
 
-import argparse
-import json
 import os
 import statistics
-import time
 from contextlib import contextmanager
 
 import numpy as np
 import warp as wp
-from rich.console import Console
-from rich.table import Table
+from racing import clock, options, race, show, tell
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
@@ -85,53 +81,29 @@ def contestants(bounder: wb.Bounder, count: int) -> dict:
     }
 
 
-def race(ways: dict, calls: int, rounds: int) -> dict[str, list[float]]:
-    """Microseconds of a call of every way in every round, the median of several in a row; after one warm-up."""
-    for function in ways.values():
-        function()
-    times = {name: [] for name in ways}
-    for _ in range(rounds):
-        for name, function in ways.items():
-            times[name].append(statistics.median(clock(function) for _ in range(calls)) * 1e6)
-    return times
-
-
-def clock(function) -> float:
-    """Seconds of one call."""
-    start = time.perf_counter()
-    function()
-    return time.perf_counter() - start
-
-
 def main() -> None:
     """Run and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=41)
-    parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
-    arguments = parser.parse_args()
+    arguments = options(__doc__, rounds=41).parse_args()
     wp.config.quiet = True
     bounder, results = box(), []
     for count, calls in CALLS.items():
         for threads in sorted({1, cpu_threads()}):
             with threads_of(threads):
-                times = race(contestants(bounder, count), calls, arguments.rounds)
+                ways = contestants(bounder, count)
+                times = race(
+                    ways, arguments.rounds, lambda f, n=calls: statistics.median(clock(f)[0] for _ in range(n))
+                )
             for way, values in times.items():
-                ratios = [a / b for a, b in zip(values, times[RECORDED], strict=True)]
-                row = {"queries": count, "threads": threads, "way": way, "us": round(statistics.median(values), 1)}
-                results.append(row | {"ratio": round(statistics.median(ratios), 2)})
+                row = {"queries": count, "threads": threads, "way": way, "us": round(1e6 * np.median(values), 1)}
+                results.append(row | {"ratio": round(np.median(values / times[RECORDED]), 2)})
     if arguments.json:
-        print(json.dumps({"cores": cpu_threads(), "results": results}))
+        tell({"cores": cpu_threads()}, results)
         return
     for count, threads in dict.fromkeys((row["queries"], row["threads"]) for row in results):
-        table = Table(
-            title=f"{count:,} queries of an aabb, {threads} thread{'s' * (threads > 1)}, median of {arguments.rounds} rounds"
-        )
-        for column in ("", "us a call", f"time / {RECORDED}"):
-            table.add_column(column, justify="right" if column else "left")
-        for row in results:
-            if (row["queries"], row["threads"]) == (count, threads):
-                table.add_row(row["way"], f"{row['us']:.1f}", f"{row['ratio']:.2f}")
-        Console().print(table)
+        about = f"{count:,} queries of an aabb, {threads} thread{'s' * (threads > 1)}"
+        own = [row for row in results if (row["queries"], row["threads"]) == (count, threads)]
+        cells = [(row["way"], f"{row['us']:.1f}", f"{row['ratio']:.2f}") for row in own]
+        show(f"{about}, median of {arguments.rounds} rounds", ("", "us a call", f"time / {RECORDED}"), cells)
 
 
 if __name__ == "__main__":

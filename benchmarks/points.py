@@ -7,44 +7,30 @@ known; run again after an interruption, it goes on where it stopped. A table of 
 
 import argparse
 import csv
-import platform
 import sys
 import time
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
-import torch
 import warp as wp
 
 import warp_bounding as wb
+from warp_bounding.paper import find_shapes
+from warp_bounding.paper.columns import COLUMNS, PAPER, Column
+from warp_bounding.paper.versions import versions
 from warp_bounding.queries import PointOracle, sample_points
 from warp_bounding.runtime.launch import cpu_threads
 
-HIDDEN = {2: (25, 25), 3: (50, 50), 4: (75, 75)}
-PAPER = {2: 3.2, 3: 4.2, 4: 10.9}
-PATTERNS = {2: "2D/*.png", 3: "3D/*.binvox", 4: "4D/*.npy"}
-SAMPLES = 1_000_000
-FIELDS = (
-    *(
-        "dimension",
-        "shape",
-        "fp_rate",
-        "fn",
-        "fp_cost_of_proof",
-        "certificate",
-        "fit_seconds",
-        "proof_seconds",
-        "proof_boxes",
-    ),
-    *("certify_seconds", "steps", "budget", "seed", "threads", "versions"),
-)
+SAMPLES = 1_000_000  # random points that are counted
+SHOWN = 9  # columns of a row that is done
 
 
 def measure(path: Path, dimension: int, budget: float, seed: int, folder: Path) -> dict:
     """One row: fit, save, load, certify, count."""
     shape = wb.load_indicator(path)
     start = time.perf_counter()
-    fitted = wb.fit(shape, hidden=HIDDEN[dimension], budget=budget, seed=seed, device="cpu")
+    fitted = wb.fit(shape, hidden=Column(dimension, "point").hidden, budget=budget, seed=seed, device="cpu")
     seconds = time.perf_counter() - start
     file = folder / "bounders" / f"{dimension}d-{path.stem}.safetensors"
     fitted.save(file)
@@ -52,10 +38,8 @@ def measure(path: Path, dimension: int, budget: float, seed: int, folder: Path) 
     proof = wb.certify(bounder, shape)
     x = sample_points(shape, SAMPLES, np.random.default_rng(1))
     truth, maybe, values = PointOracle(shape, "cpu")(x), bounder.query(x).numpy() == 1, bounder.values(x).numpy()
-    found = (
-        fitted.certificate.lower_bound + fitted.info["training"]["gap"]
-    )  # the least value that was seen, without any proof
     training = fitted.info["training"]
+    found = fitted.certificate.lower_bound + training["gap"]  # the least value that was seen, without any proof
     return {
         "dimension": dimension,
         "shape": path.stem,
@@ -71,7 +55,7 @@ def measure(path: Path, dimension: int, budget: float, seed: int, folder: Path) 
         "budget": budget,
         "seed": seed,
         "threads": cpu_threads(),
-        "versions": f"warp-bounding {wb.__version__}, warp {wp.__version__}, torch {torch.__version__}, Python {platform.python_version()}",
+        "versions": versions(),
     }
 
 
@@ -90,21 +74,17 @@ def main() -> None:
     table.parent.mkdir(parents=True, exist_ok=True)
     rows = list(csv.DictReader(table.open())) if table.exists() else []
     done = {(int(r["dimension"]), r["shape"], float(r["budget"]), int(r["seed"])) for r in rows}
-    for dimension in map(int, arguments.dimensions.split(",")):
-        paths = sorted(arguments.data.glob(PATTERNS[dimension]))
-        if not paths:
-            sys.exit(f"points.py: no {PATTERNS[dimension]} in {arguments.data}")
-        for path in paths:
-            if (dimension, path.stem, budgets[dimension], arguments.seed) in done:
-                continue
-            row = measure(path, dimension, budgets[dimension], arguments.seed, arguments.out)
-            new = not table.exists()
-            with table.open("a", newline="") as file:
-                writer = csv.DictWriter(file, FIELDS)
-                if new:
-                    writer.writeheader()
-                writer.writerow(row)
-            print({k: row[k] for k in FIELDS[:9]}, flush=True)
+    for dimension, name, path in find_shapes(arguments.data, map(int, arguments.dimensions.split(","))):
+        if (dimension, name, budgets[dimension], arguments.seed) in done:
+            continue
+        row = measure(path, dimension, budgets[dimension], arguments.seed, arguments.out)
+        new = not table.exists()
+        with table.open("a", newline="") as file:
+            writer = csv.DictWriter(file, row)
+            if new:
+                writer.writeheader()
+            writer.writerow(row)
+        print(dict(islice(row.items(), SHOWN)), flush=True)
     summarise(table, arguments.out / "README.md", " ".join(["python", "benchmarks/points.py", *sys.argv[1:]]))
 
 
@@ -124,7 +104,7 @@ def summarise(table: Path, page: Path, command: str) -> None:
             proven = sum(r["certificate"] == "proven" for r in part)
             missed = sum(int(r["fn"]) for r in part)
             lines.append(
-                f"| {dimension}D | {len(part)} | **{mean:.2f}** | {PAPER[dimension]} | {missed} | {proven} of {len(part)} | "
+                f"| {dimension}D | {len(part)} | **{mean:.2f}** | {PAPER['mlp'][COLUMNS.index(Column(dimension, 'point'))]} | {missed} | {proven} of {len(part)} | "
                 f"{worst['fp_cost_of_proof']:.3f} | {worst['proof_seconds']:.2f} | {worst['fit_seconds']:.0f} |"
             )
     lines += [
@@ -132,21 +112,15 @@ def summarise(table: Path, page: Path, command: str) -> None:
         "| dimension | shape | FP % | FN | certificate | steps | proof boxes | proof s | certify s |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
-    names = (
-        "dimension",
-        "shape",
-        "fp_rate",
-        "fn",
-        "certificate",
-        "steps",
-        "proof_boxes",
-        "proof_seconds",
-        "certify_seconds",
-    )
+    names = ("dimension", "shape", "fp_rate", "fn", "certificate", "steps")
+    names += ("proof_boxes", "proof_seconds", "certify_seconds")
     lines += ["| " + " | ".join(row[n] for n in names) + " |" for row in rows]
     page.write_text("\n".join(lines) + "\n")
     print("\n".join(lines))
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except wb.IndicatorError as error:
+        sys.exit(f"points.py: {error}")

@@ -7,16 +7,15 @@ sets turn with the samples, so turned boxes of 3D boxes and 4D points spread by 
 `FITS` are printed.
 """
 
-import argparse
 import json
 from pathlib import Path
 
 import numpy as np
 import warp as wp
-from rich.console import Console
-from rich.table import Table
+from racing import options, show
 
 from warp_bounding.indicators import load_indicator
+from warp_bounding.paper import find_shapes
 from warp_bounding.paper.sampled_volumes import sampled_fit
 from warp_bounding.queries import QUERY_KINDS, SampledOracle, sample
 
@@ -29,7 +28,6 @@ EXPECTED = {  # mean FP % over the objects: 2D, 3D, 4D, each point, ray, plane, 
     "kdop": (28.3, 31.2, 24.2, 8.4, 19.1, 61.3, 47.2, 15.9, 59.4, 66.8, 61.9, 33.5),
     "positives": (28.3, 56.2, 75.5, 63.4, 15.4, 30.5, 51.7, 45.7, 11.9, 29.5, 36.7, 59.0),
 }
-ENDINGS = {2: "2D/*.png", 3: "3D/*.binvox", 4: "4D/*.npy"}
 
 
 def column(grids: list, query: str) -> dict[str, float]:
@@ -48,17 +46,15 @@ def column(grids: list, query: str) -> dict[str, float]:
 
 def main() -> None:
     """Run and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--data", type=Path, required=True, help="folder with 2D, 3D and 4D, from the paper's repository"
-    )
+    parser = options(__doc__)
+    about = "folder with 2D, 3D and 4D, from the paper's repository"
+    parser.add_argument("--data", type=Path, required=True, help=about)
     parser.add_argument("--dims", type=int, nargs="+", default=[2, 3, 4], choices=[2, 3, 4])
-    parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
     arguments = parser.parse_args()
     wp.config.quiet = True
     result = {}
     for ndim in arguments.dims:
-        grids = [load_indicator(path) for path in sorted(arguments.data.glob(ENDINGS[ndim]))]
+        grids = [load_indicator(shape.path) for shape in find_shapes(arguments.data, [ndim])]
         for place, query in enumerate(QUERY_KINDS):
             ours = column(grids, query)
             for name, value in ours.items():
@@ -68,14 +64,15 @@ def main() -> None:
     if arguments.json:
         print(json.dumps({"figures": result, "differs": round(most, 2)}))
         return
-    table = Table(title="sampled protocol, FP % of classic volumes in parametric space: ours (expected)")
-    for heading in ("", *EXPECTED):
-        table.add_column(heading, justify="right")
+    rows = []
     for ndim in arguments.dims:
         for query in QUERY_KINDS:
             cells = [result[f"{ndim}D {query} {name}"] for name in EXPECTED]
-            table.add_row(f"{ndim}D {query}", *(f"{c['ours']:.1f} ({c['expected']})" for c in cells))
-    Console().print(table, f"differs by {most:.2f} points at most")
+            rows.append((f"{ndim}D {query}", *(f"{c['ours']:.1f} ({c['expected']})" for c in cells)))
+    show(
+        "sampled protocol, FP % of classic volumes in parametric space: ours (expected)", ("", *EXPECTED), rows, left=0
+    )
+    print(f"differs by {most:.2f} points at most")
 
 
 if __name__ == "__main__":
