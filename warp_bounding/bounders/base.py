@@ -89,7 +89,7 @@ class Bounder(Asking):
         """
         device_of(device, BounderError)
         if not self.supports(domain.query, domain.space_ndim, domain.space):
-            where = " in parametric space" if domain.space == "parametric" else ""
+            where = " in parametric space" if domain.parametric else ""
             raise BounderError(
                 f"{self.method} does not bound {domain.query} queries of {domain.space_ndim}D objects{where}"
             )

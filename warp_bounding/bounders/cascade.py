@@ -56,7 +56,6 @@ class CascadeSource(Source):
         return [*places[1:-1], 0, places[-1]]
 
     def early(self) -> list[tuple[str, str]]:
-        """See ``Source.early``."""
         *places, _, bars = self.places
         lanes = Lanes(vector=True)
         own = [
@@ -84,7 +83,6 @@ class CascadeSource(Source):
         return "\n".join([*lines, "} while (false); const float f = answer_;"])
 
     def plain(self) -> wp.Function:
-        """See ``Source.plain``."""
         f = plain_value(self.tests[-1])
         for index in reversed(range(len(self.tests) - 1)):
             f = _behind(self, index, f)
@@ -197,12 +195,10 @@ class Cascade(Bounder):
 
     @property
     def provable(self) -> bool:
-        """See ``Bounder``."""
         return all(part.provable for part in self._tests)
 
     @cached_property
     def source(self) -> CascadeSource:
-        """See ``Bounder``."""
         domain, sources = self.domain, tuple(part.source for part in self._tests)
         counts = tuple(len(part.weights()) for part in self._tests)
         kind = {"query": self.query_kind, "space": domain.space}
@@ -219,12 +215,10 @@ class Cascade(Bounder):
         return numbers
 
     def words(self) -> np.ndarray:
-        """See ``Bounder``."""
         held = [part.words() for part in self._tests if part.bit_fields]
         return held[0] if held else super().words()
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        """See ``Bounder``."""
         f = self._tests[-1].reference(v)
         for part in self._tests[:-1]:
             f = np.where(part.reference(v) < float(part.threshold), DENIED, f)

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from warp_bounding.errors import BounderError
+from warp_bounding.queries import QUERIES
 
 __all__ = ["STEPS", "Option", "one_of", "settled", "taken", "whole"]
-
-QUERIES = ("point", "ray", "plane", "box")
 
 
 @dataclass(frozen=True)
@@ -34,7 +33,7 @@ class Option:
     help: str
     check: Callable[[Any], Any] = lambda value: value
     parse: Callable[[str], Any] = str
-    queries: tuple[str, ...] = QUERIES
+    queries: tuple[str, ...] = tuple(QUERIES)
 
 
 def whole(name: str, least: int) -> Callable[[Any], int]:

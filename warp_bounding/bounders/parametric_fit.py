@@ -55,7 +55,7 @@ def fit_parametric(
     Raises:
         BounderError: If the method has no volume in parametric space, or there are no positives.
     """
-    if domain.space != "parametric" or domain.query == "point":
+    if not domain.parametric:
         raise BounderError(f"{kind.method}: expected a region's domain in parametric space")
     positives = np.asarray(positives, dtype=np.float64)
     if positives.ndim != 2 or positives.shape[1] != domain.ndim or len(positives) == 0:

@@ -75,7 +75,6 @@ class Prepared:
     """
 
     def __init__(self, bounder: Asked, x, *, out: wp.array | None, xform, scale, candidates: bool):
-        """See ``Bounder.prepare``."""
         self._bounder, self._x = bounder, x
         self._queries, self._number, _ = flat_queries(x, bounder.domain.columns, bounder.device)
         self._memory = memory_of(x)

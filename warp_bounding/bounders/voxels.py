@@ -33,7 +33,6 @@ class VoxelsSource(Source):
     packed = True
 
     def body(self, lanes: Lanes) -> str:
-        """See ``Source.body``."""
         n = self.ndim
         integer, convert = ("I", "__builtin_convertvector({}, I)") if lanes.vector else ("int", "(int)({})")
         lines = []
@@ -143,15 +142,12 @@ class Voxels(Bounder):
 
     @property
     def source(self) -> VoxelsSource:
-        """See ``Bounder``."""
         return VoxelsSource(self.ndim, self.domain.time, self.shape)
 
     def weights(self) -> np.ndarray:
-        """See ``Bounder``."""
         return np.concatenate([self.tensors[k] for k in ("factor", "summand", "reach")])
 
     def words(self) -> np.ndarray:
-        """See ``Bounder``."""
         return self.tensors["bits"]
 
     def _occupied(self, cell: np.ndarray) -> np.ndarray:

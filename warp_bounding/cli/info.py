@@ -15,6 +15,7 @@ def command(file: BounderFile, json: Json = False) -> int:
     """Describe FILE: method, sizes, what is proven and what is not. Exit status 1 if it holds no proof."""
     from warp_bounding.bounders import load
     from warp_bounding.certificates.statement import statement
+    from warp_bounding.queries import QUERIES
 
     quiet_warp()
     bounder = load(file, device="cpu")
@@ -52,7 +53,7 @@ def command(file: BounderFile, json: Json = False) -> int:
     table.add_column(no_wrap=True, style="bold")
     table.add_column(overflow="fold")
     sizes = ", ".join(f"{key} {value}" for key, value in bounder.sizes.items())
-    space = f", {bounder.domain.space} space" if bounder.query_kind != "point" else ""
+    space = f", {bounder.domain.space} space" if QUERIES[bounder.query_kind].is_region else ""
     table.add_row(
         "method", f"{bounder.method}, {bounder.ndim}D {bounder.query_kind} queries{space}, {bounder.nbytes:,} bytes"
     )

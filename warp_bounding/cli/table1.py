@@ -103,7 +103,6 @@ class Help(TyperCommand):
     """The command, whose help says what the plan of each preset says: to plan takes longer than a command should to begin."""
 
     def format_help(self, ctx, formatter) -> None:
-        """See ``TyperCommand``."""
         from warp_bounding.bounders import supports
         from warp_bounding.paper import PRESETS, duration, preset_seconds
 

@@ -148,10 +148,10 @@ class ParticleCull:
         """``pipeline.collide``, with the pairs that may touch.
 
         Args:
-            state: As there.
-            contacts: As there; on return, what ``pipeline.collide`` would have made of it.
+            state: Places of particles and bodies.
+            contacts: Written to: what ``pipeline.collide`` would have made of it.
             candidates: What ``candidates`` has returned for this very state; asked for if ``None``.
-            options: As there.
+            options: The other options of ``pipeline.collide``.
 
         Raises:
             BounderError: If the candidates were asked for with another contact gap.

@@ -68,7 +68,7 @@ def certify(
     seconds: float = 900.0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Certificate:
-    """Prove from scratch that a bounder has no false negative on a shape. Raises nothing for a bounder that does; tells the truth.
+    """Prove from scratch that a bounder has no false negative on a shape; of one that has, the certificate tells so.
 
     What a bounder claims is partly its own word: for which margin, for rays of which length, of which resolution of a mesh. Its
     certificate names them. Whoever relies on one states it here, and a proof of another claim is then none.
@@ -78,9 +78,9 @@ def certify(
         shape: An ``IndicatorGrid`` or ``IndicatorMesh``, or anything that ``load_indicator`` takes; voxelised with the bounder's
             own resolution and margin.
         margin: That is expected, object units; the bounder's own if ``None``.
-        length: Of rays, that is expected, object units; likewise.
-        resolution: Of a mesh, that is expected; likewise.
-        query: Kind of query that is expected; likewise.
+        length: Of rays, that is expected, object units; the bounder's own if ``None``.
+        resolution: Of a mesh, that is expected; the bounder's own if ``None``.
+        query: Kind of query that is expected; the bounder's own if ``None``.
         seconds: Time allowed.
         progress: Called with cells done and cells in all.
 
@@ -89,10 +89,8 @@ def certify(
         be the bounded one, or the claim is not the expected one).
 
     Example:
-        >>> wb.certify(bounder, grid).kind
-        'proven'
-        >>> wb.certify(bounder, grid, margin=0.5).kind
-        'inapplicable'
+        >>> wb.certify(bounder, grid).kind, wb.certify(bounder, grid, margin=0.5).kind
+        ('proven', 'inapplicable')
     """
     if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not seconds >= 0:
         raise BounderError(f"seconds must be a number of at least 0, got {seconds!r}")

@@ -70,7 +70,7 @@ def load_indicator(
             ``">0.5"``, or a number, from which on they are.
         spacing: Of an array, voxel file or image: the size of a cell, object units; one number, or one for each axis. By default the
             centres of the first and the last cell lie on 0 and 1, as in the paper, on every axis, however many cells it has.
-        origin: Likewise: where the centre of the first cell is, object units; 0 on every axis by default. Whole or half cells
+        origin: Of an array, voxel file or image: where the centre of the first cell is, object units; 0 on every axis by default. Whole or half cells
             away from 0.
 
     Returns:
