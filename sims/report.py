@@ -28,32 +28,25 @@ T = TypeVar("T")
 class Run:
     """What one run of a demo cost, and what it lost.
 
-    Attributes:
-        bounder: The broad phase; ``"none"`` for the reference.
-        narrow_calls: Queries that met the narrow phase, in all steps together.
-        ms_broad: Milliseconds a step of all that the broad phase costs: queries, refits, masks, compaction.
-        ms_narrow: Milliseconds a step of the narrow phase.
-        ms_step: Milliseconds of a whole step.
-        missed: Contacts (or hits, or collisions) that the reference has and this run lacks.
-        identical: Whether the result is the reference's, to the bit.
-        fp_rate: False positives of the bounder, per cent of random queries in its domain; ``None`` for the reference.
-        certificate: Kind of the bounder's certificate, ``"proven"`` or ``"statistical"``; empty where it has none; ``"by construction"`` of
-            what is no bounder, and needs none.
-        section: Runs of one section have one reference, the first of them; empty where a demo has only one.
-        extra: More numbers of the demo's own, by name; they become keys beside the others.
+    Runs of one section have one reference, the first of them. Calls of the narrow phase are those of all steps together, milliseconds
+    medians over the steps.
     """
 
-    bounder: str
-    narrow_calls: int
-    ms_broad: float
-    ms_narrow: float
-    ms_step: float
-    missed: int
-    identical: bool
-    fp_rate: float | None = None
-    certificate: str = ""
-    section: str = ""
-    extra: dict = field(default_factory=dict)
+    bounder: str  # the broad phase; ``"none"`` for the reference
+    narrow_calls: int  # queries that met the narrow phase
+    ms_broad: float  # all that the broad phase costs: queries, refits, masks, compaction
+    ms_narrow: float  # the narrow phase
+    ms_step: float  # a whole step
+    missed: int  # contacts (or hits, or collisions) that the reference has and this run lacks
+    identical: bool  # whether the result is the reference's, to the bit
+    fp_rate: float | None = None  # of the bounder, per cent of random queries in its domain; ``None`` for the reference
+    certificate: str = (
+        ""  # its kind; empty where it has none; ``"by construction"`` of what is no bounder, and needs none
+    )
+    section: str = ""  # empty where a demo has only one
+    extra: dict = field(
+        default_factory=dict
+    )  # more numbers of the demo's own, by name; they become keys beside the others
 
     @property
     def conservative(self) -> bool:

@@ -106,10 +106,6 @@ class Example(base.Example):
         """Everything that the next step depends on, but time."""
         return b"".join(a.numpy().tobytes() for a in (self.positions, self.velocities, self.ages, self.lives))
 
-    def identical(self, reference: "Example") -> bool:
-        """Whether the final state is a run's."""
-        return self.state() == reference.state()
-
     def lost(self, reference: "Example") -> np.ndarray:
         """Contacts that the reference, a run of the same length without a broad phase, has and this run lacks.
 

@@ -197,10 +197,6 @@ class Example(base.Example):
         cleared = ((batch.starts[batch.cleared], batch.ends[batch.cleared]) for batch in self._batches)
         return sum(int(self.exact.segments(*ends).sum()) for ends in cleared)
 
-    def identical(self, reference: "Example") -> bool:
-        """Whether roadmap, lengths and paths are those of a run."""
-        return self.state() == reference.state()
-
     def extra(self, reference: "Example") -> dict[str, Any]:
         """``world``, how many times ``fewer`` checks, problems ``solved``, ``collisions`` of paths, their ``mean_length``, a check's price."""
         saved, broad = reference.checks - self.checks, self.milliseconds()[0]

@@ -126,10 +126,6 @@ class Example(base.Example):
         """Shadow pixels of a series of the same length without a broad phase which this one lacks."""
         return sum(int(self.lost(reference, step).sum()) for step in range(len(reference.shadows)))
 
-    def identical(self, reference: "Example") -> bool:
-        """Whether all pictures are those of another series."""
-        return self.state() == reference.state()
-
     def extra(self, reference: "Example") -> dict[str, Any]:
         """``hits``: calls that found the ray stopped."""
         return {"hits": sum(self.hits)}

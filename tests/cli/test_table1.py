@@ -36,7 +36,7 @@ def library(place, monkeypatch):
         fake = Library(place / "log", **manners)
         fake.install(monkeypatch)
         plots = {"png": b"picture", "svg": b"<svg/>"}  # tests of the plot itself are elsewhere
-        monkeypatch.setattr("warp_bounding.paper.pages.outputs.rank_plot", lambda rows: plots if list(rows) else {})
+        monkeypatch.setattr("warp_bounding.paper.pages.markdown.rank_plot", lambda rows: plots if list(rows) else {})
         return fake
 
     return put
@@ -170,7 +170,7 @@ from fake_library import Library
 from pytest import MonkeyPatch
 from warp_bounding.cli import main
 Library(Path({log!r}), endless=6).install(MonkeyPatch())
-MonkeyPatch().setattr("warp_bounding.paper.pages.outputs.rank_plot", lambda rows: {{}})
+MonkeyPatch().setattr("warp_bounding.paper.pages.markdown.rank_plot", lambda rows: {{}})
 main(sys.argv[1:])
 """
 

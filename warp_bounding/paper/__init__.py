@@ -7,9 +7,8 @@ Importing this package imports neither torch nor matplotlib.
 from warp_bounding.paper.budgets import PRESETS, Preset, parse_budget
 from warp_bounding.paper.columns import select_columns, select_methods
 from warp_bounding.paper.folder import Folder, open_folder
-from warp_bounding.paper.pages.markdown import against_the_paper
+from warp_bounding.paper.pages.markdown import against_the_paper, write_outputs, write_page
 from warp_bounding.paper.pages.means import Means
-from warp_bounding.paper.pages.outputs import write_outputs, write_page
 from warp_bounding.paper.plan import Job, Share, TimeLeft, duration, plan, preset_seconds, shares
 from warp_bounding.paper.rows import PROOFS, PROTOCOLS, TABLE1, ProofRow, Row
 from warp_bounding.paper.run import Outcome, run

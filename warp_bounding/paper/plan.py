@@ -29,21 +29,13 @@ SLOWEST_USUAL = 0.8  # a million queries of the other columns
 
 @dataclass(frozen=True)
 class Job:
-    """One bounder to fit, and the protocols to measure it under; each is one cell, one row of the CSV.
+    """One bounder to fit, and the protocols to measure it under; each is one cell, one row of the CSV."""
 
-    Attributes:
-        shape: The object.
-        column: The query.
-        variant: The method.
-        space: That it is fitted in.
-        protocols: To measure.
-    """
-
-    shape: Shape
-    column: Column
-    variant: Variant
-    space: str
-    protocols: tuple[str, ...]
+    shape: Shape  # the object
+    column: Column  # the query
+    variant: Variant  # the method
+    space: str  # that it is fitted in
+    protocols: tuple[str, ...]  # to measure
 
     @property
     def name(self) -> str:
@@ -187,21 +179,13 @@ def duration(seconds: float) -> str:
 
 @dataclass(frozen=True)
 class Share:
-    """What one column of a plan takes.
-
-    Attributes:
-        column: Which.
-        fits: Number of learned fits, by seconds of each.
-        classic: Number of other fits.
-        cells: Number of measurements.
-        seconds: In all.
-    """
+    """What one column of a plan takes."""
 
     column: Column
-    fits: dict[float, int]
-    classic: int
-    cells: int
-    seconds: float
+    fits: dict[float, int]  # number of learned fits, by seconds of each
+    classic: int  # number of other fits
+    cells: int  # number of measurements
+    seconds: float  # in all
 
     @property
     def text(self) -> str:

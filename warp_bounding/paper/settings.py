@@ -82,29 +82,17 @@ def _at_least_1(settings: Stored, *names: str) -> None:
 
 @dataclass(frozen=True)
 class Settings(Stored):
-    """Of ``table1``.
+    """Of ``table1``."""
 
-    Attributes:
-        budget: Seconds for a learned fit.
-        budgets: Others for some columns or methods (``parse_budget``).
-        samples: Random queries that rates are measured on.
-        seed: Of a fit; the samples have the next one, so that none is a training sample.
-        length: Of a ray.
-        activation: Of a network.
-        device: Warp device.
-        hidden: Widths of hidden layers by column.
-        library: Version of warp-bounding.
-    """
-
-    budget: float = 60.0
-    budgets: str = ""
-    samples: int = 1_000_000
-    seed: int = 0
-    length: float = 1.0
-    activation: str = DEFAULT.name
-    device: str = "cpu"
-    hidden: Any = None
-    library: str = __version__
+    budget: float = 60.0  # seconds for a learned fit
+    budgets: str = ""  # others for some columns or methods (``parse_budget``)
+    samples: int = 1_000_000  # random queries that rates are measured on
+    seed: int = 0  # of a fit; the samples have the next one, so that none is a training sample
+    length: float = 1.0  # of a ray
+    activation: str = DEFAULT.name  # of a network
+    device: str = "cpu"  # Warp device
+    hidden: Any = None  # widths of hidden layers by column
+    library: str = __version__  # version of warp-bounding
 
     SINCE = frozenset({"budgets"})
 
@@ -146,21 +134,13 @@ class Settings(Stored):
 
 @dataclass(frozen=True)
 class ProofSettings(Stored):
-    """Of ``proofs``.
+    """Of ``proofs``."""
 
-    Attributes:
-        positives: Hard positives that a threshold is sampled from.
-        samples: Random queries that rates are measured on.
-        seconds: Time for each proof.
-        table: Settings of the table whose networks these are.
-        library: Version of warp-bounding.
-    """
-
-    positives: int = 1_000_000
-    samples: int = 400_000
-    seconds: float = 60.0
-    table: dict[str, Any] = field(default_factory=dict)
-    library: str = __version__
+    positives: int = 1_000_000  # hard positives that a threshold is sampled from
+    samples: int = 400_000  # random queries that rates are measured on
+    seconds: float = 60.0  # time for each proof
+    table: dict[str, Any] = field(default_factory=dict)  # settings of the table whose networks these are
+    library: str = __version__  # version of warp-bounding
 
     def check(self) -> None:
         """See ``Stored``."""

@@ -1,15 +1,20 @@
-"""``README.md`` of a run: Table 1 as Markdown, ours beside the paper's, what it was made with, and every object's numbers."""
+"""What shows a run of ``table1``, made from the table alone: Table 1 as Markdown, ours beside the paper's, and the rank plot."""
 
 from collections.abc import Sequence
 
 from warp_bounding.activations import activation_of
+from warp_bounding.errors import BoundingError
 from warp_bounding.paper.columns import COLUMNS, Column, Supports, Variant
 from warp_bounding.paper.folder import Folder
 from warp_bounding.paper.pages.means import Mean, Means
+from warp_bounding.paper.pages.rank_plot import rank_plot
 from warp_bounding.paper.rows import PROTOCOLS, Row
 from warp_bounding.paper.settings import Settings
+from warp_bounding.runtime.whole_file import write_whole
 
-__all__ = ["against_the_paper", "page"]
+__all__ = ["against_the_paper", "page", "write_outputs", "write_page"]
+
+PICTURE = "rank"
 
 NO_METHOD, NOT_YET, SAME = "–", "…", "="
 GROUPS = (
@@ -23,6 +28,39 @@ HEADLINES = {
     "sampled": "Truth as the paper finds it: a query counts if one of some hundred random samples of it hits the object. Thin hits are missed, "
     "so more queries count as *no*, and false positives are more.",
 }
+
+
+def write_page(folder: Folder, supports: Supports, failed: Sequence[str] = ()) -> None:
+    """Write the Markdown page; see ``write_outputs``."""
+    picture = f"{PICTURE}.png"
+    there = picture if (folder.path / picture).exists() else None
+    write_whole(folder.page, page(folder, supports, failed, there).encode())
+
+
+def write_outputs(folder: Folder, supports: Supports, failed: Sequence[str] = ()) -> list[str]:
+    """Write the page and the rank plot.
+
+    Args:
+        folder: Whose rows to show.
+        supports: Which bounders exist at all.
+        failed: Lines about cells that failed.
+
+    Returns:
+        What could not be drawn and why, for people.
+
+    Raises:
+        FileFormatError: If a file cannot be written.
+    """
+    notes = []
+    try:
+        pictures = rank_plot(folder.rows.values())
+    except BoundingError as error:
+        pictures = {}
+        notes.append(str(error))
+    for kind, content in pictures.items():
+        write_whole(folder.path / f"{PICTURE}.{kind}", content)
+    write_page(folder, supports, failed)
+    return notes
 
 
 def page(folder: Folder, supports: Supports, failed: Sequence[str] = (), picture: str | None = None) -> str:

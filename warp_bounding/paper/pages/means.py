@@ -11,25 +11,15 @@ __all__ = ["Mean", "Means"]
 
 @dataclass(frozen=True)
 class Mean:
-    """A cell of the table.
+    """A cell of the table."""
 
-    Attributes:
-        fp_rate: False positives, per cent, mean over objects.
-        fn: False negatives in all.
-        samples: In all.
-        objects: Number of objects.
-        complete: Whether these are all objects that any row of the column was measured on.
-        kinds: Kinds of certificate.
-        unproven: Number of objects whose bounder is not proven.
-    """
-
-    fp_rate: float
-    fn: int
-    samples: int
-    objects: int
-    complete: bool
-    kinds: frozenset[str]
-    unproven: int
+    fp_rate: float  # false positives, per cent, mean over objects
+    fn: int  # false negatives in all
+    samples: int  # in all
+    objects: int  # number of objects
+    complete: bool  # whether these are all objects that any row of the column was measured on
+    kinds: frozenset[str]  # kinds of certificate
+    unproven: int  # number of objects whose bounder is not proven
 
     @property
     def proven(self) -> bool:
