@@ -66,7 +66,10 @@ class Asking(ABC):
 
     @cached_property
     def func(self) -> wp.Function:
-        """``test(data, q)`` for your own kernels, or ``test(data, a, b)`` for regions; write ``wp.static(bounder.func)(data, q)``.
+        """The test of one query, for kernels of your own: write ``wp.static(bounder.func)(data, q)``; true is *maybe*.
+
+        Of points ``test(data, q: vec_n) -> bool``, of regions ``test(data, a: vec_n, b: vec_n) -> bool``: a ray's origin and direction, a
+        plane's normal and point, a box's lower and upper corner; object space. ``data`` is ``bounder.data``, an argument of the kernel.
 
         The proof is of the float32 numbers that it gets, in IEEE arithmetic: it keeps to that in a module with ``fast_math``, and does not
         compile with ``-ffast-math`` in ``cpu_compiler_flags``; other such flags are outside the claim.
@@ -88,7 +91,9 @@ class Asking(ABC):
 
     @property
     def data(self) -> Data:
-        """The instance of ``Data`` that ``func`` takes, on this bounder's device.
+        """What ``func`` reads besides the query, on this bounder's device: pass it to the kernel as an argument of type ``wb.Data``.
+
+        A new threshold (``freeze``) makes a new one.
 
         Example:
             >>> bounder.data.parameters.device
@@ -139,7 +144,13 @@ class Asking(ABC):
         return self._batch(x, xform, scale, out, values=False)
 
     def values(self, x, *, xform=None, scale=None) -> wp.array:
-        """``f`` itself, as the device computes it: ``(N,)`` float32; +inf where the answer is *maybe* without asking, -inf outside.
+        """The number ``f`` that is compared with the threshold, as the device computes it; the arguments are those of ``query``.
+
+        Returns:
+            ``(N,)`` float32 ``wp.array``; +inf where the answer is *maybe* without asking, -inf outside the domain.
+
+        Raises:
+            QueryError: As ``query`` does.
 
         Example:
             >>> f = bounder.values(points).numpy()
@@ -149,16 +160,14 @@ class Asking(ABC):
         return self._batch(x, xform, scale, None, values=True)
 
     def candidates(self, x, *, xform=None, scale=None) -> tuple[wp.array, wp.array]:
-        """The queries that may meet the object, compacted on the device.
-
-        Args:
-            x: As for ``query``.
-            xform: As for ``query``.
-            scale: As for ``query``.
+        """Which queries may meet the object, compacted on the device; ``x``, ``xform`` and ``scale`` are those of ``query``.
 
         Returns:
             ``(N,)`` int32 indices, ascending, of which the first ``n`` are valid, and ``n`` as a 1-element int32 array.
             Nothing is read back to the host.
+
+        Raises:
+            QueryError: As ``query`` does.
 
         Example:
             >>> indices, count = bounder.candidates(points)

@@ -237,7 +237,14 @@ class Bounder(Asking):
         return twin
 
     def freeze(self, threshold: float, certificate: Certificate | None) -> "Bounder":
-        """Set threshold and certificate; the only way that they change. Rates that were measured before say nothing any more.
+        """Set threshold and certificate; the only way that they change. Rates that were measured before are forgotten.
+
+        Args:
+            threshold: Rounded to float32; the answer is *maybe* iff ``not (f < threshold)``.
+            certificate: What is known of this threshold; ``None`` for nothing.
+
+        Returns:
+            This bounder.
 
         Example:
             >>> looser = bounder.to("cpu").freeze(bounder.threshold - 0.5, None)
@@ -280,7 +287,13 @@ class Bounder(Asking):
     # --- keeping it --------------------------------------------------------------------------------------------------
 
     def save(self, path) -> None:
-        """Write one ``.safetensors`` file: whole or not at all (see ``warp_bounding.bounders.file_format``).
+        """Write one ``.safetensors`` file, whole or not at all: tensors, domain, threshold, certificate and a digest of them.
+
+        Args:
+            path: File to write; one that exists is replaced if it is a bounder's, by its name or its content.
+
+        Raises:
+            FileFormatError: If it cannot be written, or is another file that is kept.
 
         Example:
             >>> bounder.save("ball.safetensors")

@@ -40,6 +40,9 @@ class IndicatorGrid:
         resolution: The ``resolution`` that a mesh was voxelised with; ``None`` where the grid was given as one.
         note: A restriction that a user should know, such as that an open mesh is bounded by its surface only.
 
+    Raises:
+        IndicatorError: If all cells are empty, or all are occupied, or the map is none.
+
     Example:
         >>> wb.IndicatorGrid(ball)
         <IndicatorGrid array: 3D, 16 x 16 x 16 cells, 912 occupied, extent 1.067 x 1.067 x 1.067>

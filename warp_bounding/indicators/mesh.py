@@ -44,6 +44,9 @@ class IndicatorMesh:
         name: What it was read from, for messages.
         note: A restriction that a user should know, such as parts of a file that were not read.
 
+    Raises:
+        IndicatorError: For what is no mesh, vertices that are not finite, or faces without area only.
+
     Example:
         >>> mesh = wb.IndicatorMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
         >>> mesh.watertight

@@ -56,6 +56,9 @@ class IndicatorMotion:
         name: What it was made from, for messages and files.
         note: A restriction that a user should know.
 
+    Raises:
+        IndicatorError: For what is no mesh, fewer than two keyframes, or times that do not ascend.
+
     Example:
         >>> motion = wb.IndicatorMotion([mesh.vertices, mesh.vertices + 0.5], mesh.faces, times=[0.0, 2.0])
         >>> motion.ndim

@@ -11,7 +11,7 @@ import numpy as np
 from warp_bounding.bounders import Bounder, method_class
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.options import settled
-from warp_bounding.coordinates.region_domain import domain_of
+from warp_bounding.coordinates.region_domain import SPACES, domain_of
 from warp_bounding.errors import BounderError, BoundingWarning
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, IndicatorMotion, load_indicator
@@ -27,7 +27,6 @@ from warp_bounding.training.trainers import trainer_of
 
 __all__ = ["fit"]
 
-SPACES = ("geometric", "parametric")
 FRONT_SHARE = 0.1  # of what is left of the budget: for each learned part of a cascade before its networks
 COORDINATE_BYTES = 32  # of an occupied cell, on each axis: its index, two corners and what is computed of them
 PROOF_SECONDS = 8e-6  # an occupied cell: the proof of learned closed forms, measured; left over by their training
