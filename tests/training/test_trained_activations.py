@@ -12,7 +12,7 @@ from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
 from warp_bounding.training.engine.team import Team, single_threaded_torch  # noqa: E402
 from warp_bounding.training.engine.trainable_network import Evaluator  # noqa: E402
 from warp_bounding.training.recipes.default import Trainer  # noqa: E402
-from warp_bounding.training.recipes.early import _Exit, _SupportExit  # noqa: E402
+from warp_bounding.training.recipes.early import _Exit  # noqa: E402
 from warp_bounding.training.recipes.plane import SupportTrainer  # noqa: E402
 from warp_bounding.training.samples.base import samples_of  # noqa: E402
 
@@ -61,9 +61,9 @@ def test_an_exit_sees_the_features_of_its_network(activation):
 def test_an_exit_of_planes_sees_the_features_of_its_network(activation):
     domain = domain_of(shape("c"), "plane")
     trainer = SupportTrainer(shape("c"), domain, HIDDEN, activation)
-    own = _SupportExit(trainer, [layer.detach() for layer in trainer._layers[:1]])
+    own = trainer.behind([layer.detach() for layer in trainer.network.layers[:1]])
     m = torch.rand(300, 2) * 2 - 1
-    seen = own._forward(m).detach().numpy()
+    seen = own.network(m).detach().numpy()
     tensors = trainer.tensors()
     head = own.best()[-1].numpy()
     first = {name: tensors[name] for name in ("layers.0.weight", "layers.0.bias")}

@@ -19,7 +19,7 @@ from warp_bounding.bounders.neural.mlp_early import MlpEarly, part_of
 from warp_bounding.bounders.neural.monotone_mlp import MonotoneMlp
 from warp_bounding.proof import Search, conjunction, least_value, prove
 from warp_bounding.training.engine.adversary import adversarial_minimum
-from warp_bounding.training.engine.clock import Clock
+from warp_bounding.training.engine.clock import Clock, interrupts
 from warp_bounding.training.engine.team import single_threaded_torch
 from warp_bounding.training.engine.trainable_network import TrainableNetwork
 from warp_bounding.training.problem import Problem
@@ -160,7 +160,7 @@ class _Fit:
         trainer = SupportTrainer(problem.grid, problem.domain, options.hidden, options.activation, problem.seed)
         exits = None
         with single_threaded_torch():
-            self._train(lambda: trainer.run(self.clock, progress=self._report))
+            self.interrupted = interrupts(lambda: trainer.run(self.clock, progress=self._report))
             tensors = trainer.tensors()
             if self.early:
                 exits = train_exits(trainer, tensors, self.exit_seconds, self._exit_steps())
@@ -194,7 +194,9 @@ class _Fit:
 
         exits = None
         with single_threaded_torch():
-            self._train(lambda: trainer.run(self.clock, counterexamples=counterexamples, progress=self._report))
+            self.interrupted = interrupts(
+                lambda: trainer.run(self.clock, counterexamples=counterexamples, progress=self._report)
+            )
             tensors = trainer.network.tensors(trainer.best())
             trainer.network.flat.copy_(trainer.best())
             if self.early:
@@ -209,12 +211,6 @@ class _Fit:
             else:
                 record = self._decide(part, samples, networks[index], states[index], len(parts) - index)
         return self._whole(parts), record
-
-    def _train(self, job: Callable[[], None]) -> None:
-        try:
-            job()
-        except KeyboardInterrupt:
-            self.interrupted = True
 
     def _exit_steps(self) -> int | None:
         return None if self.clock.timed else EXIT_STEPS

@@ -5,8 +5,6 @@ lowest are looked for again and again. Negatives are fresh samples of the protoc
 every value has a non-negative share in f, so raising the nodes around a point by what it lacks never lowers f anywhere.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 import torch
 
@@ -17,7 +15,8 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import oracle, sample
-from warp_bounding.training.engine.clock import Clock
+from warp_bounding.training.engine.clock import Clock, Progress, geometric, interrupts
+from warp_bounding.training.engine.descent import descend
 from warp_bounding.training.engine.team import single_threaded_torch
 
 __all__ = ["train_relu_field"]
@@ -37,8 +36,6 @@ STEPS = 1500  # more gain little
 SCALE = 0.25  # f = 0.5 + SCALE * value, so that the line is in the middle
 REPAIR_SHARE = 0.2  # of the budget
 GENTLE = 3  # passes that add no more than is needed, before the one that is sure
-
-Progress = Callable[[float, str], None]
 
 
 def train_relu_field(
@@ -70,14 +67,11 @@ def train_relu_field(
     """
     if not ReluField.supports(domain.query, domain.space_ndim, domain.space):
         raise BounderError(f"relu-field does not bound {domain.query} queries of {domain.space_ndim}D objects")
-    clock, interrupted = Clock(budget, steps), False
+    clock = Clock(budget, steps)
     trainer = _Trainer(grid, domain, seed)
     clock.reserved = min(REPAIR_SHARE * budget + clock.seconds, 0.8 * budget)
     with single_threaded_torch():
-        try:
-            trainer.run(clock, progress)
-        except KeyboardInterrupt:
-            interrupted = True
+        interrupted = interrupts(lambda: trainer.run(clock, progress))
         values = trainer.better()
     bounder = ReluField.of_values(domain, trainer.field, 0.5 + SCALE * values, device)
     return bounder, {"steps": clock.count, "interrupted": interrupted, "nodes": list(trainer.field.nodes)}
@@ -113,17 +107,13 @@ class _Trainer:
                     self._refresh()
                     if progress:
                         progress(used, f"lowest positive {self.lowest:.2f}")
-                softness, weight, rate = (a * (b / a) ** used for a, b in (SOFTNESS, WEIGHT, RATE))
+                softness, weight, rate = (geometric(*ends, used) for ends in (SOFTNESS, WEIGHT, RATE))
                 with torch.enable_grad():
                     inside = self._field(values, *self._pick(self.negative))
                     low = self._field(values, *self._pick(self.positive))
                     short = (MARGIN * softness / SOFTNESS[0] - low).clamp(min=0)
                     loss = torch.sigmoid(inside / softness).mean() * self.share + weight * (short * short).mean()
-                    optimiser.zero_grad()
-                    loss.backward()
-                for group in optimiser.param_groups:
-                    group["lr"] = rate
-                optimiser.step()
+                    descend(optimiser, loss, rate)
                 clock.count += 1
         finally:
             self.values = values.detach()

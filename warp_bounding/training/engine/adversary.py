@@ -72,20 +72,16 @@ def adversarial_minimum(
         rounds: Largest number of rounds; with unlimited time the search is repeatable.
     """
     started = working_seconds()
-    with single_threaded_torch():
-        team = Team(cpu_threads())
-        try:
-            search = _Search(samples, network, team, states)
-            quiet = count = 0
-            while count < rounds and quiet < QUIET and (not count or working_seconds() - started < seconds):
-                before = float(search.values[0]) if len(search.values) else float("inf")
-                search.round()
-                count += 1
-                scale = float(search.values.std()) if len(search.values) > 1 else 1.0
-                quiet = 0 if float(search.values[0]) < before - IMPROVEMENT * max(1.0, scale) else quiet + 1
-            v = samples.coordinates(search.states).T.double().numpy()
-        finally:
-            team.close()
+    with single_threaded_torch(), Team(cpu_threads()) as team:
+        search = _Search(samples, network, team, states)
+        quiet = count = 0
+        while count < rounds and quiet < QUIET and (not count or working_seconds() - started < seconds):
+            before = float(search.values[0]) if len(search.values) else float("inf")
+            search.round()
+            count += 1
+            scale = float(search.values.std()) if len(search.values) > 1 else 1.0
+            quiet = 0 if float(search.values[0]) < before - IMPROVEMENT * max(1.0, scale) else quiet + 1
+        v = samples.coordinates(search.states).T.double().numpy()
     return Adversary(
         float(search.values[0]), search.states, v, search.values, count, quiet >= QUIET, working_seconds() - started
     )
@@ -105,7 +101,7 @@ class _Search:
             x = self.network.encode(self.samples.coordinates(states[:, part]))
             values[part] = self.workers[index].forward(x)
 
-        self._over(states.shape[1], job)
+        self.team.over(states.shape[1], job, CHUNK)
         return values
 
     def walk(self, states: torch.Tensor, steps: torch.Tensor, moves: int):
@@ -129,21 +125,13 @@ class _Search:
                 step = torch.where(better, step * GROWTH, step * SHRINK).clamp_(SHORTEST, LONGEST)
             states[:, part], values[part], steps[part] = here, f, step
 
-        self._over(states.shape[1], job)
+        self.team.over(states.shape[1], job, CHUNK)
         return states, values, steps
 
     def _slope(self, worker: Evaluator, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         x = self.network.encode(v)
         slope = self.network.decode_gradient(worker.input_gradient(x), v)
         return slope, worker.forward(x).clone()
-
-    def _over(self, count: int, job) -> None:
-        def share(index: int) -> None:
-            first, last = (count * k // self.team.size for k in (index, index + 1))
-            for start in range(first, last, CHUNK):
-                job(index, slice(start, min(start + CHUNK, last)))
-
-        self.team.run(share)
 
     def round(self) -> None:
         fresh = self.samples.positives(STARTS)

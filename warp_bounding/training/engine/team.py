@@ -50,6 +50,26 @@ class Team:
         if errors:
             raise errors[0]
 
+    def share(self, index: int, count: int) -> slice:
+        """Thread ``index``'s part of ``count`` things."""
+        return slice(*(count * k // self.size for k in (index, index + 1)))
+
+    def over(self, count: int, job: Callable[[int, slice], None], chunk: int) -> None:
+        """Run ``job(k, part)`` over ``count`` things: thread k goes through its share in parts of at most ``chunk``."""
+
+        def go(index: int) -> None:
+            own = self.share(index, count)
+            for start in range(own.start, own.stop, chunk):
+                job(index, slice(start, min(start + chunk, own.stop)))
+
+        self.run(go)
+
+    def __enter__(self) -> "Team":
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.close()
+
     def close(self) -> None:
         """End the threads."""
         for inbox in self._inboxes:

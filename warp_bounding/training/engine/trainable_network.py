@@ -12,6 +12,7 @@ import torch
 
 from warp_bounding.activations import activation_of
 from warp_bounding.bounders.neural.mlp import encoding_tensors
+from warp_bounding.training.engine.row_network import tensors_of
 
 __all__ = ["Evaluator", "TrainableNetwork"]
 
@@ -71,11 +72,8 @@ class TrainableNetwork:
 
     def tensors(self, flat: torch.Tensor | None = None) -> dict[str, np.ndarray]:
         """The parameters as a bounder stores them."""
-        out = {name: value.numpy().copy() for name, value in self.encoding.items()}
-        for index, layer in enumerate(self.layers if flat is None else self.split(flat)):
-            out[f"layers.{index}.weight"] = layer[:, :-1].numpy().copy()
-            out[f"layers.{index}.bias"] = layer[:, -1].numpy().copy()
-        return out
+        fixed = {name: value.numpy().copy() for name, value in self.encoding.items()}
+        return fixed | tensors_of(self.layers if flat is None else self.split(flat))
 
 
 class Evaluator:

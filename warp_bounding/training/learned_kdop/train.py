@@ -6,8 +6,6 @@ Training starts from ``kdop``'s own half-spaces and from others; what has the fe
 ``kdop``'s half-spaces themselves among them, so the result is never worse than ``kdop`` there.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 import torch
 
@@ -17,7 +15,8 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import oracle, sample
-from warp_bounding.training.engine.clock import Clock
+from warp_bounding.training.engine.clock import Clock, Progress, geometric, interrupts
+from warp_bounding.training.engine.descent import descend
 from warp_bounding.training.engine.team import single_threaded_torch
 from warp_bounding.training.learned_kdop.half_space_problems import HalfSpaceProblem, problem_of, tensor
 
@@ -36,8 +35,6 @@ JITTER = 0.02  # of kdop's normals: two that are one and the same would stay so
 CHECK = 50  # steps between counts on all samples
 REFRESH = 10  # steps between looks at what sets the faces
 FINALISTS = 2  # whose true faces are set at the end
-
-Progress = Callable[[float, str], None]
 
 
 def train_learned_kdop(
@@ -76,20 +73,20 @@ def train_learned_kdop(
         start = torch.cat([start, _unit(problem.start(k - len(start), generator))])
     clock.reserved = min(0.15 * budget, 2 * clock.seconds)
     found: list[tuple[float, torch.Tensor]] = []
-    interrupted = False
+
+    def learn() -> None:
+        for index in range(STARTS):
+            normals = start + JITTER * torch.randn(start.shape, generator=generator)
+            if index % 2 == 1:
+                normals = problem.start(len(start), generator)
+            part = ((index + 1) / STARTS, index / STARTS)
+            found.append((np.inf, start))
+            _descend(problem, v, _unit(normals), clock, part, generator, progress, found)
+            if clock.fraction() >= 1:
+                break
+
     with single_threaded_torch():
-        try:
-            for index in range(STARTS):
-                normals = start + JITTER * torch.randn(start.shape, generator=generator)
-                if index % 2 == 1:
-                    normals = problem.start(len(start), generator)
-                part = ((index + 1) / STARTS, index / STARTS)
-                found.append((np.inf, start))
-                _descend(problem, v, _unit(normals), clock, part, generator, progress, found)
-                if clock.fraction() >= 1:
-                    break
-        except KeyboardInterrupt:
-            interrupted = True
+        interrupted = interrupts(learn)
     found.sort(key=lambda pair: pair[0])
     bounders = [LearnedKdop.of_normals(grid, domain, classic, support=support, device=device)]
     for _, normals in found[:FINALISTS]:
@@ -155,13 +152,9 @@ def _descend(
             if last:
                 break
             batch = v[torch.randint(len(v), (BATCH,), generator=generator)]
-            softness = SOFTNESS[0] * (SOFTNESS[1] / SOFTNESS[0]) ** used
+            softness = geometric(*SOFTNESS, used)
             loss = torch.sigmoid(problem.values(unit, problem.offsets(unit), batch) / softness).mean()
-            optimiser.zero_grad()
-            loss.backward()
-        for group in optimiser.param_groups:
-            group["lr"] = RATE * (RATE_END / RATE) ** used
-        optimiser.step()
+            descend(optimiser, loss, geometric(RATE, RATE_END, used))
         clock.count += 1
 
 

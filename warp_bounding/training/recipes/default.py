@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import torch
 
 from warp_bounding.runtime.launch import cpu_threads
-from warp_bounding.training.engine.clock import Clock
+from warp_bounding.training.engine.clock import Clock, Progress, cosine, geometric
 from warp_bounding.training.engine.soap import Soap
 from warp_bounding.training.engine.team import Team
 from warp_bounding.training.engine.trainable_network import Evaluator, TrainableNetwork
@@ -77,7 +77,7 @@ def recipe_of(query: str, inputs: int) -> Recipe:
 
 def schedule(end: float, used: float, start: float, stop: float, begin: float = 1.0) -> float:
     """Geometric from ``begin`` to ``end`` while ``used`` goes from ``start`` to ``stop``."""
-    return begin * (end / begin) ** min(1.0, max(0.0, (used - start) / (stop - start)))
+    return geometric(begin, end, min(1.0, max(0.0, (used - start) / (stop - start))))
 
 
 class Trainer:
@@ -113,7 +113,7 @@ class Trainer:
         self.decay = 0.0
         self._hard: torch.Tensor | None = None  # states
         self._best = (math.inf, self.network.flat.clone())
-        self._batches: list[tuple] = []
+        self._batches: tuple[Batches, Batches] | None = None
 
     def _initialise(self) -> None:
         """Weights to begin with."""
@@ -133,7 +133,7 @@ class Trainer:
         clock: Clock,
         *,
         counterexamples: Callable[["Trainer", float], None] | None = None,
-        progress: Callable[[float, str], None] | None = None,
+        progress: Progress | None = None,
     ) -> None:
         """Train until the clock's budget is used up, or an interrupt.
 
@@ -142,13 +142,10 @@ class Trainer:
             counterexamples: Called before every refresh with this trainer and the used fraction; may call ``add``.
             progress: Called at every refresh with the used fraction and a note on rates.
         """
-        recipe, threads = self.recipe, cpu_threads()
-        team = Team(threads)
-        workers = [Evaluator(self.network, recipe.chunk) for _ in range(threads)]
-        optimiser = self._optimiser()
-        step = 0
-        try:
-            while (used := clock.fraction()) < 1:
+        recipe, optimiser = self.recipe, self._optimiser()
+        with Team(cpu_threads()) as team:
+            workers = self.workers(team)
+            for step, used in clock.steps():
                 if step % recipe.refresh == 0:
                     if counterexamples:
                         counterexamples(self, used)
@@ -156,23 +153,18 @@ class Trainer:
                     if progress:
                         rates = f"FP {100 * self.false_positives:.1f} %, FN at 0: {100 * self.false_negatives:.1f} % of the worst"
                         progress(used, rates)
-                self._gradient(team, workers, step % recipe.refresh, used)
-                for worker in workers[1:]:
-                    workers[0].gradient.add_(worker.gradient)
-                warm = min(1.0, (used + 1e-3) / recipe.warm_up)
-                cosine = recipe.rate_end + (1 - recipe.rate_end) * 0.5 * (1 + math.cos(math.pi * min(used, 1.0)))
-                rate = recipe.rate * warm * cosine
-                optimiser.step(workers[0].gradients, rate)
+                rate = cosine(recipe.rate, recipe.rate_end, recipe.warm_up, used)
+                optimiser.step(self._gradients(team, workers, step % recipe.refresh, used, rate), rate)
                 if self.decay:
                     for weight in self.network.layers[:-1]:
                         weight.mul_(1 - rate * self.decay)
-                step += 1
-                clock.count += 1
             if counterexamples:
                 counterexamples(self, 1.0)
             self._refresh(team, workers, 1.0)
-        finally:
-            team.close()
+
+    def workers(self, team: Team) -> list[Evaluator]:
+        """One for each thread."""
+        return [Evaluator(self.network, self.recipe.chunk) for _ in range(team.size)]
 
     def add(self, v) -> None:
         """Add positives found elsewhere, ``(N, ndim)`` float64 coordinates ``v``, to the hard pool."""
@@ -217,14 +209,7 @@ class Trainer:
         below, above = values[: negative.shape[1]], values[negative.shape[1] :]
         self._estimate(below, above)
 
-        near = below > -recipe.saturation
-        chosen, weights = _stratified(near, recipe, self.generator)
-        negatives = (negative, chosen, weights / recipe.pool)  # a volume
-        level = above.kthvalue(min(recipe.boosted, len(above)))[0]
-        boost = 1 + (schedule(recipe.boost, used, 0.6, 0.95) - 1) * (above <= level).float()
-        chosen, weights = _stratified(above <= torch.clamp(level, min=recipe.saturation), recipe, self.generator)
-        positives = (positive, chosen, weights / len(above), boost)  # a mean
-        self._batches = [negatives, positives]
+        self._batches = plan(recipe, used, self.generator, (negative, below), (positive, above))
 
     def _estimate(self, below: torch.Tensor, above: torch.Tensor) -> None:
         """False positives at the least value known on the object; remember the parameters with the fewest."""
@@ -237,60 +222,124 @@ class Trainer:
     def _evaluate(self, team: Team, workers: list[Evaluator], x: torch.Tensor) -> torch.Tensor:
         values = torch.empty(x.shape[1])
 
-        def job(index: int) -> None:
-            part = slice(*(x.shape[1] * k // team.size for k in (index, index + 1)))
-            workers[index].evaluate(x[:, part], values[part])
+        def job(index: int, part: slice) -> None:
+            values[part] = workers[index].forward(x[:, part])
 
-        team.run(job)
+        team.over(x.shape[1], job, self.recipe.chunk)
         return values
 
     def _descend(self, team: Team, workers: list[Evaluator], state: torch.Tensor, moves: int) -> torch.Tensor:
         """States after some steps down f."""
         state, samples, network = state.clone(), self.samples, self.network
 
-        def job(index: int) -> None:
-            first, last = (state.shape[1] * k // team.size for k in (index, index + 1))
-            for start in range(first, last, self.recipe.chunk):
-                part = slice(start, min(start + self.recipe.chunk, last))
-                columns = state[:, part]
-                for move in range(moves):
-                    v = samples.coordinates(columns)
-                    slope = network.decode_gradient(workers[index].input_gradient(network.encode(v)), v)
-                    columns = samples.move(columns, slope, 0.4 * 0.8**move)
-                state[:, part] = columns
+        def job(index: int, part: slice) -> None:
+            columns = state[:, part]
+            for move in range(moves):
+                v = samples.coordinates(columns)
+                slope = network.decode_gradient(workers[index].input_gradient(network.encode(v)), v)
+                columns = samples.move(columns, slope, 0.4 * 0.8**move)
+            state[:, part] = columns
 
-        team.run(job)
+        team.over(state.shape[1], job, self.recipe.chunk)
         return state
 
     # --- one step ----------------------------------------------------------------------------------------------------
 
-    def _gradient(self, team: Team, workers: list[Evaluator], row: int, used: float) -> None:
-        """Gradient of the loss on the planned batch ``row``, summed over the workers' ``gradient``."""
-        recipe = self.recipe
-        weight = schedule(recipe.weight, used, 0.0, recipe.ramp)
-        width = schedule(recipe.sharpness, used, 0.0, recipe.ramp)
-        ramp = schedule(recipe.give_up, used, 0.3, 0.95, begin=40.0)
-        (negative, negative_rows, negative_weight), (positive, positive_rows, positive_weight, boost) = self._batches
+    def _gradients(
+        self, team: Team, workers: list[Evaluator], row: int, used: float, rate: float
+    ) -> list[torch.Tensor]:
+        """Gradients of the loss on the planned batch ``row``, one matrix a layer; ``rate`` is of the step that they are for."""
+        accumulate(self._batches, self.recipe, team, workers, row, used)
+        return summed(workers)
 
-        def job(index: int) -> None:
-            worker = workers[index]
-            worker.gradient.zero_()
-            first, last = (recipe.batch * k // team.size for k in (index, index + 1))
-            for start in range(first, last, recipe.chunk):
-                part = slice(start, min(start + recipe.chunk, last))
-                x = negative.index_select(1, negative_rows[row, part])
-                f = worker.forward(x, keep=True)
-                signal = torch.sigmoid(f)
-                if ramp < 30:
-                    signal -= torch.sigmoid(f - ramp)
-                worker.backward(x, signal.mul_(negative_weight[part]).mul_(weight**-0.5))
-                columns = positive_rows[row, part]
-                x = positive.index_select(1, columns)
-                f = worker.forward(x, keep=True)
-                signal = torch.sigmoid(f.div_(-width)).mul_(positive_weight[part]).mul_(boost[columns])
-                worker.backward(x, signal.mul_(-(weight**0.5)))
 
-        team.run(job)
+@dataclass(frozen=True)
+class Batches:
+    """The batches until the next refresh, of negatives or of positives.
+
+    Attributes:
+        x: ``(features + 1, N)``, encoded samples.
+        rows: ``(refresh, batch)`` indices into them.
+        weight: ``(batch,)``.
+        boost: ``(N,)``, of the worst positives' weights; 1 of others.
+    """
+
+    x: torch.Tensor
+    rows: torch.Tensor
+    weight: torch.Tensor
+    boost: torch.Tensor | None = None
+
+
+def plan(
+    recipe: Recipe,
+    used: float,
+    generator: torch.Generator,
+    negatives: tuple[torch.Tensor, torch.Tensor],
+    positives: tuple[torch.Tensor, torch.Tensor],
+) -> tuple[Batches, Batches]:
+    """Draw batches of encoded samples whose values are known: ``(x, f)`` of negatives and of positives."""
+    (negative, below), (positive, above) = negatives, positives
+    chosen, weights = _stratified(below > -recipe.saturation, recipe, generator)
+    planned = Batches(negative, chosen, weights / recipe.pool)  # a volume
+    level = above.kthvalue(min(recipe.boosted, len(above)))[0]
+    boost = 1 + (schedule(recipe.boost, used, 0.6, 0.95) - 1) * (above <= level).float()
+    chosen, weights = _stratified(above <= torch.clamp(level, min=recipe.saturation), recipe, generator)
+    return planned, Batches(positive, chosen, weights / len(above), boost)  # a mean
+
+
+def weights_of(recipe: Recipe, used: float) -> tuple[float, float, float]:
+    """Weight of positives against negatives, width of the positives' softplus, width of the negatives' ramp."""
+    weight = schedule(recipe.weight, used, 0.0, recipe.ramp)
+    width = schedule(recipe.sharpness, used, 0.0, recipe.ramp)
+    return weight, width, schedule(recipe.give_up, used, 0.3, 0.95, begin=40.0)
+
+
+def accumulate(
+    batches: tuple[Batches, Batches],
+    recipe: Recipe,
+    team: Team,
+    workers: list[Evaluator],
+    row: int,
+    used: float,
+    size: int | None = None,
+) -> None:
+    """Gradient of the loss on batch ``row`` of negatives and positives, of the workers' network, each worker's share in its ``gradient``.
+
+    Args:
+        batches: See ``plan``.
+        recipe: Constants.
+        team: Of threads.
+        workers: One a thread.
+        row: Of the batch.
+        used: Fraction.
+        size: Of a batch; the recipe's if ``None``.
+    """
+    (weight, width, ramp), (negatives, positives) = weights_of(recipe, used), batches
+    for worker in workers:
+        worker.gradient.zero_()
+
+    def job(index: int, part: slice) -> None:
+        worker = workers[index]
+        x = negatives.x.index_select(1, negatives.rows[row, part])
+        f = worker.forward(x, keep=True)
+        signal = torch.sigmoid(f)
+        if ramp < 30:
+            signal -= torch.sigmoid(f - ramp)
+        worker.backward(x, signal.mul_(negatives.weight[part]).mul_(weight**-0.5))
+        columns = positives.rows[row, part]
+        x = positives.x.index_select(1, columns)
+        f = worker.forward(x, keep=True)
+        signal = torch.sigmoid(f.div_(-width)).mul_(positives.weight[part]).mul_(positives.boost[columns])
+        worker.backward(x, signal.mul_(-(weight**0.5)))
+
+    team.over(size or recipe.batch, job, recipe.chunk)
+
+
+def summed(workers: list[Evaluator]) -> list[torch.Tensor]:
+    """The workers' gradients, one matrix a layer; they are the first one's own."""
+    for worker in workers[1:]:
+        workers[0].gradient.add_(worker.gradient)
+    return workers[0].gradients
 
 
 def _stratified(active: torch.Tensor, recipe: Recipe, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:

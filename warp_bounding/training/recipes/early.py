@@ -8,9 +8,7 @@ that stay as they are, by Newton steps. A plane's exits are supports, trained as
 Limits: exits cost the network some of its own tightness, and time. Exits of planes are only as good as the layers they find.
 """
 
-import copy
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -19,11 +17,11 @@ import torch
 from torch.nn.functional import softplus
 
 from warp_bounding.runtime.launch import cpu_threads
-from warp_bounding.training.engine.clock import Clock
+from warp_bounding.training.engine.clock import Clock, Progress
 from warp_bounding.training.engine.soap import Soap
 from warp_bounding.training.engine.team import Team
 from warp_bounding.training.engine.trainable_network import Evaluator, TrainableNetwork
-from warp_bounding.training.recipes.default import Trainer, _stratified, schedule
+from warp_bounding.training.recipes.default import Batches, Trainer, accumulate, plan, schedule, summed, weights_of
 from warp_bounding.training.recipes.plane import SupportTrainer
 
 __all__ = ["EXIT_SHARE", "EarlyTrainer", "TrainedExits", "train_exits"]
@@ -37,8 +35,6 @@ REFRESH = 4  # Newton steps between two refreshes of the samples
 SAMPLES = {"refresh": 1, "vertices": 32768, "explore": 8192}  # what an exit's recipe has otherwise than the network's
 DAMPING = 1e-4  # of the Hessian's mean diagonal entry
 HALVINGS = 6  # of a step that leads upwards
-
-Progress = Callable[[float, str], None]
 
 
 class TrainedExits(NamedTuple):
@@ -84,7 +80,7 @@ def train_exits(
     exits = TrainedExits({}, [], [], [])
     for index in range(depth):
         if support:
-            head = _SupportExit(trainer, layers[: index + 1])
+            head = trainer.behind(layers[: index + 1])
         else:
             known = trainer.heads[index] if isinstance(trainer, EarlyTrainer) else None
             head = _Exit(trainer, layers[: index + 1], known)
@@ -119,7 +115,7 @@ class _JointExit:
         self.workers = [Evaluator(self.network, trainer.recipe.chunk) for _ in range(cpu_threads())]
         self.optimiser = Soap([self.head], trainer.recipe.beta1, trainer.recipe.beta2)
         self.hard: torch.Tensor | None = None
-        self.batches: list[tuple] = []
+        self.batches: tuple[Batches, Batches] | None = None
 
 
 class EarlyTrainer(Trainer):
@@ -135,7 +131,7 @@ class EarlyTrainer(Trainer):
         super()._refresh(team, workers, used)
         if self._best is not best:
             self.heads = [own.head.clone() for own in self.exits]
-        (negative, *_), (positive, *_) = self._batches
+        negative, positive = (batches.x for batches in self._batches)
         recipe = replace(self.recipe, batch=int(self.recipe.batch * JOINT_BATCH))
         for own in self.exits:
             state = self.samples.positives(JOINT_EXPLORE)
@@ -146,28 +142,20 @@ class EarlyTrainer(Trainer):
             own.hard = state[:, worst]
             positives = torch.cat([encoded[:, worst], positive], 1)
             below, above = (self._evaluate(team, own.workers, x) for x in (negative, positives))
-            chosen, weights = _stratified(below > -recipe.saturation, recipe, self.generator)
-            level = above.kthvalue(min(recipe.boosted, len(above)))[0]
-            boost = 1 + (schedule(recipe.boost, used, 0.6, 0.95) - 1) * (above <= level).float()
-            rows, shares = _stratified(above <= torch.clamp(level, min=recipe.saturation), recipe, self.generator)
-            own.batches = [(negative, chosen, weights / recipe.pool), (positives, rows, shares / len(above), boost)]
+            own.batches = plan(recipe, used, self.generator, (negative, below), (positives, above))
 
-    def _gradient(self, team: Team, workers: list[Evaluator], row: int, used: float) -> None:
-        super()._gradient(team, workers, row, used)
-        recipe, batches = self.recipe, self._batches
-        warm = min(1.0, (used + 1e-3) / recipe.warm_up)
-        cosine = recipe.rate_end + (1 - recipe.rate_end) * 0.5 * (1 + math.cos(math.pi * min(used, 1.0)))
-        self.recipe = replace(recipe, batch=int(recipe.batch * JOINT_BATCH))
-        for own in self.exits:  # the same loss, of another network on batches of its own
-            self._batches = own.batches
-            super()._gradient(team, own.workers[: team.size], row, used)
-            for worker in own.workers[1 : team.size]:
-                own.workers[0].gradient.add_(worker.gradient)
-            *shared, head = own.workers[0].gradients
+    def _gradients(
+        self, team: Team, workers: list[Evaluator], row: int, used: float, rate: float
+    ) -> list[torch.Tensor]:
+        """See ``Trainer``; the exits make their steps, and their losses count in the layers that they share."""
+        accumulate(self._batches, self.recipe, team, workers, row, used)
+        for own in self.exits:
+            accumulate(own.batches, self.recipe, team, own.workers, row, used, int(self.recipe.batch * JOINT_BATCH))
+            *shared, head = summed(own.workers)
             for total, part in zip(workers[0].gradients, shared, strict=False):
                 total.add_(part, alpha=JOINT)
-            own.optimiser.step([head], recipe.rate * warm * cosine)
-        self.recipe, self._batches = recipe, batches
+            own.optimiser.step([head], rate)
+        return summed(workers)
 
 
 class _Exit(Trainer):
@@ -185,47 +173,35 @@ class _Exit(Trainer):
 
     def run(self, clock: Clock, *, counterexamples=None, progress: Progress | None = None) -> None:
         """See ``Trainer``; a step is one of Newton's."""
-        threads = cpu_threads()
-        team = Team(threads)
-        workers = [Evaluator(self.network, self.recipe.chunk) for _ in range(threads)]
-        step = 0
-        try:
-            while (used := clock.fraction()) < 1:
+        with Team(cpu_threads()) as team:
+            workers = self.workers(team)
+            for step, used in clock.steps():
                 if step % REFRESH == 0:
                     self._refresh(team, workers, self._begin + (1 - self._begin) * used)
-                    activations = [self._activations(team, batch[0]) for batch in self._batches]
+                    activations = [self._activations(team, batches.x) for batches in self._batches]
                     if progress:
                         progress(used, f"FP {100 * self.false_positives:.1f} %")
                 self._newton(team, *activations, self._begin + (1 - self._begin) * used)
-                step += 1
-                clock.count += 1
             self._refresh(team, workers, 1.0)
-        finally:
-            team.close()
 
     def _activations(self, team: Team, x: torch.Tensor) -> torch.Tensor:
         """``(N, H + 1)`` activations of the last layer, and ones, for encoded columns."""
         rows = torch.ones(x.shape[1], self.network.hidden[-1] + 1)
 
-        def job(index: int) -> None:
-            first, last = (x.shape[1] * k // team.size for k in (index, index + 1))
-            for start in range(first, last, self.recipe.chunk):
-                part = slice(start, min(start + self.recipe.chunk, last))
-                h = x[:, part]
-                for layer in self.network.layers[:-1]:
-                    z = layer @ h
-                    h = torch.cat([self.network.act.torch_value(z), torch.ones(1, z.shape[1])])
-                rows[part] = h.T
+        def job(_, part: slice) -> None:
+            h = x[:, part]
+            for layer in self.network.layers[:-1]:
+                z = layer @ h
+                h = torch.cat([self.network.act.torch_value(z), torch.ones(1, z.shape[1])])
+            rows[part] = h.T
 
-        team.run(job)
+        team.over(x.shape[1], job, self.recipe.chunk)
         return rows
 
     def _newton(self, team: Team, negative: torch.Tensor, positive: torch.Tensor, used: float) -> None:
         """One step down ``Trainer``'s loss. The concave part of the negatives' ramp is left out of the Hessian."""
         recipe, head = self.recipe, self.network.layers[-1][0]
-        weight = schedule(recipe.weight, used, 0.0, recipe.ramp)
-        width = schedule(recipe.sharpness, used, 0.0, recipe.ramp)
-        ramp = schedule(recipe.give_up, used, 0.3, 0.95, begin=40.0)
+        weight, width, ramp = weights_of(recipe, used)
         w_negative, w_positive = weight**-0.5 / recipe.pool, weight**0.5 / len(positive)
         level = (positive @ head).kthvalue(min(recipe.boosted, len(positive)))[0]
         boost = 1 + (schedule(recipe.boost, used, 0.6, 0.95) - 1) * (positive @ head <= level).float()
@@ -244,7 +220,7 @@ class _Exit(Trainer):
         def job(index: int) -> None:
             parts = []
             for h, c in zip((negative, positive), curvature, strict=True):
-                part = slice(*(len(h) * k // team.size for k in (index, index + 1)))
+                part = team.share(index, len(h))
                 parts.append((h[part] * c[part, None]).T @ h[part])
             hessians[index] = parts[0] + parts[1]
 
@@ -259,25 +235,3 @@ class _Exit(Trainer):
                 head -= length * change
                 return
             length *= 0.5
-
-
-class _SupportExit(SupportTrainer):
-    """A plane's two outputs on finished layers: the trainer's own loop sees one layer, behind fixed activations."""
-
-    def __init__(self, trainer: SupportTrainer, layers: list[torch.Tensor]):
-        self.__dict__.update(copy.copy(trainer).__dict__)
-        self._fixed = layers
-        width = len(layers[-1])
-        head = (torch.rand(2, width + 1, generator=self.generator) * 2 - 1) / math.sqrt(width)
-        self._layers = [head.requires_grad_(True)]
-        self._best = (math.inf, self._copy())
-
-    def best(self) -> list[torch.Tensor]:
-        """The layers with the fewest estimated false positives so far."""
-        return self._best[1]
-
-    def _forward(self, m: torch.Tensor) -> torch.Tensor:
-        with torch.no_grad():
-            for layer in self._fixed:
-                m = self.activation.torch_value(torch.addmm(layer[:, -1], m, layer[:, :-1].T))
-        return super()._forward(m)

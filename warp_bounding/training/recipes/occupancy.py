@@ -5,9 +5,6 @@ negatives as false positives. The optimiser and the initial weights are those of
 well as that is, to be compared with fairly.
 """
 
-import math
-from collections.abc import Callable
-
 import numpy as np
 import torch
 from torch.nn.functional import binary_cross_entropy_with_logits
@@ -16,9 +13,11 @@ from warp_bounding.activations import activation_of
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.networks.heads import head_of
 from warp_bounding.queries import oracle, sample
 from warp_bounding.runtime.launch import cpu_threads
-from warp_bounding.training.engine.clock import Clock
+from warp_bounding.training.engine.clock import Clock, Progress, cosine, geometric, interrupts
+from warp_bounding.training.engine.row_network import RowNetwork, tensors_of
 from warp_bounding.training.engine.soap import Soap
 from warp_bounding.training.engine.team import Team, single_threaded_torch
 from warp_bounding.training.engine.trainable_network import TrainableNetwork
@@ -34,8 +33,6 @@ SHARPNESS = (
     100.0,
 )  # a plane's log odds per f, from begin to end: f moves with the offset itself, its slope is fixed
 RATE, RATE_END, WARM_UP = 1e-2, 1e-3, 0.02
-
-Progress = Callable[[float, str], None]
 
 
 def train_occupancy(
@@ -65,63 +62,46 @@ def train_occupancy(
         Tensors as ``Occupancy`` stores them.
     """
     learner = _Learner(grid, domain, hidden, activation, octaves, seed)
-    with single_threaded_torch():
-        team = Team(cpu_threads())
-        try:
-            learner.run(team, clock, progress)
-        except KeyboardInterrupt:
-            pass
-        finally:
-            team.close()
+    with single_threaded_torch(), Team(cpu_threads()) as team:
+        interrupts(lambda: learner.run(team, clock, progress))
     return learner.tensors()
 
 
 class _Learner:
-    """The network, and the samples it learns from. Layers are ``(out, in + 1)`` matrices, samples are rows."""
+    """The network, and the samples it learns from, which are rows."""
 
     def __init__(self, grid, domain, hidden, activation, octaves, seed):
-        self.grid, self.domain, self.activation = grid, domain, activation_of(activation)
-        self.plane = domain.query == "plane"
-        generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
-        self.generator = generator
+        self.grid, self.domain, self.head = grid, domain, head_of(domain.query)
+        self.generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
         self._oracle = oracle(domain.query, grid, "cpu", domain.length or 1.0)
-        inputs = grid.ndim if self.plane else domain.ndim
-        self._inputs = TrainableNetwork(inputs, hidden, activation, octaves)
-        waves = domain.query == "point" and self.activation.wave and not octaves
-        first, later = POINT_GAINS if waves else self.activation.support_gains
-        self._inputs.initialise(first, later, generator)
-        self.layers = [layer.clone() for layer in self._inputs.layers]
-        if self.plane:
-            self.layers[-1] = torch.cat([self.layers[-1], self.layers[-1].clone()])
-        for layer in self.layers:
-            layer.requires_grad_(True)
+        act = activation_of(activation)
+        self._inputs = TrainableNetwork(domain.ndim - self.head.offsets, hidden, activation, octaves)
+        waves = domain.tested_as_point and act.wave and not octaves
+        self._inputs.initialise(*(POINT_GAINS if waves else act.support_gains), self.generator)
+        layers = [layer.clone() for layer in self._inputs.layers]
+        layers[-1] = layers[-1].repeat(self.head.outputs, 1)
+        self.network = RowNetwork(layers, act)
 
     def tensors(self) -> dict[str, np.ndarray]:
-        out = {name: value.numpy().copy() for name, value in self._inputs.encoding.items()}
-        for index, layer in enumerate(self.layers):
-            out[f"layers.{index}.weight"] = layer.detach()[:, :-1].numpy().copy()
-            out[f"layers.{index}.bias"] = layer.detach()[:, -1].numpy().copy()
-        return out
+        return self._inputs.tensors() | tensors_of(self.network.copy())
 
     def draw(self, count: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Rows of inputs, offsets of planes (else zeros), and the truth as 0 and 1."""
         q = sample(self.domain.query, self.grid, count, self._rng)
         truth = torch.from_numpy(np.asarray(self._oracle(q), dtype=np.float32))
         v = torch.from_numpy(self.domain.to_local(q).astype(np.float32))
-        offset = v[:, -1].clone() if self.plane else torch.zeros(count)
-        v = v[:, : self.grid.ndim] if self.plane else v
+        offset = v[:, -1].clone() if self.head.offsets else torch.zeros(count)
+        v = v[:, : v.shape[1] - self.head.offsets]
         return self._inputs.encode(v.T)[:-1].T.contiguous(), offset, truth
 
     def forward(self, h: torch.Tensor, offset: torch.Tensor) -> torch.Tensor:
         """``f`` ``(N,)``: log odds, or for planes what they are proportional to."""
-        for layer in self.layers[:-1]:
-            h = self.activation.torch_value(torch.addmm(layer[:, -1], h, layer[:, :-1].T))
-        out = torch.addmm(self.layers[-1][:, -1], h, self.layers[-1][:, :-1].T)
-        return torch.minimum(out[:, 0] - offset, out[:, 1] + offset) if self.plane else out[:, 0]
+        out = self.network(h)
+        return torch.minimum(out[:, 0] - offset, out[:, 1] + offset) if self.head.offsets else out[:, 0]
 
     def run(self, team: Team, clock: Clock, progress: Progress | None) -> None:
-        optimiser, step = Soap(self.layers, 0.95, 0.95), 0
-        while (used := clock.fraction()) < 1:
+        optimiser = Soap(self.network.layers, 0.95, 0.95)
+        for step, used in clock.steps():
             if step % REFRESH == 0:
                 pool = self.draw(POOL)
                 if progress:
@@ -129,23 +109,19 @@ class _Learner:
                     fp, fn = (float(x.float().mean()) for x in (f & ~truth, ~f & truth))
                     progress(used, f"FP {100 * fp:.1f} %, FN {100 * fn:.1f} %")
             pick = torch.randint(POOL, (BATCH,), generator=self.generator)
-            sharpness = SHARPNESS[0] * (SHARPNESS[1] / SHARPNESS[0]) ** min(used, 1.0) if self.plane else 1.0
+            sharpness = geometric(*SHARPNESS, min(used, 1.0)) if self.head.offsets else 1.0
             gradients = self._gradients(team, sharpness, *(part[pick] for part in pool))
-            warm = min(1.0, (used + 1e-3) / WARM_UP)
-            rate = RATE * warm * (RATE_END + (1 - RATE_END) * 0.5 * (1 + math.cos(math.pi * min(used, 1.0))))
-            optimiser.step(gradients, rate)
-            step += 1
-            clock.count += 1
+            optimiser.step(gradients, cosine(RATE, RATE_END, WARM_UP, used))
 
     def _gradients(self, team: Team, sharpness: float, h, offset, truth) -> list[torch.Tensor]:
         shares: list = [None] * team.size
 
         def job(index: int) -> None:
-            part = slice(*(len(h) * k // team.size for k in (index, index + 1)))
+            part = team.share(index, len(h))
             with torch.enable_grad():
                 f = sharpness * self.forward(h[part], offset[part])
                 loss = binary_cross_entropy_with_logits(f, truth[part], reduction="sum") / len(h)
-                shares[index] = torch.autograd.grad(loss, self.layers)
+                shares[index] = torch.autograd.grad(loss, self.network.layers)
 
         team.run(job)
         return [torch.stack(parts).sum(0) for parts in zip(*shares, strict=True)]

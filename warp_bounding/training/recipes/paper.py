@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import torch
 
 from warp_bounding.runtime.launch import cpu_threads
-from warp_bounding.training.engine.clock import Clock
+from warp_bounding.training.engine.clock import Clock, Progress
 from warp_bounding.training.engine.team import Team
 from warp_bounding.training.engine.trainable_network import Evaluator
 from warp_bounding.training.recipes.default import Trainer
@@ -52,29 +52,27 @@ class PaperTrainer(Trainer):
         clock: Clock,
         *,
         counterexamples: Callable[["Trainer", float], None] | None = None,
-        progress: Callable[[float, str], None] | None = None,
+        progress: Progress | None = None,
     ) -> None:
         """Train until the schedule is through, the budget is used up, or an interrupt. No counterexamples: the paper has none."""
-        paper, threads = self.paper, cpu_threads()
+        paper = self.paper
         self.network.initialise(1.0, 1.0, self.generator)  # torch's standard initialisation, near enough
-        team = Team(threads)
-        workers = [Evaluator(self.network, self.recipe.chunk) for _ in range(threads)]
-        optimiser = torch.optim.Adam([self.network.flat], lr=paper.rate)
-        clean = iteration = 0
-        try:
-            while clock.fraction() < 1 and clean < paper.stable:
-                stage = iteration // paper.stage
-                missed = self._iterate(team, workers, optimiser, stage)
-                iteration += 1
-                clock.count += 1
-                if iteration % paper.stage == 0:
-                    clean = clean + 1 if missed == 0 else 0
-                if progress and iteration % paper.note_every == 0:
-                    progress(clock.fraction(), f"stage {stage}, FN {missed} in a batch")
-            self._refresh(team, workers, 1.0)
-        finally:
-            self._best = (float("inf"), self.network.flat.clone())  # the last, after an interrupt too
-            team.close()
+        optimiser, clean = torch.optim.Adam([self.network.flat], lr=paper.rate), 0
+        with Team(cpu_threads()) as team:
+            workers = self.workers(team)
+            try:
+                for step, _ in clock.steps():
+                    if clean == paper.stable:
+                        break
+                    stage = step // paper.stage
+                    missed = self._iterate(team, workers, optimiser, stage)
+                    if (step + 1) % paper.stage == 0:
+                        clean = clean + 1 if missed == 0 else 0
+                    if progress and (step + 1) % paper.note_every == 0:
+                        progress(clock.fraction(), f"stage {stage}, FN {missed} in a batch")
+                self._refresh(team, workers, 1.0)
+            finally:
+                self._best = (float("inf"), self.network.flat.clone())  # the last, after an interrupt too
 
     def _iterate(self, team: Team, workers: list[Evaluator], optimiser: torch.optim.Optimizer, stage: int) -> int:
         """One step; returns the false negatives of its batch at the paper's threshold."""
@@ -86,18 +84,16 @@ class PaperTrainer(Trainer):
         )
         target, missed = truth.float(), [0] * team.size
 
-        def job(index: int) -> None:
-            worker = workers[index]
+        for worker in workers:
             worker.gradient.zero_()
-            first, last = (paper.batch * k // team.size for k in (index, index + 1))
-            for start in range(first, last, worker.chunk):
-                part = slice(start, min(start + worker.chunk, last))
-                columns = x[:, part].contiguous()
-                f = worker.forward(columns, keep=True)
-                missed[index] += int(((f < 0) & truth[part]).sum())
-                worker.backward(columns, (torch.sigmoid(f) - target[part]).mul_(weights[part]))
 
-        team.run(job)
+        def job(index: int, part: slice) -> None:
+            worker, columns = workers[index], x[:, part].contiguous()
+            f = worker.forward(columns, keep=True)
+            missed[index] += int(((f < 0) & truth[part]).sum())
+            worker.backward(columns, (torch.sigmoid(f) - target[part]).mul_(weights[part]))
+
+        team.over(paper.batch, job, self.recipe.chunk)
         flat = network.flat
         decay = paper.regularisation * min(1.0, stage / paper.stable)
         flat.grad = sum((worker.gradient for worker in workers), torch.zeros_like(flat)) + decay * (

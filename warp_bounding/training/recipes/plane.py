@@ -6,9 +6,8 @@ it by, times the density of the queries' offsets there. The loss is that mean, p
 ever sharper: no label is needed, the supports are known exactly (``hull_corners``).
 """
 
+import copy
 import math
-from collections.abc import Callable
-from itertools import pairwise
 
 import numpy as np
 import torch
@@ -18,7 +17,8 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.geometry.hull import hull_corners
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import sample
-from warp_bounding.training.engine.clock import Clock
+from warp_bounding.training.engine.clock import Clock, Progress, cosine, geometric
+from warp_bounding.training.engine.row_network import RowNetwork, initial, tensors_of
 from warp_bounding.training.engine.soap import Soap
 
 __all__ = ["SupportTrainer"]
@@ -49,35 +49,29 @@ class SupportTrainer:
     def __init__(
         self, grid: IndicatorGrid, domain: RegionDomain, hidden: tuple[int, ...], activation: str, seed: int = 0
     ):
-        self.grid, self.domain, self.activation, self.ndim = grid, domain, activation_of(activation), grid.ndim
+        self.grid, self.domain, self.ndim = grid, domain, grid.ndim
         self.generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
         corners = domain.base.to_local(grid.position(hull_corners(grid.occupied) - 0.5))
         self._corners = torch.from_numpy(corners.astype(np.float32))
-        first, later = self.activation.support_gains
-        self._layers = []
-        gains = [first, *[later] * (len(hidden) - 1), 1.0]
-        for gain, (k, h) in zip(gains, pairwise([grid.ndim, *hidden, 2]), strict=True):
-            layer = (torch.rand(h, k + 1, generator=self.generator) * 2 - 1) / math.sqrt(k)
-            layer[:, :-1] *= gain
-            self._layers.append(layer.requires_grad_(True))
-        self._best = (math.inf, self._copy())
+        act = activation_of(activation)
+        self.network = RowNetwork.random([grid.ndim, *hidden, 2], act, act.support_gains, self.generator)
+        self._best = (math.inf, self.network.copy())
 
-    def _copy(self) -> list[torch.Tensor]:
-        return [layer.detach().clone() for layer in self._layers]
+    def behind(self, layers: list[torch.Tensor]) -> "SupportTrainer":
+        """A trainer of two supports on finished layers: it sees one layer, behind fixed activations. It shares the random numbers."""
+        own = copy.copy(self)
+        head = initial(self.generator, 2, len(layers[-1]))
+        own.network = RowNetwork([head], self.network.activation, tuple(layers))
+        own._best = (math.inf, own.network.copy())
+        return own
 
     def tensors(self) -> dict[str, np.ndarray]:
         """The best parameters as a bounder stores them."""
-        out = {}
-        for index, layer in enumerate(self._best[1]):
-            out[f"layers.{index}.weight"] = layer[:, :-1].numpy().copy()
-            out[f"layers.{index}.bias"] = layer[:, -1].numpy().copy()
-        return out
+        return tensors_of(self._best[1])
 
-    def _forward(self, m: torch.Tensor) -> torch.Tensor:
-        """H and G ``(N, 2)``."""
-        for layer in self._layers[:-1]:
-            m = self.activation.torch_value(torch.addmm(layer[:, -1], m, layer[:, :-1].T))
-        return torch.addmm(self._layers[-1][:, -1], m, self._layers[-1][:, :-1].T)
+    def best(self) -> list[torch.Tensor]:
+        """The layers with the fewest estimated false positives so far."""
+        return self._best[1]
 
     def _supports(self, m: torch.Tensor) -> torch.Tensor:
         """``h(m)`` and ``h(-m)``, ``(N, 2)``."""
@@ -111,11 +105,10 @@ class SupportTrainer:
                 density[part, side] = near.float().mean(1) / (2 * DENSITY_WIDTH)
         return m, density
 
-    def run(self, clock: Clock, *, progress: Callable[[float, str], None] | None = None) -> None:
+    def run(self, clock: Clock, *, progress: Progress | None = None) -> None:
         """Train until the clock's budget is used up, or an interrupt; the best parameters stay."""
-        optimiser = Soap(self._layers, 0.95, 0.95)
-        step, hard = 0, self._faces(HARD)
-        while (used := clock.fraction()) < 1:
+        optimiser, hard = Soap(self.network.layers, 0.95, 0.95), self._faces(HARD)
+        for step, used in clock.steps():
             if step % REFRESH == 0:
                 m, density = self._asked(POOL)
                 supports = self._supports(m)
@@ -125,20 +118,15 @@ class SupportTrainer:
             pick = torch.randint(POOL, (BATCH,), generator=self.generator)
             wide = torch.cat([self._faces(WIDE), hard])
             target = torch.cat([supports[pick], self._supports(wide)])
-            share = min(1.0, used / RAMP)
-            sharpness = SHARPNESS[0] * (SHARPNESS[1] / SHARPNESS[0]) ** share
+            sharpness = geometric(*SHARPNESS, min(1.0, used / RAMP))
             with torch.enable_grad():
-                gap = self._forward(torch.cat([m[pick], wide])) - target
+                gap = self.network(torch.cat([m[pick], wide])) - target
                 short = torch.logsumexp(-sharpness * gap.flatten(), 0) - math.log(gap.numel())
                 weight = density[pick]
                 loss = (gap[:BATCH] * weight).sum() / BATCH + weight.sum() / BATCH * short / sharpness
-                gradients = torch.autograd.grad(loss, self._layers)
-            warm = min(1.0, (used + 1e-3) / WARM_UP)
-            rate = RATE * warm * (RATE_END + (1 - RATE_END) * 0.5 * (1 + math.cos(math.pi * min(used, 1.0))))
+                gradients = torch.autograd.grad(loss, self.network.layers)
             with torch.no_grad():
-                optimiser.step(list(gradients), rate)
-            step += 1
-            clock.count += 1
+                optimiser.step(list(gradients), cosine(RATE, RATE_END, WARM_UP, used))
         m, density = self._asked(POOL)
         self._refresh(m, density, self._supports(m), hard)
 
@@ -146,9 +134,9 @@ class SupportTrainer:
         """Estimate the false positives, remember the best parameters, return the worst normals."""
         candidates = torch.cat([self._faces(POOL), hard, m])
         with torch.no_grad():
-            gap = (self._forward(candidates) - self._supports(candidates)).amin(1)
+            gap = (self.network(candidates) - self._supports(candidates)).amin(1)
             least = float(gap.min())
-            rate = float((density * (self._forward(m) - supports - least)).sum(1).mean())
+            rate = float((density * (self.network(m) - supports - least)).sum(1).mean())
             if rate <= self._best[0]:
-                self._best = (rate, self._copy())
+                self._best = (rate, self.network.copy())
             return candidates[gap.topk(HARD, largest=False)[1]]
