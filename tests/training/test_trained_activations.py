@@ -52,7 +52,7 @@ def test_an_exit_sees_the_features_of_its_network(activation):
             seen = own._activations(team, x) @ own.network.layers[-1][0]
         finally:
             team.close()
-        assert torch.allclose(seen, Evaluator(own.network, 300).forward(x), atol=1e-5)
+        assert torch.allclose(seen, Evaluator(own.network).forward(x), atol=1e-5)
     computed = bounder_of(domain, own.network.tensors(), HIDDEN[:1], activation).reference(x[:2].T.numpy())
     assert np.allclose(seen.numpy(), computed, atol=1e-5)
 

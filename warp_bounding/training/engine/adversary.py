@@ -90,7 +90,7 @@ def adversarial_minimum(
 class _Search:
     def __init__(self, samples: Samples, network: TrainableNetwork, team: Team, states: torch.Tensor | None):
         self.samples, self.network, self.team = samples, network, team
-        self.workers = [Evaluator(network, CHUNK) for _ in range(team.size)]
+        self.workers = [Evaluator(network) for _ in range(team.size)]
         states = samples.positives(0) if states is None else states
         self.states, self.values, self.steps = states, self.evaluate(states), torch.full((states.shape[1],), 0.4)
 

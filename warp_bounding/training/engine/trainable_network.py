@@ -81,11 +81,10 @@ class Evaluator:
 
     Args:
         network: Its parameters are read, never written.
-        chunk: Columns that are evaluated at a time, so that the buffers stay in the cache.
     """
 
-    def __init__(self, network: TrainableNetwork, chunk: int):
-        self.network, self.chunk = network, chunk
+    def __init__(self, network: TrainableNetwork):
+        self.network = network
         self.gradient = torch.zeros_like(network.flat)
         self.gradients = network.split(self.gradient)
         self._buffers: dict[int, tuple[list[torch.Tensor], ...]] = {}
@@ -129,8 +128,3 @@ class Evaluator:
         for index in range(len(self.network.layers) - 1, 0, -1):
             signal = (self.network.layers[index][:, :-1].T @ signal).mul_(slopes[index - 1])
         return self.network.layers[0][:, :-1].T @ signal
-
-    def evaluate(self, x: torch.Tensor, out: torch.Tensor) -> None:
-        """Outputs for any number of columns, in chunks."""
-        for start in range(0, x.shape[1], self.chunk):
-            out[start : start + self.chunk] = self.forward(x[:, start : start + self.chunk])

@@ -21,7 +21,8 @@ from warp_bounding.training.engine.clock import Clock, Progress
 from warp_bounding.training.engine.soap import Soap
 from warp_bounding.training.engine.team import Team
 from warp_bounding.training.engine.trainable_network import Evaluator, TrainableNetwork
-from warp_bounding.training.recipes.default import Batches, Trainer, accumulate, plan, schedule, summed, weights_of
+from warp_bounding.training.recipes.default import Trainer
+from warp_bounding.training.recipes.loss import Batches, accumulate, plan, schedule, summed, weights_of
 from warp_bounding.training.recipes.plane import SupportTrainer
 
 __all__ = ["EXIT_SHARE", "EarlyTrainer", "TrainedExits", "train_exits"]
@@ -112,7 +113,7 @@ class _JointExit:
             math.sqrt(self.head.shape[1])
         )
         self.network.layers[:-1] = full.layers[:depth]
-        self.workers = [Evaluator(self.network, trainer.recipe.chunk) for _ in range(cpu_threads())]
+        self.workers = [Evaluator(self.network) for _ in range(cpu_threads())]
         self.optimiser = Soap([self.head], trainer.recipe.beta1, trainer.recipe.beta2)
         self.hard: torch.Tensor | None = None
         self.batches: tuple[Batches, Batches] | None = None

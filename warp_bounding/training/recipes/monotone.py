@@ -18,7 +18,8 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.training.engine.soap import Soap
 from warp_bounding.training.engine.trainable_network import TrainableNetwork
-from warp_bounding.training.recipes.default import Recipe, Trainer
+from warp_bounding.training.recipes.default import Trainer
+from warp_bounding.training.recipes.loss import Recipe
 from warp_bounding.training.samples.box import BoxSamples
 
 __all__ = ["LeastBoxSamples", "MonotoneTrainer"]
