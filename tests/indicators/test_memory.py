@@ -5,14 +5,14 @@ import pytest
 import trimesh
 
 import warp_bounding as wb
-from warp_bounding.indicators import load_indicator, memory, voxelization
+from warp_bounding.indicators import limits, load_indicator, voxelization
 
 BALL = np.linalg.norm(np.mgrid[-1:1:9j, -1:1:9j], axis=0) < 0.5
 
 
 @pytest.fixture
 def small(monkeypatch):
-    monkeypatch.setattr(memory, "_memory", lambda: 2000)
+    monkeypatch.setattr(limits, "_memory", lambda: 2000)
 
 
 def test_cells_of_a_mesh(small, monkeypatch):
@@ -29,16 +29,16 @@ def test_a_margin(small):
 
 
 def test_a_fit(monkeypatch):
-    monkeypatch.setattr(memory, "_memory", lambda: 500)
+    monkeypatch.setattr(limits, "_memory", lambda: 500)
     with pytest.raises(wb.IndicatorError, match=r"fitting .* occupied cells needs about"):
         wb.fit(BALL, method="aabb")
 
 
 def test_a_machine_that_does_not_tell(monkeypatch):
-    monkeypatch.delattr(memory.os, "sysconf", raising=False)
-    assert memory._memory() is None
+    monkeypatch.delattr(limits.os, "sysconf", raising=False)
+    assert limits._memory() is None
     assert wb.fit(BALL, method="aabb").certificate.proven
 
 
 def test_this_machine_has_some():
-    assert memory._memory() is None or memory._memory() > 2**28
+    assert limits._memory() is None or limits._memory() > 2**28

@@ -1,6 +1,5 @@
 """The plane oracle is the rational twin, and hulls lose no corner."""
 
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -116,10 +115,7 @@ def all_corners(cells):
 
 
 @pytest.mark.parametrize(("ndim", "size"), [(1, 9), (2, 40), (3, 16), (4, 9), (5, 4)])
-@pytest.mark.parametrize("scipy", [True, False])
-def test_hull_corners_support_in_every_direction(ndim, size, scipy, rng, monkeypatch):
-    if not scipy:
-        monkeypatch.setitem(sys.modules, "scipy.spatial", None)
+def test_hull_corners_support_in_every_direction(ndim, size, rng):
     cells = ball(ndim, size)
     cells = cells[rng.random(len(cells)) < 0.8]
     corners, kept = all_corners(cells), hull_corners(cells)
@@ -143,14 +139,6 @@ def test_a_hull_that_lost_a_corner_is_mended(rng, monkeypatch):
     kept = hull_corners(cells)
     directions = rng.integers(-9, 10, (3000, 3))
     np.testing.assert_array_equal((directions @ kept.T).max(axis=1), (directions @ corners.T).max(axis=1))
-
-
-def test_truth_needs_no_scipy(device, rng, monkeypatch):
-    grid = shape("star")
-    q = planes_of_all_kinds(grid, 300, rng)
-    expected = PlaneOracle(grid, device)(q)
-    monkeypatch.setitem(sys.modules, "scipy.spatial", None)
-    np.testing.assert_array_equal(PlaneOracle(grid, device)(q), expected)
 
 
 def test_planes_near_the_object_count_with_any_length_of_normal(device, rng):

@@ -19,7 +19,7 @@ from warp_bounding.training.engine.clock import Clock  # noqa: E402
 from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
 from warp_bounding.training.recipes.loss import recipe_of  # noqa: E402
 from warp_bounding.training.recipes.paper import PaperTrainer  # noqa: E402
-from warp_bounding.training.samples.base import samples_of  # noqa: E402
+from warp_bounding.training.samples import samples_of  # noqa: E402
 
 
 @pytest.fixture(autouse=True)

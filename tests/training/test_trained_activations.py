@@ -14,7 +14,7 @@ from warp_bounding.training.engine.trainable_network import Evaluator  # noqa: E
 from warp_bounding.training.recipes.default import Trainer  # noqa: E402
 from warp_bounding.training.recipes.early import _Exit  # noqa: E402
 from warp_bounding.training.recipes.plane import SupportTrainer  # noqa: E402
-from warp_bounding.training.samples.base import samples_of  # noqa: E402
+from warp_bounding.training.samples import samples_of  # noqa: E402
 
 HIDDEN = (7, 6)
 

@@ -14,20 +14,12 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 
-__all__ = ["enclosing_of_samples", "fit_parametric", "units"]
-
-STEPS = 400  # of the search for an enclosing ellipsoid; its radius is set afterwards
+__all__ = ["fit_parametric", "units"]
 
 
 def units(domain: RegionDomain) -> np.ndarray:
     """``(2 n,)``, v per unit of a query's own numbers."""
-    scale = domain.scale.astype(np.float64)
-    first, second = {
-        "ray": (scale, domain.stretch.astype(np.float64)),
-        "plane": (np.ones(len(scale)), scale),
-        "box": (scale, scale),
-    }[domain.query]
-    return np.concatenate([first, second])
+    return domain.coordinates.units(domain)
 
 
 def fit_parametric(
@@ -61,28 +53,3 @@ def fit_parametric(
     if positives.ndim != 2 or positives.shape[1] != domain.ndim or len(positives) == 0:
         raise BounderError(f"{kind.method}: positives must have shape (N, {domain.ndim}), got {positives.shape}")
     return kind.fit_regions(grid, domain, positives / units(domain), device=device, **options)
-
-
-def enclosing_of_samples(points: np.ndarray, family: str) -> tuple[np.ndarray, np.ndarray]:
-    """A small ``{x: |A (x - center)| <= 1}`` of a family (see ``enclosing_ellipsoid``) around points: multiplicative updates of weights."""
-    middle, size = points.mean(axis=0), np.ptp(points, axis=0).max()
-    x = (points - middle) / size
-    weights = np.full(len(x), 1 / len(x))
-    for _ in range(STEPS):
-        mean = weights @ x
-        away = x - mean
-        covariance = (away * weights[:, None]).T @ away
-        shape = {
-            "trace": np.eye(len(mean)),
-            "diagonal": np.diag(1 / np.diag(covariance)),
-            "determinant": np.linalg.pinv(covariance),
-        }[family]
-        distance = np.einsum("ij,ij->i", away @ shape, away)
-        weights = weights * distance
-        keep = weights > 1e-9 * weights.max()
-        if not keep.all():
-            x, weights, distance = x[keep], weights[keep], distance[keep]
-        weights = weights / weights.sum()
-    away = (points - middle) / size - mean
-    distance = np.einsum("ij,ij->i", away @ shape, away).max()
-    return np.linalg.cholesky(shape / distance).T / size, mean * size + middle

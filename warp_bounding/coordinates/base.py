@@ -90,6 +90,10 @@ class Coordinates(ABC):
         """float32, the kind's own part of ``extra``."""
         return np.zeros(0, np.float32)
 
+    def units(self, domain) -> np.ndarray:
+        """``(2 n,)`` float64, ``v`` per unit of a query's own numbers, in parametric space."""
+        return np.tile(domain.base.scale.astype(np.float64), 2)
+
     @abstractmethod
     def limit(self, domain) -> np.ndarray:
         """``(ndim,)`` float32, largest ``|v|`` that a bounder is asked about."""

@@ -156,6 +156,9 @@ if (TIME) finite = finite & (size[0] <= zero + extra[AXES]);
     def ndim(self, n: int) -> int:
         return 2 * n
 
+    def units(self, domain) -> np.ndarray:
+        return np.concatenate([np.ones(domain.base.ndim), domain.base.scale.astype(np.float64)])
+
     def limit(self, domain) -> np.ndarray:
         return np.concatenate([round_up(np.full(domain.base.ndim, 1 + gamma(16))), domain.base.limit])
 

@@ -79,6 +79,9 @@ if (TIME) {{
         with np.errstate(over="ignore"):
             return (base.scale.astype(np.float64) * length).astype(np.float32)
 
+    def units(self, domain) -> np.ndarray:
+        return np.concatenate([domain.base.scale, domain.stretch]).astype(np.float64)
+
     def limit(self, domain) -> np.ndarray:
         return np.concatenate([domain.base.limit, round_up(domain.stretch * (1 + gamma(16)))])
 

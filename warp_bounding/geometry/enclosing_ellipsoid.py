@@ -1,4 +1,4 @@
-"""Smallest enclosing balls and ellipsoids of a grid's cells, with a proven gap to the optimum.
+"""Smallest enclosing balls and ellipsoids of a grid's cells or of points, with a proven gap to the optimum.
 
 All three are one concave problem over weights ``u`` on the points (a design problem, see Todd, *Minimum-Volume
 Ellipsoids*, SIAM 2016): with ``mu`` and ``C`` the mean and covariance under ``u``,
@@ -17,9 +17,10 @@ import math
 import numpy as np
 
 from warp_bounding.errors import BounderError
+from warp_bounding.geometry.hull import line_ends
 from warp_bounding.indicators.grid import IndicatorGrid
 
-__all__ = ["enclosing_ellipsoid"]
+__all__ = ["enclosing_ellipsoid", "enclosing_of_points", "extreme_corners"]
 
 GAP = 1e-4  # relative, in squared length: 0.005 % in radius
 MOST_STEPS = 20_000
@@ -39,7 +40,11 @@ def enclosing_ellipsoid(grid: IndicatorGrid, family: str) -> tuple[np.ndarray, n
     Raises:
         BounderError: If the search does not close the gap (it always has).
     """
-    points = extreme_corners(grid)
+    return enclosing_of_points(extreme_corners(grid), family)
+
+
+def enclosing_of_points(points: np.ndarray, family: str) -> tuple[np.ndarray, np.ndarray]:
+    """The same around points ``(P, n)``, such as samples of queries: A and the centre in their own units."""
     origin, size = points.mean(axis=0), np.ptp(points, axis=0).max()
     points = (points - origin) / size
     chosen = _outermost(points)
@@ -107,21 +112,7 @@ def extreme_corners(grid: IndicatorGrid) -> np.ndarray:
     Returns:
         ``(P, n)`` float64, object space.
     """
-    corners = np.pad(grid.occupancy, [(0, 1)] * grid.ndim)
-    for axis in range(grid.ndim):  # corner i belongs to cells i - 1 and i
-        corners = corners | np.roll(corners, 1, axis=axis)
-    keep = corners
-    for axis in range(grid.ndim):
-        first = np.maximum.accumulate(corners, axis=axis)
-        last = np.flip(np.maximum.accumulate(np.flip(corners, axis), axis=axis), axis)
-        before, after = np.roll(first, 1, axis=axis), np.roll(last, -1, axis=axis)
-        index = [slice(None)] * grid.ndim
-        index[axis] = slice(0, 1)
-        before[tuple(index)] = False
-        index[axis] = slice(-1, None)
-        after[tuple(index)] = False
-        keep = keep & ~(before & after)
-    return grid.position(np.argwhere(keep) - 0.5)
+    return grid.position(line_ends(grid.occupied) - 0.5)
 
 
 def _metric(covariance: np.ndarray, family: str) -> tuple[np.ndarray, float]:

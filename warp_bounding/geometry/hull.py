@@ -3,7 +3,7 @@
 Closed cells are connected through corners too (3^n - 1 neighbours). The hull of a component is the hull of its cells'
 corners, which are integers. Dropped are corners strictly between two others on an axis-parallel line, and those that
 Qhull (Barber, Dobkin, Huhdanpaa 1996) finds inside: each of the latter only after *integer* arithmetic has found it in a
-simplex of corners that stay, so no rounding in Qhull can lose an extreme corner. Without SciPy, more corners stay.
+simplex of corners that stay, so no rounding in Qhull can lose an extreme corner.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,9 @@ from math import factorial
 
 import numpy as np
 
-__all__ = ["Component", "components", "connected_labels", "hull_corners"]
+from warp_bounding.indicators.grid import IndicatorGrid
+
+__all__ = ["Component", "components", "connected_labels", "hull_corners", "hull_points", "line_ends"]
 
 FEW_CORNERS = 48  # under which a hull is dearer to compute than it saves
 WALKS = 8  # searches for one corner, from as many facets: flat facets of Qhull's triangulation end some of them
@@ -40,32 +42,14 @@ def connected_labels(occupancy: np.ndarray) -> np.ndarray:
         occupancy: ``(R_0, ..., R_{n-1})`` bool.
 
     Returns:
-        ``(M,)`` int64: for each occupied cell, in the order of ``np.argwhere``, the number of its component.
+        ``(M,)`` integers: for each occupied cell, in the order of ``np.argwhere``, the number of its component.
     """
-    empty = occupancy.size
-    where = np.flatnonzero(occupancy)
-    labels = where.astype(np.int32)  # a grid has less than 2^31 cells
-    parent = np.arange(empty + 1, dtype=np.int32)
-    while True:
-        least = np.full(empty, empty, dtype=np.int32)
-        least[where] = labels
-        least = least.reshape(occupancy.shape)
-        for axis in range(occupancy.ndim):
-            wider = least.copy()
-            target, source = np.swapaxes(wider, 0, axis), np.swapaxes(least, 0, axis)
-            np.minimum(target[1:], source[:-1], out=target[1:])
-            np.minimum(target[:-1], source[1:], out=target[:-1])
-            least = wider
-        seen = least.reshape(-1)[where]
-        if (seen == labels).all():
-            return np.unique(labels, return_inverse=True)[1].reshape(-1)
-        np.minimum.at(parent, labels, seen)  # every root learns the least label beside its component
-        while (parent[parent] != parent).any():
-            parent = parent[parent]
-        labels = parent[labels]
+    from scipy import ndimage
+
+    return ndimage.label(occupancy, np.ones((3,) * occupancy.ndim))[0][occupancy] - 1
 
 
-def _line_ends(cells: np.ndarray) -> np.ndarray:
+def line_ends(cells: np.ndarray) -> np.ndarray:
     """``(P, n)`` corners of cells that are the first or the last on each of the n axis-parallel lines through them."""
     n, lower = cells.shape[1], cells.min(axis=0)
     corner = np.zeros(cells.max(axis=0) - lower + 2, dtype=bool)
@@ -138,14 +122,12 @@ def hull_corners(cells: np.ndarray) -> np.ndarray:
     Returns:
         ``(V, n)`` int64.
     """
-    corners = _line_ends(cells)
+    corners = line_ends(cells)
     n, size = corners.shape[1], int(np.ptp(corners, axis=0).max())
     if n < 2 or len(corners) <= FEW_CORNERS or n * factorial(n) * (2 * n * size) ** n >= 2**62:  # 64 bits must do
         return corners
-    try:
-        from scipy.spatial import ConvexHull, KDTree, QhullError
-    except ImportError:
-        return corners
+    from scipy.spatial import ConvexHull, KDTree, QhullError
+
     try:
         hull = ConvexHull(corners)
     except QhullError:
@@ -163,6 +145,11 @@ def hull_corners(cells: np.ndarray) -> np.ndarray:
         inside[left] = _in_simplices(dropped[left], apex, facets, hull.neighbors, start[left])
     kept[~kept] = ~inside
     return corners[kept]
+
+
+def hull_points(grid: IndicatorGrid) -> np.ndarray:
+    """``(V, n)`` float64, object space: points of an object among which are all vertices of its convex hull."""
+    return grid.position(hull_corners(grid.occupied) - 0.5)
 
 
 def components(occupancy: np.ndarray) -> list[Component]:

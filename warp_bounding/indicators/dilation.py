@@ -5,8 +5,7 @@ import math
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
-from warp_bounding.indicators.grid import MAX_CELLS
-from warp_bounding.indicators.memory import check_memory
+from warp_bounding.indicators.limits import MAX_CELLS, check_memory
 
 __all__ = ["dilate"]
 

@@ -20,10 +20,10 @@ from functools import cached_property
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.dilation import dilate
+from warp_bounding.indicators.limits import MAX_CELLS, checked_margin
 
 __all__ = ["IndicatorGrid"]
-
-MAX_CELLS = 2**31 - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,9 +238,6 @@ class IndicatorGrid:
             >>> int(wider.occupancy.sum()) > int(grid.occupancy.sum())
             True
         """
-        from warp_bounding.indicators.dilation import dilate
-        from warp_bounding.indicators.mesh import checked_margin
-
         if resolution is not None and resolution != self.resolution:
             raise IndicatorError(
                 f"{self.name}: a grid brings its own resolution {self.shape}, got resolution={resolution}"

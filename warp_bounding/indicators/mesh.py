@@ -7,7 +7,6 @@ rounded once, when it is read.
 
 import hashlib
 import math
-import operator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,19 +15,15 @@ import numpy as np
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.closed_parts import Surface, surface_of
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.memory import check_memory
+from warp_bounding.indicators.limits import check_memory, checked_margin, checked_resolution
 
 __all__ = [
     "IndicatorMesh",
     "cells_around",
     "cells_per_unit",
     "check_faces",
-    "checked_margin",
-    "checked_resolution",
 ]
 
-DEFAULT_RESOLUTION = 64
-MAX_RESOLUTION = 1024
 CELL_BYTES = 8  # while cells are made: their regions (four bytes) and three arrays of truth values
 SCALE_BITS = 16  # significant bits of cells_per_unit: cell coordinates of float32 points are then exact in float64
 MAX_OFFSET = 2**22  # of a grid, in cells
@@ -231,27 +226,3 @@ def check_faces(faces: np.ndarray, vertices: int, name: str) -> None:
     if lowest < 0 or highest >= vertices:
         wrong = lowest if lowest < 0 else highest
         raise IndicatorError(f"{name}: expected faces of vertices 0 to {vertices - 1}, got vertex {wrong}")
-
-
-def checked_resolution(resolution: int | None) -> int:
-    """Cells along the longest axis; raises ``IndicatorError``."""
-    if resolution is None:
-        return DEFAULT_RESOLUTION
-    try:
-        value = operator.index(resolution)
-    except TypeError:
-        value = -1
-    if isinstance(resolution, bool | np.bool_) or not 2 <= value <= MAX_RESOLUTION:
-        raise IndicatorError(f"resolution must be an integer from 2 to {MAX_RESOLUTION}, got {resolution!r}")
-    return value
-
-
-def checked_margin(margin: float) -> float:
-    """A length; raises ``IndicatorError``."""
-    try:
-        value = float(margin)
-    except (TypeError, ValueError):
-        value = math.nan
-    if not (math.isfinite(value) and value >= 0):
-        raise IndicatorError(f"margin must be finite and non-negative, got {margin!r}")
-    return value

@@ -22,13 +22,12 @@ import numpy as np
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.closed_parts import Surface, surface_of
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.limits import checked_margin, checked_resolution
 from warp_bounding.indicators.mesh import (
     SCALE_BITS,
     cells_around,
     cells_per_unit,
     check_faces,
-    checked_margin,
-    checked_resolution,
 )
 
 __all__ = ["IndicatorMotion"]

@@ -4,7 +4,7 @@ import numpy as np
 
 from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.coordinates.domain import Domain
-from warp_bounding.geometry.hull import hull_corners
+from warp_bounding.geometry.hull import hull_points
 from warp_bounding.indicators.grid import IndicatorGrid
 
 __all__ = ["ObjectSupport"]
@@ -25,7 +25,7 @@ class ObjectSupport:
     """
 
     def __init__(self, grid: IndicatorGrid, base: Domain):
-        corners = grid.position(hull_corners(grid.occupied) - 0.5)
+        corners = hull_points(grid)
         lower, upper = base.widened(corners, corners)
         self.points, self.delta = (lower + upper) / 2, base.delta * (1 + 1e-6) + 1e-14
 

@@ -8,7 +8,9 @@ the n + 1 numbers at which the bound has a kink at the patch's centre, where one
 
 import numpy as np
 
+from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.geometry.direction_patches import DirectionPatches
+from warp_bounding.support_functions.base import PATCHES, RegionSupport, corner_square
 from warp_bounding.support_functions.object import ObjectSupport
 
 __all__ = ["PlaneSupport"]
@@ -19,19 +21,19 @@ AT_ONCE = 64  # patches that are split in a step
 STEPS = 60
 
 
-class PlaneSupport:
-    """See module.
+class PlaneSupport(RegionSupport):
+    """See module and ``RegionSupport``.
 
-    Args:
-        support: Of the object.
-        limit: ``(n,)``, half-widths of the domain.
+    Attributes:
         scale: ``(n,)``, a plane's normal in local space is u over this.
-        slack: A normal's length is within this of 1.
     """
 
-    def __init__(self, support: ObjectSupport, limit: np.ndarray, scale: np.ndarray, slack: float):
-        self.support, self.limit, self.scale, self.slack = support, limit, scale, slack
-        self.patches = DirectionPatches.cover(len(limit), EDGE.get(len(limit), 3))
+    name = "plane"
+
+    def __init__(self, support: ObjectSupport, domain: RegionDomain):
+        super().__init__(support, domain)
+        self.scale = domain.base.scale.astype(np.float64)
+        self.patches = DirectionPatches.cover(self.ndim, EDGE.get(self.ndim, 3))
         self.vertices = PlaneVertices(self, self.patches)
 
     def bound(self, x: np.ndarray, y: np.ndarray) -> float:
@@ -53,6 +55,13 @@ class PlaneSupport:
             patches = patches.take(~top).joined(parts)
             upper = np.concatenate([upper[~top], vertices.bound(x, y)])
         return max(done, float(upper.max(initial=-np.inf)))
+
+    def square(self, matrix: np.ndarray, offset: np.ndarray) -> float:
+        """See ``RegionSupport``."""
+        n, patches = self.ndim, DirectionPatches.cover(self.ndim, PATCHES.get(self.ndim, 3))
+        u = patches.vertices(self.slack)
+        limit = np.broadcast_to(self.limit, (len(u), n))
+        return float(corner_square(-limit, limit, u, matrix[:, n:], matrix[:, :n], offset).max())
 
 
 class PlaneVertices:

@@ -13,8 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.geometry.direction_patches import DirectionPatches
-from warp_bounding.support_functions.object import ObjectSupport
+from warp_bounding.support_functions.base import PATCHES, RegionSupport, corner_square
+from warp_bounding.support_functions.object import CHUNK, ObjectSupport
 
 __all__ = ["RaySupport"]
 
@@ -46,19 +48,18 @@ class _Patches:
         return _Patches(self.patches.joined(other.patches), *rest)
 
 
-class RaySupport:
-    """See module.
+class RaySupport(RegionSupport):
+    """See module and ``RegionSupport``.
 
-    Args:
-        support: Of the object.
-        limit: ``(n,)``, half-widths of the domain.
+    Attributes:
         stretch: ``(n,)``, w is this times a unit vector.
-        slack: The unit vector's length is within this of 1.
     """
 
-    def __init__(self, support: ObjectSupport, limit: np.ndarray, stretch: np.ndarray, slack: float):
-        self.support, self.limit, self.stretch, self.slack = support, limit, stretch, slack
-        self.ndim = len(limit)
+    name = "ray"
+
+    def __init__(self, support: ObjectSupport, domain: RegionDomain):
+        super().__init__(support, domain)
+        self.stretch = domain.stretch.astype(np.float64)
         self.patches = DirectionPatches.cover(self.ndim, EDGE.get(self.ndim, 2))
         self.vertices = self._vertices(self.patches)
         rng = np.random.default_rng(0)
@@ -152,3 +153,28 @@ class RaySupport:
         worse = found.upper > state.upper
         upper, m = np.minimum(found.upper, state.upper), np.where(worse[:, None], state.m, m)
         return _Patches(state.patches, state.vertices, m, upper, np.ones(len(m), dtype=bool))
+
+    def square(self, matrix: np.ndarray, offset: np.ndarray) -> float:
+        """Per patch of directions the smaller of two bounds: a = p - t w for p in S, or a in the box that holds all of these in D."""
+        n, patches = self.ndim, DirectionPatches.cover(self.ndim, PATCHES.get(self.ndim, 3))
+        w = patches.vertices(self.slack) * self.stretch  # (N, V, n)
+        origins, most_origin = matrix[:, :n], np.zeros(w.shape[:2])
+        rows = self.support.points @ origins.T + offset
+        widened = np.linalg.norm(np.abs(origins) @ self.support.delta)  # |A (p + e)| <= |A p| + this
+        squares = (rows * rows).sum(axis=1)
+        for moved in (0.0, 1.0):
+            shift = (w @ (matrix[:, n:] - moved * origins).T).reshape(-1, len(offset))
+            size, best = max(1, CHUNK // len(rows)), np.empty(len(shift))
+            for start in range(0, len(shift), size):
+                part = shift[start : start + size]
+                best[start : start + size] = (2 * part @ rows.T + squares).max(axis=1) + (part * part).sum(axis=1)
+            most_origin = np.maximum(most_origin, np.sqrt(np.maximum(best, 0)).reshape(w.shape[:2]) + widened)
+        first = most_origin.max(axis=1) ** 2
+        low, high = (
+            self.support.points.min(axis=0) - self.support.delta,
+            self.support.points.max(axis=0) + self.support.delta,
+        )
+        lower = np.maximum(low - np.maximum(w, 0).max(axis=1), -self.limit)
+        upper = np.minimum(high - np.minimum(w, 0).min(axis=1), self.limit)
+        second = corner_square(lower, upper, w, matrix[:, :n], matrix[:, n:], offset)
+        return float(np.minimum(first, second).max())

@@ -15,8 +15,7 @@ from warp_bounding.coordinates.region_domain import SPACES, domain_of
 from warp_bounding.errors import BounderError, BoundingWarning
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, IndicatorMotion, load_indicator
-from warp_bounding.indicators.memory import check_memory
-from warp_bounding.indicators.mesh import MAX_RESOLUTION
+from warp_bounding.indicators.limits import MAX_RESOLUTION, check_memory
 from warp_bounding.proof import cascade, prove
 from warp_bounding.queries import QUERIES, check_query
 from warp_bounding.runtime.devices import device_of

@@ -29,7 +29,8 @@ from warp_bounding.training.recipes.monotone import LeastBoxSamples, MonotoneTra
 from warp_bounding.training.recipes.occupancy import train_occupancy
 from warp_bounding.training.recipes.paper import PaperTrainer
 from warp_bounding.training.recipes.plane import SupportTrainer
-from warp_bounding.training.samples.base import Samples, samples_of
+from warp_bounding.training.samples import samples_of
+from warp_bounding.training.samples.base import Samples
 from warp_bounding.training.thresholds import Costs, decide, tolerance
 
 __all__ = ["TRAINERS", "NetworkOptions", "fit_network"]

@@ -13,7 +13,7 @@ from warp_bounding.proof.covers.ray import single_faces
 from warp_bounding.proof.search.depth_first import charted_minimum, clear
 from warp_bounding.queries import oracle
 from warp_bounding.queries.positives import draw_positives
-from warp_bounding.training.samples.base import samples_of
+from warp_bounding.training.samples import samples_of
 
 CASES = [("ray", "c"), ("ray", "single"), ("ray", "small"), ("box", "c"), ("box", "single"), ("box", "small")]
 SLOW = [("ray", "animated"), ("box", "animated"), ("ray", "anisotropic"), ("box", "anisotropic")]

@@ -9,7 +9,7 @@ from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
 from warp_bounding.training.engine import adversary  # noqa: E402
 from warp_bounding.training.engine.adversary import adversarial_minimum  # noqa: E402
 from warp_bounding.training.engine.trainable_network import TrainableNetwork  # noqa: E402
-from warp_bounding.training.samples.base import samples_of  # noqa: E402
+from warp_bounding.training.samples import samples_of  # noqa: E402
 
 
 @pytest.fixture(autouse=True)

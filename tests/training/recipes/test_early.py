@@ -14,7 +14,7 @@ from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E4
 from warp_bounding.training.recipes.default import Trainer  # noqa: E402
 from warp_bounding.training.recipes.early import EarlyTrainer, train_exits  # noqa: E402
 from warp_bounding.training.recipes.plane import SupportTrainer  # noqa: E402
-from warp_bounding.training.samples.base import samples_of  # noqa: E402
+from warp_bounding.training.samples import samples_of  # noqa: E402
 
 HIDDEN = (12, 10)
 

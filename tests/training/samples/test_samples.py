@@ -9,7 +9,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed")
 from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
 from warp_bounding.errors import BounderError  # noqa: E402
 from warp_bounding.queries import oracle  # noqa: E402
-from warp_bounding.training.samples.base import samples_of  # noqa: E402
+from warp_bounding.training.samples import samples_of  # noqa: E402
 
 KINDS = ("point", "ray", "box")
 COUNT = 1500

@@ -22,11 +22,11 @@ from warp_bounding.bounders.ellipsoids.regions import (
     row_sizes,
     squares_error,
 )
-from warp_bounding.bounders.parametric_fit import enclosing_of_samples, units
+from warp_bounding.bounders.parametric_fit import units
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
-from warp_bounding.geometry.enclosing_ellipsoid import enclosing_ellipsoid
+from warp_bounding.geometry.enclosing_ellipsoid import enclosing_ellipsoid, enclosing_of_points
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.kernels.source import Lanes, Source
 from warp_bounding.support_functions.parametric import ParametricSupport
@@ -94,7 +94,7 @@ class QuadricBounder(Bounder):
         cls, grid: IndicatorGrid, domain: RegionDomain, samples: np.ndarray, *, device: str | None = None
     ) -> "QuadricBounder":
         """See ``Bounder``; the threshold is the radius."""
-        matrix, center = enclosing_of_samples(samples, cls.family)
+        matrix, center = enclosing_of_points(samples, cls.family)
         local, offset = matrix / units(domain), (-matrix @ center).astype(np.float32)
         tensors = {"matrix": (local if cls.family == "determinant" else np.diag(local)).astype(np.float32)}
         return cls(domain, tensors | {"offset": offset}, {}, device)

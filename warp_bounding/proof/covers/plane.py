@@ -14,8 +14,7 @@ import numpy as np
 from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.geometry.hull import hull_corners
+from warp_bounding.geometry.hull import hull_points
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.covers.base import Cover
 
@@ -36,7 +35,7 @@ class SupportGap:
     def __init__(self, bounder: Mlp, grid: IndicatorGrid):
         self.networks, self.ndim = bounder.networks, grid.ndim
         base = bounder.domain.base
-        corners = hull_points(base, grid)
+        corners = base.to_local(hull_points(grid))
         # How far the computed plane may pass a point of the object, in c; and what float64 rounds below.
         self.room = float(bounder.domain.delta[-1]) * (1 + 1e-9) + 1e-12 * (1 + np.abs(corners).max())
         self.corners = [corners, -corners]
@@ -105,12 +104,7 @@ class PlaneCover(Cover):
         """See ``Cover``; normals become the planes that touch the object."""
         if v.shape[1] != grid.ndim:
             return super().coordinates(bounder, grid, v)
-        return touching(hull_points(bounder.domain.base, grid), v)
-
-
-def hull_points(base: Domain, grid: IndicatorGrid) -> np.ndarray:
-    """``(C, n)`` float64, local space: points of the object among which are all vertices of its hull."""
-    return base.to_local(grid.position(hull_corners(grid.occupied) - 0.5))
+        return touching(bounder.domain.base.to_local(hull_points(grid)), v)
 
 
 def touching(corners: np.ndarray, m: np.ndarray) -> np.ndarray:

@@ -58,7 +58,7 @@ class BoxParameters(HalfSpaceProblem):
     def offsets(self, normals: torch.Tensor) -> torch.Tensor:
         """See ``HalfSpaceProblem``."""
         x, y = normals.chunk(2, dim=1)
-        limit = tensor(self.support.limit)
+        limit = tensor(self.support.region.limit)
         free = (-x).clamp(min=0) + y.clamp(min=0)
         return super().offsets(x.clamp(min=0) - (-y).clamp(min=0)) + free @ limit
 
@@ -71,10 +71,12 @@ class RayParameters(HalfSpaceProblem):
         n, points = support.ndim, support.points
         if len(points) > ENDS:
             points = points[np.random.default_rng(0).choice(len(points), ENDS, replace=False)]
-        w = DirectionPatches.cover(n, DIRECTIONS.get(n, 3)).centers * support.stretch
+        w = DirectionPatches.cover(n, DIRECTIONS.get(n, 3)).centers * support.region.stretch
         p, w = (z.reshape(-1, n) for z in np.broadcast_arrays(points[:, None], w[None]))
         with np.errstate(divide="ignore", invalid="ignore"):
-            exits = np.where(w > 0, (p + support.limit) / w, np.where(w < 0, (p - support.limit) / w, np.inf))
+            exits = np.where(
+                w > 0, (p + support.region.limit) / w, np.where(w < 0, (p - support.region.limit) / w, np.inf)
+            )
         back = np.minimum(exits.min(axis=1), 1)[:, None]
         self.all_points = tensor(np.concatenate([np.concatenate([p - t * w, w], axis=1) for t in (0 * back, back)]))
         self.points = self.all_points
@@ -93,8 +95,8 @@ class PlaneParameters(HalfSpaceProblem):
         super().__init__(domain, support)
         n = support.ndim
         u = DirectionPatches.cover(n, DIRECTIONS.get(n, 3)).centers
-        local = u / support.stretch
-        self.u, self.local, self.limit = tensor(u), tensor(local), tensor(support.limit)
+        local = u / support.region.scale
+        self.u, self.local, self.limit = tensor(u), tensor(local), tensor(support.region.limit)
         self.high, self.low = tensor(support.object_support(local)), tensor(support.object_support(-local))
         self.safe = torch.where(self.local.abs() < 1e-4, torch.full_like(self.local, 1e4), self.local)
 

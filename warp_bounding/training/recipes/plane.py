@@ -3,7 +3,7 @@
 For a normal m (its largest entry 1) the object's planes ``m . y = c`` have ``-h(-m) <= c <= h(m)``. The network's H and G
 overestimate ``h(m)`` and ``h(-m)`` by gaps; the threshold is the least gap, so false positives are what the gaps exceed
 it by, times the density of the queries' offsets there. The loss is that mean, plus a soft maximum of what falls short,
-ever sharper: no label is needed, the supports are known exactly (``hull_corners``).
+ever sharper: no label is needed, the supports are known exactly (``hull_points``).
 """
 
 import copy
@@ -14,7 +14,7 @@ import torch
 
 from warp_bounding.activations import activation_of
 from warp_bounding.coordinates.region_domain import RegionDomain
-from warp_bounding.geometry.hull import hull_corners
+from warp_bounding.geometry.hull import hull_points
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import sample
 from warp_bounding.training.engine.clock import Clock, Progress, cosine, geometric
@@ -51,7 +51,7 @@ class SupportTrainer:
     ):
         self.grid, self.domain, self.ndim = grid, domain, grid.ndim
         self.generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
-        corners = domain.base.to_local(grid.position(hull_corners(grid.occupied) - 0.5))
+        corners = domain.base.to_local(hull_points(grid))
         self._corners = torch.from_numpy(corners.astype(np.float32))
         act = activation_of(activation)
         self.network = RowNetwork.random([grid.ndim, *hidden, 2], act, act.support_gains, self.generator)

@@ -1,1 +1,32 @@
-"""Labelled queries for training: one file a kind of query."""
+"""Labelled queries for training: one file a kind of query, found by its name."""
+
+import torch
+
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.training.samples.base import Samples
+from warp_bounding.training.samples.box import BoxSamples
+from warp_bounding.training.samples.point import PointSamples
+from warp_bounding.training.samples.ray import RaySamples
+
+__all__ = ["SAMPLES", "samples_of"]
+
+SAMPLES: dict[str, type[Samples]] = {kind.query: kind for kind in (PointSamples, RaySamples, BoxSamples)}
+
+
+def samples_of(grid: IndicatorGrid, domain: Domain | RegionDomain, seed: int = 0) -> Samples:
+    """The samples of a domain's kind of query.
+
+    Args:
+        grid: The object.
+        domain: ``domain_of(grid, query, length)``.
+        seed: Of everything random, in the samples and in the trainer that takes them.
+
+    Raises:
+        BounderError: For a kind of query that networks are not trained for.
+    """
+    if domain.query not in SAMPLES:
+        raise BounderError(f"training knows {', '.join(SAMPLES)}, got {domain.query}")
+    return SAMPLES[domain.query](grid, domain, torch.Generator().manual_seed(seed))

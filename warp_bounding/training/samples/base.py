@@ -6,17 +6,10 @@ network's output without ever leaving the object. Labels are those of the exact 
 proof.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 import torch
 
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import RegionDomain
-from warp_bounding.errors import BounderError
-from warp_bounding.indicators.grid import IndicatorGrid
-
-__all__ = ["Samples", "columns", "samples_of"]
+__all__ = ["Samples", "columns"]
 
 
 class Samples:
@@ -69,27 +62,6 @@ class Samples:
     def at(self, z: np.ndarray) -> torch.Tensor:
         """States of positives that a proof's search has found, given as numbers of its chart ``(N, Z)``; some may be dropped."""
         raise NotImplementedError(f"{self.query}: there is no chart")
-
-
-def samples_of(grid: IndicatorGrid, domain: Domain | RegionDomain, seed: int = 0) -> Samples:
-    """The samples of a domain's kind of query.
-
-    Args:
-        grid: The object.
-        domain: ``domain_of(grid, query, length)``.
-        seed: Of everything random, in the samples and in the trainer that takes them.
-
-    Raises:
-        BounderError: For a kind of query that networks are not trained for.
-    """
-    from warp_bounding.training.samples.box import BoxSamples
-    from warp_bounding.training.samples.point import PointSamples
-    from warp_bounding.training.samples.ray import RaySamples
-
-    kinds: dict[str, Callable] = {kind.query: kind for kind in (PointSamples, RaySamples, BoxSamples)}
-    if domain.query not in kinds:
-        raise BounderError(f"training knows {', '.join(kinds)}, got {domain.query}")
-    return kinds[domain.query](grid, domain, torch.Generator().manual_seed(seed))
 
 
 def columns(rows: np.ndarray) -> torch.Tensor:

@@ -1,0 +1,54 @@
+"""What a kind of region is to support functions in parametric space: bounds of linear functions and of squared lengths."""
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from warp_bounding.coordinates.base import direction_rounding
+from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.support_functions.object import ObjectSupport
+
+__all__ = ["RegionSupport", "corner_square"]
+
+PATCHES = {1: 1, 2: 16, 3: 8, 4: 6}  # of directions, per edge of a cube's face, for squared lengths
+
+
+class RegionSupport(ABC):
+    """Upper bounds over all regions of a kind that meet an object.
+
+    Args:
+        support: Of the object.
+        domain: Of the kind of region, in parametric space.
+
+    Attributes:
+        limit: ``(n,)``, half-widths of the domain.
+        slack: A direction's length is within this of 1.
+    """
+
+    name: str
+
+    def __init__(self, support: ObjectSupport, domain: RegionDomain):
+        self.support, self.ndim = support, domain.base.ndim
+        self.limit, self.slack = domain.base.limit.astype(np.float64), 2 * direction_rounding(self.ndim)
+
+    def linear(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """``(K,)`` bounds of ``x . first + y . second`` over the halves of a region's numbers, x and y ``(K, n)``."""
+        return np.array([self.bound(*z) for z in zip(x, y, strict=True)])
+
+    def bound(self, x: np.ndarray, y: np.ndarray) -> float:
+        """The same for one function."""
+        raise NotImplementedError(self.name)
+
+    @abstractmethod
+    def square(self, matrix: np.ndarray, offset: np.ndarray) -> float:
+        """Bound of ``|A v + b|^2``, but for the rounding of this evaluation."""
+
+
+def corner_square(lower, upper, directions, on_box, on_direction, offset) -> np.ndarray:
+    """``(N,)`` maximum over corners of the N boxes and vertices ``(N, V, n)`` of patches of directions."""
+    most = np.zeros(len(lower))
+    moved = directions @ on_direction.T + offset
+    for corner in np.ndindex((2,) * lower.shape[1]):
+        y = (np.where(corner, upper, lower) @ on_box.T)[:, None] + moved
+        most = np.maximum(most, (y * y).sum(axis=2).max(axis=1))
+    return most
