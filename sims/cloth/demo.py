@@ -44,7 +44,6 @@ class Demo(base.Demo):
     CALLS = "pairs"
 
     def set_up(self) -> dict[str, wb.IndicatorGrid]:
-        """The cells of both shapes."""
         if self.device != "cpu":
             raise wb.BoundingError(
                 f"cloth runs on the cpu, where Newton's contacts are the same each time; got device {self.device!r}"
@@ -57,7 +56,6 @@ class Demo(base.Demo):
         return {name: grid_of(name) for name in SHAPES}
 
     def simulate(self) -> tuple[list[Run], str, dict[str, str]]:
-        """The cloth."""
         if not compiled():
             self.console.print("Newton's kernels are compiled now, once on this machine; that takes about a minute.")
         self.examples = simulate(self.scene, self.bounders, steps=self.steps)
@@ -79,7 +77,6 @@ class Demo(base.Demo):
             self.notes.append("[bold red]Broken promise: contacts among many meshes are not Newton's own.[/]")
 
     def draw(self) -> Drawn:
-        """The cloth with the networks, proven and not."""
         examples = self.examples
         pictured = {name: examples[name] for name in PICTURED if name in examples} or {"none": examples["none"]}
         return draw_with("sims.cloth.pictures", self.out, cloth_data(pictured, examples["none"]))

@@ -69,7 +69,6 @@ class Demo(base.Demo):
     RECIPES = RECIPES
 
     def set_up(self) -> dict[str, wb.IndicatorGrid]:
-        """The cells of the motion."""
         self.particles = PARTICLES[self.quick] if self.particles is None else self.particles
         self.steps = STEPS[self.quick] if self.steps is None else self.steps
         if self.particles < 1 or self.steps < 1:
@@ -79,7 +78,6 @@ class Demo(base.Demo):
         return {SCENE: self.scene.grid(self.resolution)}
 
     def simulate(self) -> tuple[list[Run], str, dict[str, str]]:
-        """Both narrow phases."""
         bounders, box = self.of_shape(SCENE), MovingBox(self.scene)
         rate = box.fp_rate(self.scene.motion, self.scene.grid(self.resolution))
         rows = [*self.rows[SCENE], {"bounder": MOVING_BOX, "fp_rate": rate}]
@@ -92,7 +90,6 @@ class Demo(base.Demo):
         return runs, f"{about}, by narrow phase: calls and milliseconds a step (median)", {}
 
     def draw(self) -> Drawn:
-        """Bounds, and the rain with the first narrow phase."""
         bounders, examples, reference = self.of_shape(SCENE), self.examples, self.examples["none"]
         rates = {row["bounder"]: row["fp_rate"] for row in self.rows[SCENE]}
         pictured = {name: (bounders[name], rates[name]) for name in PICTURED if name in bounders}

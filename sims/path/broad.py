@@ -9,7 +9,7 @@ An edge is a closed straight segment between float32 states. It is cleared
 The first two are proofs wherever the bounder has one. What is not cleared is not blocked, but has to be checked exactly.
 """
 
-from typing import Protocol
+from abc import ABC, abstractmethod
 
 import numpy as np
 
@@ -23,24 +23,25 @@ SPACING = 0.5  # cells between samples
 ROUNDING = 2.0**-48  # of a point along an edge, relative to the ends: eight roundings of 2^-53, four times over
 
 
-class BroadPhase(Protocol):
+class BroadPhase(ABC):
     """What the planner asks first."""
 
+    @abstractmethod
     def states(self, x: np.ndarray) -> np.ndarray:
         """``(N,)`` bool: states, ``(N, 2)`` float32, that need no exact check."""
 
+    @abstractmethod
     def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
         """``(N,)`` bool: edges between states, ``(N, 2)`` float32 each, that need no exact check."""
 
 
-class _OfPoints:
+class _OfPoints(BroadPhase):
     """A bounder of points."""
 
     def __init__(self, bounder: wb.Bounder):
         self.bounder = bounder
 
     def states(self, x: np.ndarray) -> np.ndarray:
-        """See ``BroadPhase``."""
         return self.bounder.query(x).numpy() == 0
 
 
@@ -100,18 +101,16 @@ def _boxes(starts: np.ndarray, ends: np.ndarray, first: np.ndarray, last: np.nda
     return np.concatenate([below, above], axis=1)
 
 
-class Boxes:
+class Boxes(BroadPhase):
     """A bounder of boxes: of states, which are boxes of no size, and of the boxes of pieces of edges."""
 
     def __init__(self, bounder: wb.Bounder):
         self.bounder = bounder
 
     def states(self, x: np.ndarray) -> np.ndarray:
-        """See ``BroadPhase``."""
         return self.bounder.query(np.concatenate([x, x], axis=1)).numpy() == 0
 
     def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        """See ``BroadPhase``."""
         return clear_by_boxes(self.bounder, starts, ends)
 
 
@@ -119,7 +118,6 @@ class Segments(_OfPoints):
     """A network of points, and proofs along whole edges."""
 
     def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        """See ``BroadPhase``."""
         return wb.clear_segments(self.bounder, starts, ends, depth=NETWORK_HALVINGS)
 
 
@@ -131,7 +129,6 @@ class Samples(_OfPoints):
         self.cells_per_unit, self.spacing = cells_per_unit, spacing
 
     def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        """See ``BroadPhase``."""
         if not len(starts):
             return np.zeros(0, dtype=bool)
         way = ends.astype(np.float64) - starts
@@ -143,20 +140,18 @@ class Samples(_OfPoints):
         return np.maximum.reduceat(self.bounder.query(points).numpy(), first) == 0
 
 
-class First:
+class First(BroadPhase):
     """One broad phase, and another one for what it does not clear."""
 
     def __init__(self, first: BroadPhase, second: BroadPhase):
         self.first, self.second = first, second
 
     def states(self, x: np.ndarray) -> np.ndarray:
-        """See ``BroadPhase``."""
         cleared = self.first.states(x)
         cleared[~cleared] = self.second.states(x[~cleared])
         return cleared
 
     def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        """See ``BroadPhase``."""
         cleared = self.first.edges(starts, ends)
         cleared[~cleared] = self.second.edges(starts[~cleared], ends[~cleared])
         return cleared

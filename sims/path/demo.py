@@ -70,7 +70,6 @@ class Demo(base.Demo):
     MISSED = "colliding states and edges"
 
     def set_up(self) -> dict[str, wb.IndicatorGrid]:
-        """The worlds."""
         self.states = STATES[self.quick] if self.states is None else self.states
         self.problems = PROBLEMS[self.quick] if self.problems is None else self.problems
         if self.states < 2 or self.problems < 1:
@@ -82,7 +81,6 @@ class Demo(base.Demo):
         return {world.scene: world.grid for world in self.worlds}
 
     def fit(self, cells: dict[str, wb.IndicatorGrid]) -> dict[str, dict[str, wb.Bounder]]:
-        """From the demo's own files; of a user's worlds, fitted here, or what was before."""
         whose = None if self.bounder_file is None else owner(self.bounder_file, cells)
         if self.bounder_file is not None and whose is None:
             expected = ", ".join(f"{world.name} ({world.grid.digest[:12]})" for world in self.worlds)
@@ -105,7 +103,6 @@ class Demo(base.Demo):
         return {method: {scene: found[scene][method] for scene in cells} for method in self.recipes}
 
     def simulate(self) -> tuple[list[Run], str, dict[str, str]]:
-        """All worlds."""
         options = {"states": self.states, "problems": self.problems, "seed": self.seed, "device": self.device}
         runs, self.examples = [], []
         for world in self.worlds:
@@ -128,7 +125,6 @@ class Demo(base.Demo):
         self.console.print(price(runs))
 
     def draw(self) -> Drawn:
-        """A row a world: the proven network's run, and that of the one that has no proof."""
         names = ("mlp", "occupancy")
         pairs = [tuple(examples[name] for name in names) for examples in self.examples]
         asked = [tuple(self.of_shape(world.scene)[name] for name in names) for world in self.worlds]

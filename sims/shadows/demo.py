@@ -64,7 +64,6 @@ class Demo(base.Demo):
     MISSED = "shadow pixels"
 
     def set_up(self) -> dict[str, wb.IndicatorGrid]:
-        """The cells of both objects."""
         self.steps = STEPS[self.quick] if self.steps is None else self.steps
         if self.steps < 1:
             raise wb.BoundingError(f"steps must be at least 1, got {self.steps}")
@@ -73,7 +72,6 @@ class Demo(base.Demo):
         return {name: grid_of(shape, self.resolution) for name, shape in self.scene.shapes.items()}
 
     def simulate(self) -> tuple[list[Run], str, dict[str, str]]:
-        """A series for each method."""
         for method, found in self.bounders.items():
             for name, bounder in found.items():
                 check_rays(bounder, f"{method} of the {name}")
@@ -85,7 +83,6 @@ class Demo(base.Demo):
         return runs, f"{about}, {len(self.scene.shapes)} objects; per picture", {}
 
     def draw(self) -> Drawn:
-        """One place of the sun: with a proven bounder, and with ``occupancy`` where there is one."""
         width, height = SIZES[False]
         scene = Scene.still_life(width * OVERSAMPLING, height * OVERSAMPLING, self.device)
         proven = [name for name in SHOWN if base.weakest(self.bounders.get(name, {}).values()) == "proven"][:1]

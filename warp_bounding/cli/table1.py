@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from typer.core import TyperCommand
 
@@ -160,9 +159,9 @@ def _plan(out: Path, given: dict, selection: tuple, json: bool) -> int:
     else:
         text = console(False)
         for p in parts:
-            text.print(p.text, markup=False)
+            text.print(p.text)
         learned = f"{fits} learned fits, {cells} of {total} cells to measure on {settings.samples:,} queries each"
-        text.print(f"{learned}: {duration(seconds)} on two cores", markup=False)
+        text.print(f"{learned}: {duration(seconds)} on two cores")
     return 0
 
 
@@ -188,21 +187,16 @@ def _end(folder, outcome, supports, json: bool) -> int:
     """Write the outputs, tell people or programs, and give the exit status."""
     from warp_bounding.paper import PROTOCOLS, Means, against_the_paper, write_outputs
 
-    err = Console(stderr=True, highlight=False, soft_wrap=True)
+    err, text = console(True), console(False)
     notes = write_outputs(folder, supports, outcome.failed)
     means = [m for m in (Means(folder.rows.values(), p) for p in PROTOCOLS) if m.cells]
     broken = [line for m in means for line in m.broken_promises()]
-    for line in (
-        *(f"note: {n}" for n in notes),
-        *(f"failed: {f}" for f in outcome.failed),
-        *(f"promise broken: {b}" for b in broken),
-    ):
-        err.print(line, markup=False)
+    for what, lines in (("note", notes), ("failed", outcome.failed), ("promise broken", broken)):
+        for line in lines:
+            err.print(f"{what}: {line}")
+    done = f"{outcome.done} of {outcome.total} cells"
     if outcome.interrupted:
-        err.print(
-            f"interrupted: {outcome.done} of {outcome.total} cells are done; the same command goes on from there",
-            markup=False,
-        )
+        err.print(f"interrupted: {done} are done; the same command goes on from there")
     if json:
         columns: dict[str, dict] = {}
         for m in means:
@@ -214,8 +208,8 @@ def _end(folder, outcome, supports, json: bool) -> int:
         for m in means:
             line = against_the_paper(m, plain=True)
             if line:
-                console(False).print(f"{m.protocol} protocol: {line}", markup=False)
-        console(False).print(f"{outcome.done} of {outcome.total} cells; the table is {folder.page}", markup=False)
+                text.print(f"{m.protocol} protocol: {line}")
+        text.print(f"{done}; the table is {folder.page}")
     return 1 if outcome.failed or broken or outcome.interrupted else 0
 
 
@@ -224,7 +218,7 @@ class _Reporter:
 
     def __init__(self, folder, supports):
         self._folder, self._supports = folder, supports
-        self._err = Console(stderr=True, highlight=False, soft_wrap=True)
+        self._err = console(True)
         done = TextColumn("{task.fields[cells]} cells")
         texts = [TextColumn("{task.fields[left]}"), TextColumn("{task.fields[note]}", markup=False)]
         columns = (TextColumn("table1"), BarColumn(bar_width=28), done, TimeElapsedColumn(), *texts)
@@ -281,7 +275,7 @@ class _Reporter:
 
     def say(self, text) -> None:
         """Something people should know."""
-        self._err.print(text, markup=False)
+        self._err.print(text)
 
     def stop(self) -> None:
         """Take the bar away."""

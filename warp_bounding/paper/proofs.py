@@ -117,7 +117,6 @@ class _Proofs(Run):
         self.reporter.begin(self.outcome)
 
     def measure(self, job: Job, grid: Any) -> None:
-        """One row."""
         path = self._table / "bounders" / f"{job.name}.safetensors"
         bounder, where = self.load(path, grid), "table"
         if bounder is None:
@@ -127,7 +126,6 @@ class _Proofs(Run):
         self.add(_measured(job, grid, bounder, self.folder.settings, where, self.heed))
 
     def fail(self, job: Job, reason: str) -> None:
-        """No row."""
         self.outcome.failed.append(f"{job.title}: {reason}")
         self.reporter.say(f"failed: {self.outcome.failed[-1]}")
 

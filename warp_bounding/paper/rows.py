@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, get_args
 
@@ -10,7 +11,7 @@ from warp_bounding.errors import FileFormatError
 from warp_bounding.paper.columns import COLUMNS, VARIANTS, Column, Variant, variant_of
 from warp_bounding.paper.settings import ProofSettings, Settings, Stored
 
-__all__ = ["PROOFS", "PROTOCOLS", "TABLE1", "Key", "Kind", "ProofRow", "Row"]
+__all__ = ["PROOFS", "PROTOCOLS", "TABLE1", "Key", "Kind", "Line", "ProofRow", "Row"]
 
 PROTOCOLS = ("exact", "sampled")
 SPACES = ("geometric", "parametric")
@@ -18,8 +19,41 @@ SPACES = ("geometric", "parametric")
 Key = tuple[int, str, str, str, str, int | None, str]
 
 
+class Line(ABC):
+    """What was measured of one bounder; the fields of a subclass are the columns of its file."""
+
+    SIGNED: ClassVar[frozenset[str]] = frozenset()  # numbers that may be negative
+
+    @property
+    @abstractmethod
+    def key(self) -> Key:
+        """What it is about; a table has one row of each key."""
+
+    @property
+    def column(self) -> Column:
+        """Where it stands."""
+        return Column(self.dimension, self.query)
+
+    @property
+    @abstractmethod
+    def variant(self) -> Variant:
+        """Its method, as a row of Table 1."""
+
+    @abstractmethod
+    def check(self) -> None:
+        """Refuse what makes no sense.
+
+        Raises:
+            FileFormatError: With what it is.
+        """
+
+    @abstractmethod
+    def agrees(self, s: Stored) -> bool:
+        """Whether it can have been measured with these settings."""
+
+
 @dataclass(frozen=True)
-class Row:
+class Row(Line):
     """A bounder of one object, measured under one protocol."""
 
     dimension: int  # of the object
@@ -47,51 +81,29 @@ class Row:
     indicator: str  # start of the SHA-256 of the object's cells
     versions: str  # of what did it
 
-    SIGNED: ClassVar[frozenset[str]] = frozenset()  # numbers that may be negative
-
     @property
     def key(self) -> Key:
-        """What it is about; a table has one row of each key."""
         return self.dimension, self.object, self.query, self.method, self.space, self.leaves, self.protocol
 
     @property
-    def column(self) -> Column:
-        """Where it stands."""
-        return Column(self.dimension, self.query)
-
-    @property
     def variant(self) -> Variant:
-        """Where it stands."""
         return variant_of(self.method, self.space, self.leaves)
 
     def check(self) -> None:
-        """Refuse what makes no sense.
-
-        Raises:
-            FileFormatError: With what it is.
-        """
         if self.column not in COLUMNS or self.variant not in VARIANTS:
             raise FileFormatError(f"there is no {self.variant.label} for {self.column.name}")
         if self.protocol not in PROTOCOLS or self.space not in SPACES or not self.object or self.fp_rate > 100:
             raise FileFormatError("protocol, space, object or fp_rate makes no sense")
 
     def agrees(self, s: Settings) -> bool:
-        """Whether it can have been measured with these settings."""
         budget, hidden = s.budget_of(self.column, self.variant), "-".join(map(str, self.column.hidden))
         expected = (budget, s.samples, s.seed, s.length, s.activation, s.device, hidden)
-        return expected == (
-            self.budget,
-            self.samples,
-            self.seed,
-            self.length,
-            self.activation,
-            self.device,
-            self.hidden,
-        )
+        measured = (self.budget, self.samples, self.seed, self.length, self.activation, self.device, self.hidden)
+        return expected == measured
 
 
 @dataclass(frozen=True)
-class ProofRow:
+class ProofRow(Line):
     """A network of one object, with three thresholds: 0, the least f of many positives, and what a proof allows.
 
     What is said about threshold 0 is ``None`` for planes, whose networks learn distances and no output between 0 and 1.
@@ -148,28 +160,19 @@ class ProofRow:
 
     @property
     def key(self) -> Key:
-        """As a job of ``table1`` has it."""
         return self.dimension, self.object, self.query, self.method, "geometric", None, "exact"
 
     @property
-    def column(self) -> Column:
-        """Where it stands."""
-        return Column(self.dimension, self.query)
-
-    @property
     def variant(self) -> Variant:
-        """Its method."""
         return Variant(self.method)
 
     def check(self) -> None:
-        """See ``Row.check``."""
         if self.column not in COLUMNS or self.variant not in VARIANTS or not self.object:
             raise FileFormatError(f"there is no {self.method} for {self.dimension}d-{self.query}")
         if self.search not in ("complete", "cut short") or self.found_by not in ("", "prover", "walk"):
             raise FileFormatError("search or found_by makes no sense")
 
     def agrees(self, s: ProofSettings) -> bool:
-        """See ``Row.agrees``."""
         expected = (s.samples, s.seconds, s.fits.budget_of(self.column, self.variant), s.fits.seed)
         measured = (self.samples, self.seconds, self.budget, self.seed)
         return expected == measured and self.hard_positives >= s.positives
@@ -181,13 +184,13 @@ class Kind:
 
     Attributes:
         command: Name of the command that makes it.
-        row: Class of the rows: ``Row``, or one like it.
+        row: Class of the rows, a dataclass.
         settings: Class of the settings.
         pictures: Names of these.
     """
 
     command: str
-    row: type
+    row: type[Line]
     settings: type[Stored]
     pictures: tuple[str, ...] = ()
 

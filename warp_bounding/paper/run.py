@@ -234,7 +234,6 @@ class _Table(Run):
         self.left = TimeLeft(self.jobs, self.folder.settings, fitted)
 
     def measure(self, job: Job, grid: Any) -> None:
-        """The rows of a job."""
         from warp_bounding.evaluation import evaluate
 
         s = self.folder.settings
@@ -249,7 +248,6 @@ class _Table(Run):
             self.add(_row(job, protocol, grid, bounder, seconds, rates[protocol], s))
 
     def fail(self, job: Job, reason: str) -> None:
-        """None of its rows."""
         self.outcome.failed += [f"{job.title} ({p}): {reason}" for p in job.protocols]
         self.left.drop(job)
         self.reporter.fail(job, reason)

@@ -98,11 +98,9 @@ class Settings(Stored):
 
     @classmethod
     def fixed(cls) -> dict[str, Any]:
-        """Sizes, too."""
         return {"hidden": {c.name: list(c.hidden) for c in COLUMNS}, **super().fixed()}
 
     def check(self) -> None:
-        """See ``Stored``."""
         for name in ("budget", "length"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
@@ -143,7 +141,6 @@ class ProofSettings(Stored):
     library: str = __version__  # version of warp-bounding
 
     def check(self) -> None:
-        """See ``Stored``."""
         _at_least_1(self, "positives", "samples")
         if not 0 < self.seconds < float("inf"):
             raise BounderError(f"seconds must be positive, got {self.seconds}")
@@ -160,7 +157,6 @@ class ProofSettings(Stored):
 
     @classmethod
     def from_dict(cls, values: Any) -> "ProofSettings":
-        """Those of the table must make sense, too."""
         settings = super().from_dict(values)
         Settings.from_dict(settings.table)
         return settings
