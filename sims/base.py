@@ -226,6 +226,12 @@ class Demo(ABC):
         """Options of ``prefitted.bounders_of``."""
         return {"refit": self.refit, "budget": self.budget, "out": self.out, "seed": self.seed}
 
+    def choose(self, **sizes: tuple[int, int]) -> None:
+        """Options that were not given, by what they are in full and if quick."""
+        for name, values in sizes.items():
+            if getattr(self, name) is None:
+                setattr(self, name, values[self.quick])
+
     def of_shape(self, name: str) -> dict[str, wb.Bounder]:
         """The bounders of one shape, by name of the method."""
         return {method: found[name] for method, found in self.bounders.items()}

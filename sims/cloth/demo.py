@@ -48,10 +48,10 @@ class Demo(base.Demo):
             raise wb.BoundingError(
                 f"cloth runs on the cpu, where Newton's contacts are the same each time; got device {self.device!r}"
             )
-        self.steps = STEPS[self.quick] if self.steps is None else self.steps
+        self.choose(steps=STEPS, side=SIDES)
         if self.steps < 1:
             raise wb.BoundingError(f"steps must be at least 1, got {self.steps}")
-        self.scene = Scene(side=self.side or SIDES[self.quick], seed=self.seed)
+        self.scene = Scene(side=self.side, seed=self.seed)
         self.shape = " and ".join(SHAPES)
         return {name: grid_of(name) for name in SHAPES}
 

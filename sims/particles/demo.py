@@ -69,8 +69,7 @@ class Demo(base.Demo):
     RECIPES = RECIPES
 
     def set_up(self) -> dict[str, wb.IndicatorGrid]:
-        self.particles = PARTICLES[self.quick] if self.particles is None else self.particles
-        self.steps = STEPS[self.quick] if self.steps is None else self.steps
+        self.choose(particles=PARTICLES, steps=STEPS)
         if self.particles < 1 or self.steps < 1:
             raise wb.BoundingError(f"particles and steps must be at least 1, got {self.particles} and {self.steps}")
         self.scene = Scene.bunny(self.device)

@@ -70,8 +70,7 @@ class Demo(base.Demo):
     MISSED = "colliding states and edges"
 
     def set_up(self) -> dict[str, wb.IndicatorGrid]:
-        self.states = STATES[self.quick] if self.states is None else self.states
-        self.problems = PROBLEMS[self.quick] if self.problems is None else self.problems
+        self.choose(states=STATES, problems=PROBLEMS)
         if self.states < 2 or self.problems < 1:
             raise wb.BoundingError(f"expected at least 2 states and 1 problem, got {self.states} and {self.problems}")
         if self.budget is not None and not self.budget > 0:

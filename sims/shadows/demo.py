@@ -19,7 +19,7 @@ from sims import base
 from sims.drawing import Drawn
 from sims.prefitted import Recipe
 from sims.report import UNPROVEN, Run
-from sims.shadows.example import Example, check_rays
+from sims.shadows.example import Example
 from sims.shadows.pictures import OVERSAMPLING, draw
 from sims.shadows.scene import LENGTH, RESOLUTION, SCENES, Scene, grid_of
 
@@ -64,7 +64,7 @@ class Demo(base.Demo):
     MISSED = "shadow pixels"
 
     def set_up(self) -> dict[str, wb.IndicatorGrid]:
-        self.steps = STEPS[self.quick] if self.steps is None else self.steps
+        self.choose(steps=STEPS)
         if self.steps < 1:
             raise wb.BoundingError(f"steps must be at least 1, got {self.steps}")
         self.scene = Scene.still_life(*SIZES[self.quick], self.device)
@@ -72,9 +72,6 @@ class Demo(base.Demo):
         return {name: grid_of(shape, self.resolution) for name, shape in self.scene.shapes.items()}
 
     def simulate(self) -> tuple[list[Run], str, dict[str, str]]:
-        for method, found in self.bounders.items():
-            for name, bounder in found.items():
-                check_rays(bounder, f"{method} of the {name}")
         self.examples = simulate(self.scene, self.bounders, steps=self.steps)
         self.rays = sum(self.examples["none"].rays)
         width, height = SIZES[self.quick]
