@@ -1,11 +1,11 @@
 """Bounding volumes: one file a method, in families; ``methods`` lists them, ``register`` adds one from outside."""
 
 from warp_bounding.bounders import methods  # noqa: F401 (registers them)
+from warp_bounding.bounders.asking import Prepared
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.file_format import save
 from warp_bounding.bounders.load import bounder_of, load
-from warp_bounding.bounders.prepared import Prepared
 from warp_bounding.bounders.registry import METHODS, method_class, register, supports, unregister
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.kernels.functions import Data
