@@ -1,4 +1,4 @@
-"""A small network as numbers: layers, their exact evaluation, the rounding of any float32 evaluation, bounds over boxes.
+"""A small network as numbers: layers, their exact evaluation, and bounds over boxes.
 
 Hidden layer: ``h' = act(W h + b)``, act one of ``activations``; the output is linear. An optional positional encoding puts
 fixed features ``[v, sin(F v + g)]`` before the first layer; it is a sine layer whose first rows pass ``v`` through.
@@ -12,29 +12,16 @@ pre-activations behind the second hidden layer all that is not linear is taken i
 sound; tightness alone depends on it.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from warp_bounding.activations import SINE, Activation, activation_of
-from warp_bounding.arithmetic import LARGEST, TINY, UNIT64, gamma
-from warp_bounding.errors import BounderError
+from warp_bounding.activations import SINE, activation_of
 from warp_bounding.networks.bound_kernel import bound_boxes
 from warp_bounding.networks.bound_source import BULK, NetworkSizes
 from warp_bounding.networks.box_bounds import BoxBounds
 from warp_bounding.networks.charts.base import Chart, PlainChart
+from warp_bounding.networks.rounding import Layer, measure
 
 __all__ = ["Network"]
-
-
-@dataclass(frozen=True)
-class Layer:
-    """``z = W h + b`` in float64, and what is applied to z: per neuron, ``linear`` rows pass through."""
-
-    weight: np.ndarray
-    bias: np.ndarray
-    activation: Activation | None  # none behind the output
-    linear: int = 0  # this many leading rows are passed through
 
 
 class Network:
@@ -66,7 +53,7 @@ class Network:
             stack.append(Layer(weight.astype(np.float64), bias.astype(np.float64), activation_of(activation)))
         self.hidden = stack
         self.output = Layer(layers[-1][0].astype(np.float64), layers[-1][1].astype(np.float64), None)
-        self.padding, self.rounding, self.largest = self._measure(self.limit)
+        self.padding, self.rounding, self.largest = measure([*self.hidden, self.output], self.limit)
         parts = [part for x in self.hidden for part in (x.bias, x.weight.reshape(-1), np.abs(x.weight).reshape(-1))]
         self._packed = np.concatenate([*parts, self.output.bias, self.output.weight[0]])
 
@@ -95,42 +82,7 @@ class Network:
         Raises:
             BounderError: See class.
         """
-        return np.array(self._measure(limit)[0])
-
-    def _measure(self, limit: np.ndarray) -> tuple[list[float], float, float]:
-        """Walk through the layers once: float64 rounding of the bounds, float32 rounding (E) and magnitude of the output."""
-        size, error = limit.copy(), np.zeros_like(limit)  # of h: largest absolute value; error of the computed h
-        padding = []  # per layer: float64 rounding of anything that `bound` computes there
-        operations, chain = 16, limit.copy()  # chain: sums of absolute terms, activations of slope 1 in between
-        for index, layer in enumerate([*self.hidden, self.output]):
-            terms = len(layer.weight[0])
-            weight = np.abs(layer.weight)
-            largest = weight @ size + np.abs(layer.bias)
-            computed = weight @ (size + error) + np.abs(layer.bias)
-            flushed = (
-                2 * terms + 2 + (size + error).sum() + weight.sum(axis=1)
-            ) * TINY  # a factor or a result set to zero
-            rounding = weight @ error + gamma(terms + 2) * computed + flushed
-            if not ((computed + rounding) < LARGEST).all():
-                raise BounderError(
-                    f"values of layer {index} can reach {float(computed.max()):.3g}, float32 sums may overflow"
-                )
-            operations += 4 * terms + 32
-            chain = weight @ chain + largest + 1.0
-            padding.append(gamma(operations, UNIT64) * (float(chain.max()) + 4.0))
-            if (activation := layer.activation) is None:
-                break
-            argument = float((largest + rounding)[layer.linear :].max(initial=0.0))
-            if not argument <= activation.limit:
-                where = "encoding" if layer.linear else f"hidden layer {index}"
-                raise BounderError(
-                    f"{where}: arguments of {activation.name} reach {argument:.3g}, it is certified up to {activation.limit}"
-                )
-            error = rounding + activation.error(argument)
-            size = largest if activation.largest is None else np.full_like(largest, activation.largest)
-            error[: layer.linear] = 0.0  # copied, not computed
-            size[: layer.linear] = limit[: layer.linear]
-        return padding, float(rounding[0]) * (1 + 1e-6), float(largest[0]) * (1 + 1e-6)
+        return np.array(measure([*self.hidden, self.output], limit).padding)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """Lower bounds of f over boxes of its inputs, by the fused kernel (``bound_plain`` is its twin).

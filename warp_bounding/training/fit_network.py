@@ -17,6 +17,7 @@ import torch
 from warp_bounding.bounders.neural.mlp import RECIPES, Mlp
 from warp_bounding.bounders.neural.mlp_early import MlpEarly, part_of
 from warp_bounding.bounders.neural.monotone_mlp import MonotoneMlp
+from warp_bounding.networks.heads import head_of
 from warp_bounding.proof import Search, conjunction, least_value, prove
 from warp_bounding.training.engine.adversary import adversarial_minimum
 from warp_bounding.training.engine.clock import Clock, interrupts
@@ -42,9 +43,11 @@ SEARCH_SHARE = 0.02  # of the budget, each
 ADVERSARY_SHARE = 0.01  # of the budget, of each look that an adversary takes at rays and boxes before the prover does
 MONOTONE_START = 0.2  # used fraction from which the prover looks at a monotone network at every refresh
 MONOTONE_EPS, MONOTONE_BOXES = 0.1, 20_000  # and how closely: such a search takes a few hundred boxes
-PROOF_SHARE = 0.03  # of the budget, reserved for a proof of points before a search has told what it takes
+POINT_RESERVE, REGION_RESERVE = (
+    0.03,
+    0.15,
+)  # of the budget: for what sets the threshold, before a search has told what it takes
 LONG_PROOF_SHARE = 0.2  # reserved where the last search did not end in its time
-RESERVE = {"point": PROOF_SHARE, "ray": 0.15, "plane": 0.15, "box": 0.15}  # of the budget: what sets the threshold
 LONG_RESERVE = 0.4  # likewise, before the prover has looked at rays or boxes: it is easier to give time back
 MORE_FOR_EXITS = 0.4  # of that, for the thresholds of exits
 LEAST_SHARE = 0.05  # of the budget: a proof gets this much, even where training took longer than it should
@@ -116,11 +119,12 @@ class _Fit:
         self.clock = Clock(options.budget, options.steps)
         self.early = issubclass(kind, MlpEarly)
         self.monotone = issubclass(kind, MonotoneMlp)
-        self.as_points = problem.query == "point" or self.monotone  # proven over the object's points
-        self.reserve = RESERVE["point" if self.as_points else problem.query]
+        self.as_points = problem.domain.tested_as_point or self.monotone  # proven over the object's points
+        self.supports = head_of(problem.query).outputs > 1
+        self.reserve = POINT_RESERVE if self.as_points else REGION_RESERVE
         self.settled = min(SETTLED_SHARE * options.budget, SETTLED_SECONDS)
         self.interrupted, self.boxes = False, 0
-        self.hopeful = not self.as_points and problem.query != "plane"  # rays and boxes: a proof is worth its time
+        self.hopeful = not self.as_points and not self.supports  # rays and boxes: a proof is worth its time
 
     def run(self) -> tuple[Mlp, dict]:
         """See ``fit_network``."""
@@ -133,7 +137,7 @@ class _Fit:
         if not self.kind.conservative:
             clock.reserved = 0.0
             bounder, record = self._occupancy(), {}
-        elif self.problem.query == "plane":
+        elif self.supports:
             bounder, record = self._supports()
         else:
             bounder, record = self._network()
@@ -172,9 +176,9 @@ class _Fit:
         return self._whole(parts), {"gap": float(search.upper_bound - search.lower_bound)}
 
     def _network(self) -> tuple[Mlp, dict]:
-        problem, options = self.problem, self.options
+        options = self.options
         samples = self._samples()
-        joint = self.early and problem.query == "point"  # elsewhere too few are denied early to pay for worse layers
+        joint = self.early and self.as_points  # elsewhere too few are denied early to pay for worse layers
         trainer_of = EarlyTrainer if joint else TRAINERS[options.recipe]
         if self.monotone:
             trainer = MonotoneTrainer(samples, options.hidden, options.activation)

@@ -13,6 +13,7 @@ from warp_bounding.errors import BounderError
 from warp_bounding.networks.heads import head_of
 from warp_bounding.networks.inference import MlpSource, head_numbers, layer_numbers
 from warp_bounding.networks.network import Network
+from warp_bounding.queries import QUERIES
 
 __all__ = [
     "ACTIVATION",
@@ -119,7 +120,7 @@ class Mlp(Bounder):
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
         """See ``Bounder``: everything, from its own coordinates."""
-        return space == "geometric" and (query == "point" or ndim >= 2)
+        return space == "geometric" and (not QUERIES[query].is_region or ndim >= 2)
 
     def __init__(self, domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
         """See ``Bounder``; raises ``BounderError`` where tensors and sizes do not fit together."""

@@ -25,6 +25,7 @@ from warp_bounding.bounders.options import STEPS, Option
 from warp_bounding.coordinates.domain import GROWTH
 from warp_bounding.errors import BounderError
 from warp_bounding.networks.network import Network
+from warp_bounding.queries.box import BOX
 
 __all__ = ["MonotoneMlp"]
 
@@ -60,7 +61,7 @@ class MonotoneMlp(Mlp):
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
         """See ``Bounder``: boxes only."""
-        return query == "box" and super().supports(query, ndim, space)
+        return query == BOX.name and super().supports(query, ndim, space)
 
     def __init__(self, domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
         """See ``Mlp``; raises ``BounderError`` where f would not be monotone, too."""

@@ -34,7 +34,7 @@ class HalfSpaceProblem:
     def __init__(self, domain: Domain | RegionDomain, support: ObjectSupport | ParametricSupport):
         self.domain, self.support = domain, support
         self.points = tensor(support.points)
-        self.columns = domain.ndim if domain.space == "parametric" else domain.space_ndim
+        self.columns = domain.ndim if domain.parametric else domain.space_ndim
 
     def offsets(self, normals: torch.Tensor) -> torch.Tensor:
         """``(k,)`` faces of normals ``(k, m)``."""
@@ -179,5 +179,5 @@ def problem_of(domain: Domain | RegionDomain, support: ObjectSupport | Parametri
     """The problem of a kind of query in its space."""
     inside = {"ray": RayInObject, "plane": PlaneInObject, "box": BoxInObject}
     parameters = {"ray": RayParameters, "plane": PlaneParameters, "box": BoxParameters}
-    kinds = parameters if domain.space == "parametric" else inside
+    kinds = parameters if domain.parametric else inside
     return kinds.get(domain.query, HalfSpaceProblem)(domain, support)

@@ -91,7 +91,7 @@ class SupportTrainer:
 
     def _asked(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
         """Normals as queries have them, and the density of the queries' offsets at both supports."""
-        v = self.domain.to_local(sample("plane", self.grid, count, self._rng))
+        v = self.domain.to_local(sample(self.domain.query, self.grid, count, self._rng))
         m = torch.from_numpy(v[:, :-1].astype(np.float32))
         first = self.domain.base.to_local(self.grid.sample_lower)
         last = self.domain.base.to_local(self.grid.sample_upper)

@@ -1,0 +1,91 @@
+"""What a network rounds: the error of any float32 evaluation, and that of bounds in float64, layer by layer.
+
+The error model is that of ``arithmetic``: a sum of K products in any order, fused or not. Activations have slopes between -1 and 1, so
+what a layer's sums are off by is passed on undiminished, and each activation adds its own ``error``.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from warp_bounding.activations import Activation
+from warp_bounding.arithmetic import LARGEST, TINY, UNIT64, gamma
+from warp_bounding.errors import BounderError
+
+__all__ = ["Layer", "Rounding", "measure"]
+
+
+@dataclass(frozen=True)
+class Layer:
+    """``z = W h + b`` in float64, and what is applied to z.
+
+    Attributes:
+        weight: ``(H, K)``.
+        bias: ``(H,)``.
+        activation: None behind the output.
+        linear: This many leading rows are passed through.
+    """
+
+    weight: np.ndarray
+    bias: np.ndarray
+    activation: Activation | None
+    linear: int = 0
+
+
+class Rounding(NamedTuple):
+    """What a network rounds.
+
+    Attributes:
+        padding: Per layer, the output last: float64 rounding of anything that bounds compute there.
+        error: E, of any float32 evaluation of the output.
+        largest: Bound of the output's size.
+    """
+
+    padding: list[float]
+    error: float
+    largest: float
+
+
+def measure(layers: list[Layer], limit: np.ndarray) -> Rounding:
+    """Walk through the layers once.
+
+    Args:
+        layers: The output last.
+        limit: ``(n,)``, largest size of the inputs, which are exact.
+
+    Raises:
+        BounderError: If float32 sums may overflow, or an argument can leave the range in which its activation is certified.
+    """
+    size, error = limit.copy(), np.zeros_like(limit)  # of h: largest absolute value; error of the computed h
+    padding, operations, chain = (
+        [],
+        16,
+        limit.copy(),
+    )  # chain: sums of absolute terms, activations of slope 1 in between
+    for index, layer in enumerate(layers):
+        terms, weight = layer.weight.shape[1], np.abs(layer.weight)
+        largest = weight @ size + np.abs(layer.bias)
+        computed = weight @ (size + error) + np.abs(layer.bias)
+        flushed = (2 * terms + 2 + (size + error).sum() + weight.sum(axis=1)) * TINY  # factors or results set to zero
+        rounding = weight @ error + gamma(terms + 2) * computed + flushed
+        if not ((computed + rounding) < LARGEST).all():
+            raise BounderError(
+                f"values of layer {index} can reach {float(computed.max()):.3g}, float32 sums may overflow"
+            )
+        operations += 4 * terms + 32
+        chain = weight @ chain + largest + 1.0
+        padding.append(gamma(operations, UNIT64) * (float(chain.max()) + 4.0))
+        if (activation := layer.activation) is None:
+            break
+        argument = float((largest + rounding)[layer.linear :].max(initial=0.0))
+        if not argument <= activation.limit:
+            where = "encoding" if layer.linear else f"hidden layer {index}"
+            raise BounderError(
+                f"{where}: arguments of {activation.name} reach {argument:.3g}, it is certified up to {activation.limit}"
+            )
+        error = rounding + activation.error(argument)
+        size = largest if activation.largest is None else np.full_like(largest, activation.largest)
+        error[: layer.linear] = 0.0  # copied, not computed
+        size[: layer.linear] = limit[: layer.linear]
+    return Rounding(padding, float(rounding[0]) * (1 + 1e-6), float(largest[0]) * (1 + 1e-6))
