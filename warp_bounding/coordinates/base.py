@@ -8,9 +8,11 @@ numbers in the world and ``place`` is ``Placement.values``: another text moves q
 """
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
+import warp as wp
 
 from warp_bounding.arithmetic import UNIT32, gamma
 from warp_bounding.queries import QUERIES
@@ -27,9 +29,11 @@ __all__ = [
     "SMALLEST",
     "SUMMED",
     "Coordinates",
+    "Numbers",
     "WorldMap",
     "direction_rounding",
     "literal",
+    "vector_type",
 ]
 
 GEOMETRIC, PARAMETRIC = "geometric", "parametric"  # spaces: v is tested as a region, or its numbers are one point
@@ -41,6 +45,8 @@ PARALLEL = 2.0**-80  # of w: a ray that moves less than this along an axis does 
 GUARD = 16 * UNIT32  # relative room in the test against the domain: over three times its rounding
 SUMMED = 2.0**-17  # of an offset: above what a sum of n <= 64 products rounds, n + 12 units
 LATER = 4 * GUARD  # of a ray's time: above the rounding of its end, n + 18 units
+
+Numbers = wp.array(dtype=wp.float32)
 
 
 class WorldMap(NamedTuple):
@@ -114,6 +120,14 @@ class Coordinates(ABC):
     def to_object(self, domain, v: np.ndarray) -> np.ndarray:
         """A query ``(N, m)`` float64 in object space for each ``v`` ``(N, ndim)``."""
 
+    @abstractmethod
+    def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
+        """The twin of ``text`` in Warp's own Python, see ``plain_map``: ``(parameters, place, q) -> (v, finite, inside)``."""
+
+    @abstractmethod
+    def plain_move(self, n: int) -> wp.Function:
+        """The twin of ``moving``: ``(place, q) -> (q, finite)``."""
+
     def placed_values(self, domain, world: WorldMap) -> list[np.ndarray]:
         """What the kernels read of a placement besides translation and matrix."""
         return []
@@ -127,6 +141,13 @@ class Coordinates(ABC):
             world: The map.
             input_unit: By how much the numbers were rounded before they were moved, relatively.
         """
+
+
+@cache
+def vector_type(length: int) -> Any:
+    """A vector of so many float32 numbers, Warp's own where it has a name."""
+    own = {2: wp.vec2, 3: wp.vec3, 4: wp.vec4}
+    return own[length] if length in own else wp.types.vector(length=length, dtype=wp.float32)
 
 
 def literal(value: float) -> str:

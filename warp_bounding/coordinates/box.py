@@ -1,11 +1,14 @@
 """Boxes: ``v = (low, high)``, the corners in local space, cut at the domain. A moved box is the box around what it becomes."""
 
 import numpy as np
+import warp as wp
 
 from warp_bounding.arithmetic import TINY, UNIT32
-from warp_bounding.coordinates.base import Coordinates, WorldMap
+from warp_bounding.coordinates.base import Coordinates, Numbers, WorldMap, vector_type
+from warp_bounding.coordinates.direction import plain_local
 from warp_bounding.coordinates.domain import GROWTH, Domain, input_rounding
 from warp_bounding.coordinates.placement_rounding import at_points
+from warp_bounding.runtime.native import named
 
 __all__ = ["BOX"]
 
@@ -67,6 +70,47 @@ for (int k = 0; k < AXES; ++k) {
     def placed_rounding(self, domain, world: WorldMap, input_unit: float) -> np.ndarray:
         base = domain.base
         return (at_points(base, world, input_unit) * base.scale.astype(np.float64) * (1 + 4 * UNIT32) + TINY) * GROWTH
+
+    def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
+        pair, local = vector_type(2 * n), plain_local(n, front)
+        limit, extra = front + 2 * n, front + 3 * n + 1
+
+        @named(f"wb_plain_box_{n}_{time:d}_{front}").func
+        def locate(p: Numbers, place: Numbers, q: pair):
+            low, _ = local(p, q, 0)
+            high, _ = local(p, q, n)
+            v, finite, inside = pair(), wp.bool(True), wp.bool(True)
+            for k in range(n):
+                top = p[limit + k]
+                finite = finite and q[k] <= q[n + k]
+                inside = inside and low[k] <= top and high[k] >= -top
+                v[k] = wp.clamp(low[k], -top, top)
+                v[n + k] = wp.clamp(high[k], -top, top)
+            if time:
+                finite = finite and low[0] <= p[extra] and high[0] >= -p[extra]
+            return v, finite, inside
+
+        return locate
+
+    def plain_move(self, n: int) -> wp.Function:
+        pair = vector_type(2 * n)
+
+        @named(f"wb_plain_move_box_{n}").func
+        def move(place: Numbers, q: pair):
+            """The box around the moved one."""
+            x, finite = pair(), wp.bool(True)
+            for k in range(n):
+                finite = finite and q[k] <= q[n + k]
+                for j in range(n):
+                    low, high = (q[j] - place[j]) * place[n + n * k + j], (q[n + j] - place[j]) * place[n + n * k + j]
+                    x[k] += wp.min(low, high)
+                    x[n + k] += wp.max(low, high)
+            for k in range(n):
+                finite = finite and wp.isfinite(q[k] - place[k]) and wp.isfinite(q[n + k] - place[k])
+                finite = finite and wp.isfinite(x[k]) and wp.isfinite(x[n + k])
+            return x, finite
+
+        return move
 
 
 BOX = BoxCoordinates()

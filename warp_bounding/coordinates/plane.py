@@ -5,6 +5,7 @@ classic volumes) v are the unit normal and the point as they are given; a point 
 """
 
 import numpy as np
+import warp as wp
 
 from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_up
 from warp_bounding.coordinates.base import (
@@ -15,13 +16,25 @@ from warp_bounding.coordinates.base import (
     SMALLEST,
     SUMMED,
     Coordinates,
+    Numbers,
     WorldMap,
     direction_rounding,
     literal,
+    vector_type,
 )
-from warp_bounding.coordinates.direction import FAR_POINT, MOVING, UNIT, origin_rounding
+from warp_bounding.coordinates.direction import (
+    FAR_POINT,
+    MOVING,
+    UNIT,
+    origin_rounding,
+    plain_local,
+    plain_move_pair,
+    plain_sized,
+    plain_unit,
+)
 from warp_bounding.coordinates.domain import GROWTH, Domain
 from warp_bounding.coordinates.placement_rounding import SLOPE, STEEPEST, distance, distance_error, tilt
+from warp_bounding.runtime.native import named
 
 __all__ = ["PLANE"]
 
@@ -132,6 +145,49 @@ if (TIME) {{  // a plane of constant time, outside the range
         off = float(off.sum() + (tau @ limit + tau.max() * far) / (1 - tau.max()))
         return (np.full(base.ndim, off) * (1 + 4 * UNIT32) + TINY) * GROWTH
 
+    def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
+        pair, numbers, vector, local = vector_type(2 * n), vector_type(n + 1), vector_type(n), plain_local(n, front)
+        limit, extra, drift = front + 2 * n, front + 3 * n + 1, n + n * n
+
+        @named(f"wb_plain_plane_{n}_{time:d}{placed:d}_{front}").func
+        def locate(p: Numbers, place: Numbers, q: pair):
+            a, far = local(p, q, n)
+            e, pivot, longest, widest, still = (
+                vector(),
+                wp.float32(0.0),
+                wp.float32(0.0),
+                wp.float32(1.0),
+                wp.bool(True),
+            )
+            for k in range(n):
+                e[k] = q[k] * p[extra + k]
+                widest = wp.max(widest, p[extra + k])
+                if wp.abs(e[k]) > longest:
+                    pivot = e[k]
+                    longest = wp.abs(e[k])
+                if k > 0:
+                    still = still and e[k] == 0.0
+            v, offset, summed, reach = numbers(), wp.float32(0.0), wp.float32(0.0), wp.float32(0.0)
+            for k in range(n):
+                v[k] = e[k] / pivot
+                offset += v[k] * a[k]
+                summed += wp.abs(v[k] * a[k])
+                reach += wp.abs(v[k]) * p[limit + k]
+            v[n] = offset
+            room = reach * (1.0 + GUARD) + summed * SUMMED
+            if placed and far > FAR:
+                room += far * place[drift]
+            finite = longest >= SMALLEST * widest and longest <= LARGEST
+            finite = finite and far <= FARTHEST and (far <= FAR or wp.abs(offset) > room)
+            if time:  # a plane of constant time, outside the range
+                finite = finite and (not still or wp.abs(a[0]) <= p[extra + n])
+            return v, finite, wp.abs(offset) <= room
+
+        return locate
+
+    def plain_move(self, n: int) -> wp.Function:
+        return plain_move_pair(n, n, 0, 2 * n + n * n)
+
 
 class PlaneParameters(PlaneCoordinates):
     """Unit normal and point as they are given; a point outside the domain is answered with maybe."""
@@ -173,6 +229,24 @@ if (TIME) finite = finite & (size[0] <= zero + extra[AXES]);
     def to_object(self, domain, v: np.ndarray) -> np.ndarray:
         n = domain.base.ndim
         return np.concatenate([v[:, :n], domain.base.to_object(v[:, n:])], axis=1)
+
+    def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
+        pair, sized, unit, local = vector_type(2 * n), plain_sized(n), plain_unit(n), plain_local(n, front)
+        limit, extra = front + 2 * n, front + 3 * n + 1
+
+        @named(f"wb_plain_plane_parameters_{n}_{time:d}_{front}").func
+        def locate(p: Numbers, place: Numbers, q: pair):
+            a, _ = local(p, q, n)
+            u, finite, v = unit(q, 0), sized(q, 0), pair()
+            for k in range(n):
+                finite = finite and wp.abs(a[k]) <= p[limit + k]
+                v[k] = u[k]
+                v[n + k] = a[k]
+            if time:
+                finite = finite and wp.abs(a[0]) <= p[extra + n]
+            return v, finite, True
+
+        return locate
 
 
 PLANE = PlaneCoordinates()

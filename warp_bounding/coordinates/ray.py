@@ -4,6 +4,7 @@ The origin is moved up to where the ray enters the domain, so a ray from outside
 """
 
 import numpy as np
+import warp as wp
 
 from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_up
 from warp_bounding.coordinates.base import (
@@ -13,13 +14,25 @@ from warp_bounding.coordinates.base import (
     LATER,
     PARALLEL,
     Coordinates,
+    Numbers,
     WorldMap,
     direction_rounding,
     literal,
+    vector_type,
 )
-from warp_bounding.coordinates.direction import FAR_POINT, MOVING, UNIT, origin_rounding
+from warp_bounding.coordinates.direction import (
+    FAR_POINT,
+    MOVING,
+    UNIT,
+    origin_rounding,
+    plain_local,
+    plain_move_pair,
+    plain_sized,
+    plain_unit,
+)
 from warp_bounding.coordinates.domain import GROWTH, Domain
 from warp_bounding.coordinates.placement_rounding import SLOPE, STEEPEST, distance, distance_error, turn
+from warp_bounding.runtime.native import named
 
 __all__ = ["RAY"]
 
@@ -119,6 +132,43 @@ if (TIME) {{
         limit = base.limit.astype(np.float64)
         way = min(domain.length * (1 + 4 * UNIT32), float((limit / scale).sum() + far / scale.min()))
         return ((off + scale * epsilon * (1 + epsilon) * way) * (1 + 4 * UNIT32) + TINY) * GROWTH
+
+    def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
+        pair, sized, unit, local = vector_type(2 * n), plain_sized(n), plain_unit(n), plain_local(n, front)
+        limit, extra, drift = front + 2 * n, front + 3 * n + 1, n + n * n
+
+        @named(f"wb_plain_ray_{n}_{time:d}{placed:d}_{front}").func
+        def locate(p: Numbers, place: Numbers, q: pair):
+            a, far = local(p, q, 0)
+            u, finite = unit(q, n), sized(q, n)
+            v, enter, leave = pair(), wp.float32(0.0), wp.float32(1.0)
+            for k in range(n):
+                speed = u[k] * p[extra + k]
+                v[n + k] = speed
+                room = p[limit + k] + wp.abs(a[k]) * GUARD
+                if placed and far > FAR:
+                    room += far * place[drift + k]
+                if wp.abs(speed) > PARALLEL:
+                    first, last = (-room - a[k]) / speed, (room - a[k]) / speed
+                    enter = wp.max(enter, wp.min(first, last))
+                    leave = wp.min(leave, wp.max(first, last))
+                elif wp.abs(a[k]) > room:  # it never enters
+                    enter = wp.max(enter, 2.0)
+                    leave = wp.min(leave, -1.0)
+            enter *= 1.0 - GUARD
+            leave *= 1.0 + GUARD
+            finite = finite and far <= FARTHEST and (far <= FAR or enter > leave)
+            for k in range(n):
+                v[k] = wp.clamp(a[k] + enter * v[n + k], -p[limit + k], p[limit + k])
+            if time:
+                top, end = p[extra + n] - wp.abs(a[0]) * LATER, a[0] + v[n]
+                finite = finite and (a[0] <= top or end <= top) and (a[0] >= -top or end >= -top)
+            return v, finite, enter <= leave
+
+        return locate
+
+    def plain_move(self, n: int) -> wp.Function:
+        return plain_move_pair(n, 0, n, n)
 
 
 RAY = RayCoordinates()

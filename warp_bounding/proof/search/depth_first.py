@@ -17,7 +17,7 @@ from warp_bounding.networks.bound_kernel import bound_boxes, double_array
 from warp_bounding.networks.box_bounds import BoxBounds
 from warp_bounding.networks.charts.base import Chart
 from warp_bounding.networks.network import Network
-from warp_bounding.proof.search.best_first import Search
+from warp_bounding.proof.search.best_first import WORST, Search
 from warp_bounding.proof.search.depth_first_kernel import KEPT, STACK, depth_first_kernel
 from warp_bounding.proof.search.pace import Pace
 from warp_bounding.runtime.launch import launch_blocks, working_seconds
@@ -27,7 +27,6 @@ __all__ = ["Charted", "Cleared", "charted_minimum", "clear"]
 CPU_BLOCKS, CUDA_BLOCKS = 64, 2048
 MOST = 1024  # boxes that a block bounds before it returns: some 50 ms a launch
 SHARE = 64  # boxes that a block is given at a time
-WORST = 2048  # low points that are kept
 FIRST, MOST_FIRST = 4096, 131_072  # boxes that a search begins with, or their shares would tell nothing:
 FIRST_SHARE = 0.02  # of those that there is time for
 Progress = Callable[[int, float, float], bool | None]
