@@ -11,8 +11,9 @@ from region_cases import REGIONS, VOLUMES, cases, fitted_region, ray_length
 
 from warp_bounding.bounders import load, supports
 from warp_bounding.errors import BounderError
+from warp_bounding.kernels.assemble import TOOLS
 from warp_bounding.kernels.functions import batch_kernel
-from warp_bounding.kernels.source import TOOLS, Lanes
+from warp_bounding.kernels.source import Lanes
 from warp_bounding.runtime.native import named, unique_name
 
 NAMES = ("c", "blob", "star", "single", "anisotropic", "mesh", "half", "animated", "five")

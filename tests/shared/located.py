@@ -8,7 +8,7 @@ import warp as wp
 
 from warp_bounding.coordinates.native_map import locate
 from warp_bounding.coordinates.region_domain import RegionDomain
-from warp_bounding.kernels.source import TOOLS
+from warp_bounding.kernels.assemble import TOOLS
 from warp_bounding.runtime.native import named
 
 LANES = 8

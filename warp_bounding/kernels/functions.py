@@ -5,7 +5,8 @@ from typing import Any
 
 import warp as wp
 
-from warp_bounding.kernels.source import Source, batch_snippet, point_snippet
+from warp_bounding.kernels.assemble import batch_snippet, point_snippet
+from warp_bounding.kernels.source import Source
 from warp_bounding.runtime.native import named, unique_name
 
 __all__ = ["Data", "batch_kernel", "point_func", "point_type"]
@@ -54,12 +55,12 @@ def point_func(source: Source) -> wp.Function:
     kernel is defined. Data of another source are answered with *maybe*.
 
     What is proven is proven of the float32 numbers that the function gets, in IEEE arithmetic. It keeps to that in a module of any options
-    of Warp's, ``fast_math`` too (``source.TOOLS``); a CPU compiler that is told ``-ffast-math`` refuses it (``native.STRICT``). Other flags
+    of Warp's, ``fast_math`` too (``assemble.TOOLS``); a CPU compiler that is told ``-ffast-math`` refuses it (``native.STRICT``). Other flags
     that give up IEEE arithmetic are outside the claim.
     """
     name = named(unique_name(source, "test"))
     vector = point_type(source.ndim)
-    if source.query != "point":
+    if source.is_region:
 
         @name.func_native(point_snippet(source))
         def native_region(

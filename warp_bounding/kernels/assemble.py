@@ -1,0 +1,309 @@
+"""The C text around a method's ``body``: the batch kernel, and the function for other kernels; each a template with constants filled in.
+
+All CPU text may fuse products and sums (``contract``), which what is proven leaves room for; nothing else is up to the compiler.
+"""
+
+from warp_bounding.coordinates.native_map import locate
+from warp_bounding.kernels.source import DENIED, FRONT, Lanes, Source, fill, literal
+from warp_bounding.runtime.launch import BLOCK
+
+__all__ = ["TOOLS", "batch_snippet", "point_snippet"]
+
+# Square roots and quotients as IEEE 754 has them, of floats and of vectors. What ``sqrtf`` and ``/`` are on CUDA is up to the module:
+# they are approximations under its option ``fast_math``, which leaves nothing else in a source to approximate.
+TOOLS = """
+#if !defined(__CUDA_ARCH__)
+auto root = [](auto x) { return __builtin_elementwise_sqrt(x); };
+auto over = [](auto a, auto b) { return a / b; };
+#else
+auto root = [](float x) { return __fsqrt_rn(x); };
+auto over = [](float a, float b) { return __fdiv_rn(a, b); };
+#endif
+"""
+
+# The parts of ``parameters``.
+_PARTS = """
+const float* center = parameters.data + $front;
+const float* scale = center + $n;
+const float* limit = center + 2 * $n;
+const float threshold = center[3 * $n];
+const float* extra = center + 3 * $n + 1;
+const float* w = parameters.data + $start;
+"""
+
+_BATCH = """
+#if !defined(__CUDA_ARCH__)  // a block of queries, one in each lane
+#pragma clang fp contract(fast)
+#if defined(__AVX512F__)
+constexpr int L = $avx512;
+#else
+constexpr int L = $other;
+#endif
+typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));
+typedef int I __attribute__((vector_size(4 * L)));
+typedef int J __attribute__((vector_size(4 * L), aligned(4), may_alias));
+typedef unsigned char B __attribute__((vector_size(L), aligned(1), may_alias));
+constexpr int N = $columns, M = $coordinates;  // numbers of a query, and those that f takes
+const V zero = {};
+$parts
+$place
+$tools
+const int begin = block * $block, end = begin + $block < count ? begin + $block : count;
+$loop
+#else  // one query
+typedef float V;
+constexpr int N = $columns, M = $coordinates;
+const float zero = 0.0f;
+$parts
+$place
+$tools
+const int i = block;
+if (i >= count) return;
+V q[N], v[M];
+for (int k = 0; k < N; ++k) q[k] = x.data[(long long)i * N + k];
+$locate
+if (!finite) { out.data[i] = $yes; return; }
+if (!inside) { out.data[i] = $no; return; }
+V f;
+$scalar_body
+out.data[i] = $decision;
+#endif
+"""
+
+# Every query is asked, also those outside the domain: for bodies that cost less than to look which those are.
+_ALL = """
+for (int i = begin; i < end; i += L) {
+    const int m = end - i < L ? end - i : L;
+    $read
+    $locate
+    V f;
+    $body
+    $store
+}
+"""
+
+_STORE = {
+    False: """
+    const I answer = ~finite | (inside & ~(f < threshold));
+    const B bytes = __builtin_convertvector(answer & 1, B);
+    if (m == L) *(B*)(out.data + i) = bytes;
+    else for (int l = 0; l < m; ++l) out.data[i + l] = bytes[l];
+""",
+    True: "for (int l = 0; l < m; ++l) out.data[i + l] = finite[l] ? (inside[l] ? f[l] : -INFINITY) : INFINITY;",
+}
+
+# Those inside the domain are held together first, ``held[k]`` their coordinates and ``where`` their places; early tests then take
+# away what they deny, and the body is asked of the rest.
+_GATHERED = """
+float held[M][$block + L];
+int where[$block + L], kept = 0;
+for (int i = begin; i < end; i += L) {
+    const int m = end - i < L ? end - i : L;
+    $read
+    $locate
+    const I go = inside & finite;
+    int going = 0;
+    $unasked
+    if (going == L && m == L) {  // all inside: no need to look at them one by one
+        for (int l = 0; l < L; ++l) where[kept + l] = i + l;
+        for (int k = 0; k < M; ++k) *(V*)(held[k] + kept) = v[k];
+        kept += L;
+    } else if (going) {
+        for (int l = 0; l < m; ++l) {
+            where[kept] = i + l;
+            for (int k = 0; k < M; ++k) held[k][kept] = v[k][l];
+            kept -= go[l];
+        }
+    }
+}
+auto end_of_held = [&]() {  // lanes behind the last one ask something finite
+    for (int l = kept; l < kept + L; ++l) for (int k = 0; k < M; ++k) held[k][l] = 0.0f;
+};
+end_of_held();
+$early
+for (int g = 0; g < kept; g += L) {
+    V v[M];
+    for (int k = 0; k < M; ++k) v[k] = *(const V*)(held[k] + g);
+    V f;
+    $body
+    const int m = kept - g < L ? kept - g : L;
+    for (int l = 0; l < m; ++l) out.data[where[g + l]] = $lane_decision;
+}
+"""
+
+_UNASKED = {  # answers to queries that are not finite or not inside; the others' are overwritten
+    False: """
+    const B maybe = __builtin_convertvector(~finite & 1, B);
+    for (int l = 0; l < L; ++l) going -= go[l];
+    if (m == L) *(B*)(out.data + i) = maybe;
+    else for (int l = 0; l < m; ++l) out.data[i + l] = maybe[l];
+""",
+    True: """
+    for (int l = 0; l < m; ++l) {
+        out.data[i + l] = finite[l] ? -INFINITY : INFINITY;
+        going -= go[l];
+    }
+""",
+}
+
+_EARLY = """
+{
+    int stay = 0;
+    for (int g = 0; g < kept; g += L) {
+        V v[M];
+        for (int k = 0; k < M; ++k) v[k] = *(const V*)(held[k] + g);
+        V f;
+        $test
+        const I no = f < $bar;
+        const int m = kept - g < L ? kept - g : L;
+        int passes[L], pick[L], n = 0;  // in memory: lanes of a vector are dear one by one
+        *(J*)passes = no + 1;
+        $denied
+        for (int l = 0; l < m; ++l) { pick[n] = g + l; n += passes[l]; }
+        for (int l = 0; l < n; ++l) {
+            const int from = pick[l];
+            where[stay + l] = where[from];
+            for (int k = 0; k < M; ++k) held[k][stay + l] = held[k][from];
+        }
+        stay += n;
+    }
+    kept = stay;
+    end_of_held();
+}
+"""
+
+# Queries i .. i + L - 1, the last one again behind the end. Rows of N numbers become N vectors by shuffles: number k of query l
+# stands at ``l N + k``, in the vector of that over L.
+_READ = """
+V q[N], v[M];
+if (m == L) {
+    const float* rows = x.data + (long long)i * N;
+    V r[N];
+    for (int b = 0; b < N; ++b) r[b] = *(const V*)(rows + b * L);
+#if defined(__AVX512F__)
+    $avx512
+#else
+    $other
+#endif
+} else {
+    for (int l = 0; l < L; ++l) {
+        const int j = i + l < end ? i + l : end - 1;
+        for (int k = 0; k < N; ++k) q[k][l] = x.data[(long long)j * N + k];
+    }
+}
+"""
+
+_FUNCTION = """
+#if !defined(__CUDA_ARCH__)
+#pragma clang fp contract(fast)
+#endif
+$tools
+auto bits = [](float x) { union { float f; unsigned int i; } u; u.f = x; return u.i; };
+const float* front = parameters.data;
+const unsigned int numbers = parameters.shape[0], fields = words.shape[0];
+if (numbers < $front || parameters.strides[0] != sizeof(float) || words.strides[0] != sizeof(unsigned int)) return true;
+if (bits(front[0]) != ${first}u || bits(front[1]) != ${second}u) return true;  // another function's data
+if (numbers < bits(front[2]) || fields < bits(front[3])) return true;
+$parts
+float v[$coordinates];
+bool asked, held;
+{
+    typedef float V;
+    const float zero = 0.0f;
+    $numbers
+    $locate
+    asked = finite;
+    held = inside;
+}
+if (!asked) return true;
+if (!held) return false;
+#if !defined(__CUDA_ARCH__)
+$function_body
+return !(f < threshold);
+#else
+typedef float V;
+V f;
+$scalar_body
+return !(f < threshold);
+#endif
+"""
+
+
+def _parts(source: Source) -> str:
+    return fill(_PARTS, front=FRONT, n=source.ndim, start=source.start)
+
+
+def _locate(source: Source, placed: bool) -> str:
+    """C statements from ``V q[]`` to ``v[]`` and the masks ``finite`` (else: maybe) and ``inside`` (else: no); V vector or float."""
+    return locate(source.query, source.space, source.ndim, source.time, placed)
+
+
+def _shuffles(columns: int, lanes: int) -> str:
+    """C statements from the vectors ``r[]`` of rows of numbers to ``q[]``."""
+    lines = []
+    for k in range(columns):
+        have = "r[0]"
+        for b in range(1, columns):  # keep what is there, take from vector b what stands in it
+            at = [lane * columns + k for lane in range(lanes)]
+            known = [p if b == 1 else lane for lane, p in enumerate(at)]
+            pick = [lanes + p % lanes if p // lanes == b else known[lane] % lanes for lane, p in enumerate(at)]
+            have = f"__builtin_shufflevector({have}, r[{b}], {', '.join(map(str, pick))})"
+        lines.append(f"q[{k}] = {have};")
+    return "\n".join(lines)
+
+
+def batch_snippet(source: Source, placed: bool, values: bool) -> str:
+    """The body of a batch function: one block of queries on a CPU, one query on CUDA.
+
+    Args:
+        source: The method's code.
+        placed: Whether a world-to-object map is applied.
+        values: Write ``f`` itself instead of 0 and 1.
+    """
+    denied = f"for (int l = 0; l < m; ++l) if (!passes[l]) out.data[where[g + l]] = {literal(DENIED)};"
+    shared = {
+        "block": BLOCK,
+        "locate": _locate(source, placed),
+        "read": fill(_READ, **{name: _shuffles(source.columns, lanes) for name, lanes in source.width.items()}),
+        "body": source.body(Lanes(vector=True)),
+    }
+    if source.packed:
+        early = [fill(_EARLY, test=test, bar=bar, denied=denied * values) for test, bar in source.early()]
+        decision = "f[l]" if values else "!(f[l] < threshold)"
+        loop = fill(_GATHERED, **shared, unasked=_UNASKED[values], early="\n".join(early), lane_decision=decision)
+    else:
+        loop = fill(_ALL, **shared, store=_STORE[values])
+    return fill(
+        _BATCH,
+        **source.width,
+        columns=source.columns,
+        coordinates=source.coordinates,
+        parts=_parts(source),
+        place="const float* place = placement.data;" if placed else "",
+        tools=TOOLS,
+        block=BLOCK,
+        loop=loop,
+        locate=shared["locate"],
+        yes="INFINITY" if values else "1",
+        no="-INFINITY" if values else "0",
+        scalar_body=source.body(Lanes(vector=False)),
+        decision="f" if values else "!(f < threshold)",
+    )
+
+
+def point_snippet(source: Source) -> str:
+    """The body of the function for other kernels: one query ``q``, or two vectors ``a`` and ``b`` of a region; returns bool."""
+    given = [f"{name}[{k}]" for name in ("a", "b") for k in range(source.ndim)]
+    return fill(
+        _FUNCTION,
+        tools=TOOLS,
+        front=FRONT,
+        first=source.tag[0],
+        second=source.tag[1],
+        parts=_parts(source),
+        coordinates=source.coordinates,
+        numbers=f"const float q[{source.columns}] = {{{', '.join(given)}}};" if source.is_region else "",
+        locate=_locate(source, placed=False),
+        function_body=source.function_body(),
+        scalar_body=source.body(Lanes(vector=False)),
+    )
