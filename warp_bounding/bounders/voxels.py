@@ -17,11 +17,47 @@ from warp_bounding.coordinates.domain import GROWTH, Domain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.kernels.plain import Numbers, Words, twin, vector_type
-from warp_bounding.kernels.source import Lanes, Source
+from warp_bounding.kernels.source import Lanes, Source, fill
 
 __all__ = ["Voxels", "VoxelsSource"]
 
 MOST_CELLS, MOST_ALONG = 2**31 - 1, 2**24  # kernels count cells in 32 bits; along an axis float32 tells them apart
+
+
+_TEXT = """
+{
+    constexpr int N = $n;
+    constexpr int SHAPE[N] = {$shape};
+    $integer first[N], last[N];  // cells that the point may lie in
+    for (int k = 0; k < N; ++k) {
+        const float end = SHAPE[k] - 1;
+        const V t = v[k] * w[k] + w[N + k];
+        V a = t - w[2 * N + k], b = t + w[2 * N + k];
+        a = a < 0.0f ? a * 0.0f : a;
+        a = a > end ? a * 0.0f + end : a;
+        b = b < 0.0f ? b * 0.0f : b;
+        b = b > end ? b * 0.0f + end : b;
+        first[k] = $first;
+        last[k] = $last;
+    }
+    $lanes
+    {
+        unsigned int found = 0;
+        $loops {
+            const int cell = $index;
+            found |= words.data[cell >> 5] >> (cell & 31);
+        }
+        f$at = (float)(found & 1u);
+    }
+}
+"""
+_TOGETHER = {
+    "integer": "I",
+    "first": "__builtin_convertvector(a, I)",
+    "last": "__builtin_convertvector(b, I)",
+    "lanes": "for (int l = 0; l < L; ++l)",
+}
+_ALONE = {"integer": "int", "first": "(int)a", "last": "(int)b", "lanes": ""}
 
 
 @dataclass(frozen=True)
@@ -33,29 +69,14 @@ class VoxelsSource(Source):
     packed = True
 
     def body(self, lanes: Lanes) -> str:
-        n = self.ndim
-        integer, convert = ("I", "__builtin_convertvector({}, I)") if lanes.vector else ("int", "(int)({})")
-        lines = []
-        for k, cells in enumerate(self.shape):
-            lines.append(f"const V t{k} = v[{k}] * w[{k}] + w[{n + k}];")
-            for name, sign in (("a", "-"), ("b", "+")):  # first and last cell that the point may lie in
-                lines.append(f"V {name}{k}f = t{k} {sign} w[{2 * n + k}];")
-                lines.append(f"{name}{k}f = {name}{k}f < 0.0f ? {name}{k}f * 0.0f : {name}{k}f;")
-                lines.append(
-                    f"{name}{k}f = {name}{k}f > {cells - 1}.0f ? {name}{k}f * 0.0f + {cells - 1}.0f : {name}{k}f;"
-                )
-                lines.append(f"const {integer} {name}{k} = {convert.format(f'{name}{k}f')};")
         at = "[l]" if lanes.vector else ""
-        lines.append(
-            "for (int l = 0; l < L; ++l) { unsigned int found = 0;" if lanes.vector else "{ unsigned int found = 0;"
-        )
-        index = "0"
-        for k in range(n):
-            lines.append(f"for (int i{k} = a{k}{at}; i{k} <= b{k}{at}; ++i{k})")
-            index = f"({index}) * {self.shape[k]} + i{k}" if k else f"i{k}"
-        lines.append(f"{{ const int c = {index}; found |= words.data[c >> 5] >> (c & 31); }}")
-        lines.append(f"f{at} = (float)(found & 1u); }}")
-        return "\n".join(lines)
+        along = range(self.ndim)
+        loops = "".join(f"for (int i{k} = first[{k}]{at}; i{k} <= last[{k}]{at}; ++i{k})\n" for k in along)
+        index = "i0"
+        for k in along[1:]:
+            index = f"({index}) * {self.shape[k]} + i{k}"
+        sizes = {"n": self.ndim, "shape": ", ".join(map(str, self.shape)), "at": at, "loops": loops, "index": index}
+        return fill(_TEXT, **sizes, **(_TOGETHER if lanes.vector else _ALONE))
 
     def plain(self) -> wp.Function:
         """See ``Source.plain``: 1 where one of the cells within reach is occupied."""

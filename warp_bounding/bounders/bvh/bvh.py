@@ -17,16 +17,17 @@ import warp as wp
 from warp_bounding.arithmetic import TINY, gamma, round_down, round_up
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.bvh.build import build, inner_nodes
+from warp_bounding.bounders.bvh.native import ALONE, TOGETHER, TOUCHES
 from warp_bounding.bounders.bvh.plain import plain_walk
 from warp_bounding.bounders.neural.mlp import HIDDEN
 from warp_bounding.bounders.options import Option, whole
-from warp_bounding.bounders.slabs.regions import ROOM, clip
-from warp_bounding.coordinates.base import GUARD, PARALLEL
+from warp_bounding.bounders.slabs.regions import ROOM
+from warp_bounding.coordinates.base import PARALLEL
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.kernels.source import Lanes, Source
+from warp_bounding.kernels.source import Lanes, Source, fill
 from warp_bounding.queries.plane import PLANE
 
 __all__ = ["Bvh", "BvhSource", "leaves_for_bytes"]
@@ -67,61 +68,13 @@ class BvhSource(Source):
 
     def body(self, lanes: Lanes) -> str:
         """See ``Source.body``."""
-        lines, hit = getattr(self, f"_{self.query}")()
-        node = f"const float* b = w + {FRONT} + i * {2 * self.ndim + 1}; const int past = (int)b[{2 * self.ndim}];"
-        head = "{ const V none = {};" if lanes.vector else "{ const V none = 0.0f;"
-        start = [head, *lines, "const int count = (int)w[0]; int i = 0;"]
-        if not lanes.vector:
-            return "\n".join(
-                [
-                    *start,
-                    f"f = -1.0f; while (i < count) {{ {node} {hit}",
-                    "if (hit && past == i + 1) { f = 0.0f; break; } i = hit ? i + 1 : past; } }",
-                ]
-            )
-        return "\n".join(
-            [
-                *start,
-                f"I next = {{}}, found = {{}}; while (i < count) {{ {node} {hit} hit = hit & (next <= i);",
-                "if (past == i + 1) { found = found | hit; next = hit ? (next & 0) + count : next; i = past;",
-                "if (__builtin_reduce_and(found)) break; }",
-                "else { next = ((next <= i) & ~hit) ? (next & 0) + past : next; i = __builtin_reduce_or(hit) ? i + 1 : past; } }",
-                "f = found ? none : none - 1.0f; }",
-            ]
-        )
+        prepare, touches = TOUCHES[self.query]
+        walk = TOGETHER if lanes.vector else ALONE
+        return fill(walk, prepare=prepare, touches=touches, front=FRONT, n=self.ndim)
 
     def plain(self) -> wp.Function:
         """See ``Source.plain``."""
         return plain_walk(self, FRONT)
-
-    def _point(self) -> tuple[list[str], str]:
-        n = self.ndim
-        return [], "auto hit = " + " & ".join(f"(v[{k}] >= b[{k}]) & (v[{k}] <= b[{n + k}])" for k in range(n)) + ";"
-
-    def _box(self) -> tuple[list[str], str]:
-        n = self.ndim
-        return [], "auto hit = " + " & ".join(
-            f"(v[{n + k}] >= b[{k}]) & (v[{k}] <= b[{n + k}])" for k in range(n)
-        ) + ";"
-
-    def _plane(self) -> tuple[list[str], str]:
-        n = self.ndim
-        lines = [f"const V p{k} = v[{k}] > none ? v[{k}] : none, g{k} = v[{k}] - p{k};" for k in range(n)]
-        lines.append(f"const V under = v[{n}] - w[1], over = v[{n}] + w[1];")
-        high = " + ".join(f"p{k} * b[{n + k}] + g{k} * b[{k}]" for k in range(n))
-        low = " + ".join(f"p{k} * b[{k}] + g{k} * b[{n + k}]" for k in range(n))
-        return lines, f"const V most = {high}, least = {low}; auto hit = (under <= most) & (over >= least);"
-
-    def _ray(self) -> tuple[list[str], str]:
-        n = self.ndim
-        lines = []
-        for k in range(n):
-            lines.append(f"V slow{k}; {{ {clip.speed(f'v[{n + k}]')} slow{k} = slow; }}")
-        walk = "V enter = none, leave = none + 1.0f;"
-        for k in range(n):
-            walk += f"{{ {clip.ends(f'b[{k}]', f'b[{n + k}]', f'v[{k}]', f'slow{k}')}"
-            walk += " enter = near > enter ? near : enter; leave = away < leave ? away : leave; }"
-        return lines, f"{walk} auto hit = enter <= leave + {GUARD.hex()}f;"
 
 
 class Bvh(Bounder):

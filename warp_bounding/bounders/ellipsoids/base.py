@@ -13,12 +13,13 @@ import warp as wp
 
 from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.bounders.ellipsoids.native import TEXTS
 from warp_bounding.bounders.ellipsoids.plain import PLAIN
 from warp_bounding.bounders.ellipsoids.regions import (
+    REGIONS,
     QuadricBox,
     QuadricPlane,
     QuadricRay,
-    quadric_region,
     row_sizes,
     squares_error,
 )
@@ -28,7 +29,7 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry.enclosing_ellipsoid import enclosing_ellipsoid, enclosing_of_points
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.kernels.source import Lanes, Source
+from warp_bounding.kernels.source import Lanes, Source, fill
 from warp_bounding.support_functions.parametric import ParametricSupport
 
 __all__ = ["QuadricBounder", "QuadricSource"]
@@ -47,20 +48,9 @@ class QuadricSource(Source):
 
     def body(self, lanes: Lanes) -> str:
         """See ``Source.body``."""
-        if not self.tested_as_point:
-            region = {"ray": QuadricRay, "plane": QuadricPlane, "box": QuadricBox}[self.query]
-            lines = region.body(self.ndim, self.diagonal)
-            return "\n".join(["{ const V none = {};" if lanes.vector else "{ const V none = 0.0f;", *lines, "}"])
-        n = self.coordinates
-        lines = ["f = v[0] * 0.0f;"]
-        for i in range(n):
-            terms = (
-                f"v[{i}] * w[{n + i}]"
-                if self.diagonal
-                else " + ".join(f"v[{j}] * w[{n + i * n + j}]" for j in range(n))
-            )
-            lines.append(f"{{ const V y = {terms} + w[{i}]; f = f - y * y; }}")
-        return "\n".join(lines)
+        text = TEXTS["point" if self.tested_as_point else self.query](self)
+        n = self.coordinates if self.tested_as_point else self.ndim
+        return fill(text, n=n, diagonal="true" if self.diagonal else "false")
 
     def plain(self) -> wp.Function:
         """See ``Source.plain``."""
@@ -130,7 +120,7 @@ class QuadricBounder(Bounder):
         if self.volume_domain is None:
             return None
         offset = self.tensors["offset"].astype(np.float64)
-        return quadric_region(self.matrix, offset, self.tensors["matrix"].ndim == 1, self.domain)
+        return REGIONS[self.query_kind](self.matrix, offset, self.tensors["matrix"].ndim == 1, self.domain)
 
     @property
     def matrix(self) -> np.ndarray:

@@ -12,27 +12,14 @@ The results are upper bounds of the points' f on the region, less ``error``; so 
 import numpy as np
 
 from warp_bounding.arithmetic import TINY, UNIT64, gamma
+from warp_bounding.bounders.ellipsoids.native import SMALLEST, SWEEPS
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry.checked_inverse import checked_inverse
 
-__all__ = ["QuadricBox", "QuadricPlane", "QuadricRay", "quadric_region"]
+__all__ = ["REGIONS", "QuadricBox", "QuadricPlane", "QuadricRay"]
 
-SMALLEST = 2.0**-80  # of |A w|^2: a segment as short as that counts as its origin
 SHORTEST = 2.0**-40
-SWEEPS = 2  # of coordinate descent over a box
-
-
-def quadric_region(matrix: np.ndarray, offset: np.ndarray, diagonal: bool, domain: RegionDomain):
-    """What tests this kind of region against the ellipsoid; A ``(n, n)`` and b ``(n,)`` float64, exact."""
-    return {"ray": QuadricRay, "plane": QuadricPlane, "box": QuadricBox}[domain.query](matrix, offset, diagonal, domain)
-
-
-def row(v: str, n: int, i: int, diagonal: bool) -> str:
-    """C text of row i of A times the numbers ``v``, a format such as ``v[{}]``."""
-    if diagonal:
-        return f"{v.format(i)} * w[{n + i}]"
-    return " + ".join(f"{v.format(j)} * w[{n + i * n + j}]" for j in range(n))
 
 
 def row_sizes(matrix: np.ndarray, offset: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -73,25 +60,6 @@ class QuadricRay:
         most = (most + gamma(4) * 3 * (near + largest) + flushed) ** 2 * (1 + gamma(n + 3))
         self.error = float((most - largest**2) * (1 + 1e-9) + 1e-12 * most)
         self.matrix, self.offset = matrix, offset
-
-    @staticmethod
-    def body(n: int, diagonal: bool) -> list[str]:
-        """C statements that compute f."""
-        lines = []
-        for i in range(n):
-            lines.append(f"const V y{i} = {row('v[{}]', n, i, diagonal)} + w[{i}];")
-            moved = (
-                f"v[{n + i}] * w[{n + i}]"
-                if diagonal
-                else " + ".join(f"v[{n + j}] * w[{n + i * n + j}]" for j in range(n))
-            )
-            lines.append(f"const V s{i} = {moved};")
-        lines.append(f"const V along = -({' + '.join(f'y{i} * s{i}' for i in range(n))});")
-        lines.append(f"V length = {' + '.join(f's{i} * s{i}' for i in range(n))};")
-        lines.append(f"V t = over(along, length > {SMALLEST.hex()}f ? length : none + 1.0f); t = t < none ? none : t;")
-        lines.append(f"t = t > 1.0f ? none + 1.0f : t; t = length > {SMALLEST.hex()}f ? t : none; f = none;")
-        lines += [f"{{ const V z = y{i} + t * s{i}; f = f - z * z; }}" for i in range(n)]
-        return lines
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         """The same in float64."""
@@ -138,13 +106,6 @@ class QuadricPlane:
         self.error = float((most - farthest**2) * (1 + 1e-9) + 1e-12 * most)
         self.diagonal = diagonal
 
-    @staticmethod
-    def body(n: int, diagonal: bool) -> list[str]:
-        """C statements that compute f."""
-        lines = [f"const V off = v[{n}] - ({' + '.join(f'v[{j}] * w[{j}]' for j in range(n))}); V length = none;"]
-        lines += [f"{{ const V g = {row('v[{}]', n, i, diagonal)}; length = length + g * g; }}" for i in range(n)]
-        return [*lines, "f = over(-(off * off), length);"]
-
     def reference(self, v: np.ndarray) -> np.ndarray:
         """The same in float64."""
         off = v[:, -1] - v[:, :-1] @ self.center.astype(np.float64)
@@ -178,38 +139,6 @@ class QuadricBox:
                 steps = np.minimum(1 / (matrix**2).sum(axis=0), 2.0**60)
             self.start, self.steps = np.clip(center, -limit, limit).astype(np.float32), steps.astype(np.float32)
 
-    @staticmethod
-    def body(n: int, diagonal: bool) -> list[str]:
-        """C statements that compute f."""
-        if diagonal:
-            lines = ["f = none;"]
-            for i in range(n):
-                lines.append(f"{{ const V a = v[{i}] * w[{n + i}] + w[{i}], b = v[{n + i}] * w[{n + i}] + w[{i}];")
-                lines.append("const V low = a < b ? a : b, high = a < b ? -b : -a; V z = low > high ? low : high;")
-                lines.append("z = z < none ? none : z; f = f - z * z; }")
-            return lines
-        first = n + n * n
-        lines = []
-        for j in range(n):
-            lines.append(f"V y{j} = v[{j}] > w[{first + n + j}] ? v[{j}] : none + w[{first + n + j}];")
-            lines.append(f"y{j} = y{j} > v[{n + j}] ? v[{n + j}] : y{j};")
-        lines += [f"V z{i} = {row('y{}', n, i, False)} + w[{i}];" for i in range(n)]
-        for _ in range(SWEEPS):
-            for j in range(n):
-                slope = " + ".join(f"z{i} * w[{n + i * n + j}]" for i in range(n))
-                lines.append(f"{{ V to = y{j} - ({slope}) * w[{first + j}]; to = to < v[{j}] ? v[{j}] : to;")
-                lines.append(f"to = to > v[{n + j}] ? v[{n + j}] : to; const V by = to - y{j}; y{j} = to;")
-                lines.append(" ".join(f"z{i} = z{i} + by * w[{n + i * n + j}];" for i in range(n)) + " }")
-        lines.append(f"const V length = {' + '.join(f'z{i} * z{i}' for i in range(n))};")
-        lines.append(f"V least = {' + '.join(f'z{i} * w[{i}]' for i in range(n))};")
-        for j in range(n):
-            lines.append(f"{{ const V m = {' + '.join(f'z{i} * w[{n + i * n + j}]' for i in range(n))};")
-            lines.append(f"const V a = m * v[{j}], b = m * v[{n + j}]; least = least + (a < b ? a : b); }}")
-        near = f"length > {SMALLEST.hex()}f"
-        lines.append(f"least = least < none ? none : least; least = {near} ? least : none;")
-        lines.append(f"f = over(-(least * least), {near} ? length : none + 1.0f);")
-        return lines
-
     def reference(self, v: np.ndarray) -> np.ndarray:
         """The same in float64."""
         n = len(self.offset)
@@ -231,3 +160,6 @@ class QuadricBox:
         """The numbers that the body reads."""
         more = [] if self.diagonal else [self.steps, self.start]
         return np.concatenate([tensors["offset"], tensors["matrix"].reshape(-1), *more])
+
+
+REGIONS = {"ray": QuadricRay, "plane": QuadricPlane, "box": QuadricBox}  # by the name of the kind of query

@@ -12,12 +12,12 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.arithmetic import TINY, gamma, round_up
+from warp_bounding.bounders.polytopes.native import TEXTS
 from warp_bounding.bounders.polytopes.plain import PLAIN
-from warp_bounding.bounders.slabs.regions import ROOM, SlabPlane, Slabs, row
-from warp_bounding.coordinates.base import GUARD, PARALLEL
+from warp_bounding.bounders.slabs.regions import ROOM, SlabPlane, Slabs
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
-from warp_bounding.kernels.source import Lanes, Source
+from warp_bounding.kernels.source import Lanes, Source, fill
 
 __all__ = ["HalfSpaceBox", "HalfSpaceRay", "HalfSpacesSource", "half_space_region"]
 
@@ -34,17 +34,8 @@ class HalfSpacesSource(Source):
 
     def body(self, lanes: Lanes) -> str:
         """See ``Source.body``."""
-        n, k = self.coordinates, self.half_spaces
-        lines = ["const V none = {};" if lanes.vector else "const V none = 0.0f;"]
-        if not self.tested_as_point:
-            if self.query == "plane":
-                return "\n".join([*lines, *SlabPlane.body(self.ndim, k, False)])
-            region = HalfSpaceRay if self.query == "ray" else HalfSpaceBox
-            return "\n".join([*lines, *region.body(self.ndim, k)])
-        lines.append("f = none + 3.0e38f;")
-        for i in range(k):
-            lines.append(f"{{ const V y = w[{i}] - ({row(n, 0, k + i * n)}); f = y < f ? y : f; }}")
-        return "\n".join(lines)
+        n = self.coordinates if self.tested_as_point else self.ndim
+        return fill(TEXTS["point" if self.tested_as_point else self.query], n=n, half_spaces=self.half_spaces)
 
     def plain(self) -> wp.Function:
         """See ``Source.plain``."""
@@ -83,20 +74,6 @@ class HalfSpaceRay:
         self.weights = np.concatenate([face, normals.reshape(-1)]).astype(np.float32)
         self.normals, self.offsets = normals, offsets
 
-    @staticmethod
-    def body(n: int, count: int) -> list[str]:
-        """C statements that compute f; a face along which a ray may run is ``ROOM`` away, so there is no division by zero."""
-        lines = ["V come = none, gone = none + 1.0f;"]
-        for i in range(count):
-            at = count + i * n
-            lines += [
-                f"{{ const V y = {row(n, 0, at)}; const V s = {row(n, n, at)}; const V speed = s < none ? -s : s;",
-                f"const V cross = speed > {PARALLEL.hex()}f ? s : none + {PARALLEL.hex()}f; const V at = over(w[{i}] - y, cross);",
-                "const V first = cross < none ? at : none; const V last = cross < none ? none + 1.0f : at;",
-                "come = first > come ? first : come; gone = last < gone ? last : gone; }",
-            ]
-        return [*lines, f"f = come <= gone + {GUARD.hex()}f ? none : none - 1.0f;"]
-
     def reference(self, v: np.ndarray) -> np.ndarray:
         """The same without any room."""
         n = self.normals.shape[1]
@@ -118,16 +95,6 @@ class HalfSpaceBox:
         self.error = float((product + gamma(3) * (reach + product + np.abs(offsets)) + 4 * TINY).max() * (1 + 1e-9))
         self.weights = np.concatenate([offsets, normals.reshape(-1)]).astype(np.float32)
         self.normals, self.offsets = normals, offsets
-
-    @staticmethod
-    def body(n: int, count: int) -> list[str]:
-        """C statements that compute f."""
-        lines = ["f = none + 3.0e38f;"]
-        for i in range(count):
-            at = count + i * n
-            corner = " + ".join(f"(w[{at + j}] < 0.0f ? v[{n + j}] : v[{j}]) * w[{at + j}]" for j in range(n))
-            lines.append(f"{{ const V y = w[{i}] - ({corner}); f = y < f ? y : f; }}")
-        return lines
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         """See ``HalfSpaceBox``."""

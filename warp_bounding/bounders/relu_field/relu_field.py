@@ -10,6 +10,7 @@ a bound over the object's cells is exact, and one over regions comes from a cove
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from math import prod
 
 import numpy as np
 import warp as wp
@@ -17,12 +18,13 @@ import warp as wp
 from warp_bounding.arithmetic import TINY, UNIT64, gamma
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.options import STEPS
+from warp_bounding.bounders.relu_field.native import ALONE, TEXT, TOGETHER
 from warp_bounding.bounders.relu_field.plain import plain_field
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.kernels.source import Lanes, Source
+from warp_bounding.kernels.source import Lanes, Source, fill
 
 __all__ = ["FieldMap", "ReluField", "ReluFieldSource"]
 
@@ -81,32 +83,9 @@ class ReluFieldSource(Source):
 
     def body(self, lanes: Lanes) -> str:
         """See ``Source.body``."""
-        m, lines = len(self.nodes), []
-        integer, convert = ("I", "__builtin_convertvector({}, I)") if lanes.vector else ("int", "(int)({})")
-        for k, count in enumerate(self.nodes):
-            lines.append(f"V t{k} = v[{k}] * w[{k}] + w[{m + k}]; t{k} = t{k} < 0.0f ? t{k} * 0.0f : t{k};")
-            lines.append(f"t{k} = t{k} > {count - 1}.0f ? t{k} * 0.0f + {count - 1}.0f : t{k};")
-            lines.append(f"V low{k} = t{k} > {count - 2}.0f ? t{k} * 0.0f + {count - 2}.0f : t{k};")
-            lines.append(f"const {integer} i{k} = {convert.format(f'low{k}')};")
-            lines.append(
-                f"const V s{k} = t{k} - {'__builtin_convertvector(i0, V)' if lanes.vector else '(float)i0'};".replace(
-                    "i0", f"i{k}"
-                )
-            )
-        strides = [int(np.prod(self.nodes[k + 1 :], dtype=np.int64)) for k in range(m)]
-        base = " + ".join(f"i{k} * {strides[k]}" for k in range(m))
-        lines.append(f"const {integer} base = {base}; V c[{1 << m}];")
-        for corner in range(1 << m):
-            shift = 2 * m + sum(strides[k] for k in range(m) if corner >> (m - 1 - k) & 1)
-            if lanes.vector:
-                lines.append(f"for (int l = 0; l < L; ++l) c[{corner}][l] = w[base[l] + {shift}];")
-            else:
-                lines.append(f"c[{corner}] = w[base + {shift}];")
-        for k in range(m - 1, -1, -1):  # the last axis first: neighbours in pairs
-            for pair in range(1 << k):
-                lines.append(f"c[{pair}] = c[{2 * pair}] + (c[{2 * pair + 1}] - c[{2 * pair}]) * s{k};")
-        lines.append("f = c[0] < 0.0f ? c[0] * 0.0f : c[0]; f = f > 1.0f ? f * 0.0f + 1.0f : f;")
-        return "\n".join(lines)
+        strides = [prod(self.nodes[k + 1 :]) for k in range(len(self.nodes))]
+        listed = {"nodes": ", ".join(map(str, self.nodes)), "strides": ", ".join(map(str, strides))}
+        return fill(TEXT, m=len(self.nodes), **listed, **(TOGETHER if lanes.vector else ALONE))
 
     def plain(self) -> wp.Function:
         """See ``Source.plain``."""

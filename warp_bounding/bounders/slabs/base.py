@@ -15,13 +15,14 @@ import warp as wp
 from warp_bounding.arithmetic import TINY, UNIT64, gamma, round_down, round_up
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.parametric_fit import units
+from warp_bounding.bounders.slabs.native import TEXTS
 from warp_bounding.bounders.slabs.plain import PLAIN
-from warp_bounding.bounders.slabs.regions import SlabBox, SlabPlane, SlabRay, Slabs, slab_region
+from warp_bounding.bounders.slabs.regions import REGIONS, SlabBox, SlabPlane, SlabRay, Slabs
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.kernels.source import Lanes, Source
+from warp_bounding.kernels.source import Lanes, Source, fill
 from warp_bounding.support_functions.parametric import ParametricSupport
 
 __all__ = ["SlabBounder", "SlabsSource"]
@@ -39,17 +40,9 @@ class SlabsSource(Source):
 
     def body(self, lanes: Lanes) -> str:
         """See ``Source.body``."""
-        if not self.tested_as_point:
-            region = {"ray": SlabRay, "plane": SlabPlane, "box": SlabBox}[self.query]
-            lines = region.body(self.ndim, self.slabs, self.diagonal)
-            return "\n".join(["{ const V none = {};" if lanes.vector else "{ const V none = 0.0f;", *lines, "}"])
-        n, k = self.coordinates, self.slabs
-        lines = ["const V nearer = {};" if lanes.vector else "const V nearer = 0.0f;", "f = nearer + 3.0e38f;"]
-        for i in range(k):
-            terms = f"v[{i}]" if self.diagonal else " + ".join(f"v[{j}] * w[{2 * k + i * n + j}]" for j in range(n))
-            lines.append(f"{{ const V y = {terms}; const V a = y - w[{i}]; const V b = w[{k + i}] - y; ")
-            lines.append("const V c = a < b ? a : b; f = c < f ? c : f; }")
-        return "\n".join(lines)
+        text = TEXTS["point" if self.tested_as_point else self.query](self)
+        n = self.coordinates if self.tested_as_point else self.ndim
+        return fill(text, n=n, slabs=self.slabs, diagonal="true" if self.diagonal else "false")
 
     def plain(self) -> wp.Function:
         """See ``Source.plain``."""
@@ -160,7 +153,7 @@ class SlabBounder(Bounder):
         low, high = self.tensors["low"].astype(np.float64), self.tensors["high"].astype(np.float64)
         if (low > high).any():
             raise BounderError(f"{self.method}: a slab's low face is above its high face")
-        return slab_region(Slabs(self.directions, low, high, self.diagonal), self.domain)
+        return REGIONS[self.query_kind](Slabs(self.directions, low, high, self.diagonal), self.domain)
 
     @property
     def directions(self) -> np.ndarray:

@@ -18,12 +18,11 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_bounding.arithmetic import TINY, UNIT64, gamma, round_down, round_up
-from warp_bounding.coordinates.base import GUARD, PARALLEL
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry.checked_inverse import checked_inverse, polytope_vertices
 
-__all__ = ["ROOM", "SlabBox", "SlabPlane", "SlabRay", "Slabs", "clip", "slab_region"]
+__all__ = ["REGIONS", "ROOM", "SlabBox", "SlabPlane", "SlabRay", "Slabs"]
 
 ROOM = 2.0**-60  # a face is at least this far from P where a ray may run along it: far more than PARALLEL
 
@@ -35,18 +34,6 @@ class Slabs(NamedTuple):
     low: np.ndarray
     high: np.ndarray
     diagonal: bool
-
-
-def slab_region(slabs: Slabs, domain: RegionDomain) -> "SlabRay | SlabPlane | SlabBox":
-    """What tests this kind of region against P."""
-    return {"ray": SlabRay, "plane": SlabPlane, "box": SlabBox}[domain.query](slabs, domain)
-
-
-def row(n: int, first: int, at: int, diagonal: bool = False, i: int = 0) -> str:
-    """C text of the product of the direction at ``w[at]`` with ``v[first ..]``."""
-    if diagonal:
-        return f"v[{first + i}]"
-    return " + ".join(f"v[{first + j}] * w[{at + j}]" for j in range(n))
 
 
 class SlabRay:
@@ -71,17 +58,6 @@ class SlabRay:
         self.weights = np.concatenate(parts[:2] if slabs.diagonal else parts).astype(np.float32)
         self.count, self.slabs = len(slabs.low), slabs
 
-    @staticmethod
-    def body(n: int, count: int, diagonal: bool) -> list[str]:
-        """C statements that compute f."""
-        lines = ["V enter = none, leave = none + 1.0f;"]
-        for i in range(count):
-            at = 2 * count + i * n
-            lines.append(f"{{ const V y = {row(n, 0, at, diagonal, i)}; const V s = {row(n, n, at, diagonal, i)};")
-            lines += [clip.speed("s"), clip.ends(f"w[{i}]", f"w[{count + i}]", "y", "slow")]
-            lines.append("enter = near > enter ? near : enter; leave = away < leave ? away : leave; }")
-        return [*lines, f"f = enter <= leave + {GUARD.hex()}f ? none : none - 1.0f;"]
-
     def reference(self, v: np.ndarray) -> np.ndarray:
         """The same without any room."""
         n = self.slabs.directions.shape[1]
@@ -92,30 +68,6 @@ class SlabRay:
         near = np.where(s != 0, ends[0], np.where(within, -np.inf, np.inf)).max(axis=1)
         away = np.where(s != 0, ends[1], np.inf).min(axis=1)
         return np.where(np.maximum(near, 0) <= np.minimum(away, 1), 0.0, -1.0)
-
-
-class clip:  # noqa: N801 (a family of two functions)
-    """C statements of slab clipping.
-
-    Without a division by zero: a face that may be met is at least ``ROOM / 2`` away from a ray that runs along it, so the
-    parameters at which a speed of ``PARALLEL`` meets the faces lie outside [0, 1] as they should.
-    """
-
-    @staticmethod
-    def speed(s: str) -> str:
-        """Declare ``slow``, one over the speed."""
-        return (
-            f"const V speed = {s} < none ? -{s} : {s}; "
-            f"const V cross = speed > {PARALLEL.hex()}f ? {s} : none + {PARALLEL.hex()}f; const V slow = over(none + 1.0f, cross);"
-        )
-
-    @staticmethod
-    def ends(low: str, high: str, y: str, slow: str) -> str:
-        """Declare ``near`` and ``away``, the parameters between which ``y + t s`` lies in [low, high]."""
-        return (
-            f"const V one = ({low} - {y}) * {slow}; const V two = ({high} - {y}) * {slow}; "
-            "const V near = one < two ? one : two; const V away = one < two ? two : one;"
-        )
 
 
 class SlabPlane:
@@ -142,23 +94,6 @@ class SlabPlane:
         # Entries of m are at most 1. Products and sums of up to n + 1 rows, in any order, and two subtractions.
         self.error = float((moved + gamma(2 * n + 5) * size) * (1 + 1e-9) + 8 * (n + 1) ** 2 * (1 + size) * TINY)
 
-    @staticmethod
-    def body(n: int, count: int, diagonal: bool) -> list[str]:
-        """C statements that compute f."""
-        if count > n:
-            return [
-                "const int corners = (int)w[0]; V most = none - 3.0e38f, least = none + 3.0e38f;",
-                f"for (int i = 0; i < corners; ++i) {{ const float* at = w + 1 + i * {n};",
-                f"const V y = {' + '.join(f'v[{j}] * at[{j}]' for j in range(n))};",
-                "most = y > most ? y : most; least = y < least ? y : least; }",
-                f"most = most - v[{n}]; least = v[{n}] - least; f = most < least ? most : least;",
-            ]
-        lines = [f"V off = v[{n}] - ({row(n, 0, 0)}); off = off < none ? -off : off; V reach = none;"]
-        for i in range(n):
-            term = f"v[{i}] * w[{n + i}]" if diagonal else row(n, 0, n + i * n)
-            lines.append(f"{{ const V y = {term}; reach = reach + (y < none ? -y : y); }}")
-        return [*lines, "f = reach - off;"]
-
     def reference(self, v: np.ndarray) -> np.ndarray:
         """See ``SlabBounder``."""
         at, offset = v[:, :-1] @ self.numbers.T, v[:, -1]
@@ -183,26 +118,6 @@ class SlabBox:
         )
         self.weights = np.concatenate(parts).astype(np.float32)
         self.count, self.slabs = len(tested.low), tested
-
-    @staticmethod
-    def body(n: int, count: int, diagonal: bool) -> list[str]:
-        """C statements that compute f."""
-        lines = ["f = none + 3.0e38f;"]
-        if not diagonal:
-            for j in range(n):
-                lines.append(
-                    f"const V m{j} = (v[{j}] + v[{n + j}]) * 0.5f; const V h{j} = (v[{n + j}] - v[{j}]) * 0.5f;"
-                )
-        for i in range(count):
-            at = 2 * count + i * n
-            middle = " + ".join(f"m{j} * w[{at + j}]" for j in range(n))
-            half = " + ".join(f"h{j} * (w[{at + j}] < 0.0f ? -w[{at + j}] : w[{at + j}])" for j in range(n))
-            ends = f"v[{i}], b = v[{n + i}]" if diagonal else "y - r, b = y + r"
-            lines.append(f"{{ {'' if diagonal else f'const V y = {middle}; const V r = {half};'} const V a = {ends};")
-            lines.append(
-                f"const V c = b - w[{i}], d = w[{count + i}] - a; const V e = c < d ? c : d; f = e < f ? e : f; }}"
-            )
-        return lines
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         """See ``SlabBounder``."""
@@ -241,3 +156,6 @@ def _separating(slabs: Slabs) -> Slabs:
         np.concatenate([slabs.high, high]),
         False,
     )
+
+
+REGIONS = {"ray": SlabRay, "plane": SlabPlane, "box": SlabBox}  # by the name of the kind of query
