@@ -2,8 +2,8 @@
 
 Each round times every contestant once, in turn; ratios are taken within a round, so that a machine whose speed drifts does
 not matter, and their median is printed. All points lie in the domain: none is answered without asking the network.
-Contestants: torch eager on one (N, 3) tensor; torch eager in chunks, the best of several sizes; ours. Same cores, same
-data, results compared first.
+Contestants: torch eager on one (N, 3) tensor; torch eager in chunks, the best of several sizes; ours, its function in somebody's kernel,
+and the plain twins of both in Warp's own Python. Same cores, same data, results compared first.
 """
 
 import argparse
@@ -78,6 +78,21 @@ def in_kernel(bounder, points: wp.array, out: wp.array):
     return lambda: wp.launch(ask, dim=len(points), inputs=[bounder.data, points], outputs=[out], device="cpu")
 
 
+def ours(bounder, points: wp.array, out: wp.array) -> dict:
+    """Calls of a bounder, native and as its plain twin, in a batch and in a kernel; the answers are compared."""
+    plain = bounder.to(native=False)
+    different = (plain.query(points).numpy() != bounder.query(points).numpy()).mean()
+    assert different < 1e-5, (
+        f"{different:.2%} of the twin's answers differ"
+    )  # where f is as near to the threshold as its rounding
+    return {
+        "ours": lambda: bounder.query(points, out=out),
+        "ours, func in a kernel, one core": in_kernel(bounder, points, out),
+        "plain twin": lambda: plain.query(points, out=out),
+        "plain twin, func in a kernel, one core": in_kernel(plain, points, out),
+    }
+
+
 def clock(function) -> float:
     """Seconds of one call."""
     start = time.perf_counter()
@@ -122,12 +137,8 @@ def main() -> None:
         error = np.abs(bounder.values(array).numpy() - module(x)[:, 0].numpy()).max()
         assert error < 1e-2, f"the two networks differ by {error}"
         best = min(CHUNKS, key=lambda size: min(clock(chunked(module, x, size)) for _ in range(BEST_OF_CHUNKS)))
-        contestants = {
-            "torch": lambda m=module: m(x),
-            f"torch, chunks of {best}": chunked(module, x, best),
-            "ours": lambda b=bounder: b.query(array, out=out),
-            "ours, func in a kernel, one core": in_kernel(bounder, array, out),
-        }
+        contestants = {"torch": lambda m=module: m(x), f"torch, chunks of {best}": chunked(module, x, best)}
+        contestants |= ours(bounder, array, out)
         rows.append((f"mlp 3-50-50-1 {activation}", race(contestants, arguments.rounds)))
     box = METHODS["aabb"].fit(ball(), domain, device="cpu")
     low, high = torch.tensor([0.11] * 3), torch.tensor([0.89] * 3)
@@ -136,12 +147,8 @@ def main() -> None:
         return ((p >= low) & (p <= high)).all(dim=1)
 
     best = min(CHUNKS, key=lambda size: min(clock(chunked(expression, x, size)) for _ in range(BEST_OF_CHUNKS)))
-    contestants = {
-        "torch": lambda: expression(x),
-        f"torch, chunks of {best}": chunked(expression, x, best),
-        "ours": lambda: box.query(array, out=out),
-        "ours, func in a kernel, one core": in_kernel(box, array, out),
-    }
+    contestants = {"torch": lambda: expression(x), f"torch, chunks of {best}": chunked(expression, x, best)}
+    contestants |= ours(box, array, out)
     rows.append(("aabb", race(contestants, arguments.rounds)))
     report(rows, arguments)
 
