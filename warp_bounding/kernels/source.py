@@ -24,6 +24,7 @@ from warp_bounding.coordinates.base import PARAMETRIC, literal
 from warp_bounding.coordinates.native_map import extra_count
 from warp_bounding.coordinates.registry import coordinates_of
 from warp_bounding.queries import QUERIES
+from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.native import identity
 
 __all__ = ["DENIED", "FRONT", "Lanes", "Source", "fill", "literal"]
@@ -100,6 +101,16 @@ class Source:
     def tested_as_point(self) -> bool:
         """Whether ``v`` is one point of the space that is bounded, rather than a region in it."""
         return self.space == PARAMETRIC or not self.is_region
+
+    @property
+    def tested_kind(self) -> str:
+        """The kind of query that ``v`` is in the space that is bounded: a point, or the region itself."""
+        return POINT.name if self.tested_as_point else self.query
+
+    @property
+    def tested_ndim(self) -> int:
+        """Dimension of the space that is bounded."""
+        return self.coordinates if self.tested_as_point else self.ndim
 
     @property
     def is_region(self) -> bool:

@@ -22,12 +22,13 @@ from warp_bounding.bounders.bvh.plain import plain_walk
 from warp_bounding.bounders.neural.mlp import HIDDEN
 from warp_bounding.bounders.options import Option, whole
 from warp_bounding.bounders.slabs.regions import ROOM
-from warp_bounding.coordinates.base import PARALLEL
+from warp_bounding.coordinates.base import GEOMETRIC, PARALLEL
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.kernels.source import Lanes, Source, fill
+from warp_bounding.queries import QUERIES
 from warp_bounding.queries.plane import PLANE
 
 __all__ = ["Bvh", "BvhSource", "leaves_for_bytes"]
@@ -93,7 +94,7 @@ class Bvh(Bounder):
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
         """See ``Bounder``."""
-        return space == "geometric" and (query == "point" or (query in ("ray", "plane", "box") and ndim >= 2))
+        return space == GEOMETRIC and query in TOUCHES and (ndim >= 2 or not QUERIES[query].is_region)
 
     @classmethod
     def fit(
@@ -141,7 +142,7 @@ class Bvh(Bounder):
         n, count = domain.space_ndim, len(self.tensors.get("past", ()))
         expected = {"low": (count, n), "high": (count, n), "past": (count,)}
         found = {k: t.shape for k, t in self.tensors.items()}
-        if found != expected or not 0 < count < 2**24 or domain.space != "geometric":
+        if found != expected or not 0 < count < 2**24 or domain.parametric:
             raise BounderError(f"bvh: expected tensors of M nodes in {n}D, {expected}, got {found}")
         self.past = self.tensors["past"].astype(np.int64)
         parent = self._parents()
@@ -174,7 +175,7 @@ class Bvh(Bounder):
     @cached_property
     def volume(self) -> "Bvh | None":
         """See ``Bounder``."""
-        if self.query_kind == "point":
+        if self.domain.tested_as_point:
             return None
         return type(self)(self.domain.base, self.tensors, self.sizes, self._device)
 
@@ -186,7 +187,9 @@ class Bvh(Bounder):
     def weights(self) -> np.ndarray:
         """See ``Bounder``."""
         room = 0.0
-        if self.query_kind == "plane":  # products and sums of 2 n numbers, one more sum; entries of m are at most 1
+        if (
+            QUERIES[self.query_kind] is PLANE
+        ):  # products and sums of 2 n numbers, one more sum; entries of m are at most 1
             n = self.ndim
             corner = np.maximum(np.abs(self.tensors["low"]), np.abs(self.tensors["high"])).astype(np.float64)
             size = corner.sum(axis=1).max() + float(self.domain.limit[-1])
@@ -210,27 +213,13 @@ class Bvh(Bounder):
                 stack.pop()
             asked, past = stack[-1][1], int(self.past[index])
             asked = asked[~met[asked]]
-            asked = asked[self._touches(v[asked], low[index], high[index])]
+            asked = asked[_TOUCHING[self.query_kind](v[asked], low[index], high[index])]
             if past == index + 1:
                 met[asked] = True
             if len(asked):
                 stack.append((past, asked))
             index = index + 1 if len(asked) else past
         return np.where(met, 0.0, -1.0)
-
-    def _touches(self, v: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Whether queries touch a box."""
-        n = self.ndim
-        if self.query_kind == "point":
-            return ((v >= low) & (v <= high)).all(axis=1)
-        if self.query_kind == "box":
-            return ((v[:, n:] >= low) & (v[:, :n] <= high)).all(axis=1)
-        if self.query_kind == "plane":
-            ends = np.sort(np.stack([v[:, :n] * low, v[:, :n] * high]), axis=0).sum(axis=2)
-            return (ends[0] <= v[:, n]) & (v[:, n] <= ends[1])
-        cross = np.where(np.abs(v[:, n:]) > PARALLEL, v[:, n:], PARALLEL)
-        ends = np.sort(np.stack([(low - v[:, :n]) / cross, (high - v[:, :n]) / cross]), axis=0)
-        return np.maximum(ends[0].max(axis=1), 0) <= np.minimum(ends[1].min(axis=1), 1)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """See ``Bounder``: 0 where one leaf, and so all above it, holds the box and has ``ROOM`` to spare, else -1.
@@ -263,3 +252,28 @@ class Bvh(Bounder):
     def rounding_bound(self) -> float:
         """See ``Bounder``; none: what rounds is paid for by room around the boxes, and f is 0 or -1."""
         return 0.0
+
+
+def _points_touch(v: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Which points ``v`` ``(N, n)`` lie in a box."""
+    return ((v >= low) & (v <= high)).all(axis=1)
+
+
+def _boxes_touch(v: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    first, last = np.split(v, 2, axis=1)
+    return ((last >= low) & (first <= high)).all(axis=1)
+
+
+def _planes_touch(v: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    ends = np.sort(np.stack([v[:, :-1] * low, v[:, :-1] * high]), axis=0).sum(axis=2)
+    return (ends[0] <= v[:, -1]) & (v[:, -1] <= ends[1])
+
+
+def _rays_touch(v: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    origin, speed = np.split(v, 2, axis=1)
+    cross = np.where(np.abs(speed) > PARALLEL, speed, PARALLEL)
+    ends = np.sort(np.stack([(low - origin) / cross, (high - origin) / cross]), axis=0)
+    return np.maximum(ends[0].max(axis=1), 0) <= np.minimum(ends[1].min(axis=1), 1)
+
+
+_TOUCHING = {"point": _points_touch, "ray": _rays_touch, "plane": _planes_touch, "box": _boxes_touch}

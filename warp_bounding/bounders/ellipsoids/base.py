@@ -48,13 +48,12 @@ class QuadricSource(Source):
 
     def body(self, lanes: Lanes) -> str:
         """See ``Source.body``."""
-        text = TEXTS["point" if self.tested_as_point else self.query](self)
-        n = self.coordinates if self.tested_as_point else self.ndim
-        return fill(text, n=n, diagonal="true" if self.diagonal else "false")
+        text = TEXTS[self.tested_kind](self)
+        return fill(text, n=self.tested_ndim, diagonal="true" if self.diagonal else "false")
 
     def plain(self) -> wp.Function:
         """See ``Source.plain``."""
-        return PLAIN["point" if self.tested_as_point else self.query](self)
+        return PLAIN[self.tested_kind](self)
 
 
 class QuadricBounder(Bounder):
@@ -68,7 +67,7 @@ class QuadricBounder(Bounder):
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
         """See ``Bounder``."""
-        return query == "point" or (query in ("ray", "plane", "box") and ndim >= 2)
+        return super().supports(query, ndim, space) or (query in REGIONS and ndim >= 2)
 
     @classmethod
     def fit(cls, grid: IndicatorGrid, domain: Domain | RegionDomain, *, device: str | None = None) -> "QuadricBounder":
@@ -106,8 +105,7 @@ class QuadricBounder(Bounder):
     @property
     def volume_domain(self) -> Domain | None:
         """The domain of points, where regions are tested against the ellipsoid."""
-        tested = self.query_kind != "point" and self.domain.space == "geometric"
-        return self.domain.base if tested else None
+        return self.domain.base if self.domain.tested_as_region else None
 
     @cached_property
     def volume(self) -> "QuadricBounder | None":

@@ -18,6 +18,7 @@ def _row(y: str, at: str) -> str:
     """C text of ``y``, the product of row i of A (numbers at ``a``) with the vector at ``v[at]``."""
     return f"""
         V {y} = DIAGONAL ? v[{at} + i] * w[N + i] : v[{at}] * a[0];
+#pragma unroll
         for (int j = 1; j < N && !DIAGONAL; ++j) {y} = {y} + v[{at} + j] * a[j];
 """
 
@@ -26,6 +27,7 @@ _POINT = f"""
 {{
     {_CONSTANTS}
     f = v[0] * 0.0f;
+#pragma unroll
     for (int i = 0; i < N; ++i) {{
         const float* a = w + N + i * N;
         {_row("y", "0")}

@@ -19,7 +19,7 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import Lanes, Source, fill
 
-__all__ = ["HalfSpaceBox", "HalfSpaceRay", "HalfSpacesSource", "half_space_region"]
+__all__ = ["REGIONS", "HalfSpaceBox", "HalfSpaceRay", "HalfSpacesSource"]
 
 UNBOUNDED = (
     2.0**20
@@ -34,20 +34,14 @@ class HalfSpacesSource(Source):
 
     def body(self, lanes: Lanes) -> str:
         """See ``Source.body``."""
-        n = self.coordinates if self.tested_as_point else self.ndim
-        return fill(TEXTS["point" if self.tested_as_point else self.query], n=n, half_spaces=self.half_spaces)
+        return fill(TEXTS[self.tested_kind], n=self.tested_ndim, half_spaces=self.half_spaces)
 
     def plain(self) -> wp.Function:
         """See ``Source.plain``."""
-        return PLAIN["point" if self.tested_as_point else self.query](self)
+        return PLAIN[self.tested_kind](self)
 
 
-def half_space_region(
-    normals: np.ndarray, offsets: np.ndarray, domain: RegionDomain
-) -> "HalfSpaceRay | SlabPlane | HalfSpaceBox":
-    """What tests this kind of region against P; a ``(k, n)`` and b ``(k,)`` float64, exact float32 numbers."""
-    if domain.query != "plane":
-        return (HalfSpaceRay if domain.query == "ray" else HalfSpaceBox)(normals, offsets, domain)
+def _plane(normals: np.ndarray, offsets: np.ndarray, domain: RegionDomain) -> SlabPlane:
     if len(offsets) <= domain.space_ndim:
         raise BounderError(f"expected more than {domain.space_ndim} half-spaces, got {len(offsets)}")
     return SlabPlane(Slabs(normals, second_faces(normals, domain), offsets, False), domain)
@@ -101,3 +95,6 @@ class HalfSpaceBox:
         n = self.normals.shape[1]
         rise, fall = np.maximum(self.normals, 0), np.minimum(self.normals, 0)
         return (self.offsets - v[:, :n] @ rise.T - v[:, n:] @ fall.T).min(axis=1)
+
+
+REGIONS = {"ray": HalfSpaceRay, "plane": _plane, "box": HalfSpaceBox}  # by the name of the kind of query

@@ -15,8 +15,9 @@ from warp_bounding.arithmetic import TINY, UNIT64, gamma, round_up
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.options import STEPS, Option
 from warp_bounding.bounders.parametric_fit import units
-from warp_bounding.bounders.polytopes.half_spaces import HalfSpacesSource, half_space_region
-from warp_bounding.bounders.slabs.kdop import kdop_directions
+from warp_bounding.bounders.polytopes.half_spaces import REGIONS, HalfSpacesSource
+from warp_bounding.bounders.slabs.kdop import BY_VERTICES, kdop_directions
+from warp_bounding.coordinates.base import GEOMETRIC
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
@@ -27,14 +28,13 @@ from warp_bounding.support_functions.parametric import ParametricSupport
 
 __all__ = ["LearnedKdop", "classic_normals"]
 
+MOST_REGION_DIMENSIONS = 16  # of an object whose rays, planes and boxes are bounded
+
 
 def classic_normals(domain: Domain | RegionDomain, k: int | None = None) -> np.ndarray:
     """``kdop``'s half-spaces, where training starts from: ``(k, m)`` float64 normals in the coordinates of what is bounded."""
-    tested = domain.query != "point" and domain.space == "geometric"
-    scale = domain.scale.astype(np.float64)
-    if domain.space == "parametric" and domain.query != "point":
-        scale = units(domain)
-    directions = kdop_directions(len(scale) if not tested else domain.space_ndim, k) / scale
+    scale = units(domain) if domain.parametric else domain.scale.astype(np.float64)
+    directions = kdop_directions(len(scale), k) / scale
     return np.concatenate([directions, -directions])
 
 
@@ -53,10 +53,9 @@ class LearnedKdop(Bounder):
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
         """See ``Bounder``."""
-        if query == "point":
-            return True
-        most = MOST_VERTEX_DIMENSIONS if query == "plane" and space == "geometric" else 16
-        return query in ("ray", "plane", "box") and 2 <= ndim <= most
+        by_vertices = query in BY_VERTICES and space == GEOMETRIC
+        most = MOST_VERTEX_DIMENSIONS if by_vertices else MOST_REGION_DIMENSIONS
+        return super().supports(query, ndim, space) or (query in REGIONS and 2 <= ndim <= most)
 
     @classmethod
     def fit(
@@ -122,7 +121,11 @@ class LearnedKdop(Bounder):
 
     @cached_property
     def _region(self):
-        return None if _tested_domain(self.domain) is self.domain else half_space_region(*self._numbers, self.domain)
+        return (
+            None
+            if _tested_domain(self.domain) is self.domain
+            else REGIONS[self.query_kind](*self._numbers, self.domain)
+        )
 
     @property
     def source(self) -> HalfSpacesSource:
@@ -178,7 +181,7 @@ class LearnedKdop(Bounder):
             if not least >= 0:
                 raise BounderError(f"{self.method}: the half-spaces do not hold all of the object")
             return 0.0, count
-        if self.query_kind == "point":
+        if not self.domain.parametric:
             return super().least(grid)
         normals, offsets = self._numbers
         slack = offsets - ParametricSupport(grid, self.domain)(normals)
@@ -197,11 +200,9 @@ class LearnedKdop(Bounder):
 
 def support_of(grid: IndicatorGrid, domain: Domain | RegionDomain) -> "ObjectSupport | ParametricSupport":
     """The certified support of what half-spaces of this domain's kind of query hold: the object, or its positive regions."""
-    return (
-        ParametricSupport(grid, domain) if _tested_domain(domain).query != "point" else ObjectSupport(grid, domain.base)
-    )
+    return ParametricSupport(grid, domain) if domain.parametric else ObjectSupport(grid, domain.base)
 
 
 def _tested_domain(domain: Domain | RegionDomain) -> Domain | RegionDomain:
     """The domain of the space that the half-spaces live in."""
-    return domain.base if domain.query != "point" and domain.space == "geometric" else domain
+    return domain.base if domain.tested_as_region else domain

@@ -13,6 +13,7 @@ _POINT = """
     for (int i = 0; i < K; ++i) {
         const float* a = w + K + i * N;
         V height = v[0] * a[0];
+#pragma unroll
         for (int j = 1; j < N; ++j) height = height + v[j] * a[j];
         const V y = w[i] - height;
         f = y < f ? y : f;

@@ -20,6 +20,7 @@ from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.options import STEPS
 from warp_bounding.bounders.relu_field.native import ALONE, TEXT, TOGETHER
 from warp_bounding.bounders.relu_field.plain import plain_field
+from warp_bounding.coordinates.base import GEOMETRIC
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
@@ -28,6 +29,7 @@ from warp_bounding.kernels.source import Lanes, Source, fill
 
 __all__ = ["FieldMap", "ReluField", "ReluFieldSource"]
 
+PLACES = {"ray": 1, "plane": 0, "box": 2}  # how many of a region's numbers are points, by the kind of query
 REGION_NODES = 32  # along each number of a region
 MOST_NODES = 1 << 24
 LARGEST_COORDINATE = 2.0**60  # of a node: kernels cut them at the grid's ends, which they could not do with infinity
@@ -52,8 +54,8 @@ class FieldMap:
         first = base.to_local(grid.position(np.where(shape > 1, 0.0, -0.5)))
         last = base.to_local(grid.position(np.where(shape > 1, shape - 1.0, 0.5)))
         nodes = np.maximum(shape, 2)
-        if domain.query != "point":
-            places = {"ray": 1, "plane": 0, "box": 2}[domain.query]
+        if domain.tested_as_region:
+            places = PLACES[domain.query]
             limit = domain.limit.astype(np.float64)[places * base.ndim :]
             first = np.concatenate([*[first] * places, -limit])
             last = np.concatenate([*[last] * places, limit])
@@ -104,9 +106,9 @@ class ReluField(Bounder):
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
         """See ``Bounder``."""
-        if query == "point":
-            return 1 <= ndim <= 4
-        return query in ("ray", "plane", "box") and ndim == 2 and space == "geometric"
+        if query in PLACES:
+            return ndim == 2 and space == GEOMETRIC
+        return super().supports(query, ndim, space) and 1 <= ndim <= 4
 
     @classmethod
     def fit(cls, grid: IndicatorGrid, domain: Domain | RegionDomain, *, device: str | None = None) -> "ReluField":
@@ -215,7 +217,7 @@ class ReluField(Bounder):
 
     def least(self, grid: IndicatorGrid) -> tuple[float, int]:
         """See ``Bounder``; for regions, over a cover of all positives: boxes whose nodes are all higher are passed over."""
-        if self.query_kind == "point":
+        if self.domain.tested_as_point:
             return super().least(grid)
         from warp_bounding.bounders.relu_field.cover import positive_boxes
 

@@ -40,13 +40,12 @@ class SlabsSource(Source):
 
     def body(self, lanes: Lanes) -> str:
         """See ``Source.body``."""
-        text = TEXTS["point" if self.tested_as_point else self.query](self)
-        n = self.coordinates if self.tested_as_point else self.ndim
-        return fill(text, n=n, slabs=self.slabs, diagonal="true" if self.diagonal else "false")
+        text = TEXTS[self.tested_kind](self)
+        return fill(text, n=self.tested_ndim, slabs=self.slabs, diagonal="true" if self.diagonal else "false")
 
     def plain(self) -> wp.Function:
         """See ``Source.plain``."""
-        return PLAIN["point" if self.tested_as_point else self.query](self)
+        return PLAIN[self.tested_kind](self)
 
 
 class SlabBounder(Bounder):
@@ -60,7 +59,7 @@ class SlabBounder(Bounder):
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
         """See ``Bounder``."""
-        return query == "point" or (query in ("ray", "plane", "box") and ndim >= 2)
+        return super().supports(query, ndim, space) or (query in REGIONS and ndim >= 2)
 
     @classmethod
     def of_directions(
@@ -137,8 +136,7 @@ class SlabBounder(Bounder):
     @property
     def volume_domain(self) -> Domain | None:
         """The domain of points, where regions are tested against the slabs."""
-        tested = self.query_kind != "point" and self.domain.space == "geometric"
-        return self.domain.base if tested else None
+        return self.domain.base if self.domain.tested_as_region else None
 
     @cached_property
     def volume(self) -> "SlabBounder | None":

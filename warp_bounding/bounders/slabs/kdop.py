@@ -15,7 +15,9 @@ from warp_bounding.errors import BounderError
 from warp_bounding.geometry.checked_inverse import MOST_VERTEX_DIMENSIONS
 from warp_bounding.indicators.grid import IndicatorGrid
 
-__all__ = ["Kdop", "kdop_directions"]
+__all__ = ["BY_VERTICES", "Kdop", "kdop_directions"]
+
+BY_VERTICES = ("plane",)  # kinds of query that are tested against the polytope's vertices
 
 
 class Kdop(SlabBounder):
@@ -29,7 +31,7 @@ class Kdop(SlabBounder):
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
         """See ``Bounder``; planes are tested against the vertices, whose number grows quickly."""
-        return super().supports(query, ndim, space) and (query != "plane" or ndim <= MOST_VERTEX_DIMENSIONS)
+        return super().supports(query, ndim, space) and (query not in BY_VERTICES or ndim <= MOST_VERTEX_DIMENSIONS)
 
     @classmethod
     def fit(cls, grid: IndicatorGrid, domain: Domain, *, k: int | None = None, device: str | None = None) -> "Kdop":

@@ -10,6 +10,7 @@ def _row(y: str, at: str) -> str:
     """C text of ``y``, the product of direction i (numbers at ``d``) with the point at ``v[at]``."""
     return f"""
         V {y} = DIAGONAL ? v[{at} + i % N] : v[{at}] * d[0];
+#pragma unroll
         for (int j = 1; j < N && !DIAGONAL; ++j) {y} = {y} + v[{at} + j] * d[j];
 """
 

@@ -19,8 +19,7 @@ def clipped(low: wp.float32, high: wp.float32, y: wp.float32, speed: wp.float32)
 
 def plain_row(source: Source) -> wp.Function:
     """``row(w, at, i, v, first)``: direction i of those at ``w[at]`` times the point at ``v[first]``."""
-    n = source.coordinates if source.tested_as_point else source.ndim
-    diagonal, vector = source.diagonal, vector_type(source.coordinates)
+    n, diagonal, vector = source.tested_ndim, source.diagonal, vector_type(source.coordinates)
 
     @twin(source, "row")
     def row(w: Numbers, at: int, i: int, v: vector, first: int) -> float:
