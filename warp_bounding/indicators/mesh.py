@@ -187,7 +187,7 @@ def cells_around(lower: np.ndarray, upper: np.ndarray, reach: float, name: str) 
 
     Args:
         lower: ``(3,)``, in cells from the origin.
-        upper: ``(3,)``, likewise.
+        upper: ``(3,)``, in cells from the origin.
         reach: By how much the object is dilated, in cells.
         name: For messages.
 

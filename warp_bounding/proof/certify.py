@@ -21,9 +21,8 @@ from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.attest.statistics import CONFIDENCE, POSITIVES, fn_rate_bound, fresh_seed, try_positives
 from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.covers.monotone_box import of_points
-from warp_bounding.proof.covers.plane import SupportGap
 from warp_bounding.proof.least import charted
-from warp_bounding.proof.prove import as_fitted, mismatch, outside, provable
+from warp_bounding.proof.prove import as_fitted, mismatch, outside
 from warp_bounding.proof.search.best_first import halve, minimum
 from warp_bounding.proof.search.depth_first import Charted
 from warp_bounding.queries import QUERIES, oracle
@@ -181,7 +180,7 @@ def _certify_regions(
     bounder: Bounder, grid: IndicatorGrid, target: float, seconds: float, result, progress
 ) -> Certificate:
     """``certify`` for rays, planes and boxes."""
-    if not provable(bounder):
+    if not bounder.provable:
         return _attested(bounder, grid, seconds, result)
     least, boxes, complete, suspects, cover = -np.inf, 0, True, None, None
     text = "f comes closer to the threshold than the proof allows"
@@ -192,7 +191,7 @@ def _certify_regions(
         elif cover is not None:
             least, boxes, suspects, complete = _check_charted(bounder, grid, cover, target, seconds, progress)
         else:
-            least, boxes, suspects, complete = _check_normals(bounder, grid, target, seconds)
+            least, boxes, suspects, complete = _check_best_first(bounder, grid, target, seconds)
     except BounderError as error:  # of this object: a volume does not hold it, or numbers leave the range of the proof
         text = str(error)
     if target <= least < np.inf:  # an object has positives, so a least value of nothing proves nothing
@@ -223,20 +222,21 @@ def _attested(bounder: Bounder, grid: IndicatorGrid, seconds: float, result) -> 
     return replace(certificate, samples=done, fn_rate_bound=rate, confidence=CONFIDENCE, worst_margin=margin)
 
 
-def _check_normals(bounder: Bounder, grid: IndicatorGrid, target: float, seconds: float) -> _Checked:
-    """Planes of a network: the least gap over all normals, as closely as the target asks for; suspects touch the hull."""
-    gap = SupportGap(bounder, grid)
-    found = float(gap.reference(gap.boxes()[0]).min())
-    search = minimum(gap, *gap.boxes(), eps=max(1e-4, 0.25 * (found - target)), seconds=seconds)
-    deadline = working_seconds() - search.seconds + seconds
-    while search.lower_bound < target <= search.upper_bound and search.complete and working_seconds() < deadline:
-        eps = 0.5 * (search.upper_bound - target)
-        if eps < NARROWEST:
+def _check_best_first(bounder: Bounder, grid: IndicatorGrid, target: float, seconds: float) -> _Checked:
+    """Positives without a chart (planes of a network): the least value over all, as closely as the target asks for."""
+    kind = COVERS[bounder.query_kind]
+    f, lower, upper = kind.best_first(bounder, grid)
+    eps, points, deadline = max(1e-4, 0.25 * (float(f.reference(lower).min()) - target)), None, None
+    while True:
+        search = minimum(f, lower, upper, eps=eps, seconds=seconds, points=points)
+        deadline = deadline or working_seconds() - search.seconds + seconds
+        eps, points, seconds = 0.5 * (search.upper_bound - target), search.worst, deadline - working_seconds()
+        undecided = search.lower_bound < target <= search.upper_bound and search.complete
+        if not undecided or seconds <= 0 or eps < NARROWEST:
             break
-        left = deadline - working_seconds()
-        search = minimum(gap, *gap.boxes(), eps=eps, seconds=left, points=search.worst)
-    worst = search.worst[:SUSPECTS][gap.reference(search.worst[:SUSPECTS]) < target]
-    return _Checked(search.lower_bound, search.boxes, gap.touching(worst) if len(worst) else None, search.complete)
+    worst = search.worst[:SUSPECTS][f.reference(search.worst[:SUSPECTS]) < target]
+    suspects = kind.coordinates(bounder, grid, worst) if len(worst) else None
+    return _Checked(search.lower_bound, search.boxes, suspects, search.complete)
 
 
 def _check_charted(

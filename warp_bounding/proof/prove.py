@@ -19,12 +19,7 @@ from warp_bounding.proof.least import least_value
 from warp_bounding.proof.search.best_first import Search
 from warp_bounding.queries import QUERIES
 
-__all__ = ["as_fitted", "mismatch", "other_dimension", "outside", "provable", "prove", "settle"]
-
-
-def provable(bounder: Bounder) -> bool:
-    """Whether there is a proof for the bounder's method and kind of query."""
-    return bounder.provable
+__all__ = ["as_fitted", "mismatch", "other_dimension", "outside", "prove", "settle"]
 
 
 def prove(
@@ -44,7 +39,7 @@ def prove(
         grid: The object that it bounds.
         eps: Largest gap, in ``f``, between the proven minimum and the least value found.
         seconds: Time for the search; a shorter one costs tightness, never soundness.
-        boxes: Number of boxes for the search, likewise.
+        boxes: Number of boxes for the search; fewer cost tightness, never soundness.
         points: ``(P, n)`` concrete low points to begin with, coordinates ``v``.
         progress: Called now and then with boxes done, boxes waiting or the share that is done, and the gap.
 
@@ -60,7 +55,7 @@ def prove(
         raise BounderError(
             f"{bounder.method}: {reason or 'the shape reaches outside the domain that the bounder was made for'}"
         )
-    if not provable(bounder):
+    if not bounder.provable:
         raise BounderError(f"{bounder.method}: {bounder.query_kind} queries of networks like this one have no proof")
     if len(bounder.parts) > 1 and QUERIES[bounder.query_kind].is_region:
         raise BounderError(f"{bounder.method}: {bounder.query_kind} queries are proven part by part, see Bounder.parts")

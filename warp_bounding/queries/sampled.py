@@ -99,17 +99,6 @@ class SampledOracle(ExactOracle):
         super().__init__(grid, device, _kernel(query, grid.ndim), length=length, **arrays)
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
-        """Labels of queries.
-
-        Args:
-            q: ``(N, m)`` float32, object space.
-
-        Returns:
-            ``(N,)`` bool.
-
-        Raises:
-            QueryError: For another shape.
-        """
         return super().__call__(q) if self._is_region else self._exact(q)
 
     def _answers(self, q: np.ndarray) -> np.ndarray:

@@ -51,10 +51,6 @@ class SupportGap:
                 out.append(np.insert(intervals[..., side], k, 1.0, axis=1))
         return np.concatenate(lower), np.concatenate(upper)
 
-    def touching(self, m: np.ndarray) -> np.ndarray:
-        """Coordinates of the planes with normals ``(N, n)`` that touch the object's hull."""
-        return touching(self.corners[0], m)
-
     def reference(self, m: np.ndarray) -> np.ndarray:
         """The gap at normals ``(N, n)``, ``(N,)`` float64."""
         m = np.asarray(m, dtype=np.float64)
@@ -101,17 +97,13 @@ class PlaneCover(Cover):
         return gap, *gap.boxes()
 
     def coordinates(self, bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray:
-        """See ``Cover``; normals become the planes that touch the object."""
+        """See ``Cover``; a normal becomes the planes that touch the object's hull on either side."""
         if v.shape[1] != grid.ndim:
             return super().coordinates(bounder, grid, v)
-        return touching(bounder.domain.base.to_local(hull_points(grid)), v)
-
-
-def touching(corners: np.ndarray, m: np.ndarray) -> np.ndarray:
-    """Coordinates ``v = (m, c)`` of the planes with normals ``(N, n)`` that touch a hull on either side, ``(2 N, n + 1)``."""
-    ends = [m[i : i + AT_A_TIME] @ corners.T for i in range(0, len(m), AT_A_TIME)]
-    most, least = (np.concatenate([getattr(end, side)(axis=1) for end in ends]) for side in ("max", "min"))
-    return np.concatenate([np.column_stack([m, most]), np.column_stack([m, least])])
+        corners = bounder.domain.base.to_local(hull_points(grid))
+        ends = [v[i : i + AT_A_TIME] @ corners.T for i in range(0, len(v), AT_A_TIME)]
+        most, least = (np.concatenate([getattr(end, side)(axis=1) for end in ends]) for side in ("max", "min"))
+        return np.concatenate([np.column_stack([v, most]), np.column_stack([v, least])])
 
 
 PLANE = PlaneCover()

@@ -69,7 +69,7 @@ def minimum(
         eps: Gap between bound and found value at which a box is closed; at least 0. It is not taken smaller than what the
             bounds of single points resolve, or the search would not end.
         seconds: Time after which the search ends with what it has; the given boxes are bounded once in any case.
-        boxes: Number of boxes after which it ends likewise, the same on every machine.
+        boxes: Number of boxes after which it ends with what it has, the same on every machine.
         points: ``(P, n)`` concrete points in the boxes to begin with; good ones save most of the work.
         progress: Called now and then with boxes done, boxes waiting, gap.
 

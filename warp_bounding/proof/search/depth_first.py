@@ -253,7 +253,7 @@ def charted_minimum(
         eps: Gap between bound and found value at which the search ends.
         upper: f of a positive that is known.
         seconds: Time after which the search ends with what it has; compiling kernels, once a shape of network, is not counted.
-        boxes: Number of boxes after which it ends likewise, the same on every machine.
+        boxes: Number of boxes after which it ends with what it has, the same on every machine.
         progress: Called with boxes done, the share of the first boxes that is done, and the gap that is aimed at.
         device: Warp device.
 
