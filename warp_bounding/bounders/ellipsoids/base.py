@@ -6,13 +6,12 @@ boxes are tested against the same ellipsoid (``quadric_regions``), with the same
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import warp as wp
 
 from warp_bounding.arithmetic import UNIT64, gamma
-from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.bounders.base import BoxBounds
 from warp_bounding.bounders.ellipsoids.native import TEXTS
 from warp_bounding.bounders.ellipsoids.plain import PLAIN
 from warp_bounding.bounders.ellipsoids.regions import (
@@ -24,6 +23,7 @@ from warp_bounding.bounders.ellipsoids.regions import (
     squares_error,
 )
 from warp_bounding.bounders.parametric_fit import units
+from warp_bounding.bounders.volume import VolumeBounder
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
@@ -56,18 +56,14 @@ class QuadricSource(Source):
         return PLAIN[self.tested_kind](self)
 
 
-class QuadricBounder(Bounder):
+class QuadricBounder(VolumeBounder):
     """Base of the ellipsoid methods: they differ in the family that they minimise over.
 
     Tensors: ``matrix`` ``(n, n)``, or ``(n,)`` where diagonal, and ``offset`` ``(n,)``, in the coordinates of points.
     """
 
+    regions = REGIONS
     family = "determinant"
-
-    @classmethod
-    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
-        """See ``Bounder``."""
-        return super().supports(query, ndim, space) or (query in REGIONS and ndim >= 2)
 
     @classmethod
     def fit(cls, grid: IndicatorGrid, domain: Domain | RegionDomain, *, device: str | None = None) -> "QuadricBounder":
@@ -93,30 +89,14 @@ class QuadricBounder(Bounder):
     ):
         """See ``Bounder``; raises ``BounderError`` where the tensors do not fit together."""
         super().__init__(domain, tensors, sizes, device)
-        n = domain.ndim if self.volume_domain is None else self.volume_domain.ndim
+        n = self.volume_domain.ndim
         expected = {"matrix": (n, n) if self.family == "determinant" else (n,), "offset": (n,)}
         if {k: t.shape for k, t in self.tensors.items()} != expected:
             found = {k: t.shape for k, t in self.tensors.items()}
             raise BounderError(f"{self.method}: expected tensors {expected}, got {found}")
-        if self._region is not None:
-            self.volume.check_range()
         self.check_range()
 
-    @property
-    def volume_domain(self) -> Domain | None:
-        """The domain of points, where regions are tested against the ellipsoid."""
-        return self.domain.base if self.domain.tested_as_region else None
-
-    @cached_property
-    def volume(self) -> "QuadricBounder | None":
-        """See ``Bounder``."""
-        domain = self.volume_domain
-        return None if domain is None else type(self)(domain, self.tensors, self.sizes, self._device)
-
-    @cached_property
-    def _region(self) -> QuadricRay | QuadricPlane | QuadricBox | None:
-        if self.volume_domain is None:
-            return None
+    def region_test(self) -> QuadricRay | QuadricPlane | QuadricBox:
         offset = self.tensors["offset"].astype(np.float64)
         return REGIONS[self.query_kind](self.matrix, offset, self.tensors["matrix"].ndim == 1, self.domain)
 
@@ -132,27 +112,18 @@ class QuadricBounder(Bounder):
         diagonal = self.tensors["matrix"].ndim == 1
         return QuadricSource(self.ndim, self.domain.time, diagonal, query=self.query_kind, space=self.domain.space)
 
-    def weights(self) -> np.ndarray:
-        """See ``Bounder``."""
-        if self._region:
-            return self._region.weights(self.tensors)
+    def region_weights(self) -> np.ndarray:
+        return self.region.weights(self.tensors)
+
+    def volume_weights(self) -> np.ndarray:
         return np.concatenate([self.tensors["offset"], self.tensors["matrix"].reshape(-1)])
 
-    def reference(self, v: np.ndarray) -> np.ndarray:
-        """See ``Bounder``; for regions, an upper bound of the points' f on them (see ``quadric_regions``)."""
-        if self._region:
-            return self._region.reference(np.asarray(v, dtype=np.float64))
-        y = np.asarray(v, dtype=np.float64) @ self.matrix.T + self.tensors["offset"]
+    def volume_reference(self, v: np.ndarray) -> np.ndarray:
+        y = v @ self.matrix.T + self.tensors["offset"]
         return -(y * y).sum(axis=1)
 
-    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        """See ``Bounder``; exact up to float64 rounding where a box's corners can be enumerated.
-
-        Raises:
-            BounderError: For regions that are tested against the ellipsoid.
-        """
-        if self._region:
-            raise BounderError(f"{self.method}: {self.query_kind} queries are proven by their volume")
+    def volume_bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """See ``Bounder``; exact where a box's corners can be enumerated."""
         n, a, b = self.domain.ndim, self.matrix, self.tensors["offset"].astype(np.float64)
         center, half = (lower + upper) / 2, (upper - lower) / 2
         if n <= MOST_CORNER_DIMENSIONS and self.family == "determinant":
@@ -167,7 +138,7 @@ class QuadricBounder(Bounder):
             point = np.where((center @ a.T + b) @ a > 0, upper, lower)
         size = (np.abs(a) @ np.maximum(np.abs(lower), np.abs(upper)).max(axis=0) + np.abs(b)) ** 2
         rounding = gamma(4 * n + 16, UNIT64) * size.sum()
-        return BoxBounds(least - rounding, np.argmax(half, axis=1), point, self.reference(point))
+        return BoxBounds(least - rounding, np.argmax(half, axis=1), point, self.volume_reference(point))
 
     def least(self, grid: IndicatorGrid) -> tuple[float, int]:
         """See ``Bounder``."""
@@ -176,16 +147,7 @@ class QuadricBounder(Bounder):
         offset = self.tensors["offset"].astype(np.float64)
         return -ParametricSupport(grid, self.domain).square(self.matrix, offset), 1
 
-    @property
-    def nbytes(self) -> int:
-        """See ``Bounder``: what a region's test reads follows from the tensors, but it is this that is read."""
-        if self._region is None:
-            return super().nbytes
-        return 4 * (len(self.domain.header) + 1 + len(self.domain.extra) + len(self.weights()))
-
-    def rounding_bound(self) -> float:
+    def volume_rounding(self) -> float:
         """See ``Bounder``: n rows of n products, n squares, their sum."""
-        if self._region:
-            return self._region.error
         limit = self.domain.limit.astype(np.float64)
         return squares_error(*row_sizes(self.matrix, self.tensors["offset"].astype(np.float64), limit))

@@ -12,11 +12,12 @@ from functools import cached_property
 import numpy as np
 
 from warp_bounding.arithmetic import TINY, UNIT64, gamma, round_up
-from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.bounders.base import BoxBounds
 from warp_bounding.bounders.options import STEPS, Option
 from warp_bounding.bounders.parametric_fit import units
 from warp_bounding.bounders.polytopes.half_spaces import REGIONS, HalfSpacesSource
 from warp_bounding.bounders.slabs.kdop import BY_VERTICES, kdop_directions
+from warp_bounding.bounders.volume import RegionTest, VolumeBounder
 from warp_bounding.coordinates.base import GEOMETRIC
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
@@ -38,13 +39,14 @@ def classic_normals(domain: Domain | RegionDomain, k: int | None = None) -> np.n
     return np.concatenate([directions, -directions])
 
 
-class LearnedKdop(Bounder):
+class LearnedKdop(VolumeBounder):
     """k free half-spaces; see module.
 
     Tensors: ``normals`` ``(k, m)`` and ``offsets`` ``(k,)``, in the coordinates of points, or of v in parametric space.
     """
 
     method = "learned-kdop"
+    regions = REGIONS
     options = (
         Option("k", None, "half-spaces, as many as kdop's by default, 40 before a network; 128 at most", parse=int),
         STEPS,
@@ -98,34 +100,18 @@ class LearnedKdop(Bounder):
     ):
         """See ``Bounder``; raises ``BounderError`` where the tensors do not fit together."""
         super().__init__(domain, tensors, sizes, device)
-        columns = _tested_domain(domain).ndim
+        columns = self.volume_domain.ndim
         count = len(self.tensors.get("offsets", ()))
         expected = {"normals": (count, columns), "offsets": (count,)}
         if count == 0 or {k: t.shape for k, t in self.tensors.items()} != expected:
             found = {k: t.shape for k, t in self.tensors.items()}
             raise BounderError(f"learned-kdop: expected normals (k, {columns}) and offsets (k,), got {found}")
-        if self._region is not None:
-            self.volume.check_range()
         self.check_range()
-
-    @cached_property
-    def volume(self) -> "LearnedKdop | None":
-        """See ``Bounder``."""
-        domain = _tested_domain(self.domain)
-        return None if domain is self.domain else type(self)(domain, self.tensors, self.sizes, self._device)
 
     @cached_property
     def _numbers(self) -> tuple[np.ndarray, np.ndarray]:
         """Normals and offsets in float64."""
         return self.tensors["normals"].astype(np.float64), self.tensors["offsets"].astype(np.float64)
-
-    @cached_property
-    def _region(self):
-        return (
-            None
-            if _tested_domain(self.domain) is self.domain
-            else REGIONS[self.query_kind](*self._numbers, self.domain)
-        )
 
     @property
     def source(self) -> HalfSpacesSource:
@@ -133,42 +119,24 @@ class LearnedKdop(Bounder):
         count, domain = len(self.tensors["offsets"]), self.domain
         return HalfSpacesSource(self.ndim, domain.time, count, query=domain.query, space=domain.space)
 
-    def weights(self) -> np.ndarray:
-        """See ``Bounder``."""
-        if self._region:
-            return self._region.weights
+    def region_test(self) -> RegionTest:
+        return REGIONS[self.query_kind](*self._numbers, self.domain)
+
+    def volume_weights(self) -> np.ndarray:
         return np.concatenate([self.tensors["offsets"], self.tensors["normals"].reshape(-1)])
 
-    @property
-    def nbytes(self) -> int:
-        """See ``Bounder``; vertices that planes are tested against follow from the tensors, but they are what is read."""
-        if self._region is None:
-            return super().nbytes
-        return 4 * (len(self.domain.header) + 1 + len(self.domain.extra) + len(self._region.weights))
-
-    def reference(self, v: np.ndarray) -> np.ndarray:
-        """See ``Bounder``; for regions, f is at least 0 where they meet the polytope."""
-        v = np.asarray(v, dtype=np.float64)
-        if self._region:
-            return self._region.reference(v)
+    def volume_reference(self, v: np.ndarray) -> np.ndarray:
         normals, offsets = self._numbers
         return (offsets - v @ normals.T).min(axis=1)
 
-    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        """See ``Bounder``; exact up to float64 rounding.
-
-        Raises:
-            BounderError: For regions that are tested against the polytope.
-        """
-        if self._region:
-            raise BounderError(f"{self.method}: {self.query_kind} queries are proven by their volume")
+    def volume_bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         normals, offsets = self._numbers
         center, half = (lower + upper) / 2, (upper - lower) / 2
         slack = offsets - center @ normals.T - half @ np.abs(normals).T
         size = np.abs(lower).max(axis=0) + np.abs(upper).max(axis=0)
         rounding = gamma(2 * normals.shape[1] + 8, UNIT64) * float((size @ np.abs(normals).T + np.abs(offsets)).max())
         point = np.where(normals[np.argmin(slack, axis=1)] < 0, lower, upper)
-        return BoxBounds(slack.min(axis=1) - rounding, np.argmax(half, axis=1), point, self.reference(point))
+        return BoxBounds(slack.min(axis=1) - rounding, np.argmax(half, axis=1), point, self.volume_reference(point))
 
     def least(self, grid: IndicatorGrid) -> tuple[float, int]:
         """See ``Bounder``; zero for regions that are tested against the polytope.
@@ -176,7 +144,7 @@ class LearnedKdop(Bounder):
         Raises:
             BounderError: If the polytope does not hold all of the object.
         """
-        if self._region is not None:
+        if self.region:
             least, count = self.volume.least(grid)
             if not least >= 0:
                 raise BounderError(f"{self.method}: the half-spaces do not hold all of the object")
@@ -187,10 +155,8 @@ class LearnedKdop(Bounder):
         slack = offsets - ParametricSupport(grid, self.domain)(normals)
         return float(np.nextafter(slack.min(), -np.inf)), len(slack)
 
-    def rounding_bound(self) -> float:
+    def volume_rounding(self) -> float:
         """See ``Bounder``: a sum of products, then one subtraction."""
-        if self._region:
-            return self._region.error
         normals, offsets = self._numbers
         n, limit = normals.shape[1], self.domain.limit.astype(np.float64)
         reach = np.abs(normals) @ limit

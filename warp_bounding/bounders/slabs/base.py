@@ -7,17 +7,17 @@ same slabs (``slab_regions``).
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import warp as wp
 
 from warp_bounding.arithmetic import TINY, UNIT64, gamma, round_down, round_up
-from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.bounders.base import BoxBounds
 from warp_bounding.bounders.parametric_fit import units
 from warp_bounding.bounders.slabs.native import TEXTS
 from warp_bounding.bounders.slabs.plain import PLAIN
 from warp_bounding.bounders.slabs.regions import REGIONS, SlabBox, SlabPlane, SlabRay, Slabs
+from warp_bounding.bounders.volume import VolumeBounder
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
@@ -48,18 +48,14 @@ class SlabsSource(Source):
         return PLAIN[self.tested_kind](self)
 
 
-class SlabBounder(Bounder):
+class SlabBounder(VolumeBounder):
     """Base of the slab methods: they differ in their directions only.
 
     Tensors: ``directions`` ``(k, n)`` in the coordinates of points (absent for ``aabb``), ``low`` and ``high`` ``(k,)``.
     """
 
+    regions = REGIONS
     diagonal = False
-
-    @classmethod
-    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
-        """See ``Bounder``."""
-        return super().supports(query, ndim, space) or (query in REGIONS and ndim >= 2)
 
     @classmethod
     def of_directions(
@@ -124,30 +120,14 @@ class SlabBounder(Bounder):
         if set(self.tensors) != names or count == 0 or any(t.shape != shapes[k] for k, t in self.tensors.items()):
             found = {k: t.shape for k, t in self.tensors.items()}
             raise BounderError(f"{self.method}: expected tensors {sorted(names)} of k slabs in {n}D, got {found}")
-        if self._region is not None:
-            self.volume.check_range()
         self.check_range()
 
     @property
     def dimensions(self) -> int:
         """Number n of coordinates of the points that the slabs hold."""
-        return self.domain.ndim if self.volume_domain is None else self.volume_domain.ndim
+        return self.volume_domain.ndim
 
-    @property
-    def volume_domain(self) -> Domain | None:
-        """The domain of points, where regions are tested against the slabs."""
-        return self.domain.base if self.domain.tested_as_region else None
-
-    @cached_property
-    def volume(self) -> "SlabBounder | None":
-        """See ``Bounder``."""
-        domain = self.volume_domain
-        return None if domain is None else type(self)(domain, self.tensors, self.sizes, self._device)
-
-    @cached_property
-    def _region(self) -> SlabRay | SlabPlane | SlabBox | None:
-        if self.volume_domain is None:
-            return None
+    def region_test(self) -> SlabRay | SlabPlane | SlabBox:
         low, high = self.tensors["low"].astype(np.float64), self.tensors["high"].astype(np.float64)
         if (low > high).any():
             raise BounderError(f"{self.method}: a slab's low face is above its high face")
@@ -161,7 +141,7 @@ class SlabBounder(Bounder):
     @property
     def source(self) -> SlabsSource:
         """See ``Bounder``."""
-        count = self._region.count if self._region else len(self.tensors["low"])
+        count = self.region.count if self.region else len(self.tensors["low"])
         return SlabsSource(
             self.ndim,
             self.domain.time,
@@ -171,28 +151,15 @@ class SlabBounder(Bounder):
             space=self.domain.space,
         )
 
-    def weights(self) -> np.ndarray:
-        """See ``Bounder``."""
-        if self._region:
-            return self._region.weights
+    def volume_weights(self) -> np.ndarray:
         parts = [self.tensors["low"], self.tensors["high"]]
         return np.concatenate(parts if self.diagonal else [*parts, self.tensors["directions"].reshape(-1)])
 
-    def reference(self, v: np.ndarray) -> np.ndarray:
-        """See ``Bounder``; for regions, f is at least 0 where they meet the slabs' intersection and below where they miss it."""
-        if self._region:
-            return self._region.reference(np.asarray(v, dtype=np.float64))
-        y = np.asarray(v, dtype=np.float64) @ self.directions.T
+    def volume_reference(self, v: np.ndarray) -> np.ndarray:
+        y = v @ self.directions.T
         return np.minimum(y - self.tensors["low"], self.tensors["high"] - y).min(axis=1)
 
-    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        """See ``Bounder``; exact up to float64 rounding.
-
-        Raises:
-            BounderError: For regions that are tested against the slabs.
-        """
-        if self._region:
-            raise BounderError(f"{self.method}: {self.query_kind} queries are proven by their volume")
+    def volume_bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         d = self.directions
         low, high = self.tensors["low"].astype(np.float64), self.tensors["high"].astype(np.float64)
         center, half = (lower + upper) / 2, (upper - lower) / 2
@@ -205,7 +172,7 @@ class SlabBounder(Bounder):
         worst = np.argmin(slack, axis=1)
         normal = np.concatenate([d, -d])[worst]
         point = np.where(normal > 0, lower, upper)
-        return BoxBounds(slack.min(axis=1) - rounding, np.argmax(half, axis=1), point, self.reference(point))
+        return BoxBounds(slack.min(axis=1) - rounding, np.argmax(half, axis=1), point, self.volume_reference(point))
 
     def least(self, grid: IndicatorGrid) -> tuple[float, int]:
         """See ``Bounder``; zero for regions that are tested against the slabs.
@@ -220,23 +187,13 @@ class SlabBounder(Bounder):
             slack = np.concatenate([high - reach[: len(high)], -low - reach[len(high) :]])
             return float(np.nextafter(slack.min(), -np.inf)), len(reach)
         least, count = super().least(grid)
-        if self._region is None:
+        if not self.region:
             return least, count
         if not least >= 0:
             raise BounderError(f"{self.method}: the slabs do not hold all of the object")
         return 0.0, count
 
-    @property
-    def nbytes(self) -> int:
-        """See ``Bounder``: what a region's test reads follows from the tensors, but it is this that is read."""
-        if self._region is None:
-            return super().nbytes
-        return 4 * (len(self.domain.header) + 1 + len(self.domain.extra) + len(self._region.weights))
-
-    def rounding_bound(self) -> float:
-        """See ``Bounder``."""
-        if self._region:
-            return self._region.error
+    def volume_rounding(self) -> float:
         largest = np.maximum(np.abs(self.tensors["low"]), np.abs(self.tensors["high"])).astype(np.float64)
         return _rounding(self.directions, largest, self.domain, self.diagonal)
 
