@@ -1,4 +1,4 @@
-"""The activations by name: what a hidden layer applies to its sums. A new one is a file and a line here, or ``register``."""
+"""The activations by name. A new one is a file and a line here, or is defined elsewhere and registered."""
 
 from warp_bounding.activations.base import Activation
 from warp_bounding.activations.relu import RELU

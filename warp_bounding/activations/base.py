@@ -1,4 +1,4 @@
-"""The contract of an activation: all that inference, rounding, bounds and training ask of what a hidden layer applies to its sums.
+"""The contract of an activation: what a hidden layer applies to its sums, and all that anybody asks of it.
 
 An activation is one file with one object, and a line in the registry; one that is defined elsewhere is registered by
 ``activations.register``. Its slopes lie between -1 and 1: rounding and bounds are passed on through it undiminished.
@@ -87,8 +87,8 @@ class Activation(ABC):
     def relaxation(self) -> str:
         """C lambdas of the kernel of bounds: ``act_<name>(z)`` and ``relax_<name>(z, near, noise, slope, mean, bend, spread)``.
 
-        They do the operations of ``value`` and ``relax``, in type ``V``: doubles, one a lane (``I`` are as many ``long long``), or
-        on CUDA one double; ``zero`` is 0 of that type.
+        They do the operations of ``value`` and ``relax``, in type ``V``: doubles, one a lane (``I`` are as many
+        ``long long``), or on CUDA one double; ``zero`` is 0 of that type.
         """
 
     # --- training ----------------------------------------------------------------------------------------------------

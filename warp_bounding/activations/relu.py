@@ -1,4 +1,4 @@
-"""The rectified linear unit, ``max(z, 0)``: exact in float32; its relaxation is the chord and half of what the corner lies under it."""
+"""The rectified linear unit, ``max(z, 0)``: exact in float32; relaxed by the chord and half of what the corner lies under it."""
 
 from typing import TYPE_CHECKING
 

@@ -1,8 +1,8 @@
 """The sine.
 
-In float32 it is a range reduction ``r = z - n pi`` in two steps and an odd polynomial of degree 7; ``error`` bounds its distance
-from the true sine, for arguments up to ``limit``; networks that reach farther are refused. The libraries' ``sinf`` differ from
-device to device and promise nothing.
+In float32 it is a range reduction ``r = z - n pi`` in two steps and an odd polynomial of degree 7; ``error`` bounds
+its distance from the true sine, for arguments up to ``limit``; networks that reach farther are refused. The
+libraries' ``sinf`` differ from device to device and promise nothing.
 
 The relaxation is a parabola. ``sin(z + x) = sin z cos x + cos z sin x`` for ``|x| <= D``, and
 
@@ -11,9 +11,9 @@ The relaxation is a parabola. ``sin(z + x) = sin z cos x + cos z sin x`` for ``|
 * ``sin x`` lies within ``D^3 / 24 + D^5 / 120`` of ``(1 - D^2 / 8) x``: its series alternates too, and ``x^3`` is within
   ``D^3 / 4`` of ``3 D^2 x / 4``.
 
-Of ``x = l + y`` only l is known as a linear function (of zeta, ``|l| <= near``), y is noise (``|y| <= noise``): ``x^2`` is within
-``2 near noise + noise^2 / 2`` of ``l^2 + noise^2 / 2``. Where a line is as good as the parabola, ``cos x`` within ``D^2 / 4`` of
-``1 - D^2 / 4``, it is taken, and where neither is better than [-1, 1], that is.
+Of ``x = l + y`` only l is known as a linear function (of zeta, ``|l| <= near``), y is noise (``|y| <= noise``):
+``x^2`` is within ``2 near noise + noise^2 / 2`` of ``l^2 + noise^2 / 2``. Where a line is as good as the parabola,
+``cos x`` within ``D^2 / 4`` of ``1 - D^2 / 4``, it is taken, and where neither is better than [-1, 1], that is.
 """
 
 import math

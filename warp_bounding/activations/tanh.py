@@ -1,14 +1,15 @@
 """The hyperbolic tangent.
 
-In float32 the argument is clamped to ``+-END``, and an odd polynomial of degree 7 is divided by an even one of degree 8, all of
-whose coefficients are positive; ``error`` bounds the distance from the true tanh. The libraries' ``tanhf`` differ from device to
-device and promise nothing.
+In float32 the argument is clamped to ``+-END``, and an odd polynomial of degree 7 is divided by an even one of degree
+8, all of whose coefficients are positive; ``error`` bounds the distance from the true tanh. The libraries' ``tanhf``
+differ from device to device and promise nothing.
 
-The relaxation is linear, one slope on both sides, ``s = tanh'(q) = 1 - tanh(q)^2``: on an interval ``tanh x - s x`` is extreme at
-the ends, or where ``tanh' x = s``, that is at q and -q, if they lie inside. So the values there give the tightest band of that
-slope, and any q is sound. In a narrow interval beside 0, q is the centre, elsewhere about where tanh is as steep as its chord. A
-slope that is off by the error e of the computed tanh has its extremes elsewhere, but inside the interval they are larger by no
-more than ``2 e 2 d``. Where the band is wider than that of slope 0, the latter is taken.
+The relaxation is linear, one slope on both sides, ``s = tanh'(q) = 1 - tanh(q)^2``: on an interval ``tanh x - s x``
+is extreme at the ends, or where ``tanh' x = s``, that is at q and -q, if they lie inside. So the values there give
+the tightest band of that slope, and any q is sound. In a narrow interval beside 0, q is the centre, elsewhere about
+where tanh is as steep as its chord. A slope that is off by the error e of the computed tanh has its extremes
+elsewhere, but inside the interval they are larger by no more than ``2 e 2 d``. Where the band is wider than that of
+slope 0, the latter is taken.
 """
 
 from functools import lru_cache
@@ -145,13 +146,14 @@ def _horner(coefficients: list[np.float32], s: np.ndarray) -> np.ndarray:
 def _error() -> float:
     """Bound of ``|computed tanh - true tanh|`` for any float32 argument, fused or not.
 
-    With ``R = N / M``, ``N(x) = x P(x^2)`` and ``M(x) = Q(x^2)``, on a grid of spacing h over [0, END]: between two grid points
-    ``D = R - tanh`` is within ``h^2/8 max|D''|`` of a straight line. N, M and their derivatives have no negative coefficients, so
-    they grow, and on ``[a, b]`` ``|R''| <= (N''(b) M(b) + N(b) M''(b)) / M(a)^2 + 2 M'(b) (N'(b) M(b) + N(b) M'(b)) / M(a)^3``;
-    ``|tanh''| <= 4 / (3 sqrt 3)``. Beyond the end the true tanh lies between its value there and 1.
+    With ``R = N / M``, ``N(x) = x P(x^2)`` and ``M(x) = Q(x^2)``, on a grid of spacing h over [0, END]: between two
+    grid points ``D = R - tanh`` is within ``h^2/8 max|D''|`` of a straight line. N, M and their derivatives have no
+    negative coefficients, so they grow, and on ``[a, b]`` ``|R''| <= (N''(b) M(b) + N(b) M''(b)) / M(a)^2 + 2 M'(b)
+    (N'(b) M(b) + N(b) M'(b)) / M(a)^3``; ``|tanh''| <= 4 / (3 sqrt 3)``. Beyond the end the true tanh lies between
+    its value there and 1.
 
-    Rounding: the term of ``s^k`` in a polynomial passes at most ``2 k + 1`` roundings of its own and those of k factors s, and
-    no term is negative. The division by a computed ``Q (1 + t)``, ``|t| <= g``, adds ``g / (1 - g)``.
+    Rounding: the term of ``s^k`` in a polynomial passes at most ``2 k + 1`` roundings of its own and those of k
+    factors s, and no term is negative. The division by a computed ``Q (1 + t)``, ``|t| <= g``, adds ``g / (1 - g)``.
     """
     x = np.linspace(0.0, END, 1 << 16)
     h = float(x[1] - x[0])

@@ -1,12 +1,12 @@
 """The text of the kernel in ``bound_kernel``: bounds of a network over a box, one box per SIMD lane.
 
-A chart (``charts``) turns a box of numbers into the network's inputs, an affine function of ``zeta`` in [-1, 1]^columns and
-noise. A thread takes a block of boxes through all layers and back without leaving its cache. Forwards, each neuron is a
-parabola or a line (``activations``) in the linear part of its argument, plus noise; backwards, the actual coefficients of the
-output weigh lines and parabolas, which so may cancel, and only the rest counts in absolute value. The arithmetic
-is ``(columns + 3) H^2`` multiply-adds a box for two layers of H neurons. Sums may be taken in any order and fused: the rounding
-that the network sets aside (``padding``, and ``BULK``) covers all of them, the activations' own slack their
-functions. ``Network.bound_plain`` is the plain twin.
+A chart (``charts``) turns a box of numbers into the network's inputs, an affine function of ``zeta`` in [-1,
+1]^columns and noise. A thread takes a block of boxes through all layers and back without leaving its cache. Forwards,
+each neuron is a parabola or a line (``activations``) in the linear part of its argument, plus noise; backwards, the
+actual coefficients of the output weigh lines and parabolas, which so may cancel, and only the rest counts in absolute
+value. The arithmetic is ``(columns + 3) H^2`` multiply-adds a box for two layers of H neurons. Sums may be taken in
+any order and fused: the rounding that the network sets aside (``padding``, and ``BULK``) covers all of them, the
+activations' own slack their functions. ``Network.bound_plain`` is the plain twin.
 
 The C itself stands in ``bound_text``; here it is put together for the sizes of a network and its chart.
 """

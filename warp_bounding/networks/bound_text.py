@@ -1,8 +1,8 @@
-"""The C of bounds over boxes, as it stands: from ``V low[], high[]`` of a box a lane to its bound, layer by layer and back.
+"""The C of bounds over boxes, as it stands: from ``V low[], high[]``, a box a lane, to its bound, layer by layer and back.
 
-What a text calls by capitals are constants, written in front of it, or other texts. K are the inputs and C the columns of the
-network's chart, Z the numbers of a box; of a layer there are INPUTS and NEURONS, LINEAR leading ones are passed through, and its
-numbers begin AT an index of ``w``.
+What a text calls by capitals are constants, written in front of it, or other texts. K are the inputs and C the
+columns of the network's chart, Z the numbers of a box; of a layer there are INPUTS and NEURONS, LINEAR leading ones
+are passed through, and its numbers begin AT an index of ``w``.
 """
 
 __all__ = [

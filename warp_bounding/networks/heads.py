@@ -1,8 +1,8 @@
 """How the outputs of a network become f, by kind of query.
 
-Points, rays and boxes have one output, and that is f. Planes ``m . y = c``: a connected object meets all planes of normal m whose
-c lies between two supports of its hull, so the network has two outputs of m alone, ``H`` and ``G``, and
-``f = min(H(m) - c, G(m) + c)``: a learned support function.
+Points, rays and boxes have one output, and that is f. Planes ``m . y = c``: a connected object meets all planes of
+normal m whose c lies between two supports of its hull, so the network has two outputs of m alone, ``H`` and ``G``,
+and ``f = min(H(m) - c, G(m) + c)``: a learned support function.
 """
 
 from typing import TYPE_CHECKING

@@ -1,8 +1,9 @@
 """A network's native code of inference, and its numbers in the order in which that reads them.
 
-In the batch path and on CUDA each lane is a query (``V`` a vector of lanes, or a float), and each weight that is loaded serves all
-of them. The function for other kernels asks one query on a CPU: there the lanes are eight neurons, so that one query is fast by
-itself. Every text below is C as it stands; what it calls by capitals are constants of the layer, written in front of it.
+In the batch path and on CUDA each lane is a query (``V`` a vector of lanes, or a float), and each weight that is
+loaded serves all of them. The function for other kernels asks one query on a CPU: there the lanes are eight neurons,
+so that one query is fast by itself. Every text below is C as it stands; what it calls by capitals are constants of
+the layer, written in front of it.
 """
 
 from dataclasses import dataclass
@@ -87,8 +88,8 @@ OUTPUT = ((sum[0] + sum[4]) + (sum[2] + sum[6])) + ((sum[1] + sum[5]) + (sum[3] 
 class MlpSource(Source):
     """Native code of a network, for its sizes.
 
-    Numbers: the encoding's biases and weights, then per layer the query-major copy (``_NEURONS``) and the neuron-major one
-    (``_ROWS``), and for each output its bias and its weights.
+    Numbers: the encoding's biases and weights, then per layer the query-major copy (``_NEURONS``) and the
+    neuron-major one (``_ROWS``), and for each output its bias and its weights.
     """
 
     hidden: tuple[int, ...]

@@ -1,15 +1,16 @@
 """A small network as numbers: layers, their exact evaluation, and bounds over boxes.
 
-Hidden layer: ``h' = act(W h + b)``, act one of ``activations``; the output is linear. An optional positional encoding puts
-fixed features ``[v, sin(F v + g)]`` before the first layer; it is a sine layer whose first rows pass ``v`` through.
+Hidden layer: ``h' = act(W h + b)``, act one of ``activations``; the output is linear. An optional positional encoding
+puts fixed features ``[v, sin(F v + g)]`` before the first layer; it is a sine layer whose first rows pass ``v``
+through.
 
-Bounds use one relaxation per neuron with the *same* slope on both sides, ``act(z + x) in mean + slope x + [-e, e]`` (a
-zonotope's; Singh et al., *Fast and Effective Robustness Certification*, 2018), and for the sine a parabola in the linear
-part l of x besides, ``bend l^2`` (``activations.sine``). With equal slopes layers compose exactly: only the half-widths e remain. For
-the output they, lines and parabolas are carried back through the actual coefficients (backward substitution, as in CROWN, Zhang et
-al. 2018): parabolas of many neurons cancel to a large part, so that what is left in small boxes is of third order in their size. For
-pre-activations behind the second hidden layer all that is not linear is taken in absolute value. Any slope and any parabola is
-sound; tightness alone depends on it.
+Bounds use one relaxation per neuron with the *same* slope on both sides, ``act(z + x) in mean + slope x + [-e, e]``
+(a zonotope's; Singh et al., *Fast and Effective Robustness Certification*, 2018), and for the sine a parabola in the
+linear part l of x besides, ``bend l^2`` (``activations.sine``). With equal slopes layers compose exactly: only the
+half-widths e remain. For the output they, lines and parabolas are carried back through the actual coefficients
+(backward substitution, as in CROWN, Zhang et al. 2018): parabolas of many neurons cancel to a large part, so that
+what is left in small boxes is of third order in their size. For pre-activations behind the second hidden layer all
+that is not linear is taken in absolute value. Any slope and any parabola is sound; tightness alone depends on it.
 """
 
 import numpy as np

@@ -1,7 +1,8 @@
 """What a network rounds: the error of any float32 evaluation, and that of bounds in float64, layer by layer.
 
-The error model is that of ``arithmetic``: a sum of K products in any order, fused or not. Activations have slopes between -1 and 1, so
-what a layer's sums are off by is passed on undiminished, and each activation adds its own ``error``.
+The error model is that of ``arithmetic``: a sum of K products in any order, fused or not. Activations have slopes
+between -1 and 1, so what a layer's sums are off by is passed on undiminished, and each activation adds its own
+``error``.
 """
 
 from dataclasses import dataclass

@@ -1,11 +1,11 @@
 """Fitting networks: train, then set the threshold by a proof where there is one, else by a search and statistics.
 
-Points are trained with the prover in the loop: now and then branch and bound looks for the least value of f on the object,
-what it finds goes into training, and the last part of the budget is the proof itself. Planes' supports need no labels, and
-their proof is short. A monotone network's boxes are trained and proven as points. Rays and boxes of other networks are searched
-by an adversary first, whose least value the prover then has to meet; where it has no time to, the adversary's threshold stands
-and fresh positives attest it.
-A network with exits is several networks that share layers; each gets a threshold of its own, in the same way.
+Points are trained with the prover in the loop: now and then branch and bound looks for the least value of f on the
+object, what it finds goes into training, and the last part of the budget is the proof itself. Planes' supports need
+no labels, and their proof is short. A monotone network's boxes are trained and proven as points. Rays and boxes of
+other networks are searched by an adversary first, whose least value the prover then has to meet; where it has no time
+to, the adversary's threshold stands and fresh positives attest it. A network with exits is several networks that
+share layers; each gets a threshold of its own, in the same way.
 """
 
 from collections.abc import Callable

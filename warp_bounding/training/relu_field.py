@@ -1,8 +1,9 @@
 """Training a ``relu-field``: the asymmetric loss on the nodes' values, positives where the proof looks, and a repair at the end.
 
-f can only be least at certain points of the positives (``break_points``), so these are all that training has to see of them: the
-lowest are looked for again and again. Negatives are fresh samples of the protocol. What is still too low at the end is repaired:
-every value has a non-negative share in f, so raising the nodes around a point by what it lacks never lowers f anywhere.
+f can only be least at certain points of the positives (``break_points``), so these are all that training has to see
+of them: the lowest are looked for again and again. Negatives are fresh samples of the protocol. What is still too low
+at the end is repaired: every value has a non-negative share in f, so raising the nodes around a point by what it
+lacks never lowers f anywhere.
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
 """``mlp``: a multi-layer perceptron (the paper's OurNN): sine, ReLU or tanh hidden layers, any widths, optional encoding.
 
-The network's output before the paper's sigmoid is ``f`` (of planes, two outputs make it: ``networks.heads``); the threshold on it is
-set by a proof or a search, not at a probability of one half.
+The network's output before the paper's sigmoid is ``f`` (of planes, two outputs make it: ``networks.heads``); the
+threshold on it is set by a proof or a search, not at a probability of one half.
 """
 
 import numpy as np
@@ -109,8 +109,8 @@ class Mlp(Bounder):
     """A network; *maybe* where its output reaches the threshold.
 
     Tensors: ``layers.i.weight`` ``(H, K)``, ``layers.i.bias`` ``(H,)``, the last layer with H = 1, or 2 for planes;
-    ``encoding.weight`` and ``encoding.bias`` where there is an encoding. Sizes: ``hidden``, ``activation``, ``octaves``;
-    older files also hold ``moments``, always false.
+    ``encoding.weight`` and ``encoding.bias`` where there is an encoding. Sizes: ``hidden``, ``activation``,
+    ``octaves``; older files also hold ``moments``, always false.
     """
 
     method = "mlp"

@@ -1,9 +1,9 @@
 """``mlp-early``: an ``mlp`` with exits (the paper's OurNNEarly, section *Neural Early-out*).
 
-Behind each hidden layer but the last stands an *exit*, a linear output on that layer's activations with a threshold of its
-own. It may only say *no* early: the answer is *maybe* iff every exit passes and the network's own output does. A
-conjunction of conservative tests is conservative, and an exit is a shorter network whose layers are shared: so every
-part is proven by itself, as an ordinary ``Mlp`` (``parts``, ``of``).
+Behind each hidden layer but the last stands an *exit*, a linear output on that layer's activations with a threshold
+of its own. It may only say *no* early: the answer is *maybe* iff every exit passes and the network's own output does.
+A conjunction of conservative tests is conservative, and an exit is a shorter network whose layers are shared: so
+every part is proven by itself, as an ordinary ``Mlp`` (``parts``, ``of``).
 
 ``f`` is the output where all exits pass, and ``DENIED``, a very low number, elsewhere.
 
@@ -11,8 +11,8 @@ On a CPU the batch path asks an exit for a block of queries, then moves the surv
 with their coordinates; it computes the shared layers again rather than carry their activations along. Other code
 (CUDA, the function for other kernels) asks one query and goes on from the layer where it is.
 
-Limits: one hidden layer has no exit. The gain is what the exits deny: 3D points of a bunny take 1.6 to 1.75 times less time,
-rays, of which most meet it or nearly so, a little more than without exits.
+Limits: one hidden layer has no exit. The gain is what the exits deny: 3D points of a bunny take 1.6 to 1.75 times
+less time, rays, of which most meet it or nearly so, a little more than without exits.
 """
 
 from dataclasses import dataclass, replace
@@ -76,8 +76,8 @@ class MlpEarlySource(MlpSource):
 class MlpEarly(Mlp):
     """A network with exits; *maybe* where every exit and the network's output reach their thresholds.
 
-    Tensors: those of ``Mlp``; ``exits.i.weight`` ``(1, H_i)`` and ``exits.i.bias`` ``(1,)``, 2 rows for planes, for every hidden
-    layer i but the last; ``exits.thresholds`` ``(exits,)``. Sizes: those of ``Mlp``.
+    Tensors: those of ``Mlp``; ``exits.i.weight`` ``(1, H_i)`` and ``exits.i.bias`` ``(1,)``, 2 rows for planes, for
+    every hidden layer i but the last; ``exits.thresholds`` ``(exits,)``. Sizes: those of ``Mlp``.
     """
 
     method = "mlp-early"

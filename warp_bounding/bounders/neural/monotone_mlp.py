@@ -1,17 +1,18 @@
 """``monotone-mlp``: a network for boxes that can only answer *maybe* more as a box grows, and is proven for that reason.
 
-Positives are an up-set: a box that holds one that meets the object meets it too. The network knows that: with
-``v = (low, high)``, f is nonincreasing in low and nondecreasing in high, by the signs of its weights alone. Every positive
-holds a point p of the object, ``low <= p <= high``, so ``f(low, high) >= f(p, p)``, and the least f over all positives is the
-least over the points of the object: a proof in n dimensions instead of 2 n (``point_network``, ``proof.monotone``).
+Positives are an up-set: a box that holds one that meets the object meets it too. The network knows that: with ``v =
+(low, high)``, f is nonincreasing in low and nondecreasing in high, by the signs of its weights alone. Every positive
+holds a point p of the object, ``low <= p <= high``, so ``f(low, high) >= f(p, p)``, and the least f over all
+positives is the least over the points of the object: a proof in n dimensions instead of 2 n (``point_network``,
+``proof.monotone``).
 
-Signs: a neuron rises or falls as the box grows, and a weight leads a rising neuron into another by a number that is not
-negative, a falling one by one that is not positive; low falls, high rises, f rises. Any monotone activation will do. For
-tanh, which is odd, falling neurons add nothing; a ReLU that falls, counted negatively, is concave (Runje and
+Signs: a neuron rises or falls as the box grows, and a weight leads a rising neuron into another by a number that is
+not negative, a falling one by one that is not positive; low falls, high rises, f rises. Any monotone activation will
+do. For tanh, which is odd, falling neurons add nothing; a ReLU that falls, counted negatively, is concave (Runje and
 Shankaranarayana, *Constrained Monotonic Neural Networks*, 2023). Networks of other signs do not load.
 
-Exact arithmetic is monotone and float32 need not be; but the computed f is within ``rounding_bound`` of the exact one, for
-every box, so that is all that a threshold must leave room for.
+Exact arithmetic is monotone and float32 need not be; but the computed f is within ``rounding_bound`` of the exact
+one, for every box, so that is all that a threshold must leave room for.
 """
 
 from functools import cached_property
@@ -98,9 +99,10 @@ class MonotoneMlp(Mlp):
     def point_network(self) -> Network:
         """``g(p) <= f(low, high)`` for every box that the pipeline makes of one that holds p; coordinates of ``domain.base``.
 
-        The input error moves a box's corners by delta at most, to ``low <= p + delta`` and ``high >= p - delta``, and clipping
-        to the domain, in which p lies, leaves it at that. So ``g(p) = f(p + delta, p - delta)``: a first layer with the sum of both halves' weights, and a bias that is moved. The
-        float64 rounding of these numbers, and of p (as in ``Domain.widened``), moves it a little further.
+        The input error moves a box's corners by delta at most, to ``low <= p + delta`` and ``high >= p - delta``, and
+        clipping to the domain, in which p lies, leaves it at that. So ``g(p) = f(p + delta, p - delta)``: a first
+        layer with the sum of both halves' weights, and a bias that is moved. The float64 rounding of these numbers,
+        and of p (as in ``Domain.widened``), moves it a little further.
         """
         base, n = self.domain.base, self.ndim
         layers = [(w.astype(np.float64), b.astype(np.float64)) for w, b in self._layers()]

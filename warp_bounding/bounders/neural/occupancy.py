@@ -1,8 +1,9 @@
 """``occupancy``, not conservative: the network of ``mlp``, trained with a symmetric loss (the paper's OccNet).
 
-It answers *maybe* where the probability that the query meets the object is at least one half (``f >= 0``), as occupancy
-networks do (Mescheder et al. 2019). It errs both ways alike: some queries that do meet the object are denied. It is here to
-show what the asymmetric loss and the proof are for, and is of no use as a broad phase; it can never hold a certificate.
+It answers *maybe* where the probability that the query meets the object is at least one half (``f >= 0``), as
+occupancy networks do (Mescheder et al. 2019). It errs both ways alike: some queries that do meet the object are
+denied. It is here to show what the asymmetric loss and the proof are for, and is of no use as a broad phase; it can
+never hold a certificate.
 """
 
 from warp_bounding.bounders.neural.mlp import ACTIVATION, HIDDEN, OCTAVES, Mlp

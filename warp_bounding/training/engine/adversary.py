@@ -1,9 +1,10 @@
 """The least value of a network over all positives of a kind of query, as far as a search finds it.
 
-The prover starts from what this finds, and where it does not end in its time, this sets the threshold. Starts are the samples'
-own positives, which prefer what barely touches, and the worst ones that training knew. All walk down f by projected gradient steps whose length adapts to each: longer
-after a success, shorter after a failure. The lowest are kept, few of a kind, walked to a standstill and mixed with relatives
-(a random step sideways) and fresh starts, until several rounds in a row have not found anything lower.
+The prover starts from what this finds, and where it does not end in its time, this sets the threshold. Starts are the
+samples' own positives, which prefer what barely touches, and the worst ones that training knew. All walk down f by
+projected gradient steps whose length adapts to each: longer after a success, shorter after a failure. The lowest are
+kept, few of a kind, walked to a standstill and mixed with relatives (a random step sideways) and fresh starts, until
+several rounds in a row have not found anything lower.
 
 Limits: this is a search, not a proof. f has many narrow basins; one that no start falls into is missed. What it
 returns earns no confidence by itself: a bound on the rate of false negatives comes from fresh samples afterwards.

@@ -2,10 +2,11 @@
 
 At these sizes (50 x 51) the factors cost little, and the steps are worth several of Adam's.
 
-A factor of little rank has eigenvectors that carry no gradient: which ones they are is decided by rounding, and differs from one
-linear algebra library to the next. The published method keeps each coordinate's second moment while the basis below it turns; where
-such an eigenvector turns into the gradient, a moment that has decayed to nothing divides one that has not, and the step has no
-bound. Three things keep every step sound, whatever ``eigh`` and ``qr`` return, as long as it is orthogonal:
+A factor of little rank has eigenvectors that carry no gradient: which ones they are is decided by rounding, and
+differs from one linear algebra library to the next. The published method keeps each coordinate's second moment while
+the basis below it turns; where such an eigenvector turns into the gradient, a moment that has decayed to nothing
+divides one that has not, and the step has no bound. Three things keep every step sound, whatever ``eigh`` and ``qr``
+return, as long as it is orthogonal:
 
 * second moments are rotated with the basis, as the variances of uncorrelated coordinates;
 * they count as no less than the float32 rounding of the largest one (``NOISE``), so that noise is not scaled up to a step;

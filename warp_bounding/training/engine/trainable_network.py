@@ -1,8 +1,8 @@
 """A small network in torch with a hand-written backward pass, for many short steps on a CPU.
 
-Autograd's bookkeeping and fresh allocations cost more than the arithmetic at these sizes, so forward, backward and the
-gradient in the input run in preallocated buffers. Columns are samples: data is ``(features + 1, N)``, its last row ones,
-so that a layer's weight and bias are one ``(out, in + 1)`` matrix.
+Autograd's bookkeeping and fresh allocations cost more than the arithmetic at these sizes, so forward, backward and
+the gradient in the input run in preallocated buffers. Columns are samples: data is ``(features + 1, N)``, its last
+row ones, so that a layer's weight and bias are one ``(out, in + 1)`` matrix.
 """
 
 import math

@@ -1,7 +1,7 @@
 """What learning half-spaces needs of a kind of query: faces that follow from normals, and f of negatives, both differentiable.
 
-Normals have length 1 in the coordinates of what is bounded. Faces are supports in float32 without any room for rounding: they
-steer the search only, ``LearnedKdop.of_normals`` sets the real ones.
+Normals have length 1 in the coordinates of what is bounded. Faces are supports in float32 without any room for
+rounding: they steer the search only, ``LearnedKdop.of_normals`` sets the real ones.
 """
 
 from itertools import combinations, product

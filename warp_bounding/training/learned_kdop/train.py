@@ -1,9 +1,10 @@
 """Learning the normals of half-spaces (``learned-kdop``): as few sampled negatives inside as can be, no positive ever outside.
 
-Every face is set to the support of what is bounded, so the positives' half of the paper's asymmetric loss is a constraint that
-always holds, its weight infinite; what is left is the negatives' half, the mean of ``sigmoid(f / T)`` over them, T falling.
-Training starts from ``kdop``'s own half-spaces and from others; what has the fewest false positives on the samples wins,
-``kdop``'s half-spaces themselves among them, so the result is never worse than ``kdop`` there.
+Every face is set to the support of what is bounded, so the positives' half of the paper's asymmetric loss is a
+constraint that always holds, its weight infinite; what is left is the negatives' half, the mean of ``sigmoid(f / T)``
+over them, T falling. Training starts from ``kdop``'s own half-spaces and from others; what has the fewest false
+positives on the samples wins, ``kdop``'s half-spaces themselves among them, so the result is never worse than
+``kdop`` there.
 """
 
 import numpy as np

@@ -1,8 +1,8 @@
 """The default recipe: what the paper's asymmetric loss becomes when seconds count and the threshold is the minimum.
 
-The figure of merit is the volume of negatives above the *least* value on the object, a worst case over a continuous set.
-Hence the loss of ``recipes.loss``, and positives from a pool of the worst ones found, which walk down f inside their cells. Points that
-a proof's search finds enter the pool (``counterexamples``).
+The figure of merit is the volume of negatives above the *least* value on the object, a worst case over a continuous
+set. Hence the loss of ``recipes.loss``, and positives from a pool of the worst ones found, which walk down f inside
+their cells. Points that a proof's search finds enter the pool (``counterexamples``).
 """
 
 import math

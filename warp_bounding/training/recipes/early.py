@@ -1,11 +1,13 @@
 """Training a network with exits, ``mlp-early``: together with the network first, then each exit by itself.
 
-``EarlyTrainer`` is the main recipe (``loop``), with every exit's loss added at a small weight: layers that serve only what
-comes behind them leave a linear exit less to say (3D points, bunny: behind a finished network an exit lets 22 to 42 % of all
-points pass wrongly, trained with it 9 %, for 4.7 instead of 4.4 % at the end and a third more time a step). ``train_exits`` then finishes the exits behind layers
-that stay as they are, by Newton steps. A plane's exits are supports, trained as in ``support`` behind finished layers.
+``EarlyTrainer`` is the main recipe (``loop``), with every exit's loss added at a small weight: layers that serve only
+what comes behind them leave a linear exit less to say (3D points, bunny: behind a finished network an exit lets 22 to
+42 % of all points pass wrongly, trained with it 9 %, for 4.7 instead of 4.4 % at the end and a third more time a
+step). ``train_exits`` then finishes the exits behind layers that stay as they are, by Newton steps. A plane's exits
+are supports, trained as in ``support`` behind finished layers.
 
-Limits: exits cost the network some of its own tightness, and time. Exits of planes are only as good as the layers they find.
+Limits: exits cost the network some of its own tightness, and time. Exits of planes are only as good as the layers
+they find.
 """
 
 import math

@@ -1,9 +1,9 @@
 """The asymmetric loss of the default recipe and its constants, the batches that it is taken on, and its gradient.
 
-A positive's weight grows geometrically against a negative's (the paper's schedule grows it linearly and waits for zero false
-negatives); the negatives' loss turns into a ramp, which gives up on what cannot be separated instead of bending everything for it;
-half of a batch is drawn from samples that carry gradient, with weights that keep the mean unbiased. All schedules are functions of
-the used fraction of the budget.
+A positive's weight grows geometrically against a negative's (the paper's schedule grows it linearly and waits for
+zero false negatives); the negatives' loss turns into a ramp, which gives up on what cannot be separated instead of
+bending everything for it; half of a batch is drawn from samples that carry gradient, with weights that keep the mean
+unbiased. All schedules are functions of the used fraction of the budget.
 """
 
 from dataclasses import dataclass, replace
@@ -58,8 +58,8 @@ RECIPES = {
     "ray": Recipe(first_gain=1.5, sharpness=0.3),  # a ray sweeps over many cells: its truth is smoother than a point's
     "box": Recipe(first_gain=5.0, sharpness=0.3),
 }
-# Rays and boxes in 4D, where networks of the paper's sizes are far from the truth: the bulk needs gradient, too, and eight
-# coordinates have many places to be low at.
+# Rays and boxes in 4D, where networks of the paper's sizes are far from the truth: the bulk needs gradient, too, and
+# eight coordinates have many places to be low at.
 MANY_COORDINATES, FAR = 8, {"sharpness": 1.0, "hard": 16384, "explore": 32768}
 
 

@@ -1,12 +1,13 @@
 """Training of ``monotone-mlp``: a monotone network of boxes, in terms of the square roots of its weights.
 
-A weight is ``s r^2`` with a fixed sign s, and r is what the optimiser changes. Against clamping at zero or ``|r|`` that is the
-difference between training and not training: a gradient step in r multiplies a weight, so weights grow and vanish
-geometrically, few of them stay, and a weight near zero moves slowly enough to come back. The first layer begins as
-supports of boxes, ``max over the box of d . x``, in random directions d.
+A weight is ``s r^2`` with a fixed sign s, and r is what the optimiser changes. Against clamping at zero or ``|r|``
+that is the difference between training and not training: a gradient step in r multiplies a weight, so weights grow
+and vanish geometrically, few of them stay, and a weight near zero moves slowly enough to come back. The first layer
+begins as supports of boxes, ``max over the box of d . x``, in random directions d.
 
-The positives are points p of the object, boxes ``low = high = p``: the least f is among them. So they are as cheap to draw, to
-walk and to search as a point network's, the prover's own counterexamples are among them, and the threshold is proven.
+The positives are points p of the object, boxes ``low = high = p``: the least f is among them. So they are as cheap to
+draw, to walk and to search as a point network's, the prover's own counterexamples are among them, and the threshold
+is proven.
 """
 
 import math

@@ -1,9 +1,9 @@
 """The paper's recipe, as an option: uniform samples, asymmetric cross-entropy, a linear schedule of its two weights.
 
-Every ``stage`` iterations the weight of negatives shrinks (1/20, 1/40, ... in 2D, in steps of 1/100 and 1/200 in 3D and 4D) and
-that of positives grows by 0.2, until no false negative was seen for six stages (paper, Sec. 3.4; supplement, Sec. 2). At
-its batch of 200,000 and 10,000 iterations a stage this takes hours on a CPU; a budget ends it earlier. Unlike in the
-paper, the threshold is then set by the proof.
+Every ``stage`` iterations the weight of negatives shrinks (1/20, 1/40, ... in 2D, in steps of 1/100 and 1/200 in 3D
+and 4D) and that of positives grows by 0.2, until no false negative was seen for six stages (paper, Sec. 3.4;
+supplement, Sec. 2). At its batch of 200,000 and 10,000 iterations a stage this takes hours on a CPU; a budget ends it
+earlier. Unlike in the paper, the threshold is then set by the proof.
 """
 
 from collections.abc import Callable

@@ -1,9 +1,9 @@
 """Training a plane's network: two learned support functions above the object's own, as near as the worst normal allows.
 
-For a normal m (its largest entry 1) the object's planes ``m . y = c`` have ``-h(-m) <= c <= h(m)``. The network's H and G
-overestimate ``h(m)`` and ``h(-m)`` by gaps; the threshold is the least gap, so false positives are what the gaps exceed
-it by, times the density of the queries' offsets there. The loss is that mean, plus a soft maximum of what falls short,
-ever sharper: no label is needed, the supports are known exactly (``hull_points``).
+For a normal m (its largest entry 1) the object's planes ``m . y = c`` have ``-h(-m) <= c <= h(m)``. The network's H
+and G overestimate ``h(m)`` and ``h(-m)`` by gaps; the threshold is the least gap, so false positives are what the
+gaps exceed it by, times the density of the queries' offsets there. The loss is that mean, plus a soft maximum of what
+falls short, ever sharper: no label is needed, the supports are known exactly (``hull_points``).
 """
 
 import copy
