@@ -1,10 +1,11 @@
 """What a bounder's coordinates are for a kind of query: the map to them, its rounding, its C text, and what a placement does.
 
-In local space, where the domain is about [-1, 1]^n, a query becomes numbers ``v``. The C text that computes them is given ``V q[]``
-(the numbers in object space), ``center scale limit`` (n each), ``extra``, a ``V zero`` and the functions ``root`` and ``over``
-(``kernels``); it sets ``V v[]`` and clears two masks: ``finite`` (false: *maybe*, whatever else holds) and ``inside`` (false: *no*). V is a
-vector of queries or a float, so masks are combined with ``&`` and ``|`` and never negated. Where a shape is placed, ``q`` are
-numbers in the world and ``place`` is ``Placement.values``: another text moves q first, in place.
+In local space, where the domain is about [-1, 1]^n, a query becomes numbers ``v``. The C text that computes them is
+given ``V q[]`` (the numbers in object space), ``center scale limit`` (n each), ``extra``, a ``V zero`` and the
+functions ``root`` and ``over`` (``kernels``); it sets ``V v[]`` and clears two masks: ``finite`` (false: *maybe*,
+whatever else holds) and ``inside`` (false: *no*). V is a vector of queries or a float, so masks are combined with ``&``
+and ``|`` and never negated. Where a shape is placed, ``q`` are numbers in the world and ``place`` is
+``Placement.values``: another text moves q first, in place.
 """
 
 from abc import ABC, abstractmethod

@@ -1,7 +1,7 @@
 """What rays and planes share: a point given from any distance, and a direction that has no length of its own.
 
-Where a ray or a plane is moved from the world, so are its point and its direction; the numbers ``drift`` of a placement say what the
-move rounds per distance, and widen the domain for one from farther away than ``FAR``.
+Where a ray or a plane is moved from the world, so are its point and its direction; the numbers ``drift`` of a placement
+say what the move rounds per distance, and widen the domain for one from farther away than ``FAR``.
 """
 
 from functools import cache

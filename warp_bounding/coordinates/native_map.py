@@ -20,7 +20,8 @@ auto finite = zero <= zero, inside = zero <= zero;
 def extra_count(query: str, ndim: int, time: bool) -> int:
     """Numbers behind the threshold in ``parameters``: a ray's displacement per axis, or a normal's factors; then time's limit.
 
-    The latter is the largest coordinate that certainly lies inside the range of time, whatever the map of the region rounds.
+    The latter is the largest coordinate that certainly lies inside the range of time, whatever the map of the region
+    rounds.
     """
     return COORDINATES[query].extra_count(ndim, time)
 
@@ -32,8 +33,8 @@ def locate(query: str, space: str, n: int, time: bool, placed: bool = False) -> 
         query: Kind of query.
         space: ``"geometric"`` or ``"parametric"``.
         n: Dimension of the indicator.
-        time: Coordinate 0 is time: a region that lies wholly outside its range is answered with maybe; so may be one that
-            only just reaches into it.
+        time: Coordinate 0 is time: a region that lies wholly outside its range is answered with maybe; so may be one
+            that only just reaches into it.
         placed: ``q`` are in the world, and the text may change them.
     """
     kind = coordinates_of(query, space)

@@ -1,13 +1,13 @@
 """A shape's place in the world: a rigid transform and a scale per axis, given at query time.
 
 World point ``q`` becomes object point ``x = M (q - translation)``. The difference is rounded relatively to *itself*, so
-a shape far from the world's origin loses nothing that float32 coordinates had not lost before. Of a ray the origin is moved
-like a point and the direction d becomes ``M d``, made a unit vector in object space; of a plane the normal n becomes
-``M^-T n``. A box becomes the axis-aligned box around the moved one: the region itself where the rotation is a signed
-permutation of the axes, larger otherwise.
+a shape far from the world's origin loses nothing that float32 coordinates had not lost before. Of a ray the origin is
+moved like a point and the direction d becomes ``M d``, made a unit vector in object space; of a plane the normal n
+becomes ``M^-T n``. A box becomes the axis-aligned box around the moved one: the region itself where the rotation is a
+signed permutation of the axes, larger otherwise.
 
-The error of the whole map is bounded in float64 (``placement_rounding``) and must fit into the ``delta`` that the bounder's
-proof covers.
+The error of the whole map is bounded in float64 (``placement_rounding``) and must fit into the ``delta`` that the
+bounder's proof covers.
 """
 
 from dataclasses import dataclass
@@ -32,8 +32,8 @@ class Placement:
     """World-to-object map of one shape instance.
 
     Attributes:
-        values: float32, the ``n`` translations, then the n x n matrix M in row order, as the kernels read them; for rays
-            and planes also n numbers ``drift``, and for planes ``M^-T`` in row order.
+        values: float32, the ``n`` translations, then the n x n matrix M in row order, as the kernels read them; for
+            rays and planes also n numbers ``drift``, and for planes ``M^-T`` in row order.
         world: The map before rounding.
     """
 

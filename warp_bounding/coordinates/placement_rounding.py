@@ -1,21 +1,26 @@
 """What a placement rounds: bounds in float64 of the distance, on every axis, by which a moved query may pass where it should be.
 
-With D = q - translation, exact, the kernels compute ``M D`` for points of queries, ``M d`` for directions and ``N n`` for normals, N = M^-T.
-The moved float32 numbers *are* a query in object space, and everything behind them counts as for any such query, so this
-file only asks how far its exact region R' passes a point x of the exact region R of the numbers given. Directions
-are free in the proofs (P holds rays and planes of every direction), so what turns one only matters by what it moves.
+With D = q - translation, exact, the kernels compute ``M D`` for points of queries, ``M d`` for directions and ``N n``
+for normals, N = M^-T. The moved float32 numbers *are* a query in object space, and everything behind them counts as for
+any such query, so this file only asks how far its exact region R' passes a point x of the exact region R of the numbers
+given. Directions are free in the proofs (P holds rays and planes of every direction), so what turns one only matters by
+what it moves.
 
-* *Distances.* ``|error of M D| <= alpha + beta |a|_1``, a the point in local space: relative errors, of n + 3 roundings at most, and the translation's.
-* *Rays.* The moved direction is off by e, ``|e| <= epsilon |M d|``, since ``|M d| >= |d| / |M^-1|``: off by an angle of sine epsilon, and the
-  unit vectors by ``epsilon (1 + epsilon)``. After t, at most ``length`` and the way to the domain, x is passed by t times that.
-* *Planes*, ``e . (y - a) = 0`` in local space, the largest entry of e scaled to 1: ``|error of e_k| <= tau_k``. At a point y of the domain the
-  plane is off by ``sum tau_k (|y_k| + |a_k|) + sum |error of a_k|`` in the offset, and so at most by this along that entry's axis.
-* *Boxes* are the box around what they become; without a rotation (a signed permutation of the axes) that is the region itself.
-  A corner with products ``|M_kj D_j|`` larger than those of x lies farther out than x by their difference, and rounds by a share of
-  them; so for boxes of any size x is passed by no more than what a point rounds, which is x itself.
+* *Distances.* ``|error of M D| <= alpha + beta |a|_1``, a the point in local space: relative errors, of n + 3 roundings
+  at most, and the translation's.
+* *Rays.* The moved direction is off by e, ``|e| <= epsilon |M d|``, since ``|M d| >= |d| / |M^-1|``: off by an angle of
+  sine epsilon, and the unit vectors by ``epsilon (1 + epsilon)``. After t, at most ``length`` and the way to the
+  domain, x is passed by t times that.
+* *Planes*, ``e . (y - a) = 0`` in local space, the largest entry of e scaled to 1: ``|error of e_k| <= tau_k``. At a
+  point y of the domain the plane is off by ``sum tau_k (|y_k| + |a_k|) + sum |error of a_k|`` in the offset, and so at
+  most by this along that entry's axis.
+* *Boxes* are the box around what they become; without a rotation (a signed permutation of the axes) that is the region
+  itself. A corner with products ``|M_kj D_j|`` larger than those of x lies farther out than x by their difference, and
+  rounds by a share of them; so for boxes of any size x is passed by no more than what a point rounds, which is x
+  itself.
 
-Rays and planes are computed with where ``|a|_1 <= FAR``; beyond, they are denied or answered with maybe, and the kernel widens the
-domain by ``drift |a|_1`` before it denies.
+Rays and planes are computed with where ``|a|_1 <= FAR``; beyond, they are denied or answered with maybe, and the kernel
+widens the domain by ``drift |a|_1`` before it denies.
 """
 
 import numpy as np

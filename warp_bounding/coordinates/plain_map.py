@@ -1,7 +1,8 @@
 """The twin of ``native_map`` in Warp's own Python: from a query's numbers to the coordinates ``v``, framing the function of its kind.
 
-Each of them, and each that moves a query from the world first, is called with ``parameters``, ``place`` (``Placement.values``) and the
-query ``q``. It returns the new numbers and ``finite`` (false: *maybe*, whatever else holds), a map ``inside`` as well (false: *no*).
+Each of them, and each that moves a query from the world first, is called with ``parameters``, ``place``
+(``Placement.values``) and the query ``q``. It returns the new numbers and ``finite`` (false: *maybe*, whatever else
+holds), a map ``inside`` as well (false: *no*).
 """
 
 from functools import cache

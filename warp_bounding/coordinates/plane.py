@@ -1,7 +1,8 @@
 """Planes: ``v = (m, c)``, all y with ``m . y = c``, where the entry of m that is largest in absolute value is exactly 1.
 
-So the normals are the faces of a cube, and a plane has one pair of them, not two. In parametric space (the paper's way to fit its
-classic volumes) v are the unit normal and the point as they are given; a point outside the domain is answered with *maybe*.
+So the normals are the faces of a cube, and a plane has one pair of them, not two. In parametric space (the paper's way
+to fit its classic volumes) v are the unit normal and the point as they are given; a point outside the domain is
+answered with *maybe*.
 """
 
 import numpy as np

@@ -31,9 +31,11 @@ class Rates:
         fn: False negatives, a count; a conservative bounder has none.
         positives: Samples whose truth is *yes*, per cent.
         samples: Number of samples.
-        protocol: ``"exact"`` or ``"sampled"`` (the truth from random points of a region, as in the paper; the same for points).
+        protocol: ``"exact"`` or ``"sampled"`` (the truth from random points of a region, as in the paper; the same for
+            points).
         seed: Of the samples.
-        truth: Of what the truth is, in words: of the cells that were bounded, which cover a mesh by up to a cell and its margin.
+        truth: Of what the truth is, in words: of the cells that were bounded, which cover a mesh by up to a cell and
+            its margin.
         indicator: SHA-256 of the cells that were asked about; ``bounder.info["indicator"]`` for those of the fit.
 
     Example:
@@ -74,10 +76,11 @@ def evaluate(
 
     Args:
         bounder: Any bounder, or the path of its file.
-        shape: The ``IndicatorGrid`` or ``IndicatorMesh`` that it bounds, or anything that ``load_indicator`` takes; a mesh is voxelised as it was for the fit.
+        shape: The ``IndicatorGrid`` or ``IndicatorMesh`` that it bounds, or anything that ``load_indicator`` takes; a
+            mesh is voxelised as it was for the fit.
         samples: Number of queries, drawn as in the paper (points: between the centres of the first and the last cells).
-        protocol: ``"exact"`` or ``"sampled"``: the paper's way to find the truth, ``any()`` over random points of the region; it
-            misses thin hits, so positives there are fewer. The same for points.
+        protocol: ``"exact"`` or ``"sampled"``: the paper's way to find the truth, ``any()`` over random points of the
+            region; it misses thin hits, so positives there are fewer. The same for points.
         seed: Of the samples.
         progress: Called with samples done and samples in all.
 

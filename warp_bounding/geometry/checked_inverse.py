@@ -1,8 +1,8 @@
 """Inverses and polytope vertices in float64, each with a bound of its error: regions are tested against edges and vertices.
 
-An inverse is checked afterwards (Rump, *Verification methods*, Acta Numerica 2010, sect. 10): from ``A B = I - R`` follows
-``|A^-1 - B| <= |B| |R| / (1 - |R|)``. Vertices are found by solving for every choice of n slabs; a choice whose inverse
-cannot be checked must be singular in rational arithmetic, so that no vertex is ever missed.
+An inverse is checked afterwards (Rump, *Verification methods*, Acta Numerica 2010, sect. 10): from ``A B = I - R``
+follows ``|A^-1 - B| <= |B| |R| / (1 - |R|)``. Vertices are found by solving for every choice of n slabs; a choice whose
+inverse cannot be checked must be singular in rational arithmetic, so that no vertex is ever missed.
 """
 
 from fractions import Fraction
@@ -53,8 +53,8 @@ def polytope_vertices(directions: np.ndarray, low: np.ndarray, high: np.ndarray)
         high: ``(k,)`` float64.
 
     Returns:
-        Points ``(P, n)`` float32 and errors ``(P, n)`` float64: every vertex of the polytope is within the error of one of the
-        points, per axis.
+        Points ``(P, n)`` float32 and errors ``(P, n)`` float64: every vertex of the polytope is within the error of one
+        of the points, per axis.
 
     Raises:
         BounderError: If the polytope is not bounded, or a vertex is beyond what float64 can tell.

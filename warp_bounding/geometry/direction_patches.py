@@ -1,7 +1,7 @@
 """The unit sphere in n dimensions as patches: cells of the faces of a cube, seen from its centre.
 
-A unit vector of a patch is ``f y``, where y is a mean of the patch's unit vertices ``u_i`` and ``1 <= f <= outer``; so a
-convex function is largest, over the patch, at some ``u_i`` or ``outer u_i``.
+A unit vector of a patch is ``f y``, where y is a mean of the patch's unit vertices ``u_i`` and ``1 <= f <= outer``; so
+a convex function is largest, over the patch, at some ``u_i`` or ``outer u_i``.
 """
 
 from dataclasses import dataclass

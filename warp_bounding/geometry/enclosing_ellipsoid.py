@@ -9,7 +9,8 @@ Ellipsoids*, SIAM 2016): with ``mu`` and ``C`` the mean and covariance under ``u
 
 Frank-Wolfe steps with away steps move weight towards the farthest point or away from the nearest weighted one, with an
 exact line search. Scaling the current ellipsoid to hold all points gives an upper bound, the dual a lower one; the
-search stops when they agree to ``GAP``. Few points matter: it is fitted to some of them, and those that it leaves out join.
+search stops when they agree to ``GAP``. Few points matter: it is fitted to some of them, and those that it leaves out
+join.
 """
 
 import math

@@ -2,8 +2,8 @@
 
 Closed cells are connected through corners too (3^n - 1 neighbours). The hull of a component is the hull of its cells'
 corners, which are integers. Dropped are corners strictly between two others on an axis-parallel line, and those that
-Qhull (Barber, Dobkin, Huhdanpaa 1996) finds inside: each of the latter only after *integer* arithmetic has found it in a
-simplex of corners that stay, so no rounding in Qhull can lose an extreme corner.
+Qhull (Barber, Dobkin, Huhdanpaa 1996) finds inside: each of the latter only after *integer* arithmetic has found it in
+a simplex of corners that stay, so no rounding in Qhull can lose an extreme corner.
 """
 
 from dataclasses import dataclass

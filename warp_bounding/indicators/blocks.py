@@ -29,7 +29,8 @@ def blocks_of(occupancy: np.ndarray, flat: int | None = None) -> tuple[np.ndarra
         flat: An axis along which boxes are one cell thick; none if ``None``.
 
     Returns:
-        First cells ``(N, n)`` int64 and one past the last cells ``(N, n)``; the boxes are disjoint and cover what is occupied.
+        First cells ``(N, n)`` int64 and one past the last cells ``(N, n)``; the boxes are disjoint and cover what is
+        occupied.
     """
     table, ndim = summed_area(occupancy), occupancy.ndim
     layers = 1 if flat is None else occupancy.shape[flat]

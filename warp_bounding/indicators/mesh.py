@@ -105,9 +105,9 @@ class IndicatorMesh:
     def watertight(self) -> bool:
         """Whether the surface is closed: equal vertices are one, equal faces are one, and no face has an edge of its own.
 
-        Every mesh that trimesh calls watertight is, but for faces that close only with their own doubles and hold nothing; beyond
-        those, solids that touch in an edge or share a wall, and closed surfaces with faces that are doubled or have no area
-        (``closed_parts``).
+        Every mesh that trimesh calls watertight is, but for faces that close only with their own doubles and hold
+        nothing; beyond those, solids that touch in an edge or share a wall, and closed surfaces with faces that are
+        doubled or have no area (``closed_parts``).
         """
         return self.surface.watertight
 

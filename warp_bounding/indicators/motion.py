@@ -1,14 +1,15 @@
 """The indicator of a triangle mesh that moves: keyframes, and vertices that go straight from one to the next.
 
-Its grid has four coordinates, time first. A cell of time is cut at the keyframes, and between them into pieces in which no
-vertex goes far. In a piece, every point of a triangle stays within the largest half way of its three vertices of where it is
-in the piece's middle; so the triangle there, dilated by that and by the margin, holds all that it is and comes near to in the
-piece, and its cells are found as for a mesh at rest (``voxelization``). Nothing is sampled. Where the surface is closed, a flood
-from outside through the empty cells of a piece meets the surface at no time in it, so what it does not reach holds the inside.
+Its grid has four coordinates, time first. A cell of time is cut at the keyframes, and between them into pieces in which
+no vertex goes far. In a piece, every point of a triangle stays within the largest half way of its three vertices of
+where it is in the piece's middle; so the triangle there, dilated by that and by the margin, holds all that it is and
+comes near to in the piece, and its cells are found as for a mesh at rest (``voxelization``). Nothing is sampled. Where
+the surface is closed, a flood from outside through the empty cells of a piece meets the surface at no time in it, so
+what it does not reach holds the inside.
 
-Before its first and after its last keyframe nothing is known of the motion. So the cells of time lie between these two, however
-time is divided, and outside the cells bounders say *maybe*. They rarely meet both keyframes exactly: ``time_axis`` chooses cells that leave
-little of the range out.
+Before its first and after its last keyframe nothing is known of the motion. So the cells of time lie between these two,
+however time is divided, and outside the cells bounders say *maybe*. They rarely meet both keyframes exactly:
+``time_axis`` chooses cells that leave little of the range out.
 """
 
 import hashlib
@@ -141,8 +142,8 @@ class IndicatorMotion:
         """The vertices at a time, as a simulation should use them: what ``to_grid`` bounds holds for these very numbers.
 
         Args:
-            time: In the unit of ``times``; outside their range the nearest keyframe is returned, of which bounders promise
-                nothing: they answer with *maybe* there.
+            time: In the unit of ``times``; outside their range the nearest keyframe is returned, of which bounders
+                promise nothing: they answer with *maybe* there.
 
         Returns:
             ``(V, 3)`` float32.
@@ -156,9 +157,9 @@ class IndicatorMotion:
     def to_grid(self, *, resolution: int | None = None, margin: float = 0.0) -> IndicatorGrid:
         """Divide the dilated motion into cells of time and space, conservatively.
 
-        A closed cell is occupied if at any of its times the surface, the inside (of a closed surface) or their margin, with vertices
-        as ``vertices_at`` rounds them, meets it. One empty cell lies around the object on every side in space, and no cell reaches
-        beyond the first or the last keyframe in time.
+        A closed cell is occupied if at any of its times the surface, the inside (of a closed surface) or their margin,
+        with vertices as ``vertices_at`` rounds them, meets it. One empty cell lies around the object on every side in
+        space, and no cell reaches beyond the first or the last keyframe in time.
 
         Args:
             resolution: Cells along the longest axis of the dilated object, over all times, 2 to 1024; 32 by default.
@@ -231,9 +232,10 @@ class IndicatorMotion:
 def time_axis(start: float, end: float, count: int, name: str) -> tuple[float, float, int]:
     """Cells of time that lie between two times and leave little of the range out.
 
-    A rate has few significant bits and a first face lies at a multiple of half a cell, so cells seldom begin and end where the range does.
-    Of all rates for ``count`` to ``count + SPARE`` cells, this is the first that leaves out ``LEFT`` of a cell or less, or else the best: of 32
-    cells between random times, half leave out less than 0.2 % of the range, all less than 1.5 %.
+    A rate has few significant bits and a first face lies at a multiple of half a cell, so cells seldom begin and end
+    where the range does. Of all rates for ``count`` to ``count + SPARE`` cells, this is the first that leaves out
+    ``LEFT`` of a cell or less, or else the best: of 32 cells between random times, half leave out less than 0.2 % of
+    the range, all less than 1.5 %.
 
     Args:
         start: Unit of time, float32.

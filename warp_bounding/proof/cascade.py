@@ -14,14 +14,15 @@ def cascade(*bounders: Bounder) -> Cascade:
     """A bounder that says *maybe* iff all of these do, asked in this order.
 
     Args:
-        bounders: Of the same queries of the same object, such as an ``aabb`` and an ``mlp``; what they deny costs no more than the
-            first that denies it.
+        bounders: Of the same queries of the same object, such as an ``aabb`` and an ``mlp``; what they deny costs no
+            more than the first that denies it.
 
     Returns:
         The cascade. Proven if all parts are, statistical if one is; without a certificate if one has none.
 
     Raises:
-        BounderError: If they were made for different objects, margins, queries or domains, or cannot be put together (``Cascade.of``).
+        BounderError: If they were made for different objects, margins, queries or domains, or cannot be put together
+            (``Cascade.of``).
 
     Example:
         >>> both = wb.cascade(wb.fit(ball, method="sphere", device="cpu"), bounder)

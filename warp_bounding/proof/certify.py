@@ -1,8 +1,9 @@
 """Proving from scratch what a file claims: ``f >= threshold + E`` over all positives, without the search's records or its loop.
 
-Points are taken cell by cell, rays face by face, boxes from all pairs of corners, and halved until every bound reaches the target
-or a counterexample is found. The bounds over one box, and for rays and boxes the chart, are those of the search; so is the search
-over the normals of planes. Where a method has no proof, fresh positives are put to it (``statistics``).
+Points are taken cell by cell, rays face by face, boxes from all pairs of corners, and halved until every bound reaches
+the target or a counterexample is found. The bounds over one box, and for rays and boxes the chart, are those of the
+search; so is the search over the normals of planes. Where a method has no proof, fresh positives are put to it
+(``statistics``).
 """
 
 from collections.abc import Callable
@@ -69,13 +70,13 @@ def certify(
 ) -> Certificate:
     """Prove from scratch that a bounder has no false negative on a shape; of one that has, the certificate tells so.
 
-    What a bounder claims is partly its own word: for which margin, for rays of which length, of which resolution of a mesh. Its
-    certificate names them. Whoever relies on one states it here, and a proof of another claim is then none.
+    What a bounder claims is partly its own word: for which margin, for rays of which length, of which resolution of a
+    mesh. Its certificate names them. Whoever relies on one states it here, and a proof of another claim is then none.
 
     Args:
         bounder: Its threshold and weights are taken as they are, its own certificate is not looked at.
-        shape: An ``IndicatorGrid`` or ``IndicatorMesh``, or anything that ``load_indicator`` takes; voxelised with the bounder's
-            own resolution and margin.
+        shape: An ``IndicatorGrid`` or ``IndicatorMesh``, or anything that ``load_indicator`` takes; voxelised with the
+            bounder's own resolution and margin.
         margin: That is expected, object units; the bounder's own if ``None``.
         length: Of rays, that is expected, object units; the bounder's own if ``None``.
         resolution: Of a mesh, that is expected; the bounder's own if ``None``.
@@ -84,8 +85,8 @@ def certify(
         progress: Called with cells done and cells in all.
 
     Returns:
-        A certificate of kind ``"proven"``, ``"refuted"`` (with a counterexample), ``"undecided"`` or ``"inapplicable"`` (the shape cannot
-        be the bounded one, or the claim is not the expected one).
+        A certificate of kind ``"proven"``, ``"refuted"`` (with a counterexample), ``"undecided"`` or ``"inapplicable"``
+        (the shape cannot be the bounded one, or the claim is not the expected one).
 
     Example:
         >>> wb.certify(bounder, grid).kind, wb.certify(bounder, grid, margin=0.5).kind

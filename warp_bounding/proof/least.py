@@ -1,7 +1,7 @@
 """The least value of a bounder's f over all positives, certified: in closed form, or by branch and bound.
 
-Points, rays and boxes of a network are searched depth first in charts (``charted``), what has none best first: planes over their
-normals, a monotone network's boxes over the object's points (``covers``).
+Points, rays and boxes of a network are searched depth first in charts (``charted``), what has none best first: planes
+over their normals, a monotone network's boxes over the object's points (``covers``).
 """
 
 from collections.abc import Callable

@@ -1,7 +1,7 @@
 """The step from a bounder and a grid to a proven threshold.
 
-``prove`` finds the least value of ``f`` over P_delta, every float32 input that the pipeline can make of a query that meets
-the object (``least_value``), and sets ``threshold <= minimum - E``.
+``prove`` finds the least value of ``f`` over P_delta, every float32 input that the pipeline can make of a query that
+meets the object (``least_value``), and sets ``threshold <= minimum - E``.
 """
 
 from collections.abc import Callable
@@ -47,8 +47,8 @@ def prove(
         The search, with its lowest points.
 
     Raises:
-        BounderError: If the bounder was made for another domain, if it is several networks whose regions are proven one by one
-            (``Bounder.parts``), or no threshold separates anything (the proven minimum is not finite).
+        BounderError: If the bounder was made for another domain, if it is several networks whose regions are proven one
+            by one (``Bounder.parts``), or no threshold separates anything (the proven minimum is not finite).
     """
     reason = mismatch(bounder, grid) or bounder.domain.fault()
     if reason or len(outside(bounder, grid)):

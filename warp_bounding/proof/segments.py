@@ -1,13 +1,14 @@
 """Whole segments against a network of points: bounds of f along them, instead of samples.
 
-A network answers *no* at a point only where f is under its threshold, and at points of the object f is at least threshold + E
-(``prove``). So where f is proven to be under threshold + E all along a segment, no point of it lies in the object. An upper bound of f
-is a lower bound of -f, by the same relaxations as in every proof, over boxes of one number: the way along the segment.
+A network answers *no* at a point only where f is under its threshold, and at points of the object f is at least
+threshold + E (``prove``). So where f is proven to be under threshold + E all along a segment, no point of it lies in
+the object. An upper bound of f is a lower bound of -f, by the same relaxations as in every proof, over boxes of one
+number: the way along the segment.
 
-Float64. The segment that is bounded is ``a + t w`` of the computed a and w, t between the computed ends. Where both are within ``FAR``,
-a point of the true segment is off by less than 2^-29, four products and sums of 2^-52 each, and an object that is proven is dilated
-by delta, float32's share of the same map: at least a hundred times as much. Clipping errs outwards by ``INSIDE``, again more than
-t's own rounding times w. What lies farther out is not cleared.
+Float64. The segment that is bounded is ``a + t w`` of the computed a and w, t between the computed ends. Where both are
+within ``FAR``, a point of the true segment is off by less than 2^-29, four products and sums of 2^-52 each, and an
+object that is proven is dilated by delta, float32's share of the same map: at least a hundred times as much. Clipping
+errs outwards by ``INSIDE``, again more than t's own rounding times w. What lies farther out is not cleared.
 """
 
 import numpy as np
@@ -36,8 +37,8 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
         depth: How often a piece is halved at most; more clears more segments that pass close to the object.
 
     Returns:
-        ``(N,)`` bool: no point of the closed segment lies in the object. False says nothing. NaN, infinity and what is a
-        million domains away: False.
+        ``(N,)`` bool: no point of the closed segment lies in the object. False says nothing. NaN, infinity and what is
+        a million domains away: False.
 
     Raises:
         BounderError: For another kind of bounder.

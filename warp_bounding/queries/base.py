@@ -1,7 +1,7 @@
 """What a kind of query is: one object that knows all that this floor says of it.
 
-A kind is written in a file of its own and put into ``queries.QUERIES`` under its name; everybody else finds it there, and
-higher floors keep what they know of it under the same name. Nobody compares the name itself.
+A kind is written in a file of its own and put into ``queries.QUERIES`` under its name; everybody else finds it there,
+and higher floors keep what they know of it under the same name. Nobody compares the name itself.
 """
 
 from abc import ABC, abstractmethod
@@ -22,13 +22,15 @@ class Query(ABC):
 
     Attributes:
         name: What users call it.
-        is_region: It is a set of many points of space, given by 2n numbers: a bounder may test the set against a volume, or
-            (in parametric space) its numbers as one point. A point query is not.
+        is_region: It is a set of many points of space, given by 2n numbers: a bounder may test the set against a
+            volume, or (in parametric space) its numbers as one point. A point query is not.
         has_length: Its queries share a length, which is an option: rays.
         every: In words, all queries of the kind; ``{length}`` stands for the length.
         hard_positives: In words, the half of ``draw_positives`` that is drawn to be missed.
-        sampled_point: C text that sets ``y[N]`` to a random point of the region ``q`` (``sampled``), by its paper's recipe.
-        hard_draw: C text of a hard positive (``hard``): from a point ``p`` of the object to a query's numbers ``a[N]`` and ``b[N]``.
+        sampled_point: C text that sets ``y[N]`` to a random point of the region ``q`` (``sampled``), by its paper's
+            recipe.
+        hard_draw: C text of a hard positive (``hard``): from a point ``p`` of the object to a query's numbers ``a[N]``
+            and ``b[N]``.
         hard_to_world: C text from these to the numbers ``q`` of the query in the world.
         hard_certain: C text that clears ``sure`` unless the rounded query ``x`` meets the cell for certain.
         hard_certain_placed: The same for a query in the world, where it is another text.

@@ -1,8 +1,8 @@
 """Random directions, as the paper draws them and as bounders may miss them, for the kinds of query that have one.
 
-The paper's have spherical angles that are each uniform, so they are *not* uniform on the sphere. In n dimensions there are n - 1
-angles, all in [0, pi] but the last, which is in [0, 2 pi]; coordinate k is the cosine of angle k times the sines of the angles
-before it. One dimension has the two directions +1 and -1.
+The paper's have spherical angles that are each uniform, so they are *not* uniform on the sphere. In n dimensions there
+are n - 1 angles, all in [0, pi] but the last, which is in [0, 2 pi]; coordinate k is the cosine of angle k times the
+sines of the angles before it. One dimension has the two directions +1 and -1.
 """
 
 import numpy as np

@@ -1,9 +1,9 @@
 """What the exact oracles share: the kernel around their C text, its arrays and launches, and rational numbers on the host.
 
 A kernel writes 0 or 1 where float64 arithmetic is certain, and 2 where a comparison that matters is closer than its
-error bound; those few queries are decided on the host, in integers. The cell coordinate ``t = cells_per_unit x - offset``
-of a float32 ``x`` needs two float64 numbers: the product is exact, and the rounding error of the difference is computed
-too (Knuth's TwoSum), so that signs of ``face - t`` are exact and its relative error is a few roundings.
+error bound; those few queries are decided on the host, in integers. The cell coordinate ``t = cells_per_unit x -
+offset`` of a float32 ``x`` needs two float64 numbers: the product is exact, and the rounding error of the difference is
+computed too (Knuth's TwoSum), so that signs of ``face - t`` are exact and its relative error is a few roundings.
 """
 
 from fractions import Fraction
@@ -51,8 +51,8 @@ struct Coordinate {  // t + rest = cells_per_unit * x - offset, exactly; lo, hi:
 def loop_snippet(ndim: int, body: str, columns: int) -> str:
     """Native source: ``body`` for every query of a block on a CPU, for one query on CUDA.
 
-    The body sees ``q`` (finite floats), their number ``M``, ``N``, ``rho`` (``RELATIVE_ERROR``) and ``answer`` (0 at first), and may
-    ``break`` when it knows the answer.
+    The body sees ``q`` (finite floats), their number ``M``, ``N``, ``rho`` (``RELATIVE_ERROR``) and ``answer`` (0 at
+    first), and may ``break`` when it knows the answer.
     """
     return f"""
 constexpr int N = {ndim}, M = {columns};
@@ -83,9 +83,9 @@ def oracle_kernel(name: str, ndim: int, body: str, columns: int | None = None) -
     Args:
         name: Of the kernel, of this body and dimension only.
         ndim: Dimension n of the object.
-        body: See ``loop_snippet``. Besides the queries it reads ``map`` (cells per unit, offset and shape, n float64 each, and more
-            where the oracle adds it) and whichever it needs of ``numbers``, ``indices``, ``cells``, ``length`` and ``seed``; ``out`` holds
-            what the oracle has put there.
+        body: See ``loop_snippet``. Besides the queries it reads ``map`` (cells per unit, offset and shape, n float64
+            each, and more where the oracle adds it) and whichever it needs of ``numbers``, ``indices``, ``cells``,
+            ``length`` and ``seed``; ``out`` holds what the oracle has put there.
         columns: Numbers of a query; 2n if ``None``.
     """
     name = named(name)

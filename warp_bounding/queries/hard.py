@@ -1,15 +1,17 @@
 """Hard positives by the hundred million, drawn on the device: queries that only just meet the object, each one certainly.
 
-A kernel takes a cell of the object (a boundary cell for the most part) and a point of it, mostly on a face, an edge or a corner,
-and builds a query through that point which barely touches: rays that end, begin or graze there, many of them from
-outside the domain; boxes that are thin, degenerate or reach outside; planes that are tangent to a connected component's hull,
-or given by a point far away. Rounding to float32 may move such a query off the object, so the kernel then checks the rounded
-numbers against *that one cell*, by the arithmetic of the oracles: signs of differences are exact (``Coordinate``), everything
-else carries an error bound and must be certain. What is not certain is drawn again, and marked if that does not help: it
-does not count. No other cell is looked at, which is what makes this fast, and makes it share nothing with a bounder.
+A kernel takes a cell of the object (a boundary cell for the most part) and a point of it, mostly on a face, an edge or
+a corner, and builds a query through that point which barely touches: rays that end, begin or graze there, many of them
+from outside the domain; boxes that are thin, degenerate or reach outside; planes that are tangent to a connected
+component's hull, or given by a point far away. Rounding to float32 may move such a query off the object, so the kernel
+then checks the rounded numbers against *that one cell*, by the arithmetic of the oracles: signs of differences are
+exact (``Coordinate``), everything else carries an error bound and must be certain. What is not certain is drawn again,
+and marked if that does not help: it does not count. No other cell is looked at, which is what makes this fast, and
+makes it share nothing with a bounder.
 
-Queries in float64 (a caller's numbers, which bounders round) and queries in the world (of a shape that is placed there) are
-checked in float64 with an absolute error of ``SLACK`` roundings; their points lie a billionth of a cell inside the cells.
+Queries in float64 (a caller's numbers, which bounders round) and queries in the world (of a shape that is placed there)
+are checked in float64 with an absolute error of ``SLACK`` roundings; their points lie a billionth of a cell inside the
+cells.
 
 The numbers depend on the seed and the number of the query alone: not on device, threads or how the work is divided.
 """
@@ -270,7 +272,8 @@ class HardPositives:
             world: Where the shape stands, for ``"placed"``.
 
         Returns:
-            ``(count, m)`` float32 or float64, and ``(count,)`` uint8: 1 = certainly meets the object; others do not count.
+            ``(count, m)`` float32 or float64, and ``(count,)`` uint8: 1 = certainly meets the object; others do not
+            count.
         """
         n = self.grid.ndim
         world = world or World(np.eye(n), np.eye(n), np.zeros(n))

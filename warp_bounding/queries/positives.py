@@ -1,11 +1,11 @@
 """Random positives, half of them where bounders fail first: what statistics about false negatives are drawn from.
 
-Half are the protocol's own random queries whose truth is *yes* (fewer where hardly any is: both proposals are then drawn equally
-often, and all of their positives are taken); the other half pass a random point of the object, on faces,
-edges and corners of its boundary cells for the most part, and barely: rays that begin or end there or lie in a face, boxes
-that are thin, small or only touch, slabs that reach the domain's border, planes through it. What a bounder clips is among
-them: rays that start outside the domain, boxes that reach out of it, planes given by a point outside, directions of any
-length. Every one is checked by the exact oracle after its numbers were rounded to float32.
+Half are the protocol's own random queries whose truth is *yes* (fewer where hardly any is: both proposals are then
+drawn equally often, and all of their positives are taken); the other half pass a random point of the object, on faces,
+edges and corners of its boundary cells for the most part, and barely: rays that begin or end there or lie in a face,
+boxes that are thin, small or only touch, slabs that reach the domain's border, planes through it. What a bounder clips
+is among them: rays that start outside the domain, boxes that reach out of it, planes given by a point outside,
+directions of any length. Every one is checked by the exact oracle after its numbers were rounded to float32.
 """
 
 from collections.abc import Iterator, Sequence

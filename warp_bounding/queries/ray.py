@@ -2,11 +2,11 @@
 
 The kernel walks the slabs of cells across the segment's steepest axis. Inside a slab every other coordinate moves by at
 most one cell, so a few cells are looked at; the Chebyshev distance of a cell to the nearest occupied one says how many
-slabs hold nothing and are jumped over. Which cells are looked at is rounded outwards; an occupied one is then *certainly*
-met, certainly not, or too close to say, by the parameters at which the segment passes the cell's faces. These are
-differences and quotients of exactly known numbers, so their relative error is a few roundings, and zeros are exact: an
-axis-parallel ray along a face is decided in the kernel. What is too close goes to integers on the host, where the end of
-the segment is compared as t^2 |d|^2 <= length^2: no root is ever taken.
+slabs hold nothing and are jumped over. Which cells are looked at is rounded outwards; an occupied one is then
+*certainly* met, certainly not, or too close to say, by the parameters at which the segment passes the cell's faces.
+These are differences and quotients of exactly known numbers, so their relative error is a few roundings, and zeros are
+exact: an axis-parallel ray along a face is decided in the kernel. What is too close goes to integers on the host, where
+the end of the segment is compared as t^2 |d|^2 <= length^2: no root is ever taken.
 """
 
 from fractions import Fraction

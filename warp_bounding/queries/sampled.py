@@ -1,11 +1,11 @@
 """The ``sampled`` protocol: the paper's labels, ``any()`` over random points of the region (DESIGN section 6).
 
 500 points of a region, 1500 in four dimensions; of a ray uniform in t over [0, length], of a box uniform inside, of a
-plane all coordinates but the first uniform in [-3, 3] (in the frame where the grid's outer cell centres are 0 and 1), the
-first solved for; a plane whose normal has no first component yields no points. The generator is counter-based and keyed
-by the seed and the query's own bits: a query has one label, in any batch and on every device up to the last bits of a
-square root. A region that the *exact* oracle calls empty is not sampled at all. That is fast, and it excludes phantom
-hits: a point may be rounded off its region into a cell, but never makes a region positive that meets no cell.
+plane all coordinates but the first uniform in [-3, 3] (in the frame where the grid's outer cell centres are 0 and 1),
+the first solved for; a plane whose normal has no first component yields no points. The generator is counter-based and
+keyed by the seed and the query's own bits: a query has one label, in any batch and on every device up to the last bits
+of a square root. A region that the *exact* oracle calls empty is not sampled at all. That is fast, and it excludes
+phantom hits: a point may be rounded off its region into a cell, but never makes a region positive that meets no cell.
 """
 
 from functools import cache

@@ -1,7 +1,7 @@
 """Upper bounds of functions of a box's numbers ``(low, high)`` over all boxes that meet an object.
 
-``low_k`` and ``high_k`` only have to leave a point p of the object between them, so the maximum is linear in p: ``g = (x, y)`` gives
-``h(x+ - y-) + (x- + y+) . limit``, exactly.
+``low_k`` and ``high_k`` only have to leave a point p of the object between them, so the maximum is linear in p: ``g =
+(x, y)`` gives ``h(x+ - y-) + (x- + y+) . limit``, exactly.
 """
 
 import numpy as np

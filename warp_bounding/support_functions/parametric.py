@@ -1,12 +1,13 @@
 """How far the positive regions of an object reach in the space of their own numbers, proven from above.
 
-In parametric space a ray is the point ``v = (a, w)`` of R^2n, a plane ``(u, a)``, a box ``(low, high)`` (``coordinates``), and P is
-the set of all v that the pipeline can make of a region that meets the object S, rounding included. A volume around P needs
-``max g . v`` over P for its faces, and ``max |A v + b|^2`` for its radius. How each is bounded is said in the file of the kind: for boxes
-exactly, for rays and planes by duality, and branch and bound over directions.
+In parametric space a ray is the point ``v = (a, w)`` of R^2n, a plane ``(u, a)``, a box ``(low, high)``
+(``coordinates``), and P is the set of all v that the pipeline can make of a region that meets the object S, rounding
+included. A volume around P needs ``max g . v`` over P for its faces, and ``max |A v + b|^2`` for its radius. How each
+is bounded is said in the file of the kind: for boxes exactly, for rays and planes by duality, and branch and bound over
+directions.
 
-Every number is a bound, whatever a search finds: a bad search costs tightness, never soundness. Squared lengths are convex, so they are
-largest at corners of what holds P; these bounds are coarser.
+Every number is a bound, whatever a search finds: a bad search costs tightness, never soundness. Squared lengths are
+convex, so they are largest at corners of what holds P; these bounds are coarser.
 """
 
 import numpy as np

@@ -1,9 +1,10 @@
 """Upper bounds of linear functions of a plane's numbers ``(u, a)`` over all planes that meet an object.
 
-A plane passes a point p of the object where ``u . p = u . a`` (in local units), so for any number l ``x . u + y . a`` is at most
-``x . u + h_D(y - l u) + h(l u)``, with h and h_D the supports of the object and of the domain. That is convex in u, so over a patch of
-directions it is largest at the patch's corners, pushed out to hold the sphere. Branch and bound over patches; l is one of
-the n + 1 numbers at which the bound has a kink at the patch's centre, where one of them is best.
+A plane passes a point p of the object where ``u . p = u . a`` (in local units), so for any number l ``x . u + y . a``
+is at most ``x . u + h_D(y - l u) + h(l u)``, with h and h_D the supports of the object and of the domain. That is
+convex in u, so over a patch of directions it is largest at the patch's corners, pushed out to hold the sphere. Branch
+and bound over patches; l is one of the n + 1 numbers at which the bound has a kink at the patch's centre, where one of
+them is best.
 """
 
 import numpy as np

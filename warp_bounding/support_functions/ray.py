@@ -4,9 +4,9 @@ The origin ``a = p - t w`` lies in the domain, p in the object, 0 <= t <= 1, so 
 
     x . a + y . w = (x - m) . a + m . p + (y - t m) . w  <=  h_D(x - m) + h(m) + y . w + max(0, -m . w)
 
-with h and h_D the supports of the object and of the domain. That is convex in w, so over a patch of directions it is largest at
-the patch's corners; and it is convex in m, which is looked for by trial, patch by patch. With one direction a patch the
-best m would give the exact maximum over the object's hull (linear programming duality).
+with h and h_D the supports of the object and of the domain. That is convex in w, so over a patch of directions it is
+largest at the patch's corners; and it is convex in m, which is looked for by trial, patch by patch. With one direction
+a patch the best m would give the exact maximum over the object's hull (linear programming duality).
 """
 
 from dataclasses import dataclass

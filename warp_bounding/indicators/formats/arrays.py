@@ -1,10 +1,11 @@
 """From an array to a grid: which of its values are occupied, and where its cells lie.
 
-Truth values are clear, and so are 0 and 1. Whatever else an array holds may mean one thing or its opposite: a map whose white is
-free, signed distances, the vertices of a mesh. It is refused, with the lines that say what is meant, unless a threshold does.
+Truth values are clear, and so are 0 and 1. Whatever else an array holds may mean one thing or its opposite: a map whose
+white is free, signed distances, the vertices of a mesh. It is refused, with the lines that say what is meant, unless a
+threshold does.
 
-Cells lie as in the paper's data set, the centres of the first and the last on 0 and 1 of every axis, unless spacing and origin
-place them.
+Cells lie as in the paper's data set, the centres of the first and the last on 0 and 1 of every axis, unless spacing and
+origin place them.
 """
 
 import math

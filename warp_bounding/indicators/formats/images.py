@@ -21,15 +21,15 @@ def read_png(path: Path, *, grey: bool) -> np.ndarray:
 
     Args:
         path: An existing file.
-        grey: Whether its grey values are wanted, 0 (black) to 255, or to 65,535 in a file of 16 bits; colours count by their
-            luma (ITU-R 601).
+        grey: Whether its grey values are wanted, 0 (black) to 255, or to 65,535 in a file of 16 bits; colours count by
+            their luma (ITU-R 601).
 
     Returns:
         ``(height, width)`` numbers; bool, where alpha is at least one half, if ``grey`` is not asked for.
 
     Raises:
-        IndicatorError: For a damaged file, an animation, a picture without alpha channel that no threshold is given for, or
-            grey values of one with transparent pixels.
+        IndicatorError: For a damaged file, an animation, a picture without alpha channel that no threshold is given
+            for, or grey values of one with transparent pixels.
     """
     image_module = import_optional("PIL.Image", "pillow", path)
     with reading(path, "a PNG image"), warnings.catch_warnings():

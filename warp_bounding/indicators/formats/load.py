@@ -1,9 +1,10 @@
 """``load_indicator``: one door for files, arrays and meshes; and the readers of the formats that hold arrays.
 
-Which reader a file gets depends on its extension alone (``READERS``); what it holds must then be what the extension says.
-Meshes come from trimesh (``mesh_files.py``) and usd-core (``usd.py``), voxels from ``binvox.py``, pixels from ``images.py``. What
-an array's values mean and where its cells lie is told in ``arrays.py``, meshes and arrays of other libraries in ``objects.py``.
-Shapes of other kinds are objects with a ``to_grid`` (``Indicator``), as ours are, or files whose reader makes one.
+Which reader a file gets depends on its extension alone (``READERS``); what it holds must then be what the extension
+says. Meshes come from trimesh (``mesh_files.py``) and usd-core (``usd.py``), voxels from ``binvox.py``, pixels from
+``images.py``. What an array's values mean and where its cells lie is told in ``arrays.py``, meshes and arrays of other
+libraries in ``objects.py``. Shapes of other kinds are objects with a ``to_grid`` (``Indicator``), as ours are, or files
+whose reader makes one.
 """
 
 import os
@@ -59,22 +60,25 @@ def load_indicator(
     Coordinate k is array axis k: of an image, coordinate 0 is the row, from the top, and coordinate 1 the column.
 
     Args:
-        source: A path to ``.png`` (alpha of at least 0.5 is occupied), ``.binvox`` (coordinates x, y, z), ``.npy``, ``.npz``
-            (one array, or one named ``occupancy``), a mesh that trimesh reads (``.obj``, ``.ply``, ``.stl``, ``.glb``,
-            ``.gltf``, ``.off``) or USD (``.usd``, ``.usda``, ``.usdc``, ``.usdz``); an n-D array of NumPy, torch or Warp that
-            holds truth values, or 0 and 1; a pair ``(vertices, faces)``, a ``trimesh.Trimesh`` or ``trimesh.Scene``, a
-            ``newton.Mesh`` or a ``wp.Mesh``; an ``IndicatorGrid``, ``IndicatorMesh`` or ``IndicatorMotion``, or whatever else
-            has their ``name``, ``extent`` and ``to_grid``, which is returned as it is.
+        source: A path to ``.png`` (alpha of at least 0.5 is occupied), ``.binvox`` (coordinates x, y, z), ``.npy``,
+            ``.npz`` (one array, or one named ``occupancy``), a mesh that trimesh reads (``.obj``, ``.ply``, ``.stl``,
+            ``.glb``, ``.gltf``, ``.off``) or USD (``.usd``, ``.usda``, ``.usdc``, ``.usdz``); an n-D array of NumPy,
+            torch or Warp that holds truth values, or 0 and 1; a pair ``(vertices, faces)``, a ``trimesh.Trimesh`` or
+            ``trimesh.Scene``, a ``newton.Mesh`` or a ``wp.Mesh``; an ``IndicatorGrid``, ``IndicatorMesh`` or
+            ``IndicatorMotion``, or whatever else has their ``name``, ``extent`` and ``to_grid``, which is returned as
+            it is.
         time: Whether coordinate 0 is time. By default it is for 4-D arrays and motions; a mesh never moves.
-        threshold: Which values of an array, or grey values of an image, are occupied: a text such as ``"<128"``, ``"<=0"``,
-            ``">0.5"``, or a number, from which on they are.
-        spacing: Of an array, voxel file or image: the size of a cell, object units; one number, or one for each axis. By default the
-            centres of the first and the last cell lie on 0 and 1, as in the paper, on every axis, however many cells it has.
-        origin: Of an array, voxel file or image: where the centre of the first cell is, object units; 0 on every axis by default. Whole or half cells
-            away from 0.
+        threshold: Which values of an array, or grey values of an image, are occupied: a text such as ``"<128"``,
+            ``"<=0"``, ``">0.5"``, or a number, from which on they are.
+        spacing: Of an array, voxel file or image: the size of a cell, object units; one number, or one for each axis.
+            By default the centres of the first and the last cell lie on 0 and 1, as in the paper, on every axis,
+            however many cells it has.
+        origin: Of an array, voxel file or image: where the centre of the first cell is, object units; 0 on every axis
+            by default. Whole or half cells away from 0.
 
     Returns:
-        An ``IndicatorGrid`` for images, voxels and arrays, an ``IndicatorMesh`` for meshes, an ``IndicatorMotion`` for one.
+        An ``IndicatorGrid`` for images, voxels and arrays, an ``IndicatorMesh`` for meshes, an ``IndicatorMotion`` for
+        one.
 
     Raises:
         IndicatorError: In one line, for everything that cannot be read or bounded, or that may mean two things.

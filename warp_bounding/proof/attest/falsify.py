@@ -1,10 +1,10 @@
 """A concrete query that a bounder should not have denied: real, not only a point of a proof's parametrisation.
 
-A proof's search works on numbers ``v`` of a set a little larger than the positives. Here its lowest points become float32
-queries as a user would ask them; each is asked of the exact oracle, and its f is what the deployed kernel computes. From the
-positives among them a population walks down f by random steps whose length adapts to each, and every step is checked in the
-same way. What is found is therefore a true positive with the f that a device sees: below a threshold, it is a false negative
-of the bounder at that threshold. What is not found proves nothing.
+A proof's search works on numbers ``v`` of a set a little larger than the positives. Here its lowest points become
+float32 queries as a user would ask them; each is asked of the exact oracle, and its f is what the deployed kernel
+computes. From the positives among them a population walks down f by random steps whose length adapts to each, and every
+step is checked in the same way. What is found is therefore a true positive with the f that a device sees: below a
+threshold, it is a false negative of the bounder at that threshold. What is not found proves nothing.
 """
 
 import numpy as np
@@ -94,8 +94,9 @@ def queries_at(bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarr
     Args:
         bounder: The one that was searched.
         grid: The object.
-        v: ``(N, ndim)`` coordinates of the domain; or ``(N, n)`` normals of planes, which become the planes that touch the object; or
-            ``(N, n)`` points of boxes, which become the boxes that are no more than these; or ``(N, 2n + 1)`` numbers ``(p, t, m)`` of rays: the point ``p = a + t w``, and a direction m of any length.
+        v: ``(N, ndim)`` coordinates of the domain; or ``(N, n)`` normals of planes, which become the planes that touch
+            the object; or ``(N, n)`` points of boxes, which become the boxes that are no more than these; or ``(N, 2n +
+            1)`` numbers ``(p, t, m)`` of rays: the point ``p = a + t w``, and a direction m of any length.
 
     Raises:
         BounderError: If these are other numbers.

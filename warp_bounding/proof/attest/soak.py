@@ -1,13 +1,13 @@
 """Soak test: a hundred million hard positives and more, put to a bounder as it is deployed; none may be answered with no.
 
-The queries (``HardPositives``) are certain positives by construction, made on the device and asked through the batch kernel
-that users call: most in float32, an eighth in float64 (which the bounder rounds), an eighth in the world, through ``xform=`` and ``scale=``,
-where the bounder's certificate covers such placements. A soak test proves nothing and sets no confidence for queries of
-another distribution; it is there to contradict proofs, kernels, compilers and machines. What it claims to have found is
-confirmed in rational arithmetic first.
+The queries (``HardPositives``) are certain positives by construction, made on the device and asked through the batch
+kernel that users call: most in float32, an eighth in float64 (which the bounder rounds), an eighth in the world,
+through ``xform=`` and ``scale=``, where the bounder's certificate covers such placements. A soak test proves nothing
+and sets no confidence for queries of another distribution; it is there to contradict proofs, kernels, compilers and
+machines. What it claims to have found is confirmed in rational arithmetic first.
 
-The stream of queries depends on the seed alone, so a soak can be stopped, resumed and repeated: chunk ``k`` of ``CHUNK`` draws is
-always the same.
+The stream of queries depends on the seed alone, so a soak can be stopped, resumed and repeated: chunk ``k`` of
+``CHUNK`` draws is always the same.
 """
 
 import hashlib

@@ -1,14 +1,15 @@
 """What can be said where there is no proof: after the threshold is frozen, fresh positives are asked and none may be missed.
 
-With N independent positives of a stated distribution and no failure, the rate of false negatives *under that distribution*
-is below ``1 - alpha^(1/N)`` with confidence ``1 - alpha`` (Clopper and Pearson 1934), about 3/N at 95 %. (That half of them
-come from either proposal only strengthens it: no failure is then rarer still, by the inequality of the means.) What ends
-the count, a number or time, must not depend on the answers.
+With N independent positives of a stated distribution and no failure, the rate of false negatives *under that
+distribution* is below ``1 - alpha^(1/N)`` with confidence ``1 - alpha`` (Clopper and Pearson 1934), about 3/N at 95 %.
+(That half of them come from either proposal only strengthens it: no failure is then rarer still, by the inequality of
+the means.) What ends the count, a number or time, must not depend on the answers.
 
-The search that set the threshold earns no confidence. A failure lowers the threshold below what failed, and the count begins
-anew; but whoever tries often enough passes in the end, so attempt i (from 0) spends ``alpha / 2^(i+1)``, and all of them
-together no more than alpha: the certificate's bound is the one of the attempt that passed, and its confidence that of the whole
-procedure. Positives must not be known to whoever made the bounder: ``fresh_seed`` is for those who check.
+The search that set the threshold earns no confidence. A failure lowers the threshold below what failed, and the count
+begins anew; but whoever tries often enough passes in the end, so attempt i (from 0) spends ``alpha / 2^(i+1)``, and all
+of them together no more than alpha: the certificate's bound is the one of the attempt that passed, and its confidence
+that of the whole procedure. Positives must not be known to whoever made the bounder: ``fresh_seed`` is for those who
+check.
 """
 
 import secrets
@@ -60,8 +61,8 @@ def try_positives(
         count: How many, at least.
         seed: Of the samples.
         progress: Called after each chunk, with positives tried and in all.
-        seconds: Time allowed: no chunk is begun that would end later if it took as long as the longest one before. Fewer
-            positives are then asked, none at all in no time; what is returned says how many.
+        seconds: Time allowed: no chunk is begun that would end later if it took as long as the longest one before.
+            Fewer positives are then asked, none at all in no time; what is returned says how many.
 
     Returns:
         How many were asked, the least f among them (as the device computes it), and the first query that was answered
@@ -97,8 +98,8 @@ def attest(
 ) -> Certificate:
     """Set a threshold below the least value that a search has found, and give the bounder a statistical certificate.
 
-    Attempt i, after i thresholds that missed a positive, is judged at confidence ``attempt_confidence(i)``: the certificate's
-    ``fn_rate_bound`` is the wider for it, and its ``confidence`` holds for the whole procedure.
+    Attempt i, after i thresholds that missed a positive, is judged at confidence ``attempt_confidence(i)``: the
+    certificate's ``fn_rate_bound`` is the wider for it, and its ``confidence`` holds for the whole procedure.
 
     Args:
         bounder: Changed in place (``freeze``).
@@ -109,7 +110,8 @@ def attest(
         seed: Of these; every attempt draws others.
         progress: Called with positives tried and in all.
         search: A proof that did not come close enough in its time; the certificate tells what it did show.
-        seconds: Time allowed for the attempt that passes; see ``try_positives``. The bound is that of the positives asked.
+        seconds: Time allowed for the attempt that passes; see ``try_positives``. The bound is that of the positives
+            asked.
 
     Raises:
         BounderError: If the threshold had to be lowered too often: the search before was not one.

@@ -1,7 +1,8 @@
 """Boxes that meet an object, as boxes of a chart (``box_chart``): all pairs of corners, cut down by a summed-area table.
 
-Devices cut boxes at ``|v| = limit``, which may lie outside the grid on one side (the domain's centre is a float32 number), or on
-all (the bounder was made for a larger grid). So corners run over all that is within the limit, in cells of this grid.
+Devices cut boxes at ``|v| = limit``, which may lie outside the grid on one side (the domain's centre is a float32
+number), or on all (the bounder was made for a larger grid). So corners run over all that is within the limit, in cells
+of this grid.
 """
 
 import numpy as np

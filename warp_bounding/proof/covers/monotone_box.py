@@ -1,6 +1,7 @@
 """Boxes against a monotone network: the least f of all that meet the object, as a minimum over the object's points.
 
-See ``bounders.monotone_mlp`` for why. The object's cells are not widened here: what the pipeline rounds is in the function.
+See ``bounders.monotone_mlp`` for why. The object's cells are not widened here: what the pipeline rounds is in the
+function.
 """
 
 from dataclasses import replace

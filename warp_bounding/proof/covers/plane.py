@@ -1,10 +1,11 @@
 """Planes: how far a network's learned support function stays above the object's own, certified by branch and bound.
 
 A plane ``m . y = c`` that meets the object has ``-h(-m) <= c <= h(m)``, h the support function of the object's convex
-hull (that is necessary; for a connected object it is sufficient too, *Theorem of the separating hyperplane*). With
-``f = min(H(m) - c, G(m) + c)`` the least f over all such c is ``min(H(m) - h(m), G(m) - h(-m))``, a function of m alone,
+hull (that is necessary; for a connected object it is sufficient too, *Theorem of the separating hyperplane*). With ``f
+= min(H(m) - c, G(m) + c)`` the least f over all such c is ``min(H(m) - h(m), G(m) - h(-m))``, a function of m alone,
 and m runs over the faces of a cube, where one entry is 1: boxes of n - 1 dimensions. On a box the network has a linear
-lower bound ``C + g . (m - m0)``, so that for every corner y of the object ``H - m . y >= C - m0 . y - sum |g - y|_k r_k``.
+lower bound ``C + g . (m - m0)``, so that for every corner y of the object ``H - m . y >= C - m0 . y - sum |g - y|_k
+r_k``.
 """
 
 from itertools import pairwise

@@ -1,10 +1,10 @@
 """Rays that meet an object, as boxes of a chart (``ray_chart``): 2n - 1 numbers, by where a ray first enters the object.
 
-Let a ray ``a + t w`` pass a point of the object at t. Either a lies in the object; or the ray comes, just before it first
-enters, through an empty cell D (or from outside the grid) whose closure holds the point of entry p. Go from D to an occupied
-cell at p by one axis at a time, of those on which the ray moves towards it: the first step from an empty to an occupied cell
-crosses a face that holds p, that is exposed, and that the ray crosses inwards. So exposed faces with directions inwards, and
-origins in the object with all directions, cover all positives.
+Let a ray ``a + t w`` pass a point of the object at t. Either a lies in the object; or the ray comes, just before it
+first enters, through an empty cell D (or from outside the grid) whose closure holds the point of entry p. Go from D to
+an occupied cell at p by one axis at a time, of those on which the ray moves towards it: the first step from an empty to
+an occupied cell crosses a face that holds p, that is exposed, and that the ray crosses inwards. So exposed faces with
+directions inwards, and origins in the object with all directions, cover all positives.
 """
 
 from collections.abc import Iterator

@@ -1,10 +1,10 @@
 """Branch and bound: the least value of a bounder's ``f`` over a union of boxes, certified from below.
 
 Every box gets a certified lower bound from the method (``Bounder.bound``) and a few concrete points. Boxes whose bound
-is not more than ``eps`` under the least value found are closed, the others halved. What is returned is sound whenever the
-search ends: the least bound over all closed *and* open boxes. Boxes wait in chunks, and the chunk with the lowest bound comes
-first, so that a search that is stopped early has raised its bound as far as it could; when too many wait, the newest chunk
-comes first instead, whose halves close soon, and memory stays bounded.
+is not more than ``eps`` under the least value found are closed, the others halved. What is returned is sound whenever
+the search ends: the least bound over all closed *and* open boxes. Boxes wait in chunks, and the chunk with the lowest
+bound comes first, so that a search that is stopped early has raised its bound as far as it could; when too many wait,
+the newest chunk comes first instead, whose halves close soon, and memory stays bounded.
 """
 
 import heapq
@@ -66,8 +66,8 @@ def minimum(
         bounder: Whose ``f``.
         lower: ``(N, n)`` float64 lower corners, coordinates ``v``.
         upper: ``(N, n)`` float64 upper corners.
-        eps: Gap between bound and found value at which a box is closed; at least 0. It is not taken smaller than what the
-            bounds of single points resolve, or the search would not end.
+        eps: Gap between bound and found value at which a box is closed; at least 0. It is not taken smaller than what
+            the bounds of single points resolve, or the search would not end.
         seconds: Time after which the search ends with what it has; the given boxes are bounded once in any case.
         boxes: Number of boxes after which it ends with what it has, the same on every machine.
         points: ``(P, n)`` concrete points in the boxes to begin with; good ones save most of the work.

@@ -1,10 +1,10 @@
 """Proving ``f >= target`` over charted boxes by depth-first search, and the highest target that can be had in some time.
 
-Which boxes must be halved depends on the target alone, not on the order, so a depth-first search with a few boxes a thread does
-the same work as one that keeps them all in order, and needs no memory. The first boxes come in random order, so that the share
-of them that is done tells early what the rest will take. A search for the minimum goes for the best target; where that is
-expected to take too long, it goes on with a lower one, which all boxes that are closed already reach. The least bound of a closed box
-is what is proven in the end.
+Which boxes must be halved depends on the target alone, not on the order, so a depth-first search with a few boxes a
+thread does the same work as one that keeps them all in order, and needs no memory. The first boxes come in random
+order, so that the share of them that is done tells early what the rest will take. A search for the minimum goes for the
+best target; where that is expected to take too long, it goes on with a lower one, which all boxes that are closed
+already reach. The least bound of a closed box is what is proven in the end.
 """
 
 from collections.abc import Callable
@@ -109,7 +109,8 @@ def clear(
         target: In f.
         seconds: Time limit.
         boxes: Limit of boxes.
-        progress: Called with boxes bounded, the share of the first boxes that is done, and the target; ends the search with True.
+        progress: Called with boxes bounded, the share of the first boxes that is done, and the target; ends the search
+            with True.
         device: Warp device.
     """
     started, descent = working_seconds(), _Descent(cover, device)
@@ -252,7 +253,8 @@ def charted_minimum(
         cover: The positives.
         eps: Gap between bound and found value at which the search ends.
         upper: f of a positive that is known.
-        seconds: Time after which the search ends with what it has; compiling kernels, once a shape of network, is not counted.
+        seconds: Time after which the search ends with what it has; compiling kernels, once a shape of network, is not
+            counted.
         boxes: Number of boxes after which it ends with what it has, the same on every machine.
         progress: Called with boxes done, the share of the first boxes that is done, and the gap that is aimed at.
         device: Warp device.

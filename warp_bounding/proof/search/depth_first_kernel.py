@@ -1,10 +1,10 @@
 """Depth-first branch and bound over boxes of a chart, inside one native kernel.
 
-A block (a thread on CUDA) has a stack of boxes in global memory. It takes as many as it has lanes, bounds them, closes those
-whose bound reaches the target and halves the others, until the stack is empty, its work is done, or a positive lies under
-the target; if that is -infinity, all are closed, without a limit, those with bound NaN at -infinity. What is left on the stack is the caller's.
-A box that has become too small to be halved is closed, too: the least bound of a closed box then lies below the target, and that is
-what can be proven.
+A block (a thread on CUDA) has a stack of boxes in global memory. It takes as many as it has lanes, bounds them, closes
+those whose bound reaches the target and halves the others, until the stack is empty, its work is done, or a positive
+lies under the target; if that is -infinity, all are closed, without a limit, those with bound NaN at -infinity. What is
+left on the stack is the caller's. A box that has become too small to be halved is closed, too: the least bound of a
+closed box then lies below the target, and that is what can be proven.
 """
 
 import re
@@ -93,9 +93,9 @@ def _snippet(sizes: NetworkSizes) -> str:
 def depth_first_kernel(sizes: NetworkSizes) -> wp.Kernel:
     """The kernel for a network and a chart; a thread searches the block ``first + wp.tid()``.
 
-    Arrays: ``stacks`` ``(blocks, STACK, 2, Z)`` float64, ``heights`` ``(blocks,)`` int32 and ``firsts``, how many of the lowest have waited
-    from the start, in and out; ``done_out`` int64 boxes bounded,
-    ``closed_out`` the least bound of a closed box, ``low_value`` ``(blocks, KEPT)`` and ``low_point`` low positives.
+    Arrays: ``stacks`` ``(blocks, STACK, 2, Z)`` float64, ``heights`` ``(blocks,)`` int32 and ``firsts``, how many of
+    the lowest have waited from the start, in and out; ``done_out`` int64 boxes bounded, ``closed_out`` the least bound
+    of a closed box, ``low_value`` ``(blocks, KEPT)`` and ``low_point`` low positives.
     """
     name = named(unique_name(sizes, "descent"))
 

@@ -34,7 +34,8 @@ class Pace:
     def update(self, used: float, share: float, boxes: int, count: int) -> None:
         """Widen the gap if the search is late.
 
-        What the present gap takes is measured in boxes, and in time by the speed of the whole search so far: machines have slow moments.
+        What the present gap takes is measured in boxes, and in time by the speed of the whole search so far: machines
+        have slow moments.
 
         Args:
             used: Share of the limits that is used.

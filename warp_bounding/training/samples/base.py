@@ -1,9 +1,9 @@
 """What a kind of query gives to training: uniform samples with their truth, and positives that can be moved.
 
-A positive is a column of *state* numbers, such as a cell and an offset in [-1/2, 1/2]^n inside it for a point, from which
-its coordinates ``v`` follow by a formula. Every state in the allowed range is a positive, so a positive can walk down a
-network's output without ever leaving the object. Labels are those of the exact oracles; no sample is ever taken for a
-proof.
+A positive is a column of *state* numbers, such as a cell and an offset in [-1/2, 1/2]^n inside it for a point, from
+which its coordinates ``v`` follow by a formula. Every state in the allowed range is a positive, so a positive can walk
+down a network's output without ever leaving the object. Labels are those of the exact oracles; no sample is ever taken
+for a proof.
 """
 
 import numpy as np
