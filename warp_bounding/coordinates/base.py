@@ -1,4 +1,4 @@
-"""What a bounder's coordinates are for a kind of query: the map to them, its rounding, its C text, and what a placement does.
+"""A bounder's coordinates for a kind of query: the map to them, its rounding, its C text, what a placement does.
 
 In local space, where the domain is about [-1, 1]^n, a query becomes numbers ``v``. The C text that computes them is
 given ``V q[]`` (the numbers in object space), ``center scale limit`` (n each), ``extra``, a ``V zero`` and the
@@ -60,7 +60,9 @@ class WorldMap(NamedTuple):
 
 
 class Coordinates(ABC):
-    """The coordinates of a kind of query. ``domain`` is a ``Domain`` or ``RegionDomain`` of that kind, ``base`` its domain of points.
+    """The coordinates of a kind of query.
+
+    A ``domain`` is a ``Domain`` or ``RegionDomain`` of that kind, ``base`` its domain of points.
 
     Attributes:
         name: Of the kind of query.
@@ -86,7 +88,7 @@ class Coordinates(ABC):
         return 2 * n
 
     def extra_count(self, n: int, time: bool) -> int:
-        """Numbers ``extra``: those of the kind, then the largest coordinate that certainly lies inside the range of time."""
+        """Numbers ``extra``: the kind's, then the largest coordinate that certainly lies inside the range of time."""
         return int(time)
 
     def stretch(self, base, length: float | None) -> np.ndarray:
@@ -123,7 +125,7 @@ class Coordinates(ABC):
 
     @abstractmethod
     def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
-        """The twin of ``text`` in Warp's own Python, see ``plain_map``: ``(parameters, place, q) -> (v, finite, inside)``."""
+        """The twin of ``text`` in Warp's own Python: ``(parameters, place, q) -> (v, finite, inside)``."""
 
     @abstractmethod
     def plain_move(self, n: int) -> wp.Function:
@@ -135,7 +137,7 @@ class Coordinates(ABC):
 
     @abstractmethod
     def placed_rounding(self, domain, world: WorldMap, input_unit: float) -> np.ndarray:
-        """``(n,)``, local space: how far a moved query may pass a point; see ``placement_rounding``. Infinite where no bound holds.
+        """``(n,)``, local space: how far a moved query may pass a point (``placement_rounding``); infinite without a bound.
 
         Args:
             domain: The bounder's.
@@ -157,5 +159,5 @@ def literal(value: float) -> str:
 
 
 def direction_rounding(ndim: int) -> float:
-    """Relative error of an entry of a unit direction: a division, the norm of n squares, a division, a float64 input's rounding."""
+    """Relative error of an entry of a unit direction: two divisions, the norm of n squares, a float64 input."""
     return gamma(ndim + 10)

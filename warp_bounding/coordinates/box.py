@@ -1,4 +1,4 @@
-"""Boxes: ``v = (low, high)``, the corners in local space, cut at the domain. A moved box is the box around what it becomes."""
+"""Boxes: ``v = (low, high)``, the corners in local space, cut at the domain; a moved box is the one around it."""
 
 import numpy as np
 import warp as wp

@@ -1,4 +1,4 @@
-"""What a placement rounds: bounds in float64 of the distance, on every axis, by which a moved query may pass where it should be.
+"""What a placement rounds: on every axis, by how far at most a moved query may pass where it should be (float64).
 
 With D = q - translation, exact, the kernels compute ``M D`` for points of queries, ``M d`` for directions and ``N n``
 for normals, N = M^-T. The moved float32 numbers *are* a query in object space, and everything behind them counts as for
@@ -37,7 +37,7 @@ STEEPEST = 0.01  # a placement with larger relative errors is refused
 
 
 def distance_error(base: Domain, world: WorldMap, input_unit: float) -> tuple[np.ndarray, float]:
-    """``(n,)`` error of a moved point within FAR, local space, and the largest exact ``|a|_1`` of one; infinite where there is no bound."""
+    """``(n,)`` error of a moved point within FAR, local space, and the largest exact ``|a|_1``; infinite without a bound."""
     scale = base.scale.astype(np.float64)
     alpha, beta = distance(base, world, input_unit)
     slope = float((scale * beta).sum())

@@ -1,4 +1,4 @@
-"""Planes: ``v = (m, c)``, all y with ``m . y = c``, where the entry of m that is largest in absolute value is exactly 1.
+"""Planes: ``v = (m, c)``, all y with ``m . y = c``; the entry of m that is largest in absolute value is exactly 1.
 
 So the normals are the faces of a cube, and a plane has one pair of them, not two. In parametric space (the paper's way
 to fit its classic volumes) v are the unit normal and the point as they are given; a point outside the domain is
@@ -51,7 +51,7 @@ class PlaneCoordinates(Coordinates):
         _PLACES
         + FAR_POINT
         + f"""
-V e[AXES], d[AXES];  // the normal in local space, and the absolute values of its entries, of which the largest is the pivot
+V e[AXES], d[AXES];  // the normal in local space, and |e|, whose largest entry is the pivot
 for (int k = 0; k < AXES; ++k) {{
     e[k] = q[k] * extra[k];
     d[k] = e[k] < zero ? -e[k] : e[k];
@@ -106,7 +106,7 @@ if (TIME) {{  // a plane of constant time, outside the range
         return np.concatenate([np.ones(n, np.float32), [round_up(offset)]]).astype(np.float32)
 
     def delta(self, domain) -> np.ndarray:
-        """See ``Coordinates``; m counts as exact: what it rounds is added to the offset, which is then off by that from every point."""
+        """See ``Coordinates``; m counts as exact: what it rounds is charged to the offset."""
         return np.concatenate([np.zeros(domain.base.ndim), [domain.base.delta.sum()]])  # |m| <= 1 on every axis
 
     def rounding(self, base: Domain, length: float | None) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Rays: ``v = (a, w)``, the segment ``a + t w``, 0 <= t <= 1, in local space: origin, and displacement over the whole length.
+"""Rays: ``v = (a, w)``, the segment ``a + t w``, 0 <= t <= 1, in local space: origin and displacement.
 
 The origin is moved up to where the ray enters the domain, so a ray from outside is bounded by a longer one, never a
 shorter one.

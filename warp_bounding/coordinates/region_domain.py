@@ -1,7 +1,8 @@
-"""From a region (a query that is a set of points) to the coordinates ``v`` that a bounder computes with; one file a kind says which.
+"""From a region (a query that is a set of points) to the coordinates ``v`` that a bounder computes with.
 
-A region counts by its part inside the domain, in time too; one that lies wholly outside the range of time is answered
-with *maybe*. So is one that is given from farther away than ``FAR`` half-widths and may meet the domain.
+What they are is said in the file of its kind. A region counts by its part inside the domain, in time too; one that lies
+wholly outside the range of time is answered with *maybe*. So is one that is given from farther away than ``FAR``
+half-widths and may meet the domain.
 
 ``base`` is the domain of points, with a ``delta`` that covers what the map of regions rounds: *for every point x of the
 object in an exact region, the region that the pipeline computes with passes x within* ``base.delta`` *on every axis.*

@@ -49,7 +49,7 @@ class _Checked(NamedTuple):
 
 
 class _Failed(NamedTuple):
-    """Of the boxes that do not reach the target: low points and f there, middles, and which of the given boxes they are parts of."""
+    """Boxes that do not reach the target: low points and f there, middles, and the given boxes that they are parts of."""
 
     point: np.ndarray
     value: np.ndarray
@@ -289,7 +289,7 @@ def _check_cells(bounder: Bounder, grid: IndicatorGrid, target: float, deadline:
 def _check(
     f, lower: np.ndarray, upper: np.ndarray, target: float, deadline: float
 ) -> tuple[_Checked, "_Failed | None"]:
-    """Halve boxes until ``f >= target`` on all, or a point shows that it is not, or a box is too narrow, or time is over.
+    """Halve boxes until ``f >= target`` on all, a point shows that it is not, a box is too narrow, or time is over.
 
     Args:
         f: What has ``bound``.

@@ -62,7 +62,7 @@ class Query(ABC):
         return 2 * ndim if self.is_region else ndim
 
     def valid(self, q: np.ndarray) -> np.ndarray:
-        """Which queries mean something: ``(N,)`` bool for ``(N, m)`` numbers. Oracles call the others False, bounders answer *maybe*."""
+        """``(N,)`` bool, which queries ``(N, m)`` mean something. Oracles call the others False, bounders *maybe*."""
         return np.isfinite(q).all(axis=1)
 
     @abstractmethod
@@ -96,8 +96,8 @@ class Query(ABC):
 
     @abstractmethod
     def nudged(self, grid: IndicatorGrid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
-        """Queries ``(N, m)`` float64 near others ``x``: points move by shares ``move`` of the domain and stay in it, directions turn."""
+        """Queries ``(N, m)`` float64 near ``x``: points move by shares ``move`` of the domain, in it, directions turn."""
 
     def hulls(self, grid: IndicatorGrid) -> list[np.ndarray]:
-        """For each connected component ``(V, 2 n)`` hull corners and cells that ``hard_draw`` reads; one row of zeros where it does not."""
+        """``(V, 2 n)`` hull corners, and cells at them, of each component, for ``hard_draw``; zeros where it needs none."""
         return [np.zeros((1, 2 * grid.ndim))]

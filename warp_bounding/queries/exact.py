@@ -1,4 +1,4 @@
-"""What the exact oracles share: the kernel around their C text, its arrays and launches, and rational numbers on the host.
+"""What the exact oracles share: a kernel around their C text, its arrays, and rational numbers on the host.
 
 A kernel writes 0 or 1 where float64 arithmetic is certain, and 2 where a comparison that matters is closer than its
 error bound; those few queries are decided on the host, in integers. The cell coordinate ``t = cells_per_unit x -

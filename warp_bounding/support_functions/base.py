@@ -1,4 +1,4 @@
-"""What a kind of region is to support functions in parametric space: bounds of linear functions and of squared lengths."""
+"""A kind of region in parametric space: upper bounds of linear functions and of squared lengths over its positives."""
 
 from abc import ABC, abstractmethod
 

@@ -23,7 +23,7 @@ class Cover:
     name: str
 
     def charted(self, bounder: Mlp, grid: IndicatorGrid) -> Charted | None:
-        """The positives of a network as boxes of a chart, to be searched depth first; ``None`` where they are searched otherwise.
+        """The positives of a network as boxes of a chart, for a search depth first; ``None`` where there is no chart.
 
         Args:
             bounder: Its domain holds the object.
@@ -35,12 +35,12 @@ class Cover:
         return None
 
     def best_first(self, bounder: Bounder, grid: IndicatorGrid) -> tuple:
-        """What ``minimum`` searches where there is no chart: a function with ``bound`` and ``reference``, lower and upper corners."""
+        """What ``minimum`` searches where there is no chart: what has ``bound`` and ``reference``, and corners of boxes."""
         f = of_points(bounder)
         return f, *positive_boxes(f, grid)
 
     def anew(self, bounder: Mlp, grid: IndicatorGrid, cover: Charted) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
-        """The charted positives for those who prove anew: lower and upper corners, some at a time, and how many cells are then done."""
+        """The charted positives for who proves anew: lower and upper corners of some, and how many cells are then done."""
         yield cover.lower, cover.upper, len(grid.occupied)
 
     def at_points(self, p: np.ndarray, domain: Domain | RegionDomain) -> np.ndarray:
