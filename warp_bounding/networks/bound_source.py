@@ -112,7 +112,7 @@ def _layer(sizes: NetworkSizes, index: int, at: int) -> str:
 def _forwards(sizes: NetworkSizes, index: int, at: int) -> str:
     """One hidden layer's means, slopes, spreads and generators, from those of the layer below or from the chart's."""
     chart, (_, neurons, activation, _) = sizes.chart, sizes.layers[index]
-    declared = text.LAYER.replace("LAYER;", f"layer{index};").replace("NEURONS", str(neurons))
+    declared = text.LAYER.replace("LAYER", f"layer{index}").replace("NEURONS", str(neurons))
     lines = [declared, "{", _layer(sizes, index, at), f"auto& relax = relax_{activation};"]
     lines.append(f"const double* b = w + AT; const double* weight = b + NEURONS; const double pad = padding[{index}];")
     if index == 0:

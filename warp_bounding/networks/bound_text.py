@@ -38,12 +38,16 @@ auto root = [](V x) { return sqrt(x); };
 
 
 # What is known of a layer's neurons: h = mean + slope (l + y) + bend l^2 +- spread, with l = rate . zeta, |l| <= near,
-# and noise y of the layers below, |l + y| <= width; part is slope times rate.
+# and noise y of the layers below, |l + y| <= width; part is slope times rate. Arrays apart, so
+# that the compiler drops those that nobody reads.
 LAYER = """
-struct {
-    V mean[NEURONS], noise[NEURONS], width[NEURONS], slope[NEURONS], spread[NEURONS], near[NEURONS], bend[NEURONS];
-    V rate[C][NEURONS], part[C][NEURONS];
-} LAYER;
+V LAYER_mean[NEURONS], LAYER_noise[NEURONS], LAYER_width[NEURONS], LAYER_slope[NEURONS], LAYER_spread[NEURONS];
+V LAYER_near[NEURONS], LAYER_bend[NEURONS], LAYER_rate[C][NEURONS], LAYER_part[C][NEURONS];
+const struct {
+    V *mean, *noise, *width, *slope, *spread, *near, *bend, (*rate)[NEURONS], (*part)[NEURONS];
+} LAYER = {
+    LAYER_mean, LAYER_noise, LAYER_width, LAYER_slope, LAYER_spread, LAYER_near, LAYER_bend, LAYER_rate, LAYER_part,
+};
 """
 
 # Neuron j from its centre z, its generators g and the noise of the layers below: the activation is m + s (l + y) + k
