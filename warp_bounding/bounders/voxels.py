@@ -29,6 +29,7 @@ _TEXT = """
     constexpr int N = $n;
     constexpr int SHAPE[N] = {$shape};
     $integer first[N], last[N];  // cells that the point may lie in
+#pragma unroll
     for (int k = 0; k < N; ++k) {
         const float end = SHAPE[k] - 1;
         const V t = v[k] * w[k] + w[N + k];

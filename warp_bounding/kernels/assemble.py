@@ -60,6 +60,7 @@ $tools
 const int i = block;
 if (i >= count) return;
 V q[N], v[M];
+#pragma unroll
 for (int k = 0; k < N; ++k) q[k] = x.data[(long long)i * N + k];
 $locate
 if (!finite) { out.data[i] = $yes; return; }
@@ -106,11 +107,13 @@ for (int i = begin; i < end; i += L) {
     $unasked
     if (going == L && m == L) {  // all inside: no need to look at them one by one
         for (int l = 0; l < L; ++l) where[kept + l] = i + l;
+#pragma unroll
         for (int k = 0; k < M; ++k) *(V*)(held[k] + kept) = v[k];
         kept += L;
     } else if (going) {
         for (int l = 0; l < m; ++l) {
             where[kept] = i + l;
+#pragma unroll
             for (int k = 0; k < M; ++k) held[k][kept] = v[k][l];
             kept -= go[l];
         }
@@ -123,6 +126,7 @@ end_of_held();
 $early
 for (int g = 0; g < kept; g += L) {
     V v[M];
+#pragma unroll
     for (int k = 0; k < M; ++k) v[k] = *(const V*)(held[k] + g);
     V f;
     $body
@@ -151,6 +155,7 @@ _EARLY = """
     int stay = 0;
     for (int g = 0; g < kept; g += L) {
         V v[M];
+#pragma unroll
         for (int k = 0; k < M; ++k) v[k] = *(const V*)(held[k] + g);
         V f;
         $test
@@ -163,6 +168,7 @@ _EARLY = """
         for (int l = 0; l < n; ++l) {
             const int from = pick[l];
             where[stay + l] = where[from];
+#pragma unroll
             for (int k = 0; k < M; ++k) held[k][stay + l] = held[k][from];
         }
         stay += n;
@@ -179,6 +185,7 @@ V q[N], v[M];
 if (m == L) {
     const float* rows = x.data + (long long)i * N;
     V r[N];
+#pragma unroll
     for (int b = 0; b < N; ++b) r[b] = *(const V*)(rows + b * L);
 #if defined(__AVX512F__)
     $avx512
@@ -188,6 +195,7 @@ if (m == L) {
 } else {
     for (int l = 0; l < L; ++l) {
         const int j = i + l < end ? i + l : end - 1;
+#pragma unroll
         for (int k = 0; k < N; ++k) q[k][l] = x.data[(long long)j * N + k];
     }
 }

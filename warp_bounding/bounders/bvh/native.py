@@ -1,6 +1,6 @@
 """The C text of the walk through the hierarchy: of lanes together, or of one query alone; and what each kind of query asks of a node."""
 
-from warp_bounding.bounders.slabs.native import CLIP
+from warp_bounding.bounders.slabs.regions import CLIP
 from warp_bounding.coordinates.base import GUARD
 
 __all__ = ["ALONE", "TOGETHER", "TOUCHES"]
@@ -55,16 +55,19 @@ TOGETHER = f"""
 
 _POINT = """
         auto hit = (v[0] >= b[0]) & (v[0] <= b[N]);
+#pragma unroll
         for (int k = 1; k < N; ++k) hit = hit & (v[k] >= b[k]) & (v[k] <= b[N + k]);
 """
 
 _BOX = """
         auto hit = (v[N] >= b[0]) & (v[0] <= b[N]);
+#pragma unroll
         for (int k = 1; k < N; ++k) hit = hit & (v[N + k] >= b[k]) & (v[k] <= b[N + k]);
 """
 
 _SIGNS = """
     V plus[N], minus[N];
+#pragma unroll
     for (int k = 0; k < N; ++k) {
         plus[k] = v[k] > none ? v[k] : none;
         minus[k] = v[k] - plus[k];
@@ -74,6 +77,7 @@ _SIGNS = """
 
 _PLANE = """
         V most = plus[0] * b[N] + minus[0] * b[0], least = plus[0] * b[0] + minus[0] * b[N];
+#pragma unroll
         for (int k = 1; k < N; ++k) {
             most = most + (plus[k] * b[N + k]) + (minus[k] * b[k]);
             least = least + (plus[k] * b[k]) + (minus[k] * b[N + k]);
@@ -84,12 +88,14 @@ _PLANE = """
 _SPEEDS = f"""
     {CLIP}
     V slow[N];
+#pragma unroll
     for (int k = 0; k < N; ++k) slow[k] = slow_of(v[N + k]);
 """
 
 _RAY = f"""
         enter = none;
         leave = none + 1.0f;
+#pragma unroll
         for (int k = 0; k < N; ++k) clip(b[k], b[N + k], v[k], slow[k]);
         auto hit = enter <= leave + {GUARD.hex()}f;
 """

@@ -12,10 +12,10 @@ import warp as wp
 
 from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.bounders.base import BoxBounds
-from warp_bounding.bounders.ellipsoids.native import TEXTS
 from warp_bounding.bounders.ellipsoids.plain import PLAIN
 from warp_bounding.bounders.ellipsoids.regions import (
     REGIONS,
+    TEXTS,
     QuadricBox,
     QuadricPlane,
     QuadricRay,

@@ -1,6 +1,6 @@
 """The C text of ``f`` for points, rays and boxes against free half-spaces; planes are tested as against slabs."""
 
-from warp_bounding.bounders.slabs.native import CORNERS
+from warp_bounding.bounders.slabs.regions import CORNERS
 from warp_bounding.coordinates.base import GUARD, PARALLEL
 
 __all__ = ["TEXTS"]
@@ -10,6 +10,7 @@ _POINT = """
     constexpr int N = $n, K = $half_spaces;
     const V none = {};
     f = none + 3.0e38f;
+#pragma unroll
     for (int i = 0; i < K; ++i) {
         const float* a = w + K + i * N;
         V height = v[0] * a[0];
@@ -27,9 +28,11 @@ _RAY = f"""
     constexpr int N = $n, K = $half_spaces;
     const V none = {{}};
     V come = none, gone = none + 1.0f;
+#pragma unroll
     for (int i = 0; i < K; ++i) {{
         const float* a = w + K + i * N;
         V y = v[0] * a[0], s = v[N] * a[0];
+#pragma unroll
         for (int j = 1; j < N; ++j) {{
             y = y + v[j] * a[j];
             s = s + v[N + j] * a[j];
@@ -50,9 +53,11 @@ _BOX = """
     constexpr int N = $n, K = $half_spaces;
     const V none = {};
     f = none + 3.0e38f;
+#pragma unroll
     for (int i = 0; i < K; ++i) {
         const float* a = w + K + i * N;
         V corner = (a[0] < 0.0f ? v[N] : v[0]) * a[0];
+#pragma unroll
         for (int j = 1; j < N; ++j) corner = corner + (a[j] < 0.0f ? v[N + j] : v[j]) * a[j];
         const V y = w[i] - corner;
         f = y < f ? y : f;

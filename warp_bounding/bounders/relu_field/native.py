@@ -8,6 +8,7 @@ TEXT = """
     constexpr int NODES[M] = {$nodes}, STRIDES[M] = {$strides};
     V share[M], c[1 << M];
     $integer base = {};
+#pragma unroll
     for (int k = 0; k < M; ++k) {  // node coordinate t, cut at the grid's ends, and the node below
         const float last = NODES[k] - 1;
         V t = v[k] * w[k] + w[M + k];
@@ -18,12 +19,16 @@ TEXT = """
         share[k] = t - $to_real;
         base += i * STRIDES[k];
     }
+#pragma unroll
     for (int corner = 0; corner < 1 << M; ++corner) {  // bit M - 1 - k tells whether it is the upper one along axis k
         int at = 2 * M;
+#pragma unroll
         for (int k = 0; k < M; ++k) at += (corner >> (M - 1 - k) & 1) * STRIDES[k];
         $gather
     }
+#pragma unroll
     for (int k = M - 1; k >= 0; --k)
+#pragma unroll
         for (int pair = 0; pair < 1 << k; ++pair)
             c[pair] = c[2 * pair] + (c[2 * pair + 1] - c[2 * pair]) * share[k];
     f = c[0] < 0.0f ? c[0] * 0.0f : c[0];

@@ -14,9 +14,8 @@ import warp as wp
 from warp_bounding.arithmetic import TINY, UNIT64, gamma, round_down, round_up
 from warp_bounding.bounders.base import BoxBounds
 from warp_bounding.bounders.parametric_fit import units
-from warp_bounding.bounders.slabs.native import TEXTS
 from warp_bounding.bounders.slabs.plain import PLAIN
-from warp_bounding.bounders.slabs.regions import REGIONS, SlabBox, SlabPlane, SlabRay, Slabs
+from warp_bounding.bounders.slabs.regions import REGIONS, TEXTS, SlabBox, SlabPlane, SlabRay, Slabs
 from warp_bounding.bounders.volume import VolumeBounder
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
