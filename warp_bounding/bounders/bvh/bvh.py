@@ -69,7 +69,7 @@ class BvhSource(Source):
 
     def body(self, lanes: Lanes) -> str:
         """See ``Source.body``."""
-        prepare, touches = TOUCHES[self.query]
+        prepare, touches = TOUCHES[self.query](self.ndim)
         walk = TOGETHER if lanes.vector else ALONE
         return fill(walk, prepare=prepare, touches=touches, front=FRONT, n=self.ndim)
 
