@@ -216,9 +216,10 @@ class Bounder(Asking):
         Args:
             device: Warp device; the same one if ``None``.
             native: ``False`` runs ``func``, ``query``, ``candidates`` and ``prepare`` as the plain twin in Warp's own Python
-                (``kernels.plain``), for devices without a compiler for native text. It answers the same but for rounding, which the
-                certificate has room for, one query at a time, so it takes several times as long; and its kernels must be compiled without
-                ``fast_math``. ``None`` keeps what it is.
+                (``kernels.plain``), for devices without a compiler for native text. It answers the same but for rounding,
+                which the certificate has room for. One query at a time, a box takes about twice as long on a CPU, and a
+                network some 50 times (``benchmarks/inference.py``). Its kernels must be compiled without ``fast_math``.
+                ``None`` keeps what it is.
 
         Raises:
             BounderError: If there is no such device.

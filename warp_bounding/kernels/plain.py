@@ -5,7 +5,7 @@ own function, is the query finite, where is it in the object's space, is it insi
 itself; each family has a ``plain.py`` for that. It answers as the native text does but for rounding, which what is proven leaves
 room for in any order of sums, fused or not. It is an oracle of the native text, and runs where there is no compiler for that.
 
-It is slower: one query at a time, without lanes. And quotients and roots are what the module says: of a module with ``fast_math``
+It is slower, one query at a time and without lanes: see ``Bounder.to``. And quotients and roots are what the module says: of a module with ``fast_math``
 nothing is claimed, other than of the native text.
 """
 
