@@ -44,6 +44,15 @@ def test_placed_points_are_never_denied(method, name, device, rng):
         assert bounder.query(near[sure], xform=xform, scale=factors).numpy().all()
 
 
+@pytest.mark.parametrize("skew", [0.0, 4e-4])
+def test_reflections_and_nearly_orthogonal_matrices_are_placed_as_they_are(skew, device, rng):
+    grid, bounder = shape("c"), fitted("aabb", "c").to(device)
+    q, t = rotation(grid.ndim, rng) @ np.diag([-1.0, *[1.0] * (grid.ndim - 1)]), rng.normal(size=grid.ndim)
+    q = q @ (np.eye(grid.ndim) + skew * rng.uniform(-1, 1, (grid.ndim,) * 2))
+    world = to_world(grid, inner_points(grid, rng), q, t, 1.0)
+    assert bounder.query(world, xform=homogeneous(q, t)).numpy().all()
+
+
 @pytest.mark.parametrize("method", ["aabb", "mlp"])
 def test_transforms_come_in_several_forms(method, rng):
     grid, bounder = shape("blob"), fitted(method, "blob")

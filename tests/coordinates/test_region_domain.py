@@ -46,6 +46,21 @@ def wide_regions(query: str, grid, length: float, count: int, rng: np.random.Gen
     return np.concatenate([normal * 10.0 ** rng.uniform(-20, 20, (count, 1)), x + away], axis=1).astype(dtype)
 
 
+@pytest.mark.parametrize("n", [2, 7, 9])
+@pytest.mark.parametrize(("query", "space"), [("ray", "geometric"), ("plane", "parametric")])
+def test_unit_vectors_stay_within_the_limit(query, space, n, device, rng):
+    """One entry of a direction is nearly its length, so rounding may take it beyond 1; the sum of squares grows with n."""
+    grid = IndicatorGrid(np.arange(2**n).reshape((2,) * n) == 0)
+    domain = domain_of(grid, query, space=space)
+    d = rng.normal(size=(COUNT, n)) * 10.0 ** rng.uniform(-9, 0, (COUNT, 1))
+    d[np.arange(COUNT), rng.integers(n, size=COUNT)] = rng.normal(size=COUNT)
+    x = np.full((COUNT, n), 0.5)
+    q = np.concatenate([x, d] if query == "ray" else [d, x], axis=1).astype(np.float32)
+    v, finite, inside = located(domain, q, device, False)
+    assert (finite & inside).all()
+    assert (np.abs(v) <= domain.limit).all()
+
+
 def regions(query: str, grid, length: float, rng, dtype) -> np.ndarray:
     hard = hard_regions(query, grid, rng, length, COUNT).astype(dtype)
     return np.concatenate([hard, wide_regions(query, grid, length, 2 * COUNT, rng, dtype)])

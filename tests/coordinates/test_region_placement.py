@@ -15,7 +15,7 @@ from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.parametric_fit import fit_parametric
 from warp_bounding.coordinates.base import FAR
-from warp_bounding.coordinates.placement import Placement, rounding
+from warp_bounding.coordinates.placement import Placement, placement_error
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators import IndicatorGrid
@@ -376,7 +376,7 @@ def test_rounding_stays_within_its_bound(query, name, dtype, rng):
     for factors in (1.0, 0.1, 10.0, *rng.uniform(0.3, 3, (8, s))):
         rotated, shift = rotation(s, rng), rng.uniform(-10, 10, s)
         placement = Placement.of(domain, homogeneous(rotated, shift), factors)
-        bound = rounding(domain, placement.world, double=dtype is np.float64)
+        bound = placement_error(domain, placement.world, double=dtype is np.float64)
         matrix, drift = placement.values[n : n + n * n].reshape(n, n), placement.values[n + n * n : 2 * n + n * n]
         x = domain.base.to_object(rng.uniform(-0.9, 0.9, (4000, n)))
         unit = rng.normal(size=x.shape)

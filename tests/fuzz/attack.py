@@ -59,7 +59,7 @@ def attack(
     Returns:
         How many were asked, and the first that was denied.
     """
-    length = bounder.domain.length or 1.0
+    length = bounder.domain.oracle_length
     hard, seed, asked = _positives(bounder.query_kind, grid, length), int(rng.integers(2**62)), 0
     for form, x, options in _drawn(bounder, grid, hard, rng, seed, count, ("float32",) if quick else FORMS):
         missed = np.flatnonzero(bounder.query(x, **options).numpy() == 0)

@@ -12,7 +12,7 @@ from warp_bounding.bounders import file_format
 from warp_bounding.certificates.certificate import ABOUT
 from warp_bounding.certificates.statement import statement
 from warp_bounding.coordinates.domain import rounding_of_map
-from warp_bounding.coordinates.placement import Placement, rounding
+from warp_bounding.coordinates.placement import Placement, placement_error
 from warp_bounding.errors import FileFormatError, QueryError
 
 MESH = wb.IndicatorMesh(*(lambda m: (m.vertices, m.faces))(trimesh.creation.box(extents=(1, 1, 2))), name="brick.obj")
@@ -140,7 +140,7 @@ def test_the_limit_of_placements_is_the_one_that_is_kept(query):
     for far in 10.0 ** np.linspace(0, 9, 40):
         matrix[:3, 3] = far
         placement = Placement.of(domain, matrix, None)
-        needed = (rounding(domain, placement.world, double=True) - behind) / domain.base.scale
+        needed = (placement_error(domain, placement.world, double=True) - behind) / domain.base.scale
         try:
             placement.check(domain, double=True)
             assert (needed <= limit * (1 + 1e-6)).all()

@@ -232,7 +232,7 @@ def test_a_bound_that_is_too_small_would_be_caught(case, check, monkeypatch):
 def test_positives_are_never_denied(case, device):
     """The lowest ones, by the bounder as it was proven: batch, function, and anywhere in the world."""
     bounder, _, positives = critical(case)
-    truth = oracle(bounder.query_kind, shape(CASES[case][0]), "cpu", bounder.domain.length or 1.0)
+    truth = oracle(bounder.query_kind, shape(CASES[case][0]), "cpu", bounder.domain.oracle_length)
     bounder = bounder.to(device)
     assert len(positives) > 100
     assert bounder.certificate.proven

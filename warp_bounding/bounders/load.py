@@ -10,7 +10,7 @@ from warp_bounding.bounders.file_format import INFO_FIELDS, read
 from warp_bounding.bounders.registry import METHODS
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.claims import check_claims
-from warp_bounding.coordinates.domain import number
+from warp_bounding.coordinates.domain import json_number
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError
 from warp_bounding.runtime.whole_file import file_path
@@ -50,7 +50,7 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
         motion = "time" if bounder.domain.time else None
         if described != [bounder.query_kind, bounder.ndim, bounder.domain.space, bounder.domain.length, motion]:
             raise FileFormatError("query, dimension, space, length and motion are not those of the domain inside")
-        if not np.isfinite(number(threshold, "the threshold")) or np.float32(threshold) != threshold:
+        if not np.isfinite(json_number(threshold, "the threshold")) or np.float32(threshold) != threshold:
             raise FileFormatError(f"the threshold {threshold} is not a finite float32 number")
         _check_info(document)
         if certificate:

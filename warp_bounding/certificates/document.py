@@ -6,7 +6,7 @@ import numpy as np
 
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.subject import Subject
-from warp_bounding.coordinates.placement import placement_room
+from warp_bounding.coordinates.placement import placement_allowance
 from warp_bounding.indicators.grid import IndicatorGrid
 
 __all__ = ["conjunction", "document", "least_room"]
@@ -57,7 +57,7 @@ def document(
         margin=None if grid is None else float(grid.margin),
         length=bounder.domain.length,
         resolution=None if grid is None else grid.resolution,
-        placement=None if grid is None else placement_room(bounder.domain).tolist(),
+        placement=None if grid is None else placement_allowance(bounder.domain).tolist(),
         **more,
     )
 
@@ -77,7 +77,7 @@ def about(bounder: Subject, grid: IndicatorGrid) -> str:
 
 def least_room(bounder: Subject) -> float:
     """What ``xform=`` and ``scale=`` may round a query by on every axis of space, object units."""
-    return float(placement_room(bounder.domain)[int(bounder.domain.time) :].min())
+    return float(placement_allowance(bounder.domain)[int(bounder.domain.time) :].min())
 
 
 ORDER = ("refuted", "undecided", "statistical", "proven")  # a conjunction is known no better than its worst part

@@ -1,11 +1,14 @@
 """A bounder's coordinates for a kind of query: the map to them, its rounding, its C text, what a placement does.
 
-In local space, where the domain is about [-1, 1]^n, a query becomes numbers ``v``. The C text that computes them is
+*Local space* is object space mapped by ``x -> (x - center) * scale``; the domain is about [-1, 1]^n there. A query
+becomes numbers ``v`` of that space: coordinates of points, displacements, normals. The C text that computes them is
 given ``V q[]`` (the numbers in object space), ``center scale limit`` (n each), ``extra``, a ``V zero`` and the
-functions ``root`` and ``over`` (``kernels``); it sets ``V v[]`` and clears two masks: ``finite`` (false: *maybe*,
-whatever else holds) and ``inside`` (false: *no*). V is a vector of queries or a float, so masks are combined with ``&``
-and ``|`` and never negated. Where a shape is placed, ``q`` are numbers in the world and ``place`` is
-``Placement.values``: another text moves q first, in place.
+functions ``root`` and ``over`` (``kernels``). It sets ``V v[]`` and clears two masks: ``finite`` (false: the query
+cannot be tested, the answer is *maybe*, whatever ``inside`` says: a number that is not finite, a direction without a
+usable length, an inverted box, a region that is given from too far away or lies outside the range of time) and
+``inside`` (false: *no*). V is a vector of queries or a float, so masks are combined with ``&`` and ``|`` and never
+negated. Where a shape is placed, ``q`` are numbers in the world and ``place`` is ``Placement.values``: another text
+moves q into object space first.
 """
 
 from abc import ABC, abstractmethod
@@ -19,16 +22,17 @@ from warp_bounding.arithmetic import UNIT32, gamma
 from warp_bounding.queries import QUERIES
 
 __all__ = [
+    "DIRECTION_LARGEST",
+    "DIRECTION_SMALLEST",
     "FAR",
-    "FARTHEST",
+    "FARTHEST_SUM",
     "GEOMETRIC",
     "GUARD",
-    "LARGEST",
     "LATER",
     "PARALLEL",
     "PARAMETRIC",
-    "SMALLEST",
     "SUMMED",
+    "UNIT_LIMIT",
     "Coordinates",
     "Numbers",
     "WorldMap",
@@ -38,25 +42,38 @@ __all__ = [
 ]
 
 GEOMETRIC, PARAMETRIC = "geometric", "parametric"  # spaces: v is tested as a region, or its numbers are one point
-FAR = 8.0  # domain half-widths: a region given from farther away, and not certainly outside, is answered with maybe
-SMALLEST = 2.0**-90  # largest entry of a direction under which it is answered with maybe
-LARGEST = 2.0**90  # and beyond which it is
-FARTHEST = 2.0**60  # the sum of absolute values of a point's coordinates beyond which a region is answered with maybe
-PARALLEL = 2.0**-80  # of w: a ray that moves less than this along an axis does not cross a face
+FAR = 8.0  # of |a|_1, a region's point in local space: one from farther away that may meet the domain is *maybe*
+FARTHEST_SUM = 2.0**60  # of |a|_1: beyond it a region is *maybe* in any case, as sums with it could overflow
+# A direction whose largest |entry| is outside of these is *maybe*, so that products with it neither overflow nor
+# vanish.
+DIRECTION_SMALLEST, DIRECTION_LARGEST = 2.0**-90, 2.0**90
+PARALLEL = 2.0**-80  # local units: a ray whose w is at most this on an axis counts as parallel to that axis' faces
 GUARD = 16 * UNIT32  # relative room in the test against the domain: over three times its rounding
-SUMMED = 2.0**-17  # of an offset: above what a sum of n <= 64 products rounds, n + 12 units
-LATER = 4 * GUARD  # of a ray's time: above the rounding of its end, n + 18 units
+SUMMED = 2.0**-17  # relative, of an offset: above what a sum of n <= 64 products rounds, n + 12 units
+LATER = 4 * GUARD  # relative, of coordinate 0 at a ray's end: above the rounding of it, n + 18 units
+# The largest |entry| of a computed unit vector, times a stretch. It does not grow with n: the norm is the root of a
+# sum of non-negative squares, and rounding is monotonic, so the sum is at least the rounded square of each entry. With
+# e_k the entry before the last division, norm >= |e_k| (1 - u)^(3/2); the quotient and the product round once more: 4
+# units.
+UNIT_LIMIT = 1 + gamma(16)
 
 Numbers = wp.array(dtype=wp.float32)
 
 
 class WorldMap(NamedTuple):
-    """A placement before rounding, float64: M, M^-1, the translation, and the error of the latter in float32."""
+    """A placement before rounding, float64.
+
+    Attributes:
+        matrix: M, from the world's axes to the object's.
+        forward: M^-1, from the object's axes to the world's.
+        translation: Where the object's origin stands in the world.
+        translation_error: By how much each of its numbers changes when it is rounded to float32.
+    """
 
     matrix: np.ndarray
     forward: np.ndarray
     translation: np.ndarray
-    away: np.ndarray
+    translation_error: np.ndarray
 
 
 class Coordinates(ABC):
@@ -67,7 +84,7 @@ class Coordinates(ABC):
     Attributes:
         name: Of the kind of query.
         text: The C text from q to v.
-        moving: The C text that moves q from the world into the object's space, before it.
+        moving: The C text that moves q from the world into the object's space; it runs before ``text``.
     """
 
     name: str
@@ -88,7 +105,7 @@ class Coordinates(ABC):
         return 2 * n
 
     def extra_count(self, n: int, time: bool) -> int:
-        """Numbers ``extra``: the kind's, then the largest coordinate that certainly lies inside the range of time."""
+        """How many numbers ``extra`` there are: the kind's own, and one more where coordinate 0 is time."""
         return int(time)
 
     def stretch(self, base, length: float | None) -> np.ndarray:
@@ -125,7 +142,10 @@ class Coordinates(ABC):
 
     @abstractmethod
     def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
-        """The twin of ``text`` in Warp's own Python: ``(parameters, place, q) -> (v, finite, inside)``."""
+        """The twin of ``text`` in Warp's own Python: ``(parameters, place, q) -> (v, finite, inside)``.
+
+        ``center scale limit threshold extra`` begin at ``front`` in ``parameters``.
+        """
 
     @abstractmethod
     def plain_move(self, n: int) -> wp.Function:
@@ -137,7 +157,9 @@ class Coordinates(ABC):
 
     @abstractmethod
     def placed_rounding(self, domain, world: WorldMap, input_unit: float) -> np.ndarray:
-        """``(n,)``, local space: how far a moved query may pass a point (``placement_rounding``); infinite without a bound.
+        """``(n,)``, local units: how far a moved query may pass a point of the exact one; infinite without a bound.
+
+        See ``placement_rounding``.
 
         Args:
             domain: The bounder's.

@@ -14,7 +14,7 @@ __all__ = ["BOX"]
 
 
 class BoxCoordinates(Coordinates):
-    """The coordinates of boxes, in either space; see ``Coordinates``."""
+    """The coordinates of boxes; the same in either space."""
 
     name = "box"
     text = """
@@ -97,7 +97,6 @@ for (int k = 0; k < AXES; ++k) {
 
         @named(f"wb_plain_move_box_{n}").func
         def move(place: Numbers, q: pair):
-            """The box around the moved one."""
             x, finite = pair(), wp.bool(True)
             for k in range(n):
                 finite = finite and q[k] <= q[n + k]

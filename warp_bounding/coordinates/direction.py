@@ -1,7 +1,13 @@
 """What rays and planes share: a point given from any distance, and a direction that has no length of its own.
 
-Where a ray or a plane is moved from the world, so are its point and its direction; the numbers ``drift`` of a placement
-say what the move rounds per distance, and widen the domain for one from farther away than ``FAR``.
+Where a shape is placed, the point and the direction are both moved from the world into object space. What that rounds
+grows with the distance ``|a|_1`` of the point from the domain's centre. Up to ``FAR`` the proof's delta covers it; for
+a point from farther away the test against the domain is widened by ``drift |a|_1``, ``drift`` being numbers of the
+placement.
+
+The texts below read three constants of the kind (``_PLACES``): where the point and the direction begin in q
+(``POINT_AT``, ``DIRECTION_AT``), and where the direction's matrix begins in ``place`` (``MATRIX_AT``; see
+``Placement.values``).
 """
 
 from functools import cache
@@ -10,7 +16,7 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.arithmetic import gamma
-from warp_bounding.coordinates.base import FAR, LARGEST, SMALLEST, Numbers, literal, vector_type
+from warp_bounding.coordinates.base import DIRECTION_LARGEST, DIRECTION_SMALLEST, FAR, Numbers, literal, vector_type
 from warp_bounding.coordinates.domain import Domain, input_rounding
 from warp_bounding.runtime.native import named
 
@@ -35,28 +41,32 @@ const auto largest = [&](const V* e) {{
     }}
     return most;
 }};
-const auto possible = [&](V most) {{ return (most >= zero + {literal(SMALLEST)}) & (most <= zero + {literal(LARGEST)}); }};
+const auto possible = [&](V most) {{
+    return (most >= zero + {literal(DIRECTION_SMALLEST)}) & (most <= zero + {literal(DIRECTION_LARGEST)});
+}};
 """
 
-# The point at q + POINT in local space: a, |a|, and the sum of these; how far that is where a placed one is beyond FAR.
+# The point in local space: a, |a| by axis, and its distance |a|_1 from the domain's centre. ``beyond`` is that
+# distance where it is more than FAR, else 0.
 FAR_POINT = f"""
-V a[AXES], size[AXES], far = zero;
+V a[AXES], size[AXES], distance = zero;
 for (int k = 0; k < AXES; ++k) {{
-    a[k] = (q[POINT + k] - center[k]) * scale[k];
+    a[k] = (q[POINT_AT + k] - center[k]) * scale[k];
     size[k] = a[k] < zero ? -a[k] : a[k];
-    far = far + size[k];
+    distance = distance + size[k];
 }}
-const V wide = far > {literal(FAR)} ? far : zero;
+const V beyond = distance > {literal(FAR)} ? distance : zero;
 """
 
-# u, the direction at q + TURN with Euclidean length 1; it is none where it is too short or too long.
+# u, the direction with Euclidean length 1. It is divided by its largest entry first, so that squares neither overflow
+# nor vanish.
 UNIT = (
     POSSIBLE
     + """
-V longest = largest(q + TURN), u[AXES];
+V longest = largest(q + DIRECTION_AT), u[AXES];
 finite = finite & possible(longest);
 longest = longest > zero ? longest : zero + 1.0f;  // no division by zero in lanes that are maybe
-for (int k = 0; k < AXES; ++k) u[k] = over(q[TURN + k], longest);
+for (int k = 0; k < AXES; ++k) u[k] = over(q[DIRECTION_AT + k], longest);
 V squares = u[0] * u[0];
 for (int k = 1; k < AXES; ++k) squares = squares + u[k] * u[k];
 const V norm = root(squares);
@@ -64,30 +74,30 @@ for (int k = 0; k < AXES; ++k) u[k] = over(u[k], norm);
 """
 )
 
-# The point by the matrix at place + AXES, the direction by the one at place + TURNED; a direction that is nearly as short as
-# rounding is answered with maybe.
+# Move the point by the matrix M, the direction by its own matrix. A direction whose entries are as small as the
+# rounding of subnormal numbers, before or after the move, is *maybe*.
 MOVING = (
     POSSIBLE
     + """
 V d[AXES], e[AXES];
-for (int k = 0; k < AXES; ++k) d[k] = q[POINT + k] - place[k], e[k] = q[TURN + k];
+for (int k = 0; k < AXES; ++k) d[k] = q[POINT_AT + k] - place[k], e[k] = q[DIRECTION_AT + k];
 finite = finite & possible(largest(e));
 for (int k = 0; k < AXES; ++k) {
-    V moved = d[0] * place[AXES + AXES * k], turned = e[0] * place[TURNED + AXES * k];
+    V moved = d[0] * place[AXES + AXES * k], turned = e[0] * place[MATRIX_AT + AXES * k];
     for (int j = 1; j < AXES; ++j) {
         moved = moved + d[j] * place[AXES + AXES * k + j];
-        turned = turned + e[j] * place[TURNED + AXES * k + j];
+        turned = turned + e[j] * place[MATRIX_AT + AXES * k + j];
     }
-    q[POINT + k] = moved, q[TURN + k] = turned;
+    q[POINT_AT + k] = moved, q[DIRECTION_AT + k] = turned;
 }
-finite = finite & possible(largest(q + TURN));
+finite = finite & possible(largest(q + DIRECTION_AT));
 for (int k = 0; k < 2 * AXES; ++k) finite = finite & ((q[k] - q[k]) == zero);  // an overflow
 """
 )
 
 
 def origin_rounding(base: Domain) -> np.ndarray:
-    """``(n,)``: error of a point within FAR half-widths, given in float64, in local space."""
+    """``(n,)``, local units: error of the map to local space for a float64 point with ``|a|_1 <= FAR``."""
     extent = np.full(base.ndim, FAR * (1 + gamma(4)))
     around = extent / base.scale.astype(np.float64)
     return input_rounding(base.center, base.scale, extent, base.center - around, base.center + around)
@@ -95,16 +105,15 @@ def origin_rounding(base: Domain) -> np.ndarray:
 
 @cache
 def plain_sized(n: int) -> wp.Function:
-    """The twin of ``POSSIBLE``, of the direction at an index of q."""
+    """The twin of ``POSSIBLE``."""
     pair = vector_type(2 * n)
 
     @named(f"wb_plain_sized_{n}").func
     def sized(q: pair, first: int) -> bool:
-        """Whether the direction at ``q[first]`` has a size that directions may have."""
         longest = wp.float32(0.0)
         for k in range(n):
             longest = wp.max(longest, wp.abs(q[first + k]))
-        return longest >= SMALLEST and longest <= LARGEST
+        return longest >= DIRECTION_SMALLEST and longest <= DIRECTION_LARGEST
 
     return sized
 
@@ -116,7 +125,6 @@ def plain_unit(n: int) -> wp.Function:
 
     @named(f"wb_plain_unit_{n}").func
     def unit(q: pair, first: int) -> vector:
-        """The direction at ``q[first]`` with Euclidean length 1."""
         u, longest, norm = vector(), wp.float32(0.0), wp.float32(0.0)
         for k in range(n):
             longest = wp.max(longest, wp.abs(q[first + k]))
@@ -137,24 +145,22 @@ def plain_local(n: int, front: int) -> wp.Function:
 
     @named(f"wb_plain_local_{n}_{front}").func
     def local(p: Numbers, q: pair, first: int):
-        """The point at ``q[first]`` in local space, and the sum of its absolute values."""
-        a, far = vector(), wp.float32(0.0)
+        a, distance = vector(), wp.float32(0.0)
         for k in range(n):
             a[k] = (q[first + k] - p[front + k]) * p[front + n + k]
-            far += wp.abs(a[k])
-        return a, far
+            distance += wp.abs(a[k])
+        return a, distance
 
     return local
 
 
 @cache
 def plain_move_pair(n: int, point: int, turn: int, matrix: int) -> wp.Function:
-    """The twin of ``MOVING``: where the point and the direction stand in q, and the direction's matrix in place."""
+    """The twin of ``MOVING``; point, direction and its matrix begin at ``q[point]``, ``q[turn]``, ``place[matrix]``."""
     pair, sized = vector_type(2 * n), plain_sized(n)
 
     @named(f"wb_plain_move_{point}_{n}").func
     def move(place: Numbers, q: pair):
-        """The point at ``q[point]``, and the direction at ``q[turn]`` by the matrix at ``place[matrix]``."""
         x, finite = pair(), wp.bool(True)
         for k in range(n):
             for j in range(n):

@@ -2,10 +2,10 @@
 
 A point ``x`` in object space becomes ``v = (x - center) * scale``, two float32 operations. ``center`` and ``scale``
 are float32 numbers, so the map itself is exact and only its evaluation rounds: relatively, by ``gamma(2)``. Input
-given in float64 is rounded to float32 first. ``delta`` is the ledger's input side: every ``v`` that the pipeline can
-make of a point of the object is within ``delta`` of the exact one, and proofs run over the object widened by it. It
-is chosen larger than the rounding of this map needs (a 4096th of a cell) so that a rigid transform and a scale, given
-at query time, fit in as well; ``Placement`` checks that they do.
+given in float64 is rounded to float32 first. Every ``v`` that the pipeline can make of a point of the object is within
+``delta`` of the exact one, and proofs run over the object widened by ``delta``. It is chosen larger than the rounding
+of this map needs (a 4096th of a cell), so that the rounding of a placement, given at query time, fits in as well;
+``Placement`` checks that it does.
 
 ``|v| <= limit`` is the widened domain. Nothing outside it can be in the object, and no bounder is asked about it. On
 the axis of time, where the answer outside is *maybe*, the limit lies inside the range instead, by twice the rounding.
@@ -21,15 +21,12 @@ from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_down, round_up
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.grid import IndicatorGrid
 
-__all__ = ["Domain", "number", "truth"]
+__all__ = ["Domain", "json_bool", "json_number"]
 
 DELTA_SHARE = 1.0 / 4096.0  # of a cell: the input error that proofs allow for where rounding needs less
 DELTA_LARGEST_SHARE = 1.0 / 16.0  # of a cell: a shape that needs more is refused
 EXTENTS = (2.0**-60, 2.0**60)  # object units, of a domain: products with its scale then stay far from float32's ends
-NEAREST, FARTHEST = (
-    0.5,
-    2.0,
-)  # of ``v``: between these lie a domain's ends and its limit; the rounding of all methods counts on it
+LIMIT_LEAST, LIMIT_MOST = 0.5, 2.0  # of |v|: a domain's ends and limit lie between; all methods' rounding counts on it
 POSITIONS = 1.0 + 2.0**-20  # leaves room for the float64 rounding of cells' positions far from the origin
 DOUBLE = ("delta", "lower", "upper")  # float64 fields of a domain; the others are float32
 GROWTH = 1.0 + 1e-9  # covers the float64 evaluation of the bounds below, whose relative error is under 1e-14
@@ -37,12 +34,13 @@ GROWTH = 1.0 + 1e-9  # covers the float64 evaluation of the bounds below, whose 
 
 @dataclass(frozen=True, eq=False)
 class Domain:
-    """The box that a bounder was made for, and the map into it.
+    """The box that a bounder was made for, and the map to local space, where that box is about [-1, 1]^n.
 
     Attributes:
         center: ``(n,)`` float32, object space.
         scale: ``(n,)`` float32, per object unit; ``v`` runs over about [-1, 1].
-        limit: ``(n,)`` float32, largest ``|v|`` that is not certainly outside; of time, that is certainly not outside.
+        limit: ``(n,)`` float32: a query with a larger ``|v|`` is certainly outside; on the axis of time, one with no
+            larger ``|v|`` is certainly inside.
         delta: ``(n,)`` float64, input error that the proofs cover, in units of ``v``.
         time: Coordinate 0 is time: outside its range the answer is *maybe*.
         lower: ``(n,)`` float64, lower corner of the domain in object space.
@@ -60,17 +58,18 @@ class Domain:
     query = "point"
     space = "geometric"
     length = None
+    oracle_length = 1.0
     tested_as_point = True  # ``v`` is one point of the space that is bounded
     tested_as_region = False
     parametric = False
 
     @classmethod
-    def of(cls, grid: IndicatorGrid, *, room: np.ndarray | float = 0.0) -> "Domain":
+    def of(cls, grid: IndicatorGrid, *, least_delta: np.ndarray | float = 0.0) -> "Domain":
         """The domain of a grid.
 
         Args:
             grid: The object.
-            room: ``(n,)``, units of ``v``: ``delta`` is at least this.
+            least_delta: ``(n,)``, units of ``v``: ``delta`` is at least this.
 
         Raises:
             IndicatorError: If float32 cannot resolve the grid's cells where the grid lies (the input error would
@@ -87,7 +86,7 @@ class Domain:
         cell = scale / grid.cells_per_unit
         extent = np.maximum(np.abs(lower - center), np.abs(upper - center)) * scale.astype(np.float64) * GROWTH
         needed = input_rounding(center, scale, extent, lower, upper)
-        delta = np.maximum(np.maximum(DELTA_SHARE * cell, 4 * needed), room)
+        delta = np.maximum(np.maximum(DELTA_SHARE * cell, 4 * needed), least_delta)
         if (delta > DELTA_LARGEST_SHARE * cell).any():
             axis = int(np.argmax(delta / cell))
             raise IndicatorError(
@@ -109,7 +108,7 @@ class Domain:
         if not ((extents >= EXTENTS[0]) & (extents <= EXTENTS[1]) & (self.scale > 0)).all():
             return "the domain's extents or scale are impossible"
         low, high = -self.to_local(self.lower), self.to_local(self.upper)
-        if not ((np.minimum(low, high) >= NEAREST) & (self.limit <= FARTHEST)).all():
+        if not ((np.minimum(low, high) >= LIMIT_LEAST) & (self.limit <= LIMIT_MOST)).all():
             return "the domain's map does not take it to about [-1, 1]"
         needed = input_rounding(self.center, self.scale, np.maximum(low, high) * GROWTH, self.lower, self.upper)
         if not (needed * POSITIONS <= self.delta).all():
@@ -151,7 +150,7 @@ class Domain:
 
     @property
     def extra(self) -> np.ndarray:
-        """Numbers behind it: none."""
+        """float32 numbers behind the threshold: none."""
         return np.zeros(0, np.float32)
 
     def to_local(self, x: np.ndarray) -> np.ndarray:
@@ -184,28 +183,28 @@ class Domain:
     @classmethod
     def from_dict(cls, values: dict) -> "Domain":
         """Inverse of ``to_dict``; raises ``ValueError`` for numbers that are not a domain's (``fault``)."""
-        arrays = {k: np.array([number(a, k) for a in values[k]]) for k in ("center", "scale", "limit", *DOUBLE)}
+        arrays = {k: np.array([json_number(a, k) for a in values[k]]) for k in ("center", "scale", "limit", *DOUBLE)}
         with np.errstate(over="ignore"):
             single = {k: a.astype(np.float32) for k, a in arrays.items() if k not in DOUBLE}
         rounded = [k for k, a in single.items() if not (a == arrays[k]).all()]
         if rounded:
             raise ValueError(f"the domain's {rounded[0]} must be float32 numbers, got {values[rounded[0]]}")
-        domain = cls(**single, **{k: arrays[k] for k in DOUBLE}, time=truth(values["time"], "time"))
+        domain = cls(**single, **{k: arrays[k] for k in DOUBLE}, time=json_bool(values["time"], "time"))
         fault = domain.fault()
         if fault:
             raise ValueError(fault)
         return domain
 
 
-def number(value: Any, name: str) -> float:
-    """``value`` itself, a JSON number; raises ``ValueError`` for anything else, truth values and text with digits included."""
+def json_number(value: Any, name: str) -> float:
+    """``value`` as a float, if it is a JSON number; raises ``ValueError`` for anything else, also for ``true``."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"{name} must be a number, got {value!r}")
     return float(value)
 
 
-def truth(value: Any, name: str) -> bool:
-    """``value`` itself, a JSON truth value; raises ``ValueError`` for anything else."""
+def json_bool(value: Any, name: str) -> bool:
+    """``value`` itself, if it is a JSON truth value; raises ``ValueError`` for anything else."""
     if not isinstance(value, bool):
         raise ValueError(f"{name} must be true or false, got {value!r}")
     return value

@@ -18,11 +18,7 @@ auto finite = zero <= zero, inside = zero <= zero;
 
 
 def extra_count(query: str, ndim: int, time: bool) -> int:
-    """Numbers behind the threshold in ``parameters``: a ray's displacement per axis, or a normal's factors; then time's limit.
-
-    The latter is the largest coordinate that certainly lies inside the range of time, whatever the map of the region
-    rounds.
-    """
+    """How many numbers stand behind the threshold in ``parameters``; see ``RegionDomain.extra``."""
     return COORDINATES[query].extra_count(ndim, time)
 
 

@@ -1,13 +1,15 @@
-"""A shape's place in the world: a rigid transform and a scale per axis, given at query time.
+"""A shape's place in the world: a rotation or reflection R, a translation and a scale per axis, given at query time.
 
-World point ``q`` becomes object point ``x = M (q - translation)``. The difference is rounded relatively to *itself*, so
-a shape far from the world's origin loses nothing that float32 coordinates had not lost before. Of a ray the origin is
-moved like a point and the direction d becomes ``M d``, made a unit vector in object space; of a plane the normal n
-becomes ``M^-T n``. A box becomes the axis-aligned box around the moved one: the region itself where the rotation is a
-signed permutation of the axes, larger otherwise.
+World point ``q`` becomes object point ``x = M (q - translation)``, ``M = diag(1 / scale) R^-1``: the inverse of what
+``xform=`` (R and the translation) and ``scale=`` do to the shape. The difference comes first and its error is relative
+to the difference, so a shape far from the world's origin loses nothing that float32 coordinates had not lost before.
+Of a ray the origin is moved like a point and the direction d becomes ``M d``, made a unit vector in object space; of a
+plane the normal n becomes ``M^-T n``. A box becomes the axis-aligned box around the moved one: the region itself where
+R is a signed permutation of the axes, larger otherwise.
 
-The error of the whole map is bounded in float64 (``placement_rounding``) and must fit into the ``delta`` that the
-bounder's proof covers.
+The error of the whole map is bounded in float64, from M and M^-1 as they are (``placement_rounding``), and must fit
+into the ``delta`` that the bounder's proof covers. So R need not be exactly orthogonal: what is computed, and proven,
+is the map with the very matrix that was given.
 """
 
 from dataclasses import dataclass
@@ -21,10 +23,11 @@ from warp_bounding.coordinates.region_domain import RegionDomain, region_roundin
 from warp_bounding.coordinates.registry import coordinates_of
 from warp_bounding.errors import QueryError
 
-__all__ = ["Placement", "placement_room", "rounding"]
+__all__ = ["Placement", "placement_allowance", "placement_error"]
 
-MOST_STRETCH = 1e6  # of one axis by another: the condition of the map
+MOST_STRETCH = 1e6  # ratio of the scales of two axes beyond which a placement is refused
 UNIT_TOLERANCE = 1e-5  # of a quaternion's norm; it is normalised here, which Warp's own transforms do not do
+ORTHOGONAL_TOLERANCE = 1e-3  # of the entries of R R^T: products of float32 matrices pass, a forgotten scale does not
 
 
 @dataclass(frozen=True)
@@ -32,8 +35,9 @@ class Placement:
     """World-to-object map of one shape instance.
 
     Attributes:
-        values: float32, the ``n`` translations, then the n x n matrix M in row order, as the kernels read them; for
-            rays and planes also n numbers ``drift``, and for planes ``M^-T`` in row order.
+        values: float32, as the kernels read them: n numbers of the translation; the n x n matrix M by rows; of rays and
+            planes n numbers ``drift``, local units, by how much M's rounding may displace a point per unit of
+            ``|a|_1`` (``coordinates.direction``); of planes ``M^-T`` by rows.
         world: The map before rounding.
     """
 
@@ -46,8 +50,9 @@ class Placement:
 
         Args:
             domain: The bounder's domain; time, where it has one, is not transformed.
-            xform: ``wp.transform`` or 7 numbers (position, quaternion x y z w) for three spatial dimensions, or a
-                homogeneous ``(s + 1, s + 1)`` matrix for any number s of spatial dimensions; object to world.
+            xform: Object to world: ``wp.transform`` or 7 numbers (position, quaternion x y z w) for three spatial
+                dimensions, or a homogeneous ``(s + 1, s + 1)`` matrix for any number s of them, a rotation or a
+                reflection and a translation; it is orthogonal within ``ORTHOGONAL_TOLERANCE``.
             scale: A positive number, or s of them; applied before ``xform``.
 
         Returns:
@@ -58,34 +63,34 @@ class Placement:
         """
         if xform is None and scale is None:
             return None
-        n, first = domain.space_ndim, int(domain.time)
-        spatial = n - first
+        n, first_spatial = domain.space_ndim, int(domain.time)  # coordinate 0 may be time, which no placement moves
+        spatial = n - first_spatial
         factors = np.ones(spatial) if scale is None else _numbers(scale)
         if factors is not None and factors.size == 1:
             factors = np.repeat(factors, spatial)
         if factors is None or factors.shape != (spatial,) or not all(0 < size < np.inf for size in factors.tolist()):
             raise QueryError(f"scale must be a positive number or {spatial} of them, got {_shown(scale)}")
         sizes = factors.tolist()
-        rotation, position = _rigid(xform, spatial)
+        rotation, position = _orthogonal(xform, spatial)
         forward = np.eye(n)
-        forward[first:, first:] = rotation * factors
+        forward[first_spatial:, first_spatial:] = rotation * factors
         translation = np.zeros(n)
-        translation[first:] = position
-        sizes += [1.0] * first  # time's; a rotation adds nothing
+        translation[first_spatial:] = position
+        sizes += [1.0] * first_spatial  # of time
         if max(sizes) > MOST_STRETCH * min(sizes):
             raise QueryError(
                 f"scale must stretch the axes within {MOST_STRETCH:g} times of each other, got {_shown(scale)}"
             )
         matrix = np.eye(n)
-        matrix[first:, first:] = np.linalg.inv(rotation) / factors[:, None]
+        matrix[first_spatial:, first_spatial:] = np.linalg.inv(rotation) / factors[:, None]  # R^T would be less exact
         with np.errstate(over="ignore"):
-            single = translation.astype(np.float32)
-        if not np.isfinite(single).all():
+            translation32 = translation.astype(np.float32)
+        if not np.isfinite(translation32).all():
             raise QueryError("xform and scale must fit float32")
-        world = WorldMap(matrix, forward, translation, np.abs(translation - single))
+        world = WorldMap(matrix, forward, translation, np.abs(translation - translation32))
         with np.errstate(over="ignore"):
-            own = coordinates_of(domain.query, domain.space).placed_values(domain, world)
-            values = np.concatenate([single, matrix.reshape(-1), *own]).astype(np.float32)
+            extra = coordinates_of(domain.query, domain.space).placed_values(domain, world)
+            values = np.concatenate([translation32, matrix.reshape(-1), *extra]).astype(np.float32)
         if not np.isfinite(values).all():
             raise QueryError("xform and scale must fit float32")
         return cls(values, world)
@@ -98,9 +103,9 @@ class Placement:
             double: Queries come in float64 and are rounded to float32 in world space first.
 
         Raises:
-            QueryError: If the error bound exceeds ``delta`` on an axis, or what the map of regions leaves of it.
+            QueryError: If the bound of the error exceeds what ``delta`` leaves for a placement on an axis.
         """
-        needed, covered = rounding(domain, self.world, double=double), _covered(domain)
+        needed, covered = placement_error(domain, self.world, double=double), _covered(domain)
         if not (needed <= covered).all() or not (_farthest(domain, self.world) < LARGEST).all():
             axis = int(np.argmax(needed - covered))
             raise QueryError(
@@ -109,8 +114,8 @@ class Placement:
             )
 
 
-def rounding(domain: Domain | RegionDomain, world: WorldMap, *, double: bool) -> np.ndarray:
-    """``(n,)``, units of local space: what a placement rounds (``placement_rounding``); infinite where a bound does not hold.
+def placement_error(domain: Domain | RegionDomain, world: WorldMap, *, double: bool) -> np.ndarray:
+    """``(n,)``, local units: the error of a moved query, of points with that of the map to v; may be infinite.
 
     Args:
         domain: The bounder's.
@@ -121,30 +126,34 @@ def rounding(domain: Domain | RegionDomain, world: WorldMap, *, double: bool) ->
 
 
 def _farthest(domain: Domain | RegionDomain, world: WorldMap) -> np.ndarray:
-    """``(n,)``: about the largest coordinates in the world that a bounder computes with."""
+    """``(n,)``, world units: about the largest coordinates of a query that a bounder tests."""
     base = domain.base
     reach = base.reach
-    if domain is not base:
+    if domain is not base:  # a region's point may lie up to FAR away; 1.1 generously covers the rounding of that test
         reach = reach + 1.1 * FAR / base.scale.astype(np.float64)
     return np.abs(world.translation) + np.abs(world.forward) @ reach
 
 
 def _covered(domain: Domain | RegionDomain) -> np.ndarray:
-    """``(n,)``, units of local space: what the proof's ``delta`` leaves for a moved query, the map of points behind it included."""
+    """``(n,)``, local units: how large ``placement_error`` may be.
+
+    Of points it is all of ``delta``, as their error counts the map to v as well; of regions it is what the rounding of
+    that map leaves.
+    """
     if domain is domain.base:
         return domain.delta
     return np.maximum(domain.base.delta - region_rounding(domain.base, domain.query, domain.length), 0.0)
 
 
-def placement_room(domain: Domain | RegionDomain) -> np.ndarray:
-    """``(n,)``, object units: by how much a placement may round a query before it is refused, on each axis, rounded down."""
+def placement_allowance(domain: Domain | RegionDomain) -> np.ndarray:
+    """``(n,)``, object units, rounded down: the largest error that a placement may add and is not refused."""
     base = domain.base
-    behind = rounding_of_map(base.limit.astype(np.float64)) if domain is base else 0.0
-    return np.maximum(_covered(domain) / GROWTH - behind, 0.0) / base.scale / GROWTH
+    map_error = rounding_of_map(base.limit.astype(np.float64)) if domain is base else 0.0
+    return np.maximum(_covered(domain) / GROWTH - map_error, 0.0) / base.scale / GROWTH
 
 
 def _numbers(given) -> np.ndarray | None:
-    """Real numbers as float64, whoever's array they are in; ``None`` of anything else."""
+    """Real numbers of any library's array, or of a sequence, as float64; ``None`` for anything else."""
     given = given.detach().cpu() if hasattr(given, "detach") else given  # torch, which may want gradients
     try:
         values = np.asarray(given)
@@ -154,12 +163,11 @@ def _numbers(given) -> np.ndarray | None:
 
 
 def _shown(value) -> str:
-    """A value in one line."""
     return " ".join(repr(value).split())
 
 
-def _rigid(xform, spatial: int) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation matrix and translation, float64, of what ``xform=`` takes."""
+def _orthogonal(xform, spatial: int) -> tuple[np.ndarray, np.ndarray]:
+    """R and the translation, float64, of what ``xform=`` takes."""
     if xform is None:
         return np.eye(spatial), np.zeros(spatial)
     values = _numbers(xform)
@@ -187,8 +195,8 @@ def _rigid(xform, spatial: int) -> tuple[np.ndarray, np.ndarray]:
             raise QueryError(
                 f"xform must have {row} as its last row (the translation stands in the last column), got {last.tolist()}"
             )
-        if np.abs(rotation @ rotation.T - np.eye(spatial)).max() > 1e-3:
-            raise QueryError("xform must be a rigid transform (rotation and translation; the scale goes into scale=)")
+        if np.abs(rotation @ rotation.T - np.eye(spatial)).max() > ORTHOGONAL_TOLERANCE:
+            raise QueryError("xform must be a rotation or reflection, and a translation (the scale goes into scale=)")
         return rotation, position
     expected = f"a ({spatial + 1}, {spatial + 1}) matrix" + (" or 7 numbers" if spatial == 3 else "")
     raise QueryError(f"xform must be {expected} for {spatial} spatial dimensions, got shape {values.shape}")

@@ -1,10 +1,10 @@
-"""What a placement rounds: on every axis, by how far at most a moved query may pass where it should be (float64).
+"""What a placement rounds: on every axis, how far a moved query may be from where it should be, at most (float64).
 
 With D = q - translation, exact, the kernels compute ``M D`` for points of queries, ``M d`` for directions and ``N n``
-for normals, N = M^-T. The moved float32 numbers *are* a query in object space, and everything behind them counts as for
-any such query, so this file only asks how far its exact region R' passes a point x of the exact region R of the numbers
-given. Directions are free in the proofs (P holds rays and planes of every direction), so what turns one only matters by
-what it moves.
+for normals, N = M^-T. The moved float32 numbers *are* a query in object space, and everything behind them counts as
+for any such query, so this file only asks how far its exact region R' passes a point x of the exact region R of the
+numbers given. Directions are free in the proofs (P holds rays and planes of every direction), so what turns one only
+matters by what it moves.
 
 * *Distances.* ``|error of M D| <= alpha + beta |a|_1``, a the point in local space: relative errors, of n + 3 roundings
   at most, and the translation's.
@@ -19,41 +19,45 @@ what it moves.
   rounds by a share of them; so for boxes of any size x is passed by no more than what a point rounds, which is x
   itself.
 
-Rays and planes are computed with where ``|a|_1 <= FAR``; beyond, they are denied or answered with maybe, and the kernel
-widens the domain by ``drift |a|_1`` before it denies.
+All of this holds for any invertible matrix M, with the norms of M and M^-1 themselves; nothing counts on a rotation.
+Rays and planes with ``|a|_1 <= FAR`` are tested; those from farther away are denied, or are *maybe*, and the kernel
+widens the domain by ``drift |a|_1`` before it denies one.
 """
 
 import numpy as np
 
 from warp_bounding.arithmetic import TINY, UNIT64, gamma
-from warp_bounding.coordinates.base import FAR, SMALLEST, WorldMap
+from warp_bounding.coordinates.base import DIRECTION_SMALLEST, FAR, WorldMap
 from warp_bounding.coordinates.domain import GROWTH, Domain
 
-__all__ = ["SLOPE", "STEEPEST", "at_points", "distance", "distance_error", "tilt", "turn"]
+__all__ = ["SLOPE", "STEEPEST", "alpha_beta", "at_points", "far_point_error", "tilt", "turn"]
 
-HOST = 64 * UNIT64  # relative to a row's largest entry: what the host rounds in M and N
-SLOPE = 1.05  # how much faster than computed the exact |a|_1 grows, and a few roundings
-STEEPEST = 0.01  # a placement with larger relative errors is refused
+HOST = 64 * UNIT64  # relative to a row's largest entry: above what the host rounds in M and N in float64
+SLOPE = 1.05  # factor of drift, for the exact |a|_1 and a few roundings: errors under STEEPEST each change it by less
+STEEPEST = 0.01  # relative errors of a moved point or direction beyond which a placement is refused
 
 
-def distance_error(base: Domain, world: WorldMap, input_unit: float) -> tuple[np.ndarray, float]:
-    """``(n,)`` error of a moved point within FAR, local space, and the largest exact ``|a|_1``; infinite without a bound."""
+def far_point_error(base: Domain, world: WorldMap, input_unit: float) -> tuple[np.ndarray, float]:
+    """``(n,)``, local units: error of a moved point with ``|a|_1 <= FAR``; and the largest exact ``|a|_1`` of one.
+
+    Both are infinite without a bound.
+    """
     scale = base.scale.astype(np.float64)
-    alpha, beta = distance(base, world, input_unit)
+    alpha, beta = alpha_beta(base, world, input_unit)
     slope = float((scale * beta).sum())
     if not slope < STEEPEST:
         return np.full(base.ndim, np.inf), np.inf
-    far = (FAR * (1 + gamma(base.ndim + 4)) + float((scale * alpha).sum())) / (1 - slope)
-    return scale * (alpha + beta * far), far
+    farthest = (FAR * (1 + gamma(base.ndim + 4)) + float((scale * alpha).sum())) / (1 - slope)
+    return scale * (alpha + beta * farthest), farthest
 
 
 def at_points(base: Domain, world: WorldMap, input_unit: float) -> np.ndarray:
     """``(n,)``, object units: error of a moved point of the domain."""
-    n, away = base.ndim, np.abs(world.forward) @ base.reach  # largest |q - translation|
-    rounded = world.away + input_unit * (np.abs(world.translation) + away)
+    n, farthest = base.ndim, np.abs(world.forward) @ base.reach  # the largest |q - translation|
+    rounded = world.translation_error + input_unit * (np.abs(world.translation) + farthest)
     size = np.abs(world.matrix)
-    moved = size @ (gamma(n + 3) * (away + rounded) + rounded)
-    moved += _host(size) * (away + rounded).sum()
+    moved = size @ (gamma(n + 3) * (farthest + rounded) + rounded)
+    moved += _host(size) * (farthest + rounded).sum()
     return moved + (n + 2) * TINY * (1 + size.sum(axis=1))  # results that are subnormal
 
 
@@ -62,24 +66,27 @@ def _host(size: np.ndarray) -> np.ndarray:
     return HOST * size.max(axis=1) + 2 * TINY
 
 
-def distance(base: Domain, world: WorldMap, input_unit: float) -> tuple[np.ndarray, np.ndarray]:
-    """``alpha`` and ``beta``, object units. A difference, an entry of M, a product and n - 1 sums round, the input too."""
+def alpha_beta(base: Domain, world: WorldMap, input_unit: float) -> tuple[np.ndarray, np.ndarray]:
+    """``alpha`` ``(n,)`` and ``beta`` ``(n,)`` of *Distances*, object units.
+
+    What rounds are the input, the difference, the entries of M, n products and their n - 1 sums.
+    """
     n, scale = base.ndim, base.scale.astype(np.float64)
     size, forward = np.abs(world.matrix), np.abs(world.forward)
     relative = size * (gamma(n + 3) + input_unit * (1 + gamma(n + 3))) + _host(size)[:, None]
-    fixed = world.away + input_unit * np.abs(world.translation) + 2 * TINY
+    fixed = world.translation_error + input_unit * np.abs(world.translation) + 2 * TINY
     alpha = relative @ (forward @ np.abs(base.center.astype(np.float64))) + (size * (1 + gamma(n + 4))) @ fixed
     alpha += _host(size) * fixed.sum() + (n + 3) * TINY * (1 + size.sum(axis=1))
     return alpha, (relative @ forward / scale).max(axis=1)
 
 
 def _flushed(n: int) -> float:
-    """Numbers set to zero, relative to the largest entry of a direction, before or after it was moved."""
-    return (n + 1) * TINY / SMALLEST
+    """Relative to a direction's largest entry: the error of entries that are set to zero before or after the move."""
+    return (n + 1) * TINY / DIRECTION_SMALLEST
 
 
 def turn(world: WorldMap, n: int, input_unit: float) -> float:
-    """``epsilon`` of a direction."""
+    """``epsilon`` of *Rays*: the relative error of a moved direction."""
     size = np.linalg.norm(world.matrix, axis=1)
     entries = size * (gamma(n + 3) + input_unit + _flushed(n)) + _host(np.abs(world.matrix)) * np.sqrt(n)
     return float(np.linalg.norm(entries) * np.linalg.norm(world.forward, 2) + n * _flushed(n)) * GROWTH

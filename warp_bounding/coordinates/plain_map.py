@@ -1,9 +1,4 @@
-"""The twin of ``native_map`` in Warp's own Python: what frames the functions of a kind of query.
-
-Each of them, and each that moves a query from the world first, is called with ``parameters``, ``place``
-(``Placement.values``) and the query ``q``. It returns the new numbers and ``finite`` (false: *maybe*, whatever else
-holds), a map ``inside`` as well (false: *no*).
-"""
+"""The twin of ``native_map`` in Warp's own Python: what frames the functions of a kind of query (``Coordinates``)."""
 
 from functools import cache
 

@@ -1,8 +1,10 @@
 """Planes: ``v = (m, c)``, all y with ``m . y = c``; the entry of m that is largest in absolute value is exactly 1.
 
-So the normals are the faces of a cube, and a plane has one pair of them, not two. In parametric space (the paper's way
-to fit its classic volumes) v are the unit normal and the point as they are given; a point outside the domain is
-answered with *maybe*.
+That is for geometric space, in which a plane is tested against a volume of the object: n + 1 numbers in local space.
+The normals m lie on the faces of a cube, and each plane has one pair (m, c), not two.
+
+In parametric space, in which the paper fits its classic volumes, ``v = (u, a)``: the unit normal u in *object* space,
+and the point a in local space, 2n numbers. A plane whose point lies outside the domain is *maybe* there.
 """
 
 import numpy as np
@@ -10,12 +12,13 @@ import warp as wp
 
 from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_up
 from warp_bounding.coordinates.base import (
+    DIRECTION_LARGEST,
+    DIRECTION_SMALLEST,
     FAR,
-    FARTHEST,
+    FARTHEST_SUM,
     GUARD,
-    LARGEST,
-    SMALLEST,
     SUMMED,
+    UNIT_LIMIT,
     Coordinates,
     Numbers,
     WorldMap,
@@ -34,16 +37,17 @@ from warp_bounding.coordinates.direction import (
     plain_unit,
 )
 from warp_bounding.coordinates.domain import GROWTH, Domain
-from warp_bounding.coordinates.placement_rounding import SLOPE, STEEPEST, distance, distance_error, tilt
+from warp_bounding.coordinates.placement_rounding import SLOPE, STEEPEST, alpha_beta, far_point_error, tilt
 from warp_bounding.runtime.native import named
 
 __all__ = ["PLANE"]
 
-_PLACES = "constexpr int POINT = AXES, TURN = 0, TURNED = 2 * AXES + AXES * AXES;  // in q, in q and in place\n"
+# what direction.py's texts read
+_PLACES = "constexpr int POINT_AT = AXES, DIRECTION_AT = 0, MATRIX_AT = 2 * AXES + AXES * AXES;\n"
 
 
 class PlaneCoordinates(Coordinates):
-    """The coordinates of planes in geometric space; see ``Coordinates``."""
+    """The coordinates of planes in geometric space."""
 
     name = "plane"
     moving = _PLACES + MOVING
@@ -61,9 +65,11 @@ for (int k = 1; k < AXES; ++k) {{
     pivot = d[k] > longest ? e[k] : pivot;
     longest = d[k] > longest ? d[k] : longest;
 }}
-float widest = 1.0f;  // entries that are subnormal, or flushed, may be stretched as far as that
+// A subnormal q[k] may be flushed to 0, which errs by less than TINY * widest; longest is at least SMALLEST * widest.
+float widest = 1.0f;
 for (int k = 0; k < AXES; ++k) widest = extra[k] > widest ? extra[k] : widest;
-finite = finite & (longest >= zero + {literal(SMALLEST)} * widest) & (longest <= {literal(LARGEST)});
+finite = finite & (longest >= zero + {literal(DIRECTION_SMALLEST)} * widest);
+finite = finite & (longest <= {literal(DIRECTION_LARGEST)});
 pivot = longest > zero ? pivot : zero + 1.0f;
 V offset = zero, summed = zero, reach = zero;
 for (int k = 0; k < AXES; ++k) {{
@@ -76,9 +82,9 @@ for (int k = 0; k < AXES; ++k) {{
 v[AXES] = offset;
 const V away = offset < zero ? -offset : offset;
 V room = reach * {literal(1 + GUARD)} + summed * {literal(SUMMED)};
-if (PLACED) room = room + wide * place[AXES + AXES * AXES];
+if (PLACED) room = room + beyond * place[AXES + AXES * AXES];
 inside = away <= room;
-finite = finite & (far <= {literal(FARTHEST)}) & ((far <= {literal(FAR)}) | (away > room));
+finite = finite & (distance <= {literal(FARTHEST_SUM)}) & ((distance <= {literal(FAR)}) | (away > room));
 if (TIME) {{  // a plane of constant time, outside the range
     V still = zero;
     for (int k = 1; k < AXES; ++k) still = still + d[k];
@@ -102,18 +108,20 @@ if (TIME) {{  // a plane of constant time, outside the range
 
     def limit(self, domain) -> np.ndarray:
         n, base = domain.base.ndim, domain.base.limit.astype(np.float64)
+        # The largest |offset| that passes the kernel's test: its reach is at most the sum of limits, its summed at most
+        # FAR, since |m| <= 1 on every axis; gamma covers what the test itself rounds.
         offset = (base.sum() * (1 + GUARD) + FAR * SUMMED) * (1 + gamma(2 * n + 16))
         return np.concatenate([np.ones(n, np.float32), [round_up(offset)]]).astype(np.float32)
 
     def delta(self, domain) -> np.ndarray:
-        """See ``Coordinates``; m counts as exact: what it rounds is charged to the offset."""
-        return np.concatenate([np.zeros(domain.base.ndim), [domain.base.delta.sum()]])  # |m| <= 1 on every axis
+        # m counts as exact: what it rounds is charged to the offset, on which |m| <= 1 bounds each axis' share
+        return np.concatenate([np.zeros(domain.base.ndim), [domain.base.delta.sum()]])
 
     def rounding(self, base: Domain, length: float | None) -> np.ndarray:
         # The offset m . a: entries of m are off by gamma(7), of which 2 are float64 input's, and by numbers that are
         # subnormal or flushed; products and sum by gamma(n + 2).
         n, limit = base.ndim, base.limit.astype(np.float64)
-        tilt = (gamma(7) + 4 * TINY / SMALLEST) * (FAR * (1 + gamma(4)) + limit.sum()) + (2 * n + 4) * TINY
+        tilt = (gamma(7) + 4 * TINY / DIRECTION_SMALLEST) * (FAR * (1 + gamma(4)) + limit.sum()) + (2 * n + 4) * TINY
         origin = origin_rounding(base).sum() * (1 + gamma(8))
         return np.full(n, float(tilt + gamma(n + 2) * FAR * (1 + gamma(8)) + origin))
 
@@ -132,19 +140,19 @@ if (TIME) {{  // a plane of constant time, outside the range
 
     def placed_values(self, domain, world: WorldMap) -> list[np.ndarray]:
         base, scale = domain.base, domain.base.scale.astype(np.float64)
-        _, beta = distance(base, world, UNIT32)
+        _, beta = alpha_beta(base, world, UNIT32)
         drift = np.full(base.ndim, float((scale * beta).sum() + tilt(base, world, UNIT32).max()) * SLOPE)
         return [round_up(drift), world.forward.T.reshape(-1)]
 
     def placed_rounding(self, domain, world: WorldMap, input_unit: float) -> np.ndarray:
         base = domain.base
-        off, far = distance_error(base, world, input_unit)
+        point_error, farthest = far_point_error(base, world, input_unit)
         tau = tilt(base, world, input_unit)
-        if not (np.isfinite(far) and tau.max() < STEEPEST):
+        if not (np.isfinite(farthest) and tau.max() < STEEPEST):
             return np.full(base.ndim, np.inf)
         limit = base.limit.astype(np.float64)
-        off = float(off.sum() + (tau @ limit + tau.max() * far) / (1 - tau.max()))
-        return (np.full(base.ndim, off) * (1 + 4 * UNIT32) + TINY) * GROWTH
+        offset_error = float(point_error.sum() + (tau @ limit + tau.max() * farthest) / (1 - tau.max()))
+        return (np.full(base.ndim, offset_error) * (1 + 4 * UNIT32) + TINY) * GROWTH
 
     def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
         pair, numbers, vector, local = vector_type(2 * n), vector_type(n + 1), vector_type(n), plain_local(n, front)
@@ -152,14 +160,9 @@ if (TIME) {{  // a plane of constant time, outside the range
 
         @named(f"wb_plain_plane_{n}_{time:d}{placed:d}_{front}").func
         def locate(p: Numbers, place: Numbers, q: pair):
-            a, far = local(p, q, n)
-            e, pivot, longest, widest, still = (
-                vector(),
-                wp.float32(0.0),
-                wp.float32(0.0),
-                wp.float32(1.0),
-                wp.bool(True),
-            )
+            a, distance = local(p, q, n)
+            e, pivot, longest = vector(), wp.float32(0.0), wp.float32(0.0)
+            widest, still = wp.float32(1.0), wp.bool(True)
             for k in range(n):
                 e[k] = q[k] * p[extra + k]
                 widest = wp.max(widest, p[extra + k])
@@ -176,10 +179,10 @@ if (TIME) {{  // a plane of constant time, outside the range
                 reach += wp.abs(v[k]) * p[limit + k]
             v[n] = offset
             room = reach * (1.0 + GUARD) + summed * SUMMED
-            if placed and far > FAR:
-                room += far * place[drift]
-            finite = longest >= SMALLEST * widest and longest <= LARGEST
-            finite = finite and far <= FARTHEST and (far <= FAR or wp.abs(offset) > room)
+            if placed and distance > FAR:
+                room += distance * place[drift]
+            finite = longest >= DIRECTION_SMALLEST * widest and longest <= DIRECTION_LARGEST
+            finite = finite and distance <= FARTHEST_SUM and (distance <= FAR or wp.abs(offset) > room)
             if time:  # a plane of constant time, outside the range
                 finite = finite and (not still or wp.abs(a[0]) <= p[extra + n])
             return v, finite, wp.abs(offset) <= room
@@ -191,7 +194,7 @@ if (TIME) {{  // a plane of constant time, outside the range
 
 
 class PlaneParameters(PlaneCoordinates):
-    """Unit normal and point as they are given; a point outside the domain is answered with maybe."""
+    """The coordinates of planes in parametric space."""
 
     text = (
         _PLACES
@@ -217,7 +220,7 @@ if (TIME) finite = finite & (size[0] <= zero + extra[AXES]);
         return np.concatenate([np.ones(domain.base.ndim), domain.base.scale.astype(np.float64)])
 
     def limit(self, domain) -> np.ndarray:
-        return np.concatenate([round_up(np.full(domain.base.ndim, 1 + gamma(16))), domain.base.limit])
+        return np.concatenate([round_up(np.full(domain.base.ndim, UNIT_LIMIT)), domain.base.limit])
 
     def delta(self, domain) -> np.ndarray:
         n = domain.base.ndim

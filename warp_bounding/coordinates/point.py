@@ -13,7 +13,7 @@ __all__ = ["POINT"]
 
 
 class PointCoordinates(Coordinates):
-    """The coordinates of points; see ``Coordinates``."""
+    """The coordinates of points."""
 
     name = "point"
     text = """

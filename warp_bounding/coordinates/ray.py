@@ -1,7 +1,9 @@
-"""Rays: ``v = (a, w)``, the segment ``a + t w``, 0 <= t <= 1, in local space: origin and displacement.
+"""Rays: ``v = (a, w)``, 2n numbers in local space: the segment ``a + t w``, 0 <= t <= 1.
 
-The origin is moved up to where the ray enters the domain, so a ray from outside is bounded by a longer one, never a
-shorter one.
+a is the origin, and w the displacement over the ray's whole length. Kernels replace an origin outside the domain by
+the point where the ray enters the domain, and keep w. The tested segment then begins later and ends as much beyond the
+ray's end: it holds the part of the ray inside the domain and more, so the answer stays conservative. ``to_local``,
+which makes samples and serves tests, does not move the origin.
 """
 
 import numpy as np
@@ -10,10 +12,11 @@ import warp as wp
 from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_up
 from warp_bounding.coordinates.base import (
     FAR,
-    FARTHEST,
+    FARTHEST_SUM,
     GUARD,
     LATER,
     PARALLEL,
+    UNIT_LIMIT,
     Coordinates,
     Numbers,
     WorldMap,
@@ -32,16 +35,17 @@ from warp_bounding.coordinates.direction import (
     plain_unit,
 )
 from warp_bounding.coordinates.domain import GROWTH, Domain
-from warp_bounding.coordinates.placement_rounding import SLOPE, STEEPEST, distance, distance_error, turn
+from warp_bounding.coordinates.placement_rounding import SLOPE, STEEPEST, alpha_beta, far_point_error, turn
 from warp_bounding.runtime.native import named
 
 __all__ = ["RAY"]
 
-_PLACES = "constexpr int POINT = 0, TURN = AXES, TURNED = AXES;  // in q, in q and in place\n"
+# what direction.py's texts read
+_PLACES = "constexpr int POINT_AT = 0, DIRECTION_AT = AXES, MATRIX_AT = AXES;\n"
 
 
 class RayCoordinates(Coordinates):
-    """The coordinates of rays, in either space; see ``Coordinates``."""
+    """The coordinates of rays; the same in either space."""
 
     name = "ray"
     moving = _PLACES + MOVING
@@ -50,25 +54,26 @@ class RayCoordinates(Coordinates):
         + FAR_POINT
         + UNIT
         + f"""
-V w[AXES], enter = zero, leave = zero + 1.0f;
+V w[AXES], enter = zero, leave = zero + 1.0f;  // the parameters t between which the ray is in the widened domain
 #pragma unroll
 for (int k = 0; k < AXES; ++k) {{
     w[k] = u[k] * extra[k];
     V room = zero + limit[k] + size[k] * {literal(GUARD)};
-    if (PLACED) room = room + wide * place[AXES + AXES * AXES + k];
+    if (PLACED) room = room + beyond * place[AXES + AXES * AXES + k];
     const V speed = w[k] < zero ? -w[k] : w[k], cross = speed > {literal(PARALLEL)} ? w[k] : zero + 1.0f;
-    V first = over(-room - a[k], cross), last = over(room - a[k], cross);
-    const V near = first < last ? first : last, away = first < last ? last : first;
-    const V always = size[k] <= room ? zero : zero + 2.0f, never = size[k] <= room ? zero + 1.0f : zero - 1.0f;
-    first = speed > {literal(PARALLEL)} ? near : always;
-    last = speed > {literal(PARALLEL)} ? away : never;
+    const V low = over(-room - a[k], cross), high = over(room - a[k], cross);  // t at the two faces
+    // parallel to the faces: between them for all t in [0, 1], or for no t, which the empty interval [2, -1] says
+    const V parallel_first = size[k] <= room ? zero : zero + 2.0f;
+    const V parallel_last = size[k] <= room ? zero + 1.0f : zero - 1.0f;
+    const V first = speed > {literal(PARALLEL)} ? (low < high ? low : high) : parallel_first;
+    const V last = speed > {literal(PARALLEL)} ? (low < high ? high : low) : parallel_last;
     enter = first > enter ? first : enter;
     leave = last < leave ? last : leave;
 }}
 enter = enter * {literal(1 - GUARD)};
 leave = leave * {literal(1 + GUARD)};
 inside = enter <= leave;
-finite = finite & (far <= {literal(FARTHEST)}) & ((far <= {literal(FAR)}) | (enter > leave));
+finite = finite & (distance <= {literal(FARTHEST_SUM)}) & ((distance <= {literal(FAR)}) | (enter > leave));
 #pragma unroll
 for (int k = 0; k < AXES; ++k) {{
     const V top = zero + limit[k], at = a[k] + enter * w[k];
@@ -97,20 +102,21 @@ if (TIME) {{
         return np.concatenate([domain.base.scale, domain.stretch]).astype(np.float64)
 
     def limit(self, domain) -> np.ndarray:
-        return np.concatenate([domain.base.limit, round_up(domain.stretch * (1 + gamma(16)))])
+        return np.concatenate([domain.base.limit, round_up(domain.stretch * UNIT_LIMIT)])
 
     def delta(self, domain) -> np.ndarray:
         base = domain.base
         return np.concatenate([base.delta, direction_rounding(base.ndim) * domain.stretch.astype(np.float64)])
 
     def rounding(self, base: Domain, length: float | None) -> np.ndarray:
-        # Moved by up to its distance to the domain, in one product and one sum, by a t that is early by GUARD at most.
+        # The origin moves by enter w, on each axis by no more than FAR, its distance, and 2, the largest limit. That is
+        # one product and one sum of a quotient; and enter is early, by the factor 1 - GUARD and by the widened faces.
         moved = (gamma(8) + 3 * GUARD) * (FAR + 2)
+        # w itself is off by its direction's rounding, and by that of stretch; at t = 1 all of this counts.
         turned = (direction_rounding(base.ndim) + gamma(4)) * base.scale.astype(np.float64) * length
         return origin_rounding(base) + moved + turned + 4 * TINY
 
     def to_local(self, domain, q: np.ndarray) -> np.ndarray:
-        """See ``Coordinates``; an origin is taken as it is, not moved to where the ray enters the domain."""
         n, base = domain.base.ndim, domain.base
         unit = q[:, n:] / np.linalg.norm(q[:, n:], axis=1, keepdims=True)
         return np.concatenate([base.to_local(q[:, :n]), unit * domain.stretch.astype(np.float64)], axis=1)
@@ -121,18 +127,18 @@ if (TIME) {{
 
     def placed_values(self, domain, world: WorldMap) -> list[np.ndarray]:
         base, scale = domain.base, domain.base.scale.astype(np.float64)
-        _, beta = distance(base, world, UNIT32)
+        _, beta = alpha_beta(base, world, UNIT32)
         return [round_up(scale * (beta + turn(world, base.ndim, UNIT32) / scale.min()) * SLOPE)]
 
     def placed_rounding(self, domain, world: WorldMap, input_unit: float) -> np.ndarray:
         base, scale = domain.base, domain.base.scale.astype(np.float64)
-        off, far = distance_error(base, world, input_unit)
+        point_error, farthest = far_point_error(base, world, input_unit)
         epsilon = turn(world, base.ndim, input_unit)
-        if not (np.isfinite(far) and epsilon < STEEPEST):
+        if not (np.isfinite(farthest) and epsilon < STEEPEST):
             return np.full(base.ndim, np.inf)
         limit = base.limit.astype(np.float64)
-        way = min(domain.length * (1 + 4 * UNIT32), float((limit / scale).sum() + far / scale.min()))
-        return ((off + scale * epsilon * (1 + epsilon) * way) * (1 + 4 * UNIT32) + TINY) * GROWTH
+        way = min(domain.length * (1 + 4 * UNIT32), float((limit / scale).sum() + farthest / scale.min()))
+        return ((point_error + scale * epsilon * (1 + epsilon) * way) * (1 + 4 * UNIT32) + TINY) * GROWTH
 
     def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
         pair, sized, unit, local = vector_type(2 * n), plain_sized(n), plain_unit(n), plain_local(n, front)
@@ -140,25 +146,25 @@ if (TIME) {{
 
         @named(f"wb_plain_ray_{n}_{time:d}{placed:d}_{front}").func
         def locate(p: Numbers, place: Numbers, q: pair):
-            a, far = local(p, q, 0)
+            a, distance = local(p, q, 0)
             u, finite = unit(q, n), sized(q, n)
             v, enter, leave = pair(), wp.float32(0.0), wp.float32(1.0)
             for k in range(n):
                 speed = u[k] * p[extra + k]
                 v[n + k] = speed
                 room = p[limit + k] + wp.abs(a[k]) * GUARD
-                if placed and far > FAR:
-                    room += far * place[drift + k]
+                if placed and distance > FAR:
+                    room += distance * place[drift + k]
                 if wp.abs(speed) > PARALLEL:
                     first, last = (-room - a[k]) / speed, (room - a[k]) / speed
                     enter = wp.max(enter, wp.min(first, last))
                     leave = wp.min(leave, wp.max(first, last))
-                elif wp.abs(a[k]) > room:  # it never enters
+                elif wp.abs(a[k]) > room:  # parallel to the faces, and not between them
                     enter = wp.max(enter, 2.0)
                     leave = wp.min(leave, -1.0)
             enter *= 1.0 - GUARD
             leave *= 1.0 + GUARD
-            finite = finite and far <= FARTHEST and (far <= FAR or enter > leave)
+            finite = finite and distance <= FARTHEST_SUM and (distance <= FAR or enter > leave)
             for k in range(n):
                 v[k] = wp.clamp(a[k] + enter * v[n + k], -p[limit + k], p[limit + k])
             if time:

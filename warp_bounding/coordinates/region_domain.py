@@ -1,12 +1,13 @@
 """From a region (a query that is a set of points) to the coordinates ``v`` that a bounder computes with.
 
-What they are is said in the file of its kind. A region counts by its part inside the domain, in time too; one that lies
-wholly outside the range of time is answered with *maybe*. So is one that is given from farther away than ``FAR``
-half-widths and may meet the domain.
+What v is, in geometric and in parametric space, is said in the file of its kind. A region counts by its part inside
+the domain, in time too; one that lies wholly outside the range of time is answered with *maybe*. So is one that is
+given from farther away than ``FAR`` and may meet the domain.
 
-``base`` is the domain of points, with a ``delta`` that covers what the map of regions rounds: *for every point x of the
-object in an exact region, the region that the pipeline computes with passes x within* ``base.delta`` *on every axis.*
-It is larger than that map needs by ``PLACED``, so that a shape may be placed in the world (``Placement``).
+``base`` is the domain of points, with a ``delta`` that covers what the map of regions rounds: *for every point x of
+the object in an exact region, the region that the pipeline computes with passes x within* ``base.delta`` *on every
+axis.* ``base.delta`` is larger than that map needs, by up to ``PLACED``, so that a shape may be placed in the world
+(``Placement``).
 """
 
 from dataclasses import dataclass, replace
@@ -21,8 +22,8 @@ from warp_bounding.coordinates.domain import (
     GROWTH,
     POSITIONS,
     Domain,
-    number,
-    truth,
+    json_bool,
+    json_number,
 )
 from warp_bounding.coordinates.registry import COORDINATES, coordinates_of
 from warp_bounding.errors import BounderError
@@ -32,8 +33,8 @@ from warp_bounding.queries import QUERIES
 __all__ = ["RegionDomain", "domain_of"]
 
 SPACES = (GEOMETRIC, PARAMETRIC)
-PLACED = 2.0**-12  # domain half-widths: the error of a placement that proofs allow for,
-PLACED_SHARE = 1.0 / 32.0  # but no more than this share of a cell in all
+PLACED = 2.0**-12  # local units: what delta allows for the rounding of a placement, beyond the map's own
+PLACED_SHARE = 1.0 / 32.0  # of a cell: map and placement together get no more than this, unless the map alone needs it
 
 
 def domain_of(
@@ -58,6 +59,9 @@ def domain_of(
 class RegionDomain:
     """The coordinates of a kind of region.
 
+    ``space_ndim`` is the dimension n of the object; ``ndim`` is the length of v: 2n, or n + 1 for planes in geometric
+    space.
+
     Attributes:
         query: ``"ray"``, ``"plane"`` or ``"box"``.
         space: ``"geometric"`` or ``"parametric"``.
@@ -79,22 +83,18 @@ class RegionDomain:
         base = Domain.of(still)
         length = float(length) if QUERIES[query].has_length else None
         cell = base.scale / grid.cells_per_unit
-        largest = replace(
-            base, limit=(base.limit + DELTA_LARGEST_SHARE * cell).astype(np.float32)
-        )  # limit grows with delta
+        # The rounding of the map grows with the limit, and the limit with delta: take the largest that delta may reach.
+        most = DELTA_LARGEST_SHARE * cell
+        largest = replace(base, limit=(base.limit + most).astype(np.float32))
         needed = region_rounding(largest, query, length)
-        if (
-            length
-            and (needed > DELTA_LARGEST_SHARE * cell).any()
-            and (region_rounding(largest, query, 0.0) <= DELTA_LARGEST_SHARE * cell).all()
-        ):
+        # Only what the length is to blame for is refused here; ``Domain.of`` refuses the rest, in its own words.
+        if length and (needed > most).any() and (region_rounding(largest, query, 0.0) <= most).all():
             raise BounderError(
                 f"{grid.name}: a ray of length {length:g} is so long that float32 cannot tell cells apart at its end"
             )
-        spare = np.minimum(needed + PLACED, PLACED_SHARE * cell)
-        domain = cls(
-            query, space, Domain.of(still, room=np.maximum(needed * POSITIONS * GROWTH, spare)), grid.time, length
-        )
+        with_placement = np.minimum(needed + PLACED, PLACED_SHARE * cell)
+        least_delta = np.maximum(needed * POSITIONS * GROWTH, with_placement)
+        domain = cls(query, space, Domain.of(still, least_delta=least_delta), grid.time, length)
         fault = domain.fault()
         if fault:
             raise BounderError(f"{grid.name}: {fault}")
@@ -119,7 +119,7 @@ class RegionDomain:
 
     @property
     def parametric(self) -> bool:
-        """The numbers of a query are themselves the point that is bounded, in a space of 2n dimensions."""
+        """Whether v is one point of R^2n, which a volume contains or not; else v is tested as a region."""
         return self.space == PARAMETRIC
 
     @property
@@ -133,15 +133,20 @@ class RegionDomain:
         return not self.parametric
 
     @property
+    def oracle_length(self) -> float:
+        """The length that oracles and samplers are given: of rays; others do not read it."""
+        return 1.0 if self.length is None else self.length
+
+    @property
     def coordinates(self) -> Coordinates:
-        """What is special to the kind of query."""
+        """The coordinates of this kind of query in this space."""
         return coordinates_of(self.query, self.space)
 
     # --- sizes -------------------------------------------------------------------------------------------------------
 
     @property
     def space_ndim(self) -> int:
-        """Dimension n of the indicator."""
+        """Dimension n of the object."""
         return self.base.ndim
 
     @property
@@ -151,7 +156,7 @@ class RegionDomain:
 
     @property
     def ndim(self) -> int:
-        """Number of coordinates ``v``."""
+        """Length of v."""
         return self.coordinates.ndim(self.base.ndim)
 
     @property
@@ -176,7 +181,7 @@ class RegionDomain:
 
     @cached_property
     def stretch(self) -> np.ndarray:
-        """``(n,)`` float32, a ray's displacement in local space, per axis and unit direction; ones for other regions."""
+        """``(n,)`` float32: a ray's displacement w is this times its unit direction; ones for other regions."""
         return self.coordinates.stretch(self.base, self.length)
 
     @cached_property
@@ -191,17 +196,22 @@ class RegionDomain:
 
     @property
     def header(self) -> np.ndarray:
-        """float32 numbers in front of the threshold, and those behind it (``extra``)."""
+        """``center, scale, limit`` of points, 3n float32 numbers in front of the threshold in ``parameters``."""
         return self.base.header
 
     @property
     def extra(self) -> np.ndarray:
-        """float32, see ``extra_count``."""
+        """float32 numbers behind the threshold in ``parameters``.
+
+        Of a ray ``stretch`` (n), of a plane ``1 / scale`` (n), which takes an object-space normal to local space, of a
+        box none. Where coordinate 0 is time one more: a coordinate 0 of at most this, in absolute value and in local
+        space, certainly lies inside the range of time, whatever the map rounds.
+        """
         return np.concatenate([self.coordinates.extra(self), self._time_limit])
 
     @property
     def _time_limit(self) -> np.ndarray:
-        """``(1,)`` float32, or none where there is no time: twice the rounding inside its range, as for points."""
+        """``(1,)`` float32, or none where there is no time: the nearer end of the range less twice the rounding."""
         if not self.time:
             return np.zeros(0, np.float32)
         low, high = -self.base.to_local(self.lower)[0], self.base.to_local(self.upper)[0]
@@ -216,7 +226,7 @@ class RegionDomain:
             q: ``(N, 2 n)``, object space.
 
         Returns:
-            ``(N, ndim)`` float64. A ray's origin is taken as it is, not moved to where it enters the domain.
+            ``(N, ndim)`` float64.
         """
         return self.coordinates.to_local(self, np.asarray(q, dtype=np.float64))
 
@@ -228,22 +238,18 @@ class RegionDomain:
 
     def to_dict(self) -> dict:
         """JSON-ready numbers."""
-        return self.base.to_dict() | {
-            "query": self.query,
-            "space": self.space,
-            "moving": self.time,
-            "length": self.length,
-        }
+        own = {"query": self.query, "space": self.space, "length": self.length}
+        return self.base.to_dict() | own | {"moving": self.time}  # "time" is a key of the base, whose time is False
 
     @classmethod
     def from_dict(cls, values: dict) -> "Domain | RegionDomain":
-        """The domain of points or of regions that ``to_dict`` wrote; raises ``ValueError`` for numbers that are not a domain's."""
+        """The domain of points or of regions that ``to_dict`` wrote; raises ``ValueError`` for other numbers."""
         base = Domain.from_dict(values)
         if "query" not in values:
             return base
         length = values["length"]
-        length = None if length is None else number(length, "length")
-        domain = cls(values["query"], values["space"], base, truth(values["moving"], "moving"), length)
+        length = None if length is None else json_number(length, "length")
+        domain = cls(values["query"], values["space"], base, json_bool(values["moving"], "moving"), length)
         fault = domain.fault()
         if fault:
             raise ValueError(fault)
@@ -251,5 +257,5 @@ class RegionDomain:
 
 
 def region_rounding(base: Domain, query: str, length: float | None) -> np.ndarray:
-    """``(n,)``: how far, per axis of local space, the computed region may pass a point of the exact one."""
+    """``(n,)``, local units: how far the computed region may pass a point of the exact one, on each axis."""
     return COORDINATES[query].rounding(base, length)

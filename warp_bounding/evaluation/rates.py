@@ -106,7 +106,7 @@ def evaluate(
     if grid.ndim != bounder.ndim:
         raise QueryError(f"the shape is {grid.ndim}D, the bounder {bounder.ndim}D")
     query, rng = bounder.query_kind, np.random.default_rng(seed)
-    length = bounder.domain.length or 1.0
+    length = bounder.domain.oracle_length
     if protocol == "sampled":
         truth_of = SampledOracle(query, grid, device=bounder.device, seed=seed, length=length)
     else:
@@ -135,7 +135,7 @@ def quick_rates(bounder: Bounder, grid: IndicatorGrid) -> dict:
     Returns:
         ``fp_rate`` and ``fp_rate_aabb``, per cent of ``samples``; JSON-ready.
     """
-    query, length = bounder.query_kind, bounder.domain.length or 1.0
+    query, length = bounder.query_kind, bounder.domain.oracle_length
     x = sample(query, grid, QUICK, np.random.default_rng(QUICK_SEED))
     x = x[~oracle(query, grid, device="cpu", length=length)(x)]
     box = Aabb.fit(grid, domain_of(grid, query, length))

@@ -54,7 +54,7 @@ class Thresholds:
     def of(cls, bounder: Any, grid: Any, samples: int, seed: int) -> "Thresholds":
         """Ask the queries that ``evaluate`` would ask."""
         x = sample(bounder.query_kind, grid, samples, np.random.default_rng(seed))
-        truth = oracle(bounder.query_kind, grid, bounder.device, bounder.domain.length or 1.0)(x)
+        truth = oracle(bounder.query_kind, grid, bounder.device, bounder.domain.oracle_length)(x)
         return cls(bounder.values(x).numpy(), truth)
 
     def fp(self, threshold: float) -> float:
@@ -225,7 +225,7 @@ def _check(bounder, search) -> None:
 def _hard_positives(bounder, grid, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """F of fresh hard positives, and the lowest of these, lowest first."""
     values, lowest, least = [], [], []
-    for x in draw_positives(bounder.query_kind, grid, count, seed, bounder.device, bounder.domain.length or 1.0):
+    for x in draw_positives(bounder.query_kind, grid, count, seed, bounder.device, bounder.domain.oracle_length):
         f = bounder.values(x).numpy()
         order = np.argsort(f, kind="stable")[:LOWEST]
         values.append(f.copy())
@@ -258,7 +258,7 @@ def _counterexample(bounder, grid, found: dict, threshold: float) -> tuple[np.nd
     if not below:
         return None, 0.0, ""
     x = found[min(below, key=lambda w: float(found[w][1].min()))][0][:1]
-    truth = oracle(bounder.query_kind, grid, bounder.device, bounder.domain.length or 1.0)(x)
+    truth = oracle(bounder.query_kind, grid, bounder.device, bounder.domain.oracle_length)(x)
     shipped = bounder.to(str(bounder.device)).freeze(threshold, None)
     if not truth[0] or shipped.query(x).numpy()[0] != 0:
         return None, 0.0, ""

@@ -262,7 +262,7 @@ def _denied_region(bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.n
     """A float32 query at or close around some coordinates that meets the object and that the deployed bounder answers with no."""
     rng, truth = (
         np.random.default_rng(0),
-        oracle(bounder.query_kind, grid, bounder.device, bounder.domain.length or 1.0),
+        oracle(bounder.query_kind, grid, bounder.device, bounder.domain.oracle_length),
     )
     for step in AROUND:
         x = bounder.domain.to_object(v + step * rng.uniform(-1, 1, v.shape)).astype(np.float32)

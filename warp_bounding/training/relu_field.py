@@ -82,7 +82,7 @@ class _Trainer:
     def __init__(self, grid: IndicatorGrid, domain: Domain | RegionDomain, seed: int):
         self.grid, self.domain, self.field = grid, domain, FieldMap.of(grid, domain)
         self.rng, self.generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
-        self.oracle = oracle(domain.query, grid, "cpu", domain.length or 1.0)
+        self.oracle = oracle(domain.query, grid, "cpu", domain.oracle_length)
         boxes = [[self.field.coordinates(side) for side in pair] for pair in positive_boxes(grid, domain, self.field)]
         self.low, self.high = (np.concatenate(side) for side in zip(*boxes, strict=True))
         self.breaks = field_breaks(self.low, self.high).max(axis=1)

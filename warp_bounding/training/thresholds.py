@@ -37,7 +37,7 @@ class Costs:
 
     def __init__(self, bounder: Mlp, problem: Problem):
         x = sample(problem.query, problem.grid, SAMPLES, np.random.default_rng(0))
-        truth = oracle(problem.query, problem.grid, bounder.device, bounder.domain.length or 1.0)(x)
+        truth = oracle(problem.query, problem.grid, bounder.device, bounder.domain.oracle_length)(x)
         values = bounder.values(x).numpy()[~truth & problem.asked(x)]
         self.values, self.query = np.sort(values[np.isfinite(values)]), problem.query
 

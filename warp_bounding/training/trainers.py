@@ -55,7 +55,7 @@ def _closed_form(kind: type[Bounder], problem: Problem, options: dict[str, Any],
     grid, domain, device = problem.grid, problem.domain, problem.device
     if domain.parametric:
         x = sample(problem.query, grid, PARAMETRIC_SAMPLES, np.random.default_rng(problem.seed))
-        length = domain.length or 1.0
+        length = domain.oracle_length
         positive = x[oracle(problem.query, grid, device, length)(x)]
         if len(positive) < 2:
             drawn = draw_positives(problem.query, grid, PARAMETRIC_SAMPLES, problem.seed, device, length, outside=False)

@@ -29,7 +29,7 @@ def grid_of(name: str) -> IndicatorGrid:
 
 def positives(bounder: Mlp, grid: IndicatorGrid, count: int, seed: int = 0) -> np.ndarray:
     """Float32 queries that meet the object."""
-    length = bounder.domain.length or 1.0
+    length = bounder.domain.oracle_length
     chunks = []
     for x in draw_positives(bounder.query_kind, grid, count, seed, "cpu", length):
         chunks.append(x)
@@ -58,7 +58,7 @@ def test_bounds_hold_on_boxes_of_a_chart(query, name, activation):
     high = low + width
     bounds = cover.bound(low, high)
     inside = bounder.domain.base.limit.astype(np.float64)
-    truth = oracle(query, grid, "cpu", bounder.domain.length or 1.0)
+    truth = oracle(query, grid, "cpu", bounder.domain.oracle_length)
     tried = 0
     for _ in range(60):
         v = positives_in(cover, low, high, rng)
@@ -106,7 +106,7 @@ def test_a_proven_network_is_certified_and_a_raised_threshold_is_refuted(query, 
     assert proof.kind == "refuted"
     query_found = np.float32(proof.counterexample)[None]
     assert bounder.query(query_found).numpy()[0] == 0
-    assert oracle(query, grid, "cpu", bounder.domain.length or 1.0)(query_found)[0]
+    assert oracle(query, grid, "cpu", bounder.domain.oracle_length)(query_found)[0]
 
 
 def test_single_faces_are_the_same_rays():

@@ -34,7 +34,7 @@ class Walk:
 
     def __init__(self, bounder: Bounder, grid: IndicatorGrid, seed: int = 0):
         self.bounder, self.grid, self.query = bounder, grid, bounder.query_kind
-        self._truth = oracle(self.query, grid, bounder.device, bounder.domain.length or 1.0)
+        self._truth = oracle(self.query, grid, bounder.device, bounder.domain.oracle_length)
         self._rng = np.random.default_rng([seed, 77])
 
     def values(self, x: np.ndarray) -> np.ndarray:

@@ -161,7 +161,7 @@ def soak(
     if state is not None:
         check_writable(state)
     started, before, saved = time.perf_counter(), result.seconds, time.perf_counter()
-    length = bounder.domain.length or 1.0
+    length = bounder.domain.oracle_length
     positives = HardPositives(bounder.query_kind, grid, length, bounder.device)
     try:
         while not result.complete and time.perf_counter() - started < seconds:

@@ -69,7 +69,7 @@ def try_positives(
         with *no* (``None`` if there is none; the count ends there).
     """
     started, done, least, longest = working_seconds(), 0, np.inf, 0.0
-    length = bounder.domain.length or 1.0
+    length = bounder.domain.oracle_length
     chunks = draw_positives(bounder.query_kind, grid, count, seed, bounder.device, length)
     while done < count and (begun := working_seconds()) - started + longest < seconds:
         x = next(chunks)

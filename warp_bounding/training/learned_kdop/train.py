@@ -172,7 +172,7 @@ def _unit(normals: torch.Tensor) -> torch.Tensor:
 
 def _negatives(grid: IndicatorGrid, domain: Domain | RegionDomain, seed: int) -> tuple[torch.Tensor, float]:
     """``v`` of sampled negatives, of other queries where there are none, and their share of all queries."""
-    rng, truth = np.random.default_rng(seed), oracle(domain.query, grid, "cpu", domain.length or 1.0)
+    rng, truth = np.random.default_rng(seed), oracle(domain.query, grid, "cpu", domain.oracle_length)
     found, count, total = [], 0, 0
     while count < FEW * SAMPLES and total < MOST_SAMPLES:
         x = sample(domain.query, grid, SAMPLES, rng)

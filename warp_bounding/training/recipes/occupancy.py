@@ -73,7 +73,7 @@ class _Learner:
     def __init__(self, grid, domain, hidden, activation, octaves, seed):
         self.grid, self.domain, self.head = grid, domain, head_of(domain.query)
         self.generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
-        self._oracle = oracle(domain.query, grid, "cpu", domain.length or 1.0)
+        self._oracle = oracle(domain.query, grid, "cpu", domain.oracle_length)
         act = activation_of(activation)
         self._inputs = TrainableNetwork(domain.ndim - self.head.offsets, hidden, activation, octaves)
         waves = domain.tested_as_point and act.wave and not octaves

@@ -30,7 +30,7 @@ class RegionSamples(Samples):
         self.cells = CellPoints(grid, domain.base, generator)
         self.detail = self.cells.detail.repeat(2, 1)
         self.vertices = torch.empty(self.ndim, 0)
-        self._oracle = oracle(self.query, grid, "cpu", domain.length or 1.0)
+        self._oracle = oracle(self.query, grid, "cpu", domain.oracle_length)
         self._rng = np.random.default_rng(int(torch.randint(2**62, (1,), generator=generator)))
 
     def uniform(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
