@@ -8,7 +8,7 @@ from region_queries import SHAPES, lattice_points, odd_queries, one_cell, small_
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.queries import RayOracle, ray, sample_rays
-from warp_bounding.queries.ray import FARTHEST, empty_distance, ray_truth
+from warp_bounding.queries.ray import MOST_JUMP, empty_distance, ray_truth
 
 LOW, HIGH = np.float32(0.375), np.float32(0.625)  # of one_cell
 
@@ -53,7 +53,7 @@ def test_distance_counts_cells_along_the_farthest_axis(occupied):
     occupancy[occupied] = occupancy[30, 40] = True
     cells = np.stack(np.indices(occupancy.shape), axis=-1)
     exact = np.minimum(*(np.abs(cells - at).max(axis=-1) for at in (occupied, (30, 40))))
-    np.testing.assert_array_equal(empty_distance(occupancy), np.minimum(exact, FARTHEST))
+    np.testing.assert_array_equal(empty_distance(occupancy), np.minimum(exact, MOST_JUMP))
 
 
 @pytest.mark.parametrize("d", [(1, 0, 0), (0, 0, -1), (0, 1, 0)])

@@ -14,6 +14,7 @@ from warp_bounding.queries.exact import ExactOracle
 
 __all__ = ["Query"]
 
+# of ``distribution``, before the words of the kind
 UNIFORM = "half uniform queries that meet the object (or as many as an equal number of draws gives, where they are rare), half "
 
 
@@ -32,7 +33,8 @@ class Query(ABC):
         hard_draw: C text of a hard positive (``hard``): from a point ``p`` of the object to a query's numbers ``a[N]``
             and ``b[N]``.
         hard_to_world: C text from these to the numbers ``q`` of the query in the world.
-        hard_certain: C text that clears ``sure`` unless the rounded query ``x`` meets the cell for certain.
+        hard_certain: C text that clears ``sure`` unless the rounded query ``x`` meets the cell for certain. It is given
+            ``cell``, ``at``, ``vector``, ``normal`` and their errors, ``rho``, ``slack`` and ``inset`` (``hard``).
         hard_certain_placed: The same for a query in the world, where it is another text.
     """
 
@@ -49,7 +51,7 @@ class Query(ABC):
 
     @property
     def positive(self) -> str:
-        """In words, a query that meets the object, but for the article."""
+        """In words and without an article, a query that meets the object."""
         return f"{self.name} that meets the object"
 
     @property
@@ -75,13 +77,13 @@ class Query(ABC):
 
     @abstractmethod
     def truth(self, grid: IndicatorGrid, q: np.ndarray, length: float = 1.0) -> np.ndarray:
-        """The truth in rational arithmetic, ``(N,)`` bool, one query after another: slow, and plainly right."""
+        """The truth in rational arithmetic, ``(N,)`` bool, one query after another: slow, and as simple as possible."""
 
     @abstractmethod
     def barely(
         self, grid: IndicatorGrid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool
     ) -> np.ndarray:
-        """Queries that barely pass points of the object.
+        """Queries that barely pass points of the object: what ``hard_draw`` does, in NumPy, with other random numbers.
 
         Args:
             grid: The object.
@@ -96,8 +98,8 @@ class Query(ABC):
 
     @abstractmethod
     def nudged(self, grid: IndicatorGrid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
-        """Queries ``(N, m)`` float64 near ``x``: points move by shares ``move`` of the domain, in it, directions turn."""
+        """Queries ``(N, m)`` float64 near ``x``: points move in the domain by shares ``move`` of it, directions turn."""
 
     def hulls(self, grid: IndicatorGrid) -> list[np.ndarray]:
-        """``(V, 2 n)`` hull corners, and cells at them, of each component, for ``hard_draw``; zeros where it needs none."""
+        """Of each component ``(V, 2 n)`` hull corners and a cell at each, for ``hard_draw``; zeros where it needs none."""
         return [np.zeros((1, 2 * grid.ndim))]

@@ -1,7 +1,7 @@
 """Box queries: 2n numbers, the lower and the upper corner of a closed box in object space. Does it meet the object?
 
-Per axis the closed cells that meet the box are a range of integers, found exactly (``Coordinate``); a summed-area table
-then counts the occupied cells of the block with 2^n look-ups (Crow 1984). Nothing is ever undecided.
+Per axis the closed cells that meet the box are a range of integers, found exactly (``Coordinate``); a summed-area
+table then counts the occupied cells of the block with 2^n look-ups (Crow 1984). Nothing is ever undecided.
 """
 
 from functools import cache
@@ -18,7 +18,7 @@ from warp_bounding.queries.point import nudged_points
 
 __all__ = ["BOX", "BoxOracle", "box_truth", "sample_boxes"]
 
-BEYOND = 0.15  # share of a box's coordinates that lie outside the domain
+BEYOND = 0.15  # share of the coordinates of hard boxes that lie outside the domain
 
 
 def sample_boxes(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -122,11 +122,11 @@ for (int k = 0; k < N; ++k) y[k] = (double)q[k] + uniform() * ((double)q[N + k] 
     hard_draw = """
 const bool slab = u() < 0.5;
 for (int k = 0; k < N; ++k) for (int side = 0; side < 2; ++side) {
-    const double kind = u(), end = side ? upper[k] : lower[k];
-    double share = u() * (kind < 0.5 ? 1e-3 : 1.0);
-    if (kind > 0.5 && slab) share = 1.0;
-    if (kind < 0.3) share = 0.0;
-    if (kind > 0.85) share = 1.0 / power(10);
+    const double chosen = u(), end = side ? upper[k] : lower[k];
+    double share = u() * (chosen < 0.5 ? 1e-3 : 1.0);
+    if (chosen > 0.5 && slab) share = 1.0;
+    if (chosen < 0.3) share = 0.0;
+    if (chosen > 0.85) share = 1.0 / power(10);
     (side ? b : a)[k] = share == 0.0 ? p[k] : p[k] + share * (end - p[k]);
 }
 """
@@ -173,12 +173,12 @@ for (int k = 0; k < N; ++k) {  // the point, which lies inside its cell, lies in
     ) -> np.ndarray:
         corners, slab = [], rng.random((len(p), 1)) < 0.5  # half reach the domain's border along most axes
         for end in (grid.lower, grid.upper):
-            kind = rng.random(p.shape)
-            share = rng.random(p.shape) * np.where(kind < 0.5, NARROW, 1.0)
-            share = np.where((kind > 0.5) & slab, 1.0, share)
-            share = np.where(kind < 0.3, 0.0, share)
+            chosen = rng.random(p.shape)
+            share = rng.random(p.shape) * np.where(chosen < 0.5, NARROW, 1.0)
+            share = np.where((chosen > 0.5) & slab, 1.0, share)
+            share = np.where(chosen < 0.3, 0.0, share)
             if outside:
-                share = np.where(kind > 1 - BEYOND, np.exp2(rng.uniform(0, 10, p.shape)), share)
+                share = np.where(chosen > 1 - BEYOND, np.exp2(rng.uniform(0, 10, p.shape)), share)
             corners.append(p + share * (end - p))
         return np.concatenate(corners, axis=1)
 

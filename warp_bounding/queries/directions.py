@@ -10,22 +10,23 @@ import numpy as np
 __all__ = ["HARD_DIRECTION", "NARROW", "hard_directions", "hard_lengths", "nudged_directions", "sample_directions"]
 
 NARROW = 1e-3  # the largest size that "barely" means: of the domain, or of an entry of a direction of length 1
-SCALED = 0.2  # share of directions whose length is not 1
+PARALLEL, NEARLY = 0.1, 0.1  # shares of the entries of hard directions that are 0, and that are scaled by NARROW
+SCALED = 0.2  # share of hard directions whose length is not 1
 
 # A direction d of length 1 and what it is stretched by, where kernels draw hard positives (``hard``).
-HARD_DIRECTION = """
+HARD_DIRECTION = f"""
 double d[N], norm = 0.0;
-for (int k = 0; k < N; ++k) {
+for (int k = 0; k < N; ++k) {{
     d[k] = u() + u() - 1.0;
-    const double kind = u();
-    if (kind < 0.2) d[k] *= kind < 0.1 ? 0.0 : 1e-3;
+    const double chosen = u();
+    if (chosen < {PARALLEL + NEARLY}) d[k] *= chosen < {PARALLEL} ? 0.0 : {NARROW};
     norm += d[k] * d[k];
-}
-if (!(norm > 1e-12)) { for (int k = 0; k < N; ++k) d[k] = k == 0; norm = 1.0; }
+}}
+if (!(norm > 1e-12)) {{ for (int k = 0; k < N; ++k) d[k] = k == 0; norm = 1.0; }}
 norm = sqrt(norm);
 for (int k = 0; k < N; ++k) d[k] /= norm;
 double stretch = 1.0;
-if (u() < 0.2) stretch = u() < 0.5 ? power(12) : 1.0 / power(12);
+if (u() < {SCALED}) stretch = u() < 0.5 ? power(12) : 1.0 / power(12);
 """
 
 
@@ -55,14 +56,14 @@ def sample_directions(ndim: int, count: int, rng: np.random.Generator) -> np.nda
 def hard_directions(shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
     """``(N, n)`` float64 directions of length 1; some entries are 0 or nearly so: parallel to faces."""
     d = rng.normal(size=shape)
-    kind = rng.random(shape)
-    d = np.where(kind < 0.1, 0.0, np.where(kind < 0.2, d * NARROW, d))
+    chosen = rng.random(shape)
+    d = np.where(chosen < PARALLEL, 0.0, np.where(chosen < PARALLEL + NEARLY, d * NARROW, d))
     d[np.abs(d).max(axis=1) == 0, 0] = 1.0
     return d / np.linalg.norm(d, axis=1, keepdims=True)
 
 
 def hard_lengths(count: int, rng: np.random.Generator) -> np.ndarray:
-    """``(count, 1)``, what unit directions are multiplied with: bounders take any length."""
+    """``(count, 1)`` factors of unit directions, most of them 1: bounders take directions of any length."""
     return np.where(rng.random((count, 1)) < SCALED, np.exp2(rng.uniform(-12, 12, (count, 1))), 1.0)
 
 

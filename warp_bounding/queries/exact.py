@@ -2,8 +2,8 @@
 
 A kernel writes 0 or 1 where float64 arithmetic is certain, and 2 where a comparison that matters is closer than its
 error bound; those few queries are decided on the host, in integers. The cell coordinate ``t = cells_per_unit x -
-offset`` of a float32 ``x`` needs two float64 numbers: the product is exact, and the rounding error of the difference is
-computed too (Knuth's TwoSum), so that signs of ``face - t`` are exact and its relative error is a few roundings.
+offset`` of a float32 ``x`` needs two float64 numbers: the product is exact, and the rounding error of the difference
+is computed too (Knuth's TwoSum), so that signs of ``face - t`` are exact and its relative error is a few roundings.
 """
 
 from fractions import Fraction
@@ -28,7 +28,7 @@ __all__ = [
     "rational_map",
 ]
 
-RELATIVE_ERROR = 2.0**-48  # 32 roundings: no quantity that carries it goes through more than 16 (n <= 16)
+RELATIVE_ERROR = 2.0**-48  # 32 roundings of float64: no quantity that carries it goes through more than 16 (n <= 16)
 
 COORDINATE = """
 struct Coordinate {  // t + rest = cells_per_unit * x - offset, exactly; lo, hi: the first and the last closed cell there
@@ -51,8 +51,8 @@ struct Coordinate {  // t + rest = cells_per_unit * x - offset, exactly; lo, hi:
 def loop_snippet(ndim: int, body: str, columns: int) -> str:
     """Native source: ``body`` for every query of a block on a CPU, for one query on CUDA.
 
-    The body sees ``q`` (finite floats), their number ``M``, ``N``, ``rho`` (``RELATIVE_ERROR``) and ``answer`` (0 at
-    first), and may ``break`` when it knows the answer.
+    The body is given ``q``, M finite floats, the dimension N and ``rho`` (``RELATIVE_ERROR``). It sets ``answer``, which
+    is 0 at first, to 1 (the query meets the object) or 2 (too close to say), and may end the query with ``break``.
     """
     return f"""
 constexpr int N = {ndim}, M = {columns};

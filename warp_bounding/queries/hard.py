@@ -1,4 +1,4 @@
-"""Hard positives by the hundred million, drawn on the device: queries that only just meet the object, each one certainly.
+"""Hard positives by the hundred million, drawn on the device: queries that only just meet the object, but certainly.
 
 A kernel takes a cell of the object (a boundary cell for the most part) and a point of it, mostly on a face, an edge or
 a corner, and builds a query through that point which barely touches: rays that end, begin or graze there, many of them
@@ -9,9 +9,9 @@ exact (``Coordinate``), everything else carries an error bound and must be certa
 and marked if that does not help: it does not count. No other cell is looked at, which is what makes this fast, and
 makes it share nothing with a bounder.
 
-Queries in float64 (a caller's numbers, which bounders round) and queries in the world (of a shape that is placed there)
-are checked in float64 with an absolute error of ``SLACK`` roundings; their points lie a billionth of a cell inside the
-cells.
+Queries in float64 (a caller's numbers, which bounders round) and queries in the world (of a shape that is placed
+there) are checked in float64 with an absolute error of ``SLACK`` roundings; their points lie a billionth of a cell
+inside the cells.
 
 The numbers depend on the seed and the number of the query alone: not on device, threads or how the work is divided.
 """
@@ -33,12 +33,12 @@ __all__ = ["FORMS", "HardPositives", "World"]
 
 FORMS = ("float32", "float64", "placed")
 TRIES = 12  # draws of one query before it is given up
-SLACK = 2.0**-44  # 256 roundings, relative: no float64 quantity here goes through more than 100
-INSIDE = 2.0**-30  # of a cell: how far inside its faces float64 points lie
+SLACK = 2.0**-44  # relative, 256 roundings of float64: no quantity here goes through more than 100
+INSIDE = 2.0**-30  # of a cell: how far inside its faces the points of float64 and of placed queries lie
 
 
 class World(NamedTuple):
-    """Where a shape stands, float64: ``world = forward @ object + translation``, and the inverse matrix; time stays as it is."""
+    """Where a shape stands, float64: ``world = forward @ object + translation``, and the inverse of ``forward``."""
 
     forward: np.ndarray
     inverse: np.ndarray
@@ -73,7 +73,9 @@ for (int k = 0; k < N; ++k) {
 }
 """
 
-# From the numbers as they are handed over, x, to exact cell coordinates: of the first n numbers and of the others.
+# From the numbers x, as they are handed over, to what ``Query.hard_certain`` reads: ``at(from, k)`` is cell coordinate
+# k of the point that begins at x[from], with the distance ``to`` a face and an absolute error ``err``; ``vector`` and
+# ``normal`` are entry k of a direction or a normal in object space, with absolute errors.
 _OBJECT_FLOAT = """
 struct At { Coordinate c; double err; double to(double face) const { return c.to(face); } };
 auto at = [&](int from, int k) { At r; r.c = Coordinate((float)x[from + k], map.data[k], map.data[N + k]); r.err = 0.0; return r; };

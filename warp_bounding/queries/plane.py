@@ -1,11 +1,11 @@
 """Plane queries: 2n numbers, a normal (of any length but zero) and a point in object space: a whole hyperplane.
 
-A plane meets a connected closed set exactly if it meets its convex hull: if the signed distances of the hull's vertices
-do not all have one sign (DESIGN section 5). So the kernel asks each connected component of the closed cells: first its
-bounding box, then the least and the greatest ``normal . (vertex - point)`` of its ``hull_corners``, in float64 with an
-error bound. Planes along the axes compare one coordinate, exactly; of the others those closer to a sign change than the
-bound are looked at again corner by corner (a plane through its own point, a corner, is then decided), and what is left
-goes to integers on the host. Many small components are slower, not wrong.
+A plane meets a connected closed set exactly if it meets its convex hull: if the signed distances of the hull's
+vertices do not all have one sign (DESIGN section 5). So the kernel asks each connected component of the closed cells:
+first its bounding box, then the least and the greatest ``normal . (vertex - point)`` of its ``hull_corners``, in
+float64 with an error bound. Planes along the axes compare one coordinate, exactly; of the others those closer to a
+sign change than the bound are looked at again corner by corner (a plane through its own point, a corner, is then
+decided), and what is left goes to integers on the host. Many small components are slower, not wrong.
 """
 
 from fractions import Fraction
@@ -36,10 +36,10 @@ from warp_bounding.queries.point import nudged_points, sample_points
 
 __all__ = ["PLANE", "PlaneOracle", "plane_truth", "sample_planes"]
 
-AWAY = 8.0  # domain widths at most, from a plane's given point to the object's
-SMALLEST_STEP = 24  # halvings of a quarter of a cell, of the distance of a plane from being tangent
+AWAY = 8.0  # a hard plane's given point is up to so many times as far from the object's as a random point of the domain
+SMALLEST_STEP = 24  # a hard plane is a quarter of a cell, halved up to so many times, from being tangent
 LANES = 8  # hull corners that one vector instruction takes
-GROUPS = 4  # of lanes, after which the kernel looks whether it knows enough
+GROUPS = 4  # groups of LANES corners after which the kernel looks whether it knows enough
 
 
 def sample_planes(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -75,7 +75,7 @@ def plane_truth(grid: IndicatorGrid, q: np.ndarray, cells: np.ndarray | None = N
         normal, _ = integers([Fraction(float(v)) / s for v, s in zip(q[index, :n], scales, strict=True)])
         point, unit = integers([*rational_map(grid, q[index, n:]), Fraction(1, 2)])
         middle = 2 * (sum(m * (cells[:, k] * unit - point[k]) for k, m in enumerate(normal)))
-        reach = sum(abs(m) for m in normal) * unit  # of a cell: 2 * 1/2 * |normal|_1
+        reach = sum(abs(m) for m in normal) * unit  # |normal|_1 is twice the reach of half a cell, as middle is doubled
         truth[index] = (abs(middle) <= reach).any()
     return truth
 
@@ -152,7 +152,7 @@ def _kernel(ndim: int) -> wp.Kernel:
 
 
 def _outermost_first(corners: np.ndarray) -> np.ndarray:
-    """The same corners, those first that are extreme along an axis or a diagonal: planes through the middle end early."""
+    """The corners, those that are extreme along an axis or a diagonal first: so most planes are decided early."""
     n = corners.shape[1]
     diagonals = 2 * np.array(list(np.ndindex((2,) * n))) - 1
     reach = corners @ np.concatenate([diagonals, np.eye(n, dtype=int), -np.eye(n, dtype=int)]).T
@@ -264,7 +264,7 @@ for (int corner = 0; corner < (1 << N); ++corner) {
     }
     below |= height <= -bound, above |= height >= bound;
 }
-sure = below && above;
+sure &= below && above;
 """
 
     def valid(self, q: np.ndarray) -> np.ndarray:
@@ -282,12 +282,11 @@ sure = below && above;
         d = hard_directions(p.shape, rng)
         away = sample_points(grid, len(p), rng) - p  # another point of the same plane
         away -= (away * d).sum(axis=1, keepdims=True) * d
-        kind, far = rng.random((len(p), 1)), rng.uniform(1.0, AWAY if outside else 1.0, (len(p), 1))
-        away *= np.where(kind < 0.5, 0.0, np.where(kind < 0.75, 1.0, far))
+        chosen, far = rng.random((len(p), 1)), rng.uniform(1.0, AWAY if outside else 1.0, (len(p), 1))
+        away *= np.where(chosen < 0.5, 0.0, np.where(chosen < 0.75, 1.0, far))
         return np.concatenate([d * hard_lengths(len(p), rng), p + away], axis=1)
 
     def hulls(self, grid: IndicatorGrid) -> list[np.ndarray]:
-        # corners in cell coordinates, and an occupied cell at each
         n, found = grid.ndim, []
         padded = np.pad(grid.occupancy, 1)
         for part in components(grid.occupancy):

@@ -1,7 +1,7 @@
 """Point queries: n numbers, the coordinates of a point in object space. Is a closed occupied cell around it?
 
-The oracle decides in float64, where the cell coordinate of a float32 point is exact (see ``IndicatorGrid``): a point on
-the face between two cells belongs to both.
+The oracle decides in float64, where the cell coordinate of a float32 point is exact (see ``IndicatorGrid``): a point
+on the face between two cells belongs to both.
 """
 
 from functools import cache

@@ -17,8 +17,8 @@ from warp_bounding.queries.registry import QUERIES
 
 __all__ = ["draw_positives"]
 
-RARE = 0.05  # share of the draws that meet the object, under which one does not wait for a full half of them
-CHUNK = 200_000
+RARE = 0.05  # of the draws: where fewer meet the object, all that do are taken, not as many of either half
+CHUNK = 200_000  # draws of either half at a time
 SNAPPED = 0.6  # share of a point's coordinates that lie on a face of its cell
 
 

@@ -1,12 +1,13 @@
 """Ray queries: 2n numbers, an origin o and a direction d in object space: the segment o + t d / |d|, 0 <= t <= length.
 
-The kernel walks the slabs of cells across the segment's steepest axis. Inside a slab every other coordinate moves by at
-most one cell, so a few cells are looked at; the Chebyshev distance of a cell to the nearest occupied one says how many
-slabs hold nothing and are jumped over. Which cells are looked at is rounded outwards; an occupied one is then
+The kernel walks the slabs of cells across the segment's steepest axis. Inside a slab every other coordinate moves by
+at most one cell, so a few cells are looked at; the Chebyshev distance of a cell to the nearest occupied one says how
+many slabs hold nothing and are jumped over. Which cells are looked at is rounded outwards; an occupied one is then
 *certainly* met, certainly not, or too close to say, by the parameters at which the segment passes the cell's faces.
 These are differences and quotients of exactly known numbers, so their relative error is a few roundings, and zeros are
-exact: an axis-parallel ray along a face is decided in the kernel. What is too close goes to integers on the host, where
-the end of the segment is compared as t^2 |d|^2 <= length^2: no root is ever taken.
+exact: an axis-parallel ray along a face is decided in the kernel. What is too close goes to integers on the host
+(``ray_truth``), where the end of the segment is compared as t^2 |d|^2 <= length^2, without a root; the rounding of the
+kernel's own root is within its relative error.
 """
 
 from fractions import Fraction
@@ -37,8 +38,12 @@ from warp_bounding.queries.point import nudged_points, sample_points
 
 __all__ = ["RAY", "RayOracle", "empty_distance", "ray_truth", "sample_rays"]
 
-FROM_OUTSIDE = 0.5  # share of the hard rays that start outside, of those which would
-FARTHEST = 32  # cells that one jump may cover: more would cost more passes over the grid than it saves
+AT_END, AT_START = 0.3, 0.2  # shares of the hard rays that end, and that begin, at their point of the object
+ALMOST = 1 - 2e-7  # of the length: a ray that ends at a point still reaches it after its numbers are rounded to float32
+FROM_OUTSIDE = (
+    0.5  # of the hard rays whose origin falls outside the domain so many keep it; the others begin at their point
+)
+MOST_JUMP = 32  # cells that one jump may cover: more would cost more passes over the grid than it saves
 
 
 def sample_rays(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -72,12 +77,15 @@ def ray_truth(grid: IndicatorGrid, q: np.ndarray, length: float = 1.0, cells: np
     truth = RAY.valid(q)
     for index in np.flatnonzero(truth):
         d = [Fraction(float(v)) for v in q[index, n:]]
+        # With t the origin in cells and c its velocity: origin = t origin_unit, half = origin_unit / 2 and velocity =
+        # c velocity_unit are integers. The face at f is met at u = (f - t) / c, the integer start or end times
+        # velocity_unit / (common origin_unit).
         origin, origin_unit = integers([*rational_map(grid, q[index, :n]), Fraction(1, 2)])
         half = origin.pop()
         velocity, velocity_unit = integers(
             [v * Fraction(float(s)) for v, s in zip(d, grid.cells_per_unit, strict=True)]
         )
-        common = 1  # the parameters are numerators over this one
+        common = 1
         for v in velocity:
             common *= abs(v) or 1
         start, end, fits = np.zeros(len(cells), dtype=object), None, np.ones(len(cells), dtype=bool)
@@ -89,9 +97,11 @@ def ray_truth(grid: IndicatorGrid, q: np.ndarray, length: float = 1.0, cells: np
             share = common // v
             a, b = (near * share, far * share) if v > 0 else (far * share, near * share)
             start, end = np.maximum(start, a), b if end is None else np.minimum(end, b)
-        # u = start / common * velocity_unit / origin_unit, and u |d| <= length
-        limit = Fraction(length) ** 2 / sum(v * v for v in d) * Fraction(origin_unit, velocity_unit) ** 2 * common**2
-        inside = (start <= end) & (start * start * limit.denominator <= limit.numerator)
+        # start^2 at most, for u |d| <= length
+        end_squared = (
+            Fraction(length) ** 2 / sum(v * v for v in d) * Fraction(origin_unit, velocity_unit) ** 2 * common**2
+        )
+        inside = (start <= end) & (start * start * end_squared.denominator <= end_squared.numerator)
         truth[index] = (fits & inside.astype(bool)).any()
     return truth
 
@@ -103,14 +113,16 @@ def empty_distance(occupancy: np.ndarray) -> np.ndarray:
         occupancy: Bool grid with an occupied cell.
 
     Returns:
-        uint8 of the same shape: 0 in occupied cells, at most ``FARTHEST``.
+        uint8 of the same shape: 0 in occupied cells, at most ``MOST_JUMP``.
     """
     from scipy import ndimage
 
-    return np.minimum(ndimage.distance_transform_cdt(~occupancy, metric="chessboard"), FARTHEST).astype(np.uint8)
+    return np.minimum(ndimage.distance_transform_cdt(~occupancy, metric="chessboard"), MOST_JUMP).astype(np.uint8)
 
 
+# See ``exact.loop_snippet``. Names that end in _sure are rounded inwards, those in _most outwards.
 _BODY = """
+const auto distance = cells.data;  // empty_distance: 0 in an occupied cell, else cells to the nearest one
 const auto larger = [](double a, double b) { return a > b ? a : b; };
 const auto smaller = [](double a, double b) { return a < b ? a : b; };
 double v[N], inverse[N], ratio[N];
@@ -131,13 +143,13 @@ for (int k = N - 1, step = 1; k >= 0; --k) {
 if (!(fastest > 0.0)) break;
 {   // the steepest axis comes first
     const Coordinate c = o[0]; o[0] = o[steepest]; o[steepest] = c;
-    const double w = v[0]; v[0] = v[steepest]; v[steepest] = w;
-    int s = size[0]; size[0] = size[steepest]; size[steepest] = s;
-    s = stride[0]; stride[0] = stride[steepest]; stride[steepest] = s;
+    const double e = v[0]; v[0] = v[steepest]; v[steepest] = e;
+    int i = size[0]; size[0] = size[steepest]; size[steepest] = i;
+    i = stride[0]; stride[0] = stride[steepest]; stride[steepest] = i;
 }
-// the parameter w is the distance along the steepest axis, in cells
-const double w_length = length * fastest / sqrt(square);
-double w_first = 0.0, w_last = w_length + w_length * rho;
+// the parameter s is the distance along the steepest axis, in cells
+const double s_length = length * fastest / sqrt(square);
+double s_first = 0.0, s_last = s_length + s_length * rho;
 bool outside = false;
 for (int k = 0; k < N; ++k) {
     if (v[k] == 0.0) {
@@ -151,36 +163,39 @@ for (int k = 0; k < N; ++k) {
     ratio[k] = v[k] / fastest;
     const double u0 = o[k].to(-0.5) * inverse[k], u1 = o[k].to(size[k] - 0.5) * inverse[k];
     const double a = v[k] > 0.0 ? u0 : u1, b = v[k] > 0.0 ? u1 : u0;
-    w_first = larger(w_first, a - fabs(a) * rho);
-    w_last = smaller(w_last, b + fabs(b) * rho);
+    s_first = larger(s_first, a - fabs(a) * rho);
+    s_last = smaller(s_last, b + fabs(b) * rho);
 }
-if (outside || !(w_first <= w_last)) break;
-if (!(largest < 0x1p36)) { answer = 2; break; }
-// positions y = t + w ratio of w in [w_first, w_last] are wrong by under 20 roundings of 2 * largest
-const double slack = 0x1p-44 * (largest + 1.0);
+if (outside || !(s_first <= s_last)) break;
+if (!(largest < 0x1p36)) { answer = 2; break; }  // position_error would reach 2^-8 of a cell
+// positions y = t + s ratio, s in [s_first, s_last], are wrong by under 20 roundings of 2 * largest
+const double position_error = 0x1p-44 * (largest + 1.0);
 const int sign = v[0] > 0.0 ? 1 : -1;
-const double y_first = o[0].t + sign * w_first, y_last = o[0].t + sign * w_last;
-const double i_first = sign > 0 ? ceil(y_first - slack - 0.5) : floor(y_first + slack + 0.5);
-const double i_last = sign > 0 ? floor(y_last + slack + 0.5) : ceil(y_last - slack - 0.5);
+const double y_first = o[0].t + sign * s_first, y_last = o[0].t + sign * s_last;
+const double i_first = sign > 0 ? ceil(y_first - position_error - 0.5) : floor(y_first + position_error + 0.5);
+const double i_last = sign > 0 ? floor(y_last + position_error + 0.5) : ceil(y_last - position_error - 0.5);
 const int begin_slab = i_first < 0.0 ? 0 : i_first > size[0] - 1 ? size[0] - 1 : (int)i_first;
 const int end_slab = i_last < 0.0 ? 0 : i_last > size[0] - 1 ? size[0] - 1 : (int)i_last;
-const double certain_length = w_length - w_length * rho;
+const double certain_length = s_length - s_length * rho;
 for (int left = (end_slab - begin_slab) * sign, slab = begin_slab; left >= 0 && answer != 1; ) {
-    const double w_middle = ((double)slab - o[0].t) * sign;
+    const double s_middle = ((double)slab - o[0].t) * sign;
     int index = slab * stride[0];
     for (int k = 1; k < N; ++k) {
-        const double y = floor(o[k].t + w_middle * ratio[k] + 0.5);
+        const double y = floor(o[k].t + s_middle * ratio[k] + 0.5);
         index += (y < 0.0 ? 0 : y > size[k] - 1 ? size[k] - 1 : (int)y) * stride[k];
     }
-    // y moves by <= j + 1/2 cells until slab j ahead is left, so cells farther than j + 1 are not touched
-    const int jump = cells.data[index] - 1;
+    // Until slab j ahead of this one (j = 0) is left, y moves by at most j + 1/2 cells, so the ray meets cells at most
+    // j + 1 from the one at its middle here: slabs 0 to distance - 2 hold nothing, distance - 1 of them are left out.
+    // Where y is cut off at the grid's border, cells only come nearer.
+    const int jump = distance[index] - 1;
     if (jump > 0) { left -= jump; slab += sign * jump; continue; }
-    const double w0 = larger(w_first, w_middle - 0.5), w1 = smaller(w_last, w_middle + 0.5);
+    const double s0 = larger(s_first, s_middle - 0.5), s1 = smaller(s_last, s_middle + 0.5);
     bool none = false;
     for (int k = 1; k < N; ++k) {
         if (v[k] != 0.0) {
-            const double y0 = o[k].t + w0 * ratio[k], y1 = o[k].t + w1 * ratio[k];
-            const double lo = ceil(smaller(y0, y1) - slack - 0.5), hi = floor(larger(y0, y1) + slack + 0.5);
+            const double y0 = o[k].t + s0 * ratio[k], y1 = o[k].t + s1 * ratio[k];
+            const double lo = ceil(smaller(y0, y1) - position_error - 0.5);
+            const double hi = floor(larger(y0, y1) + position_error + 0.5);
             none |= !(hi >= 0.0 && lo < size[k]);
             first[k] = lo > 0.0 && lo < size[k] ? (int)lo : 0;
             last[k] = hi >= 0.0 && hi < size[k] ? (int)hi : size[k] - 1;
@@ -191,8 +206,8 @@ for (int left = (end_slab - begin_slab) * sign, slab = begin_slab; left >= 0 && 
     while (!none) {
         int at = 0;
         for (int k = 0; k < N; ++k) at += cell[k] * stride[k];
-        if (cells.data[at] == 0) {
-            double a_sure = 0.0, b_sure = certain_length, a_most = 0.0, b_most = w_length + w_length * rho;
+        if (distance[at] == 0) {
+            double a_sure = 0.0, b_sure = certain_length, a_most = 0.0, b_most = s_length + s_length * rho;
             for (int k = 0; k < N; ++k) {
                 if (v[k] == 0.0) continue;
                 const double u0 = o[k].to(cell[k] - 0.5) * inverse[k], u1 = o[k].to(cell[k] + 0.5) * inverse[k];
@@ -282,18 +297,18 @@ for (int k = 0; k < N; ++k) y[k] = (double)q[k] + along * (double)q[N + k];
 """
     hard_draw = (
         HARD_DIRECTION
-        + """
-const double kind = u();
+        + f"""
+const double chosen = u();
 double t = u() * (u() < 0.5 ? length : length < across ? length : across);
-if (kind < 0.3) t = length * (1.0 - 2e-7);
-else if (kind < 0.5) t = 0.0;
+if (chosen < {AT_END}) t = length * {ALMOST};
+else if (chosen < {AT_END + AT_START}) t = 0.0;
 bool outside = false;
-for (int k = 0; k < N; ++k) {
+for (int k = 0; k < N; ++k) {{
     a[k] = p[k] - t * d[k];
     outside |= a[k] < lower[k] || a[k] > upper[k];
     b[k] = d[k] * stretch;
-}
-if (outside && u() < 0.5) for (int k = 0; k < N; ++k) a[k] = p[k];
+}}
+if (outside && u() < {1 - FROM_OUTSIDE}) for (int k = 0; k < N; ++k) a[k] = p[k];
 """
     )
     hard_to_world = "for (int k = 0; k < N; ++k) { q[k] = moved(a, k) + place.data[k]; q[N + k] = moved(b, k); }"
@@ -301,13 +316,17 @@ if (outside && u() < 0.5) for (int k = 0; k < N; ++k) a[k] = p[k];
 double square = 0.0;
 for (int k = 0; k < N; ++k) { const double v = vector(N, k); square += v * v; }
 const double last = length / sqrt(square);
+// inset > 0: the numbers are float64 or placed, and the end carries up to 16 of their relative errors
 double begin_ = 0.0, end_ = last - last * (inset > 0.0 ? slack * 16.0 : rho);
-sure = square > 0.0;
+sure &= square > 0.0;
 for (int k = 0; k < N; ++k) {
     const At c = at(0, k);
     const double err = c.err + last * vector_error(N, k) * map.data[k], v = vector(N, k) * map.data[k];
     const double near = c.to(cell[k] - 0.5) + err, far = c.to(cell[k] + 0.5) - err;
-    if (fabs(v) < 1e-280) { sure &= near <= 0.0 && far >= 0.0; continue; }
+    if (fabs(v) < 1e-280) {  // 0: entries of drawn directions that are not 0 are far larger, and their quotients finite
+        sure &= near <= 0.0 && far >= 0.0;
+        continue;
+    }
     const double first_u = (v > 0.0 ? near : far) / v, last_u = (v > 0.0 ? far : near) / v;
     const double a_sure = first_u + fabs(first_u) * rho, b_sure = last_u - fabs(last_u) * rho;
     begin_ = a_sure > begin_ ? a_sure : begin_;
@@ -325,8 +344,8 @@ sure &= begin_ <= end_;
     ) -> np.ndarray:
         d = hard_directions(p.shape, rng)
         t = rng.random((len(p), 1)) * length
-        kind = rng.random((len(p), 1))
-        t = np.where(kind < 0.3, length * (1 - 2e-7), np.where(kind < 0.5, 0.0, t))
+        chosen = rng.random((len(p), 1))
+        t = np.where(chosen < AT_END, length * ALMOST, np.where(chosen < AT_END + AT_START, 0.0, t))
         origin = p - t * d
         stays = ((origin >= grid.lower) & (origin <= grid.upper)).all(axis=1, keepdims=True)
         if outside:

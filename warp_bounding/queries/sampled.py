@@ -20,7 +20,7 @@ from warp_bounding.queries.registry import QUERIES, check_query
 
 __all__ = ["SampledOracle", "points_per_region"]
 
-PLANE_SPAN = 3.0  # the paper's: free coordinates of a plane's points are uniform in [-3, 3]
+PLANE_SPAN = 3.0  # free coordinates of a plane's points are uniform in [-3, 3], as in the paper
 
 
 def points_per_region(ndim: int) -> int:

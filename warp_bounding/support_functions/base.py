@@ -1,4 +1,7 @@
-"""A kind of region in parametric space: upper bounds of linear functions and of squared lengths over its positives."""
+"""A kind of region in parametric space: upper bounds of linear functions and of squared lengths over its positives.
+
+These bounds hold but for the float64 rounding of their own sums, which ``ParametricSupport`` adds.
+"""
 
 from abc import ABC, abstractmethod
 
@@ -6,11 +9,13 @@ import numpy as np
 
 from warp_bounding.coordinates.base import direction_rounding
 from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.geometry.direction_patches import DirectionPatches
 from warp_bounding.support_functions.object import ObjectSupport
 
 __all__ = ["RegionSupport", "corner_square"]
 
-PATCHES = {1: 1, 2: 16, 3: 8, 4: 6}  # of directions, per edge of a cube's face, for squared lengths
+PATCHES = {1: 1, 2: 16, 3: 8, 4: 6}  # of directions, per edge of a cube's face, by n: for squared lengths
+PATCHES_BEYOND = 3  # the same in more dimensions, where their number grows with the power n - 1
 
 
 class RegionSupport(ABC):
@@ -22,7 +27,7 @@ class RegionSupport(ABC):
 
     Attributes:
         limit: ``(n,)``, half-widths of the domain.
-        slack: A direction's length is within this of 1.
+        slack: The computed unit directions have lengths within this of 1.
     """
 
     name: str
@@ -36,16 +41,24 @@ class RegionSupport(ABC):
         return np.array([self.bound(*z) for z in zip(x, y, strict=True)])
 
     def bound(self, x: np.ndarray, y: np.ndarray) -> float:
-        """The same for one function."""
+        """Bound of ``x . first + y . second`` for one x and y ``(n,)``."""
         raise NotImplementedError(self.name)
 
     @abstractmethod
     def square(self, matrix: np.ndarray, offset: np.ndarray) -> float:
-        """Bound of ``|A v + b|^2``, but for the rounding of this evaluation."""
+        """Bound of ``|A v + b|^2``."""
+
+    def direction_patches(self) -> DirectionPatches:
+        """Patches of directions over which ``square`` looks at corners."""
+        return DirectionPatches.cover(self.ndim, PATCHES.get(self.ndim, PATCHES_BEYOND))
 
 
 def corner_square(lower, upper, directions, on_box, on_direction, offset) -> np.ndarray:
-    """``(N,)`` maximum over corners of the N boxes and vertices ``(N, V, n)`` of patches of directions."""
+    """``(N,)``: the largest ``|on_box y + on_direction d + offset|^2`` of y in box i and d in patch i of directions.
+
+    A convex function is largest at corners: of the N boxes, and of the patches, whose vertices are ``directions``
+    ``(N, V, n)``.
+    """
     most = np.zeros(len(lower))
     moved = directions @ on_direction.T + offset
     for corner in np.ndindex((2,) * lower.shape[1]):

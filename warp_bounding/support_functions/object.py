@@ -1,4 +1,4 @@
-"""The support function of an object widened by the proofs' input error: how far it reaches in a direction, from above."""
+"""The support function of an object widened by delta: how far it reaches in a direction, certified from above."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from warp_bounding.indicators.grid import IndicatorGrid
 
 __all__ = ["ObjectSupport"]
 
-CHUNK = 1 << 22  # numbers of an intermediate array
+CHUNK = 1 << 22  # float64 numbers in an intermediate array: 32 MiB
 
 
 class ObjectSupport:
@@ -30,7 +30,7 @@ class ObjectSupport:
         self.points, self.delta = (lower + upper) / 2, base.delta * (1 + 1e-6) + 1e-14
 
     def __call__(self, m: np.ndarray) -> np.ndarray:
-        """``h(m)`` of ``(..., n)`` vectors; rounding of this evaluation included."""
+        """``h(m)`` of vectors ``(..., n)``, in local space; the rounding of this evaluation is included."""
         flat = m.reshape(-1, m.shape[-1])
         best = np.empty(len(flat))
         size = max(1, CHUNK // len(self.points))

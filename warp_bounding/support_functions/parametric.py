@@ -3,8 +3,8 @@
 In parametric space a ray is the point ``v = (a, w)`` of R^2n, a plane ``(u, a)``, a box ``(low, high)``
 (``coordinates``), and P is the set of all v that the pipeline can make of a region that meets the object S, rounding
 included. A volume around P needs ``max g . v`` over P for its faces, and ``max |A v + b|^2`` for its radius. How each
-is bounded is said in the file of the kind: for boxes exactly, for rays and planes by duality, and branch and bound over
-directions.
+is bounded is said in the file of the kind: for boxes exactly, for rays and planes by duality, and branch and bound
+over directions.
 
 Every number is a bound, whatever a search finds: a bad search costs tightness, never soundness. Squared lengths are
 convex, so they are largest at corners of what holds P; these bounds are coarser.
@@ -24,6 +24,8 @@ from warp_bounding.support_functions.ray import RaySupport
 
 __all__ = ["SUPPORTS", "ParametricSupport"]
 
+ROUNDING = gamma(256, UNIT64)  # more roundings than any sum goes through, over 2n numbers with n <= 64
+
 SUPPORTS: dict[str, type[RegionSupport]] = {kind.name: kind for kind in (RaySupport, PlaneSupport, BoxSupport)}
 
 
@@ -35,10 +37,11 @@ class ParametricSupport:
         domain: Of a kind of region, ``space="parametric"``.
 
     Attributes:
-        object_support: ``h``, the support of the object.
-        points: ``(C, n)``, its own.
-        region: What the kind of region adds.
-        reach: ``(2 n,)``, largest ``|v|`` on P, roughly.
+        ndim: Dimension n of the object.
+        object_support: ``h``, the support of the widened object.
+        points: ``(C, n)``, those of ``object_support``.
+        region: The bounds of this kind of region.
+        reach: ``(2 n,)``: P lies in the box ``|v| <= reach``.
     """
 
     def __init__(self, grid: IndicatorGrid, domain: RegionDomain):
@@ -64,10 +67,10 @@ class ParametricSupport:
         plain = np.abs(g) @ self.reach  # P lies inside this box
         if not (np.isfinite(value) & np.isfinite(plain)).all():
             raise BounderError("numbers are so large that a support cannot be bounded")
-        return np.minimum(value, plain) + gamma(256, UNIT64) * (1 + np.abs(value) + plain)
+        return np.minimum(value, plain) + ROUNDING * (1 + np.abs(value) + plain)
 
     def square(self, matrix: np.ndarray, offset: np.ndarray) -> float:
-        """Upper bound of ``|A v + b|^2`` over P: a convex function, so largest at corners of what holds P.
+        """Upper bound of ``|A v + b|^2`` over P, the rounding of this evaluation included.
 
         Args:
             matrix: ``(r, 2 n)`` float64, A.
@@ -75,4 +78,4 @@ class ParametricSupport:
         """
         most = self.region.square(matrix, offset)
         size = float((np.abs(matrix) @ self.reach + np.abs(offset)) @ (np.abs(matrix) @ self.reach + np.abs(offset)))
-        return most + gamma(256, UNIT64) * (1 + size)
+        return most + ROUNDING * (1 + size)

@@ -11,22 +11,22 @@ import numpy as np
 
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.geometry.direction_patches import DirectionPatches
-from warp_bounding.support_functions.base import PATCHES, RegionSupport, corner_square
+from warp_bounding.support_functions.base import RegionSupport, corner_square
 from warp_bounding.support_functions.object import ObjectSupport
 
 __all__ = ["PlaneSupport"]
 
-EDGE = {1: 1, 2: 16, 3: 8, 4: 6}  # patches along an edge of a cube's face, to begin with
-TOLERANCE = 2e-3  # of the bound, relative to the functional's size
+EDGE = {1: 1, 2: 16, 3: 8, 4: 6}  # by n: patches along an edge of a cube's face, to begin with
+TOLERANCE = 2e-3  # relative to the functional's size: a patch this near to the highest value found is not split
 AT_ONCE = 64  # patches that are split in a step
-STEPS = 60
+STEPS = 60  # of splitting, at most
 
 
 class PlaneSupport(RegionSupport):
-    """See module and ``RegionSupport``.
+    """Planes; see the module.
 
     Attributes:
-        scale: ``(n,)``, a plane's normal in local space is u over this.
+        scale: ``(n,)``, that of the domain of points; a plane's normal in local space is u / scale.
     """
 
     name = "plane"
@@ -38,7 +38,7 @@ class PlaneSupport(RegionSupport):
         self.vertices = PlaneVertices(self, self.patches)
 
     def bound(self, x: np.ndarray, y: np.ndarray) -> float:
-        """Upper bound of ``x . u + y . a``: the highest patches are split until they are near the highest value found."""
+        """Bound of ``x . u + y . a``: the highest patches are split until they are near the highest value found."""
         patches, upper, lowest = self.patches, self.vertices.bound(x, y), self.vertices.value(x, y)
         tolerance = TOLERANCE * float(np.abs(x).sum() + np.abs(y) @ self.limit)
         done = -np.inf
@@ -58,15 +58,14 @@ class PlaneSupport(RegionSupport):
         return max(done, float(upper.max(initial=-np.inf)))
 
     def square(self, matrix: np.ndarray, offset: np.ndarray) -> float:
-        """See ``RegionSupport``."""
-        n, patches = self.ndim, DirectionPatches.cover(self.ndim, PATCHES.get(self.ndim, 3))
+        n, patches = self.ndim, self.direction_patches()
         u = patches.vertices(self.slack)
         limit = np.broadcast_to(self.limit, (len(u), n))
         return float(corner_square(-limit, limit, u, matrix[:, n:], matrix[:, :n], offset).max())
 
 
 class PlaneVertices:
-    """What the bound for planes needs of patches, whatever the functional."""
+    """What of the bound is the same for every functional: vertices of patches, and supports there."""
 
     def __init__(self, support, patches: DirectionPatches):
         self.support, self.finest = support, patches.finest

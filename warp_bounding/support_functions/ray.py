@@ -15,17 +15,17 @@ import numpy as np
 
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.geometry.direction_patches import DirectionPatches
-from warp_bounding.support_functions.base import PATCHES, RegionSupport, corner_square
+from warp_bounding.support_functions.base import RegionSupport, corner_square
 from warp_bounding.support_functions.object import CHUNK, ObjectSupport
 
 __all__ = ["RaySupport"]
 
-EDGE = {1: 1, 2: 8, 3: 4, 4: 3}  # patches along an edge of a cube's face, to begin with
+EDGE = {1: 1, 2: 8, 3: 4, 4: 3}  # by n: patches along an edge of a cube's face, to begin with
 AT_ONCE = 24  # patches that are worked on in a step
-STEPS = 200
-TOLERANCE = 2e-3  # of the bound, relative to the functional's size
+STEPS = 200  # of splitting, at most
+TOLERANCE = 2e-3  # relative to the functional's size: a patch this near to the value at its centre is not split
 ROUNDS = 9  # of the search for m; its step halves in each
-FEWER_POINTS = 160  # of the object, in that search
+FEWER_POINTS = 160  # points of the object that the search for m looks at
 
 
 @dataclass
@@ -49,7 +49,7 @@ class _Patches:
 
 
 class RaySupport(RegionSupport):
-    """See module and ``RegionSupport``.
+    """Rays; see the module.
 
     Attributes:
         stretch: ``(n,)``, w is this times a unit vector.
@@ -76,7 +76,7 @@ class RaySupport(RegionSupport):
         return patches.vertices(self.slack) * self.stretch
 
     def bound(self, x: np.ndarray, y: np.ndarray) -> float:
-        """Upper bound of ``x . a + y . w``."""
+        """Bound of ``x . a + y . w``: the highest patches are searched for a better m, and then split."""
         tolerance = TOLERANCE * float(np.abs(x) @ self.limit + np.abs(y) @ self.stretch)
         shares = np.array(list(np.ndindex((2,) * self.ndim)), dtype=np.float64)
         candidates = x * np.concatenate([shares, shares / 2])
@@ -124,7 +124,7 @@ class RaySupport(RegionSupport):
         return _Patches(patches, vertices, m, upper, np.zeros(len(upper), dtype=bool))
 
     def _search(self, x: np.ndarray, y: np.ndarray, state: _Patches) -> _Patches:
-        """Better multipliers, by a pattern search on some of the object's points; the bound is taken with all of them."""
+        """Better multipliers: a pattern search looks at some of the object's points, the bound at all of them."""
         along, m = state.vertices @ y, state.m
         few = self._few
 
@@ -155,15 +155,18 @@ class RaySupport(RegionSupport):
         return _Patches(state.patches, state.vertices, m, upper, np.ones(len(m), dtype=bool))
 
     def square(self, matrix: np.ndarray, offset: np.ndarray) -> float:
-        """Per patch of directions the smaller of two bounds: a = p - t w for p in S, or a in the box that holds all of these in D."""
-        n, patches = self.ndim, DirectionPatches.cover(self.ndim, PATCHES.get(self.ndim, 3))
+        """Bound of ``|A v + b|^2``: of each patch of directions the smaller of two.
+
+        Either a = p - t w with p in the object, or a in the box that holds all of these in the domain.
+        """
+        n, patches = self.ndim, self.direction_patches()
         w = patches.vertices(self.slack) * self.stretch  # (N, V, n)
         origins, most_origin = matrix[:, :n], np.zeros(w.shape[:2])
         rows = self.support.points @ origins.T + offset
         widened = np.linalg.norm(np.abs(origins) @ self.support.delta)  # |A (p + e)| <= |A p| + this
         squares = (rows * rows).sum(axis=1)
-        for moved in (0.0, 1.0):
-            shift = (w @ (matrix[:, n:] - moved * origins).T).reshape(-1, len(offset))
+        for t in (0.0, 1.0):  # the square is convex in t, so largest at an end
+            shift = (w @ (matrix[:, n:] - t * origins).T).reshape(-1, len(offset))
             size, best = max(1, CHUNK // len(rows)), np.empty(len(shift))
             for start in range(0, len(shift), size):
                 part = shift[start : start + size]

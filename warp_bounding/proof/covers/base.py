@@ -18,7 +18,7 @@ __all__ = ["Cover", "positive_boxes"]
 
 
 class Cover:
-    """The cover of a kind of query; an object a kind, found under its name in ``covers.COVERS``."""
+    """The cover of a kind of query; found under the kind's name in ``covers.COVERS``."""
 
     name: str
 
@@ -35,20 +35,24 @@ class Cover:
         return None
 
     def best_first(self, bounder: Bounder, grid: IndicatorGrid) -> tuple:
-        """What ``minimum`` searches where there is no chart: what has ``bound`` and ``reference``, and corners of boxes."""
+        """What ``minimum`` searches without a chart: an f with ``bound`` and ``reference``, and corners of boxes."""
         f = of_points(bounder)
         return f, *positive_boxes(f, grid)
 
     def anew(self, bounder: Mlp, grid: IndicatorGrid, cover: Charted) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
-        """The charted positives for who proves anew: lower and upper corners of some, and how many cells are then done."""
+        """The charted positives for ``certify``, some at a time, in boxes that it need not share with the search.
+
+        Yields:
+            Lower and upper corners, and how many of the object's cells are done with these.
+        """
         yield cover.lower, cover.upper, len(grid.occupied)
 
     def at_points(self, p: np.ndarray, domain: Domain | RegionDomain) -> np.ndarray:
-        """Queries that pass points ``(N, n)`` of the object, in the points' own space, local or the object's."""
+        """V of queries that pass points ``(N, n)`` of the object, both in the same space, local or the object's."""
         raise NotImplementedError(self.name)
 
     def coordinates(self, bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray:
-        """Coordinates of the domain of what a search has found, ``(N, Z)`` numbers of whatever it searched.
+        """``v`` of what a search has found, given as the numbers ``(N, Z)`` that it searched over.
 
         Raises:
             BounderError: If these are other numbers.
@@ -61,7 +65,7 @@ class Cover:
 
 
 def positive_boxes(bounder: Bounder | LeastBox, grid: IndicatorGrid) -> tuple[np.ndarray, np.ndarray]:
-    """P_delta as boxes of ``v``: one per cell for closed forms, few large ones where a search halves them itself.
+    """P_delta, the object widened by delta, as boxes of ``v``: one a cell for closed forms, else few large ones.
 
     Returns:
         Lower and upper corners ``(N, n)`` float64.

@@ -1,8 +1,8 @@
-"""Boxes that meet an object, as boxes of a chart (``box_chart``): all pairs of corners, cut down by a summed-area table.
+"""Boxes that meet an object, as boxes of the chart ``networks.charts.box``: all pairs of corners.
 
-Devices cut boxes at ``|v| = limit``, which may lie outside the grid on one side (the domain's centre is a float32
-number), or on all (the bounder was made for a larger grid). So corners run over all that is within the limit, in cells
-of this grid.
+A summed-area table says which of them meet the object. Devices cut boxes at ``|v| = limit``, which may lie outside the
+grid on one side (the domain's centre is a float32 number), or on all (the bounder was made for a larger grid). So
+corners run over all that is within the limit, in cells of this grid.
 """
 
 import numpy as np
@@ -21,11 +21,11 @@ from warp_bounding.proof.search.depth_first import Charted
 
 __all__ = ["BOX"]
 
-MOST_CELLS = 2.0**30  # from the grid's origin to the domain's ends: the chart counts cells in 32 bits
+MOST_CELLS = 2.0**30  # cells from the grid's origin to the domain's ends: the chart counts them in 32 bits
 
 
 class BoxCover(Cover):
-    """Boxes; see ``Cover``."""
+    """The cover of boxes."""
 
     name = "box"
 
@@ -59,7 +59,7 @@ class BoxCover(Cover):
         return np.concatenate([p, p], axis=1)
 
     def coordinates(self, bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray:
-        """See ``Cover``; a point, where a monotone network was searched, is the box that is no more than it."""
+        # a monotone network is searched over points: each is the box that is no more than it
         return np.concatenate([v, v], axis=1) if v.shape[1] == grid.ndim else super().coordinates(bounder, grid, v)
 
 

@@ -1,7 +1,7 @@
 """Boxes against a monotone network: the least f of all that meet the object, as a minimum over the object's points.
 
-See ``bounders.monotone_mlp`` for why. The object's cells are not widened here: what the pipeline rounds is in the
-function.
+See ``bounders.neural.monotone_mlp`` for why. The object's cells are not widened here: what the pipeline rounds is in
+the function.
 """
 
 from dataclasses import replace
@@ -15,7 +15,7 @@ __all__ = ["LeastBox", "of_points"]
 
 
 class LeastBox:
-    """``g(p)``, at most f of any box that holds p, with what ``search.minimum`` and ``certify`` ask of a bounder of points.
+    """``g(p)``, at most f of any box that holds p; ``search.minimum`` and ``certify`` take it as a bounder of points.
 
     Args:
         bounder: Whose f.
@@ -38,5 +38,5 @@ class LeastBox:
 
 
 def of_points(bounder: Bounder) -> Bounder | LeastBox:
-    """What is bounded over the object's points: the bounder itself, or for boxes and a monotone network its ``LeastBox``."""
+    """The f that is bounded over points: of a monotone network its ``LeastBox``, else the bounder itself."""
     return LeastBox(bounder) if isinstance(bounder, MonotoneMlp) else bounder

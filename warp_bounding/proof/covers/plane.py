@@ -21,7 +21,7 @@ from warp_bounding.proof.covers.base import Cover
 
 __all__ = ["PLANE", "SupportGap"]
 
-AT_A_TIME = 2048  # boxes against all corners
+AT_A_TIME = 2048  # boxes that are compared with all corners at a time
 FIRST = 4  # boxes along each axis of a cube's face to begin with
 
 
@@ -37,7 +37,7 @@ class SupportGap:
         self.networks, self.ndim = bounder.networks, grid.ndim
         base = bounder.domain.base
         corners = base.to_local(hull_points(grid))
-        # How far the computed plane may pass a point of the object, in c; and what float64 rounds below.
+        # How far the computed plane may pass a point of the object, in c, and what float64 rounds in ``reference``.
         self.room = float(bounder.domain.delta[-1]) * (1 + 1e-9) + 1e-12 * (1 + np.abs(corners).max())
         self.corners = [corners, -corners]
 
@@ -89,7 +89,7 @@ class SupportGap:
 
 
 class PlaneCover(Cover):
-    """Planes; see ``Cover``."""
+    """The cover of planes, for networks: over normals, without a chart."""
 
     name = "plane"
 
@@ -98,7 +98,7 @@ class PlaneCover(Cover):
         return gap, *gap.boxes()
 
     def coordinates(self, bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray:
-        """See ``Cover``; a normal becomes the planes that touch the object's hull on either side."""
+        # a normal becomes the two planes that touch the object's hull
         if v.shape[1] != grid.ndim:
             return super().coordinates(bounder, grid, v)
         corners = bounder.domain.base.to_local(hull_points(grid))

@@ -14,7 +14,7 @@ __all__ = ["POINT"]
 
 
 class PointCover(Cover):
-    """Points; see ``Cover``."""
+    """The cover of points."""
 
     name = "point"
 

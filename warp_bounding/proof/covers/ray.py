@@ -1,10 +1,15 @@
-"""Rays that meet an object, as boxes of a chart (``ray_chart``): 2n - 1 numbers, by where a ray first enters the object.
+"""Rays that meet an object, as boxes of the chart ``networks.charts.ray``, by where a ray first enters the object.
 
-Let a ray ``a + t w`` pass a point of the object at t. Either a lies in the object; or the ray comes, just before it
-first enters, through an empty cell D (or from outside the grid) whose closure holds the point of entry p. Go from D to
-an occupied cell at p by one axis at a time, of those on which the ray moves towards it: the first step from an empty to
-an occupied cell crosses a face that holds p, that is exposed, and that the ray crosses inwards. So exposed faces with
-directions inwards, and origins in the object with all directions, cover all positives.
+z = (p, t, m), 2n + 1 numbers. Two have no width in each box: an entry of p, or t, and an entry of m.
+
+Let a ray ``a + t w`` meet the object. Either its origin lies in the object: these are the boxes with p anywhere in the
+object, t = 0 and every direction. Or it first enters at a point p, and exposed faces with inward directions cover it:
+
+1. Let A be an occupied cell that holds p, and D a cell that holds the ray just before p: it is empty, or outside the
+   grid. On an axis on which the ray stands still choose D as A is; it holds the ray there, too.
+2. On an axis on which D and A differ p lies on the face between them, and the ray moves from D towards A.
+3. Change D into A one axis at a time. All cells on this way hold p. The first step from an empty to an occupied cell
+   crosses a face that holds p, is exposed, and is crossed inwards by the ray.
 """
 
 from collections.abc import Iterator
@@ -24,18 +29,18 @@ from warp_bounding.proof.search.depth_first import Charted
 
 __all__ = ["RAY", "single_faces"]
 
-CELLS = 256  # at a time, of those that are taken one by one
+CELLS = 256  # cells that ``single_faces`` takes at a time
 
 
 def single_faces(bounder: Mlp, grid: IndicatorGrid) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """The same set in other boxes, cell by cell and face by face, some at a time, for those who prove anew.
+    """The same positives in other boxes, cell by cell and face by face: ``certify`` must not share the search's.
 
     Args:
         bounder: Its domain holds the object.
         grid: The object.
 
-    Returns:
-        Lower and upper corners ``(N, 2 n + 1)``.
+    Yields:
+        Lower and upper corners ``(N, 2 n + 1)`` of some.
     """
     n, domain = grid.ndim, bounder.domain
     occupied = {tuple(cell) for cell in grid.occupied.tolist()}
@@ -58,12 +63,12 @@ def _boxes(
     grid: IndicatorGrid,
     first: np.ndarray,
     last: np.ndarray,
-    latest: float,
+    t_most: float,
     directions: tuple[np.ndarray, np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Boxes of p between two corners in cells, t up to a time, and all of some boxes of directions."""
+    """Boxes (p, t, m): p between corners given in cells, 0 <= t <= ``t_most``, m in each of ``directions``."""
     sides = []
-    for corner, t, m in ((first, 0.0, directions[0]), (last, latest, directions[1])):
+    for corner, t, m in ((first, 0.0, directions[0]), (last, t_most, directions[1])):
         p = np.repeat(domain.base.to_local(grid.position(corner)), len(m), axis=0)
         sides.append(np.concatenate([p, np.full((len(p), 1), t), np.tile(m, (len(corner), 1))], axis=1))
     return sides[0], sides[1]
@@ -81,7 +86,7 @@ def _exposed(occupancy: np.ndarray, axis: int, sign: int) -> np.ndarray:
 
 
 def _directions(n: int, axis: int | None = None, sign: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """The faces of the cube [-1, 1]^n as boxes ``(F, n)``; of those, what has the given sign along an axis."""
+    """The faces of the cube [-1, 1]^n as boxes ``(F, n)``; given an axis, only the part that has this sign along it."""
     lower, upper = [], []
     for k in range(n):
         for side in (1.0, -1.0):
@@ -98,7 +103,7 @@ def _directions(n: int, axis: int | None = None, sign: int = 1) -> tuple[np.ndar
 
 
 class RayCover(Cover):
-    """Rays; see ``Cover``."""
+    """The cover of rays."""
 
     name = "ray"
 
@@ -110,16 +115,20 @@ class RayCover(Cover):
         for axis in range(n):
             for sign in (1, -1):
                 first, last = blocks_of(_exposed(grid.occupancy, axis, sign), flat=axis)
+                # From cells to corners: cell i is [i - 1/2, i + 1/2], and ``last`` is one past the last cell.
                 first, last = first - 0.5, last - 0.5
+                # Each block is one cell thick on the axis; only its exposed face is kept, the upper one for sign > 0.
                 (first if sign > 0 else last)[:, axis] = (last if sign > 0 else first)[:, axis]
                 boxes.append(_boxes(domain, grid, first, last, 1.0, _directions(n, axis, -sign)))
         lower, upper = (np.concatenate(side) for side in zip(*boxes, strict=True))
         stretch, base = domain.stretch.astype(np.float64), domain.base
         limit = base.limit.astype(np.float64)
-        slop = gamma(128, UNIT64) * (limit + 2 * stretch)
+        slop = gamma(128, UNIT64) * (limit + 2 * stretch)  # of a = p - t w in the chart: far more than it rounds
+        # in the order in which ``RayChart`` reads them
         numbers = [stretch, limit, local(grid.lower), local(grid.upper), *np.split(domain.delta, 2), slop]
-        reach = np.concatenate([limit + 2 * stretch, stretch * (1 + 1e-3)])
-        return Charted(bounder.network, RayChart(2 * n), lower, upper, np.concatenate(numbers), reach)
+        # The largest inputs in a box before it is cut to ``|a| <= limit``, generously: a - w and the noise of w.
+        largest = np.concatenate([limit + 2 * stretch, stretch * (1 + 1e-3)])
+        return Charted(bounder.network, RayChart(2 * n), lower, upper, np.concatenate(numbers), largest)
 
     def anew(self, bounder: Mlp, grid: IndicatorGrid, cover: Charted) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
         sets = 1 + 2 * grid.ndim  # the cells of a part, and their faces on each side
@@ -131,7 +140,7 @@ class RayCover(Cover):
         return np.concatenate([p, np.eye(n)[np.arange(len(p)) % n] * domain.stretch.astype(np.float64)], axis=1)
 
     def coordinates(self, bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray:
-        """See ``Cover``; numbers ``(p, t, m)`` of the chart are the ray with ``p = a + t w`` and a direction m of any length."""
+        # (p, t, m) of the chart is the ray with p = a + t w, and a direction m of any length
         n = grid.ndim
         if v.shape[1] != 2 * n + 1:
             return super().coordinates(bounder, grid, v)

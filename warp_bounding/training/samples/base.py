@@ -17,10 +17,10 @@ class Samples:
 
     Attributes:
         query: Kind of query.
-        ndim: Numbers of ``v``.
+        ndim: Length of ``v``.
         generator: Source of everything random.
-        detail: ``(ndim, 1)``, how much detail ``v`` carries per unit, relative to the axis with most.
-        vertices: ``(ndim, K)``, positives where a minimum is likely, all of them; may be none.
+        detail: ``(ndim, 1)``, the object's cells along each axis of ``v``, relative to the axis with most.
+        vertices: ``(ndim, K)``, all of the positives where a minimum of f is likely, such as corners; may be none.
     """
 
     query = ""
@@ -34,7 +34,7 @@ class Samples:
         raise NotImplementedError
 
     def negatives(self, count: int) -> torch.Tensor:
-        """``v`` of the negatives among ``count`` samples of the protocol; where that is none, of a few others."""
+        """``v`` of the negatives among ``count`` samples of the protocol, or of a few other queries where none is."""
         raise NotImplementedError
 
     def positives(self, count: int) -> torch.Tensor:
@@ -56,11 +56,11 @@ class Samples:
         raise NotImplementedError
 
     def locate(self, v: np.ndarray) -> torch.Tensor:
-        """States of positives found elsewhere, ``(N, ndim)`` float64; one that is none, by rounding, is dropped."""
+        """States of positives ``(N, ndim)`` float64 found elsewhere, but for those that rounding moved off the object."""
         raise NotImplementedError(f"{self.query}: counterexamples come as states")
 
     def at(self, z: np.ndarray) -> torch.Tensor:
-        """States of positives that a proof's search has found, given as numbers of its chart ``(N, Z)``; some may be dropped."""
+        """States of positives given as numbers ``(N, Z)`` of a proof's chart; some may be dropped."""
         raise NotImplementedError(f"{self.query}: there is no chart")
 
 

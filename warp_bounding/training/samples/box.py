@@ -1,8 +1,8 @@
 """Samples of boxes: a positive is a point p of the object, and how far the box reaches below and above it.
 
 ``v = (low, high)`` in local space, inside the domain: low = p - e (p - lower), high = p + e' (upper - p) with e, e' in
-[0, 1] per axis. Positives are an up-set (a larger box is one too), so its boundary is made of boxes that touch: where p
-is on a cell's face, they reach away from it only. They are most of the positives, of all sizes from 0 to the domain.
+[0, 1] per axis. Positives are an up-set (a larger box is one too), so its boundary is made of boxes that touch: where
+p is on a cell's face, they reach away from it only. They are most of the positives, of all sizes from 0 to the domain.
 """
 
 import numpy as np
@@ -15,12 +15,12 @@ __all__ = ["BoxSamples"]
 
 TOUCHING_SHARE = 3 / 4  # of the positives: boxes that touch their cell from outside
 FACE_SHARE = 0.6  # of the coordinates of p: on a face of the cell
-NONE_SHARE = 0.25  # of the reaches: none
-FULL_SHARES = (0.1, 0.6)  # of the reaches: all of the room; of those of slabs, which end at the domain's border mostly
-SLABS = 0.3  # of the positives
-REACH_POWERS = (1.0, 4.0)  # of a uniform number: the other reaches
+NONE_SHARE = 0.25  # of the reaches e: 0
+FULL_SHARES = (0.1, 0.6)  # of the reaches e: 1, up to the domain's border; and of those of slabs
+SLABS = 0.3  # of the positives: boxes that reach the domain's border on most sides
+REACH_POWERS = (1.0, 4.0)  # the other reaches e are a uniform number to a power between these
 REACH = 3.0  # low and high move by so many cells where p moves by one
-LEAST = 1e-12
+LEAST = 1e-12  # local units: added below divisors
 
 
 class BoxSamples(RegionSamples):
@@ -29,7 +29,6 @@ class BoxSamples(RegionSamples):
     query = "box"
 
     def positives(self, count: int) -> torch.Tensor:
-        """See ``Samples``."""
         n, near = self.grid.ndim, int(count * TOUCHING_SHARE)
         cells, offset, side = self.cells.draw_touching(near, FACE_SHARE)
         reach = self._reaches(2 * n, count)
@@ -47,7 +46,7 @@ class BoxSamples(RegionSamples):
         return torch.where(kind > 1 - NONE_SHARE, 0.0, reach)
 
     def at(self, z: np.ndarray) -> torch.Tensor:
-        """See ``Samples``: the chart is ``box_chart``'s."""
+        # z of ``networks.charts.box``: low and high in cells
         n = self.grid.ndim
         cells, points = [], []
         for low, high in zip(z[:, :n], z[:, n:], strict=True):
@@ -69,13 +68,12 @@ class BoxSamples(RegionSamples):
         return torch.cat([*state, below.clamp_(0, 1), above.clamp_(0, 1)])
 
     def coordinates(self, state: torch.Tensor) -> torch.Tensor:
-        """See ``Samples``."""
         n, p = self.grid.ndim, self.point(state)
         below, above = state[2 * n : 3 * n], state[3 * n :]
         return torch.cat([p - below * (p - self.cells.lower), p + above * (self.cells.upper - p)])
 
     def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
-        """See ``Samples``. Components that would leave their range are left out before the step's length is set."""
+        # components that would leave their range are left out before the step's length is set
         n, unit, p = self.grid.ndim, self.cells.unit, self.point(state)
         offset, below, above = state[n : 2 * n], state[2 * n : 3 * n], state[3 * n :]
         by_low, by_high = slope[:n], slope[n:]

@@ -16,7 +16,7 @@ from warp_bounding.training.samples.base import columns
 __all__ = ["CellPoints"]
 
 BOUNDARY_SHARE = 2 / 3  # of the points: in cells that touch an empty one
-FACE_SHARE = 0.6  # of their coordinates: on a face of the cell
+FACE_SHARE = 0.6  # of the coordinates of these points: on a face of the cell
 EXPOSED_SHARE = 0.9  # of the coordinates on a face, where just one of the two is exposed: on that one
 
 
@@ -49,17 +49,15 @@ class CellPoints:
         return t * self.unit + self.origin
 
     def pick(self, cells: torch.Tensor, count: int) -> torch.Tensor:
-        """Random ones of some cells ``(n, C)``."""
+        """``(n, count)`` random ones of the cells ``(n, C)``."""
         if not count:
             return cells[:, :0]
         return cells.index_select(1, self.integers(cells.shape[1], count))
 
     def rand(self, *shape: int) -> torch.Tensor:
-        """Uniform in [0, 1)."""
         return torch.rand(*shape, generator=self.generator)
 
     def integers(self, end: int, count: int) -> torch.Tensor:
-        """Uniform in 0 .. end - 1."""
         return torch.randint(end, (count,), generator=self.generator)
 
     def draw(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
@@ -71,7 +69,7 @@ class CellPoints:
         return torch.cat([self.pick(self.boundary, near), self.pick(self.occupied, count - near)], 1), offset
 
     def draw_touching(self, count: int, share: float) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Cells of the boundary, offsets, and sides ``(n, count)``: 1 or -1 where the point is on a cell's upper or lower face.
+        """Boundary cells, offsets, and sides ``(n, count)``: 1 or -1 on a cell's upper or lower face, else 0.
 
         Args:
             count: Number of points.

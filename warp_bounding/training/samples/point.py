@@ -10,7 +10,7 @@ from warp_bounding.training.samples.cell_points import CellPoints
 
 __all__ = ["PointSamples"]
 
-FEWEST_NEGATIVES = 64
+FEWEST_NEGATIVES = 64  # that are drawn in empty cells where uniform samples gave none
 
 
 class PointSamples(Samples):
@@ -36,13 +36,11 @@ class PointSamples(Samples):
         self._shape = torch.from_numpy(shape)[:, None]
 
     def uniform(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """See ``Samples``."""
         t = self.cells.rand(self.ndim, count) * self._extent + self._first
         cell = torch.minimum(torch.round(t).long().clamp_(min=0), self._shape - 1)
         return self.cells.to_local(t), self._table[(cell * self._stride).sum(0)]
 
     def negatives(self, count: int) -> torch.Tensor:
-        """See ``Samples``; the few others are in the empty cells."""
         v, truth = self.uniform(count)
         if truth.all():
             cells = self.cells.pick(columns(np.argwhere(~self.grid.occupancy)), FEWEST_NEGATIVES)
@@ -50,20 +48,17 @@ class PointSamples(Samples):
         return v[:, ~truth]
 
     def positives(self, count: int) -> torch.Tensor:
-        """See ``Samples``: most in boundary cells and on cell faces, the rest uniform in the object."""
         return torch.cat(self.cells.draw(count))
 
     def coordinates(self, state: torch.Tensor) -> torch.Tensor:
-        """See ``Samples``."""
         return self.cells.to_local(state[: self.ndim] + state[self.ndim :])
 
     def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
-        """See ``Samples``; the largest component moves by ``step`` cells, all stay in their cells."""
+        # the largest component moves by ``step`` cells; all stay in their cells
         slope = slope * self.cells.unit
         slope /= slope.abs().amax(0, keepdim=True) + 1e-12
         cell, offset = state[: self.ndim], state[self.ndim :]
         return torch.cat([cell, (offset - step * slope).clamp_(-0.5, 0.5)])
 
     def locate(self, v: np.ndarray) -> torch.Tensor:
-        """See ``Samples``."""
         return torch.cat(self.cells.locate(v)[:2])

@@ -23,12 +23,12 @@ TOUCHING_SHARE = 0.5  # of the positives: rays that touch their cell from outsid
 BORDER_SHARE = 0.25  # of the positives: rays from the domain's border to the object's boundary
 BORDER_FACE_SHARE = 0.5  # of the coordinates of their origins: on the border
 FACE_SHARE = 0.65  # of the coordinates of p: on a face of the cell
-END_SHARES = (0.2, 0.5)  # of the other rays: begin at p; end there (up to here)
+END_SHARES = (0.2, 0.5)  # of the other rays: up to the first share begin at p, from there to the second end at p
 REACH = 3.0  # t and the direction move by so many cells where p moves by one
-ON_BORDER = 1e-5  # of t: an origin that is on the domain's border
-SLOWEST = 0.05  # w across a border, in its gradient: where a ray runs along it, a slide would be endless
-LEAST = 1e-12
-ASIDE = 1e-4  # of a cell
+ON_BORDER = 1e-5  # of t: an origin this near to the domain's border is on it
+SLOWEST = 0.05  # local units: least |w| across a border in its gradient; along the border a slide would be endless
+LEAST = 1e-12  # added below divisors
+ASIDE = 1e-4  # of a cell: how far beside a point of a face its cell is looked for
 
 
 class RaySamples(RegionSamples):
@@ -42,7 +42,6 @@ class RaySamples(RegionSamples):
         self._cells_long = (self._stretch / self.cells.unit).abs()  # cells that a ray along each axis crosses
 
     def positives(self, count: int) -> torch.Tensor:
-        """See ``Samples``."""
         touching, from_border = int(count * TOUCHING_SHARE), int(count * BORDER_SHARE)
         parts = [
             self._touching(touching),
@@ -62,7 +61,7 @@ class RaySamples(RegionSamples):
         return torch.cat([cells, offset, torch.minimum(share, longest)[None], direction])
 
     def _from_border(self, count: int) -> torch.Tensor:
-        """Rays from a point in the domain, mostly on its border, to one on the object's boundary; cut to their length."""
+        """Rays from the domain, mostly from its border, to the object's boundary, cut to their length."""
         cells, offset, _ = self.cells.draw_touching(count, FACE_SHARE)
         low, high = self.cells.lower, self.cells.upper
         n = self.grid.ndim
@@ -85,7 +84,7 @@ class RaySamples(RegionSamples):
         return torch.cat([cells, offset, torch.minimum(share, longest)[None], direction])
 
     def directions(self, count: int) -> torch.Tensor:
-        """``(n, count)`` unit vectors: half by uniform spherical angles as in the protocol, half uniform on the sphere."""
+        """``(n, count)`` unit vectors: half by uniform angles as in the protocol, half uniform on the sphere."""
         n = self.grid.ndim
         by_angles = count // 2 if n > 1 else 0
         normal = torch.randn(n, count - by_angles, generator=self.generator)
@@ -102,15 +101,13 @@ class RaySamples(RegionSamples):
         return both.index_select(1, torch.randperm(count, generator=self.generator))
 
     def at(self, z: np.ndarray) -> torch.Tensor:
-        """See ``Samples``: the chart is ``ray_chart``'s."""
+        # z = (p, t, m) of ``networks.charts.ray``
         n = self.grid.ndim
         p, t, m = z[:, :n], z[:, n], z[:, n + 1 :]
         u = m / np.linalg.norm(m, axis=1, keepdims=True)
         cells, offset = np.zeros_like(p), np.zeros_like(p)
         found = np.zeros(len(p), dtype=bool)
-        for side in product(
-            (-1.0, 1.0), repeat=n
-        ):  # p lies on a face, or on an edge: a little to one side there is a cell
+        for side in product((-1.0, 1.0), repeat=n):  # p lies on a face or an edge: beside it there is a cell
             cell, part, kept = self.cells.locate(p + np.array(side) * ASIDE * self.cells.unit.numpy()[:, 0])
             new = kept & ~found
             cells[new], offset[new] = (x.numpy().T[new[kept]] for x in (cell, part))
@@ -118,16 +115,13 @@ class RaySamples(RegionSamples):
         return torch.cat([columns(x[found]) for x in (cells, offset, t[:, None], u)])
 
     def coordinates(self, state: torch.Tensor) -> torch.Tensor:
-        """See ``Samples``."""
         n = self.grid.ndim
         w = state[2 * n + 1 :] * self._stretch
         return torch.cat([self.point(state) - state[2 * n] * w, w])
 
     def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
-        """See ``Samples``. Components that would leave their range are left out before the step's length is set.
-
-        An origin that wants to leave the domain slides along the face that it is on.
-        """
+        # Components that would leave their range are left out before the step's length is set. An origin that would
+        # leave the domain slides along the face that it is on.
         n = self.grid.ndim
         cell, offset, t, direction = state[:n], state[n : 2 * n], state[2 * n], state[2 * n + 1 :]
         w = direction * self._stretch
@@ -156,11 +150,10 @@ class RaySamples(RegionSamples):
         return torch.cat([cell, offset, t[None], direction])
 
     def _longest(self, p: torch.Tensor, direction: torch.Tensor) -> torch.Tensor:
-        """``(N,)`` the largest t <= 1 with p - t w in the domain."""
         return self._room(p, direction)[0]
 
     def _room(self, p: torch.Tensor, direction: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """The same, and the axis ``(N,)`` whose face is met there first."""
+        """``(N,)`` the largest t <= 1 with p - t w in the domain, and the axis ``(N,)`` whose face is met first."""
         w = direction * self._stretch
         room = torch.where(w > 0, p - self.cells.lower, self.cells.upper - p).clamp_(min=0)
         longest, axis = (room / w.abs().clamp_(min=LEAST)).min(0)

@@ -1,4 +1,4 @@
-"""What samples of rays and boxes share: a point of the object that the region passes, and labels by the exact oracle."""
+"""What samples of rays and boxes share: a point of the object in the region, and labels by the exact oracle."""
 
 import numpy as np
 import torch
@@ -11,9 +11,9 @@ from warp_bounding.training.samples.cell_points import CellPoints
 
 __all__ = ["RegionSamples"]
 
-FEWEST_NEGATIVES = 64
-APART = 2.0  # cells
-ATTEMPTS = 20  # at finding a negative
+FEWEST_NEGATIVES = 64  # samples that stand for negatives where there are none
+APART = 2.0  # cells: edge of the boxes of v of which ``spread`` keeps one state each
+ATTEMPTS = 20  # batches in which a negative is looked for
 
 
 class RegionSamples(Samples):
@@ -34,15 +34,12 @@ class RegionSamples(Samples):
         self._rng = np.random.default_rng(int(torch.randint(2**62, (1,), generator=generator)))
 
     def uniform(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """See ``Samples``."""
         q = sample(self.query, self.grid, count, self._rng)
         return columns(self.domain.to_local(q)), torch.from_numpy(self._oracle(q))
 
     def negatives(self, count: int) -> torch.Tensor:
-        """See ``Samples``; where (almost) every region meets the object, the others are positives.
-
-        The loss needs a few columns, and a threshold that is set on positives does not care.
-        """
+        # Where (almost) every region meets the object, a few positives stand for them: the loss needs a few columns,
+        # and the threshold, which is set on positives, does not depend on them.
         for _ in range(ATTEMPTS):
             v, truth = self.uniform(count)
             if not truth.all():
