@@ -15,7 +15,7 @@ from warp_bounding.indicators.formats.load import READERS
 
 DATA = Path(os.environ.get("WARP_BOUNDING_DATA") or Path(__file__).parents[2] / "shared" / "data")
 SHAPES = sorted(p for p in DATA.glob("[234]D/*") if p.suffix in READERS) if DATA.is_dir() else []
-CLOSED = [name for name, kind in METHODS.items() if kind.closed_form]
+CLOSED = [name for name, kind in METHODS.items() if kind.exact_on_cells]
 
 FEW = {"2D-star1", "3D-bunny", "4D-teapot"}  # the others need --slow
 

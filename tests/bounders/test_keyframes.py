@@ -16,7 +16,7 @@ REGIONS = [
     (name, query)
     for name, kind in METHODS.items()
     for query in ("ray", "plane", "box")
-    if kind.closed_form and kind.conservative and name != "learned-kdop" and kind.supports(query, 4)
+    if kind.exact_on_cells and kind.conservative and name != "learned-kdop" and kind.supports(query, 4)
 ]
 
 

@@ -35,7 +35,7 @@ def test_no_false_negative(method, name, device, rng):
         ).any(axis=1)
         assert outside.any()
         assert not answers[outside].any()
-    if METHODS[method].closed_form:  # and the bounder is worth something; these networks are hardly trained
+    if METHODS[method].exact_on_cells:  # and the bounder is worth something; these networks are hardly trained
         assert not answers.all()
 
 

@@ -71,7 +71,7 @@ def ask(bounder: wb.Bounder, x: np.ndarray, **options) -> np.ndarray:
 def test_on_cuda_fast_math_approximates_nothing_in_it(query, tmp_path):
     """Read in the machine code of all methods' functions: quotients and roots stay rounded to nearest."""
     module = module_of(f"cuda_{query}", fast_math=True)
-    names = [n for n, kind in METHODS.items() if (kind.closed_form or n == "mlp") and kind.supports(query, 2)]
+    names = [n for n, kind in METHODS.items() if (kind.exact_on_cells or n == "mlp") and kind.supports(query, 2)]
     kernels = [asking_kernel(bounder_of(name, query), module) for name in names]
     wp.compile_aot_module(module, device=None, arch=ARCHITECTURE, module_dir=tmp_path, use_ptx=True)
     (code,) = (path.read_text() for path in tmp_path.rglob("*.ptx"))

@@ -1,14 +1,16 @@
 """The contract of a bounder, and everything that all methods share.
 
 A bounder maps a query to coordinates ``v`` (``Domain``), computes one float32 number ``f(v)`` and answers *maybe* iff
-``not (f < threshold)``. A method supplies:
+``not (f < threshold)``, which is not ``f >= threshold``: a NaN must be answered with *maybe*. A method supplies:
 
-* ``source``: the native code of ``f`` (``Source``) and ``weights()``, the float32 numbers that it reads;
-* ``reference(v)``: the same ``f`` in plain NumPy float64, the twin that tests and proofs evaluate;
+* ``source``: a ``Source`` with the native text of ``f`` (``body``) and its twin in Warp's own Python (``plain``); and
+  ``weights()``, the float32 numbers that both read;
+* ``reference(v)``: the same ``f`` in plain NumPy float64, which tests and proofs evaluate;
 * ``bound(lower, upper)``: a certified lower bound of the exact ``f`` over boxes of ``v``;
 * ``rounding_bound()``: ``E >= |f as any device computes it - exact f|`` wherever the domain test lets a query through;
 * ``options``, what users can tell it, and ``supports``, what it bounds;
-* ``fit(grid, domain, ...)``, where there is a closed form; else an entry in ``training.trainers``.
+* ``fit(grid, domain, ...)``, where the volume is computed in closed form; where it is learned, an entry in
+  ``training.trainers.TRAINERS``.
 
 It is proven when ``threshold <= (least bound over the widened object) - E``; ``proof`` establishes that, for every
 method by the same code. A new method is one file with a subclass, and a line in ``methods.py`` (``register``).
@@ -34,7 +36,7 @@ from warp_bounding.runtime.devices import device_of
 
 __all__ = ["Bounder", "BoxBounds"]
 
-CELLS_AT_A_TIME = 16384
+CELLS_AT_A_TIME = 16384  # cells whose boxes are bounded in one call, so that memory stays small
 
 
 class Bounder(Asking):
@@ -46,8 +48,9 @@ class Bounder(Asking):
         domain: The box it was made for, and the map into it.
         threshold: float32; the answer is *maybe* iff ``not (f < threshold)``.
         certificate: What is proven of it, or ``None``.
-        info: How it was made: indicator digest and name, margin, resolution, seed, seconds, training record, and rates:
-            false positives on a few queries, the bounder's own and those of the box around the same cells.
+        info: How it was made, by the names in ``file_format.INFO_FIELDS``. ``training`` is a record of the fit, with its
+            seconds; ``rates`` are false positives on a few queries, the bounder's own and those of an axis-aligned box
+            around the same cells.
         device: The Warp device that queries run on.
         native: Whether queries run as native text, or as its plain twin (``to``).
 
@@ -60,12 +63,10 @@ class Bounder(Asking):
     """
 
     method: ClassVar[str]
-    closed_form: ClassVar[bool] = True  # ``bound`` is exact on a cell, so that one pass over the cells is the proof
+    exact_on_cells: ClassVar[bool] = True  # one pass over the cells (``least``) is the proof, without a search
     conservative: ClassVar[bool] = True  # false: kept to show what goes wrong; it never holds a certificate
     bit_fields: ClassVar[tuple[str, ...]] = ()  # tensors that are uint32
-    takes_seconds: ClassVar[bool] = (
-        False  # the class's ``fit`` has such an argument: when they are over, it ends, looser
-    )
+    takes_seconds: ClassVar[bool] = False  # ``fit`` has an argument ``seconds``; when they are over it ends, looser
     options: ClassVar[tuple[Option, ...]] = ()  # what ``fit`` and the command line can tell the method
 
     def __init__(
@@ -84,8 +85,8 @@ class Bounder(Asking):
             device: Warp device; the default device if ``None``.
 
         Raises:
-            BounderError: If a tensor is not finite or of the wrong type, the method does not bound such queries, or there is no
-                such device.
+            BounderError: If a tensor is not finite or of the wrong type, the method does not bound such queries, or there
+                is no such device.
         """
         device_of(device, BounderError)
         if not self.supports(domain.query, domain.space_ndim, domain.space):
@@ -124,14 +125,18 @@ class Bounder(Asking):
         Args:
             lower: ``(N, n)`` float64.
             upper: ``(N, n)`` float64.
+
+        Returns:
+            The bounds; the axis to halve next; and a point of each box where f is likely to be least, with f there. The
+            other fields of ``BoxBounds`` are for networks.
         """
 
     @abstractmethod
     def rounding_bound(self) -> float:
         """``E``: bound of the error of ``f`` as any device computes it, for ``|v| <= domain.limit``.
 
-        Regions tested against a volume: the computed ``f(v)`` is at least the largest value of the volume's exact f on the
-        region ``v``, less E.
+        For regions that are tested against a volume, the computed ``f(v)`` is at least the largest value that the volume's
+        exact f has on the region ``v``, less E.
         """
 
     @property
@@ -146,7 +151,7 @@ class Bounder(Asking):
 
     @property
     def volume(self) -> "Bounder | None":
-        """The volume, as a bounder of points, where a region is tested against one; ``None`` where f is a function of v."""
+        """The volume that regions are tested against, as a bounder of points; ``None`` where f is a function of v."""
         return None
 
     @classmethod
@@ -175,16 +180,19 @@ class Bounder(Asking):
         Args:
             grid: The object.
             domain: Of a region, in parametric space.
-            samples: ``(N, 2 n)`` float64, positive queries in their own units; they give the shape, not the size.
+            samples: ``(N, 2 n)`` float64, positive queries in a query's own units (not those of v); they give the volume's
+                shape and axes, ``prove`` its size.
             device: Warp device.
 
         Raises:
-            BounderError: If the method has none.
+            BounderError: If the method has no such volume.
         """
         raise BounderError(f"{cls.method}: there is no such volume in parametric space")
 
     def least(self, grid: IndicatorGrid) -> tuple[float, int]:
-        """Certified least ``f`` over all v that the pipeline can make of a positive query, in closed form.
+        """Certified least ``f`` over all v that can arise from a positive query, by one pass over the cells.
+
+        It is the proof where the class is ``exact_on_cells``.
 
         Args:
             grid: The object, inside the domain.
@@ -207,7 +215,7 @@ class Bounder(Asking):
 
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
-        """Whether the method can bound this kind of query of an n-dimensional object, in this space."""
+        """Whether the method can bound a kind of query of an n-dimensional object, in a space; by default only points."""
         return query in QUERIES and not QUERIES[query].is_region
 
     def to(self, device: str | None = None, *, native: bool | None = None) -> "Bounder":
@@ -215,11 +223,11 @@ class Bounder(Asking):
 
         Args:
             device: Warp device; the same one if ``None``.
-            native: ``False`` runs ``func``, ``query``, ``candidates`` and ``prepare`` as the plain twin in Warp's own Python
-                (``kernels.plain``), for devices without a compiler for native text. It answers the same but for rounding,
-                which the certificate has room for. One query at a time, a box takes about twice as long on a CPU, and a
-                network some 50 times (``benchmarks/inference.py``). Its kernels must be compiled without ``fast_math``.
-                ``None`` keeps what it is.
+            native: ``False`` runs ``func``, ``query``, ``candidates`` and ``prepare`` as the plain twin in Warp's own
+                Python (``kernels.plain``), for devices without a compiler for native text. Its answers may differ by
+                rounding only, which the certificate covers. It handles one query at a time: on a CPU a box takes about
+                twice as long, a network some 50 times (``benchmarks/inference.py``). Its kernels must be compiled
+                without ``fast_math``. ``None`` keeps what it is.
 
         Raises:
             BounderError: If there is no such device.
@@ -231,14 +239,17 @@ class Bounder(Asking):
         """
         device = self._device if device is None else device
         device_of(device, BounderError)
-        twin = object.__new__(type(self))
-        twin.__dict__.update({k: v for k, v in self.__dict__.items() if k not in ("func",)})
-        twin._device, twin._data = device, None
-        twin.native = self.native if native is None else native
-        return twin
+        copy = object.__new__(type(self))
+        copy.__dict__.update(self.__dict__)  # tensors are shared, they cannot change
+        copy.__dict__.pop("func", None)  # it is cached, and depends on ``native``
+        copy._device, copy._data = device, None
+        copy.native = self.native if native is None else native
+        return copy
 
     def freeze(self, threshold: float, certificate: Certificate | None) -> "Bounder":
-        """Set threshold and certificate; the only way that they change. Rates that were measured before are forgotten.
+        """Set threshold and certificate, in place; nothing else changes them.
+
+        ``info["rates"]`` is dropped: it was measured at the old threshold.
 
         Args:
             threshold: Rounded to float32; the answer is *maybe* iff ``not (f < threshold)``.
@@ -259,23 +270,28 @@ class Bounder(Asking):
         return self
 
     def check_range(self) -> None:
-        """Refuse numbers whose sums could overflow float32; the rounding bound is at least ``UNIT32`` times the largest sum.
+        """Refuse numbers whose sums could overflow float32.
 
         Raises:
             BounderError: If they could.
         """
+        # The rounding bound is at least UNIT32 times the largest sum. float32 ends at 2^128, so that under 2^60 even
+        # products of two sums are finite.
         if not self.rounding_bound() < UNIT32 * 2.0**60:
             raise BounderError(f"{self.method}: numbers are so large that float32 sums may overflow")
 
     @property
     def nbytes(self) -> int:
-        """Memory that a query computes with at most: parameters, without what tells whose they are, and bit field."""
+        """Bytes of data that one query can read: domain, threshold and the method's numbers, and the bit field.
+
+        The tag and the lengths in front of them (``Source.front``) are not counted.
+        """
         header = len(self.domain.header) + 1 + len(self.domain.extra)
         return 4 * header + sum(t.nbytes for t in self.tensors.values())
 
     @property
     def tightness(self) -> str:
-        """False positives in words, as the fit has measured them on few queries of its cells; empty where it has not."""
+        """False positives in words, as ``fit`` measured them on a few queries; empty where it did not."""
         rates = self.info.get("rates")
         if not rates:
             return ""
@@ -291,10 +307,10 @@ class Bounder(Asking):
         """Write one ``.safetensors`` file, whole or not at all: tensors, domain, threshold, certificate and a digest of them.
 
         Args:
-            path: File to write; one that exists is replaced if it is a bounder's, by its name or its content.
+            path: File to write. An existing file is replaced only if it is a bounder's, by its name or its content.
 
         Raises:
-            FileFormatError: If it cannot be written, or is another file that is kept.
+            FileFormatError: If it cannot be written, or if another kind of file is there, which is kept.
 
         Example:
             >>> bounder.save("ball.safetensors")

@@ -35,8 +35,8 @@ def save(bounder: Subject, path: str | os.PathLike) -> None:
 
     Args:
         bounder: Any bounder.
-        path: File to write; an existing one is replaced only when the new one is complete, and only one that was a bounder's,
-            by its name or its content.
+        path: File to write. An existing file is replaced only when the new one is complete, and only if it is a
+            bounder's, by its name or its content.
 
     Raises:
         FileFormatError: If the file cannot be written.
@@ -56,20 +56,20 @@ def save(bounder: Subject, path: str | os.PathLike) -> None:
         "certificate": bounder.certificate.to_dict() if bounder.certificate else None,
         **{field: bounder.info.get(field) for field in INFO_FIELDS},
     }
-    entry = json.dumps({"sha256": _digest(bounder.tensors, document), "bounder": document}, allow_nan=False)
-    write_whole(path, safetensors.numpy.save(bounder.tensors, metadata={KEY: entry}), BOUNDER_FILE)
+    text = json.dumps({"sha256": _digest(bounder.tensors, document), "bounder": document}, allow_nan=False)
+    write_whole(path, safetensors.numpy.save(bounder.tensors, metadata={KEY: text}), BOUNDER_FILE)
 
 
 def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Tensors and description of a file, as ``save`` wrote them.
+    """The tensors and the document (``"bounder"``) of a file, as ``save`` wrote them.
 
     Raises:
         FileFormatError: If the file is missing, damaged, foreign or newer than this library.
     """
-    tensors, entry = _read(path)
+    tensors, text = _read(path)
     try:
-        wrapper = json.loads(entry)
-        document, digest = wrapper["bounder"], wrapper["sha256"]
+        signed = json.loads(text)
+        document, digest = signed["bounder"], signed["sha256"]
         version = document["format"]
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise FileFormatError(f"{path}: the description inside is damaged") from error
@@ -79,7 +79,8 @@ def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         raise FileFormatError(
             f"{path}: format {version} is newer than this library knows ({FORMAT}); please update warp-bounding"
         )
-    same_text = json.dumps(wrapper) == entry  # 1.0 and 1.00 are one number, and two texts
+    # The digest covers values, not their spelling: a file edited from 1.0 to 1.00 would pass it.
+    same_text = json.dumps(signed) == text
     if digest != _digest(tensors, document) or not same_text:
         raise FileFormatError(f"{path}: the content does not match its SHA-256; the file is damaged or was edited")
     return tensors, document
@@ -100,13 +101,14 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], str]:
         if isinstance(error, FileFormatError):
             raise
         if (suffix := path.suffix.lower()) in READERS:
-            kind = "a mesh" if suffix in (*MESH_SUFFIXES, *USD_SUFFIXES) else "an array, image or voxel"
-            got = f"got {kind} file; where both are named, the bounder comes first, then the shape"
+            shape = "a mesh" if suffix in (*MESH_SUFFIXES, *USD_SUFFIXES) else "an array, image or voxel"
+            got = f"got {shape} file; where both are named, the bounder comes first, then the shape"
             raise FileFormatError(f"{path}: expected a bounder that fit wrote, {got}") from error
         raise FileFormatError(f"{path}: not a complete safetensors file ({error})") from error
 
 
 def _digest(tensors: dict[str, np.ndarray], document: dict) -> str:
+    """SHA-256 of the document as JSON with sorted keys, then of each tensor's name, type, shape and bytes, by name."""
     sha = hashlib.sha256(json.dumps(document, sort_keys=True, separators=(",", ":")).encode())
     for name in sorted(tensors):
         tensor = np.ascontiguousarray(tensors[name])

@@ -1,6 +1,6 @@
-"""What a method can be told besides its shape and query: each class states its own ``options``, which ``fit`` and the command line read.
+"""What a method can be told besides its shape and query: each class of bounders lists its ``options``.
 
-An option that no part of a method takes is refused, never ignored.
+``fit`` and the command line read them there. An option that no part of a method takes is refused, never ignored.
 """
 
 from collections.abc import Callable, Iterable
@@ -21,11 +21,11 @@ class Option:
 
     Attributes:
         name: As ``fit`` takes it, and the command line after two dashes.
-        default: Where it is not given. ``None``: the method decides, and giving ``None`` is giving nothing.
-        help: What it is, a few words.
-        check: The value as the method uses it; raises ``BounderError`` for one that makes no sense.
-        parse: The value of the command line's text; raises ``BounderError`` for what is none.
-        queries: Kinds of query that it is for.
+        default: The value of an option that is not given. Where it is ``None`` the method decides.
+        help: A few words for the command line.
+        check: Turns a given value into the one that the method uses; raises ``BounderError`` if it makes no sense.
+        parse: Turns the command line's text into a value; raises ``BounderError`` if the text is none.
+        queries: Kinds of query that the option is for.
     """
 
     name: str
@@ -63,26 +63,26 @@ STEPS = Option(
 )
 
 
-def taken(kinds: Iterable[type], query: str) -> dict[str, Option]:
+def taken(classes: Iterable[type], query: str) -> dict[str, Option]:
     """The options that one of these classes of bounders takes for a kind of query, by name."""
-    return {option.name: option for kind in kinds for option in kind.options if query in option.queries}
+    return {option.name: option for cls in classes for option in cls.options if query in option.queries}
 
 
-def settled(kinds: list[type], query: str, given: dict[str, Any]) -> list[dict[str, Any]]:
+def settled(classes: list[type], query: str, given: dict[str, Any]) -> list[dict[str, Any]]:
     """The value of every option of each class of bounders: as given, else the class's default.
 
     Raises:
-        BounderError: For an option that none of them takes for this kind of query, naming those that are taken, or a wrong value.
+        BounderError: For a wrong value, or an option that none of the classes takes for this kind of query; the message
+            names those that are taken.
     """
-    known = taken(kinds, query)
+    known = taken(classes, query)
     if unknown := [name for name in given if name not in known]:
-        method = "+".join(kind.method for kind in kinds)
+        method = "+".join(cls.method for cls in classes)
         what = ", ".join(known) if known else "no options of its own"
         raise BounderError(f"{method} takes {what} for {query} queries, got {', '.join(unknown)}")
-    return [{name: _value(option, given) for name, option in taken([kind], query).items()} for kind in kinds]
+    return [{name: _value(option, given) for name, option in taken([cls], query).items()} for cls in classes]
 
 
 def _value(option: Option, given: dict[str, Any]) -> Any:
-    """As given, else by default."""
     value = given.get(option.name, option.default)
     return None if value is None and option.default is None else option.check(value)

@@ -16,7 +16,7 @@ RESERVED = "cascade"  # what files call a conjunction of methods
 
 
 def register(kind: type[Kind]) -> type[Kind]:
-    """Make a method known by its name: to ``fit``, ``load``, cascades and the command line. Also a decorator of the class.
+    """Make a method known by its name to ``fit``, ``load``, cascades and the command line. Also a decorator of a class.
 
     Args:
         kind: A class of bounders with a ``method`` of its own; see ``Bounder`` for what it supplies.
@@ -38,7 +38,7 @@ def register(kind: type[Kind]) -> type[Kind]:
 
 
 def unregister(kind: type[Bounder]) -> None:
-    """Undo ``register``: nothing finds the method by its name any more."""
+    """Undo ``register``."""
     if _registered.get(kind.method) is kind:
         del _registered[kind.method]
 
@@ -60,6 +60,6 @@ def method_class(method: str, query: str = "point", ndim: int = 3, space: str = 
 def supports(method: str, query: str, ndim: int, space: str = "geometric") -> bool:
     """Whether a method can bound a kind of query of an n-dimensional object, in a space; ``False`` for unknown methods.
 
-    Of several, as in ``"kdop+mlp"``: whether each can.
+    A cascade such as ``"kdop+mlp"`` can if each of its parts can.
     """
     return all(name in METHODS and METHODS[name].supports(query, ndim, space) for name in method.split("+"))

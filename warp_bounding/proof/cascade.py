@@ -7,18 +7,19 @@ from warp_bounding.errors import BounderError
 
 __all__ = ["cascade"]
 
-SAME = ("indicator", "margin", "resolution")
+SAME = ("indicator", "margin", "resolution")  # entries of ``info`` that all parts must share
 
 
 def cascade(*bounders: Bounder) -> Cascade:
     """A bounder that says *maybe* iff all of these do, asked in this order.
 
     Args:
-        bounders: Of the same queries of the same object, such as an ``aabb`` and an ``mlp``; what they deny costs no
-            more than the first that denies it.
+        bounders: Bounders of the same queries of the same object, such as an ``aabb`` and an ``mlp``. A query costs no
+            more than the bounders up to the first one that denies it.
 
     Returns:
-        The cascade. Proven if all parts are, statistical if one is; without a certificate if one has none.
+        The cascade. It is proven if all parts are, statistical if one of them is, and without a certificate if one has
+        none.
 
     Raises:
         BounderError: If they were made for different objects, margins, queries or domains, or cannot be put together

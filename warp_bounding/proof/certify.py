@@ -2,7 +2,7 @@
 
 Points are taken cell by cell, rays face by face, boxes from all pairs of corners, and halved until every bound reaches
 the target or a counterexample is found. The bounds over one box, and for rays and boxes the chart, are those of the
-search; so is the search over the normals of planes. Where a method has no proof, fresh positives are put to it
+search; so is the search over the normals of planes. A bounder whose method has no proof is asked fresh positives
 (``statistics``).
 """
 
@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from warp_bounding.arithmetic import UNIT64
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.load import bounder_of
 from warp_bounding.certificates.certificate import Certificate
@@ -23,7 +22,7 @@ from warp_bounding.proof.attest.statistics import CONFIDENCE, POSITIVES, fn_rate
 from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.covers.monotone_box import of_points
 from warp_bounding.proof.least import charted
-from warp_bounding.proof.prove import as_fitted, mismatch, outside
+from warp_bounding.proof.prove import as_fitted, mismatch, other_claim, outside
 from warp_bounding.proof.search.best_first import halve, minimum
 from warp_bounding.proof.search.depth_first import Charted
 from warp_bounding.queries import QUERIES, oracle
@@ -33,14 +32,24 @@ __all__ = ["certify"]
 
 CHUNK = 16384  # boxes or cells that are taken at a time
 SUSPECTS = 1024  # low points that are tried as counterexamples
-PULL = 1e-4  # towards the cell's centre, of points that may break the proof
-NARROWEST = 1e-9  # boxes of this width are not halved any more
+PULL = 1e-4  # of the way to its cell's centre, by which each suspect is also tried farther inside
+NARROWEST = 1e-9  # width, in the coordinates that f takes, under which a box is not halved any more
+COARSEST = 1e-4  # of f: the least precision that the search for planes begins with
 LEAST_SECONDS = 1.0  # for positives that may refute what the proof could not decide
-AROUND = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)  # in v, around low points of regions, where a true counterexample is looked for
+AROUND = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)  # distances in v from a suspect at which a true counterexample is looked for
 
 
 class _Checked(NamedTuple):
-    """Least bound, boxes, points (object space; of regions v) that break the proof, whether there was time for all."""
+    """What a check has found.
+
+    Attributes:
+        least: Least certified bound of the boxes that were looked at.
+        boxes: How many these were.
+        suspects: Points where f may lie under the target, candidates for a counterexample: ``(S, n)`` in object space
+            where f is a function of the object's points, ``(S, ndim)`` coordinates v of regions; ``None`` if every
+            bound reached the target.
+        complete: False if time ran out.
+    """
 
     least: float
     boxes: int
@@ -49,12 +58,12 @@ class _Checked(NamedTuple):
 
 
 class _Failed(NamedTuple):
-    """Boxes that do not reach the target: low points and f there, middles, and the given boxes that they are parts of."""
+    """The boxes that do not reach the target, in the coordinates that f takes."""
 
-    point: np.ndarray
-    value: np.ndarray
+    point: np.ndarray  # where f is low
+    value: np.ndarray  # f there
     center: np.ndarray
-    owner: np.ndarray
+    owner: np.ndarray  # index of the given box that it is a part of
 
 
 def certify(
@@ -68,25 +77,26 @@ def certify(
     seconds: float = 900.0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Certificate:
-    """Prove from scratch that a bounder has no false negative on a shape; of one that has, the certificate tells so.
+    """Prove from scratch that a bounder has no false negative on a shape, or find out why that is not so.
 
-    What a bounder claims is partly its own word: for which margin, for rays of which length, of which resolution of a
-    mesh. Its certificate names them. Whoever relies on one states it here, and a proof of another claim is then none.
+    A bounder itself says which margin, which length of rays and which resolution of a mesh its claim is about; its
+    certificate names them. If you rely on one of these, state it here: a proof of another claim is then not accepted.
 
     Args:
-        bounder: Its threshold and weights are taken as they are, its own certificate is not looked at.
+        bounder: Its threshold and weights are taken as they are; its own certificate is not looked at.
         shape: An ``IndicatorGrid`` or ``IndicatorMesh``, or anything that ``load_indicator`` takes; voxelised with the
             bounder's own resolution and margin.
-        margin: That is expected, object units; the bounder's own if ``None``.
-        length: Of rays, that is expected, object units; the bounder's own if ``None``.
-        resolution: Of a mesh, that is expected; the bounder's own if ``None``.
-        query: Kind of query that is expected; the bounder's own if ``None``.
-        seconds: Time allowed.
-        progress: Called with cells done and cells in all.
+        margin: The margin that is expected, object units; the bounder's own if ``None``.
+        length: The length of rays that is expected, object units; the bounder's own if ``None``.
+        resolution: The resolution of a mesh that is expected; the bounder's own if ``None``.
+        query: The kind of query that is expected; the bounder's own if ``None``.
+        seconds: Time allowed for all parts together; compiling kernels is not counted.
+        progress: Called with cells done and cells in all; counts begin anew for each part of a conjunction.
 
     Returns:
-        A certificate of kind ``"proven"``, ``"refuted"`` (with a counterexample), ``"undecided"`` or ``"inapplicable"``
-        (the shape cannot be the bounded one, or the claim is not the expected one).
+        A certificate of kind ``"proven"``; ``"statistical"`` (the method has no proof; fresh positives were asked, and
+        none was denied); ``"refuted"`` (with a counterexample); ``"undecided"``; or ``"inapplicable"`` (the shape cannot
+        be the bounded one, the claim is not the expected one, or the method is not conservative).
 
     Example:
         >>> wb.certify(bounder, grid).kind, wb.certify(bounder, grid, margin=0.5).kind
@@ -97,7 +107,7 @@ def certify(
     started, bounder = working_seconds(), bounder_of(bounder)
     numbers = {"margin": margin, "length": length, "resolution": resolution}
     expected = {"query": query} | {name: _exactly(name, value) for name, value in numbers.items()}
-    other = _other_claim(bounder, expected)
+    other = other_claim(bounder, expected)
     try:
         grid = as_fitted(bounder, shape)
     except BoundingError as error:
@@ -117,7 +127,7 @@ def certify(
 
 
 def _exactly(name: str, value: float | None) -> float | None:
-    """A number that is expected, in float64: float32 ones are close to those of a claim, and others."""
+    """An expected number as an int or a float, not rounded: ``np.float32(0.1)`` is another claim than 0.1."""
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
@@ -125,56 +135,42 @@ def _exactly(name: str, value: float | None) -> float | None:
     return value if isinstance(value, int) else float(value)
 
 
-def _other_claim(bounder: Bounder, expected: dict[str, str | float | None]) -> str | None:
-    """How a bounder's claim differs from what is expected of it, or ``None``."""
-    claimed = {
-        "query": bounder.query_kind,
-        "margin": bounder.info.get("margin") or 0.0,
-        "length": bounder.domain.length,
-        "resolution": bounder.info.get("resolution"),
-    }
-    for name, value in expected.items():
-        if value is not None and value != claimed[name]:
-            own = "none" if claimed[name] is None else claimed[name]
-            return f"another claim than the expected one: expected {name} {value}, the bounder is for {name} {own}"
-    return None
-
-
 def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress) -> Certificate:
     """``certify`` for one part of a conjunction."""
     started = working_seconds()
     threshold, error = float(bounder.threshold), bounder.rounding_bound()
-    target = _plus(threshold, error)
+    target = float(np.nextafter(threshold + error, np.inf))  # no less than the exact sum
     cells, least, boxes = grid.occupied, np.inf, 0
 
-    def result(kind: str, message: str, bound: float, counterexample=None, examined: int = 0) -> Certificate:
+    def result(status: str, message: str, bound: float, boxes: int = 0, counterexample=None) -> Certificate:
         spent = working_seconds() - started
-        return document(bounder, grid, kind, threshold, bound, boxes + examined, spent, message, counterexample)
+        return document(bounder, grid, status, threshold, bound, boxes, spent, message, counterexample)
 
     beyond = outside(bounder, grid)
     if len(beyond):
         point = _denied(bounder, grid, grid.position(beyond)) if not QUERIES[bounder.query_kind].is_region else None
         text = "the shape reaches outside the domain that the bounder was made for"
-        return result("refuted" if point is not None else "undecided", text, threshold, point)
-    checked = of_points(bounder)
-    if QUERIES[bounder.query_kind].is_region and checked is bounder:
+        return result("refuted" if point is not None else "undecided", text, threshold, 0, point)
+    f = of_points(bounder)  # of boxes and a monotone network too (``covers.monotone_box``)
+    if QUERIES[bounder.query_kind].is_region and f is bounder:
         return _certify_regions(bounder, grid, target, seconds, result, progress)
     for start in range(0, len(cells), CHUNK):
-        part = _check_cells(checked, grid, target, started + seconds, cells[start : start + CHUNK])
-        least, boxes = min(least, part.least), boxes + part.boxes
-        if part.suspects is not None or not part.complete:
+        found = _check_cells(f, grid, target, started + seconds, cells[start : start + CHUNK])
+        least, boxes = min(least, found.least), boxes + found.boxes
+        if found.suspects is not None or not found.complete:
             break
         if progress:
             progress(min(start + CHUNK, len(cells)), len(cells))
-    if not part.complete:
-        return result("undecided", f"no decision within {seconds:.3g} s", least)
-    if part.suspects is not None:
-        point = _denied(bounder, grid, part.suspects)
+    if not found.complete:
+        return result("undecided", f"no decision within {seconds:.3g} s", least, boxes)
+    if found.suspects is not None:
+        point = _denied(bounder, grid, found.suspects)
         if point is not None:
             text = f"a {bounder.query_kind} that meets the object is answered with no"
-            return result("refuted", text, least, point)
-        return result("undecided", "f comes closer to the threshold than the proof's margins for rounding allow", least)
-    return result("proven", _proven(bounder), least)
+            return result("refuted", text, least, boxes, point)
+        text = "f comes closer to the threshold than the proof's margins for rounding allow"
+        return result("undecided", text, least, boxes)
+    return result("proven", _proven(bounder), least, boxes)
 
 
 def _certify_regions(
@@ -183,34 +179,34 @@ def _certify_regions(
     """``certify`` for rays, planes and boxes."""
     if not bounder.provable:
         return _attested(bounder, grid, seconds, result)
-    least, boxes, complete, suspects, cover = -np.inf, 0, True, None, None
+    least, boxes, complete, suspects = -np.inf, 0, True, None
     text = "f comes closer to the threshold than the proof allows"
     try:
-        cover = None if bounder.closed_form else charted(bounder, grid)
-        if bounder.closed_form:
+        if bounder.exact_on_cells:
             least, boxes = bounder.least(grid)
-        elif cover is not None:
+        elif (cover := charted(bounder, grid)) is not None:
             least, boxes, suspects, complete = _check_charted(bounder, grid, cover, target, seconds, progress)
         else:
             least, boxes, suspects, complete = _check_best_first(bounder, grid, target, seconds)
     except BounderError as error:  # of this object: a volume does not hold it, or numbers leave the range of the proof
         text = str(error)
-    if target <= least < np.inf:  # an object has positives, so a least value of nothing proves nothing
-        return result("proven", _proven(bounder), least, examined=boxes)
+    if target <= least < np.inf:  # infinity: no positive was looked at, which proves nothing
+        return result("proven", _proven(bounder), least, boxes)
     missed = None if suspects is None else _denied_region(bounder, grid, suspects)
     if missed is None:
         missed = try_positives(bounder, grid, POSITIVES, fresh_seed(), seconds=max(seconds, LEAST_SECONDS))[2]
     if missed is not None:
-        return result("refuted", "a query that meets the object is answered with no", least, missed, boxes)
+        return result("refuted", "a query that meets the object is answered with no", least, boxes, missed)
     text = text if complete else f"no decision within {seconds:.3g} s"
-    return result("undecided", text, max(least, -float(np.finfo(np.float32).max)), examined=boxes)
+    least = max(least, -float(np.finfo(np.float32).max))  # JSON has no infinity
+    return result("undecided", text, least, boxes)
 
 
 def _attested(bounder: Bounder, grid: IndicatorGrid, seconds: float, result) -> Certificate:
     """What fresh positives tell where there is no proof."""
     done, lowest, missed = try_positives(bounder, grid, POSITIVES, fresh_seed(), seconds=seconds)
     if missed is not None:
-        return result("refuted", "a query that meets the object is answered with no", lowest, missed)
+        return result("refuted", "a query that meets the object is answered with no", lowest, 0, missed)
     if not done:
         return result("undecided", f"no positive could be asked within {seconds:g} s", float(bounder.threshold))
     rate = fn_rate_bound(done)
@@ -224,10 +220,11 @@ def _attested(bounder: Bounder, grid: IndicatorGrid, seconds: float, result) -> 
 
 
 def _check_best_first(bounder: Bounder, grid: IndicatorGrid, target: float, seconds: float) -> _Checked:
-    """Positives without a chart (planes of a network): the least value over all, as closely as the target asks for."""
+    """Positives without a chart (planes of a network): the least f over all of them, as precisely as the target needs."""
     kind = COVERS[bounder.query_kind]
     f, lower, upper = kind.best_first(bounder, grid)
-    eps, points, deadline = max(1e-4, 0.25 * (float(f.reference(lower).min()) - target)), None, None
+    # First as coarsely as the distance to the target allows, then finer until it is decided.
+    eps, points, deadline = max(COARSEST, 0.25 * (float(f.reference(lower).min()) - target)), None, None
     while True:
         search = minimum(f, lower, upper, eps=eps, seconds=seconds, points=points)
         deadline = deadline or working_seconds() - search.seconds + seconds
@@ -246,24 +243,22 @@ def _check_charted(
     """The positives of a network as boxes of a chart."""
     deadline, least, boxes = working_seconds() + seconds, np.inf, 0
     for lower, upper, done in COVERS[bounder.query_kind].anew(bounder, grid, cover):
-        part, failed = _check(cover, lower, upper, target, deadline)
-        least, boxes = min(least, part.least), boxes + part.boxes
+        found, failed = _check(cover, lower, upper, target, deadline)
+        least, boxes = min(least, found.least), boxes + found.boxes
         if failed is not None:
             lowest = np.argsort(failed.value)[:SUSPECTS]
-            return _Checked(part.least, boxes, cover.coordinates(failed.point[lowest]))
-        if not part.complete:
-            return part._replace(boxes=boxes)
+            return _Checked(found.least, boxes, cover.coordinates(failed.point[lowest]))
+        if not found.complete:
+            return found._replace(boxes=boxes)
         if progress:
             progress(done, len(grid.occupied))
     return _Checked(least, boxes)
 
 
 def _denied_region(bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray | None:
-    """A float32 query at or close around some coordinates that meets the object and that the deployed bounder answers with no."""
-    rng, truth = (
-        np.random.default_rng(0),
-        oracle(bounder.query_kind, grid, bounder.device, bounder.domain.oracle_length),
-    )
+    """A float32 query at or close to given coordinates that meets the object and that the deployed bounder denies."""
+    truth = oracle(bounder.query_kind, grid, bounder.device, bounder.domain.oracle_length)
+    rng = np.random.default_rng(0)
     for step in AROUND:
         x = bounder.domain.to_object(v + step * rng.uniform(-1, 1, v.shape)).astype(np.float32)
         missed = np.flatnonzero((bounder.query(x).numpy() == 0) & truth(x))
@@ -273,7 +268,7 @@ def _denied_region(bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.n
 
 
 def _check_cells(bounder: Bounder, grid: IndicatorGrid, target: float, deadline: float, cells: np.ndarray) -> _Checked:
-    """Check ``f >= target`` over all that the pipeline can make of the points of some cells."""
+    """Check ``f >= target`` over every v that the pipeline can make of the points of some cells."""
     first, last = grid.position(cells - 0.5), grid.position(cells + 0.5)
     checked, failed = _check(bounder, *bounder.domain.widened(first, last), target, deadline)
     if failed is None:
@@ -281,7 +276,7 @@ def _check_cells(bounder: Bounder, grid: IndicatorGrid, target: float, deadline:
     suspects, cell = np.concatenate([failed.point, failed.center]), np.tile(failed.owner, 2)
     lowest = np.argsort(bounder.reference(suspects))[:SUSPECTS]
     suspects, cell = suspects[lowest], cell[lowest]
-    inside = np.clip(bounder.domain.to_object(suspects), first[cell], last[cell])  # P_delta is a little wider
+    inside = np.clip(bounder.domain.to_object(suspects), first[cell], last[cell])  # the boxes are wider, by delta
     inner = inside + PULL * ((first[cell] + last[cell]) / 2 - inside)  # a corner's float32 neighbour may lie outside
     return checked._replace(suspects=np.concatenate([inside, inner]))
 
@@ -292,11 +287,15 @@ def _check(
     """Halve boxes until ``f >= target`` on all, a point shows that it is not, a box is too narrow, or time is over.
 
     Args:
-        f: What has ``bound``.
-        lower: ``(N, Z)`` float64.
+        f: Anything with ``bound``: a bounder, ``LeastBox`` or a chart's positives.
+        lower: ``(N, Z)`` float64, in the coordinates that f takes: v, or a chart's numbers.
         upper: ``(N, Z)`` float64.
-        target: Of the bounds.
+        target: What every lower bound must reach: threshold + E.
         deadline: On the clock ``working_seconds``.
+
+    Returns:
+        What was found, without suspects; and ``None``, or the boxes that failed. A point with f under the target
+        refutes nothing until the deployed bounder has denied it (``_denied``).
     """
     stack, least, boxes = [(lower, upper, np.arange(len(lower)))], np.inf, 0
     while stack:  # newest first, in chunks: memory grows with depth, not with the number of boxes
@@ -322,9 +321,9 @@ def _check(
 
 
 def _denied(bounder: Bounder, grid: IndicatorGrid, x: np.ndarray) -> np.ndarray | None:
-    """The first of these points, as float32, that lies in the object and that the deployed bounder answers with no.
+    """The first of these points, as float32, that lies in the object and that the deployed bounder denies.
 
-    Boxes: as a box that is no more than the point.
+    A bounder of boxes is asked about a box that is no more than the point.
     """
     x = np.asarray(x, dtype=np.float64).astype(np.float32)
     x = x[grid.contains(x)]
@@ -335,13 +334,8 @@ def _denied(bounder: Bounder, grid: IndicatorGrid, x: np.ndarray) -> np.ndarray 
     return x[missed[0]] if len(missed) else None
 
 
-def _plus(a: float, b: float) -> float:
-    """``a + b`` rounded up."""
-    return float(np.nextafter(a + b, np.inf)) + UNIT64 * abs(a)
-
-
 def _proven(bounder: Bounder) -> str:
-    """Of a certificate, its first sentence."""
+    """The first sentence of a certificate."""
     return f"Proven from scratch: every {QUERIES[bounder.query_kind].positive} is answered with maybe."
 
 

@@ -1,7 +1,8 @@
-"""The least value of a bounder's f over all positives, certified: in closed form, or by branch and bound.
+"""The least value of a bounder's f over all positives, certified: by one pass over the cells, or by branch and bound.
 
-Points, rays and boxes of a network are searched depth first in charts (``charted``), what has none best first: planes
-over their normals, a monotone network's boxes over the object's points (``covers``).
+Points, rays and boxes of a network are searched depth first in the numbers of a chart (``charted``). Where there is no
+chart the search is best first: planes over their normals, a monotone network's boxes over the object's points
+(``covers``).
 """
 
 from collections.abc import Callable
@@ -19,11 +20,11 @@ from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["charted", "least_value"]
 
-CENTERS = 64  # of cells, as positives to begin with
+CENTERS = 64  # about how many cells' centres a search begins with, where it is given no points
 
 
 def charted(bounder: Bounder, grid: IndicatorGrid) -> Charted | None:
-    """The positives of a network as boxes of a chart; ``None`` where its proof is another.
+    """The positives of a network as boxes of a chart; ``None`` where the proof has no chart.
 
     Args:
         bounder: Its domain holds the object.
@@ -45,9 +46,9 @@ def least_value(
     points: np.ndarray | None = None,
     progress: Callable[[int, float, float], None] | None = None,
 ) -> Search:
-    """Certified minimum of f over every input that the pipeline can make of a positive; arguments and errors as of ``prove``."""
+    """Certified minimum of f over every v that the pipeline can make of a positive; arguments as in ``prove``."""
     started = working_seconds()
-    if bounder.closed_form:
+    if bounder.exact_on_cells:
         least, looked_at = bounder.least(grid)
         return Search(least, least, np.empty((0, grid.ndim)), looked_at, working_seconds() - started, True)
     limits = {"eps": eps, "seconds": seconds, "boxes": boxes, "progress": progress}

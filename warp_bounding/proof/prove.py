@@ -19,7 +19,7 @@ from warp_bounding.proof.least import least_value
 from warp_bounding.proof.search.best_first import Search
 from warp_bounding.queries import QUERIES
 
-__all__ = ["as_fitted", "mismatch", "other_dimension", "outside", "prove", "settle"]
+__all__ = ["as_fitted", "mismatch", "other_claim", "other_dimension", "outside", "prove", "settle"]
 
 
 def prove(
@@ -38,17 +38,17 @@ def prove(
         bounder: Changed in place (``freeze``).
         grid: The object that it bounds.
         eps: Largest gap, in ``f``, between the proven minimum and the least value found.
-        seconds: Time for the search; a shorter one costs tightness, never soundness.
-        boxes: Number of boxes for the search; fewer cost tightness, never soundness.
-        points: ``(P, n)`` concrete low points to begin with, coordinates ``v``.
+        seconds: Time for the search; less of it costs tightness, never soundness.
+        boxes: Number of boxes for the search; fewer of them cost tightness, never soundness.
+        points: ``(P, n)`` positives with a low f that the search begins with, coordinates ``v``.
         progress: Called now and then with boxes done, boxes waiting or the share that is done, and the gap.
 
     Returns:
         The search, with its lowest points.
 
     Raises:
-        BounderError: If the bounder was made for another domain, if it is several networks whose regions are proven one
-            by one (``Bounder.parts``), or no threshold separates anything (the proven minimum is not finite).
+        BounderError: If the bounder was made for another domain; if it consists of several networks whose regions are
+            proven one by one (``Bounder.parts``); or if no threshold separates anything (the minimum is not finite).
     """
     reason = mismatch(bounder, grid) or bounder.domain.fault()
     if reason or len(outside(bounder, grid)):
@@ -70,7 +70,7 @@ def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate
     Args:
         bounder: Changed in place (``freeze``).
         grid: The object.
-        search: Of ``least_value``, for this bounder and object.
+        search: What ``least_value`` found for this bounder and object.
 
     Raises:
         BounderError: If the minimum is not finite: no threshold separates anything.
@@ -80,8 +80,8 @@ def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate
     if not np.isfinite(threshold):
         raise BounderError(f"{bounder.method}: the proof found no finite minimum")
     message = (
-        f"Proven: no {QUERIES[bounder.query_kind].positive} is ever answered with no. "
-        f"f >= {search.lower_bound:.6g} on all of them, float32 rounding changes it by at most {error:.2g}, the threshold is {threshold:.6g}."
+        f"Proven: no {QUERIES[bounder.query_kind].positive} is ever answered with no. f >= {search.lower_bound:.6g} on all "
+        f"of them, float32 rounding changes it by at most {error:.2g}, the threshold is {threshold:.6g}."
     )
     certificate = document(
         bounder, grid, "proven", threshold, search.lower_bound, search.boxes, search.seconds, message
@@ -94,12 +94,27 @@ def as_fitted(bounder: Bounder, shape) -> IndicatorGrid:
     """A shape's cells, made as they were for the fit: with the bounder's own resolution and margin.
 
     Args:
-        bounder: Any.
+        bounder: Any bounder.
         shape: Anything that ``load_indicator`` takes.
     """
     shape = load_indicator(shape)
     resolution = None if isinstance(shape, IndicatorGrid) else bounder.info.get("resolution")
     return shape.to_grid(resolution=resolution, margin=bounder.info.get("margin") or 0.0)
+
+
+def other_claim(bounder: Bounder, expected: dict[str, str | float | None]) -> str | None:
+    """How a bounder's claim differs from what is expected of it, or ``None``; an expected ``None`` is not compared."""
+    claimed = {
+        "query": bounder.query_kind,
+        "margin": bounder.info.get("margin") or 0.0,
+        "length": bounder.domain.length,
+        "resolution": bounder.info.get("resolution"),
+    }
+    for name, value in expected.items():
+        if value is not None and value != claimed[name]:
+            own = "none" if claimed[name] is None else claimed[name]
+            return f"another claim than the expected one: expected {name} {value}, the bounder is for {name} {own}"
+    return None
 
 
 def other_dimension(bounder: Bounder, grid: IndicatorGrid) -> str | None:
@@ -125,6 +140,5 @@ def mismatch(bounder: Bounder, grid: IndicatorGrid) -> str | None:
 def outside(bounder: Bounder, grid: IndicatorGrid) -> np.ndarray:
     """The occupied cells that reach outside the bounder's domain."""
     domain, cells = bounder.domain.base, grid.occupied
-    return cells[
-        ((grid.position(cells - 0.5) < domain.lower) | (grid.position(cells + 0.5) > domain.upper)).any(axis=1)
-    ]
+    lower, upper = grid.position(cells - 0.5), grid.position(cells + 0.5)
+    return cells[((lower < domain.lower) | (upper > domain.upper)).any(axis=1)]

@@ -3,12 +3,13 @@
 A network answers *no* at a point only where f is under its threshold, and at points of the object f is at least
 threshold + E (``prove``). So where f is proven to be under threshold + E all along a segment, no point of it lies in
 the object. An upper bound of f is a lower bound of -f, by the same relaxations as in every proof, over boxes of one
-number: the way along the segment.
+number: the parameter t along the segment.
 
-Float64. The segment that is bounded is ``a + t w`` of the computed a and w, t between the computed ends. Where both are
-within ``FAR``, a point of the true segment is off by less than 2^-29, four products and sums of 2^-52 each, and an
-object that is proven is dilated by delta, float32's share of the same map: at least a hundred times as much. Clipping
-errs outwards by ``INSIDE``, again more than t's own rounding times w. What lies farther out is not cleared.
+All of this is computed in float64. The segment that is bounded is ``a + t w`` of the computed a and w, with t between the
+computed ends. Where a and w are within ``FAR``, a point of the true segment is off by less than 2^-29, four products and
+sums of 2^-52 each; and proofs hold for the object dilated by delta, the float32 rounding of the same map, which is at
+least a hundred times as much. Clipping errs outwards by ``INSIDE``, which is more than the rounding of t times w.
+Segments that lie farther out are not cleared.
 """
 
 import numpy as np
@@ -22,23 +23,23 @@ from warp_bounding.proof.search.best_first import halve
 
 __all__ = ["clear_segments"]
 
-DEPTH = 8  # a piece is halved so often at most
-INSIDE = 1e-9  # of the domain, by which segments are clipped too late
-FAR = 2.0**20  # half sizes of the domain: no start or way is longer
+DEPTH = 8  # a piece is halved at most this often
+INSIDE = 1e-9  # of the domain's half-widths: segments are clipped this far outside the domain
+FAR = 2.0**20  # half-widths of the domain: a segment is bounded only if no coordinate of a or w is larger
 
 
 def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, depth: int = DEPTH) -> np.ndarray:
     """Which segments are proven to meet the object nowhere.
 
     Args:
-        bounder: A network (``mlp``, ``mlp-early``) of points, proven or not; where it is proven, so is the answer.
+        bounder: A network (``mlp``, ``mlp-early``) of points, proven or not; if it is proven, so is the answer.
         starts: ``(N, n)``, object space; taken as they are, float32 or float64.
-        ends: ``(N, n)``.
-        depth: How often a piece is halved at most; more clears more segments that pass close to the object.
+        ends: ``(N, n)``, object space.
+        depth: How often a piece is halved at most; a larger depth clears more segments that pass close to the object.
 
     Returns:
-        ``(N,)`` bool: no point of the closed segment lies in the object. False says nothing. NaN, infinity and what is
-        a million domains away: False.
+        ``(N,)`` bool: True if no point of the closed segment lies in the object. False says nothing; it is the answer for
+        NaN, infinity and segments that are a million domains away.
 
     Raises:
         BounderError: For another kind of bounder.
@@ -74,14 +75,14 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
     parts, along = [_Part(part) for part in bounder.parts], 2 * bounder.ndim
     failed = ~known
     for level in range(depth + 1):
-        closed = np.zeros(len(low), dtype=bool)
+        cleared = np.zeros(len(low), dtype=bool)
         for part in parts:
-            closed[~closed] = part.clears(low[~closed], high[~closed])
-        low, high, owner = low[~closed], high[~closed], owner[~closed]
+            cleared[~cleared] = part.clears(low[~cleared], high[~cleared])
+        low, high, owner = low[~cleared], high[~cleared], owner[~cleared]
         middle = (low[:, along:] + high[:, along:]) / 2
         points = low[:, : bounder.ndim] + middle * low[:, bounder.ndim : along]
         hopeless = np.ones(len(low), dtype=bool)
-        for part in parts:  # a piece with a point that no part denies: no half with this point will be closed
+        for part in parts:  # no part denies this point, so no half that holds it will be cleared
             hopeless[hopeless] = part.lets_through(points[hopeless])
         failed[owner[hopeless]] = True
         left = ~failed[owner]
@@ -90,32 +91,32 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
             break
         low, high = halve(low, high, np.full(len(low), along))
         owner = np.tile(owner, 2)
-    failed[owner] = True  # what was not closed
+    failed[owner] = True  # their last pieces were not cleared
     return ~failed
 
 
 class _Part:
-    """One network of a conjunction: it closes the pieces on which it is under its threshold."""
+    """One network of a conjunction: it clears the pieces on which its f is under its threshold."""
 
     def __init__(self, part: Mlp):
         network = part.network
         self.sizes, self.part = network.sizes(SegmentChart(part.ndim)), part
         self.weights = network.packed.copy()
-        self.weights[-1 - network.output.weight.shape[1] :] *= -1.0  # -f
+        self.weights[-1 - network.output.weight.shape[1] :] *= -1.0  # the output layer's, so that -f is bounded
         self.padding = network.padding_for(part.domain.limit.astype(np.float64) * (1 + 2 * INSIDE))
         self.target = np.nextafter(-(float(part.threshold) + part.rounding_bound()), np.inf)
 
     def clears(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Pieces on which f is proven to stay under threshold + E."""
+        """``(N,)`` bool: pieces on which f is proven to stay under threshold + E."""
         return bound_boxes(self.sizes, self.weights, self.padding, low, high).lower > self.target
 
     def lets_through(self, points: np.ndarray) -> np.ndarray:
-        """Points ``v`` at which f does not."""
+        """``(N,)`` bool: points ``v`` at which f is not under threshold + E."""
         return ~(-self.part.reference(points) > self.target)
 
 
 def _within(a: np.ndarray, w: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The times in [0, 1] at which ``a + t w`` may be in the domain, and whether there are any."""
+    """The least and the largest t in [0, 1] at which ``a + t w`` may be in the domain, and whether there is any."""
     reach = limit * (1 + INSIDE)
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.sort(np.stack([(-reach - a) / w, (reach - a) / w]), axis=0)

@@ -1,4 +1,4 @@
-"""``fit``: from a shape to a bounder, in a given time. What can be asked for stands in ``METHODS``, how it is made in ``trainers``."""
+"""``fit``: from a shape to a bounder, in a given time. ``METHODS`` has the methods, ``trainers`` how each is made."""
 
 import math
 import time
@@ -26,10 +26,10 @@ from warp_bounding.training.trainers import trainer_of
 
 __all__ = ["fit"]
 
-FRONT_SHARE = 0.1  # of what is left of the budget: for each learned part of a cascade before its networks
-COORDINATE_BYTES = 32  # of an occupied cell, on each axis: its index, two corners and what is computed of them
-PROOF_SECONDS = 8e-6  # an occupied cell: the proof of learned closed forms, measured; left over by their training
-LEAST_SHARE = 0.05  # of the budget, that is left for a part
+FRONT_SHARE = 0.1  # of the rest of the budget: what each learned part of a cascade before its networks gets
+COORDINATE_BYTES = 32  # per occupied cell and axis: its index, two corners and what is computed from them
+PROOF_SECONDS = 8e-6  # per occupied cell, measured: what training leaves for a proof that is one pass over the cells
+LEAST_SHARE = 0.05  # of the budget: what a part gets at least, however long the parts before it took
 
 
 def fit(
@@ -51,45 +51,46 @@ def fit(
 ) -> Bounder:
     """Fit a bounder to a shape, and prove it where there is a proof for the method and the query.
 
-    A proof of an mlp's rays or boxes can take longer than the budget leaves for it; its certificate is then statistical, and says so.
+    The proof of an mlp for rays or boxes can take longer than the budget leaves for it. The certificate is then
+    statistical, and says so.
 
     Args:
         shape: What ``load_indicator`` returns, or anything that it takes.
         query: Kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``.
-        method: A name in ``METHODS``; or several, as in ``"learned-kdop+mlp"``: a cascade, asked in this order; what the proof of a network
-            may cost is counted behind the parts before it.
-        budget: Seconds for training and proof, of all parts of a cascade together; a network's proof that is late may take a tenth more, and
-            compiling kernels, once for each size of network, comes on top. A bvh stops splitting boxes then; other closed forms are
-            found at once, up to millions of cells.
-        seed: Of everything random.
-        margin: The object is dilated by this length first, object (world) units. Under the size of a mesh's cells it is warned of: the
-            cells are what is bounded.
-        force: Take a margin that is larger than the object, too.
+        method: A name in ``METHODS``; or several, as in ``"learned-kdop+mlp"``: a cascade, asked in this order.
+        budget: Seconds for training and proof, of all parts of a cascade together. A network's proof may take a tenth
+            more, and compiling kernels, once for each size of network, is not counted. A bvh stops splitting boxes when
+            the time is over; other closed forms are found at once, up to millions of cells.
+        seed: Seed of everything random.
+        margin: The object is dilated by this length first, object (world) units. A margin under the size of a mesh's
+            cells raises a warning, because the cells are what is bounded.
+        force: Accept a margin that is larger than the object.
         resolution: Cells along a mesh's longest axis; 64 if ``None``. Grids bring their own.
-        length: Of a ray, object units; 1 if ``None``. Other queries have none.
-        space: Of rays, planes and boxes: ``"geometric"``, a region is tested against the volume, the default; ``"parametric"``,
-            as in the paper: the volume is fitted to the positives' own 2 n numbers.
-        last: The last part of a cascade, where it is fitted already; then only those before it are.
+        length: Length of a ray, object units; 1 if ``None``. Other queries have none.
+        space: For rays, planes and boxes: ``"geometric"``, the default, tests a region against the volume;
+            ``"parametric"``, the paper's way, fits the volume to the positives' own 2 n numbers.
+        last: The last part of a cascade, if it is fitted already; then only the parts before it are fitted.
         device: Warp device of the bounder; the default device if ``None``.
-        progress: Called with done, total and a note; ``None`` for a bar on standard error, if that is a terminal, ``False`` for
-            nothing. Ctrl-C ends training; the best network so far is then proven.
-        **options: The method's own (``METHODS[method].options``); what no part of a cascade takes is refused.
-            ``hidden``: widths of an mlp's hidden layers, ``(50, 50)``; of the network whose memory sets the leaves of a bvh.
-            ``activation``: of an mlp, ``"sin"``, ``"relu"`` or ``"tanh"``; a monotone-mlp takes tanh in place of sin.
-            ``octaves``: of an mlp's positional encoding, 0 for none, 4 as in the paper's supplement.
+        progress: Called with done, total and a note. ``None`` shows a bar on standard error if that is a terminal,
+            ``False`` nothing. Ctrl-C ends training; the best network so far is then proven.
+        **options: The method's own (``METHODS[method].options``); an option that no part of a cascade takes is refused.
+            ``hidden``: widths of an mlp's hidden layers, ``(50, 50)``; of a bvh, which has as many leaves as take the
+            memory of such a network.
+            ``activation``: ``"sin"``, ``"relu"`` or ``"tanh"`` for an mlp; a monotone-mlp takes tanh in place of sin.
+            ``octaves``: of an mlp's positional encoding; 0 for none, 4 as in the paper's supplement.
             ``recipe``: of an mlp's training, ``"default"`` or ``"paper"``.
             ``k``: half-spaces of a kdop or learned-kdop. ``leaves``: leaf boxes of a bvh.
-            ``steps``: training steps instead of seconds: what is learned is then repeatable to the bit on the same machine.
+            ``steps``: training steps instead of seconds; the result is then repeatable to the bit on the same machine.
 
     Returns:
-        The bounder, with ``certificate`` and ``info``: among it ``training``, how it went, with ``seconds`` in all and
-        ``compile_seconds`` of them for kernels, which no budget counts; and ``rates``, see ``quick_rates``.
+        The bounder, with ``certificate`` and ``info``. ``info["training"]`` tells how training went, with ``seconds`` in
+        all and, among them, ``compile_seconds`` for kernels, which no budget counts; for ``rates`` see ``quick_rates``.
 
     Raises:
         IndicatorError: If the shape cannot be read or bounded.
         QueryError: For an unknown kind of query.
-        BounderError: For an unknown method, an option that makes no sense or that the method does not take, or a margin larger than
-            the object that is not forced.
+        BounderError: For an unknown method, an option that makes no sense or that the method does not take, or a margin
+            larger than the object without ``force``.
 
     Example:
         >>> ball = np.linalg.norm(np.indices((16, 16, 16)) - 7.5, axis=0) < 6
@@ -112,19 +113,19 @@ def fit(
     check_memory(
         occupied * grid.ndim * COORDINATE_BYTES, f"fitting {occupied:,} occupied cells", "give a coarser resolution"
     )
-    kinds = [method_class(name, query, grid.ndim, space) for name in method.split("+")]
-    if len(kinds) > 1:
-        Cascade.check(kinds)
-    if last is not None and (len(kinds) < 2 or type(last) is not kinds[-1]):
+    classes = [method_class(name, query, grid.ndim, space) for name in method.split("+")]
+    if len(classes) > 1:
+        Cascade.check(classes)
+    if last is not None and (len(classes) < 2 or type(last) is not classes[-1]):
         raise BounderError(f"last must be the last of several methods, {method!r}, got {last!r}")
-    told = settled(kinds, query, options)
+    told = settled(classes, query, options)
     domain, repeatable = domain_of(grid, query, length, space), any(each.get("steps") for each in told)
     problem = Problem(grid, domain, query, int(seed), device, repeatable=repeatable)
     with reported(progress, f"fit {method}") as update:
-        parts = _fit_parts(problem, kinds if last is None else kinds[:-1], kinds, told, budget, spent, update)
+        parts = _fit_parts(problem, classes if last is None else classes[:-1], classes, told, budget, spent, update)
     if last is not None:
         parts.append(last.to(str(parts[0].device)))
-    bounder = parts[0] if len(kinds) == 1 else cascade(*parts)
+    bounder = parts[0] if len(classes) == 1 else cascade(*parts)
     bounder.info["rates"] = quick_rates(bounder, grid)
     before = {} if last is None else last.info.get("training") or {}
     bounder.info["training"] |= {key: round(value + before.get(key, 0.0), 3) for key, value in spent.seconds().items()}
@@ -132,19 +133,18 @@ def fit(
 
 
 class _Stopwatch:
-    """What a fit has taken: ``seconds``, and of them ``compile_seconds`` for kernels, which no budget counts."""
+    """What a fit has taken: ``seconds``, and among them ``compile_seconds`` for kernels, which no budget counts."""
 
     def __init__(self):
         self._started, self._compiled = time.perf_counter(), compile_seconds()
 
     def seconds(self) -> dict[str, float]:
-        """So far."""
         taken = {"seconds": time.perf_counter() - self._started, "compile_seconds": compile_seconds() - self._compiled}
         return {key: round(value, 3) for key, value in taken.items()}
 
     @property
     def working(self) -> float:
-        """Seconds so far, but for compiling."""
+        """Seconds so far, without compiling."""
         taken = self.seconds()
         return taken["seconds"] - taken["compile_seconds"]
 
@@ -152,15 +152,15 @@ class _Stopwatch:
 def _fit_parts(
     problem: Problem,
     wanted: list[type[Bounder]],
-    kinds: list[type[Bounder]],
+    classes: list[type[Bounder]],
     told: list[dict[str, Any]],
     budget: float,
     spent: _Stopwatch,
     progress: Progress | None,
 ) -> list[Bounder]:
-    """The bounders of these classes, each behind those before it: the first of ``kinds``, among which the budget is shared."""
-    trainers, parts, grid = [trainer_of(kind) for kind in kinds], [], problem.grid
-    for index, kind in enumerate(wanted):
+    """Bounders of the ``wanted`` classes, the first ones of ``classes``, among all of which the budget is shared."""
+    trainers, parts, grid = [trainer_of(cls) for cls in classes], [], problem.grid
+    for index, cls in enumerate(wanted):
         trainer, own = trainers[index], spent if index == 0 else _Stopwatch()
         left = max(budget - spent.working, LEAST_SHARE * budget) if parts else budget
         waiting = sum(each.proves for each in trainers[index:])
@@ -170,7 +170,7 @@ def _fit_parts(
             seconds = min(left * (FRONT_SHARE if waiting else 1.0), trainer.most_seconds)
             seconds -= min(seconds / 2, PROOF_SECONDS * len(grid.occupied))
         part = replace(problem, front=tuple(parts), in_front=waiting > 0)
-        bounder, record = trainer.train(kind, part, told[index], seconds, progress)
+        bounder, record = trainer.train(cls, part, told[index], seconds, progress)
         if not trainer.proves:
             prove(bounder, grid)
         bounder.info = {
@@ -188,16 +188,17 @@ def _fit_parts(
 
 
 def _check_extent(shape: IndicatorGrid | IndicatorMesh | IndicatorMotion, margin: float, force: bool) -> None:
-    """Refuse a margin that leaves nothing of the object's form, before it is spent time on."""
+    """Refuse a margin that leaves nothing of the object's form, before any time is spent on it."""
     extent = float(shape.extent.max())
     if margin > extent and not force:
         raise BounderError(
-            f"margin must be at most the object's extent, {extent:.4g}, got {margin:g}; force=True (--force) takes it all the same"
+            f"margin must be at most the object's extent, {extent:.4g}, got {margin:g}; force=True (--force) takes it all "
+            "the same"
         )
 
 
 def _warn_of_coarse_cells(grid: IndicatorGrid) -> None:
-    """Warn where cells cover the object by more than the margin asks for: rates are those of the cells."""
+    """Warn where cells reach farther beyond the object than the margin: rates are those of the cells."""
     size = 1 / float(grid.cells_per_unit[-1])
     if 0 < grid.margin < size:
         finer = math.ceil(grid.resolution * size / grid.margin)

@@ -1,4 +1,4 @@
-"""What is to be bounded."""
+"""What is given to every way of training: the object, its queries, and what the result may depend on."""
 
 from dataclasses import dataclass
 
@@ -18,13 +18,14 @@ class Problem:
 
     Attributes:
         grid: The object.
-        domain: Of the queries.
+        domain: The domain of the queries.
         query: Kind of query.
-        seed: Of everything random.
+        seed: Seed of everything random.
         device: Warp device of the bounder.
-        front: Bounders that are asked first: only what they let through is asked further, and only that can be a false positive.
-        in_front: A network is asked afterwards.
-        repeatable: The result is to be the same on every run: no clock may enter.
+        front: Bounders that are asked first. Only queries that they let through are asked further, so only those can be
+            false positives.
+        in_front: The bounder stands before a network in a cascade.
+        repeatable: The result is to be the same on every run, so no clock may enter.
     """
 
     grid: IndicatorGrid
@@ -37,7 +38,7 @@ class Problem:
     repeatable: bool = False
 
     def asked(self, x: np.ndarray) -> np.ndarray:
-        """``(N,)`` bool: the front lets these queries, in object space, through."""
+        """``(N,)`` bool: whether all of ``front`` let these queries, in object space, through."""
         left = np.ones(len(x), dtype=bool)
         for bounder in self.front:
             left[left] = bounder.query(np.asarray(x[left], dtype=np.float32)).numpy() != 0

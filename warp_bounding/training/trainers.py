@@ -1,6 +1,7 @@
-"""How the bounders of a class are made of a shape: closed forms by the class itself, learned ones by what ``TRAINERS`` says.
+"""How the bounders of a class are made from a shape: in closed form by the class itself, or trained, as ``TRAINERS`` says.
 
-``fit`` treats all methods alike. A learned method from outside the package adds an entry to ``TRAINERS``; its subclasses have it too.
+``fit`` treats all methods alike. A learned method from outside the package adds an entry to ``TRAINERS``, which holds for
+its subclasses too.
 """
 
 import math
@@ -26,11 +27,11 @@ from warp_bounding.training.relu_field import train_relu_field
 
 __all__ = ["TRAINERS", "Trainer", "trainer_of"]
 
-PARAMETRIC_SAMPLES = 20_000  # as in the paper's code
-KDOP_SECONDS = 10.0  # more does not make learned half-spaces tighter
-FRONT_FACES = 40  # of a learned-kdop before a network; twice as many are hardly nearer to the convex hull
+PARAMETRIC_SAMPLES = 20_000  # queries that a volume in parametric space is fitted to, as in the paper's code
+KDOP_SECONDS = 10.0  # training longer does not make learned half-spaces tighter
+FRONT_FACES = 40  # half-spaces of a learned-kdop before a network; twice as many are hardly nearer to the convex hull
 
-Made = tuple[Bounder, dict[str, Any]]  # and a record of how it went
+Trained = tuple[Bounder, dict[str, Any]]  # the bounder, and a record of the training for ``info["training"]``
 
 
 @dataclass(frozen=True)
@@ -38,53 +39,55 @@ class Trainer:
     """How the bounders of a class are made.
 
     Attributes:
-        train: Called with the class, the problem, the values of all of its options, the seconds that it may take, and whom to tell
-            how far it is.
-        proves: It sets threshold and certificate too, which takes as long as it takes: it shares what is left of the budget with the
-            others that do. What another one makes is proven by ``fit``, and before a network it gets a smaller share.
-        most_seconds: More make nothing tighter.
+        train: Called with the class, the problem, the values of all of the class's options, the seconds that training may
+            take, and a function for progress or ``None``.
+        proves: ``train`` sets threshold and certificate itself. In a cascade such trainers share the rest of the budget
+            equally. Where ``train`` does not, ``fit`` calls ``prove`` afterwards, and before a trainer that proves it
+            gets the share ``fit.FRONT_SHARE`` only.
+        most_seconds: ``fit`` gives no more seconds, because they would make nothing tighter.
     """
 
-    train: Callable[[type[Bounder], Problem, dict[str, Any], float, Progress | None], Made]
+    train: Callable[[type[Bounder], Problem, dict[str, Any], float, Progress | None], Trained]
     proves: bool = False
     most_seconds: float = math.inf
 
 
-def _closed_form(kind: type[Bounder], problem: Problem, options: dict[str, Any], seconds: float, _) -> Made:
-    """What the class itself finds; in parametric space around sampled positives, as in the paper, and then around all of them."""
+def _closed_form(cls: type[Bounder], problem: Problem, options: dict[str, Any], seconds: float, _) -> Trained:
+    """The volume that the class computes; in parametric space with the shape of sampled positives, as in the paper."""
     grid, domain, device = problem.grid, problem.domain, problem.device
     if domain.parametric:
         x = sample(problem.query, grid, PARAMETRIC_SAMPLES, np.random.default_rng(problem.seed))
         length = domain.oracle_length
         positive = x[oracle(problem.query, grid, device, length)(x)]
-        if len(positive) < 2:
+        if len(positive) < 2:  # too few for a volume's shape: where positives are rare, hard ones stand in
             drawn = draw_positives(problem.query, grid, PARAMETRIC_SAMPLES, problem.seed, device, length, outside=False)
-            positive = next(drawn)
-        return fit_parametric(kind, grid, domain, domain.to_local(positive), device=device, **options), {}
-    if kind.takes_seconds:
+            positive = next(drawn)  # one chunk
+        return fit_parametric(cls, grid, domain, domain.to_local(positive), device=device, **options), {}
+    if cls.takes_seconds:
         options = options | {"seconds": math.inf if problem.repeatable else seconds}
-    return kind.fit(grid, domain, device=device, **options), {}
+    return cls.fit(grid, domain, device=device, **options), {}
 
 
-def _learned_kdop(_, problem: Problem, options: dict[str, Any], seconds: float, progress: Progress | None) -> Made:
+def _learned_kdop(_, problem: Problem, options: dict[str, Any], seconds: float, progress: Progress | None) -> Trained:
     if problem.in_front and problem.query != PLANE.name and options["k"] is None:
         options = options | {"k": FRONT_FACES}
-    return train_learned_kdop(problem.grid, problem.domain, **_learned(problem, seconds, progress), **options)
+    common = _common_arguments(problem, seconds, progress)
+    return train_learned_kdop(problem.grid, problem.domain, **common, **options)
 
 
-def _relu_field(_, problem: Problem, options: dict[str, Any], seconds: float, progress: Progress | None) -> Made:
-    return train_relu_field(problem.grid, problem.domain, **_learned(problem, seconds, progress), **options)
+def _relu_field(_, problem: Problem, options: dict[str, Any], seconds: float, progress: Progress | None) -> Trained:
+    return train_relu_field(problem.grid, problem.domain, **_common_arguments(problem, seconds, progress), **options)
 
 
-def _learned(problem: Problem, seconds: float, progress: Progress | None) -> dict[str, Any]:
+def _common_arguments(problem: Problem, seconds: float, progress: Progress | None) -> dict[str, Any]:
     shown = (lambda used, note: progress(min(used, 1.0), 1.0, note)) if progress else None
     return {"seed": problem.seed, "device": problem.device, "progress": shown, "budget": seconds}
 
 
 def _network(
-    kind: type[Mlp], problem: Problem, options: dict[str, Any], seconds: float, progress: Progress | None
-) -> Made:
-    return fit_network(kind, problem, NetworkOptions(budget=seconds, **options), progress)
+    cls: type[Mlp], problem: Problem, options: dict[str, Any], seconds: float, progress: Progress | None
+) -> Trained:
+    return fit_network(cls, problem, NetworkOptions(budget=seconds, **options), progress)
 
 
 TRAINERS: dict[type[Bounder], Trainer] = {
@@ -95,6 +98,6 @@ TRAINERS: dict[type[Bounder], Trainer] = {
 }
 
 
-def trainer_of(kind: type[Bounder]) -> Trainer:
+def trainer_of(cls: type[Bounder]) -> Trainer:
     """How bounders of a class are made: its own entry of ``TRAINERS``, or the nearest base's."""
-    return next(TRAINERS[base] for base in kind.__mro__ if base in TRAINERS)
+    return next(TRAINERS[base] for base in cls.__mro__ if base in TRAINERS)

@@ -114,7 +114,7 @@ class Mlp(Bounder):
     """
 
     method = "mlp"
-    closed_form = False
+    exact_on_cells = False
     options = (HIDDEN, ACTIVATION, OCTAVES, RECIPE, STEPS)
 
     @classmethod

@@ -70,5 +70,5 @@ def positive_boxes(bounder: Bounder | LeastBox, grid: IndicatorGrid) -> tuple[np
     Returns:
         Lower and upper corners ``(N, n)`` float64.
     """
-    first, last = (grid.occupied, grid.occupied + 1) if bounder.closed_form else full_blocks(grid)
+    first, last = (grid.occupied, grid.occupied + 1) if bounder.exact_on_cells else full_blocks(grid)
     return bounder.domain.widened(grid.position(first - 0.5), grid.position(last - 0.5))

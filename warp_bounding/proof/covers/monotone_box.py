@@ -21,7 +21,7 @@ class LeastBox:
         bounder: Whose f.
     """
 
-    closed_form = False
+    exact_on_cells = False
 
     def __init__(self, bounder: MonotoneMlp):
         self.network = bounder.point_network
