@@ -1,7 +1,8 @@
 """What a bounder is asked, and how: in batches, again and again, and in kernels of the user's own.
 
-A call of ``query`` checks and views its input, makes memory for the answers, checks a placement and packs a kernel's arguments,
-which takes longer than the answers to a thousand queries. ``prepare`` does so once; ``Prepared.launch`` only runs.
+A call of ``query`` checks and views its input, makes memory for the answers, checks a placement and packs a kernel's
+arguments, which takes longer than the answers to a thousand queries. ``prepare`` does so once; ``Prepared.launch`` only
+runs.
 """
 
 from abc import ABC, abstractmethod
@@ -27,9 +28,10 @@ __all__ = ["Asking", "Prepared"]
 class Prepared:
     """Some queries of one bounder, ready to be asked; made by ``Bounder.prepare``.
 
-    It keeps the memory of the queries and of the answers. The queries are read anew in every launch: write the next ones to the same
-    memory. Answers are written to the same memory in every launch; nothing is allocated, and nothing read back. A new threshold
-    (``Bounder.freeze``) is seen by the next launch. One thread at a time may use it; several of them may run in several threads.
+    It keeps the memory of the queries and of the answers. The queries are read anew in every launch: write the next
+    ones to the same memory. Answers are written to the same memory in every launch; nothing is allocated, and nothing
+    read back. A new threshold (``Bounder.freeze``) is seen by the next launch. One thread at a time may use it; several
+    of them may run in several threads.
 
     Attributes:
         out: ``(N,)`` uint8, 1 = maybe, 0 = certainly not.
@@ -66,10 +68,12 @@ class Prepared:
         """Ask.
 
         Returns:
-            ``out``; where candidates are asked for, ``(indices, count)`` as of ``Bounder.candidates``, and ``out`` is filled, too.
+            ``out``; where candidates are asked for, ``(indices, count)`` as of ``Bounder.candidates``, and ``out`` is
+            filled, too.
 
         Raises:
-            QueryError: If ``x`` lies elsewhere by now, or has another shape, as after ``resize_`` or a new ``data`` of a torch tensor.
+            QueryError: If ``x`` lies elsewhere by now, or has another shape, as after ``resize_`` or a new ``data`` of
+                a torch tensor.
 
         Example:
             >>> bounder.prepare(points).launch().dtype.__name__
@@ -90,8 +94,8 @@ class Prepared:
             scale: As for ``Bounder.query``.
 
         Raises:
-            QueryError: If neither is given, or ``prepare`` was given neither, or for a placement that the certificate does not cover;
-                the old one is kept.
+            QueryError: If neither is given, or ``prepare`` was given neither, or for a placement that the certificate
+                does not cover; the old one is kept.
 
         Example:
             >>> asked = bounder.prepare(points, scale=1.0)
@@ -176,14 +180,16 @@ class Asking(ABC):
     def func(self) -> wp.Function:
         """The test of one query, for kernels of your own: write ``wp.static(bounder.func)(data, q)``; true is *maybe*.
 
-        Of points ``test(data, q: vec_n) -> bool``, of regions ``test(data, a: vec_n, b: vec_n) -> bool``: a ray's origin and direction, a
-        plane's normal and point, a box's lower and upper corner; object space. ``data`` is ``bounder.data``, an argument of the kernel.
+        Of points ``test(data, q: vec_n) -> bool``, of regions ``test(data, a: vec_n, b: vec_n) -> bool``: a ray's
+        origin and direction, a plane's normal and point, a box's lower and upper corner; object space. ``data`` is
+        ``bounder.data``, an argument of the kernel.
 
-        The proof is of the float32 numbers that it gets, in IEEE arithmetic: it keeps to that in a module with ``fast_math``, and does not
-        compile with ``-ffast-math`` in ``cpu_compiler_flags``; other such flags are outside the claim.
+        The proof is of the float32 numbers that it gets, in IEEE arithmetic: it keeps to that in a module with
+        ``fast_math``, and does not compile with ``-ffast-math`` in ``cpu_compiler_flags``; other such flags are outside
+        the claim.
 
-        A name for it, ``test = bounder.func``, can be bound to another bounder's function before Warp builds the module; see
-        ``point_func``.
+        A name for it, ``test = bounder.func``, can be bound to another bounder's function before Warp builds the
+        module; see ``point_func``.
 
         Example:
             >>> @wp.kernel
@@ -226,19 +232,19 @@ class Asking(ABC):
         """Test many queries.
 
         Args:
-            x: ``(N, m)`` NumPy array or torch tensor, float32 or float64, or ``wp.array`` of ``vec_m`` ``(N,)`` or float32 ``(N, m)``.
-                Points: m = n. Regions, m = 2 n: a ray's origin and direction, a plane's normal and point, a box's lower
-                and upper corner. Torch tensors on the CPU and ``wp.array`` are read in place.
-            xform: Places the shape in the world: ``wp.transform``, 7 numbers or a homogeneous rigid matrix. ``x`` are then
-                numbers in the world; time is not moved. A rotated box is tested by the axis-aligned box around it in object
-                space; without a rotation, or by right angles, that is the box itself.
-            scale: Positive number, or one per spatial axis; applied before ``xform``. The length of rays stays in object
-                units: where the shape is scaled by one number s, its rays are s times as long in the world.
+            x: ``(N, m)`` NumPy array or torch tensor, float32 or float64, or ``wp.array`` of ``vec_m`` ``(N,)`` or
+                float32 ``(N, m)``. Points: m = n. Regions, m = 2 n: a ray's origin and direction, a plane's normal and
+                point, a box's lower and upper corner. Torch tensors on the CPU and ``wp.array`` are read in place.
+            xform: Places the shape in the world: ``wp.transform``, 7 numbers or a homogeneous rigid matrix. ``x`` are
+                then numbers in the world; time is not moved. A rotated box is tested by the axis-aligned box around it
+                in object space; without a rotation, or by right angles, that is the box itself.
+            scale: Positive number, or one per spatial axis; applied before ``xform``. The length of rays stays in
+                object units: where the shape is scaled by one number s, its rays are s times as long in the world.
             out: ``(N,)`` uint8 to write to, instead of a new array.
 
         Returns:
-            ``(N,)`` uint8 ``wp.array``: 1 = maybe, 0 = certainly not. NaN, infinity, a direction of no length, a box upside
-            down: maybe. Outside the domain: no.
+            ``(N,)`` uint8 ``wp.array``: 1 = maybe, 0 = certainly not. NaN, infinity, a direction of no length, a box
+            upside down: maybe. Outside the domain: no.
 
         Raises:
             QueryError: For a wrong shape, dtype or device, or a placement that the certificate does not cover.
@@ -289,8 +295,8 @@ class Asking(ABC):
         """Set up queries that are asked often, such as in every step of a simulation.
 
         Args:
-            x: As for ``query``, but float32, on this device and in one piece: it is kept, and read at every launch, so what is written
-                there is asked next.
+            x: As for ``query``, but float32, on this device and in one piece: it is kept, and read at every launch, so
+                what is written there is asked next.
             out: As for ``query``.
             xform: As for ``query``; ``Prepared.move`` changes it.
             scale: As for ``query``; ``Prepared.move`` changes it.

@@ -48,9 +48,9 @@ class Bounder(Asking):
         domain: The box it was made for, and the map into it.
         threshold: float32; the answer is *maybe* iff ``not (f < threshold)``.
         certificate: What is proven of it, or ``None``.
-        info: How it was made, by the names in ``file_format.INFO_FIELDS``. ``training`` is a record of the fit, with its
-            seconds; ``rates`` are false positives on a few queries, the bounder's own and those of an axis-aligned box
-            around the same cells.
+        info: How it was made, by the names in ``file_format.INFO_FIELDS``. ``training`` is a record of the fit, with
+            its seconds; ``rates`` are false positives on a few queries, the bounder's own and those of an axis-aligned
+            box around the same cells.
         device: The Warp device that queries run on.
         native: Whether queries run as native text, or as its plain twin (``to``).
 
@@ -85,8 +85,8 @@ class Bounder(Asking):
             device: Warp device; the default device if ``None``.
 
         Raises:
-            BounderError: If a tensor is not finite or of the wrong type, the method does not bound such queries, or there
-                is no such device.
+            BounderError: If a tensor is not finite or of the wrong type, the method does not bound such queries, or
+                there is no such device.
         """
         device_of(device, BounderError)
         if not self.supports(domain.query, domain.space_ndim, domain.space):
@@ -135,8 +135,8 @@ class Bounder(Asking):
     def rounding_bound(self) -> float:
         """``E``: bound of the error of ``f`` as any device computes it, for ``|v| <= domain.limit``.
 
-        For regions that are tested against a volume, the computed ``f(v)`` is at least the largest value that the volume's
-        exact f has on the region ``v``, less E.
+        For regions that are tested against a volume, the computed ``f(v)`` is at least the largest value that the
+        volume's exact f has on the region ``v``, less E.
         """
 
     @property
@@ -180,8 +180,8 @@ class Bounder(Asking):
         Args:
             grid: The object.
             domain: Of a region, in parametric space.
-            samples: ``(N, 2 n)`` float64, positive queries in a query's own units (not those of v); they give the volume's
-                shape and axes, ``prove`` its size.
+            samples: ``(N, 2 n)`` float64, positive queries in a query's own units (not those of v); they give the
+                volume's shape and axes, ``prove`` its size.
             device: Warp device.
 
         Raises:

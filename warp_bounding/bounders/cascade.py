@@ -1,8 +1,8 @@
 """``cascade``: several bounders of the same queries, the cheap ones first; the answer is *maybe* iff each of them says so.
 
-A conjunction of conservative tests is conservative, so every part is proven by itself (``parts``). Where the first parts
-deny, the later ones cost nothing. On a CPU the batch path asks a part for a block of queries and moves its survivors
-together for the next one; other code asks one query at a time.
+A conjunction of conservative tests is conservative, so every part is proven by itself (``parts``). Where the first
+parts deny, the later ones cost nothing. On a CPU the batch path asks a part for a block of queries and moves its
+survivors together for the next one; other code asks one query at a time.
 
 ``f`` is the last part's where all others say *maybe*, and ``DENIED`` elsewhere.
 """
@@ -32,8 +32,8 @@ ALIGN = 16  # floats: a part's numbers begin at a multiple of this, as those of 
 class CascadeSource(Source):
     """Native code of a cascade.
 
-    In memory the last part's numbers come first, because with lanes its body runs alone and reads ``w`` from there; then
-    those of each other part, at a multiple of ``ALIGN``; and at last the thresholds of the others.
+    In memory the last part's numbers come first, because with lanes its body runs alone and reads ``w`` from there;
+    then those of each other part, at a multiple of ``ALIGN``; and at last the thresholds of the others.
 
     Attributes:
         sources: The parts' sources, in the order in which they are asked.
@@ -231,7 +231,8 @@ class Cascade(Bounder):
         least, axis, point = (np.array(x) for x in bounds[:3])
         for part in self._members[:-1]:
             own = part.bound(lower, upper)
-            # Where a part may deny, on some device, f may be DENIED: no better bound holds, and that part says where to halve.
+            # Where a part may deny, on some device, f may be DENIED: no better bound holds, and that part says where to
+            # halve.
             fails = ~(own.lower >= float(part.threshold) + part.rounding_bound() * GROWTH)
             least[fails], axis[fails], point[fails] = DENIED, own.axis[fails], own.point[fails]
         return BoxBounds(least, axis, point, self.reference(point))

@@ -1,8 +1,8 @@
 """Bounders on disk: one ``.safetensors`` file, tensors by role, everything else as JSON in its metadata.
 
-The metadata holds one entry, ``warp_bounding``: a JSON object ``{"sha256": ..., "bounder": {...}}`` whose digest covers the
-tensors (names, types, shapes, bytes) and every other field. The digest detects damage; an author who computes it anew
-can still lie, and only ``certify`` finds that out. Files are written whole or not at all (``write_whole``).
+The metadata holds one entry, ``warp_bounding``: a JSON object ``{"sha256": ..., "bounder": {...}}`` whose digest covers
+the tensors (names, types, shapes, bytes) and every other field. The digest detects damage; an author who computes it
+anew can still lie, and only ``certify`` finds that out. Files are written whole or not at all (``write_whole``).
 """
 
 import hashlib

@@ -1,8 +1,8 @@
 """Classic volumes in the space of a region's own numbers: the paper's way to bound rays, planes and boxes.
 
-The paper fits a volume to the parameters of 20,000 positive regions. Its shape is taken from such samples here too (axes,
-principal axes, an enclosing ellipsoid). Faces and radius are then set by proven bounds of the set of all positives
-(``ParametricSupport``), so that the volume has no false negative beyond the samples either.
+The paper fits a volume to the parameters of 20,000 positive regions. Its shape is taken from such samples here too
+(axes, principal axes, an enclosing ellipsoid). Faces and radius are then set by proven bounds of the set of all
+positives (``ParametricSupport``), so that the volume has no false negative beyond the samples either.
 
 Statistics of the samples are computed in a query's own units, as in the paper's code, not in those of ``v``.
 """

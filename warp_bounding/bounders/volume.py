@@ -27,8 +27,8 @@ class RegionTest(Protocol):
 class VolumeBounder(Bounder):
     """A volume in the space of points, or of a region's own numbers (parametric). Regions of space are tested against it as a whole.
 
-    A subclass says what it is in the space where it lies (``volume_weights`` and what follows), and makes the test of regions
-    (``region_test``). f of a region is then at least the largest value of the volume's f on it.
+    A subclass says what it is in the space where it lies (``volume_weights`` and what follows), and makes the test of
+    regions (``region_test``). f of a region is then at least the largest value of the volume's f on it.
     """
 
     regions: ClassVar[Mapping[str, Any]]  # the tests of regions, by their kind of query

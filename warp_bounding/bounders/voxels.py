@@ -107,7 +107,8 @@ class VoxelsSource(Source):
 class Voxels(Bounder):
     """The occupied cells as bits, in array order.
 
-    Tensors: ``bits`` ``(ceil(cells / 32),)`` uint32, ``factor``, ``summand`` and ``reach`` ``(n,)`` float32. Sizes: ``shape``.
+    Tensors: ``bits`` ``(ceil(cells / 32),)`` uint32, ``factor``, ``summand`` and ``reach`` ``(n,)`` float32. Sizes:
+    ``shape``.
     """
 
     method = "voxels"
@@ -155,7 +156,8 @@ class Voxels(Bounder):
         size = np.abs(self.tensors["factor"]) * domain.limit.astype(np.float64) + np.abs(self.tensors["summand"])
         if not (size + np.abs(self.tensors["reach"]) < 2.0**60).all():
             raise BounderError("voxels: numbers are so large that float32 sums may overflow")
-        # ``bound`` takes the ends of a box to the ends of its cells, and counts on all cells within reach being looked at.
+        # ``bound`` takes the ends of a box to the ends of its cells, and counts on all cells within reach being looked
+        # at.
         factor, reach = self.tensors["factor"], self.tensors["reach"]
         if not ((factor > 0) & (reach >= 0) & (reach <= 0.5)).all():
             raise BounderError(

@@ -20,12 +20,14 @@ class Certificate:
     """A proof that a bounder has no false negative, or an honest account of why there is none.
 
     Attributes:
-        kind: ``"proven"``; ``"statistical"`` where there is no proof, or it did not end in its time; or, from ``certify`` only, ``"refuted"`` (a counterexample is given), ``"undecided"`` (time ran out) or
+        kind: ``"proven"``; ``"statistical"`` where there is no proof, or it did not end in its time; or, from
+            ``certify`` only, ``"refuted"`` (a counterexample is given), ``"undecided"`` (time ran out) or
             ``"inapplicable"`` (the shape cannot be the bounded one).
         query: Kind of query, such as ``"point"``.
         domain: ``[lower, upper]`` corners in object space.
         threshold: The float32 number that ``f`` is compared with.
-        lower_bound: Certified lower bound of the exact ``f`` over every input the pipeline can make of a point of the object.
+        lower_bound: Certified lower bound of the exact ``f`` over every input the pipeline can make of a point of the
+            object.
         rounding_bound: E, largest error of ``f`` as any device computes it.
         delta: Per axis, the input error that the proof covers, as a fraction of a cell.
         boxes: Boxes that the proof examined.
@@ -40,11 +42,13 @@ class Certificate:
         confidence: Of that bound, all restarts counted: each has spent its share of the risk.
         worst_margin: Statistical: how far the least f of these positives lies above the threshold.
         restarts: Statistical: thresholds before this one that missed a positive.
-        object: Name of the object. This and what follows is ``None`` in files made by versions that did not tell it here.
+        object: Name of the object. This and what follows is ``None`` in files made by versions that did not tell it
+            here.
         margin: By which the object was dilated, object units.
         length: Of rays, object units; ``None`` for other queries.
         resolution: That a mesh was voxelised with; ``None`` for grids.
-        placement: Per axis, object units: by how much ``xform=`` and ``scale=`` may round a query; those that need more are refused.
+        placement: Per axis, object units: by how much ``xform=`` and ``scale=`` may round a query; those that need more
+            are refused.
 
     Example:
         >>> certificate = bounder.certificate

@@ -1,7 +1,7 @@
 """Whether the numbers of a stored certificate can be true of the bounder beside them: an edited one mostly gives itself away.
 
-A file's digest detects damage, and these checks detect careless edits by someone who computed it anew. A lie that adds up
-passes, and only ``certify`` finds it out.
+A file's digest detects damage, and these checks detect careless edits by someone who computed it anew. A lie that adds
+up passes, and only ``certify`` finds it out.
 """
 
 from math import isfinite, prod

@@ -34,7 +34,8 @@ def document(
         least: Its ``lower_bound``.
         boxes: See ``Certificate``.
         seconds: See ``Certificate``.
-        message: See ``Certificate``; what the claim is about, and what restricts the object (``IndicatorGrid.note``), are added to it.
+        message: See ``Certificate``; what the claim is about, and what restricts the object (``IndicatorGrid.note``),
+            are added to it.
         counterexample: See ``Certificate``.
         more: Other fields.
     """

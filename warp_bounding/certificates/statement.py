@@ -1,7 +1,7 @@
 """A certificate in words: what is claimed, over which set of queries, in which arithmetic, and what is not.
 
-One text for each kind of certificate and of query, so that what ``info`` prints can be read beside DESIGN's theorem. Nothing
-is computed here; every number is the certificate's or the domain's.
+One text for each kind of certificate and of query, so that what ``info`` prints can be read beside DESIGN's theorem.
+Nothing is computed here; every number is the certificate's or the domain's.
 """
 
 from collections.abc import Iterable

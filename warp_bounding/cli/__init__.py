@@ -1,7 +1,8 @@
 """The command ``warp-bounding``: one file a command.
 
-Every command takes ``--json``: one JSON object on standard output and nothing else there; progress goes to standard error.
-Exit status: 0; 1 where something is not proven or was interrupted; 2 for bad usage or bad input, with one clear line.
+Every command takes ``--json``: one JSON object on standard output and nothing else there; progress goes to standard
+error. Exit status: 0; 1 where something is not proven or was interrupted; 2 for bad usage or bad input, with one clear
+line.
 """
 
 import os

@@ -62,8 +62,9 @@ def command(
 ) -> int:
     """Fit a bounder to SHAPE, prove that it has no false negative, and save it.
 
-    The proof of an mlp's rays or boxes can take longer than the budget leaves for it (3D rays: some minutes); the certificate is
-    then statistical, and says so. Ctrl-C ends training early; the best bounder so far is proven and saved.
+    The proof of an mlp's rays or boxes can take longer than the budget leaves for it (3D rays: some minutes); the
+    certificate is then statistical, and says so. Ctrl-C ends training early; the best bounder so far is proven and
+    saved.
     """
     from warp_bounding.bounders import save
     from warp_bounding.evaluation import evaluate

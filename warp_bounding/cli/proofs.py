@@ -34,8 +34,8 @@ def command(
 ) -> int:
     """Find what networks thresholded by sampling would have missed, and what a proof costs instead.
 
-    Kill it whenever you like: the same command goes on where it stopped. Exit status 1: a network failed, had a false negative at its
-    proven threshold, or the run was stopped.
+    Kill it whenever you like: the same command goes on where it stopped. Exit status 1: a network failed, had a false
+    negative at its proven threshold, or the run was stopped.
     """
     import warp_bounding.paper as tables
     from warp_bounding.bounders import supports

@@ -41,9 +41,9 @@ def command(
 ) -> int:
     """Ask FILE hard positives of SHAPE, as it is deployed. Exit status 0: none missed; 1: a false negative, which is printed.
 
-    Certain positives by construction, near the object's boundary: grazing rays, touching boxes, tangent planes, points on
-    faces and corners of cells; in float32, in float64, and of the shape placed in the world. A soak test proves nothing; it is
-    there to contradict a proof. Ctrl-C ends it and says what was done until then.
+    Certain positives by construction, near the object's boundary: grazing rays, touching boxes, tangent planes, points
+    on faces and corners of cells; in float32, in float64, and of the shape placed in the world. A soak test proves
+    nothing; it is there to contradict a proof. Ctrl-C ends it and says what was done until then.
     """
     from warp_bounding.bounders import load
     from warp_bounding.proof import soak

@@ -61,8 +61,9 @@ def command(
 ) -> int:
     """Measure the false positives of every method on every object and query, as in the paper's Table 1.
 
-    Kill it whenever you like: the same command goes on where it stopped. Columns, methods, objects and protocols can be added to a
-    folder later; budgets, samples, seed, length and device are those of its first run. Exit status 1: a cell failed or the run was stopped.
+    Kill it whenever you like: the same command goes on where it stopped. Columns, methods, objects and protocols can be
+    added to a folder later; budgets, samples, seed, length and device are those of its first run. Exit status 1: a cell
+    failed or the run was stopped.
     """
     import warp_bounding.paper as tables
     from warp_bounding.bounders import supports

@@ -1,17 +1,19 @@
 """A broad phase for Newton: the particle-shape pairs that its contact pass goes through, cut down to those that may touch.
 
-A ``newton.CollisionPipeline`` tests every particle against every shape, one kernel thread a pair (``soft_rigid_contact_pairs``).
-``ParticleCull`` wraps one: before each pass it asks the bounders of the shapes, and lets the pipeline go through the pairs that they
-do not deny, in the order that it had them. Contacts are then the same, record by record, and so is every step that a solver makes.
+A ``newton.CollisionPipeline`` tests every particle against every shape, one kernel thread a pair
+(``soft_rigid_contact_pairs``). ``ParticleCull`` wraps one: before each pass it asks the bounders of the shapes, and
+lets the pipeline go through the pairs that they do not deny, in the order that it had them. Contacts are then the same,
+record by record, and so is every step that a solver makes.
 
-Why none is lost. For a mesh the pass asks for the closest point within ``reach = gap + (margin + radius) / scale`` of the particle,
-in the mesh's own coordinates, and makes a contact only where there is one. A bounder is accepted only if it is proven for this very
-mesh, dilated by ``reach`` and by what float32 does on the way (``margin_for``). Where a particle is so far from the origin that
-its place relative to the shape is less certain than that, or has a larger radius, the pair stays. Shapes may move, turn and be scaled.
+Why none is lost. For a mesh the pass asks for the closest point within ``reach = gap + (margin + radius) / scale`` of
+the particle, in the mesh's own coordinates, and makes a contact only where there is one. A bounder is accepted only if
+it is proven for this very mesh, dilated by ``reach`` and by what float32 does on the way (``margin_for``). Where a
+particle is so far from the origin that its place relative to the shape is less certain than that, or has a larger
+radius, the pair stays. Shapes may move, turn and be scaled.
 
 What this does not do: rigid contacts, self-contacts of cloth, and the passes over whole edges and faces
-(``enable_rigid_soft_full_surface_contact``) are left as they are; so are shapes without a bounder. The number of pairs is read back
-once a pass, so a pass cannot be captured in a CUDA graph.
+(``enable_rigid_soft_full_surface_contact``) are left as they are; so are shapes without a bounder. The number of pairs
+is read back once a pass, so a pass cannot be captured in a CUDA graph.
 """
 
 from collections.abc import Mapping
@@ -95,14 +97,16 @@ class ParticleCull:
         """Check that the bounders are those of the shapes.
 
         Args:
-            pipeline: Its class is replaced by a subclass of it, in which the number of pairs is the length of their list.
-            bounders: Per index of a shape a bounder of its mesh, in the mesh's own coordinates: points, 3D, with a margin of
-                ``margin_for`` at least. One bounder may serve many shapes. Shapes without one keep all their pairs.
+            pipeline: Its class is replaced by a subclass of it, in which the number of pairs is the length of their
+                list.
+            bounders: Per index of a shape a bounder of its mesh, in the mesh's own coordinates: points, 3D, with a
+                margin of ``margin_for`` at least. One bounder may serve many shapes. Shapes without one keep all their
+                pairs.
             unproven: Take bounders without a proof, and with too small a margin, too; contacts may then be missed.
 
         Raises:
-            BounderError: For a bounder that is not of this mesh or has too small a margin, with both numbers, or no proof; for a shape
-                that is no mesh; for a differentiable pipeline, or what is no pipeline at all.
+            BounderError: For a bounder that is not of this mesh or has too small a margin, with both numbers, or no
+                proof; for a shape that is no mesh; for a differentiable pipeline, or what is no pipeline at all.
         """
         if not isinstance(pipeline, newton.CollisionPipeline):
             raise BounderError(f"pipeline must be a newton.CollisionPipeline, got {type(pipeline).__name__}")

@@ -1,7 +1,8 @@
 """Kernels of the cull: where shapes lie in one pass, which pairs a bounder lets through, and their list.
 
-Most pairs are far apart. So a loop over a block of pairs asks first whether the particle lies outside a ball around the bounder's domain, or outside
-the domain's box as it lies in the world, and lists the others; only those go to the bounder.
+Most pairs are far apart. So a loop over a block of pairs asks first whether the particle lies outside a ball around the
+bounder's domain, or outside the domain's box as it lies in the world, and lists the others; only those go to the
+bounder.
 """
 
 from functools import cache
@@ -26,9 +27,10 @@ __all__ = [
     "place_shapes",
 ]
 
-# What float32 does between a particle's place and the closest point, in units of 2^-24: of the coordinates in the mesh (the closest
-# point 16, the division by the scale 1, the search's own products 8) and of the way; and of the coordinates in the world: two
-# transforms, once in the pass and once here, each a rotation by a quaternion and a sum: under 64 all told.
+# What float32 does between a particle's place and the closest point, in units of 2^-24: of the coordinates in the mesh
+# (the closest point 16, the division by the scale 1, the search's own products 8) and of the way; and of the
+# coordinates in the world: two transforms, once in the pass and once here, each a rotation by a quaternion and a sum:
+# under 64 all told.
 IN_MESH, IN_WORLD = 32.0, 256.0
 _WORLD_ROUNDING = wp.constant(IN_WORLD * UNIT32)
 _MESH_ROUNDING = wp.constant(IN_MESH * UNIT32)
@@ -61,8 +63,9 @@ class Placed:
 class Hull:
     """What is asked of a particle in the world before a shape's bounder is: beyond the ball or the box the bounder denies everything.
 
-    And it may be asked at all only where ``reach + per_radius r + per_coordinate (|q_x| + |q_y| + |q_z|) <= margin``, of a particle
-    q of radius r: its margin is then as far as the pass looks, ``gap + (margin of the shape + r) / least scale``, and what rounding does.
+    And it may be asked at all only where ``reach + per_radius r + per_coordinate (|q_x| + |q_y| + |q_z|) <= margin``,
+    of a particle q of radius r: its margin is then as far as the pass looks, ``gap + (margin of the shape + r) / least
+    scale``, and what rounding does.
     """
 
     center: wp.vec3  # of ball and box, world
@@ -98,8 +101,8 @@ def place_shapes(
 ):
     """World to shape, by the operations of Newton's own pass; and the hull of each shape.
 
-    Rounding, when a hull is made and when it is asked, is within what is added: 256 units of 2^-24 of all lengths that enter, of
-    which a rotation, a difference and a product take under 64.
+    Rounding, when a hull is made and when it is asked, is within what is added: 256 units of 2^-24 of all lengths that
+    enter, of which a rotation, a difference and a product take under 64.
     """
     s = wp.tid()
     place = wp.transform_identity()

@@ -95,8 +95,8 @@ def certify(
 
     Returns:
         A certificate of kind ``"proven"``; ``"statistical"`` (the method has no proof; fresh positives were asked, and
-        none was denied); ``"refuted"`` (with a counterexample); ``"undecided"``; or ``"inapplicable"`` (the shape cannot
-        be the bounded one, the claim is not the expected one, or the method is not conservative).
+        none was denied); ``"refuted"`` (with a counterexample); ``"undecided"``; or ``"inapplicable"`` (the shape
+        cannot be the bounded one, the claim is not the expected one, or the method is not conservative).
 
     Example:
         >>> wb.certify(bounder, grid).kind, wb.certify(bounder, grid, margin=0.5).kind

@@ -5,11 +5,11 @@ threshold + E (``prove``). So where f is proven to be under threshold + E all al
 the object. An upper bound of f is a lower bound of -f, by the same relaxations as in every proof, over boxes of one
 number: the parameter t along the segment.
 
-All of this is computed in float64. The segment that is bounded is ``a + t w`` of the computed a and w, with t between the
-computed ends. Where a and w are within ``FAR``, a point of the true segment is off by less than 2^-29, four products and
-sums of 2^-52 each; and proofs hold for the object dilated by delta, the float32 rounding of the same map, which is at
-least a hundred times as much. Clipping errs outwards by ``INSIDE``, which is more than the rounding of t times w.
-Segments that lie farther out are not cleared.
+All of this is computed in float64. The segment that is bounded is ``a + t w`` of the computed a and w, with t between
+the computed ends. Where a and w are within ``FAR``, a point of the true segment is off by less than 2^-29, four
+products and sums of 2^-52 each; and proofs hold for the object dilated by delta, the float32 rounding of the same map,
+which is at least a hundred times as much. Clipping errs outwards by ``INSIDE``, which is more than the rounding of t
+times w. Segments that lie farther out are not cleared.
 """
 
 import numpy as np
@@ -38,8 +38,8 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
         depth: How often a piece is halved at most; a larger depth clears more segments that pass close to the object.
 
     Returns:
-        ``(N,)`` bool: True if no point of the closed segment lies in the object. False says nothing; it is the answer for
-        NaN, infinity and segments that are a million domains away.
+        ``(N,)`` bool: True if no point of the closed segment lies in the object. False says nothing; it is the answer
+        for NaN, infinity and segments that are a million domains away.
 
     Raises:
         BounderError: For another kind of bounder.

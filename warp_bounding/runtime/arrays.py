@@ -16,8 +16,8 @@ def flat_queries(x, columns: int, device: wp.Device) -> tuple[wp.array, int, boo
     """Check queries and view them as flat float32; what is on the device already is not copied.
 
     Args:
-        x: ``(N, columns)`` NumPy array, nested sequence of numbers or torch tensor, float32 or float64, or ``wp.array`` of
-            ``vec_columns`` ``(N,)`` or float32 ``(N, columns)``.
+        x: ``(N, columns)`` NumPy array, nested sequence of numbers or torch tensor, float32 or float64, or ``wp.array``
+            of ``vec_columns`` ``(N,)`` or float32 ``(N, columns)``.
         columns: Numbers per query.
         device: Where the queries are to be.
 

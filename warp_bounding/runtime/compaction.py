@@ -1,6 +1,7 @@
 """Compaction on the device: the ascending indices of the set entries of a mask, and their number, nothing read back.
 
-Three steps: count per block, scan the counts, write; a single block only writes. Both passes over the mask are threaded on a CPU.
+Three steps: count per block, scan the counts, write; a single block only writes. Both passes over the mask are threaded
+on a CPU.
 """
 
 from collections.abc import Callable

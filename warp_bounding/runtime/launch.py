@@ -1,11 +1,12 @@
 """Launching batch kernels: on a CPU, Warp runs a launch on one core, so the blocks are dealt out to several threads.
 
-Only launches whose outputs are disjoint and that use no tiles are threaded; modules are loaded on the calling thread, where launches are
-recorded. The threads sleep between launches. Whoever is awake takes the next share, so a launch never waits for a thread that has not
-woken: the caller then does everything itself. What a kernel's block took the last time tells whether waking anybody pays.
+Only launches whose outputs are disjoint and that use no tiles are threaded; modules are loaded on the calling thread,
+where launches are recorded. The threads sleep between launches. Whoever is awake takes the next share, so a launch
+never waits for a thread that has not woken: the caller then does everything itself. What a kernel's block took the last
+time tells whether waking anybody pays.
 
-A kernel is compiled, or loaded from Warp's cache, before its first launch. That takes seconds of which a budget should know nothing:
-``working_seconds`` is a clock that stands still meanwhile.
+A kernel is compiled, or loaded from Warp's cache, before its first launch. That takes seconds of which a budget should
+know nothing: ``working_seconds`` is a clock that stands still meanwhile.
 """
 
 import os
@@ -96,12 +97,13 @@ class _Crew:
     def run(self, shares: Sequence[Callable[[], None]]) -> None:
         """Do all shares, with a thread for each but the first; returns when they have ended.
 
-        That holds whatever interrupts: shares write to memory that the caller may give up afterwards. A signal's handler may raise between
-        any two steps, when a share has been taken and not begun, or news taken and not looked at. So nothing is counted on that
-        the interrupted thread has done: it looks anew who is at work.
+        That holds whatever interrupts: shares write to memory that the caller may give up afterwards. A signal's
+        handler may raise between any two steps, when a share has been taken and not begun, or news taken and not looked
+        at. So nothing is counted on that the interrupted thread has done: it looks anew who is at work.
 
         Raises:
-            BaseException: What a share has raised, or a signal's handler meanwhile; some shares may then not have been done.
+            BaseException: What a share has raised, or a signal's handler meanwhile; some shares may then not have been
+                done.
         """
         if not self._free.acquire(blocking=False):
             for share in shares:
@@ -279,12 +281,12 @@ def launch_on_cores(
 ) -> None:
     """Launch a kernel of your own over all cores of a CPU, as batch queries are: by itself Warp uses one.
 
-    So a broad phase and the narrow phase behind it have the same number of threads, ``WARP_BOUNDING_THREADS`` of them or one a core.
-    On CUDA it is an ordinary launch.
+    So a broad phase and the narrow phase behind it have the same number of threads, ``WARP_BOUNDING_THREADS`` of them
+    or one a core. On CUDA it is an ordinary launch.
 
     Args:
-        kernel: Its first input is an int, the number of the launch's first item; its own item is ``first + wp.tid()``. Items write to
-            disjoint places and use no tiles.
+        kernel: Its first input is an int, the number of the launch's first item; its own item is ``first + wp.tid()``.
+            Items write to disjoint places and use no tiles.
         count: Items.
         inputs: All inputs but the first.
         outputs: Outputs.

@@ -68,11 +68,12 @@ def check_writable(path: str | os.PathLike, *inputs: str | os.PathLike, kind: Fi
     Args:
         path: File to write.
         *inputs: Files that the work reads, if they exist.
-        kind: What is written. An existing file is then replaced only if it has that kind's suffix or content: a shape, or whatever
-            else a slip of the hand names, is kept.
+        kind: What is written. An existing file is then replaced only if it has that kind's suffix or content: a shape,
+            or whatever else a slip of the hand names, is kept.
 
     Raises:
-        FileFormatError: If the path is a folder or a device, cannot be written to, is one of the inputs, or such a file.
+        FileFormatError: If the path is a folder or a device, cannot be written to, is one of the inputs, or such a
+            file.
     """
     given = file_path(path)
     if not os.fspath(path) or "\0" in str(given):

@@ -83,8 +83,9 @@ def fit(
             ``steps``: training steps instead of seconds; the result is then repeatable to the bit on the same machine.
 
     Returns:
-        The bounder, with ``certificate`` and ``info``. ``info["training"]`` tells how training went, with ``seconds`` in
-        all and, among them, ``compile_seconds`` for kernels, which no budget counts; for ``rates`` see ``quick_rates``.
+        The bounder, with ``certificate`` and ``info``. ``info["training"]`` tells how training went, with ``seconds``
+        in all and, among them, ``compile_seconds`` for kernels, which no budget counts; for ``rates`` see
+        ``quick_rates``.
 
     Raises:
         IndicatorError: If the shape cannot be read or bounded.

@@ -1,7 +1,7 @@
 """How the bounders of a class are made from a shape: in closed form by the class itself, or trained, as ``TRAINERS`` says.
 
-``fit`` treats all methods alike. A learned method from outside the package adds an entry to ``TRAINERS``, which holds for
-its subclasses too.
+``fit`` treats all methods alike. A learned method from outside the package adds an entry to ``TRAINERS``, which holds
+for its subclasses too.
 """
 
 import math
@@ -39,8 +39,8 @@ class Trainer:
     """How the bounders of a class are made.
 
     Attributes:
-        train: Called with the class, the problem, the values of all of the class's options, the seconds that training may
-            take, and a function for progress or ``None``.
+        train: Called with the class, the problem, the values of all of the class's options, the seconds that training
+            may take, and a function for progress or ``None``.
         proves: ``train`` sets threshold and certificate itself. In a cascade such trainers share the rest of the budget
             equally. Where ``train`` does not, ``fit`` calls ``prove`` afterwards, and before a trainer that proves it
             gets the share ``fit.FRONT_SHARE`` only.
