@@ -36,7 +36,7 @@ class Prepared:
     Attributes:
         out: ``(N,)`` uint8, 1 = maybe, 0 = certainly not.
         indices: ``(N,)`` int32, ascending indices of the candidates; ``None`` unless they are asked for.
-        count: How many there are, a 1-element int32 array, or ``None``.
+        count: How many candidates there are, a 1-element int32 array; ``None`` unless they are asked for.
 
     Example:
         >>> asked = bounder.prepare(points, candidates=True)
@@ -90,7 +90,7 @@ class Prepared:
         """Place the shape elsewhere in the world, for the launches to come.
 
         Args:
-            xform: As for ``Bounder.query``; what is not given is not as before, but none.
+            xform: As for ``Bounder.query``. If only one of both is given, the other one is none, not the one of before.
             scale: As for ``Bounder.query``.
 
         Raises:
@@ -144,7 +144,7 @@ class Asking(ABC):
     threshold: np.float32
     native: bool
     _device: str | None
-    _data: tuple[np.float32, Data] | None = None  # of a threshold
+    _data: tuple[np.float32, Data] | None = None  # the threshold for which ``data`` was made, and it
 
     @property
     @abstractmethod
@@ -166,7 +166,7 @@ class Asking(ABC):
 
     @property
     def query_kind(self) -> str:
-        """What is asked."""
+        """The kind of query, by its name."""
         return self.domain.query
 
     @property
@@ -205,9 +205,9 @@ class Asking(ABC):
 
     @property
     def data(self) -> Data:
-        """What ``func`` reads besides the query, on this bounder's device: pass it to the kernel as an argument of type ``wb.Data``.
+        """What ``func`` reads besides the query, on this bounder's device: your kernel's argument of type ``wb.Data``.
 
-        A new threshold (``freeze``) makes a new one.
+        After a new threshold (``freeze``) it is another object.
 
         Example:
             >>> bounder.data.parameters.device
@@ -258,7 +258,7 @@ class Asking(ABC):
         return self._batch(x, xform, scale, out, values=False)
 
     def values(self, x, *, xform=None, scale=None) -> wp.array:
-        """The number ``f`` that is compared with the threshold, as the device computes it; the arguments are those of ``query``.
+        """The number ``f`` that is compared with the threshold, as the device computes it; arguments as in ``query``.
 
         Returns:
             ``(N,)`` float32 ``wp.array``; +inf where the answer is *maybe* without asking, -inf outside the domain.
@@ -274,7 +274,7 @@ class Asking(ABC):
         return self._batch(x, xform, scale, None, values=True)
 
     def candidates(self, x, *, xform=None, scale=None) -> tuple[wp.array, wp.array]:
-        """Which queries may meet the object, compacted on the device; ``x``, ``xform`` and ``scale`` are those of ``query``.
+        """Which queries may meet the object, compacted on the device; arguments as in ``query``.
 
         Returns:
             ``(N,)`` int32 indices, ascending, of which the first ``n`` are valid, and ``n`` as a 1-element int32 array.
@@ -331,7 +331,7 @@ class Asking(ABC):
 def batch_launch(
     bounder: "Asking", queries: wp.array, count: int, place: wp.array | None, out: wp.array, *, values: bool = False
 ) -> BlockLaunch:
-    """A batch of queries about to be asked, with the bounder's threshold as it is now.
+    """The launch that answers a batch of queries, with the bounder's threshold as it is now.
 
     Args:
         bounder: What is asked.

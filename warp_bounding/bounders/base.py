@@ -215,7 +215,7 @@ class Bounder(Asking):
 
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
-        """Whether the method can bound a kind of query of an n-dimensional object, in a space; by default only points."""
+        """Whether the method bounds a kind of query of an n-dimensional object, in a space; by default only points."""
         return query in QUERIES and not QUERIES[query].is_region
 
     def to(self, device: str | None = None, *, native: bool | None = None) -> "Bounder":
@@ -304,7 +304,9 @@ class Bounder(Asking):
     # --- keeping it --------------------------------------------------------------------------------------------------
 
     def save(self, path) -> None:
-        """Write one ``.safetensors`` file, whole or not at all: tensors, domain, threshold, certificate and a digest of them.
+        """Write one ``.safetensors`` file, whole or not at all.
+
+        It holds tensors, domain, threshold, certificate, ``info`` and a digest of all of them.
 
         Args:
             path: File to write. An existing file is replaced only if it is a bounder's, by its name or its content.

@@ -1,4 +1,4 @@
-"""``cascade``: several bounders of the same queries, the cheap ones first; the answer is *maybe* iff each of them says so.
+"""``cascade``: several bounders of the same queries, the cheap ones first; it answers *maybe* iff each of them does.
 
 A conjunction of conservative tests is conservative, so every part is proven by itself (``parts``). Where the first
 parts deny, the later ones cost nothing. On a CPU the batch path asks a part for a block of queries and moves its
@@ -52,7 +52,7 @@ class CascadeSource(Source):
 
     @property
     def places(self) -> list[int]:
-        """Index in ``w`` at which each part's numbers begin, in the order of ``sources``; at last that of the thresholds."""
+        """Index in ``w`` of each part's first number, in the order of ``sources``; at last, that of the thresholds."""
         order = (self.counts[-1], *self.counts[:-1])
         places = list(accumulate((-(-count // ALIGN) * ALIGN for count in order), initial=0))
         return [*places[1:-1], 0, places[-1]]
@@ -63,7 +63,7 @@ class CascadeSource(Source):
         return [*own, *self.sources[-1].early()]
 
     def body(self, lanes: Lanes) -> str:
-        """See ``Source.body``: of all parts for a single query; of the last one for lanes, where ``early`` has the others."""
+        """See ``Source.body``: all parts for a single query; the last one for lanes, where ``early`` has the others."""
         last = self.sources[-1].body(lanes)
         if lanes.vector:
             return last
@@ -93,7 +93,7 @@ class CascadeSource(Source):
 
 
 def _from_part(source: CascadeSource, index: int, rest: wp.Function) -> wp.Function:
-    """The plain f of the parts from ``index`` on: DENIED where this part denies, else ``rest``, the f of those behind."""
+    """The plain f of the parts from ``index`` on: DENIED where this part denies, else ``rest``, the f of later ones."""
     part, place, threshold_at = plain_value(source.sources[index]), source.places[index], source.places[-1] + index
     vector = vector_type(source.coordinates)
 
@@ -226,13 +226,12 @@ class Cascade(Bounder):
         return f
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        """See ``Bounder``: the last part's bound where every other part passes on every device, ``DENIED`` elsewhere."""
         bounds = self._members[-1].bound(lower, upper)
         least, axis, point = (np.array(x) for x in bounds[:3])
         for part in self._members[:-1]:
             own = part.bound(lower, upper)
-            # Where a part may deny, on some device, f may be DENIED: no better bound holds, and that part says where to
-            # halve.
+            # Where a part may deny on some device, f may be DENIED: no better bound holds there, and halving goes by
+            # that part's axis.
             fails = ~(own.lower >= float(part.threshold) + part.rounding_bound() * GROWTH)
             least[fails], axis[fails], point[fails] = DENIED, own.axis[fails], own.point[fails]
         return BoxBounds(least, axis, point, self.reference(point))

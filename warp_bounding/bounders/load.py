@@ -1,4 +1,4 @@
-"""``load``: from a file to a bounder of whose every number is checked that it can be true."""
+"""``load``: from a file to a bounder; every number in the file is checked as far as it can be without the shape."""
 
 import os
 
@@ -68,8 +68,8 @@ def bounder_of(source: Bounder | str | os.PathLike, device: str | None = None) -
     """A bounder, or the one that a file holds.
 
     Args:
-        source: Either.
-        device: Warp device of one that is read.
+        source: A bounder, or the path of its file.
+        device: Warp device of a bounder that is read.
 
     Raises:
         BounderError: For anything else.

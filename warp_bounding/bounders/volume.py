@@ -1,4 +1,4 @@
-"""Volumes of points that regions are tested against as a whole: what slabs, ellipsoids and half-spaces have in common."""
+"""Volumes that regions are tested against as a whole: what slabs, ellipsoids and half-spaces have in common."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -16,19 +16,20 @@ __all__ = ["RegionTest", "VolumeBounder"]
 
 
 class RegionTest(Protocol):
-    """The test of a kind of region against a volume: what rounds in it, and its twin in float64."""
+    """The test of a kind of region against a volume."""
 
-    error: float
+    error: float  # bounds how far the computed f may lie under ``reference``
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         """The largest value of the volume's f on each region, or more; ``(N,)`` float64."""
 
 
 class VolumeBounder(Bounder):
-    """A volume in the space of points, or of a region's own numbers (parametric). Regions of space are tested against it as a whole.
+    """A volume in the space of points, which regions are tested against, or of a region's own numbers (parametric).
 
-    A subclass says what it is in the space where it lies (``volume_weights`` and what follows), and makes the test of
-    regions (``region_test``). f of a region is then at least the largest value of the volume's f on it.
+    A subclass has the volume's own f (``volume_weights``, ``volume_reference``, ``volume_bound``, ``volume_rounding``),
+    and makes the test of regions (``region_test``). f of a region is at least the largest value of the volume's f on
+    it.
     """
 
     regions: ClassVar[Mapping[str, Any]]  # the tests of regions, by their kind of query
@@ -104,7 +105,7 @@ class VolumeBounder(Bounder):
 
     @property
     def nbytes(self) -> int:
-        """See ``Bounder``; what a region's test reads follows from the tensors, but it is this that is read."""
+        """See ``Bounder``; of a region's test, the numbers that it reads, not the tensors that they follow from."""
         if not self.region:
             return super().nbytes
         return 4 * (len(self.domain.header) + 1 + len(self.domain.extra) + len(self.weights()))

@@ -1,4 +1,4 @@
-"""``voxels``: the occupancy grid itself as a bit field, the O(1) classic; exact on its own grid, paid for in memory.
+"""``voxels``: the occupancy grid itself as a bit field; exact on its own grid, at the cost of memory.
 
 A coordinate ``v`` becomes a cell coordinate ``t`` with a rounding error; a point within ``reach`` of a cell's border is
 tested against the cells on both sides, so that no rounding can push a point of the object into an empty cell. That
@@ -21,7 +21,8 @@ from warp_bounding.kernels.source import Lanes, Source, fill
 
 __all__ = ["Voxels", "VoxelsSource"]
 
-MOST_CELLS, MOST_ALONG = 2**31 - 1, 2**24  # kernels count cells in 32 bits; along an axis float32 tells them apart
+MOST_CELLS = 2**31 - 1  # kernels count cells in 32 bits
+MOST_ALONG = 2**24  # cells along an axis, which float32 can tell apart
 
 
 _TEXT = """
@@ -116,7 +117,6 @@ class Voxels(Bounder):
 
     @classmethod
     def fit(cls, grid: IndicatorGrid, domain: Domain, *, device: str | None = None) -> "Voxels":
-        """The bit field of a grid, on its own map."""
         packed = np.packbits(grid.occupancy.reshape(-1), bitorder="little")
         bits = np.pad(packed, (0, -len(packed) % 4)).view("<u4").astype(np.uint32)
         scale, center = domain.scale.astype(np.float64), domain.center.astype(np.float64)
@@ -156,8 +156,7 @@ class Voxels(Bounder):
         size = np.abs(self.tensors["factor"]) * domain.limit.astype(np.float64) + np.abs(self.tensors["summand"])
         if not (size + np.abs(self.tensors["reach"]) < 2.0**60).all():
             raise BounderError("voxels: numbers are so large that float32 sums may overflow")
-        # ``bound`` takes the ends of a box to the ends of its cells, and counts on all cells within reach being looked
-        # at.
+        # ``bound`` maps the ends of a box to the ends of its cells, and needs every cell within reach to be tested.
         factor, reach = self.tensors["factor"], self.tensors["reach"]
         if not ((factor > 0) & (reach >= 0) & (reach <= 0.5)).all():
             raise BounderError(
@@ -185,7 +184,7 @@ class Voxels(Bounder):
         return np.asarray(v, dtype=np.float64) * factor + summand, reach
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        """See ``Bounder``; 1.0 where a cell within reach is occupied. Devices may differ within rounding of the reach."""
+        """See ``Bounder``; 1.0 where a cell within reach is occupied. At the end of the reach devices may differ."""
         t, reach = self._cells(v)
         last = np.array(self.shape) - 1
         first, final = (np.clip(t + s * reach, 0, last).astype(np.int64) for s in (-1, 1))
@@ -208,5 +207,4 @@ class Voxels(Bounder):
         return BoxBounds(found, np.argmax(upper - lower, axis=1), center, self.reference(center))
 
     def rounding_bound(self) -> float:
-        """See ``Bounder``; none: ``bound`` speaks of what devices compute."""
-        return 0.0
+        return 0.0  # ``bound`` is about what devices compute

@@ -1,4 +1,4 @@
-"""What is known about a bounder, as a document: what was proven, over which set, in which arithmetic, and what was not."""
+"""What is known about a bounder, as a document: what was proven, over which set and in which arithmetic."""
 
 from dataclasses import asdict, dataclass, field, fields
 from math import expm1, log1p
@@ -21,32 +21,32 @@ class Certificate:
 
     Attributes:
         kind: ``"proven"``; ``"statistical"`` where there is no proof, or it did not end in its time; or, from
-            ``certify`` only, ``"refuted"`` (a counterexample is given), ``"undecided"`` (time ran out) or
-            ``"inapplicable"`` (the shape cannot be the bounded one).
+            ``certify`` only, ``"refuted"`` (a counterexample is given), ``"undecided"`` (as where time ran out) or
+            ``"inapplicable"`` (the shape cannot be the bounded one, or another claim was expected).
         query: Kind of query, such as ``"point"``.
         domain: ``[lower, upper]`` corners in object space.
         threshold: The float32 number that ``f`` is compared with.
-        lower_bound: Certified lower bound of the exact ``f`` over every input the pipeline can make of a point of the
-            object.
-        rounding_bound: E, largest error of ``f`` as any device computes it.
+        lower_bound: Certified lower bound of the exact ``f`` over every v that the pipeline can make of a positive
+            query.
+        rounding_bound: E, which bounds the error of ``f`` as any device computes it.
         delta: Per axis, the input error that the proof covers, as a fraction of a cell.
         boxes: Boxes that the proof examined.
-        seconds: Time that it took.
+        seconds: Time that the proof took.
         indicator: SHA-256 of the cells it was proven over.
         cells: Number of occupied cells.
-        counterexample: Object coordinates of a point of the object that the bounder denies, or ``None``.
+        counterexample: A positive query, in object space, that the bounder denies, or ``None``.
         message: One sentence for people.
         arithmetic: What ``rounding_bound`` covers.
         samples: Statistical: fresh positives that were asked, none of them missed.
         fn_rate_bound: Statistical: upper confidence bound of the rate of false negatives among such positives.
-        confidence: Of that bound, all restarts counted: each has spent its share of the risk.
+        confidence: Confidence of that bound; all restarts are counted, each has spent its share of the risk.
         worst_margin: Statistical: how far the least f of these positives lies above the threshold.
         restarts: Statistical: thresholds before this one that missed a positive.
         object: Name of the object. This and what follows is ``None`` in files made by versions that did not tell it
             here.
-        margin: By which the object was dilated, object units.
-        length: Of rays, object units; ``None`` for other queries.
-        resolution: That a mesh was voxelised with; ``None`` for grids.
+        margin: The length by which the object was dilated, object units.
+        length: The length of rays, object units; ``None`` for other queries.
+        resolution: The resolution that a mesh was voxelised with; ``None`` for grids.
         placement: Per axis, object units: by how much ``xform=`` and ``scale=`` may round a query; those that need more
             are refused.
 
@@ -72,7 +72,8 @@ class Certificate:
     counterexample: list[float] | None = None
     message: str = ""
     arithmetic: str = field(
-        default="float32, round to nearest, any summation order, with or without fused multiply-add, subnormals kept or flushed"
+        default="float32, round to nearest, any summation order, with or without fused multiply-add, "
+        "subnormals kept or flushed"
     )
     samples: int = 0
     fn_rate_bound: float | None = None
@@ -116,14 +117,8 @@ class Certificate:
             True
         """
         names = {f.name for f in fields(cls)}
-        since = {
-            "samples",
-            "fn_rate_bound",
-            "confidence",
-            "worst_margin",
-            "restarts",
-            *ABOUT,
-        }  # not in all files of format 1
-        if not isinstance(values, dict) or not names - since <= set(values) <= names:
+        statistical = {"samples", "fn_rate_bound", "confidence", "worst_margin", "restarts"}
+        later = {*statistical, *ABOUT}  # not in all files of format 1
+        if not isinstance(values, dict) or not names - later <= set(values) <= names:
             raise FileFormatError("the certificate's fields are not the ones this version knows")
         return cls(**values)

@@ -1,4 +1,4 @@
-"""Whether the numbers of a stored certificate can be true of the bounder beside them: an edited one mostly gives itself away.
+"""Whether the numbers of a stored certificate can be true of the bounder in the same file.
 
 A file's digest detects damage, and these checks detect careless edits by someone who computed it anew. A lie that adds
 up passes, and only ``certify`` finds it out.
@@ -18,10 +18,8 @@ from warp_bounding.errors import FileFormatError
 __all__ = ["check_claims"]
 
 KINDS = ("proven", "statistical", "refuted", "undecided", "inapplicable")
-CLOSE = 1e-6  # relative, for numbers that another machine may have computed with other last bits
-LEAST_ERROR = (
-    0.5  # of the rounding bound as this version computes it: later versions may bound it differently, not by half
-)
+CLOSE = 1e-6  # relative difference of numbers that another machine may have computed with other last bits
+LEAST_ERROR = 0.5  # of E as this version computes it: other versions may bound E otherwise, but not by less than half
 
 
 def check_claims(bounder: Subject, certificate: Certificate, document: dict[str, Any]) -> None:
@@ -69,13 +67,11 @@ def check_claims(bounder: Subject, certificate: Certificate, document: dict[str,
 
 
 def _check_subject(bounder: Subject, certificate: Certificate, threshold: float) -> None:
-    """The certificate must be about this bounder; where it claims a proof, its numbers must add up with this network's rounding."""
+    """The certificate must be about this bounder; where it claims a proof, threshold, bound and rounding must agree."""
     if certificate.threshold != threshold:
         raise FileFormatError(f"the certificate is about threshold {certificate.threshold}, the file has {threshold}")
-    if certificate.query != bounder.query_kind or certificate.domain != [
-        bounder.domain.lower.tolist(),
-        bounder.domain.upper.tolist(),
-    ]:
+    corners = [bounder.domain.lower.tolist(), bounder.domain.upper.tolist()]
+    if certificate.query != bounder.query_kind or certificate.domain != corners:
         raise FileFormatError("the certificate is about other queries or another domain than the file")
     if not bounder.conservative:
         raise FileFormatError(f"{bounder.method} is not conservative and cannot hold a certificate")
@@ -88,7 +84,8 @@ def _check_subject(bounder: Subject, certificate: Certificate, threshold: float)
     error = bounder.rounding_bound()
     if not threshold <= round_down(certificate.lower_bound - error):
         raise FileFormatError(
-            f"the certificate does not add up: threshold {threshold:.6g} exceeds bound {certificate.lower_bound:.6g} less rounding {error:.2g}"
+            f"the certificate does not add up: threshold {threshold:.6g} exceeds bound {certificate.lower_bound:.6g} "
+            f"less rounding {error:.2g}"
         )
 
 
@@ -97,7 +94,7 @@ def _check_about(certificate: Certificate, document: dict[str, Any]) -> None:
     if certificate.placement is None:
         return
     beside = {name: document[name] for name in ("margin", "length", "resolution")} | {"object": document["name"]}
-    beside["margin"] = beside["margin"] or 0.0  # that of a bounder which was proven by itself
+    beside["margin"] = beside["margin"] or 0.0  # ``None`` if the bounder was made without ``fit``
     for name, value in beside.items():
         own = getattr(certificate, name)
         if own != value and not (name == "object" and value is None):
@@ -105,7 +102,7 @@ def _check_about(certificate: Certificate, document: dict[str, Any]) -> None:
 
 
 def _check_delta(bounder: Subject, certificate: Certificate, shape: Any) -> None:
-    """Cells, and the input error as a share of one."""
+    """Refuse an impossible number of cells, or an input error that is not the domain's."""
     base, delta = bounder.domain.base, np.array(certificate.delta, dtype=np.float64)
     if delta.shape != (base.ndim,) or not ((delta >= 0) & (delta <= DELTA_LARGEST_SHARE * (1 + CLOSE))).all():
         _refuse(f"delta must hold {base.ndim} shares of a cell up to {DELTA_LARGEST_SHARE}, got {certificate.delta}")
@@ -126,7 +123,7 @@ def _check_delta(bounder: Subject, certificate: Certificate, shape: Any) -> None
 
 
 def _check_statistics(bounder: Subject, certificate: Certificate) -> None:
-    """A rate that is not smaller than the samples allow; of several tests the certificate holds sums."""
+    """Refuse a rate that is smaller than the samples allow; of a conjunction, the certificate holds sums."""
     rate, confidence, margin = certificate.fn_rate_bound, certificate.confidence, certificate.worst_margin
     if not (_number(rate) and _number(confidence) and rate >= 0 and 0 < confidence < 1):
         _refuse(f"a rate of {rate!r} at confidence {confidence!r}")

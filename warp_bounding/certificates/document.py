@@ -9,7 +9,7 @@ from warp_bounding.certificates.subject import Subject
 from warp_bounding.coordinates.placement import placement_allowance
 from warp_bounding.indicators.grid import IndicatorGrid
 
-__all__ = ["conjunction", "document", "least_room"]
+__all__ = ["conjunction", "document", "least_allowance"]
 
 
 def document(
@@ -27,17 +27,17 @@ def document(
     """The certificate.
 
     Args:
-        bounder: What it is about.
+        bounder: The bounder that it is about.
         grid: The object; ``None`` where it cannot be the bounded one.
         kind: See ``Certificate``.
         threshold: See ``Certificate``.
-        least: Its ``lower_bound``.
+        least: The certificate's ``lower_bound``.
         boxes: See ``Certificate``.
         seconds: See ``Certificate``.
         message: See ``Certificate``; what the claim is about, and what restricts the object (``IndicatorGrid.note``),
             are added to it.
         counterexample: See ``Certificate``.
-        more: Other fields.
+        more: Other fields of ``Certificate``.
     """
     base = bounder.domain.base
     return Certificate(
@@ -64,20 +64,21 @@ def document(
 
 
 def about(bounder: Subject, grid: IndicatorGrid) -> str:
-    """What a certificate is about, in words: the object and its margin, the length of rays, what may be placed, and restrictions."""
+    """What a certificate is about, in words: object, margin, length of rays, placements, and restrictions."""
     dilated = f"dilated by {float(grid.margin)}" if grid.margin else "not dilated"
     sides = " x ".join(map(str, grid.shape))
     fineness = "" if grid.resolution is None else f" at resolution {grid.resolution}"
     rays = "" if bounder.domain.length is None else f" Rays have length {bounder.domain.length}."
     note = f" Note: {grid.note}." if grid.note else ""
     return (
-        f"Object: {grid.name}, {dilated}, {len(grid.occupied):,} occupied of {sides} cells{fineness}.{rays} Placed by xform= and "
-        f"scale= where these round a query by at most {least_room(bounder):.2g}; lengths are in object units.{note}"
+        f"Object: {grid.name}, {dilated}, {len(grid.occupied):,} occupied of {sides} cells{fineness}.{rays} "
+        f"Placed by xform= and scale= where these round a query by at most {least_allowance(bounder):.2g}; "
+        f"lengths are in object units.{note}"
     )
 
 
-def least_room(bounder: Subject) -> float:
-    """What ``xform=`` and ``scale=`` may round a query by on every axis of space, object units."""
+def least_allowance(bounder: Subject) -> float:
+    """By how much ``xform=`` and ``scale=`` may round a query on every axis of space, object units."""
     return float(placement_allowance(bounder.domain)[int(bounder.domain.time) :].min())
 
 
@@ -85,9 +86,9 @@ ORDER = ("refuted", "undecided", "statistical", "proven")  # a conjunction is kn
 
 
 def conjunction(certificates: list[Certificate]) -> Certificate:
-    """What is known of a conjunction of bounders, of which each one's certificate is given, the last one's threshold counting.
+    """What is known of a conjunction of bounders, from the certificate of each; the threshold is that of the last one.
 
-    Of proven parts the whole is proven; rates of false negatives add up.
+    The whole is proven if all parts are; rates of false negatives add up.
     """
     if len(certificates) == 1:
         return certificates[0]

@@ -1,13 +1,13 @@
-"""A certificate in words: what is claimed, over which set of queries, in which arithmetic, and what is not.
+"""A certificate in words: what is claimed, over which set of queries and in which arithmetic, and what is not claimed.
 
-One text for each kind of certificate and of query, so that what ``info`` prints can be read beside DESIGN's theorem.
-Nothing is computed here; every number is the certificate's or the domain's.
+One text for each kind of certificate and of query, so that what ``info`` prints can be read beside the theorem of
+``docs/proofs.md``. Nothing is computed here; every number is the certificate's or the domain's.
 """
 
 from collections.abc import Iterable
 
 from warp_bounding.certificates.certificate import Certificate
-from warp_bounding.certificates.document import least_room
+from warp_bounding.certificates.document import least_allowance
 from warp_bounding.certificates.subject import Subject
 from warp_bounding.queries import QUERIES
 
@@ -63,7 +63,7 @@ def statement(bounder: Subject) -> dict[str, str]:
     """What is known of a bounder, by heading, in the order in which it is to be read.
 
     Args:
-        bounder: Any, with or without a certificate.
+        bounder: Any bounder, with or without a certificate.
     """
     certificate = bounder.certificate
     if certificate is None:
@@ -74,7 +74,7 @@ def statement(bounder: Subject) -> dict[str, str]:
         "queries": _queries(bounder),
         "object": _object(bounder, certificate),
         "arithmetic": f"{certificate.arithmetic}; CPU or CUDA",
-        "placement": f"xform= and scale= may round a query by up to {least_room(bounder):.2g} (object units) on every axis; one that "
+        "placement": f"xform= and scale= may round a query by up to {least_allowance(bounder):.2g} (object units) on every axis; one that "
         "needs more, such as a shape that is very large beside its cells, is refused with an error",
     }
     if not certificate.proven:

@@ -1,4 +1,4 @@
-"""What a certificate is about: all that is read of a bounder by those who state, check and keep what is known of it."""
+"""A bounder as certificates and files see it: what they read of it, without knowing its method."""
 
 from collections.abc import Sequence
 from typing import Any, Protocol

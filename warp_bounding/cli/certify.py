@@ -27,8 +27,8 @@ def command(
 ) -> int:
     """Prove from scratch that FILE has no false negative on SHAPE. Exit status 0: proven; 1: not.
 
-    Margin, length of rays, resolution and kind of query are taken from FILE, and told; what is stated here is compared
-    with them.
+    Margin, length of rays, resolution and kind of query are taken from FILE, and printed. Those that are stated here are
+    compared with FILE's.
     """
     from warp_bounding.bounders import load
     from warp_bounding.proof import certify

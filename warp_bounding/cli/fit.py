@@ -27,8 +27,8 @@ __all__ = ["command", "state_options"]
 
 
 def _options() -> dict[str, Option]:
-    """What methods can be told, by name."""
-    return {option.name: option for kind in METHODS.values() for option in kind.options}
+    """The options of all methods, by name."""
+    return {option.name: option for cls in METHODS.values() for option in cls.options}
 
 
 def command(
@@ -50,7 +50,8 @@ def command(
     space: Annotated[
         str | None,
         typer.Option(
-            help="Of rays, planes and boxes: geometric, or parametric: the paper's fit to the queries' own numbers (default: geometric)"
+            help="Of rays, planes and boxes: geometric, or parametric: the paper's fit to the queries' own numbers "
+            "(default: geometric)"
         ),
     ] = None,
     samples: Annotated[
@@ -130,11 +131,11 @@ def command(
     for text in (warning, bounder.info.get("note")):
         if text:
             warn(text)
-    return 0  # what could be said of the bounder has been; one that misses its claim raises
+    return 0
 
 
 def _looser(bounder: Bounder) -> str | None:
-    """What to say of a bounder that is looser than a box; ``None`` of others."""
+    """A warning for a bounder that is looser than a box; ``None`` for others."""
     rates = bounder.info["rates"]
     if not rates["fp_rate"] > rates["fp_rate_aabb"]:
         return None
@@ -144,10 +145,10 @@ def _looser(bounder: Bounder) -> str | None:
 
 
 def state_options() -> None:
-    """Give ``command`` a parameter for each thing that some method can be told, with the help of every method that takes it."""
+    """Give ``command`` a parameter for each option of a method, with the help of all methods that take it."""
     words: dict[str, dict[str, list[str]]] = {}
-    for method, kind in METHODS.items():
-        for option in kind.options:
+    for method, cls in METHODS.items():
+        for option in cls.options:
             default = option.default if not isinstance(option.default, tuple) else ",".join(map(str, option.default))
             shown = "" if default is None else f" (default: {default})"
             words.setdefault(option.name, {}).setdefault(option.help + shown, []).append(method)

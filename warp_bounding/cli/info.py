@@ -8,7 +8,7 @@ from warp_bounding.cli.output import BounderFile, Json, certificate_summary, pri
 __all__ = ["command"]
 
 WIDEST = 110  # columns: longer lines are hard to read
-MOST_SIZES = 90  # characters
+MOST_SIZES = 90  # characters of the line ``sizes``; the rest is left out
 
 
 def command(file: BounderFile, json: Json = False) -> int:

@@ -1,4 +1,4 @@
-"""What commands print: people read standard error's progress and standard output's text, programs read ``--json``."""
+"""How commands print: text on standard output, progress on standard error, or JSON for programs (``--json``)."""
 
 import contextlib
 import json
@@ -44,13 +44,13 @@ def console(as_json: bool) -> Console:
 
 
 def warn(text: str) -> None:
-    """One yellow line on standard error: what a user should know, and what did not go wrong."""
+    """Print one yellow line on standard error, about something that is no error."""
     console(True).print(" ".join(text.split()), style="yellow")
 
 
 @contextlib.contextmanager
 def told_warnings() -> Iterator[None]:
-    """Tell the library's own warnings by ``warn``, each of them; all others as they were told before."""
+    """Print each of the library's own warnings by ``warn``; all others are shown as before."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", BoundingWarning)
         others = warnings.showwarning
@@ -100,14 +100,14 @@ def _silent_errors() -> Iterator[None]:
         os.close(nowhere)
 
 
-MOST = 10**15  # of anything that is counted; years
+MOST = 10**15  # the largest count that is accepted; so many queries would take years
 
 
 def whole_number(name: str, text: str) -> int:
     """A count that may be written as 1e8.
 
     Raises:
-        QueryError: If it is none.
+        QueryError: If the text is no such count.
     """
     try:
         value = float(text)
@@ -119,11 +119,11 @@ def whole_number(name: str, text: str) -> int:
 
 
 def other_shape(name: str, given: str | None, fitted: str | None) -> str:
-    """What to say first where the shape is not the one of the fit."""
+    """What to print first where the shape is not that of the fit."""
     about = f"its cells have SHA-256 {(given or 'unknown')[:16]}, those of the fit {(fitted or 'unknown')[:16]}"
     return f"{name} is not the shape that the bounder was fitted to: {about}. What follows is about {name}."
 
 
 def certificate_summary(bounder: Bounder, certificate: Certificate) -> dict[str, Any]:
-    """The keys that ``--json`` promises of a certificate, and the rest of it."""
+    """A certificate for ``--json``."""
     return certificate.to_dict() | {"proven": certificate.proven, "method": bounder.method}

@@ -1,4 +1,4 @@
-"""``warp-bounding proofs``: networks of a table with a sampled and with a proven threshold; what sampling would have shipped."""
+"""``warp-bounding proofs``: what networks with a sampled threshold miss, and what a proof costs."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -78,7 +78,7 @@ def command(
 
 
 class _Reporter:
-    """A line a network on standard error; keeps ``README.md`` up to date."""
+    """Prints a line for each network on standard error, and keeps ``README.md`` up to date."""
 
     def __init__(self, folder):
         self._folder = folder
@@ -86,7 +86,7 @@ class _Reporter:
             self.say(note)
 
     def begin(self, outcome) -> None:
-        """The run begins; it keeps its outcome up to date."""
+        """The run begins, and will keep its outcome up to date."""
         self._outcome = outcome
 
     def start(self, job) -> None:
@@ -107,11 +107,10 @@ class _Reporter:
         )
 
     def say(self, text: str) -> None:
-        """Something people should know."""
         console(True).print(text)
 
     def write_page(self, failed: Sequence[str] = ()) -> None:
-        """``README.md``."""
+        """Write ``README.md``."""
         from warp_bounding.paper.pages.proofs_page import proofs_page
 
         write_whole(self._folder.page, proofs_page(self._folder, failed).encode())

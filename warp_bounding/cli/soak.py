@@ -39,7 +39,7 @@ def command(
     device: Device = "cpu",
     json: Json = False,
 ) -> int:
-    """Ask FILE hard positives of SHAPE, as it is deployed. Exit status 0: none missed; 1: a false negative, which is printed.
+    """Ask FILE hard positives of SHAPE, as it is deployed. Exit status 0: none missed; 1: a false negative, printed.
 
     Certain positives by construction, near the object's boundary: grazing rays, touching boxes, tangent planes, points
     on faces and corners of cells; in float32, in float64, and of the shape placed in the world. A soak test proves
@@ -70,7 +70,7 @@ def command(
 
 
 def _told(result: "Soak") -> str:
-    """What happened, in words."""
+    """The result in words."""
     kinds = ", ".join(f"{n:,} {form}" for form, n in result.forms.items() if n) or "none"
     took = f"seed {result.seed}, {result.seconds:.1f} s, {result.rate / 1e6:.1f} million/s"
     asked = f"{result.done:,} hard positive {result.query} queries"
@@ -78,5 +78,7 @@ def _told(result: "Soak") -> str:
         ended = "interrupted: " if result.interrupted else ""
         return f"{ended}{asked} asked, {result.wanted:,} wanted ({kinds}), none missed; {took}"
     where = f", the shape placed by {result.missed_world}" if result.missed_world else ""
-    missed = f"FALSE NEGATIVE: the {result.query} {result.missed} ({result.missed_form}{where}) meets the shape and is answered with no."
-    return f"{missed}\n{asked} were answered with maybe before it ({kinds}); the same again with --seed {result.seed}; {took}"
+    form = f"({result.missed_form}{where})"
+    missed = f"FALSE NEGATIVE: the {result.query} {result.missed} {form} meets the shape and is answered with no."
+    before = f"{asked} were answered with maybe before it ({kinds}); the same again with --seed {result.seed}"
+    return f"{missed}\n{before}; {took}"

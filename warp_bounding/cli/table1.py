@@ -15,7 +15,7 @@ from warp_bounding.errors import QueryError
 __all__ = ["Help", "command", "command_line", "words_of"]
 
 PRESETS_DO = "Budgets, samples and both protocols for the whole table"
-PAGE_SECONDS = 2.0  # between two writings of README.md, where cells are quick
+PAGE_SECONDS = 2.0  # between two writings of README.md, where each cell takes less
 
 
 def command(
@@ -100,7 +100,7 @@ def command(
 
 
 class Help(TyperCommand):
-    """The command, whose help says what the plan of each preset says: to plan takes longer than a command should to begin."""
+    """Adds to the help how long each preset takes. That takes too long to compute whenever a command begins."""
 
     def format_help(self, ctx, formatter) -> None:
         from warp_bounding.bounders import supports
@@ -118,7 +118,7 @@ def words_of(text: str | None) -> list[str] | None:
 
 
 def _with_preset(preset: str | None, given: dict[str, Any], protocol: str | None) -> tuple[dict[str, Any], str | None]:
-    """Settings and protocol: those that were given, the rest of a preset."""
+    """Settings and protocol: those that were given, and those of the preset for the rest."""
     from warp_bounding.paper import PRESETS
 
     if preset is None:
@@ -177,7 +177,7 @@ def _protocols(protocol: str | None) -> tuple[str, ...]:
 
 
 def command_line(command: str, options: dict[str, object]) -> str:
-    """The command line that does the same, on anybody's machine: folders by what they are, not by where they lie here."""
+    """The command line that does the same on another machine: without the paths of this one."""
     out = Path(str(options["out"]))
     options = options | {"data": "DIR", "out": out.name if out.is_absolute() else str(out)}
     words = [word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))]
@@ -185,7 +185,7 @@ def command_line(command: str, options: dict[str, object]) -> str:
 
 
 def _end(folder, outcome, supports, json: bool) -> int:
-    """Write the outputs, tell people or programs, and give the exit status."""
+    """Write the outputs, print the result, and return the exit status."""
     from warp_bounding.paper import PROTOCOLS, Means, against_the_paper, write_outputs
 
     err, text = console(True), console(False)
@@ -215,7 +215,7 @@ def _end(folder, outcome, supports, json: bool) -> int:
 
 
 class _Reporter:
-    """A bar on a terminal, a line a cell elsewhere; keeps ``README.md`` up to date."""
+    """Shows a bar on a terminal, or prints a line for each cell, and keeps ``README.md`` up to date."""
 
     def __init__(self, folder, supports):
         self._folder, self._supports = folder, supports
@@ -255,7 +255,7 @@ class _Reporter:
             self._stale, self._written = False, time.monotonic()
 
     def within(self, note) -> None:
-        """What a job is doing."""
+        """A job tells what it is doing."""
         self._show(note)
 
     def row(self, row) -> None:
@@ -275,7 +275,6 @@ class _Reporter:
         self.say(f"failed: {job.title}: {reason}")
 
     def say(self, text) -> None:
-        """Something people should know."""
         self._err.print(text)
 
     def stop(self) -> None:

@@ -18,8 +18,8 @@ from warp_bounding.queries import SampledOracle, oracle, sample
 __all__ = ["PROTOCOLS", "Rates", "evaluate", "quick_rates"]
 
 PROTOCOLS = ("exact", "sampled")
-CHUNK = 1_000_000
-QUICK, QUICK_SEED = 16_384, 2  # queries that a fit is measured on
+CHUNK = 1_000_000  # queries that are asked at a time
+QUICK, QUICK_SEED = 16_384, 2  # the queries that ``quick_rates`` measures on: how many, and their seed
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,10 @@ class Rates:
         fn: False negatives, a count; a conservative bounder has none.
         positives: Samples whose truth is *yes*, per cent.
         samples: Number of samples.
-        protocol: ``"exact"`` or ``"sampled"`` (the truth from random points of a region, as in the paper; the same for
-            points).
-        seed: Of the samples.
-        truth: Of what the truth is, in words: of the cells that were bounded, which cover a mesh by up to a cell and
-            its margin.
+        protocol: ``"exact"`` or ``"sampled"`` (the truth from random points of a region, as in the paper; for points
+            both are the same).
+        seed: Seed of the samples.
+        truth: Whose truth it is, in words: that of the cells, which reach beyond a mesh by up to a cell and the margin.
         indicator: SHA-256 of the cells that were asked about; ``bounder.info["indicator"]`` for those of the fit.
 
     Example:
@@ -76,12 +75,12 @@ def evaluate(
 
     Args:
         bounder: Any bounder, or the path of its file.
-        shape: The ``IndicatorGrid`` or ``IndicatorMesh`` that it bounds, or anything that ``load_indicator`` takes; a
+        shape: The ``IndicatorGrid`` or ``IndicatorMesh`` that it bounds, or anything that ``load_indicator`` takes. A
             mesh is voxelised as it was for the fit.
         samples: Number of queries, drawn as in the paper (points: between the centres of the first and the last cells).
-        protocol: ``"exact"`` or ``"sampled"``: the paper's way to find the truth, ``any()`` over random points of the
-            region; it misses thin hits, so positives there are fewer. The same for points.
-        seed: Of the samples.
+        protocol: ``"exact"``, or ``"sampled"``, the paper's way to find the truth: ``any()`` over random points of the
+            region. That misses thin hits, so there are fewer positives. For points both are the same.
+        seed: Seed of the samples.
         progress: Called with samples done and samples in all.
 
     Returns:
@@ -126,7 +125,7 @@ def evaluate(
 
 
 def quick_rates(bounder: Bounder, grid: IndicatorGrid) -> dict:
-    """About how tight a bounder is, and the box around the same cells: a first look, by the float64 twins of their kernels.
+    """About how tight a bounder is, and an axis-aligned box around the same cells, by their f in float64.
 
     Args:
         bounder: Any bounder.
@@ -141,10 +140,6 @@ def quick_rates(bounder: Bounder, grid: IndicatorGrid) -> dict:
     box = Aabb.fit(grid, domain_of(grid, query, length))
 
     def rate(b: Bounder) -> float:
-        return (
-            100 * float((b.reference(b.domain.to_local(x)) >= float(b.threshold)).mean()) * len(x) / QUICK
-            if len(x)
-            else 0.0
-        )
+        return 100 * int((b.reference(b.domain.to_local(x)) >= float(b.threshold)).sum()) / QUICK if len(x) else 0.0
 
     return {"fp_rate": rate(bounder), "fp_rate_aabb": rate(box), "samples": QUICK}

@@ -1,4 +1,4 @@
-"""A broad phase for Newton: the particle-shape pairs that its contact pass goes through, cut down to those that may touch.
+"""A broad phase for Newton: its contact pass goes only through the particle-shape pairs that may touch.
 
 A ``newton.CollisionPipeline`` tests every particle against every shape, one kernel thread a pair
 (``soft_rigid_contact_pairs``). ``ParticleCull`` wraps one: before each pass it asks the bounders of the shapes, and
@@ -63,10 +63,10 @@ def margin_for(mesh: newton.Mesh, reach: float, *, world: float, scale: float = 
         world: Largest coordinate of particles and shapes, world units; pairs farther out are not cut.
 
     Returns:
-        In the mesh's own units.
+        The margin, in the mesh's own units.
 
     Raises:
-        BounderError: For a negative reach or world, or no scale.
+        BounderError: For a negative reach or world, or a scale of 0.
     """
     scale = abs(float(scale))
     if not (reach >= 0 and world >= 0 and scale > 0):
@@ -79,12 +79,12 @@ def margin_for(mesh: newton.Mesh, reach: float, *, world: float, scale: float = 
 
 
 class ParticleCull:
-    """A collision pipeline whose particle-shape pass skips what bounders deny.
+    """A collision pipeline whose particle-shape pass skips the pairs that bounders deny.
 
     Attributes:
         pipeline: The pipeline; ``pipeline.collide`` by itself goes through all pairs again.
-        pairs: Pairs that there are.
-        survivors: Pairs that the last pass went through.
+        pairs: Number of all pairs.
+        survivors: Number of pairs that the last pass went through.
     """
 
     def __init__(
@@ -243,7 +243,7 @@ def _gap(pipeline: newton.CollisionPipeline) -> float:
 
 
 def _digest(mesh: newton.Mesh, resolution: int, margin: float) -> str:
-    """Of the cells that a bounder of a mesh is made for."""
+    """Digest of the cells that a bounder of a mesh is made for."""
     vertices, indices = np.asarray(mesh.vertices, np.float32), np.asarray(mesh.indices, np.int32)
     return _digest_of(vertices.tobytes(), indices.tobytes(), resolution, margin)
 
@@ -257,7 +257,7 @@ def _digest_of(vertices: bytes, indices: bytes, resolution: int, margin: float) 
 
 @cache
 def _counting(kind: type) -> type:
-    """A pipeline whose number of particle-shape pairs is that of its list."""
+    """The subclass of a pipeline's class whose number of particle-shape pairs is the length of their list."""
     count = property(lambda self: len(self.soft_rigid_contact_pairs))
     return type(
         kind.__name__,

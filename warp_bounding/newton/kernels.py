@@ -38,12 +38,13 @@ _MESH_ROUNDING = wp.constant(IN_MESH * UNIT32)
 _HULL_ROUNDING = wp.constant(IN_WORLD * UNIT32)
 # Of the sum that a bounder's margin is compared with: eight roundings.
 _SUM_ROUNDING = wp.constant(8.0 * UNIT32)
-# Off which a quaternion's square may be, as floats leave it; other ones do not only rotate.
+# A quaternion whose squared length is farther from 1 than this, more than float32 rounding makes it, does not only
+# rotate.
 _UNIT_ROTATION = wp.constant(1.0e-6)
 _LONGEST_ROTATION = wp.constant(2.0)
 
 
-CPU_BLOCK = 1024  # pairs that one thread of a kernel goes through; CUDA: one
+CPU_BLOCK = 1024  # pairs that one thread of a kernel goes through on a CPU
 
 
 def block_size(device: wp.Device) -> int:
@@ -61,11 +62,11 @@ class Placed:
 
 @wp.struct
 class Hull:
-    """What is asked of a particle in the world before a shape's bounder is: beyond the ball or the box the bounder denies everything.
+    """A ball and a box in the world, outside which a shape's bounder denies every particle.
 
-    And it may be asked at all only where ``reach + per_radius r + per_coordinate (|q_x| + |q_y| + |q_z|) <= margin``,
-    of a particle q of radius r: its margin is then as far as the pass looks, ``gap + (margin of the shape + r) / least
-    scale``, and what rounding does.
+    A particle q of radius r may be denied only where ``reach + per_radius r + per_coordinate (|q_x| + |q_y| + |q_z|) <=
+    margin``: the bounder's margin then covers how far the pass looks, ``gap + (margin of the shape + r) / least scale``,
+    and rounding.
     """
 
     center: wp.vec3  # of ball and box, world
@@ -75,7 +76,7 @@ class Hull:
     reach: float
     per_radius: float
     per_coordinate: float
-    margin: float  # minus infinity: a shape without a bounder, or one that is placed by what is no rotation
+    margin: float  # minus infinity for a shape without a bounder, or one whose quaternion is far from a rotation
 
 
 @wp.func
@@ -169,7 +170,8 @@ for (int i = begin; i < end; ++i) {
     const int p = pair[2 * i];
     const auto& b = hulls.data[pair[2 * i + 1]];
     const float x = place[3 * p], y = place[3 * p + 1], z = place[3 * p + 2];
-    const float way = b.reach + b.per_radius * particle_radius.data[p] + b.per_coordinate * (fabsf(x) + fabsf(y) + fabsf(z));
+    const float size = fabsf(x) + fabsf(y) + fabsf(z);
+    const float way = b.reach + b.per_radius * particle_radius.data[p] + b.per_coordinate * size;
     const float dx = x - b.center[0], dy = y - b.center[1], dz = z - b.center[2];
     const bool known = way <= b.margin;
     bool maybe = known && !(dx * dx + dy * dy + dz * dz > b.squared_radius);
@@ -193,7 +195,7 @@ def _ask_hulls(
     asked: wp.array(dtype=wp.int32),
     keep: wp.array(dtype=wp.uint8),
 ) -> int:
-    """Decide the pairs that need no bounder, and list the others from ``asked[begin]`` on; returns how many these are."""
+    """Decide the pairs that need no bounder, list the others from ``asked[begin]`` on, and return their number."""
 
 
 @wp.kernel(enable_backward=False)
@@ -211,7 +213,7 @@ def ask_hulls(
     left: wp.array(dtype=wp.int32),
     keep: wp.array(dtype=wp.uint8),
 ):
-    """A block of pairs: those that are decided without a bounder, and a list of the others with its length."""
+    """Decide the pairs of each block that need no bounder, and list the others."""
     block = first + wp.tid()
     begin = block * size
     end = wp.min(begin + size, count)

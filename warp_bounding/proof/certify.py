@@ -1,4 +1,4 @@
-"""Proving from scratch what a file claims: ``f >= threshold + E`` over all positives, without the search's records or its loop.
+"""Proving from scratch what a file claims: ``f >= threshold + E`` over all positives, by a loop of its own.
 
 Points are taken cell by cell, rays face by face, boxes from all pairs of corners, and halved until every bound reaches
 the target or a counterexample is found. The bounds over one box, and for rays and boxes the chart, are those of the
@@ -211,8 +211,8 @@ def _attested(bounder: Bounder, grid: IndicatorGrid, seconds: float, result) -> 
         return result("undecided", f"no positive could be asked within {seconds:g} s", float(bounder.threshold))
     rate = fn_rate_bound(done)
     text = (
-        f"Statistical, not proven: {done:,} fresh positives, none answered with no; at {CONFIDENCE:.0%} confidence fewer "
-        f"than {rate:.2g} of such queries are missed."
+        f"Statistical, not proven: {done:,} fresh positives, none answered with no; at {CONFIDENCE:.0%} confidence "
+        f"fewer than {rate:.2g} of such queries are missed."
     )
     certificate = result("statistical", text, lowest)
     margin = lowest - float(bounder.threshold)
@@ -220,7 +220,7 @@ def _attested(bounder: Bounder, grid: IndicatorGrid, seconds: float, result) -> 
 
 
 def _check_best_first(bounder: Bounder, grid: IndicatorGrid, target: float, seconds: float) -> _Checked:
-    """Positives without a chart (planes of a network): the least f over all of them, as precisely as the target needs."""
+    """Positives without a chart (planes of a network): their least f, as precisely as the target needs."""
     kind = COVERS[bounder.query_kind]
     f, lower, upper = kind.best_first(bounder, grid)
     # First as coarsely as the distance to the target allows, then finer until it is decided.

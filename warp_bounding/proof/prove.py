@@ -80,8 +80,9 @@ def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate
     if not np.isfinite(threshold):
         raise BounderError(f"{bounder.method}: the proof found no finite minimum")
     message = (
-        f"Proven: no {QUERIES[bounder.query_kind].positive} is ever answered with no. f >= {search.lower_bound:.6g} on all "
-        f"of them, float32 rounding changes it by at most {error:.2g}, the threshold is {threshold:.6g}."
+        f"Proven: no {QUERIES[bounder.query_kind].positive} is ever answered with no. "
+        f"f >= {search.lower_bound:.6g} on all of them, float32 rounding changes it by at most {error:.2g}, "
+        f"the threshold is {threshold:.6g}."
     )
     certificate = document(
         bounder, grid, "proven", threshold, search.lower_bound, search.boxes, search.seconds, message

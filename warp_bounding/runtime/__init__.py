@@ -1,1 +1,1 @@
-"""How kernels are launched: cores, recorded launches, arrays in and out, compaction, progress."""
+"""What runs the rest: launches on all cores, arrays in and out, compaction, progress, files that are written whole."""

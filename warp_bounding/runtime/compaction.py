@@ -1,7 +1,7 @@
-"""Compaction on the device: the ascending indices of the set entries of a mask, and their number, nothing read back.
+"""Compaction on the device: the ascending indices of a mask's set entries, and their number. Nothing is read back.
 
-Three steps: count per block, scan the counts, write; a single block only writes. Both passes over the mask are threaded
-on a CPU.
+There are three steps: count per block, scan the counts, write. A single block is only written. On a CPU both passes
+over the mask use several threads.
 """
 
 from collections.abc import Callable
@@ -15,8 +15,7 @@ from warp_bounding.runtime.launch import BlockLaunch
 
 __all__ = ["Compaction", "compact"]
 
-CPU_BLOCK = 16384  # mask entries per CPU thread
-CUDA_BLOCK = 64
+CPU_BLOCK, CUDA_BLOCK = 16384, 64  # mask entries that one thread of a kernel goes through
 
 
 @wp.func_native("""
@@ -80,7 +79,7 @@ class Compaction:
     """The compaction of one mask, its memory made once.
 
     Attributes:
-        indices: ``(N,)`` int32, ascending indices of what is not zero in its first ``n`` entries, after ``launch``.
+        indices: ``(N,)`` int32; after ``launch`` its first ``n`` entries are the ascending indices of what is not zero.
         count: ``n`` as a 1-element int32 array.
     """
 
@@ -104,7 +103,7 @@ class Compaction:
         items = count if device.is_cpu else blocks  # one launch item a block on CUDA
         options = {"device": device, "first_index": 3, "block": size}
         ends = wp.full(blocks, count, dtype=wp.int32, device=device)
-        if blocks > 1:  # one block needs to know no other's number
+        if blocks > 1:  # a single block begins to write at 0
             counts = wp.empty(blocks, dtype=wp.int32, device=device)
             scanning = partial(wp.utils.array_scan, counts, ends, inclusive=True)
             if device.is_cpu:  # the same without Warp's checks, which take longer than the sum

@@ -1,4 +1,4 @@
-"""Launching batch kernels: on a CPU, Warp runs a launch on one core, so the blocks are dealt out to several threads.
+"""Launching batch kernels. Warp runs a launch on one core of a CPU, so here its blocks are shared by several threads.
 
 Only launches whose outputs are disjoint and that use no tiles are threaded; modules are loaded on the calling thread,
 where launches are recorded. The threads sleep between launches. Whoever is awake takes the next share, so a launch
@@ -30,9 +30,9 @@ __all__ = [
     "working_seconds",
 ]
 
-BLOCK = 512  # queries that one CPU thread of a batch kernel works on; CUDA: one
-SMALLEST_SHARE = 16  # blocks per thread under which waking a thread costs more than it saves
-WORTH_WAKING = 30e-6  # seconds of work per thread under which it does, too: to wake takes 10 to 30 us
+BLOCK = 512  # queries that one CPU thread of a batch kernel handles; on CUDA one
+SMALLEST_SHARE = 16  # blocks: with fewer of them per thread, waking a thread costs more than it saves
+WORTH_WAKING = 30e-6  # seconds: with less work per thread no thread is woken, because that takes 10 to 30 us
 
 _pace: dict[wp.Kernel, float] = {}  # seconds that a block of a kernel took the last time, on one thread
 
@@ -57,7 +57,7 @@ class _Job:
 
     @property
     def over(self) -> bool:
-        """Whether no share is open, and none that a helper has taken is still going on: who joins now finds nothing to do."""
+        """Whether no share is open, and none that a helper has taken is still running."""
         return not self._open and len(self._left) >= len(self._joined)
 
     def work(self) -> None:
@@ -95,7 +95,7 @@ class _Crew:
         self._job: _Job | None = None
 
     def run(self, shares: Sequence[Callable[[], None]]) -> None:
-        """Do all shares, with a thread for each but the first; returns when they have ended.
+        """Do all shares, with one thread for each but the first, and return when they have ended.
 
         That holds whatever interrupts: shares write to memory that the caller may give up afterwards. A signal's
         handler may raise between any two steps, when a share has been taken and not begun, or news taken and not looked
@@ -152,7 +152,7 @@ _crew = _Crew()
 
 
 def _forget_crew() -> None:
-    """Threads do not live on in a forked process: it gets a crew of its own."""
+    """Give a forked process a crew of its own, because threads do not live on in it."""
     global _crew
     _crew = _Crew()
 
@@ -165,7 +165,7 @@ _ready: set[tuple[wp.Kernel, str]] = set()  # kernels that are loaded, by device
 
 
 class _Compiling(local):
-    """Of a thread: what another one compiles would turn its clock back."""
+    """Seconds that each thread has spent on compiling; another thread's would turn its clock back."""
 
     seconds = 0.0
 
@@ -188,12 +188,12 @@ def compile_seconds() -> float:
 
 
 def working_seconds() -> float:
-    """A clock like ``time.perf_counter`` that stands still while this thread compiles kernels; what budgets are measured by."""
+    """The clock of budgets: ``time.perf_counter``, but it stands still while this thread compiles kernels."""
     return time.perf_counter() - _compiling.seconds
 
 
 class BlockLaunch:
-    """A launch over the blocks of some items that is recorded once, with its memory, and runs as often as it is asked to."""
+    """A launch over the blocks of some items, recorded once with its memory, to be run many times."""
 
     def __init__(
         self,
@@ -206,16 +206,16 @@ class BlockLaunch:
         first_index: int,
         block: int = BLOCK,
     ):
-        """Say what is to be launched; nothing runs yet.
+        """Define a launch; nothing runs yet.
 
         Args:
             kernel: Takes the number of its first block at ``inputs[first_index]`` and adds ``wp.tid()``.
-            count: Items; on a CPU a thread of the kernel handles ``block`` of them, on CUDA one.
+            count: Number of items; on a CPU a thread of the kernel handles ``block`` of them, on CUDA one.
             inputs: Kernel inputs; ``inputs[first_index]`` is replaced.
             outputs: Kernel outputs.
             device: A ``wp.Device``.
-            first_index: Where the first block's number stands.
-            block: Items per CPU block.
+            first_index: The input that is the number of the first block.
+            block: Items per block on a CPU.
         """
         self._kernel, self._inputs, self._outputs, self._device = kernel, inputs, outputs, device
         self._first_index = first_index
@@ -224,7 +224,7 @@ class BlockLaunch:
         self._recorded: dict[int, list[Callable[[], None]]] = {}  # shares, by how many there are
 
     def launch(self) -> None:
-        """Run it; on a CPU it has ended when this returns."""
+        """Run the launch; on a CPU it has ended when this returns."""
         if self._blocks == 0:
             return
         threads = 1
@@ -239,7 +239,7 @@ class BlockLaunch:
             _crew.run(shares)
 
     def launch_once(self) -> None:
-        """Run it, for the only time: what one thread does anyway is not recorded, which costs half as much again."""
+        """Run a launch that is needed once; a single thread's is not recorded, which would take half as long again."""
         if self._most == 1 and self._blocks:
             self._ask_warp(0, self._blocks)
         else:
@@ -279,7 +279,7 @@ def launch_blocks(
 def launch_on_cores(
     kernel: wp.Kernel, count: int, inputs: list, outputs: list, device: str | wp.Device | None = None
 ) -> None:
-    """Launch a kernel of your own over all cores of a CPU, as batch queries are: by itself Warp uses one.
+    """Launch a kernel of your own on all cores of a CPU, as batch queries are; Warp itself uses one core.
 
     So a broad phase and the narrow phase behind it have the same number of threads, ``WARP_BOUNDING_THREADS`` of them
     or one a core. On CUDA it is an ordinary launch.
@@ -287,9 +287,9 @@ def launch_on_cores(
     Args:
         kernel: Its first input is an int, the number of the launch's first item; its own item is ``first + wp.tid()``.
             Items write to disjoint places and use no tiles.
-        count: Items.
+        count: Number of items.
         inputs: All inputs but the first.
-        outputs: Outputs.
+        outputs: All outputs.
         device: Warp device; the default device if ``None``.
 
     Example:

@@ -11,7 +11,7 @@ __all__ = ["identity", "named", "unique_name"]
 
 
 def _options() -> dict[str, str]:
-    """Let the compiler use 512-bit registers where there are any: it prefers 256 on processors whose clock they lower."""
+    """Let the compiler use 512-bit registers where there are any; on some processors it prefers 256 bits."""
     flags = getattr(wp.config, "cpu_compiler_flags", None)
     if flags is None or platform.machine() not in ("x86_64", "AMD64"):
         return {}
@@ -29,7 +29,7 @@ STRICT = """
 
 
 class named:  # noqa: N801 (used like a function: `@named(name).kernel`)
-    """Warp's decorators for functions made in a factory: equal names would be overloads of one function to Warp.
+    """Warp's decorators for functions made in a factory; Warp would take equal names for overloads of one function.
 
     Warp reads the return type of a native function only under a decorator that is spelled ``x.func_native(...)``.
     """
@@ -38,7 +38,7 @@ class named:  # noqa: N801 (used like a function: `@named(name).kernel`)
         self.name = name
 
     def func_native(self, snippet: str):
-        """``wp.func_native`` under this name; in whatever module, the compiler neither reorders nor approximates (``STRICT``)."""
+        """``wp.func_native`` under this name; the compiler may neither reorder nor approximate (``STRICT``)."""
         return lambda function: wp.func_native(STRICT + snippet)(self._rename(function, f"{self.name}_native"))
 
     def func(self, function):
@@ -59,10 +59,10 @@ class named:  # noqa: N801 (used like a function: `@named(name).kernel`)
 
 @cache
 def identity(source: Any) -> str:
-    """64 bits, in 16 hexadecimal digits, that tell sources apart and stay the same from run to run; equal sources have equal ones."""
+    """16 hexadecimal digits that tell sources apart; those of equal sources are equal, in every run."""
     return hashlib.sha256(repr(source).encode()).hexdigest()[:16]
 
 
 def unique_name(source: Any, role: str) -> str:
-    """A name that tells sources apart and stays the same from run to run, so that Warp finds its compiled kernels."""
+    """A name that tells sources apart and is the same in every run, so that Warp finds its compiled kernels."""
     return f"wb_{source.name}_{source.ndim}d_{identity(source)}_{role}"

@@ -1,4 +1,4 @@
-"""Progress of long work, for people: a bar on standard error where that is a terminal, or whatever function they give."""
+"""Progress of long work: a bar on standard error if that is a terminal, or a function that the caller gives."""
 
 import contextlib
 import sys
@@ -9,7 +9,7 @@ from warp_bounding.errors import BounderError
 
 __all__ = ["Progress", "bar", "reported"]
 
-Progress = Callable[[float, float, str], None]
+Progress = Callable[[float, float, str], None]  # called with done and total, in any unit, and a note
 
 
 @contextlib.contextmanager
@@ -36,7 +36,7 @@ def bar(description: str) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def reported(progress: Progress | bool | None, description: str) -> Iterator[Progress | None]:
-    """What to call with done, total and a note: the function that was given, or ``None``.
+    """The function to call with done, total and a note, or ``None``.
 
     Args:
         progress: A function; ``None`` for a bar, if standard error is a terminal; ``False`` for nothing.

@@ -11,10 +11,10 @@ __all__ = ["ARRAY_FILE", "BOUNDER_FILE", "FileKind", "check_writable", "file_pat
 
 
 class FileKind(NamedTuple):
-    """A kind of file: its suffix, and the bytes by which its content tells what it is, with their place."""
+    """A kind of file, known by its suffix or by bytes of its content."""
 
     suffix: str
-    at: int
+    at: int  # where in the content these bytes are
     start: bytes
 
 
@@ -34,7 +34,9 @@ def file_path(path: str | os.PathLike) -> Path:
 
 
 def write_whole(path: str | os.PathLike, content: bytes, kind: FileKind | None = None) -> None:
-    """Write a file so that a reader, a crash or a full disk never sees half of it; a link stays, and what it points to is written.
+    """Write a file so that nobody ever sees half of it, even after a crash or on a full disk.
+
+    A symbolic link is kept, and the file that it points to is written.
 
     Args:
         path: File to write.

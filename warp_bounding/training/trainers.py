@@ -1,4 +1,4 @@
-"""How the bounders of a class are made from a shape: in closed form by the class itself, or trained, as ``TRAINERS`` says.
+"""How the bounders of a class are made from a shape: in closed form by the class itself, or as ``TRAINERS`` says.
 
 ``fit`` treats all methods alike. A learned method from outside the package adds an entry to ``TRAINERS``, which holds
 for its subclasses too.

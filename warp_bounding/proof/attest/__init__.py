@@ -1,1 +1,1 @@
-"""What is known without a proof: attested rates, long counts of hard queries, searches for a false negative."""
+"""What is found without a proof: bounds of the rate of false negatives, soak tests, searches for one."""

@@ -1,10 +1,10 @@
-"""A concrete query that a bounder should not have denied: real, not only a point of a proof's parametrisation.
+"""Search for a concrete query that a bounder should not have denied.
 
 A proof's search works on numbers ``v`` of a set a little larger than the positives. Here its lowest points become
-float32 queries as a user would ask them; each is asked of the exact oracle, and its f is what the deployed kernel
-computes. From the positives among them a population walks down f by random steps whose length adapts to each, and every
-step is checked in the same way. What is found is therefore a true positive with the f that a device sees: below a
-threshold, it is a false negative of the bounder at that threshold. What is not found proves nothing.
+float32 queries as a user would ask them. The exact oracle tells which of them are positives, and the deployed kernel
+computes their f. From these positives a population walks down f by random steps, with a step length for each query, and
+every step is checked in the same way. A query that is found is therefore a true positive, with the f that a device
+computes: if f is below a threshold, the bounder has a false negative at that threshold. To find none proves nothing.
 """
 
 import numpy as np
@@ -17,19 +17,20 @@ from warp_bounding.queries import QUERIES, oracle
 __all__ = ["Walk", "queries_at"]
 
 STARTS = 1024  # queries that walk
-JITTERS = (0.0, 1e-7, 1e-6, 1e-6, 1e-5, 1e-5, 1e-4, 1e-4, 1e-3, 1e-3, 1e-2)  # of the domain, around a proof's points
-ROUNDS, RENEWED = 240, 24  # steps, and after how many the lower half takes the place of the upper one
-LONGEST, SHORTEST, FRESH = 0.05, 1e-7, 3e-3  # steps, of the domain
-GROWTH, SHRINK = 1.6, 0.75  # of a step's length, after a success and after a failure
+# Lengths of steps, in units of the domain's size:
+JITTERS = (0.0, 1e-7, 1e-6, 1e-6, 1e-5, 1e-5, 1e-4, 1e-4, 1e-3, 1e-3, 1e-2)  # around the points of a proof
+LONGEST, SHORTEST, FRESH = 0.05, 1e-7, 3e-3  # of a walk: the limits, and about the length that it begins with
+LONGER, SHORTER = 1.6, 0.75  # factors of a step's length, after a success and after a failure
+ROUNDS, RENEWED = 240, 24  # steps of a walk, and after how many the lower half of the queries replaces the upper one
 
 
 class Walk:
     """Looks for positives with a low f.
 
     Args:
-        bounder: Its threshold plays no part.
+        bounder: The bounder whose f is computed; its threshold plays no part.
         grid: The object.
-        seed: Of the steps.
+        seed: Seed of the steps.
     """
 
     def __init__(self, bounder: Bounder, grid: IndicatorGrid, seed: int = 0):
@@ -38,7 +39,7 @@ class Walk:
         self._rng = np.random.default_rng([seed, 77])
 
     def values(self, x: np.ndarray) -> np.ndarray:
-        """F of float32 queries as the device computes it; infinity for those that do not meet the object."""
+        """The f of float32 queries as the device computes it; infinity for queries that do not meet the object."""
         values = self.bounder.values(x).numpy().copy()
         values[~self._truth(x)] = np.inf
         return values
@@ -47,7 +48,7 @@ class Walk:
         """The lowest positives at and close around some queries.
 
         Args:
-            x: ``(N, m)``, object space; need not be positives.
+            x: ``(N, m)`` queries in object space, positives or not.
 
         Returns:
             ``(K, m)`` float32 and ``(K,)`` f, lowest first; none if no positive is there.
@@ -68,7 +69,7 @@ class Walk:
             found = self.values(tried)
             better = found < values
             x[better], values[better] = tried[better], found[better]
-            steps = np.clip(np.where(better, GROWTH, SHRINK) * steps, SHORTEST, LONGEST)
+            steps = np.clip(np.where(better, LONGER, SHORTER) * steps, SHORTEST, LONGEST)
             if number % RENEWED == 0:
                 order, half = np.argsort(values, kind="stable"), len(x) // 2
                 low, high = order[:half], order[len(x) - half :]
@@ -82,7 +83,7 @@ class Walk:
         return x[order].copy(), values[order].copy()
 
     def _moved(self, x: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        """Each query moved by about its step, some numbers of it only; still a query of its kind, as float32."""
+        """Each query with some of its numbers moved by about its step, as a float32 query of its kind."""
         x = np.asarray(x, dtype=np.float64)
         move = self._rng.normal(size=x.shape) * steps[:, None] * (self._rng.random(x.shape) < 0.6)
         return QUERIES[self.query].nudged(self.grid, x, move).astype(np.float32)
@@ -92,7 +93,7 @@ def queries_at(bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarr
     """Queries ``(N, m)`` float64 in object space at a search's points.
 
     Args:
-        bounder: The one that was searched.
+        bounder: The bounder that was searched.
         grid: The object.
         v: ``(N, ndim)`` coordinates of the domain; or ``(N, n)`` normals of planes, which become the planes that touch
             the object; or ``(N, n)`` points of boxes, which become the boxes that are no more than these; or ``(N, 2n +

@@ -1,13 +1,13 @@
-"""Soak test: a hundred million hard positives and more, put to a bounder as it is deployed; none may be answered with no.
+"""Soak test: a bounder is asked a hundred million hard positives, as it is deployed, and may deny none.
 
 The queries (``HardPositives``) are certain positives by construction, made on the device and asked through the batch
 kernel that users call: most in float32, an eighth in float64 (which the bounder rounds), an eighth in the world,
 through ``xform=`` and ``scale=``, where the bounder's certificate covers such placements. A soak test proves nothing
-and sets no confidence for queries of another distribution; it is there to contradict proofs, kernels, compilers and
-machines. What it claims to have found is confirmed in rational arithmetic first.
+and sets no confidence for queries of another distribution; its purpose is to contradict proofs, kernels, compilers and
+machines. A false negative is confirmed in rational arithmetic before it is reported.
 
-The stream of queries depends on the seed alone, so a soak can be stopped, resumed and repeated: chunk ``k`` of
-``CHUNK`` draws is always the same.
+The stream of queries depends on the seed alone, so that a soak test can be stopped, resumed and repeated: chunk ``k``
+of ``CHUNK`` queries is always the same.
 """
 
 import hashlib
@@ -31,12 +31,12 @@ from warp_bounding.runtime.whole_file import check_writable, write_whole
 
 __all__ = ["CHUNK", "Soak", "random_world", "soak", "soak_grid"]
 
-CHUNK = 2**18
-CYCLE = ("float32",) * 6 + ("float64", "placed")  # forms of the chunks
-SAVED_EVERY = 2.0  # seconds, of the state
-WORLDS = 8  # placements that are tried before the certificate is taken to cover none
-LARGEST_SEED = 2**63
-ALIGNED = 16  # numbers, in what a state says of a bounder
+CHUNK = 2**18  # queries that are drawn and asked at a time
+CYCLE = ("float32",) * 6 + ("float64", "placed")  # the forms of successive chunks
+SAVED_EVERY = 2.0  # seconds between two writings of the state
+WORLDS = 8  # placements that are tried before it is concluded that the certificate covers none
+MOST_SEED = 2**63 - 1
+ALIGNED = 16  # numbers: ``_digest`` pads the domain's to a multiple of this
 
 
 @dataclass
@@ -44,19 +44,19 @@ class Soak:
     """How far a soak test has come.
 
     Attributes:
-        method: Of the bounder.
+        method: The bounder's method.
         query: Kind of query.
-        seed: Of the stream.
+        seed: Seed of the stream.
         wanted: Positives that were to be asked.
         done: Positives asked in whole chunks; the chunk with a missed one is not among them.
         chunks: Whole chunks of the stream that are done.
         forms: Positives asked in each form: float32, float64, placed.
         seconds: Time taken, earlier parts of a resumed soak included.
         missed: The first query that was answered with no, as given to the bounder, or ``None``.
-        missed_form: Its form.
+        missed_form: The form of that query.
         missed_world: Where the shape was placed, for a query in the world: ``xform`` (a matrix) and ``scale``.
-        interrupted: Ctrl-C ended it.
-        bounder: SHA-256 of what the kernels read.
+        interrupted: Whether Ctrl-C ended the test.
+        bounder: SHA-256 of the numbers that the kernels read.
         indicator: SHA-256 of the cells.
 
     Example:
@@ -136,11 +136,12 @@ def soak(
     """Ask a bounder hard positives until one is missed, or enough were asked.
 
     Args:
-        bounder: As it was loaded, or the path of its file.
+        bounder: The bounder, or the path of its file.
         shape: The shape that it bounds, or anything that ``load_indicator`` takes.
-        count: Positives to ask; whole chunks are asked, so some more may be.
-        seed: Of the stream, from 0 to 2^63 - 1; if ``None`` the one of the state, or a fresh one.
-        state: JSON file to write as it goes, and to go on from if it exists (then its seed must be the same).
+        count: Positives to ask. Whole chunks are asked, so there may be some more.
+        seed: Seed of the stream, from 0 to 2^63 - 1; if ``None`` the one of the state, or a fresh one.
+        state: JSON file that is written during the test. If it exists, the test is continued from it, and the seed must
+            be the same.
         progress: Called after each chunk with positives asked, wanted, and a note.
         seconds: Time allowed for this call.
 
@@ -148,12 +149,12 @@ def soak(
         What was done. Ctrl-C ends the soak, and the result says so.
 
     Raises:
-        QueryError: For a shape of another dimension, or a count or seed that is none.
+        QueryError: For a shape of another dimension, or a count or seed out of range.
         FileFormatError: If the state cannot be read or written, or belongs to another bounder, shape or seed.
     """
     _check_whole("count", count, 1, 2**62)
     if seed is not None:
-        _check_whole("seed", seed, 0, LARGEST_SEED - 1)
+        _check_whole("seed", seed, 0, MOST_SEED)
     bounder = bounder_of(bounder)
     grid = soak_grid(bounder, shape)
     fresh = Soak(bounder.method, bounder.query_kind, -1, int(count), _digest(bounder), grid.digest)
@@ -186,7 +187,7 @@ def _check_whole(name: str, value, least: int, most: int) -> None:
 
 
 def _chunk(bounder: Bounder, grid: IndicatorGrid, positives: HardPositives, result: Soak) -> None:
-    """One chunk: what is counted is changed at its end, so that an interruption leaves no half of one."""
+    """Ask one chunk. ``result`` is changed only at the end, so that an interruption leaves no half of a chunk in it."""
     form, options, world = CYCLE[result.chunks % len(CYCLE)], {}, None
     if form == "placed":
         world, options = _placement(bounder, grid, positives, result)
@@ -214,12 +215,12 @@ def _truth(grid: IndicatorGrid, positives: HardPositives, query: np.ndarray) -> 
 
 
 def random_world(grid: IndicatorGrid, rng: np.random.Generator, gentle: int = 0) -> tuple[World, dict]:
-    """A random place of a shape.
+    """A random placement of a shape.
 
     Args:
         grid: The shape; its time is not moved.
         rng: Source of randomness.
-        gentle: How often to halve how far it is moved and how much it is scaled.
+        gentle: How often the range of translations, and that of the scale's exponent, is halved.
 
     Returns:
         The map, and the ``xform`` and ``scale`` that bounders take for it.
@@ -244,7 +245,7 @@ def random_world(grid: IndicatorGrid, rng: np.random.Generator, gentle: int = 0)
 def _placement(
     bounder: Bounder, grid: IndicatorGrid, positives: HardPositives, result: Soak
 ) -> tuple[World | None, dict]:
-    """A place that the bounder's certificate covers: ever gentler ones are tried."""
+    """A placement that the bounder's certificate covers; each one that is tried is gentler than the one before."""
     rng = np.random.default_rng([result.seed, result.chunks])
     nothing = np.zeros((0, positives.columns), np.float32)
     for gentle in range(WORLDS):
@@ -258,7 +259,7 @@ def _placement(
 
 
 def _digest(bounder: Bounder) -> str:
-    """SHA-256 of what the kernels compute with, aligned as in the first version: its states are gone on with."""
+    """SHA-256 of the numbers that the kernels read, padded as in the first version, whose states can be continued."""
     domain, words = bounder.domain, bounder.words()
     header = np.concatenate([domain.header, [bounder.threshold], domain.extra]).astype(np.float32)
     numbers = [np.pad(header, (0, -len(header) % ALIGNED)), np.asarray(bounder.weights(), dtype=np.float32), words]
@@ -272,7 +273,7 @@ def _save(result: Soak, state: str | Path) -> None:
 
 
 def _resumed(fresh: Soak, seed: int | None, state: str | Path | None) -> Soak:
-    """``fresh``, or what the state file says was done of it; with its seed."""
+    """The test that the state file holds, or else ``fresh``; with its seed."""
     if state is None or not Path(state).is_file():
         fresh.seed = fresh_seed() if seed is None else seed
         return fresh
@@ -293,5 +294,5 @@ def _resumed(fresh: Soak, seed: int | None, state: str | Path | None) -> Soak:
         if getattr(old, name) != getattr(fresh, name):
             raise FileFormatError(f"{state}: the state of a soak of {text}; give another file, or remove it")
     old.wanted, old.interrupted = fresh.wanted, False
-    old.missed = old.missed_form = old.missed_world = None  # found again, if so: its chunk does not count as done
+    old.missed = old.missed_form = old.missed_world = None  # found again: its chunk does not count as done
     return old

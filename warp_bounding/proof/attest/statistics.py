@@ -1,15 +1,15 @@
-"""What can be said where there is no proof: after the threshold is frozen, fresh positives are asked and none may be missed.
+"""Attestation, where there is no proof: with the threshold frozen, fresh positives are asked, and none may be missed.
 
 With N independent positives of a stated distribution and no failure, the rate of false negatives *under that
 distribution* is below ``1 - alpha^(1/N)`` with confidence ``1 - alpha`` (Clopper and Pearson 1934), about 3/N at 95 %.
-(That half of them come from either proposal only strengthens it: no failure is then rarer still, by the inequality of
-the means.) What ends the count, a number or time, must not depend on the answers.
+(Half of the positives come from each of two proposals, which only strengthens this: no failure is then rarer still, by
+the inequality of the means.) The rule that ends the count, a number or a time, must not depend on the answers.
 
-The search that set the threshold earns no confidence. A failure lowers the threshold below what failed, and the count
-begins anew; but whoever tries often enough passes in the end, so attempt i (from 0) spends ``alpha / 2^(i+1)``, and all
-of them together no more than alpha: the certificate's bound is the one of the attempt that passed, and its confidence
-that of the whole procedure. Positives must not be known to whoever made the bounder: ``fresh_seed`` is for those who
-check.
+The search that set the threshold earns no confidence. A failure lowers the threshold below the f that failed, and the
+count begins anew. With enough attempts any bounder passes in the end; therefore attempt i (from 0) spends ``alpha /
+2^(i+1)``, and all of them together spend no more than alpha. The certificate's bound is that of the attempt that
+passed, and its confidence is that of the whole procedure. Whoever made the bounder must not know the positives: to
+check one, take a ``fresh_seed``.
 """
 
 import secrets
@@ -30,13 +30,13 @@ from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["CONFIDENCE", "attempt_confidence", "attest", "fn_rate_bound", "fresh_seed", "try_positives"]
 
-CONFIDENCE = 0.95
-POSITIVES = 1_000_000
-MOST_RESTARTS = 20
+CONFIDENCE = 0.95  # 1 - alpha
+POSITIVES = 1_000_000  # fresh positives that are asked
+MOST_RESTARTS = 20  # attempts, each after the first with a lower threshold
 
 
 def attempt_confidence(attempt: int, confidence: float = CONFIDENCE) -> float:
-    """Confidence that attempt number ``attempt`` (from 0) must be judged at, so that all attempts together reach ``confidence``."""
+    """The confidence of attempt number ``attempt`` (from 0) with which all attempts together reach ``confidence``."""
     return 1.0 - (1.0 - confidence) * 0.5 ** (attempt + 1)
 
 
@@ -56,13 +56,13 @@ def try_positives(
     """Ask a bounder fresh positives.
 
     Args:
-        bounder: Any, with its threshold.
+        bounder: Any bounder, with its threshold.
         grid: The object.
-        count: How many, at least.
-        seed: Of the samples.
-        progress: Called after each chunk, with positives tried and in all.
+        count: How many positives to ask, at least.
+        seed: Seed of the samples.
+        progress: Called after each chunk with positives asked and positives in all.
         seconds: Time allowed: no chunk is begun that would end later if it took as long as the longest one before.
-            Fewer positives are then asked, none at all in no time; what is returned says how many.
+            Fewer positives are then asked, possibly none.
 
     Returns:
         How many were asked, the least f among them (as the device computes it), and the first query that was answered
@@ -105,16 +105,15 @@ def attest(
         bounder: Changed in place (``freeze``).
         grid: The object.
         least: Least f that is known of any positive.
-        room: How far below it the threshold is put, beyond what rounding needs.
-        count: Fresh positives.
-        seed: Of these; every attempt draws others.
-        progress: Called with positives tried and in all.
+        room: How far below it the threshold is set, beyond what rounding needs.
+        count: How many fresh positives to ask.
+        seed: Seed of these positives; every attempt draws others.
+        progress: Called with positives asked and positives in all.
         search: A proof that did not come close enough in its time; the certificate tells what it did show.
-        seconds: Time allowed for the attempt that passes; see ``try_positives``. The bound is that of the positives
-            asked.
+        seconds: Time allowed for each attempt; see ``try_positives``. The bound counts the positives that were asked.
 
     Raises:
-        BounderError: If the threshold had to be lowered too often: the search before was not one.
+        BounderError: If the threshold had to be lowered too often, as where the search found no low f at all.
     """
     started, error = working_seconds(), bounder.rounding_bound()
     for restart in range(MOST_RESTARTS):
@@ -135,9 +134,10 @@ def attest(
     rate = fn_rate_bound(done, judged)
     before = f" after {restart} that missed one" if restart else ""
     message = (
-        f"Statistical, not proven: {done:,} fresh positives ({QUERIES[bounder.query_kind].distribution}), none answered with no; "
-        f"at {CONFIDENCE:.0%} confidence fewer than {rate:.2g} of such queries are missed (attempt {restart + 1}{before}, judged "
-        f"at {judged:.6%}, so that all attempts together keep to {CONFIDENCE:.0%}). The threshold was set by an adversarial search. "
+        f"Statistical, not proven: {done:,} fresh positives ({QUERIES[bounder.query_kind].distribution}), "
+        f"none answered with no; at {CONFIDENCE:.0%} confidence fewer than {rate:.2g} of such queries are missed "
+        f"(attempt {restart + 1}{before}, judged at {judged:.6%}, so that all attempts together keep to {CONFIDENCE:.0%}). "
+        "The threshold was set by an adversarial search. "
     )
     if search is None:
         message += "No proof was tried."
@@ -166,5 +166,5 @@ def attest(
 
 
 def _finite(margin: float) -> float | None:
-    """``None`` where every positive was let through without being asked, or none was asked."""
+    """``None`` where no f was computed: every positive was answered without one, or none was asked."""
     return margin if np.isfinite(margin) else None
