@@ -1,8 +1,8 @@
 """Inverses and polytope vertices in float64, each with a bound of its error: regions are tested against edges and vertices.
 
 An inverse is checked afterwards (Rump, *Verification methods*, Acta Numerica 2010, sect. 10): from ``A B = I - R``
-follows ``|A^-1 - B| <= |B| |R| / (1 - |R|)``. Vertices are found by solving for every choice of n slabs; a choice whose
-inverse cannot be checked must be singular in rational arithmetic, so that no vertex is ever missed.
+follows ``|A^-1 - B| <= |B| |R| / (1 - |R|)``. Vertices are found by solving for every choice of n slabs; a choice
+whose inverse cannot be checked must be singular in rational arithmetic, so that no vertex is ever missed.
 """
 
 from fractions import Fraction
@@ -17,12 +17,13 @@ from warp_bounding.errors import BounderError
 __all__ = ["MOST_VERTEX_DIMENSIONS", "checked_inverse", "polytope_vertices"]
 
 MOST_VERTEX_DIMENSIONS = 6  # choices of slabs grow with the factorial of the dimension
-MERGED = 2.0**-20  # vertices in one cube of this size are one
-MOST_CHOICES = 1 << 20  # of slabs that meet in a vertex: a file may not ask for more work
+MERGED = 2.0**-20  # units of the slabs: vertices in one cube of this size become one point
+MOST_CHOICES = 1 << 20  # choices of n slabs that may meet in a vertex: a file may not ask for more work
+LARGEST_REST = 0.01  # of |R|: a matrix with a larger one is too close to singular
 
 
 def checked_inverse(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """The inverse of an ``(n, n)`` float64 matrix and a bound ``(n, n)`` of its error; ``None`` where that fails."""
+    """The inverse of an ``(n, n)`` float64 matrix and a bound ``(n, n)`` of its error; ``None`` if there is none."""
     n = len(matrix)
     scale = np.abs(matrix).max(axis=1)
     if not (np.isfinite(scale).all() and (scale > 0).all()):
@@ -38,7 +39,7 @@ def checked_inverse(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         return None
     rest = np.abs(np.eye(n) - matrix @ inverse) + gamma(n + 2, UNIT64) * size
     ratio = rest.sum(axis=1).max() * (1 + 1e-12)
-    if not ratio < 0.01:
+    if not ratio < LARGEST_REST:
         return None
     error = np.repeat(np.abs(inverse).sum(axis=1, keepdims=True), n, axis=1) * (ratio / (1 - ratio) * (1 + 1e-12))
     return inverse / scale, error / scale
@@ -48,7 +49,7 @@ def polytope_vertices(directions: np.ndarray, low: np.ndarray, high: np.ndarray)
     """Points whose hull holds the polytope ``low <= directions y <= high``, up to a stated error.
 
     Args:
-        directions: ``(k, n)`` float64; their numbers are taken as exact.
+        directions: ``(k, n)`` float64, taken as exact.
         low: ``(k,)`` float64.
         high: ``(k,)`` float64.
 

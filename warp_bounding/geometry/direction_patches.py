@@ -11,7 +11,7 @@ import numpy as np
 __all__ = ["DirectionPatches"]
 
 NARROWEST = 1e-6  # edge length, on a cube of edge 2, under which patches are not split
-SHRUNK = 1 - 1e-12  # covers the rounding of cosines
+SHRUNK = 1 - 1e-12  # factor that covers the float64 rounding of cosines
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class DirectionPatches:
 
     @property
     def finest(self) -> bool:
-        """Whether there is nothing left to split."""
+        """Whether no patch is worth splitting."""
         return self.ndim == 1 or float((self.upper - self.lower).max(initial=0.0)) < NARROWEST
 
     def _on_sphere(self, cell: np.ndarray) -> np.ndarray:
@@ -72,26 +72,27 @@ class DirectionPatches:
 
     @property
     def outer(self) -> np.ndarray:
-        """``(N,)``, at least 1."""
+        """``(N,)``, the largest factor f of each patch; see the module."""
         nearest = np.einsum("nvk,nk->nv", self._corners(), self.centers).min(axis=1)
         return 1 / (nearest * SHRUNK)
 
     def vertices(self, slack: float) -> np.ndarray:
-        """``(N, 2^n, n)``: ``u_i (1 - slack)`` and ``outer u_i (1 + slack)`` in turn; they hold vectors of length 1 +- slack."""
+        """``(N, 2^n, n)``: ``u_i (1 - slack)`` and ``outer u_i (1 + slack)`` in turn.
+
+        Their hull holds all vectors in the directions of the patch whose length is within ``slack`` of 1.
+        """
         u, outer = self._corners(), self.outer[:, None, None]
         return np.stack([u * (1 - slack), u * outer * (1 + slack)], axis=2).reshape(len(self), -1, self.ndim)
 
     def take(self, which: np.ndarray) -> "DirectionPatches":
-        """Some of them."""
         return DirectionPatches(self.axis[which], self.sign[which], self.lower[which], self.upper[which])
 
     def joined(self, other: "DirectionPatches") -> "DirectionPatches":
-        """These and others."""
         names = ("axis", "sign", "lower", "upper")
         return DirectionPatches(*(np.concatenate([getattr(self, k), getattr(other, k)]) for k in names))
 
     def split(self) -> "DirectionPatches":
-        """Each in ``2^(n-1)`` parts."""
+        """Each patch in ``2^(n-1)`` parts."""
         middle, parts = (self.lower + self.upper) / 2, []
         for choice in np.ndindex((2,) * (self.ndim - 1)):
             lower, upper = np.where(choice, middle, self.lower), np.where(choice, self.upper, middle)

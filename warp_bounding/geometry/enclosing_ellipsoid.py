@@ -24,8 +24,9 @@ from warp_bounding.indicators.grid import IndicatorGrid
 __all__ = ["enclosing_ellipsoid", "enclosing_of_points", "extreme_corners"]
 
 GAP = 1e-4  # relative, in squared length: 0.005 % in radius
-MOST_STEPS = 20_000
-JOINING = 64  # points that join those that the ellipsoid is fitted to, at a time
+MOST_STEPS = 20_000  # of Frank-Wolfe, for one set of points
+DIRECTIONS = 64  # random ones whose outermost points the ellipsoid is fitted to first
+JOINING = 64  # points that join these at a time
 
 
 def enclosing_ellipsoid(grid: IndicatorGrid, family: str) -> tuple[np.ndarray, np.ndarray]:
@@ -45,7 +46,7 @@ def enclosing_ellipsoid(grid: IndicatorGrid, family: str) -> tuple[np.ndarray, n
 
 
 def enclosing_of_points(points: np.ndarray, family: str) -> tuple[np.ndarray, np.ndarray]:
-    """The same around points ``(P, n)``, such as samples of queries: A and the centre in their own units."""
+    """``enclosing_ellipsoid`` around points ``(P, n)``, such as samples of queries: A and the centre in their units."""
     origin, size = points.mean(axis=0), np.ptp(points, axis=0).max()
     points = (points - origin) / size
     chosen = _outermost(points)
@@ -66,9 +67,9 @@ def enclosing_of_points(points: np.ndarray, family: str) -> tuple[np.ndarray, np
 
 
 def _outermost(points: np.ndarray) -> np.ndarray:
-    """Indices of points that are farthest out in some direction: the corners of the bounding box's sides and diagonals."""
+    """Indices of points that are farthest out along an axis or in a random direction."""
     n = points.shape[1]
-    directions = np.concatenate([np.eye(n), np.random.default_rng(0).normal(size=(JOINING, n))])
+    directions = np.concatenate([np.eye(n), np.random.default_rng(0).normal(size=(DIRECTIONS, n))])
     along = points @ directions.T
     return np.unique(np.concatenate([along.argmin(axis=0), along.argmax(axis=0)]))
 
@@ -127,7 +128,7 @@ def _metric(covariance: np.ndarray, family: str) -> tuple[np.ndarray, float]:
 
 
 def _ratios(covariance: np.ndarray, direction: np.ndarray, distance: float, family: str) -> list[float]:
-    """What a step adds in proportion to what there is: the logarithm of the goal changes by ``m log(1 - s) + sum log(1 + s r)``."""
+    """The ratios r of a step s: the logarithm of the goal changes by ``m log(1 - s) + sum log(1 + s r)``."""
     if family == "trace":
         return [distance / float(np.trace(covariance))]
     if family == "diagonal":

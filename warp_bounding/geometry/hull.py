@@ -15,7 +15,7 @@ from warp_bounding.indicators.grid import IndicatorGrid
 
 __all__ = ["Component", "components", "connected_labels", "hull_corners", "hull_points", "line_ends"]
 
-FEW_CORNERS = 48  # under which a hull is dearer to compute than it saves
+FEW_CORNERS = 48  # of so many corners or fewer all are kept: to find their hull takes longer than it saves
 WALKS = 8  # searches for one corner, from as many facets: flat facets of Qhull's triangulation end some of them
 LONGEST_WALK = 200  # facets that the search for one corner visits before the corner is kept for lack of a proof
 
@@ -63,7 +63,7 @@ def line_ends(cells: np.ndarray) -> np.ndarray:
 
 
 def _determinant(a: np.ndarray) -> np.ndarray:
-    """Of integer matrices ``(..., k, k)``, exactly."""
+    """The determinants ``(...)`` of integer matrices ``(..., k, k)``, exactly."""
     if a.shape[-1] == 1:
         return a[..., 0, 0]
     columns = range(a.shape[-1])
@@ -71,7 +71,7 @@ def _determinant(a: np.ndarray) -> np.ndarray:
 
 
 def _cofactors(a: np.ndarray) -> np.ndarray:
-    """Of integer matrices ``(F, n, n)``, exactly: ``a @ cofactors.T = det I``."""
+    """The cofactors ``(F, n, n)`` of integer matrices, exactly: ``a @ cofactors.T = det I``."""
     n = a.shape[-1]
     if n == 1:
         return np.ones_like(a)
@@ -93,7 +93,7 @@ def _in_simplices(points: np.ndarray, apex: np.ndarray, facets: np.ndarray, neig
         start: ``(P,)``, a facet near each point: from there the search walks, through the most negative weight.
 
     Returns:
-        ``(P,)`` bool. False is no statement.
+        ``(P,)`` bool: False where no such simplex was found.
     """
     edges = facets - apex
     cofactors = _cofactors(edges)

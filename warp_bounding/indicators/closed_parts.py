@@ -1,10 +1,10 @@
-"""Which faces of a triangle mesh enclose an inside: what is left of it once everything with a free edge has been taken away.
+"""Which faces of a triangle mesh enclose an inside: those that are left when all with a free edge are taken away.
 
 Vertices at equal places are one vertex, faces with the same three vertices one face. A face with an edge that no other
 face has is taken away, and again, until there is none: the rest is closed, whatever way its faces are turned, however
-many of them meet in an edge (a wall between two chambers), and however shells lie in or through one another. Its inside
-is what a flood from outside does not reach (``voxelization.fill_inside``), so a choice that is made here never takes
-anything from the object: every face stays on the surface, and a closed part only adds the inside to it.
+many of them meet in an edge (a wall between two chambers), and however shells lie in or through one another. Its
+inside is what a flood from outside does not reach (``voxelization.fill_inside``), so a choice that is made here never
+takes anything from the object: every face stays on the surface, and a closed part only adds the inside to it.
 
 A face without area stays as long as its edges do: it may be what fills a crack where a vertex lies on another face's
 edge. One that hangs loose is taken away like any other, and does not make a mesh an open one.

@@ -9,7 +9,7 @@ from warp_bounding.indicators.limits import MAX_CELLS, check_memory
 
 __all__ = ["dilate"]
 
-CELL_BYTES = 26  # of a padded cell: squared distances, those that they become, and what is compared with them
+CELL_BYTES = 26  # bytes a padded cell: three float64 arrays of squared distances, and two of truth values
 
 
 def dilate(

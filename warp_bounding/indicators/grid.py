@@ -1,14 +1,13 @@
 """The indicator that every proof is about: a union of closed, axis-aligned, occupied cells in n dimensions.
 
-An axis of ``R`` cells maps an object coordinate ``x`` to the cell coordinate ``t = cells_per_unit * x - offset``;
-cell ``i`` is the closed interval ``|t - i| <= 1/2``. ``cells_per_unit`` has at most 24 significant bits, so the product
+An axis of ``R`` cells maps an object coordinate ``x`` to the cell coordinate ``t = cells_per_unit * x - offset``; cell
+``i`` is the closed interval ``|t - i| <= 1/2``. ``cells_per_unit`` has at most 24 significant bits, so the product
 with a float32 ``x`` is exact in float64; ``offset`` is a multiple of 1/2, and the faces of cells are too, so the one
-rounding of the difference never moves ``x`` out of a closed cell. On axes with an integer offset, a scale of at most 16
-significant bits and at most 2^12 cells (voxelised meshes; images and voxel files) it moves ``x`` into none either: the
-question whether ``x`` lies in a cell is answered *exactly*. The unit grid of an image or a voxel file has
-``cells_per_unit = R - 1`` and ``offset = 0``
-(the first and the last cell are centred on 0 and 1, and are whole; see the paper's data set), an axis of one cell is
-the unit interval itself.
+rounding of the difference never moves ``x`` out of a closed cell. On axes with an integer offset, a scale of at most
+16 significant bits and at most 2^12 cells (voxelised meshes; images and voxel files) it moves ``x`` into none either:
+the question whether ``x`` lies in a cell is answered *exactly*. The unit grid of an image or a voxel file has
+``cells_per_unit = R - 1`` and ``offset = 0``: as in the paper's data set, the first and the last cell are centred on 0
+and 1, and are whole. An axis of one cell is the unit interval itself.
 
 What this file does not do: reading files (``load_indicator``) and turning meshes into cells (``IndicatorMesh``).
 """

@@ -13,7 +13,7 @@ from warp_bounding.errors import IndicatorError
 
 __all__ = ["MAX_CELLS", "MAX_RESOLUTION", "check_memory", "checked_margin", "checked_resolution"]
 
-MAX_CELLS = 2**31 - 1  # of a grid: their indices are 32-bit integers
+MAX_CELLS = 2**31 - 1  # cells of a grid: their indices are 32-bit integers
 DEFAULT_RESOLUTION, MAX_RESOLUTION = 64, 1024  # cells along the longest axis of a mesh
 
 
@@ -21,7 +21,7 @@ def check_memory(needed: float, what: str, advice: str) -> None:
     """Refuse a step that needs more than all of the machine's memory.
 
     Args:
-        needed: Bytes at a time, about.
+        needed: Bytes that the step holds at a time, about.
         what: What needs them, for the message.
         advice: What would need less.
 
@@ -44,7 +44,7 @@ def _memory() -> int | None:
 
 
 def checked_resolution(resolution: int | None) -> int:
-    """Cells along the longest axis; raises ``IndicatorError``."""
+    """The resolution, or the default one for ``None``; raises ``IndicatorError`` for an impossible one."""
     if resolution is None:
         return DEFAULT_RESOLUTION
     try:
@@ -57,7 +57,7 @@ def checked_resolution(resolution: int | None) -> int:
 
 
 def checked_margin(margin: float) -> float:
-    """A length; raises ``IndicatorError``."""
+    """The margin as a float; raises ``IndicatorError`` for one that is negative or not finite."""
     try:
         value = float(margin)
     except (TypeError, ValueError):

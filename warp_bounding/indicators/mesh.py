@@ -24,9 +24,9 @@ __all__ = [
     "check_faces",
 ]
 
-CELL_BYTES = 8  # while cells are made: their regions (four bytes) and three arrays of truth values
+CELL_BYTES = 8  # bytes a cell, while cells are made: a number of its region (4) and a few truth values
 SCALE_BITS = 16  # significant bits of cells_per_unit: cell coordinates of float32 points are then exact in float64
-MAX_OFFSET = 2**22  # of a grid, in cells
+MAX_OFFSET = 2**22  # cells: what ``IndicatorGrid`` allows for an offset
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,9 +105,9 @@ class IndicatorMesh:
     def watertight(self) -> bool:
         """Whether the surface is closed: equal vertices are one, equal faces are one, and no face has an edge of its own.
 
-        Every mesh that trimesh calls watertight is, but for faces that close only with their own doubles and hold
-        nothing; beyond those, solids that touch in an edge or share a wall, and closed surfaces with faces that are
-        doubled or have no area (``closed_parts``).
+        A mesh that trimesh calls watertight is closed, unless its faces close only with their own doubles and hold
+        nothing. So are solids that touch in an edge or share a wall, and closed surfaces with faces that are doubled or
+        have no area (``closed_parts``).
         """
         return self.surface.watertight
 
@@ -183,7 +183,7 @@ def cells_per_unit(extent: float, resolution: int, name: str) -> float:
 
 
 def cells_around(lower: np.ndarray, upper: np.ndarray, reach: float, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """First and last cell of a grid around an object: all that a kernel may touch, and one more on every side.
+    """First and last cell of a grid around an object: all cells that it may meet, and one more on every side.
 
     Args:
         lower: ``(3,)``, in cells from the origin.

@@ -1,14 +1,14 @@
 """The indicator of a triangle mesh that moves: keyframes, and vertices that go straight from one to the next.
 
-Its grid has four coordinates, time first. A cell of time is cut at the keyframes, and between them into pieces in which
-no vertex goes far. In a piece, every point of a triangle stays within the largest half way of its three vertices of
-where it is in the piece's middle; so the triangle there, dilated by that and by the margin, holds all that it is and
-comes near to in the piece, and its cells are found as for a mesh at rest (``voxelization``). Nothing is sampled. Where
-the surface is closed, a flood from outside through the empty cells of a piece meets the surface at no time in it, so
-what it does not reach holds the inside.
+Its grid has four coordinates, time first. A cell of time is cut at the keyframes, and between them into pieces in
+which no vertex goes far. In a piece, every point of a triangle stays within the largest half way of its three vertices
+of where it is in the piece's middle; so the triangle there, dilated by that and by the margin, holds all that it is
+and comes near to in the piece, and its cells are found as for a mesh at rest (``voxelization``). Nothing is sampled.
+Where the surface is closed, a flood from outside through the empty cells of a piece meets the surface at no time in
+it, so what it does not reach holds the inside.
 
-Before its first and after its last keyframe nothing is known of the motion. So the cells of time lie between these two,
-however time is divided, and outside the cells bounders say *maybe*. They rarely meet both keyframes exactly:
+Before its first and after its last keyframe nothing is known of the motion. So the cells of time lie between these
+two, however time is divided, and outside the cells bounders say *maybe*. They rarely meet both keyframes exactly:
 ``time_axis`` chooses cells that leave little of the range out.
 """
 
@@ -33,15 +33,14 @@ from warp_bounding.indicators.mesh import (
 
 __all__ = ["IndicatorMotion"]
 
-DEFAULT_RESOLUTION = 32
-DEFAULT_TIMES = 32
-MAX_TIMES = 1024
-SPARE = 4  # cells of time more than asked for, where they fit the range better
-LEFT = 0.01  # of a cell of time, that may be left out at the ends of the range before other cells are tried
-WAY = 0.25  # in cells: half of the longest way of a vertex within a piece (there are at most 3,600 pieces: no mesh goes farther than its grid)
-EVALUATION = (
-    2.0**-23
-)  # of the largest coordinate: vertices at a time are rounded to float32, each by half of this at most
+DEFAULT_RESOLUTION = 32  # cells along the longest axis of space
+DEFAULT_TIMES, MAX_TIMES = 32, 1024  # cells of time
+SPARE = 4  # so many more cells of time than asked for are made where these fit the range better
+LEFT = 0.01  # of a cell of time: as much may be left out at the ends of the range before other cells are tried
+# In cells: half of the longest way of a vertex within a piece. No vertex goes farther than the grid, so there are at
+# most 3,600 pieces between two knots.
+WAY = 0.25
+EVALUATION = 2.0**-23  # of the largest coordinate: twice what rounding a vertex to float32 may change in it
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,11 +2,11 @@
 
 A cell is left empty for one reason only: there is an axis on which the triangle and the cell, grown by a ball of the
 margin's radius, do not overlap. That is a proof for *any* axis, however it was computed, so the search for one may be
-as careless as it likes and only ``_separated`` has to be right. The axes tried are those of the separating axis theorem
-for a box and a triangle (three face normals, the triangle's normal, nine products of edges; complete for a margin of 0)
-and, for a margin, the directions between the closest points of cell and triangle that alternating projections find
-(they are missing from the 13 where a corner is closest). A degenerate triangle needs no case of its own: its null axes
-separate nothing.
+as careless as it likes and only ``_separated`` has to be right. The axes tried are those of the separating axis
+theorem for a box and a triangle (three face normals, the triangle's normal, nine products of edges; complete for a
+margin of 0) and, for a margin, the directions between the closest points of cell and triangle that alternating
+projections find (they are missing from the 13 where a corner is closest). A degenerate triangle needs no case of its
+own: its null axes separate nothing.
 
 Cells are visited in blocks, so that a triangle across the whole grid does not visit the whole grid. The result is a
 union over triangles and does not depend on their order.
@@ -22,8 +22,8 @@ from warp_bounding.runtime.launch import ready
 __all__ = ["SLACK", "fill_inside", "solid_cells", "surface_cells"]
 
 # By how much cells are grown on each side, in cells, to outweigh all rounding. All coordinates are under 2^11 cells
-# (the resolution is at most 1024), so for an axis d, as computed, with |d| its sum of absolute components, float64 errs
-# by less than
+# (the resolution is at most 1024), so for an axis d, as computed, with |d| its sum of absolute components, float64
+# errs by less than
 #   a vertex in cells (one rounding), then relative to a centre (one more)      2^-42 in each component, so |d| 2^-42
 #   its dot product with d, three products and two sums                         3 * 2^-53 * 2^11 |d|, so |d| 2^-40
 #   the reach, (half + SLACK) |d| + margin * length(d), half <= 4, margin < 2^10    8 * 2^-53 * 2^10 |d| = |d| 2^-40

@@ -1,11 +1,11 @@
 """From an array to a grid: which of its values are occupied, and where its cells lie.
 
-Truth values are clear, and so are 0 and 1. Whatever else an array holds may mean one thing or its opposite: a map whose
-white is free, signed distances, the vertices of a mesh. It is refused, with the lines that say what is meant, unless a
-threshold does.
+Truth values are clear, and so are 0 and 1. Whatever else an array holds may mean one thing or its opposite: a map
+whose white is free, signed distances, the vertices of a mesh. It is refused, with the lines that say what is meant,
+unless a threshold does.
 
-Cells lie as in the paper's data set, the centres of the first and the last on 0 and 1 of every axis, unless spacing and
-origin place them.
+Cells lie as in the paper's data set, the centres of the first and the last on 0 and 1 of every axis, unless spacing
+and origin place them.
 """
 
 import math
@@ -41,7 +41,7 @@ class Threshold:
 
     @classmethod
     def of(cls, given: object) -> "Threshold":
-        """From a number, as from which on values are occupied, or a text such as ``"<128"``.
+        """From a number, from which on values are occupied, or a text such as ``"<128"``.
 
         Raises:
             IndicatorError: For anything else.
@@ -147,7 +147,7 @@ def _may_be_vertices(array: np.ndarray) -> bool:
 
 
 def _what_to_say(array: np.ndarray) -> str:
-    """One line: what came, and the two lines that would be clear."""
+    """In one line, what came and the two calls that would be clear."""
     low, high = array.min(), array.max()
     got = f"got {array.dtype} from {low:g} to {high:g}"
     if _may_be_vertices(array):
@@ -175,7 +175,7 @@ def _is_number(value: object) -> bool:
 
 
 def _numbers(what: str, given: object, count: int, *, one_for_all: bool = False) -> np.ndarray:
-    """``(count,)`` float64; raises ``IndicatorError``."""
+    """What was given as ``(count,)`` float64; raises ``IndicatorError`` where it is not that many finite numbers."""
     try:
         values = np.array(given)
         values = values.astype(np.float64) if values.dtype.kind in "iuf" else np.array(np.nan)

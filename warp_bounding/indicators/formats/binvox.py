@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.limits import MAX_CELLS
 
 __all__ = ["read_binvox"]
 
 LONGEST_HEADER = 4096  # bytes
-MAX_VOXELS = 2**31 - 1
 
 
 def read_binvox(path: Path) -> np.ndarray:
@@ -73,8 +73,8 @@ def _read_header(path: Path, content: bytes) -> tuple[tuple[int, int, int], int]
                 raise IndicatorError(f"{path}: expected a binvox header line, got {_text(words)!r}")
     if shape is None:
         raise IndicatorError(f"{path}: expected a line 'dim' in the binvox header, got none")
-    if math.prod(shape) > MAX_VOXELS:
-        raise IndicatorError(f"{path}: expected at most {MAX_VOXELS} voxels, got {math.prod(shape)}")
+    if math.prod(shape) > MAX_CELLS:
+        raise IndicatorError(f"{path}: expected at most {MAX_CELLS} voxels, got {math.prod(shape)}")
     return shape, position
 
 

@@ -3,8 +3,8 @@
 Which reader a file gets depends on its extension alone (``READERS``); what it holds must then be what the extension
 says. Meshes come from trimesh (``mesh_files.py``) and usd-core (``usd.py``), voxels from ``binvox.py``, pixels from
 ``images.py``. What an array's values mean and where its cells lie is told in ``arrays.py``, meshes and arrays of other
-libraries in ``objects.py``. Shapes of other kinds are objects with a ``to_grid`` (``Indicator``), as ours are, or files
-whose reader makes one.
+libraries in ``objects.py``. Shapes of other kinds are objects with a ``to_grid`` (``Indicator``), as ours are, or
+files whose reader makes one.
 """
 
 import os

@@ -17,7 +17,7 @@ __all__ = ["ACCEPTED", "array_from", "mesh_from"]
 
 
 class _Kind(NamedTuple):
-    """Classes of a library, and what makes ours of them."""
+    """Classes of a library, and the function that makes an indicator or an array of their objects."""
 
     module: str
     classes: tuple[str, ...]
