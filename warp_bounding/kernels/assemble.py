@@ -85,7 +85,7 @@ for (int i = begin; i < end; i += L) {
 
 _STORE = {
     False: """
-    const I answer = ~finite | (inside & ~(f < threshold));
+    const I answer = ~(finite & (~inside | (f < threshold)));
     const B bytes = __builtin_convertvector(answer & 1, B);
     if (m == L) *(B*)(out.data + i) = bytes;
     else for (int l = 0; l < m; ++l) out.data[i + l] = bytes[l];
@@ -246,17 +246,35 @@ def _locate(source: Source, placed: bool) -> str:
     return locate(source.query, source.space, source.ndim, source.time, placed)
 
 
+def _picked(vectors: list[str], lanes: int, at: list[int]) -> str:
+    """A C expression: the numbers at places ``at`` of some vectors behind each other, one for each lane."""
+    have = vectors[0]
+    for b in range(1, len(vectors)):  # keep what is there, take from vector b what stands in it
+        known = [p if b == 1 else lane for lane, p in enumerate(at)]
+        pick = [lanes + p % lanes if p // lanes == b else known[lane] % lanes for lane, p in enumerate(at)]
+        have = f"__builtin_shufflevector({have}, {vectors[b]}, {', '.join(map(str, pick))})"
+    return have
+
+
 def _shuffles(columns: int, lanes: int) -> str:
-    """C statements from the vectors ``r[]`` of rows of numbers to ``q[]``."""
-    lines = []
+    """C statements from the vectors ``r[]`` of rows of numbers to ``q[]``.
+
+    An even number of columns goes in two steps, which takes fewer shuffles and, as both halves of the rows use the same ones, a
+    quarter of the registers: pairs of columns first, ``p<half>[]``, then their evens and odds.
+    """
+    names = [f"r[{b}]" for b in range(columns)]
+    if columns % 2:
+        taken = (_picked(names, lanes, [lane * columns + k for lane in range(lanes)]) for k in range(columns))
+        return "\n".join(f"q[{k}] = {text};" for k, text in enumerate(taken))
+    pairs, lines = columns // 2, []
+    for half in range(2):
+        rows = names[half * pairs : (half + 1) * pairs]
+        at = [[lane // 2 * columns + 2 * k + lane % 2 for lane in range(lanes)] for k in range(pairs)]
+        lines.append(f"const V p{half}[] = {{{', '.join(_picked(rows, lanes, places) for places in at)}}};")
     for k in range(columns):
-        have = "r[0]"
-        for b in range(1, columns):  # keep what is there, take from vector b what stands in it
-            at = [lane * columns + k for lane in range(lanes)]
-            known = [p if b == 1 else lane for lane, p in enumerate(at)]
-            pick = [lanes + p % lanes if p // lanes == b else known[lane] % lanes for lane, p in enumerate(at)]
-            have = f"__builtin_shufflevector({have}, r[{b}], {', '.join(map(str, pick))})"
-        lines.append(f"q[{k}] = {have};")
+        lines.append(
+            f"q[{k}] = {_picked([f'p{h}[{k // 2}]' for h in range(2)], lanes, list(range(k % 2, 2 * lanes, 2)))};"
+        )
     return "\n".join(lines)
 
 
