@@ -6,10 +6,10 @@ the object. An upper bound of f is a lower bound of -f, by the same relaxations 
 number: the parameter t along the segment.
 
 All of this is computed in float64. The segment that is bounded is ``a + t w`` of the computed a and w, with t between
-the computed ends. Where a and w are within ``FAR``, a point of the true segment is off by less than 2^-29, four
-products and sums of 2^-52 each; and proofs hold for the object dilated by delta, the float32 rounding of the same map,
-which is at least a hundred times as much. Clipping errs outwards by ``INSIDE``, which is more than the rounding of t
-times w. Segments that lie farther out are not cleared.
+the computed ends. Where a and w are within ``LARGEST_LOCAL``, a point of the true segment is off by less than 2^-29,
+four products and sums of 2^-52 each; and proofs hold for the object dilated by delta, the float32 rounding of the same
+map, which is at least a hundred times as much. Clipping errs outwards by ``INSIDE``, which is more than the rounding of
+t times w. Segments that lie farther out are not cleared.
 """
 
 import numpy as np
@@ -25,7 +25,7 @@ __all__ = ["clear_segments"]
 
 DEPTH = 8  # a piece is halved at most this often
 INSIDE = 1e-9  # of the domain's half-widths: segments are clipped this far outside the domain
-FAR = 2.0**20  # half-widths of the domain: a segment is bounded only if no coordinate of a or w is larger
+LARGEST_LOCAL = 2.0**20  # half-widths of the domain: a segment is bounded only if no coordinate of a or w is larger
 
 
 def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, depth: int = DEPTH) -> np.ndarray:
@@ -65,7 +65,7 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
     with np.errstate(over="ignore", invalid="ignore"):
         a = bounder.domain.to_local(starts)
         w = bounder.domain.to_local(ends) - a
-        known = ((np.abs(a) <= FAR) & (np.abs(w) <= FAR)).all(axis=1)  # False for NaN
+        known = ((np.abs(a) <= LARGEST_LOCAL) & (np.abs(w) <= LARGEST_LOCAL)).all(axis=1)  # False for NaN
     segments = np.flatnonzero(known)
     a, w = a[segments], w[segments]
     first, last, inside = _within(a, w, bounder.domain.limit.astype(np.float64))

@@ -298,10 +298,10 @@ for (int k = 0; k < N; ++k) y[k] = (double)q[k] + along * (double)q[N + k];
     hard_draw = (
         HARD_DIRECTION
         + f"""
-const double chosen = u();
+const double where = u();
 double t = u() * (u() < 0.5 ? length : length < across ? length : across);
-if (chosen < {AT_END}) t = length * {ALMOST};
-else if (chosen < {AT_END + AT_START}) t = 0.0;
+if (where < {AT_END}) t = length * {ALMOST};
+else if (where < {AT_END + AT_START}) t = 0.0;
 bool outside = false;
 for (int k = 0; k < N; ++k) {{
     a[k] = p[k] - t * d[k];
