@@ -11,7 +11,7 @@ from warp_bounding.bounders import METHODS
 from warp_bounding.kernels.functions import Data, batch_kernel
 from warp_bounding.kernels.plain import plain_kernel
 from warp_bounding.networks.bound_kernel import _kernel as bound_kernel
-from warp_bounding.networks.bound_source import NetworkSizes
+from warp_bounding.networks.bound_source import NetworkShape
 from warp_bounding.networks.charts.base import PlainChart
 from warp_bounding.networks.charts.box import BoxChart
 from warp_bounding.networks.charts.ray import RayChart
@@ -49,11 +49,11 @@ def test_functions_compile(method, tmp_path):
 def test_kernels_of_networks_compile(activation, tmp_path):
     network = random_mlp(shape("blob"), (8,), activation, 1)
     check_compiles(batch_kernel(network.source, False, True), tmp_path)
-    check_compiles(bound_kernel(network.network.sizes()), tmp_path)
+    check_compiles(bound_kernel(network.network.kernel_shape()), tmp_path)
 
 
 @pytest.mark.parametrize("chart", [PlainChart(3), RayChart(6), RayChart(4), BoxChart(6)], ids=repr)
 def test_searches_compile(chart, tmp_path):
-    sizes = NetworkSizes(chart.inputs, ((chart.inputs, 5, "sin", 0), (5, 4, "tanh", 0)), chart)
-    check_compiles(bound_kernel(sizes), tmp_path / "bound")
-    check_compiles(depth_first_kernel(sizes), tmp_path / "search")
+    shape = NetworkShape(chart.inputs, ((chart.inputs, 5, "sin", 0), (5, 4, "tanh", 0)), chart)
+    check_compiles(bound_kernel(shape), tmp_path / "bound")
+    check_compiles(depth_first_kernel(shape), tmp_path / "search")

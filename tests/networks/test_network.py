@@ -105,7 +105,7 @@ def test_noise_does_not_shrink_where_the_sine_falls():
     network = Network([first, second, third, (np.array([[1.0]], F32), np.zeros(1, F32))], "sin", None, np.ones(1))
     for sign in (1, -1):
         network.output = type(network.output)(np.array([[float(sign)]]), np.zeros(1), "none")
-        network._packed[-1] = sign
+        network.packed[-1] = sign
         least = network(np.linspace(-1, 1, 10_001)[:, None]).min()
         for bound in (network.bound, network.bound_plain):
             assert least >= bound(-np.ones((1, 1)), np.ones((1, 1)))[0][0]

@@ -99,7 +99,7 @@ def test_bounds_along_segments_hold(activation, octaves, rng):
     w = np.where(np.abs(a + w) > bounder.domain.limit, 0.0, w)
     part = segments_module._Part(bounder)
     low, high = (np.concatenate([a, w, t[:, [k]]], axis=1) for k in (0, 1))
-    lower = segments_module.bound_boxes(part.sizes, part.weights, part.padding, low, high).lower
+    lower = segments_module.bound_boxes(part.shape, part.weights, part.padding, low, high).lower
     for share in np.linspace(0, 1, 101):
         points = a + (t[:, [0]] + share * (t[:, [1]] - t[:, [0]])) * w
         assert (-bounder.reference(points) >= lower).all()

@@ -9,7 +9,7 @@ from warp_bounding.errors import BounderError
 __all__ = ["ACTIVATIONS", "DEFAULT", "SINE", "Activation", "activation_of", "register"]
 
 ACTIVATIONS: dict[str, Activation] = {each.name: each for each in (SINE, RELU, TANH)}
-DEFAULT = SINE  # of hidden layers; the positional encoding is made of sines, whatever they are
+DEFAULT = SINE  # activation of hidden layers; the positional encoding consists of sines whatever theirs is
 
 
 def register(activation: Activation) -> None:

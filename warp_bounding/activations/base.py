@@ -15,7 +15,7 @@ from warp_bounding.kernels.source import Lanes, literal
 if TYPE_CHECKING:
     import torch
 
-__all__ = ["Activation", "constant", "polynomial"]
+__all__ = ["Activation", "constant", "constants", "polynomial"]
 
 
 class Activation(ABC):
@@ -24,14 +24,15 @@ class Activation(ABC):
     Attributes:
         name: As users and files say it, and a part of names in C.
         plain: Warp's own Python of ``statement``: a ``wp.func`` of one float.
-        limit: Largest argument up to which ``error`` holds.
-        largest: Of the value's size; that of the argument if ``None``.
-        bends: Whether ``relax`` may bend.
+        limit: Largest |argument| for which ``error`` holds.
+        largest: Bound of |value|; where it is ``None``, |value| <= |argument|.
+        bends: Whether ``relax`` may return a parabola rather than a line.
         wave: Whether training begins with steep first layers (``Recipe.first_gain``), which tell neighbouring cells apart.
-        support_gains: Initial weights of a plane's supports and of regions' occupancy: +-gain / sqrt(inputs), the first
-            layer's and later ones'.
-        falling: Share of a monotone network's neurons that fall as the box grows; where the activation is odd they add nothing.
-        mean: Of a monotone network's neurons behind the first layer, in units of its gain, about.
+        support_gains: Gains of the first and of later layers where a plane's supports or a region's occupancy is
+            trained: initial weights are uniform in +-gain / sqrt(inputs).
+        falling: Share of a monotone network's neurons that fall as the box grows: 0 for odd activations, to which
+            they would add nothing.
+        mean: About the mean output of a monotone network's first layer, in units of that layer's gain.
     """
 
     name: ClassVar[str]
@@ -46,7 +47,7 @@ class Activation(ABC):
 
     @property
     def monotone(self) -> "Activation":
-        """What a monotone network has in its place; itself if it never falls."""
+        """The activation that stands in for this one in a monotone network; itself if it never falls."""
         return self
 
     # --- inference, float32 ------------------------------------------------------------------------------------------
@@ -71,16 +72,18 @@ class Activation(ABC):
 
     @abstractmethod
     def relax(self, z: np.ndarray, near: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, ...]:
-        """A line or a parabola with a band around it.
+        """A line or a parabola with a band that holds the values at arguments ``z + l + y``.
+
+        The part l of an argument is linear in the coordinates of a box, all that is not linear is y.
 
         Args:
-            z: ``(N, H)``, centres.
-            near: ``(N, H)``, largest size of l. Of near and noise together one is above 0.
-            noise: ``(N, H)``, largest size of y.
+            z: ``(N, H)``, centres of the arguments.
+            near: ``(N, H)``, ``|l| <= near``.
+            noise: ``(N, H)``, ``|y| <= noise``; near and noise are not both 0.
 
         Returns:
-            slope, mean, bend and spread, each ``(N, H)``: the value at ``z + l + y`` is ``mean + slope (l + y) + bend l^2`` to
-            within ``spread``. Float64 rounding is the caller's.
+            slope, mean, bend and spread, each ``(N, H)``: the value at ``z + l + y`` is ``mean + slope (l + y) + bend l^2``
+            to within ``spread``. The caller adds what float64 rounds.
         """
 
     @abstractmethod
@@ -103,8 +106,13 @@ class Activation(ABC):
 
 
 def constant(value: float) -> str:
-    """A float64 constant in C, exactly."""
+    """A float64 number as C text, exactly."""
     return float(value).hex()
+
+
+def constants(**values: int) -> str:
+    """C declaration of integer constants, by name."""
+    return f"constexpr int {', '.join(f'{name} = {value}' for name, value in values.items())};"
 
 
 def polynomial(coefficients: tuple[float, ...], s: str) -> str:

@@ -1,4 +1,8 @@
-"""The rectified linear unit, ``max(z, 0)``: exact in float32; relaxed by the chord and half of what the corner lies under it."""
+"""The rectified linear unit, ``max(z, 0)``: exact in float32.
+
+Its relaxation is the chord of an interval, moved down by half of the corner's distance from it, with a band of that
+half-width.
+"""
 
 from typing import TYPE_CHECKING
 
@@ -22,7 +26,7 @@ def _plain(z: float):
 class _Relu(Activation):
     name = "relu"
     plain = _plain
-    falling, mean = 0.5, 0.3  # neurons that fall are concave
+    falling, mean = 0.5, 0.3  # half of a monotone network's neurons fall: those are concave, the others convex
 
     def statement(self, lanes: Lanes, target: str, z: str) -> str:
         if lanes.vector:

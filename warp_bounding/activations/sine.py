@@ -4,16 +4,18 @@ In float32 it is a range reduction ``r = z - n pi`` in two steps and an odd poly
 its distance from the true sine, for arguments up to ``limit``; networks that reach farther are refused. The
 libraries' ``sinf`` differ from device to device and promise nothing.
 
-The relaxation is a parabola. ``sin(z + x) = sin z cos x + cos z sin x`` for ``|x| <= D``, and
+The relaxation (``relax``) encloses the sine around a centre z by a parabola with a band. The argument is ``z + x``,
+``x = l + y``: l is linear in the coordinates of a box, ``|l| <= near``, and of y only ``|y| <= noise`` is known. With
+``D = near + noise``, so that ``|x| <= D``, of ``sin(z + x) = sin z cos x + cos z sin x``
 
 * ``cos x`` lies within ``D^4 / 192 + D^6 / 720`` of ``1 - D^4 / 192 + (D^2 / 24 - 1/2) x^2``: the series
   ``1 - x^2/2 + x^4/24 - ...`` alternates, and ``u^2`` is within 1/8 of ``u - 1/8`` on [0, 1], ``u = x^2 / D^2``;
 * ``sin x`` lies within ``D^3 / 24 + D^5 / 120`` of ``(1 - D^2 / 8) x``: its series alternates too, and ``x^3`` is within
   ``D^3 / 4`` of ``3 D^2 x / 4``.
 
-Of ``x = l + y`` only l is known as a linear function (of zeta, ``|l| <= near``), y is noise (``|y| <= noise``):
-``x^2`` is within ``2 near noise + noise^2 / 2`` of ``l^2 + noise^2 / 2``. Where a line is as good as the parabola,
-``cos x`` within ``D^2 / 4`` of ``1 - D^2 / 4``, it is taken, and where neither is better than [-1, 1], that is.
+Only l may be squared, so ``x^2`` is replaced by ``l^2 + noise^2 / 2``, from which it differs by at most
+``2 near noise + noise^2 / 2``. Of three enclosures the one with the narrowest band is taken: this parabola; the line
+for which ``cos x`` is replaced by ``1 - D^2 / 4``, within ``D^2 / 4``; and the constant 0 with the band [-1, 1].
 """
 
 import math
@@ -37,18 +39,25 @@ __all__ = ["COEFFICIENTS", "INVERSE_PI", "LIMIT", "MAGIC", "PI_HIGH", "PI_LOW", 
 INVERSE_PI = float(np.float32(1.0 / math.pi))
 PI_HIGH = 3.140625
 PI_LOW = float(np.float32(math.pi - PI_HIGH))
-MAGIC = 12582912.0  # 1.5 * 2^23: adding it rounds to an integer and leaves its parity in the lowest bit
-COEFFICIENTS = tuple(float.fromhex(c) for c in ("-0x1.555022p-3", "0x1.10607p-7", "-0x1.83c008p-13"))  # minimax
-LIMIT = 4096.0  # arguments beyond are outside the certified range
-REDUCED = 1.5725  # |r| stays under it for |z| <= LIMIT (checked in error)
+# 1.5 * 2^23: for |x| < 2^22, x + MAGIC is rounded to an integer n, whose parity is the lowest bit of the float32 pattern.
+MAGIC = 12582912.0
+# sin r is about r + c3 r^3 + c5 r^5 + c7 r^7 for |r| <= REDUCED, a minimax fit rounded to float32. Nothing rests on how
+# good it is: ``_polynomial_error`` bounds the error of these very numbers.
+COEFFICIENTS = tuple(float.fromhex(c) for c in ("-0x1.555022p-3", "0x1.10607p-7", "-0x1.83c008p-13"))
+LIMIT = 4096.0  # largest |argument| of the certified range
+# Just above pi / 2: the reduced argument r, its error included, stays under it for |z| <= LIMIT (asserted in ``error``).
+REDUCED = 1.5725
 
-# |error| of the float64 sine and cosine of bounds for |z| <= 2^13: Taylor remainders under 7e-12 (degrees 15 and 16 on
-# [-pi/2, pi/2]), the reduction under 2^-52 (1 + n 2^-30), about 30 roundings of terms under 2. Mean, slope and spread
-# carry it at most 4 times. Arguments are certified up to 2^12 with activations of size 1. A relaxed neuron's centre is
-# a mean plus half a parabola, and at most 2: where it is not flat, spread and half of the parabola's height together
-# are at most 1. So centres of arguments stay below 2^13.
+# Bound of the error of the float64 sine and cosine of bounds for |z| <= 2^13: Taylor remainders under 7e-12 (degrees 15
+# and 16 on [-pi/2, pi/2]), the reduction under 2^-52 (1 + n 2^-30), about 30 roundings of terms under 2. ``relax`` adds
+# 4 SLACK (1 + D^2) to its band: mean, slope and band carry at most 4 such errors together.
+#
+# Why 2^13 is enough: a network's arguments are certified up to LIMIT = 2^12 for activations of size at most 1. In bounds a
+# neuron's centre, its mean plus half of the parabola's height, is at most 2: where the constant 0 is not taken, spread and
+# half of the height together are at most 1. So sums of centres are at most twice as large.
 SLACK = 1e-11
-PI_PARTS = (  # of float64: the first 34 bits of pi, times n < 2^12 (|z| < 2^13) exact; the next 32; the rest
+# Pi in three float64 parts: the first 34 bits, exact times n < 2^12 (|z| < 2^13); the next 32 bits; the rest.
+PI_PARTS = (
     float.fromhex("0x1.921fb544p+1"),
     float.fromhex("0x1.0b4611a6p-33"),
     float.fromhex("0x1.3198a2e037073p-68"),
@@ -78,7 +87,7 @@ class _Sine(Activation):
 
     @property
     def monotone(self) -> Activation:
-        """See ``Activation``: the sine falls."""
+        """A monotone network needs an activation that never falls, and has tanh in the sine's place."""
         return TANH
 
     def statement(self, lanes: Lanes, target: str, z: str) -> str:
@@ -108,7 +117,7 @@ class _Sine(Activation):
         return np.where(q.view(np.int32) & 1, -p, p)
 
     def error(self, limit: float) -> float:
-        """See ``Activation``; about 1.3e-6 for small limits.
+        """Bound of ``|computed - sine|``; about 1.3e-6 for small limits.
 
         Raises:
             ValueError: If ``limit`` is outside the certified range.
@@ -116,7 +125,7 @@ class _Sine(Activation):
         if not 0 <= limit <= LIMIT:
             raise ValueError(f"the sine is certified for arguments up to {LIMIT}, got {limit}")
         u = UNIT32
-        # n is within 1/2 + 3 u |z| / pi of z / pi: one rounding to an integer, one of the product, one of the constant.
+        # n is within 1/2 + 3 u |z| / pi of z / pi: it is rounded to an integer, the product is rounded, and so is 1 / pi.
         count = limit / math.pi + 1.0  # bound of |n|
         reduced = math.pi / 2 + 3 * u * limit
         # n * PI_HIGH is exact; each subtraction rounds once; n * PI_LOW rounds once unless fused; the rest of pi is
@@ -136,13 +145,12 @@ class _Sine(Activation):
         return np.sin(z)
 
     def relax(self, z: np.ndarray, near: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, ...]:
-        """See ``Activation``, and the module."""
         sine, cosine = np.sin(z), np.cos(z)
         size = near + noise
         square = size * size
         odd = np.abs(cosine) * (size * square * (1 / 24 + square / 120)) + 4 * SLACK * (1 + square)
         bend = sine * (square / 24 - 0.5)
-        line = np.abs(sine) * (square / 4) + odd
+        line = np.abs(sine) * (square / 4) + odd  # the band of the line; curve is that of the parabola
         half = noise * noise / 2
         fourth = np.abs(sine) * (square * square * (1 / 192 + square / 720))
         curve = fourth + np.abs(bend) * (2 * noise * near + half) + odd
@@ -186,7 +194,7 @@ auto relax_sin = [&](V z, V near, V noise, V& slope, V& mean, V& bend, V& spread
 
 
 def _sincos() -> str:
-    """A C lambda ``sincos(z, s, c)``: Taylor polynomials of the rest of z over pi, with the sign of that quotient's parity."""
+    """A C lambda ``sincos(z, s, c)``: Taylor polynomials at ``r = z - n pi``, n = round(z / pi), both negated where n is odd."""
     high, middle, low = (constant(part) for part in PI_PARTS)
     factorial = np.cumprod([1.0, *range(1, 17)])
     s_terms = [constant((-1) ** (k // 2) / factorial[k]) for k in range(1, 16, 2)]
@@ -209,11 +217,11 @@ auto sincos = [&](V z, V& s, V& c) {{
 def _polynomial_error() -> float:
     """Proven bound of ``|p(r) - sin r|`` on ``|r| <= REDUCED``, with p's coefficients as stored, no rounding.
 
-    On a grid of spacing h the difference D and its derivative are evaluated in float64; between grid points D moves by
-    at most ``h/2 max|D'|``, and D' by at most ``h/2 max|D''|``, where ``|D''|`` is bounded term by term.
+    On a grid of spacing h the error ``e(r) = p(r) - sin r`` and its derivative are evaluated in float64; between grid
+    points e moves by at most ``h/2 max|e'|``, and e' by at most ``h/2 max|e''|``, where ``|e''|`` is bounded term by term.
     """
     s1, s2, s3 = COEFFICIENTS
-    r = np.linspace(0.0, REDUCED, 1 << 16)  # the difference is odd
+    r = np.linspace(0.0, REDUCED, 1 << 16)  # e is odd
     h = float(r[1] - r[0])
     difference = r + s1 * r**3 + s2 * r**5 + s3 * r**7 - np.sin(r)
     slope = 1 + 3 * s1 * r**2 + 5 * s2 * r**4 + 7 * s3 * r**6 - np.cos(r)

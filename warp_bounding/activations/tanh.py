@@ -6,10 +6,10 @@ differ from device to device and promise nothing.
 
 The relaxation is linear, one slope on both sides, ``s = tanh'(q) = 1 - tanh(q)^2``: on an interval ``tanh x - s x``
 is extreme at the ends, or where ``tanh' x = s``, that is at q and -q, if they lie inside. So the values there give
-the tightest band of that slope, and any q is sound. In a narrow interval beside 0, q is the centre, elsewhere about
-where tanh is as steep as its chord. A slope that is off by the error e of the computed tanh has its extremes
-elsewhere, but inside the interval they are larger by no more than ``2 e 2 d``. Where the band is wider than that of
-slope 0, the latter is taken.
+the tightest band of that slope, and any q is sound. In a narrow interval that does not hold 0, q is the centre,
+elsewhere about where tanh is as steep as its chord. Where the slope is off by the error e of the computed tanh, the
+extremes lie elsewhere, but inside an interval of half-width d they are larger by no more than ``2 e 2 d``. Where the
+band of slope 0 is narrower, that is taken.
 """
 
 from functools import lru_cache
@@ -36,12 +36,13 @@ DENOMINATOR = tuple(
 DIVISION = 4  # roundings that a division counts for: correctly rounded it is one, CUDA's fast one errs by two units
 
 # The float64 tanh of bounds is 1 - 2 / (E + 1), E = exp(2 |x|) as the 64th power of a Taylor polynomial of degree 16,
-# |x| cut at 20. Remainder 1e-18; at most 4 u for the polynomial's positive terms, 64 times that and 63 u for the
-# squarings: E within 3.6e-14, relatively, so tanh within 2e-14 (and 9e-18 for the cut). NumPy's is better.
+# |x| cut at 20. The remainder is 1e-18; the polynomial's positive terms round by at most 4 u, the squarings make 64 times
+# that of it and add 63 u. So E has a relative error of at most 3.6e-14, and tanh an error of at most 2e-14 (and 9e-18 of
+# the cut). NumPy's tanh is better.
 SLACK = 1e-13
 CUT, SQUARINGS, DEGREE = 20.0, 6, 16
-NARROW = 1.0  # half-width up to which an interval beside 0 takes its centre
-FLATTER = 0.2  # how fast q falls behind the width, elsewhere
+NARROW = 1.0  # half-width up to which an interval that does not hold 0 takes its centre as q
+FLATTER = 0.2  # in other intervals q is divided by 1 + FLATTER times the half-width; any number is sound
 
 _P, _Q = wp.types.vector(length=4, dtype=float)(*NUMERATOR), wp.types.vector(length=5, dtype=float)(*DENOMINATOR)
 
@@ -74,7 +75,7 @@ class _Tanh(Activation):
         return z * numerator / denominator
 
     def error(self, limit: float) -> float:
-        """See ``Activation``; about 2e-6, whatever the limit."""
+        """Bound of ``|computed - tanh|``; about 2e-6, whatever the limit."""
         return _error()
 
     def value(self, z: np.ndarray) -> np.ndarray:
@@ -164,7 +165,7 @@ def _error() -> float:
     bent = (n2 * m0 + n0 * m2)[1:] / least**2 + 2 * (m1 * (n1 * m0 + n0 * m1))[1:] / least**3
     approximation = float(np.abs(n0 / m0 - np.tanh(x)).max()) + h * h / 8 * (float(bent.max()) + 0.77)
     approximation = max(approximation, abs(1.0 - float(n0[-1] / m0[-1]))) + 1e-14  # 1e-14: float64 evaluation
-    # What float32 makes of N and of M, against M's least value; once more for N = x P.
+    # The rounding of N and of M relative to M's least value; N = x P has one more, that of the product with x.
     n[1::2] *= [gamma(3 * k + 2) for k in range(len(NUMERATOR))]
     m[::2] *= [gamma(3 * k + 1) for k in range(len(DENOMINATOR))]
     above, below = (np.polynomial.Polynomial(c)(x)[1:] / least for c in (n, m))

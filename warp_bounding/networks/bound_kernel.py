@@ -1,11 +1,11 @@
-"""The bounds of ``Network.bound`` as one fused native kernel, float64, one box per SIMD lane; its plain twin is there."""
+"""The bounds of ``Network.bound`` as one fused native kernel: float64, one box per SIMD lane."""
 
 from functools import cache
 
 import numpy as np
 import warp as wp
 
-from warp_bounding.networks.bound_source import BLOCK, NetworkSizes, snippet
+from warp_bounding.networks.bound_source import BLOCK, NetworkShape, snippet
 from warp_bounding.networks.box_bounds import BoxBounds
 from warp_bounding.runtime.launch import launch_blocks
 from warp_bounding.runtime.native import named, unique_name
@@ -14,10 +14,10 @@ __all__ = ["bound_boxes", "double_array"]
 
 
 @cache
-def _kernel(sizes: NetworkSizes) -> wp.Kernel:
-    name = named(unique_name(sizes, "boxes"))
+def _kernel(shape: NetworkShape) -> wp.Kernel:
+    name = named(unique_name(shape, "boxes"))
 
-    @name.func_native(snippet(sizes))
+    @name.func_native(snippet(shape))
     def bound_block(
         boxes: wp.array(dtype=wp.float64),
         count: int,
@@ -77,7 +77,7 @@ def double_array(values: np.ndarray, device: wp.Device) -> wp.array:
 
 
 def bound_boxes(
-    sizes: NetworkSizes,
+    shape: NetworkShape,
     weights: np.ndarray,
     padding: np.ndarray,
     lower: np.ndarray,
@@ -89,12 +89,12 @@ def bound_boxes(
     """Bounds of a network over boxes.
 
     Args:
-        sizes: Of the hidden layers, and the chart.
-        weights: float64: per hidden layer biases ``(H,)``, weights ``(H, K)`` in row order and their absolute values, then the output's
-            bias and weights.
-        padding: float64, one number a layer, the output last: rounding that is set aside there.
-        lower: ``(N, Z)`` float64, numbers of the chart.
-        upper: ``(N, Z)`` float64.
+        shape: The network's shape, and the chart.
+        weights: ``Network.packed``: float64, per hidden layer biases ``(H,)``, weights ``(H, K)`` in row order and their
+            absolute values, then the output's bias and weights.
+        padding: ``Network.padding``: float64, a bound of what each layer's float64 arithmetic rounds, the output's last.
+        lower: ``(N, Z)`` float64, lower corners in the chart's numbers.
+        upper: ``(N, Z)`` float64, upper corners.
         numbers: float64 parameters of the chart.
         table: int32 parameters of the chart.
         device: Warp device.
@@ -109,16 +109,16 @@ def bound_boxes(
     outputs += [
         wp.empty(2 * count, dtype=wp.int32, device=device),
         wp.empty(count * size, dtype=wp.float64, device=device),
-        wp.empty(count * sizes.ndim, dtype=wp.float64, device=device),
+        wp.empty(count * shape.ndim, dtype=wp.float64, device=device),
         wp.empty(count, dtype=wp.float64, device=device),
     ]
     boxes, *parameters = (double_array(a, device) for a in held)
     if count:
         words = wp.array(np.zeros(1, np.int32) if table is None else table, dtype=wp.int32, device=device)
         inputs = [boxes, count, 0, *parameters, words]
-        launch_blocks(_kernel(sizes), count, inputs, outputs, device, first_index=2, block=BLOCK)
+        launch_blocks(_kernel(shape), count, inputs, outputs, device, first_index=2, block=BLOCK)
     least, value, axes, point, slope, level = (o.numpy() for o in outputs)
-    shapes = [(2, count), (count, size), (count,), (count, sizes.ndim), (count,)]
+    shapes = [(2, count), (count, size), (count,), (count, shape.ndim), (count,)]
     numbers = (axes, point, value, slope, level)
     (axis, next_axis), point, value, *linear = (part.reshape(s) for part, s in zip(numbers, shapes, strict=True))
     return BoxBounds(least, axis, point, value, next_axis, *linear, boxes.numpy().reshape(count, 2, size))

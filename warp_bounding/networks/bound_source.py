@@ -2,36 +2,47 @@
 
 A chart (``charts``) turns a box of numbers into the network's inputs, an affine function of ``zeta`` in [-1,
 1]^columns and noise. A thread takes a block of boxes through all layers and back without leaving its cache. Forwards,
-each neuron is a parabola or a line (``activations``) in the linear part of its argument, plus noise; backwards, the
-actual coefficients of the output weigh lines and parabolas, which so may cancel, and only the rest counts in absolute
-value. The arithmetic is ``(columns + 3) H^2`` multiply-adds a box for two layers of H neurons. Sums may be taken in
-any order and fused: the rounding that the network sets aside (``padding``, and ``BULK``) covers all of them, the
-activations' own slack their functions. ``Network.bound_plain`` is the plain twin.
+each neuron is a parabola or a line (``activations``) in the linear part of its argument, plus noise. Backwards, lines
+and parabolas are weighed by the output's actual coefficients, so that those of many neurons may cancel, and only the
+bands around them count in absolute value. The arithmetic is ``(columns + 3) H^2`` multiply-adds a box for two layers
+of H neurons. Sums may be taken in any order and fused: ``Network.padding`` and ``SQUARES_ROUNDING`` bound the float64
+rounding of all of them, and the relaxations add what the kernel's own sine and tanh err by. ``Network.bound_plain``
+computes the same in NumPy, for boxes of the inputs themselves (``PlainChart``): it knows no other chart and no
+constraint.
 
-The C itself stands in ``bound_text``; here it is put together for the sizes of a network and its chart.
+The C itself stands in ``bound_text``; here it is put together for the shape of a network and its chart.
 """
 
 from dataclasses import dataclass
 
 from warp_bounding.activations import activation_of
-from warp_bounding.activations.base import constant
+from warp_bounding.activations.base import constant, constants
 from warp_bounding.networks import bound_text as text
 from warp_bounding.networks.charts.base import Chart
-from warp_bounding.networks.inference import constants
 
-__all__ = ["BLOCK", "NetworkSizes", "body", "lanes_text", "load_text", "snippet"]
+__all__ = ["BLOCK", "NetworkShape", "body", "lanes_text", "load_text", "snippet"]
 
-BLOCK = 64  # boxes that one CPU thread of the kernel works on; CUDA: one
-HALVED = 0.3  # a relaxation's cost falls with the square of a box's width, or nearly so
-BULK = 1e-12  # of all squares: above the rounding of sums of up to 4000 of them
-# Share of the first layer's rates in the choice of an axis: where all behind it is saturated, they decide.
+BLOCK = 64  # boxes that a thread of the kernel works on, on a CPU; on CUDA it is one
+# Score of a number that has been halved once, relative to its score before: a relaxation's cost falls nearly with the
+# square of a box's width, so a little more than 1/4.
+HALVED = 0.3
+# Relative to the sum of the absolute terms of the quadratic form: above 4000 UNIT64, for up to 4000 neurons.
+SQUARES_ROUNDING = 1e-12
+# Weight of the first layer's rates in the choice of an axis: they decide only where all layers behind it are saturated.
 FIRST_LAYER = 1e-9
-ROWS, REGISTERS = 4, 28  # neurons that share each input as it is loaded; sums that are kept at a time
+ROWS = 4  # neurons that share each input as it is loaded
+REGISTERS = 28  # sums that are kept at a time, of the 32 vector registers of AVX-512
 
 
 @dataclass(frozen=True)
-class NetworkSizes:
-    """What the kernel depends on: ``(inputs, neurons, activation, leading linear rows)`` of each hidden layer."""
+class NetworkShape:
+    """What a kernel of bounds is compiled for.
+
+    Attributes:
+        ndim: Inputs K of the network.
+        layers: ``(inputs, neurons, activation's name, leading linear rows)`` of each hidden layer.
+        chart: How a box becomes inputs.
+    """
 
     ndim: int
     layers: tuple[tuple[int, int, str, int], ...]
@@ -40,34 +51,47 @@ class NetworkSizes:
     name = "network_bound"
 
 
-def lanes_text(sizes: NetworkSizes, inputs: str) -> tuple[str, str]:
+def lanes_text(shape: NetworkShape, inputs: str) -> tuple[str, str]:
     """What stands before the text of ``body``: types, tools and the chart's names, on a CPU and on CUDA.
 
     Args:
-        sizes: Of the network.
+        shape: What the kernel is compiled for.
         inputs: C statements that name the kernel's arrays.
     """
-    names = sorted({layer[2] for layer in sizes.layers})
+    names = sorted({layer[2] for layer in shape.layers})
     tools = "auto absolute = [&](V x) { return x < zero ? -x : x; };\n"
     tools += "".join(activation_of(name).relaxation() for name in names)
     return tuple(f"{types}{inputs}\n{tools}" for types in (text.CPU, text.CUDA))
 
 
-def body(sizes: NetworkSizes, tried: str = "true") -> str:
-    """From ``V low[], high[]`` to ``V least, value, valid, dead``, ``score[]``, ``owner[]``, ``z[]``, ``gradient[]``; weights at ``w``.
+def body(shape: NetworkShape, tried: str = "true") -> str:
+    """C statements that bound f over one box a lane.
+
+    They read the box ``V low[Z], high[Z]``, which the chart may shrink, the weights ``w`` (``Network.packed``), the
+    rounding ``padding`` of each layer and the chart's ``numbers`` and ``table``. They set, each of type ``V``:
+
+    * ``least``, a certified lower bound of f on the box, and ``level``, the constant of the linear bound;
+    * ``gradient[K]``, the slopes of the linear bound in the inputs;
+    * ``dead``, 1 where the box holds no positive, else 0;
+    * ``z[Z]``, a positive of the box, ``value``, f there, and ``valid``, 1 where there is one, else 0;
+    * ``score[C]``, how much halving each column should raise the bound, and ``owner[C]``, the number of z to halve for it.
+
+    The arrays of a hidden layer are explained at ``bound_text.LAYER``; ``back`` are the output's coefficients of its
+    neurons. Of the inputs, ``center``, ``gen``, ``noise`` and ``rest`` are explained in ``charts.base``. ``lost`` is
+    what noise takes from the bound, ``square`` the quadratic form in zeta, ``bulk`` the sum of its absolute terms.
 
     Args:
-        sizes: Of the network, and the chart.
+        shape: What the kernel is compiled for.
         tried: C condition under which f is evaluated where it looks lowest; else ``valid`` is 0.
     """
-    chart, layers = sizes.chart, sizes.layers
+    chart, layers = shape.chart, shape.layers
     squares = [(k, m) for k in range(chart.columns) for m in range(k, chart.columns)]
     places = [0]
     for inputs, neurons, _, _ in layers:
         places.append(places[-1] + neurons * (2 * inputs + 1))
     lines = [
-        constants(K=sizes.ndim, C=chart.columns, Z=chart.size, SQUARES=len(squares)),
-        f"constexpr double FIRST_LAYER = {constant(FIRST_LAYER)}, BULK = {constant(BULK)};",
+        constants(K=shape.ndim, C=chart.columns, Z=chart.size, SQUARES=len(squares)),
+        f"constexpr double FIRST_LAYER = {constant(FIRST_LAYER)}, SQUARES_ROUNDING = {constant(SQUARES_ROUNDING)};",
         "V least = zero, value = zero, valid = zero + 1.0, dead = zero, lost = zero, level = zero, bulk = zero;",
         f"V center[K], noise[K], rest[K], gen[{len(chart.pairs)}], h[K], z[Z], gradient[K];",
         "V score[C], slope[C], owner[C], square[SQUARES];",
@@ -76,9 +100,9 @@ def body(sizes: NetworkSizes, tried: str = "true") -> str:
         chart.owners(),
         "for (int k = 0; k < C; ++k) score[k] = zero;",
         "for (int i = 0; i < SQUARES; ++i) square[i] = zero;",
-        *(_forwards(sizes, index, places[index]) for index in range(len(layers))),
-        *_output(sizes, places[-1]),
-        *(_backwards(sizes, index, places[index]) for index in reversed(range(len(layers)))),
+        *(_forwards(shape, index, places[index]) for index in range(len(layers))),
+        *_output(shape, places[-1]),
+        *(_backwards(shape, index, places[index]) for index in reversed(range(len(layers)))),
     ]
     if chart.noisy:
         lines += [
@@ -92,28 +116,27 @@ def body(sizes: NetworkSizes, tried: str = "true") -> str:
     lines += [f"slope[{k}] = {_product(chart, k, 'gradient[{i}]')};" for k in range(chart.columns)]
     lines += [_constrain(chart, start, factors) for start, factors in chart.constraints()]
     lines += ["{", text.CLOSE, "}"]
-    lines += [f"if ({tried}) {{", chart.realize(), *_value(sizes, places), "} else { valid = zero; }"]
+    lines += [f"if ({tried}) {{", chart.realize(), *_value(shape, places), "} else { valid = zero; }"]
     return "\n".join(lines)
 
 
 def _product(chart: Chart, column: int, of: str) -> str:
-    """C sum over the inputs i of something times their generators of a column, which are sparse."""
+    """C sum over the inputs i of ``of`` times their generators of a column; generators that are always 0 are left out."""
     pairs = enumerate(chart.pairs)
     return " + ".join(f"{of.format(i=i)} * gen[{entry}]" for entry, (i, k) in pairs if k == column)
 
 
-def _layer(sizes: NetworkSizes, index: int, at: int) -> str:
-    """C names of what a layer is."""
-    inputs, neurons, activation, linear = sizes.layers[index]
+def _layer(shape: NetworkShape, index: int, at: int) -> str:
+    inputs, neurons, activation, linear = shape.layers[index]
     own = constants(INPUTS=inputs, NEURONS=neurons, LINEAR=linear, AT=at, BENDS=int(activation_of(activation).bends))
     return f"{own} (void)LINEAR; (void)AT; (void)BENDS; auto& own = layer{index}; (void)own;"
 
 
-def _forwards(sizes: NetworkSizes, index: int, at: int) -> str:
+def _forwards(shape: NetworkShape, index: int, at: int) -> str:
     """One hidden layer's means, slopes, spreads and generators, from those of the layer below or from the chart's."""
-    chart, (_, neurons, activation, _) = sizes.chart, sizes.layers[index]
+    chart, (_, neurons, activation, _) = shape.chart, shape.layers[index]
     declared = text.LAYER.replace("LAYER", f"layer{index}").replace("NEURONS", str(neurons))
-    lines = [declared, "{", _layer(sizes, index, at), f"auto& relax = relax_{activation};"]
+    lines = [declared, "{", _layer(shape, index, at), f"auto& relax = relax_{activation};"]
     lines.append(f"const double* b = w + AT; const double* weight = b + NEURONS; const double pad = padding[{index}];")
     if index == 0:
         generators = " ".join(f"g[{k}] = {_product(chart, k, 'x[{i}]')};" for k in range(chart.columns))
@@ -131,9 +154,9 @@ def _forwards(sizes: NetworkSizes, index: int, at: int) -> str:
     return "\n".join([*lines, "}"])
 
 
-def _output(sizes: NetworkSizes, at: int) -> list[str]:
-    """The output, whose bias and weights stand at ``at``: its coefficients, and the bound as far as means tell."""
-    last, count = len(sizes.layers) - 1, sizes.layers[-1][1]
+def _output(shape: NetworkShape, at: int) -> list[str]:
+    """The output, whose bias and weights stand at ``at``: its coefficients, and f where all neurons are at their means."""
+    last, count = len(shape.layers) - 1, shape.layers[-1][1]
     return [
         f"V back{last}[{count}]; least = zero + (w[{at}] - padding[{last + 1}]);",
         f"for (int j = 0; j < {count}; ++j) {{ const double x = w[{at + 1} + j];",
@@ -141,10 +164,10 @@ def _output(sizes: NetworkSizes, at: int) -> list[str]:
     ]
 
 
-def _backwards(sizes: NetworkSizes, index: int, at: int) -> str:
-    below = f"V back{index - 1}[{sizes.layers[index][0]}];" if index else ""
+def _backwards(shape: NetworkShape, index: int, at: int) -> str:
+    below = f"V back{index - 1}[{shape.layers[index][0]}];" if index else ""
     names = f"V* to = {f'back{index - 1}' if index else 'gradient'}; const V* back = back{index};"
-    return "\n".join([below, "{", _layer(sizes, index, at), names, text.BACKWARDS, "}"])
+    return "\n".join([below, "{", _layer(shape, index, at), names, text.BACKWARDS, "}"])
 
 
 def _constrain(chart: Chart, start: str, factors: list[tuple[int, str]]) -> str:
@@ -158,17 +181,17 @@ def _constrain(chart: Chart, start: str, factors: list[tuple[int, str]]) -> str:
     return "\n".join([f"{{ {names} const V excess = {start}; const V q[M] = {{{values}}};", text.CONSTRAIN, "}"])
 
 
-def _value(sizes: NetworkSizes, places: list[int]) -> list[str]:
-    """From the inputs ``h`` to ``value``; the numbers of hidden layers and of the output stand at ``places``."""
+def _value(shape: NetworkShape, places: list[int]) -> list[str]:
+    """C statements from the inputs ``h`` to ``value``; numbers of hidden layers and output stand at ``places`` in ``w``."""
     source, lines = "h", []
-    for index, (_, neurons, activation, _) in enumerate(sizes.layers):
+    for index, (_, neurons, activation, _) in enumerate(shape.layers):
         names = f"const V* x = {source}; V* y = y{index}; const double* b = w + AT; auto& act = act_{activation};"
-        lines += [f"V y{index}[{neurons}];", "{", _layer(sizes, index, places[index]), names]
+        lines += [f"V y{index}[{neurons}];", "{", _layer(shape, index, places[index]), names]
         for first, rows, blocks in _blocks(neurons):
             lines += ["{", constants(FIRST=first, R=rows, BLOCKS=blocks), text.VALUES, "}"]
         lines.append("}")
         source = f"y{index}"
-    at, count = places[-1], sizes.layers[-1][1]
+    at, count = places[-1], shape.layers[-1][1]
     return [
         *lines,
         f"value = zero + w[{at}];",
@@ -193,12 +216,12 @@ def load_text(source: str, row: str) -> str:
     )
 
 
-def snippet(sizes: NetworkSizes) -> str:
-    """The body of the native function ``bound_block`` of ``bound_kernel``: one block of boxes on a CPU, one box on CUDA."""
+def snippet(shape: NetworkShape) -> str:
+    """The body of the native function ``bound_block`` in ``bound_kernel``: one block of boxes on a CPU, one box on CUDA."""
     names = "const double* w = weights.data; const double* padding = paddings.data; double* rows = boxes.data;\n"
-    names += constants(BOX=sizes.chart.size, BLOCK=BLOCK) + f" constexpr double HALVED = {constant(HALVED)};"
-    cpu, cuda = lanes_text(sizes, names)
-    bounds = body(sizes)
+    names += constants(BOX=shape.chart.size, BLOCK=BLOCK) + f" constexpr double HALVED = {constant(HALVED)};"
+    cpu, cuda = lanes_text(shape, names)
+    bounds = body(shape)
     return f"""
 #if !defined(__CUDA_ARCH__)
 {cpu}

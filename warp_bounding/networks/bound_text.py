@@ -1,8 +1,8 @@
-"""The C of bounds over boxes, as it stands: from ``V low[], high[]``, a box a lane, to its bound, layer by layer and back.
+"""The C text of bounds over boxes: from ``V low[], high[]``, a box a lane, to its bound, layer by layer and back.
 
-What a text calls by capitals are constants, written in front of it, or other texts. K are the inputs and C the
-columns of the network's chart, Z the numbers of a box; of a layer there are INPUTS and NEURONS, LINEAR leading ones
-are passed through, and its numbers begin AT an index of ``w``.
+Names in capitals are constants that are written in front of a text, or other texts. The network's chart has K inputs
+and C columns, and Z numbers a box. A layer has INPUTS and NEURONS, of which the LINEAR leading ones are passed through,
+and its numbers begin at the index AT of ``w``.
 """
 
 __all__ = [
@@ -37,9 +37,11 @@ auto root = [](V x) { return sqrt(x); };
 """
 
 
-# What is known of a layer's neurons: h = mean + slope (l + y) + bend l^2 +- spread, with l = rate . zeta, |l| <= near,
-# and noise y of the layers below, |l + y| <= width; part is slope times rate. Arrays apart, so
-# that the compiler drops those that nobody reads.
+# What is known of a layer's neurons. The argument of each is a centre plus l + y: l = rate . zeta is linear, |l| <= near,
+# y is all that is not linear in the layers below, and |l + y| <= width, rounding included. The output is
+#     h = mean + slope l + bend (l^2 - near^2 / 2) + y', |y'| and the parabola together at most noise;
+# spread is what the activation's own relaxation adds to y', and part = slope rate is the linear part of h. The arrays
+# are declared one by one, so that the compiler drops those that nobody reads.
 LAYER = """
 V LAYER_mean[NEURONS], LAYER_noise[NEURONS], LAYER_width[NEURONS], LAYER_slope[NEURONS], LAYER_spread[NEURONS];
 V LAYER_near[NEURONS], LAYER_bend[NEURONS], LAYER_rate[C][NEURONS], LAYER_part[C][NEURONS];
@@ -50,8 +52,8 @@ const struct {
 };
 """
 
-# Neuron j from its centre z, its generators g and the noise of the layers below: the activation is m + s (l + y) + k
-# l^2 +- e, and what is passed on has its centre at m + k near^2 / 2.
+# Neuron j from the centre z of its argument, its generators g (rate) and the largest |y|, from: the activation is
+# m + s (l + y) + k2 l^2 +- e, and what is passed on has its centre at m + k2 near^2 / 2.
 NEURON = """
 V near = zero;
 for (int k = 0; k < C; ++k) { own.rate[k][j] = g[k]; near += absolute(g[k]); }
@@ -109,8 +111,9 @@ for (int t = 0; t < BLOCKS; ++t) {
 }
 """
 
-# Backwards through a layer: its lines and parabolas weighed by the output's coefficients back, what each neuron's rest
-# costs, whose fault that is, and the coefficients gradient of what it computes with.
+# Backwards through a layer: its lines and parabolas are weighed by back, the output's coefficients of its neurons; what
+# each neuron's spread costs is taken from least and charged to the columns that caused it (score); to receives the
+# output's coefficients of what the layer computes with.
 BACKWARDS = """
 for (int i = 0; i < INPUTS; ++i) to[i] = zero;
 for (int j = 0; j < NEURONS; ++j) {
@@ -138,7 +141,8 @@ for (int j = 0; j < NEURONS; ++j) {
 
 # A constraint excess + q . zeta <= 0 on the columns OF, M of them, added to the linear bound with the multiplier that
 # serves it best. For any multiplier t >= 0 the bound least - sum |slope + t q| + t excess holds at all points that obey
-# the constraint; it is concave in t, and largest where an entry of slope + t q vanishes, or at 0.
+# the constraint; it is concave in t, and largest where an entry of slope + t q vanishes, or at 0. Relative to the sum of
+# the absolute terms, 1e-14 is above the rounding of the few operations here.
 CONSTRAIN = """
 V best = zero, gain = zero, before = absolute(slope[OF[0]]);
 for (int j = 1; j < M; ++j) before += absolute(slope[OF[j]]);
@@ -156,8 +160,9 @@ for (int k = 0; k < M; ++k) slope[OF[k]] += best * q[k];
 least += best * excess - (best * absolute(excess) + before + 1.0) * 1e-14;
 """
 
-# The quadratic form over the cube, entry by entry, the diagonal with the slopes: the least of slope zeta + square
-# zeta^2 is at an end, or for square > 0 in between.
+# The least of the quadratic form over |zeta| <= 1, entry by entry. Entries off the diagonal count in absolute value. An
+# entry q >= 0 of the diagonal goes with its slope, the least of -s |zeta| + q zeta^2 being at zeta = s / (2 q) if that is
+# less than 1, else at the end; a negative one is least at the end.
 CLOSE = """
 int entry = 0;
 #pragma unroll
@@ -169,7 +174,7 @@ for (int k = 0; k < C; ++k) {
         else { least -= q; score[k] += q * 0.5; score[m] += q * 0.5; }
     }
 }
-least -= bulk * BULK; level = least;
+least -= bulk * SQUARES_ROUNDING; level = least;
 entry = 0;
 #pragma unroll
 for (int k = 0; k < C; entry += C - k, ++k) {
@@ -211,7 +216,7 @@ least_out.data[o] = LANE(dead) != 0.0 ? INFINITY : LANE(least);
 value_out.data[o] = LANE(valid) != 0.0 && LANE(dead) == 0.0 ? LANE(value) : INFINITY;
 level_out.data[o] = LANE(level);
 axes.data[o] = axis;
-double next = -1.0; int second = axis; // the number to halve after it: what it owns is halved by then
+double next = -1.0; int second = axis; // the number to halve next, when the columns that axis owns are halved
 for (int k = 0; k < C; ++k) {
     const double s = LANE(score[k]) * ((int)LANE(owner[k]) == axis ? HALVED : 1.0);
     if (s > next) { next = s; second = (int)LANE(owner[k]); }

@@ -15,10 +15,11 @@ class BoxBounds(NamedTuple):
         axis: ``(N,)`` int, the axis along which halving the box helps the bound most.
         point: ``(N, m)`` float64, a point of the box where ``f`` is likely to be least; of a chart, a positive.
         value: ``(N,)`` float64, ``f`` there; infinity where a box of a chart holds no positive.
-        next_axis: ``(N,)`` int, the axis to halve after ``axis``; this and what follows is ``None`` where it is not known.
-        slope: ``(N, K)``, of a network: slopes in its inputs.
-        level: ``(N,)``, of a network: ``f >= level + slope . (v - center)`` on the box (inputs that are the chart's numbers themselves).
-        boxes: ``(N, 2, m)``, of a network: corners of what is left where its chart cuts off what holds no positive.
+        next_axis: ``(N,)`` int, the axis to halve after ``axis``; this and the attributes below may be ``None``.
+        slope: ``(N, K)``, networks only: slopes of a linear bound in the network's inputs.
+        level: ``(N,)``, networks only: where the chart's numbers are the inputs themselves, ``f >= level + slope .
+            (v - center)`` on the box.
+        boxes: ``(N, 2, m)``, networks only: corners of the boxes without what the chart cut off, which holds no positive.
     """
 
     lower: np.ndarray

@@ -21,16 +21,18 @@ class Head:
     """One output, which is f.
 
     Attributes:
-        outputs: Of the network.
-        offsets: Numbers of ``v``, its last ones, that the outputs are compared with; the others enter the network.
+        outputs: Number of the network's outputs.
+        offsets: Number of last entries of ``v`` that the outputs are compared with; the others enter the network.
+        finish: C statements from the first two outputs, ``f`` and ``other``, to ``f``; ``OFFSET`` is the index of the offset
+            in ``v``.
     """
 
     outputs = 1
     offsets = 0
-    finish = ""  # C statements from ``f`` and ``other``, the first two outputs, to ``f``; ``OFFSET`` is the index of the offset in ``v``
+    finish = ""
 
     def value(self, networks: "list[Network]", v: np.ndarray) -> np.ndarray:
-        """Exact f ``(N,)`` of coordinates ``(N, n)``, float64; one network an output."""
+        """Exact f ``(N,)`` of coordinates ``(N, n)``, float64; ``networks`` has one for each output."""
         return networks[0](v)
 
     def rounding(self, networks: "list[Network]", limit: np.ndarray) -> float:

@@ -13,13 +13,14 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.activations import SINE, activation_of
+from warp_bounding.activations.base import constants
 from warp_bounding.kernels.source import Lanes, Source
 from warp_bounding.networks.heads import Head, head_of
 from warp_bounding.networks.plain import plain_network
 
 __all__ = ["MlpSource", "head_numbers", "layer_numbers", "padded"]
 
-ALIGN = 8  # floats, one vector: rows of the neuron-major copy are padded to it
+ALIGN = 8  # floats: rows of the neuron-major copy are padded to a multiple of one AVX vector
 
 # From the coordinates v to the inputs h0: themselves, and the FEATURES sines of the positional encoding; its biases
 # stand first, then N weights of each feature.
@@ -98,12 +99,12 @@ class MlpSource(Source):
 
     packed = True
     exits: ClassVar[tuple[int, ...]] = ()
-    # Two registers a block: each weight that is loaded serves both.
+    # Lanes of a block, two registers: each weight that is loaded serves both.
     width: ClassVar[dict[str, int]] = {"avx512": 32, "other": 16}
 
     @property
     def head(self) -> Head:
-        """What the outputs become."""
+        """How the outputs become f."""
         return head_of(self.query)
 
     @property
@@ -123,7 +124,7 @@ class MlpSource(Source):
 
     @property
     def places(self) -> list[int]:
-        """Where in the numbers each layer's copies begin, and at last where the output stands."""
+        """Index in the numbers at which each layer's copies begin, and last that of the output."""
         places = [self.features * (self.raw + 1)]
         for k, h in self.layers:
             places.append(places[-1] + h * (k + 1) + _filling(h, k) + padded(h) * (k + 1))
@@ -136,7 +137,6 @@ class MlpSource(Source):
         return [(place + h * (k + 1) + _filling(h, k), padded(h)) for place, (k, h) in starts]
 
     def plain(self) -> wp.Function:
-        """See ``Source.plain``."""
         return plain_network(self)
 
     def head_size(self, index: int) -> int:
@@ -146,7 +146,6 @@ class MlpSource(Source):
     # --- a query in each lane ----------------------------------------------------------------------------------------
 
     def body(self, lanes: Lanes) -> str:
-        """See ``Source.body``; one query per lane."""
         return self.chain(lanes, len(self.hidden), self.places[-1])
 
     def chain(self, lanes: Lanes, depth: int, head: int) -> str:
@@ -181,7 +180,6 @@ class MlpSource(Source):
     # --- one query on a CPU, a neuron in each lane -------------------------------------------------------------------
 
     def function_body(self) -> str:
-        """See ``Source.function_body``."""
         last = len(self.hidden) - 1
         layers = (self.function_layer(index) for index in range(last + 1))
         return "\n".join([self.function_encode(), *layers, self.function_head(last, self.places[-1])])
@@ -226,11 +224,6 @@ def _function(name: str, activation, lanes: Lanes, type_: str = "V") -> str:
     """A C lambda of an activation."""
     own = "" if type_ == "V" else f"typedef {type_} V;"
     return f"auto {name} = [&]({type_} z) {{ {own} V h; {activation.statement(lanes, 'h', 'z')} return h; }};"
-
-
-def constants(**values: int) -> str:
-    """C constants, by name."""
-    return f"constexpr int {', '.join(f'{name} = {value}' for name, value in values.items())};"
 
 
 def padded(neurons: int) -> int:

@@ -1,23 +1,23 @@
 """A small network as numbers: layers, their exact evaluation, and bounds over boxes.
 
-Hidden layer: ``h' = act(W h + b)``, act one of ``activations``; the output is linear. An optional positional encoding
-puts fixed features ``[v, sin(F v + g)]`` before the first layer; it is a sine layer whose first rows pass ``v``
+A hidden layer computes ``h' = act(W h + b)``, act one of ``activations``; the output is linear. An optional positional
+encoding puts fixed features ``[v, sin(F v + g)]`` before the first layer: a sine layer whose first rows pass ``v``
 through.
 
-Bounds use one relaxation per neuron with the *same* slope on both sides, ``act(z + x) in mean + slope x + [-e, e]``
-(a zonotope's; Singh et al., *Fast and Effective Robustness Certification*, 2018), and for the sine a parabola in the
-linear part l of x besides, ``bend l^2`` (``activations.sine``). With equal slopes layers compose exactly: only the
-half-widths e remain. For the output they, lines and parabolas are carried back through the actual coefficients
-(backward substitution, as in CROWN, Zhang et al. 2018): parabolas of many neurons cancel to a large part, so that
-what is left in small boxes is of third order in their size. For pre-activations behind the second hidden layer all
-that is not linear is taken in absolute value. Any slope and any parabola is sound; tightness alone depends on it.
+Bounds relax the activation of each neuron at ``z + x``, ``x = l + y``, where l is linear in the box's coordinates and y
+is all that is not: it lies within ``spread`` of ``mean + slope x + bend l^2`` (``Activation.relax``). The slope is the
+same above and below, as in a zonotope (Singh et al., *Fast and Effective Robustness Certification*, 2018), so layers
+compose exactly but for the spreads. Forwards, only centres, linear parts and half-widths of the rest are kept.
+Backwards, the output's actual coefficients are carried down (CROWN, Zhang et al. 2018): slopes and parabolas of many
+neurons cancel, and only spreads are added in absolute value, so that on small boxes the bound is off by the third power
+of their width. Any slope and any parabola is sound; they decide only how tight the bound is.
 """
 
 import numpy as np
 
 from warp_bounding.activations import SINE, activation_of
 from warp_bounding.networks.bound_kernel import bound_boxes
-from warp_bounding.networks.bound_source import BULK, NetworkSizes
+from warp_bounding.networks.bound_source import SQUARES_ROUNDING, NetworkShape
 from warp_bounding.networks.box_bounds import BoxBounds
 from warp_bounding.networks.charts.base import Chart, PlainChart
 from warp_bounding.networks.rounding import Layer, measure
@@ -35,8 +35,10 @@ class Network:
         limit: ``(n,)``, largest ``|v|`` that is ever asked for.
 
     Attributes:
-        rounding: E, error of any float32 evaluation.
+        padding: Bounds of what each layer's float64 arithmetic in ``bound`` rounds, the output's last.
+        rounding: E, a bound of the error of any float32 evaluation.
         largest: Bound of ``|f|``.
+        packed: The weights as ``bound_boxes`` reads them.
 
     Raises:
         BounderError: If an argument can leave the range in which the kernels' activation is certified.
@@ -56,17 +58,12 @@ class Network:
         self.output = Layer(layers[-1][0].astype(np.float64), layers[-1][1].astype(np.float64), None)
         self.padding, self.rounding, self.largest = measure([*self.hidden, self.output], self.limit)
         parts = [part for x in self.hidden for part in (x.bias, x.weight.reshape(-1), np.abs(x.weight).reshape(-1))]
-        self._packed = np.concatenate([*parts, self.output.bias, self.output.weight[0]])
+        self.packed = np.concatenate([*parts, self.output.bias, self.output.weight[0]])
 
-    @property
-    def packed(self) -> np.ndarray:
-        """Weights as ``bound_boxes`` reads them."""
-        return self._packed
-
-    def sizes(self, chart: Chart | None = None) -> NetworkSizes:
-        """What the kernels of bounds depend on; boxes of the inputs themselves if there is no chart."""
+    def kernel_shape(self, chart: Chart | None = None) -> NetworkShape:
+        """What kernels of bounds are compiled for; boxes are of the inputs themselves if there is no chart."""
         layers = tuple((x.weight.shape[1], x.weight.shape[0], x.activation.name, x.linear) for x in self.hidden)
-        return NetworkSizes(len(self.limit), layers, chart or PlainChart(len(self.limit)))
+        return NetworkShape(len(self.limit), layers, chart or PlainChart(len(self.limit)))
 
     def __call__(self, v: np.ndarray) -> np.ndarray:
         """``f`` of ``(N, n)`` float64 coordinates, ``(N,)`` float64."""
@@ -78,42 +75,27 @@ class Network:
         return (h @ self.output.weight.T + self.output.bias)[:, 0]
 
     def padding_for(self, limit: np.ndarray) -> np.ndarray:
-        """The float64 rounding of bounds, per layer, over inputs of this size ``(n,)``.
-
-        Raises:
-            BounderError: See class.
-        """
+        """``padding`` where bounds are asked for inputs up to ``|v| <= limit``, ``(n,)``; errors are those of the class."""
         return np.array(measure([*self.hidden, self.output], limit).padding)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        """Lower bounds of f over boxes of its inputs, by the fused kernel (``bound_plain`` is its twin).
-
-        Args:
-            lower: ``(N, n)`` float64.
-            upper: ``(N, n)`` float64.
-
-        Returns:
-            See ``BoxBounds``; ``f >= level + slope . (v - center)`` on the box.
-        """
-        return bound_boxes(self.sizes(), self._packed, np.array(self.padding), lower, upper)
+        """Lower bounds of f over boxes of its inputs, ``(N, n)`` float64 corners, by the fused kernel."""
+        return bound_boxes(self.kernel_shape(), self.packed, np.array(self.padding), lower, upper)
 
     def bound_plain(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Lower bounds of f over boxes, in NumPy.
-
-        Args:
-            lower: ``(N, n)`` float64.
-            upper: ``(N, n)`` float64.
+        """The plain twin of ``bound`` in NumPy.
 
         Returns:
-            ``(N,)`` certified lower bounds (float64 rounding subtracted), ``(N,)`` axis whose halving should help most, and
-            ``(N, n)`` the corner where the linear part is least.
+            ``(N,)`` certified lower bounds (float64 rounding subtracted), ``(N,)`` the axes whose halving should help most,
+            and ``(N, n)`` the corners where the linear part is least.
         """
         center, radius = (lower + upper) / 2, (upper - lower) / 2
         mean, slope, noise = center, None, 0.0
-        trace = []  # per hidden layer: generators g of z, near, width of z, slope, bend, spread
+        trace = []  # per hidden layer: parts, near, width of the arguments, slope, bend, spread
         for index, layer in enumerate(self.hidden):
-            # h = mean + slope * (sum_k g_k zeta_k) + bend * (near'^2 - near^2 / 2) + noise; what is not linear is
-            # bounded entry by entry
+            # With l = sum_k parts[k] zeta_k, |zeta_k| <= 1 and |l| <= near, the layer's output is
+            # h = mean + slope l + bend (l^2 - near^2 / 2) + y; y and the parabola together are at most ``noise``, which
+            # goes through the next layer in absolute value.
             z = mean @ layer.weight.T + layer.bias
             if index == 0:
                 parts = [column * radius[:, k, None] for k, column in enumerate(layer.weight.T)]
@@ -129,26 +111,28 @@ class Network:
             trace.append((parts, near, near + noise + pad, slope, bend, spread))
             mean, noise = mean + bend * half, np.abs(slope) * noise + np.abs(bend) * half + spread
         least = mean @ self.output.weight[0] + self.output.bias[0] - self.padding[-1]
-        # Backwards: lines and parabolas weighed by the output's coefficients, and what each neuron's rest costs and
-        # whose fault it is.
+        # Backwards: lines and parabolas are weighed by the output's coefficients. What the neurons' spreads cost is charged
+        # to the inputs whose width causes it (score).
         n = center.shape[1]
         coefficient = np.broadcast_to(self.output.weight[0], slope.shape)
         score, square = np.zeros_like(center), np.zeros((len(center), n, n))
         for index, (parts, near, width, slope, bend, spread) in reversed(list(enumerate(trace))):
-            loss, bow = np.abs(coefficient) * spread, coefficient * bend
-            least -= loss.sum(axis=1) + (bow * near * near / 2).sum(axis=1)
-            least -= BULK * (np.abs(bow) * near * near).sum(axis=1)
+            loss, curved = np.abs(coefficient) * spread, coefficient * bend
+            least -= loss.sum(axis=1) + (curved * near * near / 2).sum(axis=1)
+            least -= SQUARES_ROUNDING * (np.abs(curved) * near * near).sum(axis=1)
             for k in range(n):
                 score[:, k] += (loss / width * np.abs(parts[k])).sum(axis=1)
                 for m in range(n):
-                    square[:, k, m] += (bow * parts[k] * parts[m]).sum(axis=1)
+                    square[:, k, m] += (curved * parts[k] * parts[m]).sum(axis=1)
             coefficient = (coefficient * slope) @ self.hidden[index].weight
         corner = np.where(coefficient > 0, lower, upper)
-        slope, size = np.abs(coefficient * radius), np.abs(square)
-        diagonal = np.einsum("nkk->nk", square)
+        # Over |zeta| <= 1, entries of the quadratic form off the diagonal count in absolute value. The least of
+        # -tilt |zeta| + up zeta^2 is at zeta = tilt / (2 up) if that is less than 1, else at the end.
+        tilt, size = np.abs(coefficient * radius), np.abs(square)
+        diagonal = np.einsum("bkk->bk", square)
         score += size.sum(axis=2)
         least -= size.sum(axis=(1, 2)) - np.maximum(diagonal, 0).sum(axis=1)
         up = np.maximum(diagonal, 0)
-        inner = -(slope**2) / (4 * np.where(up > 0, up, 1.0))
-        least += np.where(slope < 2 * up, inner, up - slope).sum(axis=1)
+        inner = -(tilt**2) / (4 * np.where(up > 0, up, 1.0))
+        least += np.where(tilt < 2 * up, inner, up - tilt).sum(axis=1)
         return least, np.argmax(score, axis=1), corner

@@ -1,7 +1,7 @@
 """What a network rounds: the error of any float32 evaluation, and that of bounds in float64, layer by layer.
 
 The error model is that of ``arithmetic``: a sum of K products in any order, fused or not. Activations have slopes
-between -1 and 1, so what a layer's sums are off by is passed on undiminished, and each activation adds its own
+between -1 and 1, so an error of a layer's sums is passed on undiminished at worst, and each activation adds its own
 ``error``.
 """
 
@@ -24,8 +24,8 @@ class Layer:
     Attributes:
         weight: ``(H, K)``.
         bias: ``(H,)``.
-        activation: None behind the output.
-        linear: This many leading rows are passed through.
+        activation: ``None`` for the output.
+        linear: Number of leading rows to which no activation is applied.
     """
 
     weight: np.ndarray
@@ -38,9 +38,9 @@ class Rounding(NamedTuple):
     """What a network rounds.
 
     Attributes:
-        padding: Per layer, the output last: float64 rounding of anything that bounds compute there.
-        error: E, of any float32 evaluation of the output.
-        largest: Bound of the output's size.
+        padding: Per layer, the output last: a bound of what float64 rounds in anything that bounds compute there.
+        error: E, a bound of the error of any float32 evaluation of the output.
+        largest: Bound of the output's absolute value.
     """
 
     padding: list[float]
@@ -51,6 +51,13 @@ class Rounding(NamedTuple):
 def measure(layers: list[Layer], limit: np.ndarray) -> Rounding:
     """Walk through the layers once.
 
+    Of a layer, ``largest`` bounds the exact |z|, ``computed`` the sum of the absolute terms that float32 adds up, and
+    ``rounding`` the distance of the computed z from the exact one. For bounds in float64, ``operations`` is more than
+    the roundings on any path so far: in each layer at most 4 sums of ``terms`` products (centre, linear parts, noise,
+    and the way back), and fewer than 32 operations of a relaxation; 16 are left for the chart and the last steps.
+    ``chain`` bounds the sum of absolute terms on such a path, with activations of slope 1; a centre exceeds a mean by
+    half of a parabola's height, which the term 1.0 of each layer and 4.0 at the end are room for.
+
     Args:
         layers: The output last.
         limit: ``(n,)``, largest size of the inputs, which are exact.
@@ -59,11 +66,7 @@ def measure(layers: list[Layer], limit: np.ndarray) -> Rounding:
         BounderError: If float32 sums may overflow, or an argument can leave the range in which its activation is certified.
     """
     size, error = limit.copy(), np.zeros_like(limit)  # of h: largest absolute value; error of the computed h
-    padding, operations, chain = (
-        [],
-        16,
-        limit.copy(),
-    )  # chain: sums of absolute terms, activations of slope 1 in between
+    padding, operations, chain = [], 16, limit.copy()
     for index, layer in enumerate(layers):
         terms, weight = layer.weight.shape[1], np.abs(layer.weight)
         largest = weight @ size + np.abs(layer.bias)
@@ -89,4 +92,5 @@ def measure(layers: list[Layer], limit: np.ndarray) -> Rounding:
         size = largest if activation.largest is None else np.full_like(largest, activation.largest)
         error[: layer.linear] = 0.0  # copied, not computed
         size[: layer.linear] = limit[: layer.linear]
+    # 1e-6 is far above what this function itself rounds in float64.
     return Rounding(padding, float(rounding[0]) * (1 + 1e-6), float(largest[0]) * (1 + 1e-6))

@@ -24,7 +24,7 @@ from warp_bounding.proof.covers.monotone_box import of_points
 from warp_bounding.proof.least import charted
 from warp_bounding.proof.prove import as_fitted, mismatch, other_claim, outside
 from warp_bounding.proof.search.best_first import halve, minimum
-from warp_bounding.proof.search.depth_first import Charted
+from warp_bounding.proof.search.depth_first import ChartedPositives
 from warp_bounding.queries import QUERIES, oracle
 from warp_bounding.runtime.launch import working_seconds
 
@@ -238,7 +238,7 @@ def _check_best_first(bounder: Bounder, grid: IndicatorGrid, target: float, seco
 
 
 def _check_charted(
-    bounder: Bounder, grid: IndicatorGrid, cover: Charted, target: float, seconds: float, progress
+    bounder: Bounder, grid: IndicatorGrid, cover: ChartedPositives, target: float, seconds: float, progress
 ) -> _Checked:
     """The positives of a network as boxes of a chart."""
     deadline, least, boxes = working_seconds() + seconds, np.inf, 0

@@ -6,7 +6,6 @@ chart the search is best first: planes over their normals, a monotone network's 
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.search.best_first import Search, minimum
-from warp_bounding.proof.search.depth_first import Charted, charted_minimum
+from warp_bounding.proof.search.depth_first import ChartedPositives, charted_minimum
 from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["charted", "least_value"]
@@ -23,7 +22,7 @@ __all__ = ["charted", "least_value"]
 CENTERS = 64  # about how many cells' centres a search begins with, where it is given no points
 
 
-def charted(bounder: Bounder, grid: IndicatorGrid) -> Charted | None:
+def charted(bounder: Bounder, grid: IndicatorGrid) -> ChartedPositives | None:
     """The positives of a network as boxes of a chart; ``None`` where the proof has no chart.
 
     Args:
@@ -58,5 +57,4 @@ def least_value(
     if points is None or not len(points):
         centers = grid.position(grid.occupied[:: max(1, len(grid.occupied) // CENTERS)].astype(np.float64))
         points = kind.at_points(bounder.domain.base.to_local(centers), bounder.domain)
-    search = charted_minimum(found, upper=float(bounder.reference(points).min()), **limits)
-    return replace(search, worst=found.coordinates(search.worst), numbers=search.worst)
+    return charted_minimum(found, upper=float(bounder.reference(points).min()), **limits)

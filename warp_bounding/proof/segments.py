@@ -100,7 +100,7 @@ class _Part:
 
     def __init__(self, part: Mlp):
         network = part.network
-        self.sizes, self.part = network.sizes(SegmentChart(part.ndim)), part
+        self.shape, self.part = network.kernel_shape(SegmentChart(part.ndim)), part
         self.weights = network.packed.copy()
         self.weights[-1 - network.output.weight.shape[1] :] *= -1.0  # the output layer's, so that -f is bounded
         self.padding = network.padding_for(part.domain.limit.astype(np.float64) * (1 + 2 * INSIDE))
@@ -108,7 +108,7 @@ class _Part:
 
     def clears(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """``(N,)`` bool: pieces on which f is proven to stay under threshold + E."""
-        return bound_boxes(self.sizes, self.weights, self.padding, low, high).lower > self.target
+        return bound_boxes(self.shape, self.weights, self.padding, low, high).lower > self.target
 
     def lets_through(self, points: np.ndarray) -> np.ndarray:
         """``(N,)`` bool: points ``v`` at which f is not under threshold + E."""

@@ -89,8 +89,8 @@ class NetworkOptions:
     recipe: str = RECIPES[0]
 
     @property
-    def sizes(self) -> dict:
-        """As a bounder stores them."""
+    def stored(self) -> dict:
+        """The sizes that a bounder stores."""
         return {"hidden": list(self.hidden), "activation": self.activation, "octaves": self.octaves}
 
 
@@ -127,7 +127,6 @@ class _Fit:
         self.hopeful = not self.as_points and not self.supports  # rays and boxes: a proof is worth its time
 
     def run(self) -> tuple[Mlp, dict]:
-        """See ``fit_network``."""
         options, clock = self.options, self.clock
         exits = EXIT_SHARE * (len(options.hidden) - 1) if self.early else 0.0
         self.exit_seconds = exits * options.budget
@@ -158,7 +157,7 @@ class _Fit:
             seed=problem.seed,
             progress=lambda used, note: self._report(used, note),
         )
-        return self.kind(problem.domain, tensors, options.sizes, problem.device).freeze(0.0, None)
+        return self.kind(problem.domain, tensors, options.stored, problem.device).freeze(0.0, None)
 
     def _supports(self) -> tuple[Mlp, dict]:
         problem, options = self.problem, self.options
@@ -234,7 +233,7 @@ class _Fit:
         """Let the prover look at the network as it is; its lowest points become training samples."""
         problem, clock, budget = self.problem, self.clock, self.options.budget
         kind = MonotoneMlp if self.monotone else Mlp
-        bounder = kind(problem.domain, trainer.network.tensors(), self.options.sizes, problem.device)
+        bounder = kind(problem.domain, trainer.network.tensors(), self.options.stored, problem.device)
         limit = {"seconds": SEARCH_SHARE * budget} if clock.timed else {"boxes": SEARCH_BOXES}
         points = trainer.worst_points()
         if self.monotone:  # cheap and often: where f is steep, samples alone would take a network for better than it is
@@ -257,7 +256,7 @@ class _Fit:
         seconds = ADVERSARY_SHARE * budget if clock.timed else float("inf")
         found = adversarial_minimum(samples, trainer.network, seconds, trainer.hard_states(), rounds=TRAINING_ROUNDS)
         trainer.add_states(found.states)
-        bounder = Mlp(problem.domain, trainer.network.tensors(), self.options.sizes, problem.device)
+        bounder = Mlp(problem.domain, trainer.network.tensors(), self.options.stored, problem.device)
         expected, self.hopeful = 0.0, bounder.provable
         if bounder.provable:
             costs, least = Costs(bounder, problem), float(bounder.reference(found.worst).min())
@@ -280,7 +279,7 @@ class _Fit:
 
     def _parts(self, tensors: dict[str, np.ndarray], exits: dict[str, np.ndarray]) -> list[Mlp]:
         """The exits as networks by themselves, and the network."""
-        domain, sizes, device = self.problem.domain, self.options.sizes, self.problem.device
+        domain, sizes, device = self.problem.domain, self.options.stored, self.problem.device
         if not self.early:
             return [(MonotoneMlp if self.monotone else Mlp)(domain, tensors, sizes, device)]
         depths = range(1, len(self.options.hidden) + 1)

@@ -10,7 +10,7 @@ from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import certify, charted, least_value, prove
 from warp_bounding.proof.covers.ray import single_faces
-from warp_bounding.proof.search.depth_first import charted_minimum, clear
+from warp_bounding.proof.search.depth_first import charted_minimum, prove_target
 from warp_bounding.queries import oracle
 from warp_bounding.queries.positives import draw_positives
 from warp_bounding.training.samples import samples_of
@@ -128,12 +128,12 @@ def test_clear_tells_what_it_proved(query, name):
     bounder = random_network(query, grid, 4, gain=1.5)
     cover = charted(bounder, grid)
     least = charted_minimum(cover, eps=0.02)
-    below, above = clear(cover, least.upper_bound - 0.1), clear(cover, least.upper_bound + 0.1)
+    below, above = prove_target(cover, least.upper_bound - 0.1), prove_target(cover, least.upper_bound + 0.1)
     assert below.complete
     assert below.least >= least.upper_bound - 0.1
     assert not above.complete
     assert above.values[0] < least.upper_bound + 0.1
-    cut = clear(cover, least.upper_bound - 1e-3, boxes=10)
+    cut = prove_target(cover, least.upper_bound - 1e-3, boxes=10)
     assert not cut.complete or cut.boxes <= 10 + 64
 
 
@@ -144,7 +144,7 @@ def test_who_asks_for_too_small_a_gap_gets_no_larger_one(seed):
     bounder = random_network("ray", grid, seed, gain=20.0)
     cover = charted(bounder, grid)
     usual = charted_minimum(cover, eps=0.1)
-    at = cover.bound(usual.worst[:1], usual.worst[:1])
+    at = cover.bound(usual.numbers[:1], usual.numbers[:1])
     left_over = float((at.value - at.lower)[0])
     fine = charted_minimum(cover, eps=left_over / 4, boxes=20_000_000)
     assert not fine.complete

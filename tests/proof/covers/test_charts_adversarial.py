@@ -16,7 +16,7 @@ from warp_bounding.proof import certify, charted, prove
 from warp_bounding.proof.covers.plane import SupportGap
 from warp_bounding.proof.covers.ray import single_faces
 from warp_bounding.proof.search.best_first import minimum
-from warp_bounding.proof.search.depth_first import STACK, _fill, charted_minimum, clear
+from warp_bounding.proof.search.depth_first import STACK, _fill, charted_minimum, prove_target
 from warp_bounding.queries import oracle
 from warp_bounding.queries.positives import draw_positives
 
@@ -218,17 +218,17 @@ def test_a_search_in_depth_that_is_cut_short_promises_nothing_false():
     assert whole.lower_bound <= least
     for boxes in (1, 100, 1000, 3000, 10_000, 100_000):
         assert charted_minimum(cover, eps=1e-3, boxes=boxes).lower_bound <= least
-        outcome = clear(cover, least + 1e-6, boxes=boxes)  # false: there is a positive under it
+        outcome = prove_target(cover, least + 1e-6, boxes=boxes)  # false: there is a positive under it
         assert not outcome.complete
-    assert clear(cover, whole.lower_bound - 1e-6).complete
-    assert not clear(replace(cover, numbers=np.full_like(cover.numbers, np.nan)), -1e9, boxes=1000).complete
+    assert prove_target(cover, whole.lower_bound - 1e-6).complete
+    assert not prove_target(replace(cover, numbers=np.full_like(cover.numbers, np.nan)), -1e9, boxes=1000).complete
     broken = charted_minimum(
         replace(cover, numbers=np.full_like(cover.numbers, np.nan)), eps=1e-3, upper=least, boxes=1e5
     )
     assert (broken.lower_bound, broken.complete) == (-np.inf, False)
     many = replace(cover, lower=np.repeat(cover.lower, 10_000, axis=0), upper=np.repeat(cover.upper, 10_000, axis=0))
-    assert not clear(many, -1e9, boxes=4096).complete  # all that were dealt out are closed, but there are others
-    assert clear(many, -1e9).boxes == 10_000
+    assert not prove_target(many, -1e9, boxes=4096).complete  # all that were dealt out are closed, but there are others
+    assert prove_target(many, -1e9).boxes == 10_000
 
 
 def test_boxes_are_halved_within_and_between_cells():

@@ -167,7 +167,6 @@ class Mlp(Bounder):
 
     @property
     def source(self) -> MlpSource:
-        """See ``Bounder``."""
         return MlpSource(
             self.ndim,
             self.domain.time,
@@ -189,7 +188,6 @@ class Mlp(Bounder):
         )
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        """See ``Bounder``."""
         return self.head.value(self.networks, np.asarray(v, dtype=np.float64))
 
     @property
@@ -204,5 +202,4 @@ class Mlp(Bounder):
         return self.network.bound(lower, upper)
 
     def rounding_bound(self) -> float:
-        """See ``Bounder``."""
         return self.head.rounding(self.networks, self.domain.limit)

@@ -47,7 +47,6 @@ class MlpEarlySource(MlpSource):
         return places[:-1]
 
     def early(self) -> list[tuple[str, str]]:
-        """See ``Source.early``."""
         lanes = Lanes(vector=True)
         return [(self.chain(lanes, index + 1, place + 1), f"w[{place}]") for index, place in enumerate(self.exits)]
 
@@ -63,7 +62,6 @@ class MlpEarlySource(MlpSource):
         return "\n".join([*lines, "}" * len(self.exits)])
 
     def function_body(self) -> str:
-        """See ``Source.function_body``."""
         lines = [f"float answer = {literal(DENIED)}; do {{", self.function_encode()]
         for index, place in enumerate(self.exits):
             lines.append(self.function_layer(index))
@@ -138,7 +136,6 @@ class MlpEarly(Mlp):
 
     @property
     def source(self) -> MlpEarlySource:
-        """See ``Bounder``."""
         plain = super().source
         sizes = (plain.ndim, plain.time, plain.hidden, plain.activation, plain.features)
         return MlpEarlySource(*sizes, query=plain.query)
@@ -152,7 +149,6 @@ class MlpEarly(Mlp):
         return np.concatenate(numbers).astype(np.float32)
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        """See ``Bounder``."""
         f = super().reference(v)
         for part in self._parts[:-1]:
             f = np.where(part.reference(v) < float(part.threshold), DENIED, f)

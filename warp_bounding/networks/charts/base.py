@@ -1,13 +1,13 @@
 """Charts: how a box of numbers z becomes inputs of a network, ``center + generators zeta + noise`` with ``|zeta| <= 1``.
 
-A proof searches over boxes of numbers that parametrise positive queries (a point; a ray's entry point, time and direction;
-a box's corners), and the network sees a linear function of them and what that leaves over. A chart writes this down as C
-text over a type V (a box a SIMD lane on a CPU, a double on CUDA):
+A proof searches over boxes of numbers that parametrise positive queries (a point; the point where a ray enters the
+object, its parameter there and its direction; a box's corners). The network's inputs are a linear function of these
+numbers plus a rest. A chart writes this down as C text over a type V (a box a SIMD lane on a CPU, a double on CUDA):
 
 * ``expand``: from ``V low[Z], high[Z]`` to ``V center[K]``, ``V gen[P]`` (the generators that are not always zero), ``V noise[K]``
   (all that is left over), ``V rest[K]`` (that without the quadratic terms that ``bend`` adds) and ``V dead`` (1 where the box
   holds no positive); it may shrink the box;
-* ``constraints``: linear functions ``q0 + q . zeta`` that are at most 0 at positives, for what a box sticks out;
+* ``constraints``: linear functions ``q0 + q . zeta`` that are at most 0 at positives, where a box holds other queries too;
 * ``realize``: from the signs of ``V slope[columns]`` to ``V z[Z]``, a positive near the corner where f looks lowest, its inputs
   ``V h[K]`` and ``V valid`` (0 where there is none);
 * ``owners``: ``V owner[columns]``, the number of z that halving a column halves.
@@ -24,7 +24,13 @@ __all__ = ["Chart", "PlainChart"]
 
 @dataclass(frozen=True)
 class Chart:
-    """What the kernels need to know; K inputs of the network."""
+    """What the kernels need to know of a chart.
+
+    Attributes:
+        inputs: Inputs K of the network.
+        noisy: Whether ``expand`` sets ``noise`` and ``rest``; else they are 0.
+        name: In the names of kernels.
+    """
 
     inputs: int
 
@@ -38,7 +44,7 @@ class Chart:
 
     @property
     def columns(self) -> int:
-        """Generators."""
+        """Number of coordinates zeta, and so of columns of the generators."""
         return self.inputs
 
     @property
@@ -90,24 +96,21 @@ class Chart:
 
 @dataclass(frozen=True)
 class PlainChart(Chart):
-    """The numbers are the inputs themselves: points."""
+    """The chart of points, whose numbers are the inputs themselves."""
 
     noisy = False
     name = "plain"
 
     def expand(self) -> str:
-        """See ``Chart``."""
         return "\n".join(
             f"center[{k}] = (low[{k}] + high[{k}]) * 0.5; gen[{k}] = (high[{k}] - low[{k}]) * 0.5;"
             for k in range(self.inputs)
         )
 
     def realize(self) -> str:
-        """See ``Chart``."""
         return "\n".join(
             f"z[{k}] = slope[{k}] > zero ? low[{k}] : high[{k}]; h[{k}] = z[{k}];" for k in range(self.inputs)
         )
 
     def coordinates(self, z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """See ``Chart``."""
         return z

@@ -1,8 +1,9 @@
 """Boxes that meet an object: ``z = (low, high)`` in cells, cut to where it can hold a positive.
 
 Of all boxes in a box of z, the largest is (least low, greatest high). If it meets no occupied cell, none does; if it does,
-low need not go above the occupied cells in it, nor high below them. Counts come from a summed-area table, where a cell
-counts that it overlaps in its interior. Positives that only touch a cell are limits of others, which the boxes next to it hold.
+low need not go above the occupied cells in it, nor high below them. Occupied cells are counted by a summed-area table, and
+only those that the box overlaps in their interior. Positives that only touch a cell are limits of others, which the
+neighbouring boxes hold.
 
 The network's inputs are ``z`` times a cell's size; computed boxes are off by ``delta``: noise. ``low <= high`` is a constraint.
 """
@@ -18,7 +19,11 @@ __all__ = ["BoxChart"]
 
 @dataclass(frozen=True)
 class BoxChart(Chart):
-    """``numbers``: cell size and origin per axis, noise: n each; ``table``: shape (n), strides (n), the summed-area table."""
+    """The chart of boxes.
+
+    ``numbers``, n of each: the cells' size, the origin (local position of cell 0's centre), and noise. ``table``: shape (n),
+    strides (n), the summed-area table.
+    """
 
     name = "box"
 
@@ -29,7 +34,6 @@ class BoxChart(Chart):
 
     @property
     def parameters(self) -> int:
-        """See ``Chart``."""
         return 3 * self.ndim
 
     def _count(self, first: list[str], last: list[str]) -> str:
@@ -43,7 +47,6 @@ class BoxChart(Chart):
         return " ".join(terms)
 
     def expand(self) -> str:
-        """See ``Chart``."""
         n = self.ndim
         lines = [
             f"const int* shape = table.data; const int* stride = shape + {n}; const int* cells = stride + {n};",
@@ -90,12 +93,11 @@ class BoxChart(Chart):
         return "\n".join(lines)
 
     def constraints(self) -> list[tuple[str, list[tuple[int, str]]]]:
-        """See ``Chart``."""
         n = self.ndim
         return [(f"center[{k}] - center[{n + k}] - noise[{k}]", [(k, "1.0"), (n + k, "-1.0")]) for k in range(n)]
 
     def realize(self) -> str:
-        """See ``Chart``: the corner, with low moved down to high where it is above, if that box still meets the object."""
+        """The corner, with low moved down to high where it is above, if that box still meets the object."""
         n = self.ndim
         lines = [f"z[{k}] = slope[{k}] > zero ? low[{k}] : high[{k}];" for k in range(2 * n)]
         lines += [f"z[{k}] = z[{k}] > z[{n + k}] ? z[{n + k}] : z[{k}];" for k in range(n)]
@@ -114,14 +116,13 @@ class BoxChart(Chart):
         return "\n".join(lines)
 
     def split(self) -> str:
-        """See ``Chart``: between cells, as long as the interval spans several."""
+        """Halves lie between cells as long as the interval spans several."""
         return (
             "middle = (a + b) * 0.5; { const double edge = floor(middle) + 0.5; const double other = edge > middle ? edge - 1.0 : edge + 1.0;"
             " if (edge > a && edge < b) middle = edge; else if (other > a && other < b) middle = other; }"
         )
 
     def middle(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """See ``Chart``."""
         middle = (a + b) * 0.5
         edge = np.floor(middle) + 0.5
         other = np.where(edge > middle, edge - 1.0, edge + 1.0)
@@ -129,6 +130,5 @@ class BoxChart(Chart):
         return np.where(within, edge, np.where((other > a) & (other < b), other, middle))
 
     def coordinates(self, z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """See ``Chart``."""
         n = self.ndim
         return z * np.tile(numbers[:n], 2) + np.tile(numbers[n : 2 * n], 2)

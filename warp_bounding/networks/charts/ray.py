@@ -1,8 +1,9 @@
-"""Rays that meet an object: where one first enters it, how long it has been under way, and its direction.
+"""Rays that meet an object: the point where one first enters it, its parameter t there, and its direction.
 
 ``z = (p, t, m)``: p in local space, on a face that is exposed (one entry has no width), or anywhere in the object with
-t = 0; the time 0 <= t <= 1; m on a face of a cube (one entry is 1 or -1, without width), ``u = m / |m|`` the unit direction
-in object space. The network's inputs are ``w = stretch u`` and ``a = p - t w``: 2n - 1 numbers move, 2n inputs depend on them.
+t = 0; the ray's parameter 0 <= t <= 1 at p; m on a face of a cube (one entry is 1 or -1, without width), ``u = m / |m|``
+the unit direction in object space. The network's inputs are ``w = stretch u`` and ``a = p - t w``: of the 2n + 1 numbers
+of z 2n - 1 have a width in a box, and all 2n inputs depend on them.
 
 * ``u(m0 + h) = u0 + J h + r`` with ``J = (I - u0 u0^T) / |m0|`` and ``|r| <= 1/2 |h|^2 sqrt(4/3) / min |m|^2``: with
   ``h = alpha u + h'``, ``D^2 u [h, h] = -(2 alpha h' + |h'|^2 u) / |m|^2``, whose length is largest, ``sqrt(4/3) |h|^2 / |m|^2``,
@@ -11,8 +12,10 @@ in object space. The network's inputs are ``w = stretch u`` and ``a = p - t w``:
   ``1, 1, 2`` (over powers of ``|m| / |h|``), and the square of the third one of ``u = e^(i theta)`` is at
   most ``(2 + 1)^2 + (3 * 1 * 1)^2``.
 * ``t w = t0 w + (t - t0) (w - w0) + (t - t0) w0``: the product of two changes is bilinear, but for the rest of w.
-* The domain test leaves ``|a| <= limit`` only: the box is cut in t, what still sticks out is a constraint.
-* Computed queries: a is off by ``delta`` of the domain, w by its own; both are noise, and f is tried that far off.
+* Only queries with ``|a| <= limit`` reach the network: the box is cut in t, and what still lies outside is excluded by a
+  constraint.
+* A computed query differs from the exact one by ``delta_a`` in a and by ``delta_w`` in w: both are noise, and f is tried
+  at a query that far off.
 """
 
 from dataclasses import dataclass
@@ -23,13 +26,17 @@ from warp_bounding.networks.charts.base import Chart
 
 __all__ = ["RayChart"]
 
-SECOND = 0.57736  # above sqrt(4/3) / 2: of what is left of u behind its linear part
-THIRD = 0.70714  # above sqrt(18) / 6: behind its quadratic part
+SECOND = 0.57736  # above sqrt(4/3) / 2, the factor in the bound of u without its linear part
+THIRD = 0.70714  # above sqrt(18) / 6, the factor in the bound of u without its linear and quadratic parts
 
 
 @dataclass(frozen=True)
 class RayChart(Chart):
-    """``numbers``: stretch, limit, lower, upper (the domain's corners), delta of a, delta of w, float64 rounding: n each."""
+    """The chart of rays.
+
+    ``numbers``, n of each: stretch (w is stretch times a unit vector), limit of |a|, lower and upper (the corners of the
+    object's grid, local), delta_a, delta_w, and slop, a bound of what float64 rounds here.
+    """
 
     name = "ray"
 
@@ -40,30 +47,26 @@ class RayChart(Chart):
 
     @property
     def size(self) -> int:
-        """See ``Chart``."""
         return 2 * self.ndim + 1
 
     @property
     def columns(self) -> int:
-        """See ``Chart``: n - 1 of p, one of t (or of the last entry of p where t is 0), n - 1 of m."""
+        """There are n - 1 columns for p, one for t (or for the last entry of p where t is 0), and n - 1 for m."""
         return 2 * self.ndim - 1
 
     @property
     def parameters(self) -> int:
-        """See ``Chart``."""
         return 7 * self.ndim
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """See ``Chart``."""
         n = self.ndim
         place = [(i, k) for k in range(n - 1) for i in (k, k + 1)]
-        time = [(i, n - 1) for i in range(n)]
+        parameter = [(i, n - 1) for i in range(n)]
         turn = [(i, n + c) for c in range(n - 1) for i in range(2 * n)]
-        return place + time + turn
+        return place + parameter + turn
 
     def expand(self) -> str:
-        """See ``Chart``."""
         n = self.ndim
         at = {pair: index for index, pair in enumerate(self.pairs)}
         each = range(n)
@@ -106,15 +109,15 @@ class RayChart(Chart):
                 )
                 lines.append(f"ww{i} += gw{i}_{c} < zero ? -gw{i}_{c} : gw{i}_{c};")
         # cut at the domain
-        lines.append(f"V latest = high[{n}];")
+        lines.append(f"V t_most = high[{n}];")
         for i in each:
             lines.append(
                 f"{{ const V speed = (w{i} < zero ? -w{i} : w{i}) - ww{i}; const V room = limit[{i}] + delta_a[{i}] + slop[{i}] + rp{i}"
                 f" + (w{i} < zero ? -p{i} : p{i}); const V end = room / (speed > zero ? speed : zero + 1.0);"
-                f" latest = speed > zero ? (end < latest ? end : latest) : latest; }}"
+                f" t_most = speed > zero ? (end < t_most ? end : t_most) : t_most; }}"
             )
-        lines.append(f"dead = latest < low[{n}] ? zero + 1.0 : zero; latest = latest < low[{n}] ? low[{n}] : latest;")
-        lines.append(f"high[{n}] = latest; const V t = (low[{n}] + latest) * 0.5, rt = (latest - low[{n}]) * 0.5;")
+        lines.append(f"dead = t_most < low[{n}] ? zero + 1.0 : zero; t_most = t_most < low[{n}] ? low[{n}] : t_most;")
+        lines.append(f"high[{n}] = t_most; const V t = (low[{n}] + t_most) * 0.5, rt = (t_most - low[{n}]) * 0.5;")
         for k in range(n - 1):
             lines.append(
                 f"gen[{at[k, k]}] = fp > {k}.0 ? rp{k} : zero; gen[{at[k + 1, k]}] = fp > {k}.0 ? zero : rp{k + 1};"
@@ -122,11 +125,11 @@ class RayChart(Chart):
         for i in each:
             lines.append(f"center[{i}] = p{i} - t * w{i}; center[{n + i}] = w{i};")
             lines.append(
-                f"noise[{i}] = delta_a[{i}] + slop[{i}] + latest * ew{i} + rt * (ww{i} - ew{i}); noise[{n + i}] = ew{i};"
+                f"noise[{i}] = delta_a[{i}] + slop[{i}] + t_most * ew{i} + rt * (ww{i} - ew{i}); noise[{n + i}] = ew{i};"
             )
             lines.append(f"rest[{n + i}] = third * stretch[{i}] + delta_w[{i}] + slop[{i}];")
             lines.append(
-                f"rest[{i}] = delta_a[{i}] + slop[{i}] + latest * rest[{n + i}] + rt * (curved * stretch[{i}]);"
+                f"rest[{i}] = delta_a[{i}] + slop[{i}] + t_most * rest[{n + i}] + rt * (curved * stretch[{i}]);"
             )
             more = f" + (fp > {n - 2}.0 ? rp{i} : zero)" if i == n - 1 else ""
             lines.append(f"gen[{at[i, n - 1]}] = -rt * w{i}{more};")
@@ -135,7 +138,7 @@ class RayChart(Chart):
         return "\n".join(lines)
 
     def constraints(self) -> list[tuple[str, list[tuple[int, str]]]]:
-        """See ``Chart``: a ray leaves the domain, backwards, on the side that it comes from."""
+        """Followed backwards, a ray leaves the domain on the side that it comes from."""
         rows = []
         for i in range(self.ndim):
             side = f"(w{i} < zero ? zero + 1.0 : zero - 1.0)"
@@ -143,7 +146,6 @@ class RayChart(Chart):
         return rows
 
     def realize(self) -> str:
-        """See ``Chart``."""
         n = self.ndim
         lines = [f"const double* lower = numbers.data + {2 * n}; const double* upper = lower + {n};"]
         for k in range(n):
@@ -153,22 +155,21 @@ class RayChart(Chart):
             s = f"slope[{n}]" if k == 0 else f"(fm < {k}.0 ? slope[{n + k - 1}] : slope[{last}])"
             lines.append(f"z[{j}] = {s} > zero ? low[{j}] : high[{j}];")
         squares = " + ".join(f"z[{n + 1 + k}] * z[{n + 1 + k}]" for k in range(n))
-        lines.append(f"V time = slope[{n - 1}] > zero ? low[{n}] : high[{n}]; const V inverse = 1.0 / root({squares});")
+        lines.append(f"V t_ = slope[{n - 1}] > zero ? low[{n}] : high[{n}]; const V inverse = 1.0 / root({squares});")
         for k in range(n):
             lines.append(f"h[{n + k}] = z[{n + 1 + k}] * inverse * stretch[{k}];")
             lines.append(
                 f"{{ const V speed = h[{n + k}] < zero ? -h[{n + k}] : h[{n + k}]; const V room = h[{n + k}] < zero ? upper[{k}] - z[{k}] : z[{k}] - lower[{k}];"
-                f" const V end = room / (speed > 1e-30 ? speed : zero + 1e-30); time = end < time ? end : time; }}"
+                f" const V end = room / (speed > 1e-30 ? speed : zero + 1e-30); t_ = end < t_ ? end : t_; }}"
             )
-        lines.append(f"time = time > zero ? time : zero; z[{n}] = time;")
-        lines += [f"h[{k}] = z[{k}] - time * h[{n + k}];" for k in range(n)]
+        lines.append(f"t_ = t_ > zero ? t_ : zero; z[{n}] = t_;")
+        lines += [f"h[{k}] = z[{k}] - t_ * h[{n + k}];" for k in range(n)]
         for k in range(2 * n):  # and as far off as a computed one may be
             delta = f"delta_a[{k}]" if k < n else f"delta_w[{k - n}]"
             lines.append(f"h[{k}] -= gradient[{k}] < zero ? zero - {delta} : zero + {delta};")
         return "\n".join(lines)
 
     def owners(self) -> str:
-        """See ``Chart``."""
         n = self.ndim
         lines = [f"owner[{k}] = fp > {k}.0 ? zero + {k}.0 : zero + {k + 1}.0;" for k in range(n - 1)]
         lines.append(f"owner[{n - 1}] = high[{n}] > low[{n}] ? zero + {n}.0 : zero + {n - 1}.0;")
@@ -176,13 +177,13 @@ class RayChart(Chart):
         return " ".join(lines)
 
     def blame(self) -> str:
-        """See ``Chart``: what is left of the direction is owed to its entries, by the square of their widths, and to t."""
+        """The loss by the direction's remainder is shared out to its entries, by the squares of their widths, and to t."""
         n = self.ndim
         lines = ["V bent = zero, twisted = zero;"]
         for i in range(n):
             lines.append(
                 f"{{ const V by_a = gradient[{i}] < zero ? -gradient[{i}] : gradient[{i}], by_w = gradient[{n + i}] < zero ? -gradient[{n + i}] : gradient[{n + i}];"
-                f" bent += (by_a * latest + by_w) * (third * stretch[{i}]); twisted += by_a * rt * (curved * stretch[{i}]); }}"
+                f" bent += (by_a * t_most + by_w) * (third * stretch[{i}]); twisted += by_a * rt * (curved * stretch[{i}]); }}"
             )
         lines.append(f"score[{n - 1}] += twisted * 0.5; bent = turned > zero ? (bent + twisted * 0.5) / turned : zero;")
         widths = [f"(fm > {c}.0 ? rm{c} : rm{c + 1})" for c in range(n - 1)]
@@ -190,7 +191,7 @@ class RayChart(Chart):
         return " ".join(lines)
 
     def bend(self, squares: list[tuple[int, int]]) -> str:
-        """See ``Chart``: the quadratic part of u, and the product of the changes of t and w."""
+        """The quadratic terms are those of u, and the product of the changes of t and w."""
         n = self.ndim
         lines = [
             f"{{ V along = zero; {' '.join(f'V by{i} = (gradient[{n + i}] - t * gradient[{i}]) * stretch[{i}]; along += by{i} * u{i};' for i in range(n))}"
@@ -214,7 +215,6 @@ class RayChart(Chart):
         return " ".join([*lines, "}"])
 
     def coordinates(self, z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """See ``Chart``."""
         n, m = self.ndim, z[:, self.ndim + 1 :]
         w = m / np.linalg.norm(m, axis=1, keepdims=True) * numbers[:n]
         return np.concatenate([z[:, :n] - z[:, n : n + 1] * w, w], axis=1)

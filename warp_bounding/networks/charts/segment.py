@@ -1,7 +1,7 @@
 """Segments of points: ``z = (a, w, t)``, the points ``a + t w`` of one segment for t in an interval.
 
-Of a box only t has a width; halving it halves the segment. The inputs are linear in t, so there is one generator and nothing left over
-but what rounds.
+Of a box only t has a width; halving it halves the segment. The inputs are linear in t, so there is one column of
+generators, and the only noise is rounding.
 """
 
 from dataclasses import dataclass
@@ -23,21 +23,17 @@ class SegmentChart(Chart):
 
     @property
     def size(self) -> int:
-        """See ``Chart``."""
         return 2 * self.inputs + 1
 
     @property
     def columns(self) -> int:
-        """See ``Chart``."""
         return 1
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """See ``Chart``."""
         return [(k, 0) for k in range(self.inputs)]
 
     def expand(self) -> str:
-        """See ``Chart``."""
         n = self.inputs
         lines = [
             f"dead = zero; const V middle_ = (low[{2 * n}] + high[{2 * n}]) * 0.5, half_ = (high[{2 * n}] - low[{2 * n}]) * 0.5;"
@@ -51,7 +47,6 @@ class SegmentChart(Chart):
         return "\n".join(lines)
 
     def realize(self) -> str:
-        """See ``Chart``."""
         n = self.inputs
         lines = [f"z[{k}] = low[{k}];" for k in range(2 * n)]
         lines.append(f"z[{2 * n}] = slope[0] > zero ? low[{2 * n}] : high[{2 * n}]; valid = zero + 1.0;")
@@ -59,10 +54,8 @@ class SegmentChart(Chart):
         return "\n".join(lines)
 
     def owners(self) -> str:
-        """See ``Chart``."""
         return f"owner[0] = zero + {2 * self.inputs}.0;"
 
     def coordinates(self, z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """See ``Chart``."""
         n = self.inputs
         return z[:, :n] + z[:, n : 2 * n] * z[:, 2 * n :]

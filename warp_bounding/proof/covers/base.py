@@ -12,7 +12,7 @@ from warp_bounding.errors import BounderError
 from warp_bounding.indicators.blocks import full_blocks
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.covers.monotone_box import LeastBox, of_points
-from warp_bounding.proof.search.depth_first import Charted
+from warp_bounding.proof.search.depth_first import ChartedPositives
 
 __all__ = ["Cover", "positive_boxes"]
 
@@ -22,7 +22,7 @@ class Cover:
 
     name: str
 
-    def charted(self, bounder: Mlp, grid: IndicatorGrid) -> Charted | None:
+    def charted(self, bounder: Mlp, grid: IndicatorGrid) -> ChartedPositives | None:
         """The positives of a network as boxes of a chart, for a search depth first; ``None`` where there is no chart.
 
         Args:
@@ -39,7 +39,9 @@ class Cover:
         f = of_points(bounder)
         return f, *positive_boxes(f, grid)
 
-    def anew(self, bounder: Mlp, grid: IndicatorGrid, cover: Charted) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
+    def anew(
+        self, bounder: Mlp, grid: IndicatorGrid, cover: ChartedPositives
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
         """The charted positives for ``certify``, some at a time, in boxes that it need not share with the search.
 
         Yields:

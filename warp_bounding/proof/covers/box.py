@@ -17,7 +17,7 @@ from warp_bounding.indicators.blocks import summed_area
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.networks.charts.box import BoxChart
 from warp_bounding.proof.covers.base import Cover
-from warp_bounding.proof.search.depth_first import Charted
+from warp_bounding.proof.search.depth_first import ChartedPositives
 
 __all__ = ["BOX"]
 
@@ -29,7 +29,7 @@ class BoxCover(Cover):
 
     name = "box"
 
-    def charted(self, bounder: Mlp, grid: IndicatorGrid) -> Charted:
+    def charted(self, bounder: Mlp, grid: IndicatorGrid) -> ChartedPositives:
         n, base = grid.ndim, bounder.domain.base
         origin = base.to_local(grid.position(np.zeros(n)))
         unit = base.to_local(grid.position(np.ones(n))) - origin
@@ -45,7 +45,7 @@ class BoxCover(Cover):
             raise BounderError(
                 f"{bounder.method}: the domain is {most:.3g} cells of the shape wide, more than the proof counts"
             )
-        return Charted(
+        return ChartedPositives(
             bounder.network,
             BoxChart(2 * n),
             lower,

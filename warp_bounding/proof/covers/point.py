@@ -8,7 +8,7 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.networks.charts.base import PlainChart
 from warp_bounding.proof.covers.base import Cover, positive_boxes
-from warp_bounding.proof.search.depth_first import Charted
+from warp_bounding.proof.search.depth_first import ChartedPositives
 
 __all__ = ["POINT"]
 
@@ -18,9 +18,11 @@ class PointCover(Cover):
 
     name = "point"
 
-    def charted(self, bounder: Mlp, grid: IndicatorGrid) -> Charted:
+    def charted(self, bounder: Mlp, grid: IndicatorGrid) -> ChartedPositives:
         limit = bounder.domain.limit.astype(np.float64)
-        return Charted(bounder.network, PlainChart(grid.ndim), *positive_boxes(bounder, grid), np.zeros(1), limit)
+        return ChartedPositives(
+            bounder.network, PlainChart(grid.ndim), *positive_boxes(bounder, grid), np.zeros(1), limit
+        )
 
     def at_points(self, p: np.ndarray, domain: Domain | RegionDomain) -> np.ndarray:
         return p

@@ -25,7 +25,7 @@ from warp_bounding.indicators.blocks import blocks_of, full_blocks
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.networks.charts.ray import RayChart
 from warp_bounding.proof.covers.base import Cover
-from warp_bounding.proof.search.depth_first import Charted
+from warp_bounding.proof.search.depth_first import ChartedPositives
 
 __all__ = ["RAY", "single_faces"]
 
@@ -107,7 +107,7 @@ class RayCover(Cover):
 
     name = "ray"
 
-    def charted(self, bounder: Mlp, grid: IndicatorGrid) -> Charted:
+    def charted(self, bounder: Mlp, grid: IndicatorGrid) -> ChartedPositives:
         n, domain = grid.ndim, bounder.domain
         local = domain.base.to_local
         first, last = full_blocks(grid)
@@ -128,9 +128,11 @@ class RayCover(Cover):
         numbers = [stretch, limit, local(grid.lower), local(grid.upper), *np.split(domain.delta, 2), slop]
         # The largest inputs in a box before it is cut to ``|a| <= limit``, generously: a - w and the noise of w.
         largest = np.concatenate([limit + 2 * stretch, stretch * (1 + 1e-3)])
-        return Charted(bounder.network, RayChart(2 * n), lower, upper, np.concatenate(numbers), largest)
+        return ChartedPositives(bounder.network, RayChart(2 * n), lower, upper, np.concatenate(numbers), largest)
 
-    def anew(self, bounder: Mlp, grid: IndicatorGrid, cover: Charted) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
+    def anew(
+        self, bounder: Mlp, grid: IndicatorGrid, cover: ChartedPositives
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
         sets = 1 + 2 * grid.ndim  # the cells of a part, and their faces on each side
         for index, (lower, upper) in enumerate(single_faces(bounder, grid)):
             yield lower, upper, min((index + 1) * CELLS // sets, len(grid.occupied))

@@ -19,9 +19,9 @@ from warp_bounding.runtime.launch import working_seconds
 __all__ = ["Search", "minimum"]
 
 CHUNK = 32768  # boxes that are bounded at a time
-MOST_WAITING = 6_000_000  # boxes (about 0.5 GB in 4D) above which the search goes deep instead of low
-QUARTER = 1.7  # times too loose is a bound that one halving is not expected to mend
-WORST = 2048  # low points that are kept, for training
+MOST_WAITING = 6_000_000  # boxes (about 0.5 GB in 4D): where more wait, the newest chunk comes first
+QUARTER = 1.7  # a box whose bound is too loose by more than this factor is quartered at once
+WORST = 2048  # low points that are kept, as samples for training
 
 
 @dataclass(frozen=True)
@@ -31,12 +31,12 @@ class Search:
     Attributes:
         lower_bound: Certified: ``f >= lower_bound`` on every box.
         upper_bound: Least value found at a concrete point.
-        worst: ``(K, n)`` float64, the lowest concrete points, lowest first.
+        worst: ``(K, n)`` float64, the lowest concrete points, lowest first, in the coordinates that f takes.
         boxes: Boxes that were bounded.
         seconds: Wall time.
         complete: Whether the two bounds agree within ``eps``, or as nearly as float64 can tell.
         needed: Seconds that a complete search is expected to take; infinity where that is not known.
-        numbers: The lowest points as numbers of a chart, where there is one.
+        numbers: ``(K, Z)``, the lowest points as numbers of a chart, where there is one.
     """
 
     lower_bound: float
@@ -63,7 +63,7 @@ def minimum(
     """Certified minimum of ``f`` over boxes.
 
     Args:
-        bounder: Whose ``f``.
+        bounder: The bounder of ``f``.
         lower: ``(N, n)`` float64 lower corners, coordinates ``v``.
         upper: ``(N, n)`` float64 upper corners.
         eps: Gap between bound and found value at which a box is closed; at least 0. It is not taken smaller than what
@@ -139,7 +139,6 @@ class _Waiting:
         return len(self._chunks)
 
     def add(self, chunks: list[tuple]) -> None:
-        """Let chunks wait."""
         for chunk in chunks:
             self._serial += 1
             self._chunks[self._serial] = chunk
@@ -147,7 +146,6 @@ class _Waiting:
             self.boxes += len(chunk[2])
 
     def next(self) -> tuple:
-        """Take out the chunk whose turn it is."""
         serial = max(self._chunks) if self.boxes > MOST_WAITING else self._lowest()[1]
         chunk = self._chunks.pop(serial)
         self.boxes -= len(chunk[2])

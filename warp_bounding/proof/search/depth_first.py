@@ -1,10 +1,13 @@
 """Proving ``f >= target`` over charted boxes by depth-first search, and the highest target that can be had in some time.
 
+A box is *closed* when it is not halved any more: its bound reaches the target, or it is too narrow to be halved, or the
+target is ``CLOSE_ALL``. The target is proven when no box waits and the least bound of a closed box reaches it.
+
 Which boxes must be halved depends on the target alone, not on the order, so a depth-first search with a few boxes a
-thread does the same work as one that keeps them all in order, and needs no memory. The first boxes come in random
+thread does the same work as one that keeps them all in order, and needs no memory. The initial boxes come in random
 order, so that the share of them that is done tells early what the rest will take. A search for the minimum goes for the
-best target; where that is expected to take too long, it goes on with a lower one, which all boxes that are closed
-already reach. The least bound of a closed box is what is proven in the end.
+best target; where that is expected to take too long, it goes on with a lower one, which all closed boxes reach already.
+The least bound of a closed box is what is proven in the end.
 """
 
 from collections.abc import Callable
@@ -22,25 +25,28 @@ from warp_bounding.proof.search.depth_first_kernel import KEPT, STACK, depth_fir
 from warp_bounding.proof.search.pace import Pace
 from warp_bounding.runtime.launch import launch_blocks, working_seconds
 
-__all__ = ["Charted", "Cleared", "charted_minimum", "clear"]
+__all__ = ["ChartedPositives", "TargetSearch", "charted_minimum", "prove_target"]
 
-CPU_BLOCKS, CUDA_BLOCKS = 64, 2048
+CPU_BLOCKS, CUDA_BLOCKS = 64, 2048  # blocks of a launch, each with a stack of its own
 MOST = 1024  # boxes that a block bounds before it returns: some 50 ms a launch
-SHARE = 64  # boxes that a block is given at a time
-FIRST, MOST_FIRST = 4096, 131_072  # boxes that a search begins with, or their shares would tell nothing:
-FIRST_SHARE = 0.02  # of those that there is time for
-Progress = Callable[[int, float, float], bool | None]
+HANDED_OUT = 64  # boxes that an idle block is given at a time
+# Initial boxes of a search: INITIAL_SHARE of those that there is time for, but within these numbers. With fewer, the share
+# that is done would not tell what the rest will take.
+INITIAL, MOST_INITIAL = 4096, 131_072
+INITIAL_SHARE = 0.02
+CLOSE_ALL = -np.inf  # as a target: every box that waits is bounded once and closed
+STATE = 3  # arrays of the blocks' state: stacks, heights, and how many boxes of each are initial ones
 
 
 @dataclass(frozen=True)
-class Charted:
-    """Positives of a network as boxes of a chart.
+class ChartedPositives:
+    """The positives of an object as boxes of a chart's numbers z, and the network whose f is bounded over them.
 
     Attributes:
-        network: Whose f.
-        chart: What z means.
-        lower: ``(N, Z)`` float64, lower corners of boxes that cover all positives.
-        upper: ``(N, Z)`` float64.
+        network: The network of f.
+        chart: How numbers z become a query.
+        lower: ``(N, Z)`` float64, lower corners of boxes that cover all positives, with what the pipeline rounds.
+        upper: ``(N, Z)`` float64, upper corners.
         numbers: float64 parameters of the chart.
         limit: ``(K,)``, largest inputs of the network that boxes reach, noise included.
         table: int32 parameters of the chart.
@@ -57,7 +63,7 @@ class Charted:
     def bound(self, lower: np.ndarray, upper: np.ndarray, device="cpu") -> BoxBounds:
         """Certified bounds over boxes of z."""
         return bound_boxes(
-            self.network.sizes(self.chart),
+            self.network.kernel_shape(self.chart),
             self.network.packed,
             self.network.padding_for(self.limit),
             lower,
@@ -73,55 +79,42 @@ class Charted:
 
 
 @dataclass(frozen=True)
-class Cleared:
+class TargetSearch:
     """What a search for ``f >= target`` found.
 
     Attributes:
-        complete: Every box is closed and reaches the target.
+        complete: Whether the target is proven: every box is closed and reaches it.
         least: Least bound of a closed box.
-        boxes: Boxes bounded.
-        share: Of the first boxes, that are done or begun, not those that wait.
-        points: ``(K, Z)`` low positives.
-        values: ``(K,)`` f there.
+        boxes: Number of boxes that were bounded.
+        points: ``(K, Z)``, the lowest positives found, numbers of the chart.
+        values: ``(K,)``, f there.
     """
 
     complete: bool
     least: float
     boxes: int
-    share: float
     points: np.ndarray
     values: np.ndarray
 
 
-def clear(
-    cover: Charted,
-    target: float,
-    *,
-    seconds: float = float("inf"),
-    boxes: float = float("inf"),
-    progress: Progress | None = None,
-    device: str = "cpu",
-) -> Cleared:
+def prove_target(
+    cover: ChartedPositives, target: float, *, boxes: float = float("inf"), device: str = "cpu"
+) -> TargetSearch:
     """Try to prove ``f >= target`` for all positives; ends early where a positive lies under the target.
 
     Args:
         cover: The positives.
-        target: In f.
-        seconds: Time limit.
-        boxes: Limit of boxes.
-        progress: Called with boxes bounded, the share of the first boxes that is done, and the target; ends the search
-            with True.
+        target: Value of f, or ``CLOSE_ALL``.
+        boxes: Number of boxes after which the search ends.
         device: Warp device.
     """
-    started, descent = working_seconds(), _Descent(cover, device)
+    descent = _Descent(cover, device)
     while descent.waiting:
         lowest = descent.step(target, boxes - descent.boxes)
-        stopped = progress is not None and progress(descent.boxes, descent.share, target)
-        late = descent.boxes >= boxes or working_seconds() - started > seconds
-        if stopped or late or descent.stuck or min(lowest, descent.least) < target:
+        if descent.boxes >= boxes or descent.stuck or min(lowest, descent.least) < target:
             break
     complete = not descent.waiting and descent.least >= target
-    return Cleared(complete, descent.least, descent.boxes, descent.share, *descent.lowest())
+    return TargetSearch(complete, descent.least, descent.boxes, *descent.lowest())
 
 
 class _Descent:
@@ -132,63 +125,66 @@ class _Descent:
         device: Warp device.
 
     Attributes:
-        boxes: Boxes bounded.
-        count: First boxes.
+        boxes: Number of boxes that were bounded.
+        initial_count: Number of initial boxes.
         least: Least bound of a closed box.
-        share: Of the first boxes, that are done or begun.
-        stuck: Whether the last step could not do anything: every stack is full.
+        begun: Fraction of the initial boxes that are done or begun.
+        stuck: Whether the last step could not do anything, because every stack is full.
     """
 
-    def __init__(self, cover: Charted, device: str):
+    def __init__(self, cover: ChartedPositives, device: str):
         dev = wp.get_device(device)
-        self._kernel, self._device = depth_first_kernel(cover.network.sizes(cover.chart)), dev
+        self._kernel, self._device = depth_first_kernel(cover.network.kernel_shape(cover.chart)), dev
         blocks, size = CPU_BLOCKS if dev.is_cpu else CUDA_BLOCKS, cover.chart.size
         self._stacks = np.empty((blocks, STACK, 2, size))
-        self._heights, self._first = np.zeros(blocks, np.int32), np.zeros(blocks, np.int32)
+        self._heights, self._initial = np.zeros(blocks, np.int32), np.zeros(blocks, np.int32)
         self._done, self._closed = np.zeros(blocks, np.int64), np.full(blocks, np.inf)
         self._values, self._points = np.full((blocks, KEPT), np.inf), np.zeros((blocks, KEPT, size))
         order = np.random.default_rng(0).permutation(len(cover.lower))
         self._reserve, self._left = np.stack([cover.lower, cover.upper], axis=1)[order], len(order)
         held = [np.ascontiguousarray(cover.network.packed), cover.network.padding_for(cover.limit), cover.numbers]
-        self._held = [np.ascontiguousarray(a, dtype=np.float64) for a in held]
-        self._fixed = [double_array(a, dev) for a in self._held]
-        self._fixed.append(wp.array(cover.table, dtype=wp.int32, device=dev))
-        self._host = [self._stacks, self._heights, self._first, self._done, self._closed, self._values, self._points]
+        self._parameters_host = [np.ascontiguousarray(a, dtype=np.float64) for a in held]
+        self._parameters = [double_array(a, dev) for a in self._parameters_host]
+        self._parameters.append(wp.array(cover.table, dtype=wp.int32, device=dev))
+        # What the kernel changes; the first STATE arrays are also what it starts from. On a CPU the Warp arrays share their
+        # memory; on CUDA those are copied before each launch, and all of them after it.
+        self._outputs_host = [self._stacks, self._heights, self._initial]
+        self._outputs_host += [self._done, self._closed, self._values, self._points]
         kinds = [wp.float64, wp.int32, wp.int32, wp.int64, *[wp.float64] * 3]
-        self._shared = [
+        self._outputs = [
             wp.array(a.reshape(-1), dtype=t, device=dev, copy=not dev.is_cpu)
-            for a, t in zip(self._host, kinds, strict=True)
+            for a, t in zip(self._outputs_host, kinds, strict=True)
         ]
         self._found = [(np.empty((0, size)), np.empty(0))]
-        self.boxes, self.count, self.least, self.share, self.stuck = 0, len(order), np.inf, 0.0, False
+        self.boxes, self.initial_count, self.least, self.begun, self.stuck = 0, len(order), np.inf, 0.0, False
 
     @property
     def waiting(self) -> bool:
-        """Whether any box is open."""
+        """Whether any box is not closed."""
         return bool(self._left or self._heights.any())
 
     def step(self, target: float, boxes: float = float("inf")) -> float:
-        """Let each block go on for a while, some 50 ms in all, and close what reaches a target; at -infinity everything at once.
+        """Let each block go on, for some 50 ms in all, and close the boxes that reach a target.
 
         Args:
-            target: In f.
-            boxes: About how many to bound at most.
+            target: Value of f, or ``CLOSE_ALL``.
+            boxes: About how many boxes to bound at most.
 
         Returns:
             The lowest value of f at a positive that this step has found.
         """
-        self._left -= _fill(self._stacks, self._heights, self._first, self._reserve[: self._left])
+        self._left -= _fill(self._stacks, self._heights, self._initial, self._reserve[: self._left])
         most = int(min(MOST, max(boxes / len(self._heights), 1)))
         if not self._device.is_cpu:
-            for array, values in zip(self._shared[:3], self._host[:3], strict=True):
+            for array, values in zip(self._outputs[:STATE], self._outputs_host[:STATE], strict=True):
                 array.assign(values.reshape(-1))
-        inputs = [0, float(target), most, *self._fixed]
-        launch_blocks(self._kernel, len(self._heights), inputs, self._shared, self._device, first_index=0, block=1)
+        inputs = [0, float(target), most, *self._parameters]
+        launch_blocks(self._kernel, len(self._heights), inputs, self._outputs, self._device, first_index=0, block=1)
         if not self._device.is_cpu:
-            for array, values in zip(self._shared, self._host, strict=True):
+            for array, values in zip(self._outputs, self._outputs_host, strict=True):
                 values[...] = array.numpy().reshape(values.shape)
         self.boxes, self.least = self.boxes + int(self._done.sum()), min(self.least, float(self._closed.min()))
-        self.share = 1 - (self._left + int(self._first.sum())) / len(self._reserve)
+        self.begun = 1 - (self._left + int(self._initial.sum())) / len(self._reserve)
         self.stuck = not self._done.any()
         seen = np.isfinite(self._values)
         self._found.append((self._points[seen], self._values[seen]))
@@ -197,48 +193,51 @@ class _Descent:
         return float(self._values.min())
 
     def lowest(self) -> tuple[np.ndarray, np.ndarray]:
-        """The lowest positives found ``(K, Z)``, and f there."""
         return _lowest(self._found)
 
 
 def _lowest(found: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """The lowest ``WORST`` points, lowest first."""
+    """The lowest ``WORST`` points and f there, lowest first."""
     points, values = (np.concatenate(part) for part in zip(*found, strict=True))
     order = np.argsort(values, kind="stable")[:WORST]
     return points[order], values[order]
 
 
-def _fill(stacks: np.ndarray, heights: np.ndarray, first: np.ndarray, reserve: np.ndarray) -> int:
-    """Give empty blocks boxes from the end of ``reserve``, or else half of another block's: its oldest, which are its largest.
+def _fill(stacks: np.ndarray, heights: np.ndarray, initial: np.ndarray, reserve: np.ndarray) -> int:
+    """Give empty blocks boxes from the end of ``reserve``, or else the lower half of the highest stack: its largest boxes.
 
-    The lowest ``first`` boxes of each stack are such that come from the reserve.
+    Args:
+        stacks: ``(blocks, STACK, 2, Z)``.
+        heights: ``(blocks,)``, number of boxes on each stack.
+        initial: ``(blocks,)``, so many of the lowest boxes of each stack are initial ones.
+        reserve: ``(N, 2, Z)``, the initial boxes that no block has taken.
 
     Returns:
-        How many were taken from the reserve.
+        How many boxes were taken from the reserve.
     """
     taken, empty = 0, np.flatnonzero(heights == 0)
     for place, block in enumerate(empty):
         left = len(reserve) - taken
         if left:
-            share = min(SHARE, -(-left // (len(empty) - place)))
-            stacks[block, :share] = reserve[left - share : left]
-            heights[block] = first[block] = share
-            taken += share
+            count = min(HANDED_OUT, -(-left // (len(empty) - place)))
+            stacks[block, :count] = reserve[left - count : left]
+            heights[block] = initial[block] = count
+            taken += count
             continue
         donor = int(np.argmax(heights))
         if heights[donor] < 2:
             break
-        share = heights[donor] // 2
-        stacks[block, :share] = stacks[donor, :share]
-        stacks[donor, : heights[donor] - share] = stacks[donor, share : heights[donor]].copy()
-        heights[block], heights[donor] = share, heights[donor] - share
-        first[block] = min(first[donor], share)
-        first[donor] -= first[block]
+        count = heights[donor] // 2
+        stacks[block, :count] = stacks[donor, :count]
+        stacks[donor, : heights[donor] - count] = stacks[donor, count : heights[donor]].copy()
+        heights[block], heights[donor] = count, heights[donor] - count
+        initial[block] = min(initial[donor], count)
+        initial[donor] -= initial[block]
     return taken
 
 
 def charted_minimum(
-    cover: Charted,
+    cover: ChartedPositives,
     *,
     eps: float,
     upper: float = float("inf"),
@@ -253,25 +252,23 @@ def charted_minimum(
         cover: The positives.
         eps: Gap between bound and found value at which the search ends.
         upper: f of a positive that is known.
-        seconds: Time after which the search ends with what it has; compiling kernels, once a shape of network, is not
-            counted.
+        seconds: Time after which the search ends with what it has. Compiling the kernels of a network's shape does not
+            count.
         boxes: Number of boxes after which it ends with what it has, the same on every machine.
-        progress: Called with boxes done, the share of the first boxes that is done, and the gap that is aimed at.
+        progress: Called with boxes done, the fraction of the initial boxes that are done or begun, and the gap that is
+            aimed at.
         device: Warp device.
-
-    Returns:
-        See ``Search``; ``worst`` holds numbers of the chart.
     """
     started = working_seconds()
-    cover = _divided(cover, FIRST, device)
-    first = clear(cover, -np.inf, device=device)  # every box once
-    affordable = min(boxes, seconds * first.boxes / (working_seconds() - started))
-    many = min(FIRST_SHARE * affordable, MOST_FIRST) if np.isfinite(affordable) else FIRST
+    cover = _divided(cover, INITIAL, device)
+    survey = prove_target(cover, CLOSE_ALL, device=device)
+    affordable = min(boxes, seconds * survey.boxes / (working_seconds() - started))
+    many = min(INITIAL_SHARE * affordable, MOST_INITIAL) if np.isfinite(affordable) else INITIAL
     descent = _Descent(_divided(cover, many, device), device)
-    best = min(upper, float(first.values.min(initial=np.inf)))
+    best = min(upper, float(survey.values.min(initial=np.inf)))
 
     def done() -> int:
-        return first.boxes + descent.boxes
+        return survey.boxes + descent.boxes
 
     def used() -> float:
         spent = working_seconds() - started
@@ -279,18 +276,23 @@ def charted_minimum(
 
     pace = Pace(eps, used())
     while descent.waiting:
-        pace.update(used(), descent.share, descent.boxes, descent.count)
-        best = min(best, descent.step(best - pace.gap if used() < 1 else -np.inf, boxes - done()))
-        pace.reach(best - descent.least)  # no more can be proven: what is closed is closed
+        pace.update(used(), descent.begun, descent.boxes, descent.initial_count)
+        target = best - pace.gap if used() < 1 else CLOSE_ALL
+        best = min(best, descent.step(target, boxes - done()))
+        pace.reach(best - descent.least)  # a closed box is not opened again, so no smaller gap can be proven
         if descent.stuck:
             pace.widen()
         if progress:
-            progress(done(), descent.share, pace.gap)
-    proven, spent = min(max(first.least, descent.least), best), working_seconds() - started
+            progress(done(), descent.begun, pace.gap)
+    # Survey and search each cover all positives, so both least bounds hold and the higher one counts. Neither can exceed
+    # a value that was found.
+    proven, spent = min(max(survey.least, descent.least), best), working_seconds() - started
+    numbers = _lowest([(survey.points, survey.values), descent.lowest()])[0]
     return Search(
         lower_bound=proven,
         upper_bound=best,
-        worst=_lowest([(first.points, first.values), descent.lowest()])[0],
+        worst=cover.coordinates(numbers),
+        numbers=numbers,
         boxes=done(),
         seconds=spent,
         complete=best - proven <= eps,
@@ -298,10 +300,10 @@ def charted_minimum(
     )
 
 
-def _divided(cover: Charted, count: float, device: str) -> Charted:
-    """The same positives in so many boxes or more."""
+def _divided(cover: ChartedPositives, count: float, device: str) -> ChartedPositives:
+    """The same positives in at least ``count`` boxes, where halving them makes so many."""
     lower, upper = cover.lower, cover.upper
-    for _ in range(2 * MOST_FIRST.bit_length()):  # halves without positives do not count
+    for _ in range(2 * MOST_INITIAL.bit_length()):  # halves without positives do not count
         if len(lower) >= count:
             break
         bounds = cover.bound(lower, upper, device)

@@ -4,26 +4,29 @@ import numpy as np
 
 __all__ = ["GROWTH", "Pace"]
 
-GROWTH = 0.2  # exponent with which the work grows in 1 / gap, before two gaps have told
-FLATTEST, STEEPEST = 0.15, 0.7  # and what two may tell
-END = 0.93  # used share at which a search should be done: the last boxes take longer than their share
-HEADROOM, LATE = 1.15, 1.03  # of the time left: a gap is chosen to take less by so much, and given up if it takes more
-SURE = 4096  # first boxes, or
-PATIENCE = 0.25  # share of the time left, after which a gap is judged: some 512 boxes are in work at any time
-WIDEST = 3.0  # times as wide a gap becomes at most, at once
-OVERTIME, WIDER = 0.01, 3.0  # behind the end a gap becomes so many times wider, at every such share
+# The work is taken to grow like (1 / gap)^GROWTH until two gaps have been measured, whose exponent is then used, within
+# these bounds.
+GROWTH = 0.2
+FLATTEST, STEEPEST = 0.15, 0.7
+END = 0.93  # used fraction of the limits at which a search should be done: the last boxes take longer than the others
+HEADROOM = 1.15  # a new gap is chosen so that its expected time, times this, is what is left
+LATE = 1.03  # a gap is given up where its expected time exceeds what is left by this factor
+SURE = 4096  # initial boxes that must be done before a gap is judged, or
+PATIENCE = 0.25  # this fraction of the time left must have passed: some 512 boxes are in work at any time
+WIDEST = 3.0  # largest factor by which a gap is widened at once
+OVERTIME, WIDER = 0.01, 3.0  # past END, a gap is widened by the factor WIDER after every OVERTIME of the limits
 
 
 class Pace:
     """The gap between the least value known and the target of a search, as time goes on.
 
     Args:
-        gap: To begin with: the best one that is asked for.
-        used: Share of the limits (time, boxes) that preparations have used.
+        gap: The first gap, which is the best one that is asked for.
+        used: Fraction of the limits (time, boxes) that preparations have used.
 
     Attributes:
-        gap: Now.
-        whole: Share of the limits that the first gap was expected to take when it was given up; 0 if it was not.
+        gap: The present gap.
+        whole: Fraction of the limits that the first gap was expected to take when it was given up; 0 if it was not.
     """
 
     def __init__(self, gap: float, used: float = 0.0):
@@ -31,20 +34,20 @@ class Pace:
         self._growth, self._judged, self._start = GROWTH, None, used
         self._from = (used, 0.0, 0)
 
-    def update(self, used: float, share: float, boxes: int, count: int) -> None:
+    def update(self, used: float, begun: float, boxes: int, count: int) -> None:
         """Widen the gap if the search is late.
 
-        What the present gap takes is measured in boxes, and in time by the speed of the whole search so far: machines
-        have slow moments.
+        What the present gap takes is measured in boxes, and converted to time by the speed of the whole search so far,
+        because machines have slow moments.
 
         Args:
-            used: Share of the limits that is used.
-            share: Of the first boxes, that are done.
-            boxes: That were bounded.
-            count: Of first boxes.
+            used: Fraction of the limits that is used.
+            begun: Fraction of the initial boxes that are done or begun.
+            boxes: Number of boxes that were bounded.
+            count: Number of initial boxes.
         """
-        time, done, work = (now - then for now, then in zip((used, share, boxes), self._from, strict=True))
-        left, here = END - used, (used, share, boxes)
+        time, done, work = (now - then for now, then in zip((used, begun, boxes), self._from, strict=True))
+        left, here = END - used, (used, begun, boxes)
         if left <= 0:
             if time >= OVERTIME:
                 self.gap, self._from = self.gap * WIDER, here
@@ -52,7 +55,7 @@ class Pace:
         if not work or (done * count < SURE and time < PATIENCE * (left + time)):
             return
         whole = work / max(done, 1 / count) * (used - self._start) / boxes
-        expected = whole * (1 - share)
+        expected = whole * (1 - begun)
         if expected <= LATE * left:
             return
         if self._judged:

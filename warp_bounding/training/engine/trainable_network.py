@@ -33,14 +33,14 @@ class TrainableNetwork:
         fixed = encoding_tensors(ndim, octaves)
         self.encoding = {name: torch.from_numpy(value) for name, value in fixed.items()} if octaves else {}
         inputs = ndim + 2 * ndim * octaves
-        self.sizes = [inputs, *hidden, 1]
-        self.flat = torch.zeros(sum(o * (i + 1) for i, o in zip(self.sizes, self.sizes[1:], strict=False)))
+        self.widths = [inputs, *hidden, 1]
+        self.flat = torch.zeros(sum(o * (i + 1) for i, o in zip(self.widths, self.widths[1:], strict=False)))
         self.layers = self.split(self.flat)
 
     def split(self, flat: torch.Tensor) -> list[torch.Tensor]:
         """Views of a flat vector, one ``(out, in + 1)`` matrix a layer."""
         views, start = [], 0
-        for i, o in zip(self.sizes, self.sizes[1:], strict=False):
+        for i, o in zip(self.widths, self.widths[1:], strict=False):
             views.append(flat[start : start + o * (i + 1)].view(o, i + 1))
             start += o * (i + 1)
         return views
@@ -54,7 +54,7 @@ class TrainableNetwork:
 
     def encode(self, v: torch.Tensor) -> torch.Tensor:
         """Columns ``(n, N)`` as the network's input ``(features + 1, N)``."""
-        out = torch.ones(self.sizes[0] + 1, v.shape[1])
+        out = torch.ones(self.widths[0] + 1, v.shape[1])
         out[: self.ndim] = v
         if self.encoding:
             out[self.ndim : -1] = torch.sin(

@@ -56,7 +56,6 @@ class BoxParameters(HalfSpaceProblem):
     """Boxes in parametric space; see ``ParametricSupport``."""
 
     def offsets(self, normals: torch.Tensor) -> torch.Tensor:
-        """See ``HalfSpaceProblem``."""
         x, y = normals.chunk(2, dim=1)
         limit = tensor(self.support.region.limit)
         free = (-x).clamp(min=0) + y.clamp(min=0)
@@ -113,7 +112,6 @@ class PlaneParameters(HalfSpaceProblem):
         )
 
     def offsets(self, normals: torch.Tensor) -> torch.Tensor:
-        """See ``HalfSpaceProblem``."""
         x, y = normals.chunk(2, dim=1)
         kinks = y[:, None] / self.safe  # (k, J, n)
         kinks = torch.cat([kinks, torch.zeros_like(kinks[:, :, :1])], dim=2)
@@ -126,7 +124,6 @@ class BoxInObject(HalfSpaceProblem):
     """Boxes against a polytope in object space."""
 
     def values(self, normals: torch.Tensor, offsets: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
-        """See ``HalfSpaceProblem``."""
         low, high = v.chunk(2, dim=1)
         return (offsets - low @ normals.clamp(min=0).T - high @ normals.clamp(max=0).T).amin(dim=1)
 
@@ -135,7 +132,6 @@ class RayInObject(HalfSpaceProblem):
     """Rays against a polytope in object space: f is concave along a ray, and its highest point is found by halving."""
 
     def values(self, normals: torch.Tensor, offsets: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
-        """See ``HalfSpaceProblem``."""
         start, slope = v.chunk(2, dim=1)
         height, fall = offsets - start @ normals.T, slope @ normals.T
         with torch.no_grad():
@@ -153,7 +149,6 @@ class PlaneInObject(HalfSpaceProblem):
     """Planes against a polytope in object space, by its vertices: where n faces meet and no other one cuts off."""
 
     def values(self, normals: torch.Tensor, offsets: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
-        """See ``HalfSpaceProblem``."""
         n = normals.shape[1]
         chosen = torch.tensor(list(combinations(range(len(normals)), n)))
         with torch.no_grad():

@@ -43,7 +43,6 @@ class LeastBoxSamples(BoxSamples):
         return torch.cat(self.cells.draw(count))
 
     def coordinates(self, state: torch.Tensor) -> torch.Tensor:
-        """See ``Samples``."""
         return self.point(state).repeat(2, 1)
 
     def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
@@ -107,7 +106,6 @@ class MonotoneTrainer(Trainer):
                 layer[:, -1] -= act.mean * recipe.first_gain * layer[:, :-1].sum(1)
 
     def _optimiser(self) -> Soap:
-        """See ``Trainer``."""
         return _RootSoap(self.network.layers, self._signs, self.recipe)
 
 
