@@ -25,7 +25,7 @@ from warp_bounding.training.samples import samples_of  # noqa: E402
 @pytest.fixture(autouse=True)
 def _short_proofs(monkeypatch):
     """Three layers of sines that are hardly trained can keep a proof busy for long; it holds wherever it ends."""
-    monkeypatch.setattr(networks, "SEARCH_BOXES", 100_000)
+    monkeypatch.setattr(networks, "MINE_POINTS_BOXES", 100_000)
     monkeypatch.setattr(networks, "PROOF_BOXES", 100_000)
 
 
@@ -124,7 +124,7 @@ def test_counterexamples_enter_the_training(monkeypatch):
         return original(self, v)
 
     monkeypatch.setattr(networks.Trainer, "add", add)
-    monkeypatch.setattr(networks, "SEARCHES", (0.0, 0.4))
+    monkeypatch.setattr(networks, "MINE_POINTS_AT", (0.0, 0.4))
     bounder = few(steps=250)
     assert len(added) == 2
     assert all(count > 0 for count in added)
@@ -287,8 +287,8 @@ def test_the_last_proof_is_expected_to_take_longer_than_the_looks_at_earlier_net
     assert few("star", steps=None, budget=6.0).certificate.proven
     assert kept
     for used, seconds in kept:
-        assert look * networks.HARDER[1] <= seconds <= look * networks.HARDER[0]
-        assert used == 1.0 or seconds > look * networks.HARDER[1]
+        assert look * networks.PROOF_GROWTH[1] <= seconds <= look * networks.PROOF_GROWTH[0]
+        assert used == 1.0 or seconds > look * networks.PROOF_GROWTH[1]
     assert [seconds for _, seconds in kept] == sorted((seconds for _, seconds in kept), reverse=True)
 
 
@@ -304,7 +304,7 @@ def test_weights_decay_by_as_much_as_the_proof_of_rays_is_too_long(monkeypatch, 
             made.append(self)
 
     needed = (
-        share * networks.LONG_PROOF * budget / networks.HARDER[1]
+        share * networks.DECAY_ABOVE * budget / networks.PROOF_GROWTH[1]
     )  # so that what is expected is at least that share
 
     real = networks.least_value
@@ -318,7 +318,7 @@ def test_weights_decay_by_as_much_as_the_proof_of_rays_is_too_long(monkeypatch, 
     monkeypatch.setitem(networks.TRAINERS, "default", Watched)
     few("c", query="ray", steps=None, budget=budget)
     (trainer,) = made
-    most = min(share * networks.DECAY * networks.HARDER[0] / networks.HARDER[1], networks.MOST_DECAY)
+    most = min(share * networks.DECAY * networks.PROOF_GROWTH[0] / networks.PROOF_GROWTH[1], networks.MOST_DECAY)
     assert trainer.decay <= most
     assert trainer.decay >= (min(share * networks.DECAY, networks.MOST_DECAY) if share > 1 else 0.0)
 
@@ -353,14 +353,18 @@ def test_a_proof_may_be_late_and_a_fit_that_gave_it_up_may_not(monkeypatch, hope
 
     class Watched(networks._Fit):
         def _decide(self, *args):  # as it is when training ends in time, on a clock that stands still
-            self.hopeful, self.settled, self.clock = hopeful, adversary, SimpleNamespace(seconds=used, timed=True)
+            self.proof_worthwhile, self.last_search_seconds, self.clock = (
+                hopeful,
+                adversary,
+                SimpleNamespace(seconds=used, timed=True),
+            )
             return super()._decide(*args)
 
     real, search = networks.decide, networks.adversarial_minimum
     monkeypatch.setattr(networks, "decide", decide)
     monkeypatch.setattr(networks, "adversarial_minimum", adversarial_minimum)
     monkeypatch.setattr(networks, "_Fit", Watched)
-    monkeypatch.setattr(networks, "LATE_SHARE", 0.5)
+    monkeypatch.setattr(networks, "OVERTIME_SHARE", 0.5)
     monkeypatch.setattr(networks, "ATTEST_SECONDS", 0.0)
     few("c", query="ray", budget=budget)
     late = 0.5 * budget if hopeful else 0.0

@@ -1,14 +1,14 @@
 """Fitting networks: train, then set the threshold by a proof where there is one, else by a search and statistics.
 
-Points are trained with the prover in the loop: now and then branch and bound looks for the least value of f on the
-object, what it finds goes into training, and the last part of the budget is the proof itself. Planes' supports need
-no labels, and their proof is short. A monotone network's boxes are trained and proven as points. Rays and boxes of
-other networks are searched by an adversary first, whose least value the prover then has to meet; where it has no time
-to, the adversary's threshold stands and fresh positives attest it. A network with exits is several networks that
-share layers; each gets a threshold of its own, in the same way.
+A network of points is trained with the prover in the loop: now and then branch and bound looks for the least f on the
+object, and the points that it finds become samples. The last part of the budget is the proof itself. A monotone
+network's boxes are decided by single points of the object (see ``monotone_mlp``), so it is trained and proven in the
+same way. Planes' supports need no labels, and their proof is short. Networks of rays and of other boxes are first
+searched by an adversary, and the prover then tries to show that nothing lies below what it found. Where there is no
+time for that, the adversary's value sets the threshold and fresh positives attest it. A network with exits is several
+networks that share layers; each gets a threshold of its own, in the same way.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from warp_bounding.bounders.neural.mlp_early import MlpEarly, part_of
 from warp_bounding.bounders.neural.monotone_mlp import MonotoneMlp
 from warp_bounding.networks.heads import head_of
 from warp_bounding.proof import Search, conjunction, least_value, prove
+from warp_bounding.runtime.progress import Progress
 from warp_bounding.training.engine.adversary import adversarial_minimum
 from warp_bounding.training.engine.clock import Clock, interrupts
 from warp_bounding.training.engine.team import single_threaded_torch
@@ -37,44 +38,49 @@ from warp_bounding.training.thresholds import Costs, decide, tolerance
 __all__ = ["TRAINERS", "NetworkOptions", "fit_network"]
 
 TRAINERS = dict(zip(RECIPES, (Trainer, PaperTrainer), strict=True))
-SEARCHES = (0.4, 0.65, 0.9)  # used fractions at which the prover looks for counterexamples
-LOOKS = (0.25, 0.5, 0.9)  # likewise, of rays and boxes
-SEARCH_SHARE = 0.02  # of the budget, each
-ADVERSARY_SHARE = 0.01  # of the budget, of each look that an adversary takes at rays and boxes before the prover does
-MONOTONE_START = 0.2  # used fraction from which the prover looks at a monotone network at every refresh
-MONOTONE_EPS, MONOTONE_BOXES = 0.1, 20_000  # and how closely: such a search takes a few hundred boxes
-POINT_RESERVE, REGION_RESERVE = (
-    0.03,
-    0.15,
-)  # of the budget: for what sets the threshold, before a search has told what it takes
-LONG_PROOF_SHARE = 0.2  # reserved where the last search did not end in its time
-LONG_RESERVE = 0.4  # likewise, before the prover has looked at rays or boxes: it is easier to give time back
-MORE_FOR_EXITS = 0.4  # of that, for the thresholds of exits
-LEAST_SHARE = 0.05  # of the budget: a proof gets this much, even where training took longer than it should
-ATTEST_SECONDS = 2.5  # about what a million fresh positives take
-SEARCH_BOXES, REGION_BOXES, PROOF_BOXES = (
-    1_000_000,
-    300_000,
-    20_000_000,
-)  # what takes the place of time in budgets of steps
-SEARCH_ROUNDS = 12  # likewise, of the adversarial search
-TRAINING_ROUNDS = 2  # of the adversarial search, each time in training
-EXIT_STEPS = 40  # likewise, of each exit
-LOOK_SHARE, LOOK_BOXES = (
-    0.02,
-    200_000,
-)  # of the budget, or boxes, of each look of the prover at rays and boxes in training
-MOST_ADDED = 256  # positives of such a look that become training samples
-SETTLED_SHARE, SETTLED_SECONDS = 0.1, 20.0  # of the budget, at most: for the adversary, where a proof comes after it
-LONGEST_PROOF = 0.6  # of the budget, of rays and boxes
-LONG_PROOF = 0.3  # of the budget: where a proof is expected to take longer, weights decay,
-DECAY, MOST_DECAY = 0.05, 0.2  # at this rate, and faster by as much as it is longer
-WORTH_PROVING = 1e-2  # share of all queries: where a proof is expected to cost more, training keeps the time
-HARDER = (4.2, 1.35)  # times as long as at a used fraction of 0 to 1 the proof of the last network takes
-LATE_SHARE = 0.1  # of the budget: by so much a proof may end late, where to come less near saves next to no work
-PLANE_TOLERANCE = 1e-3  # of a plane's offset, in domain half-widths
+# Shares are of the whole budget, used fractions are of the training time. Where the budget is in steps, boxes and rounds
+# take the place of time, so that a fit is repeatable.
 
-Progress = Callable[[float, float, str], None]
+# Used fractions at which training looks for the lowest positives: the prover alone among points, the adversary and then
+# the prover among rays and boxes.
+MINE_POINTS_AT, MINE_REGIONS_AT = (0.4, 0.65, 0.9), (0.25, 0.5, 0.9)
+# What the prover may take each time, as a share or as a number of boxes.
+MINE_POINTS_SHARE, MINE_POINTS_BOXES = 0.02, 1_000_000
+MINE_REGIONS_SHARE, MINE_REGIONS_BOXES = 0.02, 200_000
+# What the adversary may take each time, as a share, and as a number of rounds in every budget.
+ADVERSARY_SHARE, ADVERSARY_ROUNDS = 0.01, 2
+MOST_ADDED = 256  # most rays or boxes that the prover finds each time and that become samples
+# A monotone network is searched at every refresh from this used fraction on, to this gap of f, by at most so many boxes;
+# such a search takes a few hundred.
+MONOTONE_START, MONOTONE_EPS, MONOTONE_BOXES = 0.2, 0.1, 20_000
+
+# Share that is reserved for setting the threshold before a search has told what that takes: for points; for regions; and
+# for rays and boxes that are searched during training, where it is more, because it is easier to give time back.
+POINT_RESERVE, REGION_RESERVE, MINED_REGION_RESERVE = 0.03, 0.15, 0.4
+# Once a search has told what the proof of points takes, its reserve is kept between these shares.
+LEAST_RESERVED, MOST_RESERVED = 0.01, 0.2
+MOST_REGION_PROOF = 0.6  # largest share that is reserved for the proof of rays or boxes
+MORE_FOR_EXITS = 0.4  # mlp-early: a reserve for proofs is larger by this share of itself
+# The proof of the final network takes this many times as long as that of one at used fraction 0 and at 1, and in between a
+# number linear in the used fraction: f gets steeper while it trains. Both are empirical.
+PROOF_GROWTH = (4.2, 1.35)
+# Where the proof of rays or boxes is expected to take more than the share DECAY_ABOVE, weights decay at the rate DECAY, times
+# the factor by which it is exceeded, up to MOST_DECAY: smaller weights make proofs shorter.
+DECAY_ABOVE, DECAY, MOST_DECAY = 0.3, 0.05, 0.2
+# A proof that is expected to cost more than this share of all queries in false positives is given up: training keeps the time.
+WORTH_PROVING = 1e-2
+
+# A proof, or the last adversarial search, gets this share even if training took longer than it should.
+LEAST_SHARE = 0.05
+# A proof may exceed the budget by this share: ending it earlier would loosen the threshold and save little time.
+OVERTIME_SHARE = 0.1
+# The last adversarial search before a proof takes this share, but no more than these seconds.
+LAST_SEARCH_SHARE, LAST_SEARCH_SECONDS = 0.1, 20.0
+ATTEST_SECONDS = 2.5  # about the time of the million fresh positives that attest a threshold
+PLANE_TOLERANCE = 1e-3  # gap at which the proof of planes ends, in domain half-widths of a plane's offset
+# Limits where the budget is in steps: boxes of the final proof, of points and planes and of rays and boxes; rounds of the
+# last adversarial search; Newton steps of each exit.
+PROOF_BOXES, REGION_PROOF_BOXES, SEARCH_ROUNDS, EXIT_STEPS = 20_000_000, 300_000, 12, 40
 
 
 @dataclass(frozen=True)
@@ -95,45 +101,54 @@ class NetworkOptions:
 
 
 def fit_network(
-    kind: type[Mlp], problem: Problem, options: NetworkOptions, progress: Progress | None = None
+    method: type[Mlp], problem: Problem, options: NetworkOptions, progress: Progress | None = None
 ) -> tuple[Mlp, dict]:
     """Train a network and set its threshold.
 
     Args:
-        kind: ``Mlp``, ``MlpEarly``, ``MonotoneMlp`` or ``Occupancy``.
-        problem: What for.
-        options: How.
+        method: ``Mlp``, ``MlpEarly``, ``MonotoneMlp`` or ``Occupancy``.
+        problem: What is bounded.
+        options: What kind of network, and how long it may take.
         progress: Called with done, total and a note. Ctrl-C ends training; the best network so far is taken.
 
     Returns:
-        The bounder, frozen, and a record of how it went.
+        The bounder, frozen, and a record of the training.
     """
-    return _Fit(kind, problem, options, progress).run()
+    return _Fit(method, problem, options, progress).run()
 
 
 class _Fit:
-    """One fit: its clock and its progress."""
+    """One fit; arguments are those of ``fit_network``.
 
-    def __init__(self, kind: type[Mlp], problem: Problem, options: NetworkOptions, progress: Progress | None):
-        self.kind, self.problem, self.options, self.progress = kind, problem, options, progress
+    Attributes:
+        as_points: Whether f is proven over the object's points.
+        supports: Whether the network is a plane's two supports.
+        proof_worthwhile: Of rays and boxes: whether a proof is expected to be worth its time.
+        last_search_seconds: Limit of the last adversarial search before a proof.
+        reserve: Share of the budget after training that the user's progress shows.
+        boxes: Number of boxes that searches during training have bounded.
+    """
+
+    def __init__(self, method: type[Mlp], problem: Problem, options: NetworkOptions, progress: Progress | None):
+        self.method, self.problem, self.options, self.progress = method, problem, options, progress
         self.clock = Clock(options.budget, options.steps)
-        self.early = issubclass(kind, MlpEarly)
-        self.monotone = issubclass(kind, MonotoneMlp)
-        self.as_points = problem.domain.tested_as_point or self.monotone  # proven over the object's points
+        self.early = issubclass(method, MlpEarly)
+        self.monotone = issubclass(method, MonotoneMlp)
+        self.as_points = problem.domain.tested_as_point or self.monotone
         self.supports = head_of(problem.query).outputs > 1
         self.reserve = POINT_RESERVE if self.as_points else REGION_RESERVE
-        self.settled = min(SETTLED_SHARE * options.budget, SETTLED_SECONDS)
+        self.last_search_seconds = min(LAST_SEARCH_SHARE * options.budget, LAST_SEARCH_SECONDS)
         self.interrupted, self.boxes = False, 0
-        self.hopeful = not self.as_points and not self.supports  # rays and boxes: a proof is worth its time
+        self.proof_worthwhile = not self.as_points and not self.supports
 
     def run(self) -> tuple[Mlp, dict]:
         options, clock = self.options, self.clock
         exits = EXIT_SHARE * (len(options.hidden) - 1) if self.early else 0.0
         self.exit_seconds = exits * options.budget
-        looks = self.hopeful and options.recipe == "default"  # the paper's recipe lets nobody look
-        reserve = LONG_RESERVE if looks else self.reserve
+        mined = self.proof_worthwhile and TRAINERS[options.recipe].mines
+        reserve = MINED_REGION_RESERVE if mined else self.reserve
         clock.reserved = reserve * (1 + MORE_FOR_EXITS * self.early) * options.budget + self.exit_seconds
-        if not self.kind.conservative:
+        if not self.method.conservative:
             clock.reserved = 0.0
             bounder, record = self._occupancy(), {}
         elif self.supports:
@@ -157,7 +172,7 @@ class _Fit:
             seed=problem.seed,
             progress=lambda used, note: self._report(used, note),
         )
-        return self.kind(problem.domain, tensors, options.stored, problem.device).freeze(0.0, None)
+        return self.method(problem.domain, tensors, options.stored, problem.device).freeze(0.0, None)
 
     def _supports(self) -> tuple[Mlp, dict]:
         problem, options = self.problem, self.options
@@ -169,7 +184,7 @@ class _Fit:
             if self.early:
                 exits = train_exits(trainer, tensors, self.exit_seconds, self._exit_steps())
         parts = self._parts(tensors, exits.tensors if exits else {})
-        for part in parts:
+        for part in parts:  # the last part is the whole network, whose gap is the fit's
             self._report(1.0, "proof")
             search = prove(part, problem.grid, eps=PLANE_TOLERANCE, **self._limit(len(parts)))
         return self._whole(parts), {"gap": float(search.upper_bound - search.lower_bound)}
@@ -177,30 +192,28 @@ class _Fit:
     def _network(self) -> tuple[Mlp, dict]:
         options = self.options
         samples = self._samples()
-        joint = self.early and self.as_points  # elsewhere too few are denied early to pay for worse layers
+        joint = self.early and self.as_points  # of regions too few are denied early to pay for worse layers
         trainer_of = EarlyTrainer if joint else TRAINERS[options.recipe]
         if self.monotone:
             trainer = MonotoneTrainer(samples, options.hidden, options.activation)
         else:
             trainer = trainer_of(samples, options.hidden, options.activation, options.octaves)
-        waiting = list(SEARCHES if self.as_points else LOOKS)
+        waiting = list(MINE_POINTS_AT if self.as_points else MINE_REGIONS_AT)
 
-        def counterexamples(_, used: float) -> None:
+        def mine(_, used: float) -> None:
             if self.monotone:
                 if used >= MONOTONE_START:
-                    self._counterexamples(trainer, used)
+                    self._mine_points(trainer, used)
             elif waiting and waiting[0] <= used < 1:
                 waiting.pop(0)
                 if self.as_points:
-                    self._counterexamples(trainer, used)
+                    self._mine_points(trainer, used)
                 else:
-                    self._hard_positives(trainer, samples, used)
+                    self._mine_regions(trainer, samples, used)
 
         exits = None
         with single_threaded_torch():
-            self.interrupted = interrupts(
-                lambda: trainer.run(self.clock, counterexamples=counterexamples, progress=self._report)
-            )
+            self.interrupted = interrupts(lambda: trainer.run(self.clock, on_refresh=mine, progress=self._report))
             tensors = trainer.network.tensors(trainer.best())
             trainer.network.flat.copy_(trainer.best())
             if self.early:
@@ -209,7 +222,7 @@ class _Fit:
         networks = [*(exits.networks if exits else []), trainer.network]
         states = [*(exits.states if exits else []), trainer.hard_states()]
         points = [*(exits.points if exits else []), trainer.worst_points()]
-        for index, part in enumerate(parts):
+        for index, part in enumerate(parts):  # the last part is the whole network, whose record is the fit's
             if self.as_points:
                 record = self._prove(part, points[index], len(parts) - index)
             else:
@@ -229,14 +242,14 @@ class _Fit:
             return samples_of(problem.grid, problem.domain, problem.seed)
         return LeastBoxSamples(problem.grid, problem.domain, torch.Generator().manual_seed(problem.seed))
 
-    def _counterexamples(self, trainer: Trainer, used: float) -> None:
-        """Let the prover look at the network as it is; its lowest points become training samples."""
+    def _mine_points(self, trainer: Trainer, used: float) -> None:
+        """Let the prover search the network as it is; the lowest points that it finds become training samples."""
         problem, clock, budget = self.problem, self.clock, self.options.budget
-        kind = MonotoneMlp if self.monotone else Mlp
-        bounder = kind(problem.domain, trainer.network.tensors(), self.options.stored, problem.device)
-        limit = {"seconds": SEARCH_SHARE * budget} if clock.timed else {"boxes": SEARCH_BOXES}
+        method = MonotoneMlp if self.monotone else Mlp
+        bounder = method(problem.domain, trainer.network.tensors(), self.options.stored, problem.device)
+        limit = {"seconds": MINE_POINTS_SHARE * budget} if clock.timed else {"boxes": MINE_POINTS_BOXES}
         points = trainer.worst_points()
-        if self.monotone:  # cheap and often: where f is steep, samples alone would take a network for better than it is
+        if self.monotone:  # often, and cheaply: where f is steep, samples alone make a network look better than it is
             eps, limit = MONOTONE_EPS, {"boxes": MONOTONE_BOXES}
         else:
             eps = tolerance(bounder, problem, points)
@@ -244,41 +257,47 @@ class _Fit:
         self.boxes += search.boxes
         trainer.add(search.worst)
         if clock.timed:
-            expected = min(max(_last_proof(search, used), 0.01 * budget), LONG_PROOF_SHARE * budget)
+            expected = min(max(_final_proof_seconds(search, used), LEAST_RESERVED * budget), MOST_RESERVED * budget)
             clock.reserve(expected * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds)
 
-    def _hard_positives(self, trainer: Trainer, samples: Samples, used: float) -> None:
-        """Let adversary and prover look at the network as it is; the worst positives they find become training samples.
+    def _mine_regions(self, trainer: Trainer, samples: Samples, used: float) -> None:
+        """Let adversary and prover search the network as it is; the lowest positives that they find become samples.
 
-        What the prover gets done tells how much time its proof of the last network is worth.
+        The prover's search tells how long a proof of the final network would take, and whether it would be worth it.
         """
         budget, clock, problem = self.options.budget, self.clock, self.problem
         seconds = ADVERSARY_SHARE * budget if clock.timed else float("inf")
-        found = adversarial_minimum(samples, trainer.network, seconds, trainer.hard_states(), rounds=TRAINING_ROUNDS)
+        found = adversarial_minimum(samples, trainer.network, seconds, trainer.hard_states(), rounds=ADVERSARY_ROUNDS)
         trainer.add_states(found.states)
         bounder = Mlp(problem.domain, trainer.network.tensors(), self.options.stored, problem.device)
-        expected, self.hopeful = 0.0, bounder.provable
+        expected, self.proof_worthwhile = 0.0, bounder.provable
         if bounder.provable:
             costs, least = Costs(bounder, problem), float(bounder.reference(found.worst).min())
             eps = costs.room(least)
-            limit = {"seconds": LOOK_SHARE * budget} if clock.timed else {"boxes": LOOK_BOXES}
+            limit = {"seconds": MINE_REGIONS_SHARE * budget} if clock.timed else {"boxes": MINE_REGIONS_BOXES}
             search = least_value(bounder, problem.grid, eps=eps, points=found.worst, **limit)
             self.boxes += search.boxes
             trainer.add_states(samples.spread(samples.at(search.numbers), MOST_ADDED))
-            expected = _last_proof(search, used)
+            expected = _final_proof_seconds(search, used)
             if clock.timed:
-                self.hopeful = costs.of_proof(least, eps, expected, LONGEST_PROOF * budget) <= WORTH_PROVING
-                longer = expected / (LONG_PROOF * budget)
-                if self.hopeful and longer > 1:
+                self.proof_worthwhile = (
+                    costs.of_proof(least, eps, expected, MOST_REGION_PROOF * budget) <= WORTH_PROVING
+                )
+                longer = expected / (DECAY_ABOVE * budget)
+                if self.proof_worthwhile and longer > 1:
                     trainer.decay = max(trainer.decay, min(DECAY * longer, MOST_DECAY))
         if clock.timed:
-            proof = min(expected, LONGEST_PROOF * budget) + self.settled if self.hopeful else self.reserve * budget
+            proof = (
+                min(expected, MOST_REGION_PROOF * budget) + self.last_search_seconds
+                if self.proof_worthwhile
+                else self.reserve * budget
+            )
             clock.reserve(proof * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds, used)
 
     # --- thresholds --------------------------------------------------------------------------------------------------
 
     def _parts(self, tensors: dict[str, np.ndarray], exits: dict[str, np.ndarray]) -> list[Mlp]:
-        """The exits as networks by themselves, and the network."""
+        """Each exit as a network of its own, in order of depth, and last the whole network."""
         domain, sizes, device = self.problem.domain, self.options.stored, self.problem.device
         if not self.early:
             return [(MonotoneMlp if self.monotone else Mlp)(domain, tensors, sizes, device)]
@@ -292,10 +311,10 @@ class _Fit:
         return bounder.freeze(float(bounder.threshold), conjunction([part.certificate for part in parts]))
 
     def _limit(self, parts_left: int) -> dict[str, float]:
-        """Time, or boxes, of the next part's proof."""
+        """Limit of the next part's proof: seconds, or boxes."""
         if not self.clock.timed:
             return {"boxes": PROOF_BOXES}
-        left = (1 + LATE_SHARE) * self.options.budget - self.clock.seconds
+        left = (1 + OVERTIME_SHARE) * self.options.budget - self.clock.seconds
         return {"seconds": max(left / parts_left, LEAST_SHARE * self.options.budget)}
 
     def _prove(self, part: Mlp, points: np.ndarray, parts_left: int) -> dict:
@@ -309,18 +328,22 @@ class _Fit:
     ) -> dict:
         self._report(1.0, "adversarial search")
         budget, rounds = self.options.budget, {} if self.clock.timed else {"rounds": SEARCH_ROUNDS}
-        left = ((1 + LATE_SHARE * self.hopeful) * budget - self.clock.seconds) / parts_left - ATTEST_SECONDS
-        share = min(left, self.settled) if self.hopeful else left
-        seconds = max(share, 0.05 * budget) if self.clock.timed else float("inf")
+        least = LEAST_SHARE * budget
+        left = (
+            (1 + OVERTIME_SHARE * self.proof_worthwhile) * budget - self.clock.seconds
+        ) / parts_left - ATTEST_SECONDS
+        share = min(left, self.last_search_seconds) if self.proof_worthwhile else left
+        seconds = max(share, least) if self.clock.timed else float("inf")
         found = adversarial_minimum(samples, network, seconds, states=states, **rounds)
-        limits, least = {"boxes": REGION_BOXES}, LEAST_SHARE * budget
+        limits = {"boxes": REGION_PROOF_BOXES}
         if self.clock.timed:
             left -= found.seconds
-            limits = {"seconds": max(left, least)} if self.hopeful or left > least else None
+            limits = {"seconds": max(left, least)} if self.proof_worthwhile or left > least else None
         record = decide(part, self.problem, found.worst, limits, lambda note: self._report(1.0, note))
         return record | {"search_seconds": round(found.seconds, 3), "search_complete": found.complete}
 
 
-def _last_proof(search: Search, used: float) -> float:
-    """Seconds that the proof of the last network is expected to take, by a search of the one at a used fraction: f gets steeper."""
-    return (HARDER[0] + (HARDER[1] - HARDER[0]) * used) * (search.seconds if search.complete else search.needed)
+def _final_proof_seconds(search: Search, used: float) -> float:
+    """Seconds expected for the proof of the final network, from a search of the network at a used fraction."""
+    begin, end = PROOF_GROWTH
+    return (begin + (end - begin) * used) * (search.seconds if search.complete else search.needed)

@@ -16,7 +16,7 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import oracle, sample
-from warp_bounding.training.engine.clock import Clock, Progress, geometric, interrupts
+from warp_bounding.training.engine.clock import Clock, TrainingProgress, geometric, interrupts
 from warp_bounding.training.engine.descent import descend
 from warp_bounding.training.engine.team import single_threaded_torch
 
@@ -47,7 +47,7 @@ def train_relu_field(
     seed: int = 0,
     steps: int | None = None,
     device: str | None = None,
-    progress: Progress | None = None,
+    progress: TrainingProgress | None = None,
 ) -> tuple[ReluField, dict]:
     """Learn a ``relu-field``.
 
@@ -95,7 +95,7 @@ class _Trainer:
         self.values = torch.from_numpy(np.where(marked.reshape(-1), START[1], START[0]).astype(np.float32))
         self.start, self.hard = self.values.clone(), np.zeros((0, len(self.field.nodes)))
 
-    def run(self, clock: Clock, progress: Progress | None) -> None:
+    def run(self, clock: Clock, progress: TrainingProgress | None) -> None:
         """Descend until the clock is at its end, or ``STEPS`` are over."""
         values = self.values.requires_grad_(True)
         optimiser = torch.optim.Adam([values], lr=RATE[0], betas=(0.9, 0.99))

@@ -1,8 +1,8 @@
-"""What a threshold costs in false positives, and how a trained network of rays or boxes gets the best one that can be had in time.
+"""What a threshold costs in false positives, and the best one that a network of rays or boxes can be given in some time.
 
-An adversary finds the least value that training has left over; the prover then has to show that there is nothing below,
-but for a gap that costs next to nothing. If it cannot in its time, and the gap that it did prove costs too much, the
-adversary's value stands, and fresh positives tell what is known of it.
+An adversary looks for the least f of a positive. The prover then tries to show that no positive lies below that value by
+more than a gap that costs next to nothing. If it does not get there in its time, and the gap that it has proven costs too
+much, the adversary's value sets the threshold, and fresh positives attest it.
 """
 
 import numpy as np
@@ -16,22 +16,19 @@ from warp_bounding.training.problem import Problem
 
 __all__ = ["PROOF_COST", "Costs", "decide"]
 
-PROOF_COST = {
-    "point": 1e-4,
-    "ray": 1e-3,
-    "plane": 1e-4,
-    "box": 1e-3,
-}  # share of all queries that a search may cost at its end,
-LARGEST_COST = 2e-2  # or, of rays and boxes, where it has to end early
-SAMPLES = 200_000
-FINEST, USUAL = 1e-6, 1e-3  # least gap; gap where no negative tells
+# Share of all queries that may become false positives by the gap that a complete search leaves.
+PROOF_COST = {"point": 1e-4, "ray": 1e-3, "plane": 1e-4, "box": 1e-3}
+LARGEST_COST = 2e-2  # the same share where the search of rays or boxes ran out of time; above it the proof is not used
+SAMPLES = 200_000  # random queries by which costs are estimated
+FINEST = 1e-6  # least gap that is asked for, in f
+USUAL = 1e-3  # gap in f that is asked for where too few negatives lie below to measure its cost
 
 
 class Costs:
-    """F of negatives, as a device computes it.
+    """Values of f at negatives, as a device computes them, which tell what a threshold costs.
 
     Args:
-        bounder: Whose f.
+        bounder: The bounder of f.
         problem: What it bounds.
     """
 
@@ -51,7 +48,7 @@ class Costs:
         return float(np.diff(np.searchsorted(self.values, [lower, upper]))[0]) / SAMPLES
 
     def of_proof(self, least: float, eps: float, needed: float, seconds: float) -> float:
-        """Share of all queries that a proof is expected to cost that has some seconds, where it needs others to come as near as ``eps``."""
+        """Share of all queries that a proof is expected to cost, which has ``seconds`` but needs ``needed`` for a gap ``eps``."""
         return self.between(least - eps * max(needed / seconds, 1.0) ** (1 / GROWTH), least)
 
 
@@ -70,14 +67,14 @@ def decide(
     """Set the threshold of a network of rays or boxes, by proof if there is time for one, and give it its certificate.
 
     Args:
-        part: Changed in place.
+        part: The network; changed in place.
         problem: What it bounds.
-        found: ``(N, ndim)``, the lowest positives known.
-        limits: ``seconds`` or ``boxes`` for the prover; ``None`` if it need not try.
-        report: Called with what is being done.
+        found: ``(N, ndim)``, the lowest positives known, coordinates ``v``.
+        limits: ``seconds`` or ``boxes`` for the prover; ``None`` if it is not to try.
+        report: Called with a note on what begins.
 
     Returns:
-        A record of it: ``gap``, and what the prover did.
+        A record: ``gap``, and where the prover has tried ``proof_cost`` and ``proof_seconds``.
     """
     costs, least = Costs(part, problem), float(part.reference(found).min())
     record, left = {}, None

@@ -1,10 +1,10 @@
 """Depth-first branch and bound over boxes of a chart, inside one native kernel.
 
 A block (a thread on CUDA) has a stack of boxes in global memory. It takes as many as it has lanes, bounds them, closes
-those whose bound reaches the target and halves the others, until the stack is empty, the block has bounded as many
-boxes as it may, its stack is full, or a positive lies under the target. What is then left on the stack waits for the next launch. If the
-target is -infinity, all boxes are bounded once and closed, however many there are, and a bound that is NaN counts as
--infinity. A box that is too narrow to be halved is closed, too: the least bound of a closed box then lies below the
+those whose bound reaches the target and halves the others, until the stack is empty or full, the block has bounded as
+many boxes as it may, or a positive lies under the target. What is then left on the stack waits for the next launch. If
+the target is -infinity, all boxes are bounded once and closed, however many there are, and a bound that is NaN counts
+as -infinity. A box that is too narrow to be halved is closed, too: the least bound of a closed box then lies below the
 target, and is what can be proven.
 """
 

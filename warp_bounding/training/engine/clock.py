@@ -5,11 +5,12 @@ from collections.abc import Callable, Iterator
 
 from warp_bounding.runtime.launch import working_seconds
 
-__all__ = ["Clock", "Progress", "cosine", "geometric", "interrupts"]
+__all__ = ["Clock", "TrainingProgress", "cosine", "geometric", "interrupts"]
 
-FASTER = 2.0  # times as fast the used fraction may go on when more time is reserved
+FASTER = 2.0  # largest factor by which the used fraction may go on faster when more time is reserved
 
-Progress = Callable[[float, str], None]  # called with the used fraction and a note
+# Called now and then with the used fraction of the budget and a note on how the training goes.
+TrainingProgress = Callable[[float, str], None]
 
 
 class Clock:
@@ -23,14 +24,15 @@ class Clock:
     def __init__(self, seconds: float, steps: int | None = None):
         self.started, self.total, self.limit, self.count = working_seconds(), seconds, steps, 0
         self.reserved = 0.0  # seconds at the end that belong to the proof
-        self._from = (0.0, 0.0)  # seconds and used fraction, from which it goes on evenly
+        self._from = (0.0, 0.0)  # seconds since the start and used fraction, from which the fraction grows evenly
 
     def reserve(self, seconds: float, used: float | None = None) -> None:
-        """Change what is kept for the proof. The used fraction goes on evenly, at most ``FASTER``: schedules do not jump.
+        """Change what is kept for the proof. Schedules do not jump: the used fraction goes on evenly, at most ``FASTER``.
 
         Args:
-            seconds: At the end of the budget.
-            used: Fraction from which it goes on, where the time since then was not training; the present one if ``None``.
+            seconds: Time at the end of the budget.
+            used: Used fraction from which it goes on, where the time since then was not training; the present one if
+                ``None``.
         """
         now, used = self.seconds, min(self.fraction() if used is None else used, 1.0)
         left = max(self.total - self.reserved - now, 0.0)
@@ -72,17 +74,17 @@ def cosine(rate: float, end: float, warm_up: float, used: float) -> float:
     """A learning rate: linear up to ``rate`` during the fraction ``warm_up``, and by half a cosine down to ``end`` of it.
 
     Args:
-        rate: The highest.
-        end: Of it, at the end.
-        warm_up: Fraction.
-        used: Fraction so far.
+        rate: The highest rate.
+        end: The rate at the end, as a share of the highest.
+        warm_up: Used fraction at which the rate is highest.
+        used: Used fraction of the budget.
     """
     warm = min(1.0, (used + 1e-3) / warm_up)
     return rate * warm * (end + (1 - end) * 0.5 * (1 + math.cos(math.pi * min(used, 1.0))))
 
 
 def interrupts(job: Callable[[], None]) -> bool:
-    """Do a job; whether Ctrl-C ended it, after which what has been learned so far is taken."""
+    """Do a job; returns whether Ctrl-C ended it, in which case the caller takes what has been learned so far."""
     try:
         job()
     except KeyboardInterrupt:

@@ -16,7 +16,7 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import oracle, sample
-from warp_bounding.training.engine.clock import Clock, Progress, geometric, interrupts
+from warp_bounding.training.engine.clock import Clock, TrainingProgress, geometric, interrupts
 from warp_bounding.training.engine.descent import descend
 from warp_bounding.training.engine.team import single_threaded_torch
 from warp_bounding.training.learned_kdop.half_space_problems import HalfSpaceProblem, problem_of, tensor
@@ -47,7 +47,7 @@ def train_learned_kdop(
     k: int | None = None,
     steps: int | None = None,
     device: str | None = None,
-    progress: Progress | None = None,
+    progress: TrainingProgress | None = None,
 ) -> tuple[LearnedKdop, dict]:
     """Learn a ``learned-kdop``.
 
@@ -132,7 +132,7 @@ def _descend(
     clock: Clock,
     share: tuple[float, float],
     generator: torch.Generator,
-    progress: Progress | None,
+    progress: TrainingProgress | None,
     found: list[tuple[float, torch.Tensor]],
 ) -> None:
     """One start, until the clock shows ``share[0]`` or ``STEPS`` are over; keeps the best share of false positives in ``found[-1]``."""

@@ -2,7 +2,7 @@
 
 The figure of merit is the volume of negatives above the *least* value on the object, a worst case over a continuous
 set. Hence the loss of ``recipes.loss``, and positives from a pool of the worst ones found, which walk down f inside
-their cells. Points that a proof's search finds enter the pool (``counterexamples``).
+their cells. Positives that others find, such as the prover, enter the pool by ``add``.
 """
 
 import math
@@ -11,7 +11,7 @@ from collections.abc import Callable
 import torch
 
 from warp_bounding.runtime.launch import cpu_threads
-from warp_bounding.training.engine.clock import Clock, Progress, cosine
+from warp_bounding.training.engine.clock import Clock, TrainingProgress, cosine
 from warp_bounding.training.engine.soap import Soap
 from warp_bounding.training.engine.team import Team
 from warp_bounding.training.engine.trainable_network import Evaluator, TrainableNetwork
@@ -25,18 +25,22 @@ class Trainer:
     """A network in training.
 
     Args:
-        samples: Of the kind of query; their generator is the source of everything random.
+        samples: Samples of the kind of query; their generator is the source of everything random.
         hidden: Hidden widths.
         activation: A name in ``ACTIVATIONS``.
-        octaves: Of the positional encoding.
+        octaves: Octaves of the positional encoding.
         recipe: Constants; those of the kind of query if ``None``.
 
     Attributes:
         network: The parameters as they are now.
         false_positives: Estimated share of false positives, of all uniform samples, at the last refresh.
         false_negatives: Share of the worst positives that the paper's threshold of 0 would deny.
-        decay: Of the hidden layers' weights, times the learning rate, a step: smaller weights bend f less, which shortens its proof.
+        decay: In each step the hidden layers' weights shrink by this times the learning rate: smaller weights bend f less,
+            which shortens its proof.
+        mines: Whether ``run`` calls ``on_refresh``, so that positives found by others can enter the training.
     """
+
+    mines = True
 
     def __init__(
         self,
@@ -57,7 +61,6 @@ class Trainer:
         self._batches: tuple[Batches, Batches] | None = None
 
     def _initialise(self) -> None:
-        """Weights to begin with."""
         network, samples = self.network, self.samples
         waves = network.act.wave and not network.octaves
         gains = ("first_gain", "later_gain") if waves else ("first_gain_plain", "later_gain_plain")
@@ -66,21 +69,21 @@ class Trainer:
         network.layers[0][:, : samples.ndim] *= samples.detail.T
 
     def _optimiser(self) -> Soap:
-        """What changes the weights."""
         return Soap(self.network.layers, self.recipe.beta1, self.recipe.beta2)
 
     def run(
         self,
         clock: Clock,
         *,
-        counterexamples: Callable[["Trainer", float], None] | None = None,
-        progress: Progress | None = None,
+        on_refresh: Callable[["Trainer", float], None] | None = None,
+        progress: TrainingProgress | None = None,
     ) -> None:
         """Train until the clock's budget is used up, or an interrupt.
 
         Args:
             clock: The budget; its count of steps goes on.
-            counterexamples: Called before every refresh with this trainer and the used fraction; may call ``add``.
+            on_refresh: Called before every refresh with this trainer and the used fraction, and at the end with 1; it may
+                ``add`` positives.
             progress: Called at every refresh with the used fraction and a note on rates.
         """
         recipe, optimiser = self.recipe, self._optimiser()
@@ -88,8 +91,8 @@ class Trainer:
             workers = self.workers(team)
             for step, used in clock.steps():
                 if step % recipe.refresh == 0:
-                    if counterexamples:
-                        counterexamples(self, used)
+                    if on_refresh:
+                        on_refresh(self, used)
                     self._refresh(team, workers, used)
                     if progress:
                         rates = f"FP {100 * self.false_positives:.1f} %, FN at 0: {100 * self.false_negatives:.1f} % of the worst"
@@ -99,12 +102,11 @@ class Trainer:
                 if self.decay:
                     for weight in self.network.layers[:-1]:
                         weight.mul_(1 - rate * self.decay)
-            if counterexamples:
-                counterexamples(self, 1.0)
+            if on_refresh:
+                on_refresh(self, 1.0)
             self._refresh(team, workers, 1.0)
 
     def workers(self, team: Team) -> list[Evaluator]:
-        """One for each thread."""
         return [Evaluator(self.network) for _ in range(team.size)]
 
     def add(self, v) -> None:
@@ -116,7 +118,7 @@ class Trainer:
         self._hard = state if self._hard is None else torch.cat([state, self._hard], 1)
 
     def hard_states(self) -> torch.Tensor:
-        """``(S, K)``, the worst positives known; none before the first refresh."""
+        """``(S, K)``, states of the worst positives known; none before the first refresh."""
         return self.samples.positives(0) if self._hard is None else self._hard
 
     def best(self) -> torch.Tensor:
@@ -170,7 +172,7 @@ class Trainer:
         return values
 
     def _descend(self, team: Team, workers: list[Evaluator], state: torch.Tensor, moves: int) -> torch.Tensor:
-        """States after some steps down f."""
+        """States ``(S, N)`` after so many moves down f, which shrink from 0.4 cells on."""
         state, samples, network = state.clone(), self.samples, self.network
 
         def job(index: int, part: slice) -> None:
@@ -189,6 +191,6 @@ class Trainer:
     def _gradients(
         self, team: Team, workers: list[Evaluator], row: int, used: float, rate: float
     ) -> list[torch.Tensor]:
-        """Gradients of the loss on the planned batch ``row``, one matrix a layer; ``rate`` is of the step that they are for."""
+        """Gradients of the loss on the planned batch ``row``, one matrix a layer, for a step at the learning rate ``rate``."""
         accumulate(self._batches, self.recipe, team, workers, row, used)
         return summed(workers)

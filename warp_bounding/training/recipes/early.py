@@ -1,13 +1,15 @@
 """Training a network with exits, ``mlp-early``: together with the network first, then each exit by itself.
 
-``EarlyTrainer`` is the main recipe (``loop``), with every exit's loss added at a small weight: layers that serve only
-what comes behind them leave a linear exit less to say (3D points, bunny: behind a finished network an exit lets 22 to
-42 % of all points pass wrongly, trained with it 9 %, for 4.7 instead of 4.4 % at the end and a third more time a
-step). ``train_exits`` then finishes the exits behind layers that stay as they are, by Newton steps. A plane's exits
-are supports, trained as in ``support`` behind finished layers.
+An *exit* is a linear output on a hidden layer's activations with a threshold of its own, which may only answer *no*
+(``bounders.neural.mlp_early``). ``EarlyTrainer`` is the default recipe (``recipes.default``) with every exit's loss
+added at the weight ``JOINT`` in the layers that it shares, because layers that were trained for the final output alone
+are a poor basis for an exit. Measured for 3D points of the bunny: an exit lets 9 % of all points pass wrongly instead of
+22 to 42 %, the whole network 4.7 instead of 4.4 %, and a step takes a third longer. ``train_exits`` then finishes the
+exits by Newton steps while the layers stay as they are. The exits of a plane's network are supports, trained by
+``recipes.plane`` behind finished layers.
 
 Limits: exits cost the network some of its own tightness, and time. Exits of planes are only as good as the layers
-they find.
+behind which they are trained.
 """
 
 import math
@@ -19,7 +21,7 @@ import torch
 from torch.nn.functional import softplus
 
 from warp_bounding.runtime.launch import cpu_threads
-from warp_bounding.training.engine.clock import Clock, Progress
+from warp_bounding.training.engine.clock import Clock, TrainingProgress
 from warp_bounding.training.engine.soap import Soap
 from warp_bounding.training.engine.team import Team
 from warp_bounding.training.engine.trainable_network import Evaluator, TrainableNetwork
@@ -29,15 +31,19 @@ from warp_bounding.training.recipes.plane import SupportTrainer
 
 __all__ = ["EXIT_SHARE", "EarlyTrainer", "TrainedExits", "train_exits"]
 
-EXIT_SHARE = 0.05  # of a budget, for all exits behind the finished network
+EXIT_SHARE = 0.05  # share of a budget for each exit behind the finished network
 JOINT = 0.3  # weight of an exit's gradient in the layers that it shares
-JOINT_BATCH = 0.5  # of the recipe's batch
-JOINT_HARD, JOINT_EXPLORE, JOINT_MOVES = 2048, 8192, 3  # an exit's own hard positives, and how they are found
-FINISH = 0.8  # used fraction of the schedules at which a trained exit is taken up again
+JOINT_BATCH = 0.5  # an exit's batch in joint training, as a share of the recipe's
+# In joint training an exit keeps so many hard positives of its own, the worst of these and of so many fresh ones that have
+# walked down its output so many steps.
+JOINT_HARD, JOINT_EXPLORE, JOINT_MOVES = 2048, 8192, 3
+FINISH = 0.8  # used fraction at which an exit that joint training has begun enters its schedules again
 REFRESH = 4  # Newton steps between two refreshes of the samples
-SAMPLES = {"refresh": 1, "vertices": 32768, "explore": 8192}  # what an exit's recipe has otherwise than the network's
-DAMPING = 1e-4  # of the Hessian's mean diagonal entry
-HALVINGS = 6  # of a step that leads upwards
+# What differs from the network's recipe. A Newton step takes all samples, so no batch is needed, and the least number is
+# planned: ``refresh`` is the number of batches.
+EXIT_RECIPE = {"refresh": 1, "vertices": 32768, "explore": 8192}
+DAMPING = 1e-4  # added to the Hessian's diagonal, relative to its mean entry
+HALVINGS = 6  # tries of a Newton step, each half as long, until one lowers the loss
 
 
 class TrainedExits(NamedTuple):
@@ -46,7 +52,7 @@ class TrainedExits(NamedTuple):
     Attributes:
         tensors: ``exits.i.weight`` and ``exits.i.bias`` as ``MlpEarly`` stores them.
         networks: Per exit the network that ends there, for an adversarial search; none for planes.
-        states: Per exit the worst positives known, likewise; none for planes.
+        states: Per exit the states of the worst positives known, for the same search; none for planes.
         points: Per exit ``(K, ndim)`` float64, their coordinates ``v``, where a proof's search may begin; none for planes.
     """
 
@@ -61,17 +67,17 @@ def train_exits(
     tensors: dict[str, np.ndarray],
     seconds: float,
     steps: int | None = None,
-    progress: Progress | None = None,
+    progress: TrainingProgress | None = None,
 ) -> TrainedExits:
     """Train one exit behind each hidden layer but the last.
 
     Call it under ``single_threaded_torch``. Randomness comes from the trainer's own generator.
 
     Args:
-        trainer: The network's trainer, at its end: its samples and its hard positives are used.
+        trainer: The network's trainer after training, whose samples and hard positives are used.
         tensors: The network as a bounder stores it; not changed.
-        seconds: For all exits together.
-        steps: Steps of each exit instead, for repeatable runs.
+        seconds: Time for all exits together.
+        steps: Number of steps of each exit in place of a time, for repeatable runs.
         progress: Called with the used fraction and a note.
     """
     support = isinstance(trainer, SupportTrainer)
@@ -83,24 +89,25 @@ def train_exits(
     exits = TrainedExits({}, [], [], [])
     for index in range(depth):
         if support:
-            head = trainer.behind(layers[: index + 1])
+            exit_trainer = trainer.behind(layers[: index + 1])
         else:
-            known = trainer.heads[index] if isinstance(trainer, EarlyTrainer) else None
-            head = _Exit(trainer, layers[: index + 1], known)
+            known = trainer.outputs[index] if isinstance(trainer, EarlyTrainer) else None
+            exit_trainer = _ExitTrainer(trainer, layers[: index + 1], known)
 
         def report(used: float, note: str, index: int = index) -> None:
             if progress:
                 progress((index + min(used, 1.0)) / depth, f"exit {index + 1}: {note}")
 
-        head.run(Clock(seconds / depth, steps), progress=report)
-        row = head.best()[-1] if support else head.network.split(head.best())[-1]
+        exit_trainer.run(Clock(seconds / depth, steps), progress=report)
+        best = exit_trainer.best()
+        row = best[-1] if support else exit_trainer.network.split(best)[-1]
         exits.tensors[f"exits.{index}.weight"] = row[:, :-1].numpy().copy()
         exits.tensors[f"exits.{index}.bias"] = row[:, -1].numpy().copy()
         if not support:
-            head.network.flat.copy_(head.best())
-            exits.networks.append(head.network)
-            exits.states.append(head.hard_states())
-            exits.points.append(head.worst_points())
+            exit_trainer.network.flat.copy_(best)
+            exits.networks.append(exit_trainer.network)
+            exits.states.append(exit_trainer.hard_states())
+            exits.points.append(exit_trainer.worst_points())
     return exits
 
 
@@ -110,13 +117,14 @@ class _JointExit:
     def __init__(self, trainer: Trainer, depth: int):
         full = trainer.network
         self.network = TrainableNetwork(full.ndim, full.hidden[:depth], full.activation, full.octaves)
-        self.head = self.network.layers[-1]
-        self.head.copy_(torch.rand(self.head.shape, generator=trainer.generator) * 2 - 1).div_(
-            math.sqrt(self.head.shape[1])
-        )
+        self.output = self.network.layers[-1]
+        uniform = torch.rand(self.output.shape, generator=trainer.generator) * 2 - 1
+        self.output.copy_(uniform).div_(math.sqrt(self.output.shape[1]))
+        # The hidden layers are the full network's own tensors, whose steps are so seen here. Of ``self.network.flat`` only
+        # the output is in use from now on.
         self.network.layers[:-1] = full.layers[:depth]
         self.workers = [Evaluator(self.network) for _ in range(cpu_threads())]
-        self.optimiser = Soap([self.head], trainer.recipe.beta1, trainer.recipe.beta2)
+        self.optimiser = Soap([self.output], trainer.recipe.beta1, trainer.recipe.beta2)
         self.hard: torch.Tensor | None = None
         self.batches: tuple[Batches, Batches] | None = None
 
@@ -127,55 +135,60 @@ class EarlyTrainer(Trainer):
     def __init__(self, samples, hidden, activation, octaves=0, recipe=None):
         super().__init__(samples, hidden, activation, octaves, recipe)
         self.exits = [_JointExit(self, depth) for depth in range(1, len(hidden))]
-        self.heads = [own.head.clone() for own in self.exits]
+        self.outputs = [each.output.clone() for each in self.exits]  # as they were with the best network
 
     def _refresh(self, team: Team, workers: list[Evaluator], used: float) -> None:
         best = self._best
         super()._refresh(team, workers, used)
         if self._best is not best:
-            self.heads = [own.head.clone() for own in self.exits]
+            self.outputs = [each.output.clone() for each in self.exits]
         negative, positive = (batches.x for batches in self._batches)
         recipe = replace(self.recipe, batch=int(self.recipe.batch * JOINT_BATCH))
-        for own in self.exits:
+        for each in self.exits:
             state = self.samples.positives(JOINT_EXPLORE)
-            state = state if own.hard is None else torch.cat([own.hard, state], 1)
-            state = self._descend(team, own.workers, state, JOINT_MOVES)
+            state = state if each.hard is None else torch.cat([each.hard, state], 1)
+            state = self._descend(team, each.workers, state, JOINT_MOVES)
             encoded = self.network.encode(self.samples.coordinates(state))
-            worst = self._evaluate(team, own.workers, encoded).topk(min(JOINT_HARD, state.shape[1]), largest=False)[1]
-            own.hard = state[:, worst]
+            worst = self._evaluate(team, each.workers, encoded).topk(min(JOINT_HARD, state.shape[1]), largest=False)[1]
+            each.hard = state[:, worst]
             positives = torch.cat([encoded[:, worst], positive], 1)
-            below, above = (self._evaluate(team, own.workers, x) for x in (negative, positives))
-            own.batches = plan(recipe, used, self.generator, (negative, below), (positives, above))
+            below, above = (self._evaluate(team, each.workers, x) for x in (negative, positives))
+            each.batches = plan(recipe, used, self.generator, (negative, below), (positives, above))
 
     def _gradients(
         self, team: Team, workers: list[Evaluator], row: int, used: float, rate: float
     ) -> list[torch.Tensor]:
-        """See ``Trainer``; the exits make their steps, and their losses count in the layers that they share."""
+        """The exits make their own steps here, and their losses count in the layers that they share."""
         accumulate(self._batches, self.recipe, team, workers, row, used)
-        for own in self.exits:
-            accumulate(own.batches, self.recipe, team, own.workers, row, used, int(self.recipe.batch * JOINT_BATCH))
-            *shared, head = summed(own.workers)
+        for each in self.exits:
+            accumulate(each.batches, self.recipe, team, each.workers, row, used, int(self.recipe.batch * JOINT_BATCH))
+            *shared, output = summed(each.workers)
             for total, part in zip(workers[0].gradients, shared, strict=False):
                 total.add_(part, alpha=JOINT)
-            own.optimiser.step([head], rate)
+            each.optimiser.step([output], rate)
         return summed(workers)
 
 
-class _Exit(Trainer):
-    """A network whose output alone is trained, by damped Newton steps on all samples at once: it has some fifty weights."""
+class _ExitTrainer(Trainer):
+    """A network whose output alone is trained, by damped Newton steps on all samples at once: it has some fifty weights.
 
-    def __init__(self, trainer: Trainer, layers: list[torch.Tensor], head: torch.Tensor | None = None):
+    Args:
+        trainer: The whole network's trainer.
+        layers: The hidden layers, which stay as they are.
+        output: ``(1, H + 1)``, the output that joint training has begun; random if ``None``.
+    """
+
+    def __init__(self, trainer: Trainer, layers: list[torch.Tensor], output: torch.Tensor | None = None):
         full = trainer.network
-        recipe = replace(trainer.recipe, **SAMPLES)
+        recipe = replace(trainer.recipe, **EXIT_RECIPE)
         hidden = tuple(full.hidden[: len(layers)])
         super().__init__(trainer.samples, hidden, full.activation, full.octaves, recipe)
-        for own, layer in zip(self.network.layers, [*layers, *([] if head is None else [head])], strict=False):
+        for own, layer in zip(self.network.layers, [*layers, *([] if output is None else [output])], strict=False):
             own.copy_(layer)
-        self._begin = 0.0 if head is None else FINISH
+        self._begin = 0.0 if output is None else FINISH
         self.add_states(trainer.hard_states())
 
-    def run(self, clock: Clock, *, counterexamples=None, progress: Progress | None = None) -> None:
-        """See ``Trainer``; a step is one of Newton's."""
+    def run(self, clock: Clock, *, on_refresh=None, progress: TrainingProgress | None = None) -> None:
         with Team(cpu_threads()) as team:
             workers = self.workers(team)
             for step, used in clock.steps():
@@ -202,23 +215,32 @@ class _Exit(Trainer):
         return rows
 
     def _newton(self, team: Team, negative: torch.Tensor, positive: torch.Tensor, used: float) -> None:
-        """One step down ``Trainer``'s loss. The concave part of the negatives' ramp is left out of the Hessian."""
-        recipe, head = self.recipe, self.network.layers[-1][0]
+        """One damped Newton step of the output's weights.
+
+        The loss is ``recipes.loss``'s over all samples, from their activations ``(N, H + 1)``: the mean over negatives of
+        ``softplus(f) - softplus(f - ramp)``, and over positives of ``width softplus(-f / width) boost``. The ramp's concave
+        part is left out of the Hessian, which is then positive definite.
+        """
+        recipe, output = self.recipe, self.network.layers[-1][0]
         weight, width, ramp = weights_of(recipe, used)
         w_negative, w_positive = weight**-0.5 / recipe.pool, weight**0.5 / len(positive)
-        level = (positive @ head).kthvalue(min(recipe.boosted, len(positive)))[0]
-        boost = 1 + (schedule(recipe.boost, used, 0.6, 0.95) - 1) * (positive @ head <= level).float()
+        level = (positive @ output).kthvalue(min(recipe.boosted, len(positive)))[0]
+        boost = 1 + (schedule(recipe.boost, used, 0.6, 0.95) - 1) * (positive @ output <= level).float()
 
         def loss(at: torch.Tensor) -> float:
-            f, g = negative @ at, positive @ at
-            below = (softplus(f) - softplus(f - ramp)).sum() * w_negative
-            return float(below + (softplus(-g / width) * boost).sum() * (w_positive * width))
+            f_negative, f_positive = negative @ at, positive @ at
+            below = (softplus(f_negative) - softplus(f_negative - ramp)).sum() * w_negative
+            return float(below + (softplus(-f_positive / width) * boost).sum() * (w_positive * width))
 
-        f, g = torch.sigmoid(negative @ head), torch.sigmoid((positive @ head).div_(-width))
-        up, down = f - torch.sigmoid(negative @ head - ramp), g * boost
-        gradient = (up @ negative) * w_negative - (down @ positive) * w_positive
-        curvature = [(f * (1 - f)).mul_(w_negative), (down * (1 - g)).mul_(w_positive / width)]
-        hessians: list = [None] * team.size  # in order, so that the sum does not depend on who is first
+        s_negative = torch.sigmoid(negative @ output)
+        s_positive = torch.sigmoid((positive @ output).div_(-width))
+        pull_down, push_up = s_negative - torch.sigmoid(negative @ output - ramp), s_positive * boost
+        gradient = (pull_down @ negative) * w_negative - (push_up @ positive) * w_positive
+        curvature = [
+            (s_negative * (1 - s_negative)).mul_(w_negative),
+            (push_up * (1 - s_positive)).mul_(w_positive / width),
+        ]
+        hessians: list = [None] * team.size  # one a thread, added in order: the sum does not depend on who is first
 
         def job(index: int) -> None:
             parts = []
@@ -232,9 +254,9 @@ class _Exit(Trainer):
         damping = DAMPING * float(hessian.diagonal().mean()) + 1e-12
         hessian.diagonal().add_(damping)
         change = torch.linalg.solve(hessian, gradient.double()).float()
-        now, length = loss(head), 1.0
+        now, length = loss(output), 1.0
         for _ in range(HALVINGS):
-            if loss(head - length * change) < now:
-                head -= length * change
+            if loss(output - length * change) < now:
+                output -= length * change
                 return
             length *= 0.5

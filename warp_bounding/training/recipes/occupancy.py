@@ -16,7 +16,7 @@ from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.networks.heads import head_of
 from warp_bounding.queries import oracle, sample
 from warp_bounding.runtime.launch import cpu_threads
-from warp_bounding.training.engine.clock import Clock, Progress, cosine, geometric, interrupts
+from warp_bounding.training.engine.clock import Clock, TrainingProgress, cosine, geometric, interrupts
 from warp_bounding.training.engine.row_network import RowNetwork, tensors_of
 from warp_bounding.training.engine.soap import Soap
 from warp_bounding.training.engine.team import Team, single_threaded_torch
@@ -44,7 +44,7 @@ def train_occupancy(
     *,
     octaves: int = 0,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: TrainingProgress | None = None,
 ) -> dict[str, np.ndarray]:
     """Train a network whose output is the log odds that a query meets the object.
 
@@ -99,7 +99,7 @@ class _Learner:
         out = self.network(h)
         return torch.minimum(out[:, 0] - offset, out[:, 1] + offset) if self.head.offsets else out[:, 0]
 
-    def run(self, team: Team, clock: Clock, progress: Progress | None) -> None:
+    def run(self, team: Team, clock: Clock, progress: TrainingProgress | None) -> None:
         optimiser = Soap(self.network.layers, 0.95, 0.95)
         for step, used in clock.steps():
             if step % REFRESH == 0:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import torch
 
 from warp_bounding.runtime.launch import cpu_threads
-from warp_bounding.training.engine.clock import Clock, Progress
+from warp_bounding.training.engine.clock import Clock, TrainingProgress
 from warp_bounding.training.engine.team import Team
 from warp_bounding.training.engine.trainable_network import Evaluator
 from warp_bounding.training.recipes.default import Trainer
@@ -27,9 +27,9 @@ class PaperRecipe:
     batch: int = 200_000
     stage: int = 10_000  # iterations between two changes of the weights
     stable: int = 6  # stages without a false negative after which training ends
-    rate: float = 1e-3
-    positive_step: float = 0.2
-    regularisation: float = 5e-7  # of the L1 and the L2 norm, reached linearly over `stable` stages
+    rate: float = 1e-3  # learning rate of Adam
+    positive_step: float = 0.2  # growth of the weight of positives from stage to stage
+    regularisation: float = 5e-7  # weight of the L1 and of the L2 norm, reached linearly over ``stable`` stages
     note_every: int = 10  # iterations between two reports
 
     @staticmethod
@@ -43,18 +43,22 @@ class PaperRecipe:
 
 
 class PaperTrainer(Trainer):
-    """See ``Trainer``; ``paper`` holds the constants of this recipe, ``recipe`` those of sampling for the proof."""
+    """A network in training by the paper's recipe; arguments are those of ``Trainer``.
+
+    ``paper`` holds the constants of this recipe; of ``recipe`` only those of sampling for the proof are used.
+    """
 
     paper = PaperRecipe()
+    mines = False
 
     def run(
         self,
         clock: Clock,
         *,
-        counterexamples: Callable[["Trainer", float], None] | None = None,
-        progress: Progress | None = None,
+        on_refresh: Callable[["Trainer", float], None] | None = None,
+        progress: TrainingProgress | None = None,
     ) -> None:
-        """Train until the schedule is through, the budget is used up, or an interrupt. No counterexamples: the paper has none."""
+        """Train until the schedule is through, the budget is used up, or an interrupt; ``on_refresh`` is not called."""
         paper = self.paper
         self.network.initialise(1.0, 1.0, self.generator)  # torch's standard initialisation, near enough
         optimiser, clean = torch.optim.Adam([self.network.flat], lr=paper.rate), 0
@@ -75,7 +79,7 @@ class PaperTrainer(Trainer):
                 self._best = (float("inf"), self.network.flat.clone())  # the last, after an interrupt too
 
     def _iterate(self, team: Team, workers: list[Evaluator], optimiser: torch.optim.Optimizer, stage: int) -> int:
-        """One step; returns the false negatives of its batch at the paper's threshold."""
+        """One step; returns the number of false negatives of its batch at the paper's threshold."""
         paper, network = self.paper, self.network
         v, truth = self.samples.uniform(paper.batch)
         x = network.encode(v)

@@ -17,7 +17,7 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.geometry.hull import hull_points
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import sample
-from warp_bounding.training.engine.clock import Clock, Progress, cosine, geometric
+from warp_bounding.training.engine.clock import Clock, TrainingProgress, cosine, geometric
 from warp_bounding.training.engine.row_network import RowNetwork, initial, tensors_of
 from warp_bounding.training.engine.soap import Soap
 
@@ -105,7 +105,7 @@ class SupportTrainer:
                 density[part, side] = near.float().mean(1) / (2 * DENSITY_WIDTH)
         return m, density
 
-    def run(self, clock: Clock, *, progress: Progress | None = None) -> None:
+    def run(self, clock: Clock, *, progress: TrainingProgress | None = None) -> None:
         """Train until the clock's budget is used up, or an interrupt; the best parameters stay."""
         optimiser, hard = Soap(self.network.layers, 0.95, 0.95), self._faces(HARD)
         for step, used in clock.steps():
