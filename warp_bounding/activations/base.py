@@ -27,7 +27,8 @@ class Activation(ABC):
         limit: Largest |argument| for which ``error`` holds.
         largest: Bound of |value|; where it is ``None``, |value| <= |argument|.
         bends: Whether ``relax`` may return a parabola rather than a line.
-        wave: Whether training begins with steep first layers (``Recipe.first_gain``), which tell neighbouring cells apart.
+        wave: Whether training begins with steep first layers (``Recipe.first_gain``), which tell neighbouring cells
+            apart.
         support_gains: Gains of the first and of later layers where a plane's supports or a region's occupancy is
             trained: initial weights are uniform in +-gain / sqrt(inputs).
         falling: Share of a monotone network's neurons that fall as the box grows: 0 for odd activations, to which
@@ -82,13 +83,13 @@ class Activation(ABC):
             noise: ``(N, H)``, ``|y| <= noise``; near and noise are not both 0.
 
         Returns:
-            slope, mean, bend and spread, each ``(N, H)``: the value at ``z + l + y`` is ``mean + slope (l + y) + bend l^2``
-            to within ``spread``. The caller adds what float64 rounds.
+            slope, mean, bend and spread, each ``(N, H)``: the value at ``z + l + y`` is ``mean + slope (l + y) + bend
+            l^2`` to within ``spread``. The caller adds what float64 rounds.
         """
 
     @abstractmethod
     def relaxation(self) -> str:
-        """C lambdas of the kernel of bounds: ``act_<name>(z)`` and ``relax_<name>(z, near, noise, slope, mean, bend, spread)``.
+        """C lambdas for bounds: ``act_<name>(z)`` and ``relax_<name>(z, near, noise, slope, mean, bend, spread)``.
 
         They do the operations of ``value`` and ``relax``, in type ``V``: doubles, one a lane (``I`` are as many
         ``long long``), or on CUDA one double; ``zero`` is 0 of that type.

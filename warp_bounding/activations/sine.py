@@ -10,8 +10,8 @@ The relaxation (``relax``) encloses the sine around a centre z by a parabola wit
 
 * ``cos x`` lies within ``D^4 / 192 + D^6 / 720`` of ``1 - D^4 / 192 + (D^2 / 24 - 1/2) x^2``: the series
   ``1 - x^2/2 + x^4/24 - ...`` alternates, and ``u^2`` is within 1/8 of ``u - 1/8`` on [0, 1], ``u = x^2 / D^2``;
-* ``sin x`` lies within ``D^3 / 24 + D^5 / 120`` of ``(1 - D^2 / 8) x``: its series alternates too, and ``x^3`` is within
-  ``D^3 / 4`` of ``3 D^2 x / 4``.
+* ``sin x`` lies within ``D^3 / 24 + D^5 / 120`` of ``(1 - D^2 / 8) x``: its series alternates too, and ``x^3`` is
+  within ``D^3 / 4`` of ``3 D^2 x / 4``.
 
 Only l may be squared, so ``x^2`` is replaced by ``l^2 + noise^2 / 2``, from which it differs by at most
 ``2 near noise + noise^2 / 2``. Of three enclosures the one with the narrowest band is taken: this parabola; the line
@@ -39,22 +39,24 @@ __all__ = ["COEFFICIENTS", "INVERSE_PI", "LIMIT", "MAGIC", "PI_HIGH", "PI_LOW", 
 INVERSE_PI = float(np.float32(1.0 / math.pi))
 PI_HIGH = 3.140625
 PI_LOW = float(np.float32(math.pi - PI_HIGH))
-# 1.5 * 2^23: for |x| < 2^22, x + MAGIC is rounded to an integer n, whose parity is the lowest bit of the float32 pattern.
+# 1.5 * 2^23: for |x| < 2^22, x + MAGIC is rounded to an integer n, whose parity is the lowest bit of the float32
+# pattern.
 MAGIC = 12582912.0
 # sin r is about r + c3 r^3 + c5 r^5 + c7 r^7 for |r| <= REDUCED, a minimax fit rounded to float32. Nothing rests on how
 # good it is: ``_polynomial_error`` bounds the error of these very numbers.
 COEFFICIENTS = tuple(float.fromhex(c) for c in ("-0x1.555022p-3", "0x1.10607p-7", "-0x1.83c008p-13"))
 LIMIT = 4096.0  # largest |argument| of the certified range
-# Just above pi / 2: the reduced argument r, its error included, stays under it for |z| <= LIMIT (asserted in ``error``).
+# Just above pi / 2: the reduced argument r, its error included, stays under it for |z| <= LIMIT (asserted in
+# ``error``).
 REDUCED = 1.5725
 
 # Bound of the error of the float64 sine and cosine of bounds for |z| <= 2^13: Taylor remainders under 7e-12 (degrees 15
 # and 16 on [-pi/2, pi/2]), the reduction under 2^-52 (1 + n 2^-30), about 30 roundings of terms under 2. ``relax`` adds
 # 4 SLACK (1 + D^2) to its band: mean, slope and band carry at most 4 such errors together.
 #
-# Why 2^13 is enough: a network's arguments are certified up to LIMIT = 2^12 for activations of size at most 1. In bounds a
-# neuron's centre, its mean plus half of the parabola's height, is at most 2: where the constant 0 is not taken, spread and
-# half of the height together are at most 1. So sums of centres are at most twice as large.
+# Why 2^13 is enough: a network's arguments are certified up to LIMIT = 2^12 for activations of size at most 1. In
+# bounds a neuron's centre, its mean plus half of the parabola's height, is at most 2: where the constant 0 is not
+# taken, spread and half of the height together are at most 1. So sums of centres are at most twice as large.
 SLACK = 1e-11
 # Pi in three float64 parts: the first 34 bits, exact times n < 2^12 (|z| < 2^13); the next 32 bits; the rest.
 PI_PARTS = (
@@ -125,7 +127,8 @@ class _Sine(Activation):
         if not 0 <= limit <= LIMIT:
             raise ValueError(f"the sine is certified for arguments up to {LIMIT}, got {limit}")
         u = UNIT32
-        # n is within 1/2 + 3 u |z| / pi of z / pi: it is rounded to an integer, the product is rounded, and so is 1 / pi.
+        # n is within 1/2 + 3 u |z| / pi of z / pi: it is rounded to an integer, the product is rounded, and so is 1 /
+        # pi.
         count = limit / math.pi + 1.0  # bound of |n|
         reduced = math.pi / 2 + 3 * u * limit
         # n * PI_HIGH is exact; each subtraction rounds once; n * PI_LOW rounds once unless fused; the rest of pi is
@@ -194,7 +197,7 @@ auto relax_sin = [&](V z, V near, V noise, V& slope, V& mean, V& bend, V& spread
 
 
 def _sincos() -> str:
-    """A C lambda ``sincos(z, s, c)``: Taylor polynomials at ``r = z - n pi``, n = round(z / pi), both negated where n is odd."""
+    """A C lambda ``sincos(z, s, c)``: Taylor polynomials at ``z - n pi``, n = round(z / pi), negated where n is odd."""
     high, middle, low = (constant(part) for part in PI_PARTS)
     factorial = np.cumprod([1.0, *range(1, 17)])
     s_terms = [constant((-1) ** (k // 2) / factorial[k]) for k in range(1, 16, 2)]
@@ -218,7 +221,8 @@ def _polynomial_error() -> float:
     """Proven bound of ``|p(r) - sin r|`` on ``|r| <= REDUCED``, with p's coefficients as stored, no rounding.
 
     On a grid of spacing h the error ``e(r) = p(r) - sin r`` and its derivative are evaluated in float64; between grid
-    points e moves by at most ``h/2 max|e'|``, and e' by at most ``h/2 max|e''|``, where ``|e''|`` is bounded term by term.
+    points e moves by at most ``h/2 max|e'|``, and e' by at most ``h/2 max|e''|``, where ``|e''|`` is bounded term by
+    term.
     """
     s1, s2, s3 = COEFFICIENTS
     r = np.linspace(0.0, REDUCED, 1 << 16)  # e is odd

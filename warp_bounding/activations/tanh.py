@@ -36,9 +36,9 @@ DENOMINATOR = tuple(
 DIVISION = 4  # roundings that a division counts for: correctly rounded it is one, CUDA's fast one errs by two units
 
 # The float64 tanh of bounds is 1 - 2 / (E + 1), E = exp(2 |x|) as the 64th power of a Taylor polynomial of degree 16,
-# |x| cut at 20. The remainder is 1e-18; the polynomial's positive terms round by at most 4 u, the squarings make 64 times
-# that of it and add 63 u. So E has a relative error of at most 3.6e-14, and tanh an error of at most 2e-14 (and 9e-18 of
-# the cut). NumPy's tanh is better.
+# |x| cut at 20. The remainder is 1e-18; the polynomial's positive terms round by at most 4 u, the squarings make 64
+# times that of it and add 63 u. So E has a relative error of at most 3.6e-14, and tanh an error of at most 2e-14 (and
+# 9e-18 of the cut). NumPy's tanh is better.
 SLACK = 1e-13
 CUT, SQUARINGS, DEGREE = 20.0, 6, 16
 NARROW = 1.0  # half-width up to which an interval that does not hold 0 takes its centre as q

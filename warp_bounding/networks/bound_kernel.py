@@ -90,9 +90,10 @@ def bound_boxes(
 
     Args:
         shape: The network's shape, and the chart.
-        weights: ``Network.packed``: float64, per hidden layer biases ``(H,)``, weights ``(H, K)`` in row order and their
-            absolute values, then the output's bias and weights.
-        padding: ``Network.padding``: float64, a bound of what each layer's float64 arithmetic rounds, the output's last.
+        weights: ``Network.packed``: float64, per hidden layer biases ``(H,)``, weights ``(H, K)`` in row order and
+            their absolute values, then the output's bias and weights.
+        padding: ``Network.padding``: float64, a bound of what each layer's float64 arithmetic rounds, the output's
+            last.
         lower: ``(N, Z)`` float64, lower corners in the chart's numbers.
         upper: ``(N, Z)`` float64, upper corners.
         numbers: float64 parameters of the chart.

@@ -74,7 +74,8 @@ def body(shape: NetworkShape, tried: str = "true") -> str:
     * ``gradient[K]``, the slopes of the linear bound in the inputs;
     * ``dead``, 1 where the box holds no positive, else 0;
     * ``z[Z]``, a positive of the box, ``value``, f there, and ``valid``, 1 where there is one, else 0;
-    * ``score[C]``, how much halving each column should raise the bound, and ``owner[C]``, the number of z to halve for it.
+    * ``score[C]``, how much halving each column should raise the bound, and ``owner[C]``, the number of z to halve for
+      it.
 
     The arrays of a hidden layer are explained at ``bound_text.LAYER``; ``back`` are the output's coefficients of its
     neurons. Of the inputs, ``center``, ``gen``, ``noise`` and ``rest`` are explained in ``charts.base``. ``lost`` is
@@ -121,7 +122,7 @@ def body(shape: NetworkShape, tried: str = "true") -> str:
 
 
 def _product(chart: Chart, column: int, of: str) -> str:
-    """C sum over the inputs i of ``of`` times their generators of a column; generators that are always 0 are left out."""
+    """C sum over the inputs i of ``of`` times generators of a column; those that are always 0 are left out."""
     pairs = enumerate(chart.pairs)
     return " + ".join(f"{of.format(i=i)} * gen[{entry}]" for entry, (i, k) in pairs if k == column)
 
@@ -155,7 +156,7 @@ def _forwards(shape: NetworkShape, index: int, at: int) -> str:
 
 
 def _output(shape: NetworkShape, at: int) -> list[str]:
-    """The output, whose bias and weights stand at ``at``: its coefficients, and f where all neurons are at their means."""
+    """The output, whose numbers stand at ``at``: its coefficients, and f where all neurons are at their means."""
     last, count = len(shape.layers) - 1, shape.layers[-1][1]
     return [
         f"V back{last}[{count}]; least = zero + (w[{at}] - padding[{last + 1}]);",
@@ -182,7 +183,7 @@ def _constrain(chart: Chart, start: str, factors: list[tuple[int, str]]) -> str:
 
 
 def _value(shape: NetworkShape, places: list[int]) -> list[str]:
-    """C statements from the inputs ``h`` to ``value``; numbers of hidden layers and output stand at ``places`` in ``w``."""
+    """C statements from the inputs ``h`` to ``value``; hidden layers and output stand at ``places`` in ``w``."""
     source, lines = "h", []
     for index, (_, neurons, activation, _) in enumerate(shape.layers):
         names = f"const V* x = {source}; V* y = y{index}; const double* b = w + AT; auto& act = act_{activation};"
@@ -217,7 +218,7 @@ def load_text(source: str, row: str) -> str:
 
 
 def snippet(shape: NetworkShape) -> str:
-    """The body of the native function ``bound_block`` in ``bound_kernel``: one block of boxes on a CPU, one box on CUDA."""
+    """The body of ``bound_block`` in ``bound_kernel``: a block of boxes on a CPU, one box on CUDA."""
     names = "const double* w = weights.data; const double* padding = paddings.data; double* rows = boxes.data;\n"
     names += constants(BOX=shape.chart.size, BLOCK=BLOCK) + f" constexpr double HALVED = {constant(HALVED)};"
     cpu, cuda = lanes_text(shape, names)

@@ -37,11 +37,11 @@ auto root = [](V x) { return sqrt(x); };
 """
 
 
-# What is known of a layer's neurons. The argument of each is a centre plus l + y: l = rate . zeta is linear, |l| <= near,
-# y is all that is not linear in the layers below, and |l + y| <= width, rounding included. The output is
-#     h = mean + slope l + bend (l^2 - near^2 / 2) + y', |y'| and the parabola together at most noise;
-# spread is what the activation's own relaxation adds to y', and part = slope rate is the linear part of h. The arrays
-# are declared one by one, so that the compiler drops those that nobody reads.
+# What is known of a layer's neurons. The argument of each is a centre plus l + y: l = rate . zeta is linear, |l| <=
+# near, y is all that is not linear in the layers below, and |l + y| <= width, rounding included. The output is     h =
+# mean + slope l + bend (l^2 - near^2 / 2) + y', |y'| and the parabola together at most noise; spread is what the
+# activation's own relaxation adds to y', and part = slope rate is the linear part of h. The arrays are declared one by
+# one, so that the compiler drops those that nobody reads.
 LAYER = """
 V LAYER_mean[NEURONS], LAYER_noise[NEURONS], LAYER_width[NEURONS], LAYER_slope[NEURONS], LAYER_spread[NEURONS];
 V LAYER_near[NEURONS], LAYER_bend[NEURONS], LAYER_rate[C][NEURONS], LAYER_part[C][NEURONS];
@@ -141,8 +141,8 @@ for (int j = 0; j < NEURONS; ++j) {
 
 # A constraint excess + q . zeta <= 0 on the columns OF, M of them, added to the linear bound with the multiplier that
 # serves it best. For any multiplier t >= 0 the bound least - sum |slope + t q| + t excess holds at all points that obey
-# the constraint; it is concave in t, and largest where an entry of slope + t q vanishes, or at 0. Relative to the sum of
-# the absolute terms, 1e-14 is above the rounding of the few operations here.
+# the constraint; it is concave in t, and largest where an entry of slope + t q vanishes, or at 0. Relative to the sum
+# of the absolute terms, 1e-14 is above the rounding of the few operations here.
 CONSTRAIN = """
 V best = zero, gain = zero, before = absolute(slope[OF[0]]);
 for (int j = 1; j < M; ++j) before += absolute(slope[OF[j]]);
@@ -161,8 +161,8 @@ least += best * excess - (best * absolute(excess) + before + 1.0) * 1e-14;
 """
 
 # The least of the quadratic form over |zeta| <= 1, entry by entry. Entries off the diagonal count in absolute value. An
-# entry q >= 0 of the diagonal goes with its slope, the least of -s |zeta| + q zeta^2 being at zeta = s / (2 q) if that is
-# less than 1, else at the end; a negative one is least at the end.
+# entry q >= 0 of the diagonal goes with its slope, the least of -s |zeta| + q zeta^2 being at zeta = s / (2 q) if that
+# is less than 1, else at the end; a negative one is least at the end.
 CLOSE = """
 int entry = 0;
 #pragma unroll

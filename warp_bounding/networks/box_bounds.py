@@ -19,7 +19,8 @@ class BoxBounds(NamedTuple):
         slope: ``(N, K)``, networks only: slopes of a linear bound in the network's inputs.
         level: ``(N,)``, networks only: where the chart's numbers are the inputs themselves, ``f >= level + slope .
             (v - center)`` on the box.
-        boxes: ``(N, 2, m)``, networks only: corners of the boxes without what the chart cut off, which holds no positive.
+        boxes: ``(N, 2, m)``, networks only: corners of the boxes without what the chart cut off, which holds no
+            positive.
     """
 
     lower: np.ndarray

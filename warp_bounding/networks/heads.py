@@ -23,8 +23,8 @@ class Head:
     Attributes:
         outputs: Number of the network's outputs.
         offsets: Number of last entries of ``v`` that the outputs are compared with; the others enter the network.
-        finish: C statements from the first two outputs, ``f`` and ``other``, to ``f``; ``OFFSET`` is the index of the offset
-            in ``v``.
+        finish: C statements from the first two outputs, ``f`` and ``other``, to ``f``; ``OFFSET`` is the index of the
+            offset in ``v``.
     """
 
     outputs = 1

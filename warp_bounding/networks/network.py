@@ -75,7 +75,7 @@ class Network:
         return (h @ self.output.weight.T + self.output.bias)[:, 0]
 
     def padding_for(self, limit: np.ndarray) -> np.ndarray:
-        """``padding`` where bounds are asked for inputs up to ``|v| <= limit``, ``(n,)``; errors are those of the class."""
+        """``padding`` of bounds over inputs ``|v| <= limit``, ``(n,)``; raises as the class does."""
         return np.array(measure([*self.hidden, self.output], limit).padding)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
@@ -86,8 +86,8 @@ class Network:
         """The plain twin of ``bound`` in NumPy.
 
         Returns:
-            ``(N,)`` certified lower bounds (float64 rounding subtracted), ``(N,)`` the axes whose halving should help most,
-            and ``(N, n)`` the corners where the linear part is least.
+            ``(N,)`` certified lower bounds (float64 rounding subtracted), ``(N,)`` the axes whose halving should help
+            most, and ``(N, n)`` the corners where the linear part is least.
         """
         center, radius = (lower + upper) / 2, (upper - lower) / 2
         mean, slope, noise = center, None, 0.0
@@ -111,8 +111,8 @@ class Network:
             trace.append((parts, near, near + noise + pad, slope, bend, spread))
             mean, noise = mean + bend * half, np.abs(slope) * noise + np.abs(bend) * half + spread
         least = mean @ self.output.weight[0] + self.output.bias[0] - self.padding[-1]
-        # Backwards: lines and parabolas are weighed by the output's coefficients. What the neurons' spreads cost is charged
-        # to the inputs whose width causes it (score).
+        # Backwards: lines and parabolas are weighed by the output's coefficients. What the neurons' spreads cost is
+        # charged to the inputs whose width causes it (score).
         n = center.shape[1]
         coefficient = np.broadcast_to(self.output.weight[0], slope.shape)
         score, square = np.zeros_like(center), np.zeros((len(center), n, n))

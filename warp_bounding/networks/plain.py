@@ -84,7 +84,7 @@ def _output(source: Source, index: int) -> wp.Function:
 
 
 def _onwards(source: Source, index: int) -> wp.Function:
-    """From the numbers below hidden layer ``index`` to f; an exit behind it denies what falls short of its threshold."""
+    """From the inputs of hidden layer ``index`` to f; DENIED where an exit behind it is under its threshold."""
     vector, below = vector_type(source.coordinates), vector_type(source.layers[index][0])
     layer, output, last = _layer(source, index), _output(source, index), source.places[-1]
 

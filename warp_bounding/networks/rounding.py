@@ -63,7 +63,8 @@ def measure(layers: list[Layer], limit: np.ndarray) -> Rounding:
         limit: ``(n,)``, largest size of the inputs, which are exact.
 
     Raises:
-        BounderError: If float32 sums may overflow, or an argument can leave the range in which its activation is certified.
+        BounderError: If float32 sums may overflow, or an argument can leave the range in which its activation is
+            certified.
     """
     size, error = limit.copy(), np.zeros_like(limit)  # of h: largest absolute value; error of the computed h
     padding, operations, chain = [], 16, limit.copy()

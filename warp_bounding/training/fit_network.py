@@ -38,8 +38,8 @@ from warp_bounding.training.thresholds import Costs, decide, tolerance
 __all__ = ["TRAINERS", "NetworkOptions", "fit_network"]
 
 TRAINERS = dict(zip(RECIPES, (Trainer, PaperTrainer), strict=True))
-# Shares are of the whole budget, used fractions are of the training time. Where the budget is in steps, boxes and rounds
-# take the place of time, so that a fit is repeatable.
+# Shares are of the whole budget, used fractions are of the training time. Where the budget is in steps, boxes and
+# rounds take the place of time, so that a fit is repeatable.
 
 # Used fractions at which training looks for the lowest positives: the prover alone among points, the adversary and then
 # the prover among rays and boxes.
@@ -50,24 +50,25 @@ MINE_REGIONS_SHARE, MINE_REGIONS_BOXES = 0.02, 200_000
 # What the adversary may take each time, as a share, and as a number of rounds in every budget.
 ADVERSARY_SHARE, ADVERSARY_ROUNDS = 0.01, 2
 MOST_ADDED = 256  # most rays or boxes that the prover finds each time and that become samples
-# A monotone network is searched at every refresh from this used fraction on, to this gap of f, by at most so many boxes;
-# such a search takes a few hundred.
+# A monotone network is searched at every refresh from this used fraction on, to this gap of f, by at most so many
+# boxes; such a search takes a few hundred.
 MONOTONE_START, MONOTONE_EPS, MONOTONE_BOXES = 0.2, 0.1, 20_000
 
-# Share that is reserved for setting the threshold before a search has told what that takes: for points; for regions; and
-# for rays and boxes that are searched during training, where it is more, because it is easier to give time back.
+# Share that is reserved for setting the threshold before a search has told what that takes: for points; for regions;
+# and for rays and boxes that are searched during training, where it is more, because it is easier to give time back.
 POINT_RESERVE, REGION_RESERVE, MINED_REGION_RESERVE = 0.03, 0.15, 0.4
 # Once a search has told what the proof of points takes, its reserve is kept between these shares.
 LEAST_RESERVED, MOST_RESERVED = 0.01, 0.2
 MOST_REGION_PROOF = 0.6  # largest share that is reserved for the proof of rays or boxes
 MORE_FOR_EXITS = 0.4  # mlp-early: a reserve for proofs is larger by this share of itself
-# The proof of the final network takes this many times as long as that of one at used fraction 0 and at 1, and in between a
-# number linear in the used fraction: f gets steeper while it trains. Both are empirical.
+# The proof of the final network takes this many times as long as that of one at used fraction 0 and at 1, and in
+# between a number linear in the used fraction: f gets steeper while it trains. Both are empirical.
 PROOF_GROWTH = (4.2, 1.35)
-# Where the proof of rays or boxes is expected to take more than the share DECAY_ABOVE, weights decay at the rate DECAY, times
-# the factor by which it is exceeded, up to MOST_DECAY: smaller weights make proofs shorter.
+# Where the proof of rays or boxes is expected to take more than the share DECAY_ABOVE, weights decay at the rate DECAY,
+# times the factor by which it is exceeded, up to MOST_DECAY: smaller weights make proofs shorter.
 DECAY_ABOVE, DECAY, MOST_DECAY = 0.3, 0.05, 0.2
-# A proof that is expected to cost more than this share of all queries in false positives is given up: training keeps the time.
+# A proof that is expected to cost more than this share of all queries in false positives is given up: training keeps
+# the time.
 WORTH_PROVING = 1e-2
 
 # A proof, or the last adversarial search, gets this share even if training took longer than it should.
@@ -78,8 +79,8 @@ OVERTIME_SHARE = 0.1
 LAST_SEARCH_SHARE, LAST_SEARCH_SECONDS = 0.1, 20.0
 ATTEST_SECONDS = 2.5  # about the time of the million fresh positives that attest a threshold
 PLANE_TOLERANCE = 1e-3  # gap at which the proof of planes ends, in domain half-widths of a plane's offset
-# Limits where the budget is in steps: boxes of the final proof, of points and planes and of rays and boxes; rounds of the
-# last adversarial search; Newton steps of each exit.
+# Limits where the budget is in steps: boxes of the final proof, of points and planes and of rays and boxes; rounds of
+# the last adversarial search; Newton steps of each exit.
 PROOF_BOXES, REGION_PROOF_BOXES, SEARCH_ROUNDS, EXIT_STEPS = 20_000_000, 300_000, 12, 40
 
 

@@ -1,4 +1,4 @@
-"""Training a ``relu-field``: the asymmetric loss on the nodes' values, positives where the proof looks, and a repair at the end.
+"""Training a ``relu-field``: the asymmetric loss on the nodes' values, and a repair at the end.
 
 f can only be least at certain points of the positives (``break_points``), so these are all that training has to see
 of them: the lowest are looked for again and again. Negatives are fresh samples of the protocol. What is still too low
@@ -22,21 +22,27 @@ from warp_bounding.training.engine.team import single_threaded_torch
 
 __all__ = ["train_relu_field"]
 
-BATCH = 8192  # of negatives, and of positives
+# Values of nodes are such that the answer is *maybe* from 0 on (the line); f = 0.5 + SCALE * value, so that the line is
+# in the middle of f's range.
+SCALE = 0.25
+BATCH = 8192  # negatives, and positives, a step
 POOL = 50_000  # samples of the protocol, renewed every REFRESH steps
-CANDIDATES = 60_000  # points of the positives among which the lowest are kept
-HARD = 20_000  # of them
-REFRESH = 50
-SOFTNESS = (0.3, 0.03)  # T, from begin to end
-WEIGHT = (20.0, 1000.0)  # of positives against negatives, likewise
-MARGIN = 0.1  # that positives are pushed above the line, times T's share of its start
-RATE = (0.1, 0.01)
-START = (-1.0, 0.05)  # of nodes that no positive needs, and of the others: no positive is under the line then
-ROUNDED = 1e-4  # of START: interpolation between equal numbers rounds
-STEPS = 1500  # more gain little
-SCALE = 0.25  # f = 0.5 + SCALE * value, so that the line is in the middle
-REPAIR_SHARE = 0.2  # of the budget
-GENTLE = 3  # passes that add no more than is needed, before the one that is sure
+REFRESH = 50  # steps
+CANDIDATES = 60_000  # points of the positives, drawn at each refresh, of which the lowest HARD are kept
+HARD = 20_000
+# T of the loss, the weight of positives against negatives, and the learning rate, from the first step to the last.
+SOFTNESS, WEIGHT, RATE = (0.3, 0.03), (20.0, 1000.0), (0.1, 0.01)
+MARGIN = 0.1  # value above the line to which positives are pushed, times T relative to its start
+START = (
+    -1.0,
+    0.05,
+)  # first values of nodes that no positive needs, and of the others: all positives are above the line
+ROUNDED = 1e-4  # value by which the interpolation between values of START[1] may round
+STEPS = 1500  # steps after which training ends: more gain little
+REPAIR_SHARE = 0.2  # share of the budget that is kept for the repair
+GENTLE = (
+    3  # passes of the repair that add no more than a point lacks, before the last one, after which none lacks anything
+)
 
 
 def train_relu_field(
@@ -153,7 +159,7 @@ class _Trainer:
         self.hard, self.positive, self.lowest = t[lowest.numpy()], (at[0][chosen], at[1][chosen]), float(height.min())
 
     def better(self) -> np.ndarray:
-        """The repaired values, or those at the start (no positive is under ``START[1]`` there) if they let fewer negatives through."""
+        """The repaired values, or if they let fewer negatives through those at the start, with the line at ``START[1]``."""
         self._refresh()
         values = self.repaired()
         flat = torch.from_numpy(values.reshape(-1).astype(np.float32))

@@ -1,8 +1,8 @@
-"""What a threshold costs in false positives, and the best one that a network of rays or boxes can be given in some time.
+"""What a threshold costs in false positives, and the best one for a network of rays or boxes in some time.
 
-An adversary looks for the least f of a positive. The prover then tries to show that no positive lies below that value by
-more than a gap that costs next to nothing. If it does not get there in its time, and the gap that it has proven costs too
-much, the adversary's value sets the threshold, and fresh positives attest it.
+An adversary looks for the least f of a positive. The prover then tries to show that no positive lies below that value
+by more than a gap that costs next to nothing. If it does not get there in its time, and the gap that it has proven
+costs too much, the adversary's value sets the threshold, and fresh positives attest it.
 """
 
 import numpy as np
@@ -48,7 +48,7 @@ class Costs:
         return float(np.diff(np.searchsorted(self.values, [lower, upper]))[0]) / SAMPLES
 
     def of_proof(self, least: float, eps: float, needed: float, seconds: float) -> float:
-        """Share of all queries that a proof is expected to cost, which has ``seconds`` but needs ``needed`` for a gap ``eps``."""
+        """Share of queries that a proof in ``seconds`` is expected to cost, where a gap ``eps`` takes ``needed`` seconds."""
         return self.between(least - eps * max(needed / seconds, 1.0) ** (1 / GROWTH), least)
 
 

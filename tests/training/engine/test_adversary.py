@@ -14,7 +14,7 @@ from warp_bounding.training.samples import samples_of  # noqa: E402
 
 @pytest.fixture(autouse=True)
 def _small(monkeypatch):
-    for name, value in {"STARTS": 4096, "TRIED": 1024, "KEPT": 512}.items():
+    for name, value in {"STARTS": 4096, "WALKED": 1024, "KEPT": 512}.items():
         monkeypatch.setattr(adversary, name, value)
 
 

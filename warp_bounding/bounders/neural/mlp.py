@@ -1,4 +1,4 @@
-"""``mlp``: a multi-layer perceptron (the paper's OurNN): sine, ReLU or tanh hidden layers, any widths, optional encoding.
+"""``mlp``: a multi-layer perceptron (the paper's OurNN), any widths and activation, with an optional encoding.
 
 The network's output before the paper's sigmoid is ``f`` (of planes, two outputs make it: ``networks.heads``); the
 threshold on it is set by a proof or a search, not at a probability of one half.
@@ -27,11 +27,13 @@ __all__ = [
     "encoding_tensors",
 ]
 
-LARGEST_WIDTH = 1024
-MOST_LAYERS = 8  # hidden
-MOST_NEURONS = 2048  # in all: proofs hold some 64 (2 n + 7) bytes for each on a thread's stack, 2 MB in 4D
-MOST_OCTAVES = 10
-RECIPES = ("default", "paper")  # of training
+LARGEST_WIDTH = 1024  # neurons of a hidden layer
+MOST_LAYERS = 8  # hidden layers
+MOST_NEURONS = (
+    2048  # in all hidden layers: proofs hold some 64 (2 n + 7) bytes for each on a thread's stack, 2 MB in 4D
+)
+MOST_OCTAVES = 10  # octaves of the positional encoding
+RECIPES = ("default", "paper")  # names of the recipes of training
 
 
 def encoding_tensors(ndim: int, octaves: int) -> dict[str, np.ndarray]:
@@ -119,11 +121,10 @@ class Mlp(Bounder):
 
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
-        """See ``Bounder``: everything, from its own coordinates."""
         return space == "geometric" and (not QUERIES[query].is_region or ndim >= 2)
 
     def __init__(self, domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
-        """See ``Bounder``; raises ``BounderError`` where tensors and sizes do not fit together."""
+        """Arguments of ``Bounder``; raises ``BounderError`` where tensors and sizes do not fit together."""
         super().__init__(domain, tensors, sizes, device)
         self.hidden = check_hidden(self.sizes.get("hidden", ()))
         self.activation = activation_of(self.sizes.get("activation")).name
@@ -177,7 +178,6 @@ class Mlp(Bounder):
         )
 
     def weights(self) -> np.ndarray:
-        """See ``Bounder``; the layout is described in ``MlpSource``."""
         parts = []
         if self.features:
             parts += [self.tensors["encoding.bias"], self.tensors["encoding.weight"].reshape(-1)]
@@ -192,11 +192,9 @@ class Mlp(Bounder):
 
     @property
     def provable(self) -> bool:
-        """See ``Bounder``: every kind of query."""
         return self.conservative
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        """See ``Bounder``; linear relaxations (``network``)."""
         if self.head.outputs > 1:
             raise BounderError(f"{self.method}: boxes of {self.query_kind} coordinates are not bounded one by one")
         return self.network.bound(lower, upper)

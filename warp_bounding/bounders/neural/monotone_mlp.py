@@ -1,10 +1,10 @@
-"""``monotone-mlp``: a network for boxes that can only answer *maybe* more as a box grows, and is proven for that reason.
+"""``monotone-mlp``: a network for boxes whose f never falls as a box grows, so that points suffice to prove it.
 
 Positives are an up-set: a box that holds one that meets the object meets it too. The network knows that: with ``v =
 (low, high)``, f is nonincreasing in low and nondecreasing in high, by the signs of its weights alone. Every positive
 holds a point p of the object, ``low <= p <= high``, so ``f(low, high) >= f(p, p)``, and the least f over all
 positives is the least over the points of the object: a proof in n dimensions instead of 2 n (``point_network``,
-``proof.monotone``).
+``proof.covers.monotone_box``).
 
 Signs: a neuron rises or falls as the box grows, and a weight leads a rising neuron into another by a number that is
 not negative, a falling one by one that is not positive; low falls, high rises, f rises. Any monotone activation will
@@ -12,7 +12,7 @@ do. For tanh, which is odd, falling neurons add nothing; a ReLU that falls, coun
 Shankaranarayana, *Constrained Monotonic Neural Networks*, 2023). Networks of other signs do not load.
 
 Exact arithmetic is monotone and float32 need not be; but the computed f is within ``rounding_bound`` of the exact
-one, for every box, so that is all that a threshold must leave room for.
+one, for every box, and a threshold must leave room for that alone.
 """
 
 from functools import cached_property
@@ -32,12 +32,12 @@ __all__ = ["MonotoneMlp"]
 
 
 def _monotone(activation) -> str:
-    """What a monotone network has in its place: networks of other kinds beside it may have some that fall."""
+    """The name of the activation that a monotone network has in the place of this one, which may fall."""
     return activation_of(activation).monotone.name
 
 
 def _help() -> str:
-    """Which activations there are, and what stands in for those that fall."""
+    """The words of the option: activations that never fall, and what stands in for the others."""
     never, falling = ([a for a in ACTIVATIONS.values() if (a.monotone is a) == own] for own in (True, False))
     others = "".join(f"; {a.monotone.name} stands in for {a.name}" for a in falling)
     return f"{' or '.join(a.name for a in reversed(never))}{others}"
@@ -49,7 +49,8 @@ class MonotoneMlp(Mlp):
     Tensors and sizes: those of ``Mlp``, no encoding.
 
     Attributes:
-        signs: For each hidden layer ``(H,)``: 1 where a neuron rises with the box, -1 where it falls, 0 where it has no say.
+        signs: For each hidden layer ``(H,)``: 1 where a neuron rises with the box, -1 where it falls, 0 where it has no
+            say.
     """
 
     method = "monotone-mlp"
@@ -61,11 +62,10 @@ class MonotoneMlp(Mlp):
 
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
-        """See ``Bounder``: boxes only."""
         return query == BOX.name and super().supports(query, ndim, space)
 
     def __init__(self, domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
-        """See ``Mlp``; raises ``BounderError`` where f would not be monotone, too."""
+        """Arguments and errors of ``Mlp``; raises ``BounderError`` also where f would not be monotone."""
         super().__init__(domain, tensors, sizes, device)
         if self.features or _monotone(self.activation) != self.activation:
             raise BounderError(
@@ -92,12 +92,11 @@ class MonotoneMlp(Mlp):
 
     @property
     def provable(self) -> bool:
-        """See ``Bounder``: the proof is one of points."""
         return True
 
     @cached_property
     def point_network(self) -> Network:
-        """``g(p) <= f(low, high)`` for every box that the pipeline makes of one that holds p; coordinates of ``domain.base``.
+        """A network of points p, local space: ``g(p) <= f(low, high)`` for what the pipeline makes of any box that holds p.
 
         The input error moves a box's corners by delta at most, to ``low <= p + delta`` and ``high >= p - delta``, and
         clipping to the domain, in which p lies, leaves it at that. So ``g(p) = f(p + delta, p - delta)``: a first

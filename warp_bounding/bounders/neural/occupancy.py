@@ -2,8 +2,8 @@
 
 It answers *maybe* where the probability that the query meets the object is at least one half (``f >= 0``), as
 occupancy networks do (Mescheder et al. 2019). It errs both ways alike: some queries that do meet the object are
-denied. It is here to show what the asymmetric loss and the proof are for, and is of no use as a broad phase; it can
-never hold a certificate.
+denied. It shows what the asymmetric loss and the proof are for, and is of no use as a broad phase; it can never hold a
+certificate.
 """
 
 from warp_bounding.bounders.neural.mlp import ACTIVATION, HIDDEN, OCTAVES, Mlp
@@ -15,18 +15,14 @@ __all__ = ["Occupancy"]
 
 
 class Occupancy(Mlp):
-    """A network with false negatives: *maybe* where it holds an answer of *yes* for likelier than *no*. Tensors: ``Mlp``'s."""
+    """A network with false negatives: *maybe* where it takes *yes* for at least as likely as *no*. Tensors: ``Mlp``'s."""
 
     method = "occupancy"
     conservative = False
     options = (HIDDEN, ACTIVATION, OCTAVES, STEPS)
 
     def freeze(self, threshold: float, certificate: Certificate | None) -> "Occupancy":
-        """See ``Bounder``.
-
-        Raises:
-            BounderError: For a certificate: there is none for a bounder that is not conservative.
-        """
+        """Set the threshold; raises ``BounderError`` for a certificate, which this bounder cannot hold."""
         if certificate is not None:
             raise BounderError("occupancy: is not conservative and cannot hold a certificate")
         return super().freeze(threshold, None)

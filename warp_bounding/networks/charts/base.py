@@ -1,15 +1,16 @@
-"""Charts: how a box of numbers z becomes inputs of a network, ``center + generators zeta + noise`` with ``|zeta| <= 1``.
+"""How a box of numbers z becomes inputs of a network: ``center + generators zeta + noise``, ``|zeta| <= 1``.
 
 A proof searches over boxes of numbers that parametrise positive queries (a point; the point where a ray enters the
 object, its parameter there and its direction; a box's corners). The network's inputs are a linear function of these
 numbers plus a rest. A chart writes this down as C text over a type V (a box a SIMD lane on a CPU, a double on CUDA):
 
-* ``expand``: from ``V low[Z], high[Z]`` to ``V center[K]``, ``V gen[P]`` (the generators that are not always zero), ``V noise[K]``
-  (all that is left over), ``V rest[K]`` (that without the quadratic terms that ``bend`` adds) and ``V dead`` (1 where the box
-  holds no positive); it may shrink the box;
-* ``constraints``: linear functions ``q0 + q . zeta`` that are at most 0 at positives, where a box holds other queries too;
-* ``realize``: from the signs of ``V slope[columns]`` to ``V z[Z]``, a positive near the corner where f looks lowest, its inputs
-  ``V h[K]`` and ``V valid`` (0 where there is none);
+* ``expand``: from ``V low[Z], high[Z]`` to ``V center[K]``, ``V gen[P]`` (the generators that are not always zero), ``V
+  noise[K]`` (all that is left over), ``V rest[K]`` (that without the quadratic terms that ``bend`` adds) and ``V dead``
+  (1 where the box holds no positive); it may shrink the box;
+* ``constraints``: linear functions ``q0 + q . zeta`` that are at most 0 at positives, where a box holds other queries
+  too;
+* ``realize``: from the signs of ``V slope[columns]`` to ``V z[Z]``, a positive near the corner where f looks lowest,
+  its inputs ``V h[K]`` and ``V valid`` (0 where there is none);
 * ``owners``: ``V owner[columns]``, the number of z that halving a column halves.
 
 ``numbers.data`` holds float64 parameters, ``table.data`` int32 ones. Rounding in float64 is part of ``noise``.
@@ -78,7 +79,7 @@ class Chart:
         return ""
 
     def bend(self, squares: list[tuple[int, int]]) -> str:
-        """Add the inputs' own quadratic terms, weighed by ``gradient``, to ``V square[]``, whose entries are those of ``squares``."""
+        """Add the inputs' own quadratic terms, times ``gradient``, to ``V square[]``, whose entries ``squares`` names."""
         return ""
 
     def split(self) -> str:

@@ -1,11 +1,12 @@
 """Boxes that meet an object: ``z = (low, high)`` in cells, cut to where it can hold a positive.
 
-Of all boxes in a box of z, the largest is (least low, greatest high). If it meets no occupied cell, none does; if it does,
-low need not go above the occupied cells in it, nor high below them. Occupied cells are counted by a summed-area table, and
-only those that the box overlaps in their interior. Positives that only touch a cell are limits of others, which the
-neighbouring boxes hold.
+Of all boxes in a box of z, the largest is (least low, greatest high). If it meets no occupied cell, none does; if it
+does, low need not go above the occupied cells in it, nor high below them. Occupied cells are counted by a summed-area
+table, and only those that the box overlaps in their interior. Positives that only touch a cell are limits of others,
+which the neighbouring boxes hold.
 
-The network's inputs are ``z`` times a cell's size; computed boxes are off by ``delta``: noise. ``low <= high`` is a constraint.
+The network's inputs are ``z`` times a cell's size; computed boxes are off by ``delta``: noise. ``low <= high`` is a
+constraint.
 """
 
 from dataclasses import dataclass
@@ -21,8 +22,8 @@ __all__ = ["BoxChart"]
 class BoxChart(Chart):
     """The chart of boxes.
 
-    ``numbers``, n of each: the cells' size, the origin (local position of cell 0's centre), and noise. ``table``: shape (n),
-    strides (n), the summed-area table.
+    ``numbers``, n of each: the cells' size, the origin (local position of cell 0's centre), and noise. ``table``: shape
+    (n), strides (n), the summed-area table.
     """
 
     name = "box"

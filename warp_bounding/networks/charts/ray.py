@@ -1,21 +1,21 @@
 """Rays that meet an object: the point where one first enters it, its parameter t there, and its direction.
 
 ``z = (p, t, m)``: p in local space, on a face that is exposed (one entry has no width), or anywhere in the object with
-t = 0; the ray's parameter 0 <= t <= 1 at p; m on a face of a cube (one entry is 1 or -1, without width), ``u = m / |m|``
-the unit direction in object space. The network's inputs are ``w = stretch u`` and ``a = p - t w``: of the 2n + 1 numbers
-of z 2n - 1 have a width in a box, and all 2n inputs depend on them.
+t = 0; the ray's parameter 0 <= t <= 1 at p; m on a face of a cube (one entry is 1 or -1, without width), ``u = m /
+|m|`` the unit direction in object space. The network's inputs are ``w = stretch u`` and ``a = p - t w``: of the 2n + 1
+numbers of z 2n - 1 have a width in a box, and all 2n inputs depend on them.
 
 * ``u(m0 + h) = u0 + J h + r`` with ``J = (I - u0 u0^T) / |m0|`` and ``|r| <= 1/2 |h|^2 sqrt(4/3) / min |m|^2``: with
-  ``h = alpha u + h'``, ``D^2 u [h, h] = -(2 alpha h' + |h'|^2 u) / |m|^2``, whose length is largest, ``sqrt(4/3) |h|^2 / |m|^2``,
-  where ``|h'|^2 = 2/3 |h|^2``. The quadratic part of r is ``(-alpha h + (3/2 alpha^2 - |h|^2 / 2) u0) / |m0|^2``; behind it is at
-  most ``sqrt(18) / 6 (|h| / min |m|)^3``: in the plane of u0 and h, ``theta = Im log(1 + s h)``, so its derivatives are at most
-  ``1, 1, 2`` (over powers of ``|m| / |h|``), and the square of the third one of ``u = e^(i theta)`` is at
-  most ``(2 + 1)^2 + (3 * 1 * 1)^2``.
+  ``h = alpha u + h'``, ``D^2 u [h, h] = -(2 alpha h' + |h'|^2 u) / |m|^2``, whose length is largest, ``sqrt(4/3) |h|^2
+  / |m|^2``, where ``|h'|^2 = 2/3 |h|^2``. The quadratic part of r is ``(-alpha h + (3/2 alpha^2 - |h|^2 / 2) u0) /
+  |m0|^2``; behind it is at most ``sqrt(18) / 6 (|h| / min |m|)^3``: in the plane of u0 and h, ``theta = Im log(1 + s
+  h)``, so its derivatives are at most ``1, 1, 2`` (over powers of ``|m| / |h|``), and the square of the third one of
+  ``u = e^(i theta)`` is at most ``(2 + 1)^2 + (3 * 1 * 1)^2``.
 * ``t w = t0 w + (t - t0) (w - w0) + (t - t0) w0``: the product of two changes is bilinear, but for the rest of w.
-* Only queries with ``|a| <= limit`` reach the network: the box is cut in t, and what still lies outside is excluded by a
-  constraint.
-* A computed query differs from the exact one by ``delta_a`` in a and by ``delta_w`` in w: both are noise, and f is tried
-  at a query that far off.
+* Only queries with ``|a| <= limit`` reach the network: the box is cut in t, and what still lies outside is excluded by
+  a constraint.
+* A computed query differs from the exact one by ``delta_a`` in a and by ``delta_w`` in w: both are noise, and f is
+  tried at a query that far off.
 """
 
 from dataclasses import dataclass
@@ -34,8 +34,8 @@ THIRD = 0.70714  # above sqrt(18) / 6, the factor in the bound of u without its 
 class RayChart(Chart):
     """The chart of rays.
 
-    ``numbers``, n of each: stretch (w is stretch times a unit vector), limit of |a|, lower and upper (the corners of the
-    object's grid, local), delta_a, delta_w, and slop, a bound of what float64 rounds here.
+    ``numbers``, n of each: stretch (w is stretch times a unit vector), limit of |a|, lower and upper (the corners of
+    the object's grid, local), delta_a, delta_w, and slop, a bound of what float64 rounds here.
     """
 
     name = "ray"
@@ -177,7 +177,7 @@ class RayChart(Chart):
         return " ".join(lines)
 
     def blame(self) -> str:
-        """The loss by the direction's remainder is shared out to its entries, by the squares of their widths, and to t."""
+        """The loss by the direction's remainder goes to its entries, by the squares of their widths, and to t."""
         n = self.ndim
         lines = ["V bent = zero, twisted = zero;"]
         for i in range(n):

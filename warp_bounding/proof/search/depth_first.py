@@ -1,4 +1,4 @@
-"""Proving ``f >= target`` over charted boxes by depth-first search, and the highest target that can be had in some time.
+"""Depth-first search over charted boxes: it proves ``f >= target``, or the highest target that time allows.
 
 A box is *closed* when it is not halved any more: its bound reaches the target, or it is too narrow to be halved, or the
 target is ``CLOSE_ALL``. The target is proven when no box waits and the least bound of a closed box reaches it.
@@ -30,8 +30,8 @@ __all__ = ["ChartedPositives", "TargetSearch", "charted_minimum", "prove_target"
 CPU_BLOCKS, CUDA_BLOCKS = 64, 2048  # blocks of a launch, each with a stack of its own
 MOST = 1024  # boxes that a block bounds before it returns: some 50 ms a launch
 HANDED_OUT = 64  # boxes that an idle block is given at a time
-# Initial boxes of a search: INITIAL_SHARE of those that there is time for, but within these numbers. With fewer, the share
-# that is done would not tell what the rest will take.
+# Initial boxes of a search: INITIAL_SHARE of those that there is time for, but within these numbers. With fewer, the
+# share that is done would not tell what the rest will take.
 INITIAL, MOST_INITIAL = 4096, 131_072
 INITIAL_SHARE = 0.02
 CLOSE_ALL = -np.inf  # as a target: every box that waits is bounded once and closed
@@ -146,8 +146,8 @@ class _Descent:
         self._parameters_host = [np.ascontiguousarray(a, dtype=np.float64) for a in held]
         self._parameters = [double_array(a, dev) for a in self._parameters_host]
         self._parameters.append(wp.array(cover.table, dtype=wp.int32, device=dev))
-        # What the kernel changes; the first STATE arrays are also what it starts from. On a CPU the Warp arrays share their
-        # memory; on CUDA those are copied before each launch, and all of them after it.
+        # What the kernel changes; the first STATE arrays are also what it starts from. On a CPU the Warp arrays share
+        # their memory; on CUDA those are copied before each launch, and all of them after it.
         self._outputs_host = [self._stacks, self._heights, self._initial]
         self._outputs_host += [self._done, self._closed, self._values, self._points]
         kinds = [wp.float64, wp.int32, wp.int32, wp.int64, *[wp.float64] * 3]
@@ -204,7 +204,7 @@ def _lowest(found: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.
 
 
 def _fill(stacks: np.ndarray, heights: np.ndarray, initial: np.ndarray, reserve: np.ndarray) -> int:
-    """Give empty blocks boxes from the end of ``reserve``, or else the lower half of the highest stack: its largest boxes.
+    """Give empty blocks boxes of the reserve's end, or else the lower half of the highest stack, its largest boxes.
 
     Args:
         stacks: ``(blocks, STACK, 2, Z)``.
@@ -284,8 +284,8 @@ def charted_minimum(
             pace.widen()
         if progress:
             progress(done(), descent.begun, pace.gap)
-    # Survey and search each cover all positives, so both least bounds hold and the higher one counts. Neither can exceed
-    # a value that was found.
+    # Survey and search each cover all positives, so both least bounds hold and the higher one counts. Neither can
+    # exceed a value that was found.
     proven, spent = min(max(survey.least, descent.least), best), working_seconds() - started
     numbers = _lowest([(survey.points, survey.values), descent.lowest()])[0]
     return Search(

@@ -93,10 +93,10 @@ def _snippet(shape: NetworkShape) -> str:
 def depth_first_kernel(shape: NetworkShape) -> wp.Kernel:
     """The kernel for a network and a chart; a thread searches the block ``first + wp.tid()``.
 
-    It reads and writes ``stacks`` ``(blocks, STACK, 2, Z)`` float64, ``heights`` ``(blocks,)`` int32, the number of boxes
-    on each stack, and ``initials`` ``(blocks,)`` int32, how many of the lowest of these are initial boxes. It writes
-    ``done_out``, the number of boxes bounded (int64), ``closed_out``, the least bound of a box that it has closed,
-    ``low_value`` ``(blocks, KEPT)`` and ``low_point`` ``(blocks, KEPT, Z)``, low positives.
+    It reads and writes ``stacks`` ``(blocks, STACK, 2, Z)`` float64, ``heights`` ``(blocks,)`` int32, the number of
+    boxes on each stack, and ``initials`` ``(blocks,)`` int32, how many of the lowest of these are initial boxes. It
+    writes ``done_out``, the number of boxes bounded (int64), ``closed_out``, the least bound of a box that it has
+    closed, ``low_value`` ``(blocks, KEPT)`` and ``low_point`` ``(blocks, KEPT, Z)``, low positives.
     """
     name = named(unique_name(shape, "descent"))
 

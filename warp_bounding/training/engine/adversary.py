@@ -22,19 +22,19 @@ from warp_bounding.training.samples.base import Samples
 
 __all__ = ["Adversary", "adversarial_minimum"]
 
-CHUNK = 1024
-STARTS = 65536  # fresh starts a round
-TRIED = 16384  # of them, the lowest: walked
-KEPT = 4096  # the lowest states ever, kept from round to round
-CROWD, BOX = (
-    4,
-    0.125,
-)  # at most so many of them in a box of v that is so wide (the domain: 2), lest all end in one basin
+CHUNK = 1024  # positives that a thread evaluates at a time
+STARTS, WALKED = 65536, 16384  # fresh starts of a round, of which the lowest so many are walked
+KEPT = 4096  # the lowest states ever found, which are kept from round to round
+# At most CROWD kept states lie in a box of v of the width BOX (the domain's is 2), so that they do not all end in one
+# basin.
+CROWD, BOX = 4, 0.125
 WALK, POLISH = 6, 12  # steps of fresh starts and of kept states in a round
-LONGEST, SHORTEST = 2.0, 1e-3  # steps, in cells
-GROWTH, SHRINK = 1.6, 0.4  # of a step's length, after a success and after a failure
+LONGEST, SHORTEST = 2.0, 1e-3  # lengths of a step, cells
+GROWTH, SHRINK = 1.6, 0.4  # factors of a step's length after a success and after a failure
 QUIET = 8  # rounds without an improvement that end the search
-IMPROVEMENT = 1e-4  # of the value's scale: what counts as one
+IMPROVEMENT = (
+    1e-4  # least decrease that counts as one, relative to the standard deviation of f over kept states, or to 1
+)
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,8 @@ def adversarial_minimum(
     """Search for the least value of a network over positives.
 
     Args:
-        samples: Of the kind of query.
-        network: Final parameters; not changed.
+        samples: Samples of the kind of query.
+        network: The network; not changed.
         seconds: Time limit.
         states: ``(S, N)``, positives known to be hard.
         rounds: Largest number of rounds; with unlimited time the search is repeatable.
@@ -136,8 +136,8 @@ class _Search:
 
     def round(self) -> None:
         fresh = self.samples.positives(STARTS)
-        lowest = self.evaluate(fresh).topk(TRIED, largest=False)[1]
-        random = torch.rand(TRIED, generator=self.samples.generator)
+        lowest = self.evaluate(fresh).topk(WALKED, largest=False)[1]
+        random = torch.rand(WALKED, generator=self.samples.generator)
         fresh, values, steps = self.walk(fresh[:, lowest], 0.05 * 20.0**random, WALK)
         pools = [(fresh, values, steps)]
         if self.states.shape[1]:

@@ -27,7 +27,7 @@ class Clock:
         self._from = (0.0, 0.0)  # seconds since the start and used fraction, from which the fraction grows evenly
 
     def reserve(self, seconds: float, used: float | None = None) -> None:
-        """Change what is kept for the proof. Schedules do not jump: the used fraction goes on evenly, at most ``FASTER``.
+        """Change what is kept for the proof; the used fraction goes on evenly, so that schedules do not jump.
 
         Args:
             seconds: Time at the end of the budget.
@@ -71,7 +71,7 @@ def geometric(begin: float, end: float, used: float) -> float:
 
 
 def cosine(rate: float, end: float, warm_up: float, used: float) -> float:
-    """A learning rate: linear up to ``rate`` during the fraction ``warm_up``, and by half a cosine down to ``end`` of it.
+    """A learning rate that rises linearly during the warm-up, and falls by half a cosine.
 
     Args:
         rate: The highest rate.

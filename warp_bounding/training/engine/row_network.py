@@ -25,9 +25,9 @@ class RowNetwork:
     """Hidden layers and linear outputs.
 
     Args:
-        layers: That are trained.
-        activation: Of hidden layers.
-        fixed: Layers before them, as they are.
+        layers: Layers that are trained.
+        activation: Activation of hidden layers.
+        fixed: Hidden layers before these, which stay as they are.
     """
 
     def __init__(self, layers: list[torch.Tensor], activation: Activation, fixed: tuple[torch.Tensor, ...] = ()):
@@ -35,12 +35,19 @@ class RowNetwork:
 
     @classmethod
     def random(
-        cls, sizes: list[int], activation: Activation, gains: tuple[float, float], generator: torch.Generator
+        cls, widths: list[int], activation: Activation, gains: tuple[float, float], generator: torch.Generator
     ) -> "RowNetwork":
-        """Random weights by ``gains``, of the first layer and of later hidden ones; ``sizes`` are inputs, widths and outputs."""
+        """Random weights.
+
+        Args:
+            widths: Inputs, hidden widths and outputs.
+            activation: Activation of hidden layers.
+            gains: Gains of the first layer and of later hidden ones (``initial``); the output's is 1.
+            generator: Source of everything random.
+        """
         first, later = gains
-        each = [first, *[later] * (len(sizes) - 3), 1.0]
-        layers = [initial(generator, h, k, gain) for gain, (k, h) in zip(each, pairwise(sizes), strict=True)]
+        each = [first, *[later] * (len(widths) - 3), 1.0]
+        layers = [initial(generator, h, k, gain) for gain, (k, h) in zip(each, pairwise(widths), strict=True)]
         return cls(layers, activation)
 
     def __call__(self, h: torch.Tensor) -> torch.Tensor:

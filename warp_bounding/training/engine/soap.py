@@ -1,6 +1,7 @@
-"""SOAP: Adam in the slowly rotating eigenbasis of Shampoo's factors (Vyas et al. 2024, arXiv 2409.11321), with bounded updates.
+"""SOAP: Adam in the slowly rotating eigenbasis of Shampoo's factors, with bounded updates.
 
-At these sizes (50 x 51) the factors cost little, and the steps are worth several of Adam's.
+The method is that of Vyas et al. 2024, arXiv 2409.11321. At these sizes (50 x 51) the factors cost little, and the
+steps are worth several of Adam's.
 
 A factor of little rank has eigenvectors that carry no gradient: which ones they are is decided by rounding, and
 differs from one linear algebra library to the next. The published method keeps each coordinate's second moment while
@@ -9,9 +10,10 @@ divides one that has not, and the step has no bound. Three things keep every ste
 return, as long as it is orthogonal:
 
 * second moments are rotated with the basis, as the variances of uncorrelated coordinates;
-* they count as no less than the float32 rounding of the largest one (``NOISE``), so that noise is not scaled up to a step;
-* no rotated coordinate moves by more than ``Soap.bound`` times the rate, which is what Adam's own moments of one sequence of numbers
-  can reach at most. In a basis that stands still the bound is never met.
+* they count as no less than the float32 rounding of the largest one (``NOISE``), so that noise is not scaled up to a
+  step;
+* no rotated coordinate moves by more than ``Soap.bound`` times the rate, which is what Adam's own moments of one
+  sequence of numbers can reach at most. In a basis that stands still the bound is never met.
 """
 
 import math
@@ -20,10 +22,12 @@ import torch
 
 __all__ = ["Soap"]
 
-FACTOR_DECAY = 0.95
+FACTOR_DECAY = 0.95  # decay of Shampoo's factors, a step
 EIGEN_EVERY = 10  # steps between two refinements of the eigenvectors
-NOISE = 1e-5  # of a matrix's largest gradient in its eigenbasis: twenty times what two products of 50 x 50 round; 1e-4 occurs in fits
-SMALLEST = 1e-30  # of a second moment's root: a gradient of exactly zero moves nothing
+# Least root of a second moment, relative to the largest of a matrix in its eigenbasis: twenty times what two products
+# of 50 x 50 matrices round; 1e-4 occurs in fits.
+NOISE = 1e-5
+SMALLEST = 1e-30  # added to that least root, so that a gradient of exactly zero moves nothing
 
 
 class _State:

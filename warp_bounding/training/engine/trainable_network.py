@@ -21,10 +21,10 @@ class TrainableNetwork:
     """Parameters of a network, flat and as one matrix a layer.
 
     Args:
-        ndim: Coordinates of ``v``.
+        ndim: Number of coordinates ``v``.
         hidden: Hidden widths.
         activation: A name in ``ACTIVATIONS``.
-        octaves: Of the positional encoding; 0 for none.
+        octaves: Octaves of the positional encoding; 0 for none.
     """
 
     def __init__(self, ndim: int, hidden: tuple[int, ...], activation: str, octaves: int = 0):
@@ -46,7 +46,7 @@ class TrainableNetwork:
         return views
 
     def initialise(self, first: float, later: float, generator: torch.Generator) -> None:
-        """Uniform weights in ``+-gain / sqrt(inputs)``: ``first`` for the first layer, ``later`` for hidden ones behind it, 1 last."""
+        """Uniform weights in ``+-gain / sqrt(inputs)``; the gain is ``first``, in later hidden layers ``later``, then 1."""
         for index, layer in enumerate(self.layers):
             layer.copy_((torch.rand(layer.shape, generator=generator) * 2 - 1) / math.sqrt(layer.shape[1] - 1))
             if index < len(self.layers) - 1:
@@ -98,7 +98,7 @@ class Evaluator:
         return self._buffers[count]
 
     def forward(self, x: torch.Tensor, *, keep: bool = False) -> torch.Tensor:
-        """Outputs ``(N,)`` for columns ``x``; ``keep`` what ``backward`` needs. The result lives until the next call."""
+        """Outputs ``(N,)`` for columns ``x``, valid until the next call; ``keep`` what ``backward`` needs."""
         outputs, values, slopes, _, last = self._buffer(x.shape[1])
         act = self.network.act
         for index, layer in enumerate(self.network.layers[:-1]):

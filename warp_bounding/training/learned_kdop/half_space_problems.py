@@ -1,4 +1,4 @@
-"""What learning half-spaces needs of a kind of query: faces that follow from normals, and f of negatives, both differentiable.
+"""What learning half-spaces needs of a kind of query: the faces of given normals and f of negatives, differentiable.
 
 Normals have length 1 in the coordinates of what is bounded. Faces are supports in float32 without any room for
 rounding: they steer the search only, ``LearnedKdop.of_normals`` sets the real ones.
@@ -16,11 +16,15 @@ from warp_bounding.support_functions.parametric import ObjectSupport, Parametric
 
 __all__ = ["HalfSpaceProblem", "problem_of"]
 
-HALVINGS = 12  # in the search for the highest point of f along a ray
-DIRECTIONS = {2: 64, 3: 12, 4: 4}  # per edge of a cube's face: the planes that a face is set by
-ENDS = 150  # points of the object, at which rays end that set faces
-TILTS = (1.0, 0.6, 1.6)  # of normals against points, in the first half-spaces around planes
-FARTHEST = 64  # of those rays, for each normal
+HALVINGS = 12  # of the interval in which f is highest along a ray
+DIRECTIONS = {
+    2: 64,
+    3: 12,
+    4: 4,
+}  # directions along an edge of a cube's face that set a face, by dimension of the object
+ENDS = 150  # points of the object that set faces: rays begin or end there
+FARTHEST = 64  # positive rays that each normal is set by, between two refreshes
+TILTS = (1.0, 0.6, 1.6)  # weights of u relative to those of a in the first half-spaces around planes
 
 
 class HalfSpaceProblem:
@@ -81,14 +85,14 @@ class RayParameters(HalfSpaceProblem):
         self.points = self.all_points
 
     def refresh(self, normals: torch.Tensor) -> None:
-        """See ``HalfSpaceProblem``: until the next call, faces are set by the positives that are farthest now."""
+        """Until the next call, faces are set by the positives that are farthest now."""
         count = min(FARTHEST, len(self.all_points))
         near = [(self.all_points @ normal).topk(count).indices for normal in normals.detach()]
         self.points = self.all_points[torch.cat(near).unique()]
 
 
 class PlaneParameters(HalfSpaceProblem):
-    """Planes in parametric space: for each of many normals u the highest a is known (a linear program of n + 1 candidates)."""
+    """Planes in parametric space: for each of many u the highest a is known, a linear program of n + 1 candidates."""
 
     def __init__(self, domain: RegionDomain, support: ParametricSupport):
         super().__init__(domain, support)
@@ -100,7 +104,7 @@ class PlaneParameters(HalfSpaceProblem):
         self.safe = torch.where(self.local.abs() < 1e-4, torch.full_like(self.local, 1e4), self.local)
 
     def start(self, count: int, generator: torch.Generator) -> torch.Tensor:
-        """See ``HalfSpaceProblem``: planes that cut off a corner of the domain, from the one side and from the other."""
+        """Planes that cut off a corner of the domain, from the one side and from the other."""
         n = self.support.ndim
         corners = torch.tensor(list(product((1.0, -1.0), repeat=n)))
         index = torch.arange(count)

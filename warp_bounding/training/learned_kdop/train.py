@@ -1,4 +1,4 @@
-"""Learning the normals of half-spaces (``learned-kdop``): as few sampled negatives inside as can be, no positive ever outside.
+"""Learning the normals of half-spaces (``learned-kdop``): few sampled negatives inside, no positive ever outside.
 
 Every face is set to the support of what is bounded, so the positives' half of the paper's asymmetric loss is a
 constraint that always holds, its weight infinite; what is left is the negatives' half, the mean of ``sigmoid(f / T)``
@@ -23,19 +23,18 @@ from warp_bounding.training.learned_kdop.half_space_problems import HalfSpacePro
 
 __all__ = ["train_learned_kdop"]
 
-SAMPLES = 100_000  # of the protocol, at a time; the negatives among them are learned from
-FEW = 0.1  # share of negatives under which there are more samples,
-MOST_SAMPLES = 1_000_000  # up to this number
-BATCH = 4096
-MOST = 128  # half-spaces
-STEPS = 1500  # per start: more gain nothing
-STARTS = 3
+# Queries of the protocol are sampled SAMPLES at a time, MOST_SAMPLES at most, until there are FEW * SAMPLES negatives,
+# from which the normals are learned.
+SAMPLES, FEW, MOST_SAMPLES = 100_000, 0.1, 1_000_000
+BATCH = 4096  # negatives of a step
+MOST = 128  # half-spaces at most
+STARTS, STEPS = 3, 1500  # starts, and steps of each: more steps gain nothing
 SOFTNESS = (0.2, 0.006)  # T, in units of v, from begin to end
-RATE, RATE_END = 4e-2, 1e-3
-JITTER = 0.02  # of kdop's normals: two that are one and the same would stay so
-CHECK = 50  # steps between counts on all samples
-REFRESH = 10  # steps between looks at what sets the faces
-FINALISTS = 2  # whose true faces are set at the end
+RATE, RATE_END = 4e-2, 1e-3  # learning rate at the first and at the last step
+JITTER = 0.02  # standard deviation of what is added to the first normals: two equal ones would stay equal
+CHECK = 50  # steps between two counts of all negatives inside
+REFRESH = 10  # steps between two calls of ``HalfSpaceProblem.refresh``
+FINALISTS = 2  # results whose certified faces are set at the end, of which the best is taken
 
 
 def train_learned_kdop(
@@ -56,8 +55,8 @@ def train_learned_kdop(
         domain: ``domain_of(grid, query, length, space)``.
         budget: Seconds at most; some seconds are enough.
         seed: Of everything random.
-        k: Half-spaces, ``MOST`` at most; as many as ``kdop`` has if ``None``. Beyond ``kdop``'s numbers, training starts from its
-            default ones and random others.
+        k: Half-spaces, ``MOST`` at most; as many as ``kdop`` has if ``None``. Beyond ``kdop``'s numbers, training
+            starts from its default ones and random others.
         steps: Training steps in all instead of seconds: the result is then repeatable.
         device: Warp device of the bounder.
         progress: Called with the used fraction and a note. Ctrl-C ends training; the best so far is taken.
@@ -135,7 +134,7 @@ def _descend(
     progress: TrainingProgress | None,
     found: list[tuple[float, torch.Tensor]],
 ) -> None:
-    """One start, until the clock shows ``share[0]`` or ``STEPS`` are over; keeps the best share of false positives in ``found[-1]``."""
+    """Train from one start, until the used fraction is ``share[0]`` or for ``STEPS``; the best is kept in ``found[-1]``."""
     end, begin = share
     normals = normals.clone().requires_grad_(True)
     optimiser = torch.optim.Adam([normals], lr=RATE)

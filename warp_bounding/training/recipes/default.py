@@ -35,8 +35,8 @@ class Trainer:
         network: The parameters as they are now.
         false_positives: Estimated share of false positives, of all uniform samples, at the last refresh.
         false_negatives: Share of the worst positives that the paper's threshold of 0 would deny.
-        decay: In each step the hidden layers' weights shrink by this times the learning rate: smaller weights bend f less,
-            which shortens its proof.
+        decay: In each step the hidden layers' weights shrink by this times the learning rate: smaller weights bend f
+            less, which shortens its proof.
         mines: Whether ``run`` calls ``on_refresh``, so that positives found by others can enter the training.
     """
 
@@ -82,8 +82,8 @@ class Trainer:
 
         Args:
             clock: The budget; its count of steps goes on.
-            on_refresh: Called before every refresh with this trainer and the used fraction, and at the end with 1; it may
-                ``add`` positives.
+            on_refresh: Called before every refresh with this trainer and the used fraction, and at the end with 1; it
+                may ``add`` positives.
             progress: Called at every refresh with the used fraction and a note on rates.
         """
         recipe, optimiser = self.recipe, self._optimiser()
@@ -191,6 +191,6 @@ class Trainer:
     def _gradients(
         self, team: Team, workers: list[Evaluator], row: int, used: float, rate: float
     ) -> list[torch.Tensor]:
-        """Gradients of the loss on the planned batch ``row``, one matrix a layer, for a step at the learning rate ``rate``."""
+        """Gradients of the loss on the planned batch ``row``, one matrix a layer, for a step at this learning rate."""
         accumulate(self._batches, self.recipe, team, workers, row, used)
         return summed(workers)

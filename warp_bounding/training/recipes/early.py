@@ -3,9 +3,9 @@
 An *exit* is a linear output on a hidden layer's activations with a threshold of its own, which may only answer *no*
 (``bounders.neural.mlp_early``). ``EarlyTrainer`` is the default recipe (``recipes.default``) with every exit's loss
 added at the weight ``JOINT`` in the layers that it shares, because layers that were trained for the final output alone
-are a poor basis for an exit. Measured for 3D points of the bunny: an exit lets 9 % of all points pass wrongly instead of
-22 to 42 %, the whole network 4.7 instead of 4.4 %, and a step takes a third longer. ``train_exits`` then finishes the
-exits by Newton steps while the layers stay as they are. The exits of a plane's network are supports, trained by
+are a poor basis for an exit. Measured for 3D points of the bunny: an exit lets 9 % of all points pass wrongly instead
+of 22 to 42 %, the whole network 4.7 instead of 4.4 %, and a step takes a third longer. ``train_exits`` then finishes
+the exits by Newton steps while the layers stay as they are. The exits of a plane's network are supports, trained by
 ``recipes.plane`` behind finished layers.
 
 Limits: exits cost the network some of its own tightness, and time. Exits of planes are only as good as the layers
@@ -34,13 +34,13 @@ __all__ = ["EXIT_SHARE", "EarlyTrainer", "TrainedExits", "train_exits"]
 EXIT_SHARE = 0.05  # share of a budget for each exit behind the finished network
 JOINT = 0.3  # weight of an exit's gradient in the layers that it shares
 JOINT_BATCH = 0.5  # an exit's batch in joint training, as a share of the recipe's
-# In joint training an exit keeps so many hard positives of its own, the worst of these and of so many fresh ones that have
-# walked down its output so many steps.
+# In joint training an exit keeps so many hard positives of its own, the worst of these and of so many fresh ones that
+# have walked down its output so many steps.
 JOINT_HARD, JOINT_EXPLORE, JOINT_MOVES = 2048, 8192, 3
 FINISH = 0.8  # used fraction at which an exit that joint training has begun enters its schedules again
 REFRESH = 4  # Newton steps between two refreshes of the samples
-# What differs from the network's recipe. A Newton step takes all samples, so no batch is needed, and the least number is
-# planned: ``refresh`` is the number of batches.
+# What differs from the network's recipe. A Newton step takes all samples, so no batch is needed, and the least number
+# is planned: ``refresh`` is the number of batches.
 EXIT_RECIPE = {"refresh": 1, "vertices": 32768, "explore": 8192}
 DAMPING = 1e-4  # added to the Hessian's diagonal, relative to its mean entry
 HALVINGS = 6  # tries of a Newton step, each half as long, until one lowers the loss
@@ -53,7 +53,8 @@ class TrainedExits(NamedTuple):
         tensors: ``exits.i.weight`` and ``exits.i.bias`` as ``MlpEarly`` stores them.
         networks: Per exit the network that ends there, for an adversarial search; none for planes.
         states: Per exit the states of the worst positives known, for the same search; none for planes.
-        points: Per exit ``(K, ndim)`` float64, their coordinates ``v``, where a proof's search may begin; none for planes.
+        points: Per exit ``(K, ndim)`` float64, their coordinates ``v``, where a proof's search may begin; none for
+            planes.
     """
 
     tensors: dict[str, np.ndarray]
@@ -112,7 +113,7 @@ def train_exits(
 
 
 class _JointExit:
-    """An exit in training with its network: layers are the network's own, the output and hard positives are the exit's."""
+    """An exit in joint training: the layers are the network's, the output and the hard positives are its own."""
 
     def __init__(self, trainer: Trainer, depth: int):
         full = trainer.network
@@ -120,8 +121,8 @@ class _JointExit:
         self.output = self.network.layers[-1]
         uniform = torch.rand(self.output.shape, generator=trainer.generator) * 2 - 1
         self.output.copy_(uniform).div_(math.sqrt(self.output.shape[1]))
-        # The hidden layers are the full network's own tensors, whose steps are so seen here. Of ``self.network.flat`` only
-        # the output is in use from now on.
+        # The hidden layers are the full network's own tensors, whose steps are so seen here. Of ``self.network.flat``
+        # only the output is in use from now on.
         self.network.layers[:-1] = full.layers[:depth]
         self.workers = [Evaluator(self.network) for _ in range(cpu_threads())]
         self.optimiser = Soap([self.output], trainer.recipe.beta1, trainer.recipe.beta2)
@@ -170,7 +171,7 @@ class EarlyTrainer(Trainer):
 
 
 class _ExitTrainer(Trainer):
-    """A network whose output alone is trained, by damped Newton steps on all samples at once: it has some fifty weights.
+    """A network of which only the output is trained, some fifty weights, by damped Newton steps on all samples.
 
     Args:
         trainer: The whole network's trainer.
@@ -217,9 +218,9 @@ class _ExitTrainer(Trainer):
     def _newton(self, team: Team, negative: torch.Tensor, positive: torch.Tensor, used: float) -> None:
         """One damped Newton step of the output's weights.
 
-        The loss is ``recipes.loss``'s over all samples, from their activations ``(N, H + 1)``: the mean over negatives of
-        ``softplus(f) - softplus(f - ramp)``, and over positives of ``width softplus(-f / width) boost``. The ramp's concave
-        part is left out of the Hessian, which is then positive definite.
+        The loss is ``recipes.loss``'s over all samples, from their activations ``(N, H + 1)``: the mean over negatives
+        of ``softplus(f) - softplus(f - ramp)``, and over positives of ``width softplus(-f / width) boost``. The ramp's
+        concave part is left out of the Hessian, which is then positive definite.
         """
         recipe, output = self.recipe, self.network.layers[-1][0]
         weight, width, ramp = weights_of(recipe, used)

@@ -20,35 +20,35 @@ __all__ = ["Batches", "Recipe", "accumulate", "plan", "recipe_of", "schedule", "
 
 @dataclass(frozen=True)
 class Recipe:
-    """Constants of the default recipe, found on the paper's shapes; none depends on the shape, some on the kind of query.
+    """Constants of the default recipe, found on the paper's shapes; some depend on the kind of query.
 
     A schedule "a -> b over [s, e]" goes geometrically from a to b while the used fraction goes from s to e.
     """
 
     batch: int = 2048  # negatives, and as many positives, a step
-    active: float = 0.75  # share of them drawn from the samples that carry gradient
-    refresh: int = 100  # steps between two refreshes of the samples
+    active: float = 0.75  # share of a batch that is drawn from the samples that carry gradient
+    refresh: int = 100  # steps between two refreshes of the samples, and batches that are planned at each
     pool: int = 32768  # fresh negatives, and fresh positives, at a refresh
     vertices: int = 131072  # corners of boundary cells at a refresh, all of them where possible
     hard: int = 4096  # the worst positives, kept from refresh to refresh
-    moves: int = 2  # steps down f that they take
+    moves: int = 2  # steps down f that these take at a refresh
     explore: int = 16384  # fresh positives that walk down before they compete for the hard pool
-    explore_moves: int = 4
+    explore_moves: int = 4  # the number of these steps
     saturation: float = 4.0  # |f| beyond which a softplus carries almost no gradient
     weight: float = 3000.0  # of positives against negatives, 1 -> weight over [0, ramp]
     ramp: float = 0.83
     sharpness: float = 0.5  # width of the positives' softplus, 1 -> sharpness over [0, ramp]
     boost: float = 10.0  # weight of the worst positives, 1 -> boost over [0.6, 0.95]
-    boosted: int = 1024  # their number
+    boosted: int = 1024  # number of the worst positives that are boosted
     give_up: float = 3.0  # width of the negatives' ramp, 40 -> give_up over [0.3, 0.95]
-    rate: float = 2e-2  # learning rate, cosine to rate_end of it
-    rate_end: float = 1e-3
-    warm_up: float = 0.01
-    beta1: float = 0.95
+    rate: float = 2e-2  # highest learning rate (``cosine``)
+    rate_end: float = 1e-3  # learning rate at the end, relative to the highest
+    warm_up: float = 0.01  # used fraction at which the learning rate is highest
+    beta1: float = 0.95  # of ``Soap``
     beta2: float = 0.95
-    first_gain: float = 20.0  # initial weights: uniform in +-gain / sqrt(inputs)
-    later_gain: float = 3.0
-    first_gain_plain: float = 3.0  # of activations that are no wave, and behind an encoding
+    first_gain: float = 20.0  # initial weights of the first layer: uniform in +-gain / sqrt(inputs)
+    later_gain: float = 3.0  # the same, of later hidden layers
+    first_gain_plain: float = 3.0  # the same two where the activation is no wave, or behind an encoding
     later_gain_plain: float = 1.7
     chunk: int = 1024  # columns that a thread evaluates at a time
 
@@ -58,15 +58,15 @@ RECIPES = {
     "ray": Recipe(first_gain=1.5, sharpness=0.3),  # a ray sweeps over many cells: its truth is smoother than a point's
     "box": Recipe(first_gain=5.0, sharpness=0.3),
 }
-# Rays and boxes in 4D, where networks of the paper's sizes are far from the truth: the bulk needs gradient, too, and
-# eight coordinates have many places to be low at.
-MANY_COORDINATES, FAR = 8, {"sharpness": 1.0, "hard": 16384, "explore": 32768}
+# What is different for rays and boxes of 4D objects, from so many coordinates on. Networks of the paper's sizes are far
+# from the truth there, so that most samples need gradient, and f is low at many places.
+MANY_COORDINATES, FAR_FROM_TRUTH = 8, {"sharpness": 1.0, "hard": 16384, "explore": 32768}
 
 
 def recipe_of(query: str, inputs: int) -> Recipe:
     """The default recipe for a kind of query of so many coordinates."""
-    far = QUERIES[query].is_region and inputs >= MANY_COORDINATES
-    return replace(RECIPES[query], **(FAR if far else {}))
+    many = QUERIES[query].is_region and inputs >= MANY_COORDINATES
+    return replace(RECIPES[query], **(FAR_FROM_TRUTH if many else {}))
 
 
 def schedule(end: float, used: float, start: float, stop: float, begin: float = 1.0) -> float:
@@ -124,16 +124,16 @@ def accumulate(
     used: float,
     size: int | None = None,
 ) -> None:
-    """Gradient of the loss on batch ``row`` of negatives and positives, of the workers' network, each worker's share in its ``gradient``.
+    """Gradient of the loss on one batch of negatives and positives; each worker's share is in its ``gradient``.
 
     Args:
-        batches: See ``plan``.
+        batches: What ``plan`` has drawn.
         recipe: Constants.
-        team: Of threads.
-        workers: One a thread.
-        row: Of the batch.
-        used: Fraction.
-        size: Of a batch; the recipe's if ``None``.
+        team: Threads.
+        workers: One for each thread, of one network.
+        row: Number of the batch since the last refresh.
+        used: Used fraction of the budget.
+        size: Samples of a batch that count; the recipe's batch if ``None``.
     """
     (weight, width, ramp), (negatives, positives) = weights_of(recipe, used), batches
     for worker in workers:
@@ -172,7 +172,8 @@ def _stratified(active: torch.Tensor, recipe: Recipe, generator: torch.Generator
         generator: Source of randomness.
 
     Returns:
-        ``(refresh, batch)`` indices, and ``(batch,)`` weights under which a batch's sum estimates the sum over all samples.
+        ``(refresh, batch)`` indices, and ``(batch,)`` weights under which a batch's sum estimates the sum over all
+        samples.
     """
     strata = [active.nonzero()[:, 0], (~active).nonzero()[:, 0]]
     counts = [int(recipe.batch * recipe.active), recipe.batch - int(recipe.batch * recipe.active)]

@@ -26,34 +26,34 @@ from warp_bounding.training.samples.box import BoxSamples
 __all__ = ["LeastBoxSamples", "MonotoneTrainer"]
 
 RECIPE = Recipe(first_gain=5.0, later_gain=3.0, sharpness=0.3)
-SPREAD = 0.8  # of the planes that the first layer begins with: |coordinates| of a point on each
-LEAST_ROOT = 0.1  # of an initial weight: one at 0 would stay there
+SPREAD = 0.8  # largest |coordinate| of the random point through which an initial plane of the first layer goes
+LEAST_ROOT = 0.1  # least root of an initial weight: one at 0 would stay there
 MOST_ADDED = 256  # points of a search that join the hard ones
 
 
 class LeastBoxSamples(BoxSamples):
-    """Boxes, and as positives the points of the object; a state is a cell and an offset (n rows each). See ``Samples``."""
+    """Boxes; their positives are the points of the object, and a state is a cell and an offset (n rows each)."""
 
     def __init__(self, grid: IndicatorGrid, domain: RegionDomain, generator: torch.Generator):
         super().__init__(grid, domain, generator)
         self.vertices = self.cells.boundary_vertices().repeat(2, 1)
 
     def positives(self, count: int) -> torch.Tensor:
-        """See ``Samples``: most in boundary cells and on cell faces, the rest uniform in the object."""
+        """Most are in boundary cells and on cell faces, the rest uniform in the object."""
         return torch.cat(self.cells.draw(count))
 
     def coordinates(self, state: torch.Tensor) -> torch.Tensor:
         return self.point(state).repeat(2, 1)
 
     def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
-        """See ``Samples``; the largest component moves by ``step`` cells, all stay in their cells."""
+        """The largest component moves by ``step`` cells; all points stay in their cells."""
         n = self.grid.ndim
         slope = (slope[:n] + slope[n:]) * self.cells.unit
         slope /= slope.abs().amax(0, keepdim=True) + 1e-12
         return torch.cat([state[:n], (state[n:] - step * slope).clamp_(-0.5, 0.5)])
 
     def locate(self, v: np.ndarray) -> torch.Tensor:
-        """See ``Samples``; of points ``(N, n)``."""
+        """States of points ``(N, n)`` of the object, local space."""
         return torch.cat(self.cells.locate(v)[:2])
 
 
@@ -61,9 +61,9 @@ class MonotoneTrainer(Trainer):
     """A monotone network in training; see ``Trainer``.
 
     Args:
-        samples: The positives are points.
+        samples: Samples whose positives are points.
         hidden: Hidden widths.
-        activation: One that never falls.
+        activation: Name of one that never falls.
         recipe: Constants.
     """
 
@@ -75,7 +75,7 @@ class MonotoneTrainer(Trainer):
         super().__init__(samples, hidden, activation, recipe=recipe or RECIPE)
 
     def add(self, v: np.ndarray) -> None:
-        """See ``Trainer``; lowest first, of which one a cell is kept: a search's points crowd around few minima."""
+        """Add points, lowest first; one a cell is kept, because a search's points crowd around few minima."""
         state = self.samples.locate(v)
         first = np.unique(state[: self.samples.grid.ndim].numpy(), axis=1, return_index=True)[1]
         self.add_states(state[:, torch.from_numpy(np.sort(first)[:MOST_ADDED])])
@@ -114,7 +114,7 @@ class _RootSoap(Soap):
 
     Args:
         layers: ``(out, in + 1)`` matrices, the last column the biases.
-        signs: ``(out, in)`` of their weights.
+        signs: ``(out, in)``, the signs of their weights.
         recipe: Constants.
     """
 

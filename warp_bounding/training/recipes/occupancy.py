@@ -1,8 +1,8 @@
 """Training ``occupancy``: binary cross-entropy on uniform queries with exact labels, nothing more (the paper's OccNet).
 
 Both kinds of error weigh the same, so that a decision at probability one half leaves some of each: about as many false
-negatives as false positives. The optimiser and the initial weights are those of the main recipe; it is trained as
-well as that is, to be compared with fairly.
+negatives as false positives. The optimiser and the initial weights are those of the default recipe, so that both are
+trained equally well and can be compared.
 """
 
 import numpy as np
@@ -24,15 +24,18 @@ from warp_bounding.training.engine.trainable_network import TrainableNetwork
 
 __all__ = ["train_occupancy"]
 
-BATCH = 4096
-POOL = 65536  # samples, renewed
-REFRESH = 50  # steps
-POINT_GAINS = (20.0, 3.0)  # initial weights of waves of points: as in the main recipe; elsewhere as for supports
-SHARPNESS = (
-    10.0,
-    100.0,
-)  # a plane's log odds per f, from begin to end: f moves with the offset itself, its slope is fixed
-RATE, RATE_END, WARM_UP = 1e-2, 1e-3, 0.02
+BATCH = 4096  # samples of a step
+POOL, REFRESH = 65536, 50  # samples that are drawn anew after so many steps
+# Gains of the first and of later layers for points and activations that are waves, as in the default recipe; elsewhere
+# they are those of supports.
+POINT_GAINS = (20.0, 3.0)
+# Log odds per f of a plane, from begin to end of training: f moves with the offset itself, so its slope is fixed.
+SHARPNESS = (10.0, 100.0)
+RATE, RATE_END, WARM_UP = (
+    1e-2,
+    1e-3,
+    0.02,
+)  # learning rate, its end relative to it, used fraction of the warm-up (``cosine``)
 
 
 def train_occupancy(

@@ -23,16 +23,19 @@ from warp_bounding.training.engine.soap import Soap
 
 __all__ = ["SupportTrainer"]
 
-POOL = 16384  # normals as queries have them, renewed now and then
-BATCH = 2048  # of them a step
-WIDE = 1024  # normals uniform on the cube's faces, a step
-HARD = 1024  # the worst normals, in every step
+POOL = 16384  # normals distributed as those of queries, renewed every REFRESH steps
 REFRESH = 100  # steps
-DENSITY_POINTS = 512  # of the domain, per density estimate
-DENSITY_WIDTH = 0.1  # in c, likewise
-SHARPNESS = (10.0, 3000.0)  # of the soft maximum, from begin to end of the ramp
-RAMP = 0.85
-RATE, RATE_END, WARM_UP = 1e-2, 1e-3, 0.02
+# Normals of a step: from the pool; uniform on the cube's faces; and the worst ones known.
+BATCH, WIDE, HARD = 2048, 1024, 1024
+# The density of the queries' offsets is estimated from so many points of the domain, in intervals of c of this
+# half-width.
+DENSITY_POINTS, DENSITY_WIDTH = 512, 0.1
+SHARPNESS, RAMP = (10.0, 3000.0), 0.85  # of the soft maximum: from begin to end, which is at the used fraction RAMP
+RATE, RATE_END, WARM_UP = (
+    1e-2,
+    1e-3,
+    0.02,
+)  # learning rate, its end relative to it, used fraction of the warm-up (``cosine``)
 
 
 class SupportTrainer:
@@ -40,10 +43,10 @@ class SupportTrainer:
 
     Args:
         grid: The object.
-        domain: Of plane queries, geometric.
+        domain: Geometric domain of plane queries.
         hidden: Hidden widths.
         activation: A name in ``ACTIVATIONS``.
-        seed: Of everything random.
+        seed: Seed of everything random.
     """
 
     def __init__(
@@ -58,7 +61,7 @@ class SupportTrainer:
         self._best = (math.inf, self.network.copy())
 
     def behind(self, layers: list[torch.Tensor]) -> "SupportTrainer":
-        """A trainer of two supports on finished layers: it sees one layer, behind fixed activations. It shares the random numbers."""
+        """A trainer of two supports behind finished layers, which it does not change; it shares all else with this one."""
         own = copy.copy(self)
         head = initial(self.generator, 2, len(layers[-1]))
         own.network = RowNetwork([head], self.network.activation, tuple(layers))
@@ -82,7 +85,7 @@ class SupportTrainer:
         return out
 
     def _faces(self, count: int) -> torch.Tensor:
-        """Normals uniform on the cube's faces, a third of them on edges."""
+        """Normals ``(count, n)`` uniform on the cube's faces, some of them on edges."""
         m = torch.rand(count, self.ndim, generator=self.generator) * 2 - 1
         edge = torch.rand(count, self.ndim, generator=self.generator) < 0.15
         m = torch.where(edge, torch.sign(m), m)
