@@ -43,7 +43,7 @@ def cases() -> list:
 @pytest.mark.parametrize(("method", "query", "name", "activation"), cases())
 def test_every_activation_in_every_network(method, query, name, activation, monkeypatch, tmp_path):
     monkeypatch.setattr(networks, "PROOF_BOXES", 100_000)  # these are hardly trained: a proof holds wherever it ends
-    monkeypatch.setattr(networks, "REGION_BOXES", 100_000)
+    monkeypatch.setattr(networks, "REGION_PROOF_BOXES", 100_000)
     grid, kind = shape(name), METHODS[method]
     hidden, length = EARLY if issubclass(kind, MlpEarly) else HIDDEN, ray_length(grid)
     told = told_of(method, query, activation=activation, hidden=hidden, steps=3, length=length)

@@ -149,7 +149,7 @@ class MlpSource(Source):
         return self.chain(lanes, len(self.hidden), self.places[-1])
 
     def chain(self, lanes: Lanes, depth: int, head: int) -> str:
-        """C statements from ``v`` to ``f``: the first ``depth`` hidden layers and the output at ``head`` in the numbers."""
+        """C statements from ``v`` to ``f``: the first ``depth`` hidden layers, and the output at ``w[head]``."""
         last = depth - 1
         layers = (self.layer(index, head if index == last else None, keep=index < last) for index in range(depth))
         return "\n".join([self.encode(lanes), *layers])
@@ -160,7 +160,7 @@ class MlpSource(Source):
         return "\n".join([act, "const V none = {}; V other = none;", self._inputs(lanes, "V")])
 
     def layer(self, index: int, head: int | None, *, keep: bool) -> str:
-        """C statements of a hidden layer, which ``keep`` its activations, add them up to ``f`` by an output, or both."""
+        """C statements of a hidden layer: ``keep`` its activations, add them up to ``f`` by an output, or both."""
         (k, h), at, ends = self.layers[index], self.places[index], head is not None
         outputs, head = self.head.outputs * ends, head or 0
         second = head + 1 + padded(h)
@@ -185,7 +185,7 @@ class MlpSource(Source):
         return "\n".join([self.function_encode(), *layers, self.function_head(last, self.places[-1])])
 
     def function_encode(self) -> str:
-        """C statements from ``v`` to the inputs ``float h0[]``, with the vector type and the activation of the layers."""
+        """C statements from ``v`` to the inputs ``float h0[]``, with the layers' vector type and activation."""
         return "\n".join(
             [
                 f"constexpr int L = {ALIGN}; typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));",
@@ -243,7 +243,7 @@ def _filling(neurons: int, inputs: int) -> int:
 
 
 def layer_numbers(weight: np.ndarray, bias: np.ndarray) -> np.ndarray:
-    """A hidden layer, ``(H, K)`` and ``(H,)`` float32, as ``MlpSource`` reads it: query-major copy, neuron-major copy."""
+    """A hidden layer, ``(H, K)`` and ``(H,)`` float32, as ``MlpSource`` reads it: both copies, one behind the other."""
     (h, k), parts = weight.shape, []
     for first in range(0, h, _block(h)):
         rows = slice(first, first + _block(h))

@@ -33,16 +33,13 @@ HARD = 20_000
 # T of the loss, the weight of positives against negatives, and the learning rate, from the first step to the last.
 SOFTNESS, WEIGHT, RATE = (0.3, 0.03), (20.0, 1000.0), (0.1, 0.01)
 MARGIN = 0.1  # value above the line to which positives are pushed, times T relative to its start
-START = (
-    -1.0,
-    0.05,
-)  # first values of nodes that no positive needs, and of the others: all positives are above the line
+# First values of nodes that no positive needs, and of the others: all positives are then above the line.
+START = (-1.0, 0.05)
 ROUNDED = 1e-4  # value by which the interpolation between values of START[1] may round
 STEPS = 1500  # steps after which training ends: more gain little
 REPAIR_SHARE = 0.2  # share of the budget that is kept for the repair
-GENTLE = (
-    3  # passes of the repair that add no more than a point lacks, before the last one, after which none lacks anything
-)
+# Passes of the repair that add no more than a point lacks, before the last one, after which no point lacks anything.
+GENTLE = 3
 
 
 def train_relu_field(
@@ -159,7 +156,7 @@ class _Trainer:
         self.hard, self.positive, self.lowest = t[lowest.numpy()], (at[0][chosen], at[1][chosen]), float(height.min())
 
     def better(self) -> np.ndarray:
-        """The repaired values, or if they let fewer negatives through those at the start, with the line at ``START[1]``."""
+        """The repaired values, or those at the start (line at ``START[1]``) if these let fewer negatives through."""
         self._refresh()
         values = self.repaired()
         flat = torch.from_numpy(values.reshape(-1).astype(np.float32))

@@ -48,7 +48,7 @@ class Costs:
         return float(np.diff(np.searchsorted(self.values, [lower, upper]))[0]) / SAMPLES
 
     def of_proof(self, least: float, eps: float, needed: float, seconds: float) -> float:
-        """Share of queries that a proof in ``seconds`` is expected to cost, where a gap ``eps`` takes ``needed`` seconds."""
+        """Share of queries that a proof in ``seconds`` should cost, where a gap ``eps`` takes ``needed`` seconds."""
         return self.between(least - eps * max(needed / seconds, 1.0) ** (1 / GROWTH), least)
 
 

@@ -29,9 +29,8 @@ __all__ = [
 
 LARGEST_WIDTH = 1024  # neurons of a hidden layer
 MOST_LAYERS = 8  # hidden layers
-MOST_NEURONS = (
-    2048  # in all hidden layers: proofs hold some 64 (2 n + 7) bytes for each on a thread's stack, 2 MB in 4D
-)
+# Neurons of all hidden layers: proofs hold some 64 (2 n + 7) bytes for each on a thread's stack, 2 MB in 4D.
+MOST_NEURONS = 2048
 MOST_OCTAVES = 10  # octaves of the positional encoding
 RECIPES = ("default", "paper")  # names of the recipes of training
 

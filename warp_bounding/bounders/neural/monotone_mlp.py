@@ -96,7 +96,7 @@ class MonotoneMlp(Mlp):
 
     @cached_property
     def point_network(self) -> Network:
-        """A network of points p, local space: ``g(p) <= f(low, high)`` for what the pipeline makes of any box that holds p.
+        """A network g of points, local space: ``g(p) <= f(low, high)`` for all that is computed of a box that holds p.
 
         The input error moves a box's corners by delta at most, to ``low <= p + delta`` and ``high >= p - delta``, and
         clipping to the domain, in which p lies, leaves it at that. So ``g(p) = f(p + delta, p - delta)``: a first

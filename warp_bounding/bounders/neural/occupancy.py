@@ -15,7 +15,7 @@ __all__ = ["Occupancy"]
 
 
 class Occupancy(Mlp):
-    """A network with false negatives: *maybe* where it takes *yes* for at least as likely as *no*. Tensors: ``Mlp``'s."""
+    """A network with false negatives: *maybe* where *yes* seems at least as likely as *no*. Tensors: ``Mlp``'s."""
 
     method = "occupancy"
     conservative = False

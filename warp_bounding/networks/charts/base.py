@@ -30,13 +30,11 @@ class Chart:
     Attributes:
         inputs: Inputs K of the network.
         noisy: Whether ``expand`` sets ``noise`` and ``rest``; else they are 0.
-        name: In the names of kernels.
     """
 
     inputs: int
 
     noisy = True
-    name = "chart"
 
     @property
     def size(self) -> int:
@@ -52,11 +50,6 @@ class Chart:
     def pairs(self) -> list[tuple[int, int]]:
         """``(input, column)`` of the generators' entries that may differ from 0, in the order of ``gen``."""
         return [(k, k) for k in range(self.inputs)]
-
-    @property
-    def parameters(self) -> int:
-        """Length of ``numbers``."""
-        return 0
 
     def expand(self) -> str:
         """See module."""
@@ -79,7 +72,7 @@ class Chart:
         return ""
 
     def bend(self, squares: list[tuple[int, int]]) -> str:
-        """Add the inputs' own quadratic terms, times ``gradient``, to ``V square[]``, whose entries ``squares`` names."""
+        """Add the inputs' quadratic terms, times ``gradient``, to ``V square[]``, whose entries ``squares`` names."""
         return ""
 
     def split(self) -> str:
@@ -100,7 +93,6 @@ class PlainChart(Chart):
     """The chart of points, whose numbers are the inputs themselves."""
 
     noisy = False
-    name = "plain"
 
     def expand(self) -> str:
         return "\n".join(

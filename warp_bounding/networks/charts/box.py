@@ -26,16 +26,10 @@ class BoxChart(Chart):
     (n), strides (n), the summed-area table.
     """
 
-    name = "box"
-
     @property
     def ndim(self) -> int:
         """Dimension n of the object."""
         return self.inputs // 2
-
-    @property
-    def parameters(self) -> int:
-        return 3 * self.ndim
 
     def _count(self, first: list[str], last: list[str]) -> str:
         """Number of occupied cells from ``first`` to one before ``last`` (C expressions of int, one per axis)."""

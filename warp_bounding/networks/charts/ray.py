@@ -38,8 +38,6 @@ class RayChart(Chart):
     the object's grid, local), delta_a, delta_w, and slop, a bound of what float64 rounds here.
     """
 
-    name = "ray"
-
     @property
     def ndim(self) -> int:
         """Dimension n of the object."""
@@ -53,10 +51,6 @@ class RayChart(Chart):
     def columns(self) -> int:
         """There are n - 1 columns for p, one for t (or for the last entry of p where t is 0), and n - 1 for m."""
         return 2 * self.ndim - 1
-
-    @property
-    def parameters(self) -> int:
-        return 7 * self.ndim
 
     @property
     def pairs(self) -> list[tuple[int, int]]:

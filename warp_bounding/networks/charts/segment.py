@@ -19,8 +19,6 @@ ROUNDING = 2.0**-50  # relative, of a product and three sums in float64
 class SegmentChart(Chart):
     """K inputs, ``2 K + 1`` numbers; see module."""
 
-    name = "segment"
-
     @property
     def size(self) -> int:
         return 2 * self.inputs + 1

@@ -32,9 +32,8 @@ WALK, POLISH = 6, 12  # steps of fresh starts and of kept states in a round
 LONGEST, SHORTEST = 2.0, 1e-3  # lengths of a step, cells
 GROWTH, SHRINK = 1.6, 0.4  # factors of a step's length after a success and after a failure
 QUIET = 8  # rounds without an improvement that end the search
-IMPROVEMENT = (
-    1e-4  # least decrease that counts as one, relative to the standard deviation of f over kept states, or to 1
-)
+# Least decrease that counts as an improvement, relative to the standard deviation of f over the kept states, or to 1.
+IMPROVEMENT = 1e-4
 
 
 @dataclass(frozen=True)

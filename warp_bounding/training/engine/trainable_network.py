@@ -46,7 +46,7 @@ class TrainableNetwork:
         return views
 
     def initialise(self, first: float, later: float, generator: torch.Generator) -> None:
-        """Uniform weights in ``+-gain / sqrt(inputs)``; the gain is ``first``, in later hidden layers ``later``, then 1."""
+        """Uniform weights in ``+-gain / sqrt(inputs)``; the gains are ``first``, then ``later``, of the output 1."""
         for index, layer in enumerate(self.layers):
             layer.copy_((torch.rand(layer.shape, generator=generator) * 2 - 1) / math.sqrt(layer.shape[1] - 1))
             if index < len(self.layers) - 1:

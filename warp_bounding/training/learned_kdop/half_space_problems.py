@@ -17,11 +17,7 @@ from warp_bounding.support_functions.parametric import ObjectSupport, Parametric
 __all__ = ["HalfSpaceProblem", "problem_of"]
 
 HALVINGS = 12  # of the interval in which f is highest along a ray
-DIRECTIONS = {
-    2: 64,
-    3: 12,
-    4: 4,
-}  # directions along an edge of a cube's face that set a face, by dimension of the object
+DIRECTIONS = {2: 64, 3: 12, 4: 4}  # by dimension: directions along an edge of a cube's face, of those that set faces
 ENDS = 150  # points of the object that set faces: rays begin or end there
 FARTHEST = 64  # positive rays that each normal is set by, between two refreshes
 TILTS = (1.0, 0.6, 1.6)  # weights of u relative to those of a in the first half-spaces around planes

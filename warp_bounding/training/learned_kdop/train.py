@@ -134,7 +134,7 @@ def _descend(
     progress: TrainingProgress | None,
     found: list[tuple[float, torch.Tensor]],
 ) -> None:
-    """Train from one start, until the used fraction is ``share[0]`` or for ``STEPS``; the best is kept in ``found[-1]``."""
+    """Train from one start until the used fraction ``share[0]``, or for ``STEPS``; ``found[-1]`` keeps the best."""
     end, begin = share
     normals = normals.clone().requires_grad_(True)
     optimiser = torch.optim.Adam([normals], lr=RATE)

@@ -31,11 +31,7 @@ POOL, REFRESH = 65536, 50  # samples that are drawn anew after so many steps
 POINT_GAINS = (20.0, 3.0)
 # Log odds per f of a plane, from begin to end of training: f moves with the offset itself, so its slope is fixed.
 SHARPNESS = (10.0, 100.0)
-RATE, RATE_END, WARM_UP = (
-    1e-2,
-    1e-3,
-    0.02,
-)  # learning rate, its end relative to it, used fraction of the warm-up (``cosine``)
+RATE, RATE_END, WARM_UP = 1e-2, 1e-3, 0.02  # arguments of ``cosine``, the learning rate
 
 
 def train_occupancy(

@@ -31,11 +31,7 @@ BATCH, WIDE, HARD = 2048, 1024, 1024
 # half-width.
 DENSITY_POINTS, DENSITY_WIDTH = 512, 0.1
 SHARPNESS, RAMP = (10.0, 3000.0), 0.85  # of the soft maximum: from begin to end, which is at the used fraction RAMP
-RATE, RATE_END, WARM_UP = (
-    1e-2,
-    1e-3,
-    0.02,
-)  # learning rate, its end relative to it, used fraction of the warm-up (``cosine``)
+RATE, RATE_END, WARM_UP = 1e-2, 1e-3, 0.02  # arguments of ``cosine``, the learning rate
 
 
 class SupportTrainer:
@@ -61,8 +57,8 @@ class SupportTrainer:
         self._best = (math.inf, self.network.copy())
 
     def behind(self, layers: list[torch.Tensor]) -> "SupportTrainer":
-        """A trainer of two supports behind finished layers, which it does not change; it shares all else with this one."""
-        own = copy.copy(self)
+        """A trainer of two supports behind finished layers, which stay as they are; all else is shared with this one."""
+        own = copy.copy(self)  # __init__ would draw a whole network and look for the hull again
         head = initial(self.generator, 2, len(layers[-1]))
         own.network = RowNetwork([head], self.network.activation, tuple(layers))
         own._best = (math.inf, own.network.copy())
