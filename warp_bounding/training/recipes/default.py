@@ -107,6 +107,7 @@ class Trainer:
             self._refresh(team, workers, 1.0)
 
     def workers(self, team: Team) -> list[Evaluator]:
+        """An evaluator of the network for each thread."""
         return [Evaluator(self.network) for _ in range(team.size)]
 
     def add(self, v) -> None:
