@@ -55,6 +55,7 @@ class CellPoints:
         return cells.index_select(1, self.integers(cells.shape[1], count))
 
     def rand(self, *shape: int) -> torch.Tensor:
+        """Uniform numbers in [0, 1) of this shape."""
         return torch.rand(*shape, generator=self.generator)
 
     def integers(self, end: int, count: int) -> torch.Tensor:
