@@ -59,6 +59,7 @@ class CellPoints:
         return torch.rand(*shape, generator=self.generator)
 
     def integers(self, end: int, count: int) -> torch.Tensor:
+        """``(count,)`` uniform whole numbers from 0 to ``end - 1``."""
         return torch.randint(end, (count,), generator=self.generator)
 
     def draw(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
