@@ -14,6 +14,7 @@ MOST_SIZES = 90  # characters of the line ``sizes``; the rest is left out
 def command(file: BounderFile, json: Json = False) -> int:
     """Describe FILE: method, sizes, what is proven and what is not. Exit status 1 if it holds no proof."""
     from warp_bounding.bounders import load
+    from warp_bounding.bounders.voxels import Voxels
     from warp_bounding.certificates.statement import statement
     from warp_bounding.queries import QUERIES
 
@@ -26,7 +27,7 @@ def command(file: BounderFile, json: Json = False) -> int:
             for k in ("name", "indicator", "grid_shape", "margin", "resolution", "seed", "note", "library")
         }
         summary = certificate_summary(bounder, certificate) if certificate else None
-        sizes = bounder.sizes if bounder.method != "voxels" else {}
+        sizes = {} if isinstance(bounder, Voxels) else bounder.sizes
         print_json(
             {
                 "path": file,
