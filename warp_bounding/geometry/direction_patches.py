@@ -85,9 +85,11 @@ class DirectionPatches:
         return np.stack([u * (1 - slack), u * outer * (1 + slack)], axis=2).reshape(len(self), -1, self.ndim)
 
     def take(self, which: np.ndarray) -> "DirectionPatches":
+        """The patches at these indices, or where a mask is true."""
         return DirectionPatches(self.axis[which], self.sign[which], self.lower[which], self.upper[which])
 
     def joined(self, other: "DirectionPatches") -> "DirectionPatches":
+        """These patches, then those of another set."""
         names = ("axis", "sign", "lower", "upper")
         return DirectionPatches(*(np.concatenate([getattr(self, k), getattr(other, k)]) for k in names))
 
