@@ -12,6 +12,7 @@ kernel's own root is within its relative error.
 
 from fractions import Fraction
 from functools import cache
+from math import prod
 
 import numpy as np
 import warp as wp
@@ -82,12 +83,9 @@ def ray_truth(grid: IndicatorGrid, q: np.ndarray, length: float = 1.0, cells: np
         # velocity_unit / (common origin_unit).
         origin, origin_unit = integers([*rational_map(grid, q[index, :n]), Fraction(1, 2)])
         half = origin.pop()
-        velocity, velocity_unit = integers(
-            [v * Fraction(float(s)) for v, s in zip(d, grid.cells_per_unit, strict=True)]
-        )
-        common = 1
-        for v in velocity:
-            common *= abs(v) or 1
+        scaled = [v * Fraction(float(s)) for v, s in zip(d, grid.cells_per_unit, strict=True)]
+        velocity, velocity_unit = integers(scaled)
+        common = prod(abs(v) or 1 for v in velocity)
         start, end, fits = np.zeros(len(cells), dtype=object), None, np.ones(len(cells), dtype=bool)
         for k, v in enumerate(velocity):
             near, far = ((2 * cells[:, k] + side) * half - origin[k] for side in (-1, 1))
@@ -107,14 +105,7 @@ def ray_truth(grid: IndicatorGrid, q: np.ndarray, length: float = 1.0, cells: np
 
 
 def empty_distance(occupancy: np.ndarray) -> np.ndarray:
-    """How far, in cells along the farthest axis, the nearest occupied cell is.
-
-    Args:
-        occupancy: Bool grid with an occupied cell.
-
-    Returns:
-        uint8 of the same shape: 0 in occupied cells, at most ``MOST_JUMP``.
-    """
+    """uint8, of each cell: the largest distance on an axis, in cells, to the nearest occupied one, or ``MOST_JUMP``."""
     from scipy import ndimage
 
     return np.minimum(ndimage.distance_transform_cdt(~occupancy, metric="chessboard"), MOST_JUMP).astype(np.uint8)
@@ -184,9 +175,8 @@ for (int left = (end_slab - begin_slab) * sign, slab = begin_slab; left >= 0 && 
         const double y = floor(o[k].t + s_middle * ratio[k] + 0.5);
         index += (y < 0.0 ? 0 : y > size[k] - 1 ? size[k] - 1 : (int)y) * stride[k];
     }
-    // Until slab j ahead of this one (j = 0) is left, y moves by at most j + 1/2 cells, so the ray meets cells at most
-    // j + 1 from the one at its middle here: slabs 0 to distance - 2 hold nothing, distance - 1 of them are left out.
-    // Where y is cut off at the grid's border, cells only come nearer.
+    // Until slab j ahead (this one: 0) is left, y moves by at most j + 1/2 cells, so the ray meets cells at most j + 1 from
+    // the one at its middle here: distance - 1 slabs hold nothing. A y that is cut off at the border only comes nearer.
     const int jump = distance[index] - 1;
     if (jump > 0) { left -= jump; slab += sign * jump; continue; }
     const double s0 = larger(s_first, s_middle - 0.5), s1 = smaller(s_last, s_middle + 0.5);
@@ -323,10 +313,8 @@ for (int k = 0; k < N; ++k) {
     const At c = at(0, k);
     const double err = c.err + last * vector_error(N, k) * map.data[k], v = vector(N, k) * map.data[k];
     const double near = c.to(cell[k] - 0.5) + err, far = c.to(cell[k] + 0.5) - err;
-    if (fabs(v) < 1e-280) {  // 0: entries of drawn directions that are not 0 are far larger, and their quotients finite
-        sure &= near <= 0.0 && far >= 0.0;
-        continue;
-    }
+    // entries of drawn directions that are not 0 are far larger than this, so their quotients are finite
+    if (fabs(v) < 1e-280) { sure &= near <= 0.0 && far >= 0.0; continue; }
     const double first_u = (v > 0.0 ? near : far) / v, last_u = (v > 0.0 ? far : near) / v;
     const double a_sure = first_u + fabs(first_u) * rho, b_sure = last_u - fabs(last_u) * rho;
     begin_ = a_sure > begin_ ? a_sure : begin_;
