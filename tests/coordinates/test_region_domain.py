@@ -56,8 +56,8 @@ def test_unit_vectors_stay_within_the_limit(query, space, n, device, rng):
     d[np.arange(COUNT), rng.integers(n, size=COUNT)] = rng.normal(size=COUNT)
     x = np.full((COUNT, n), 0.5)
     q = np.concatenate([x, d] if query == "ray" else [d, x], axis=1).astype(np.float32)
-    v, finite, inside = located(domain, q, device, False)
-    assert (finite & inside).all()
+    v, testable, inside = located(domain, q, device, False)
+    assert (testable & inside).all()
     assert (np.abs(v) <= domain.limit).all()
 
 
@@ -74,8 +74,8 @@ def check_passes(domain: RegionDomain, q: np.ndarray, rng, device: str, lanes: b
     """
     n, needed = domain.space_ndim, region_rounding(domain.base, domain.query, domain.length)
     assert (needed <= domain.base.delta).all()
-    v, finite, inside = located(domain, q, device, lanes)
-    asked = finite & inside
+    v, testable, inside = located(domain, q, device, lanes)
+    asked = testable & inside
     assert (np.abs(v[asked]) <= domain.limit).all()
     if domain.query == "box":
         low, high = corners(domain)
@@ -91,7 +91,7 @@ def check_passes(domain: RegionDomain, q: np.ndarray, rng, device: str, lanes: b
         off = np.abs((v[:, :n].astype(EXACT) * y).sum(axis=1) - v[:, n])[:, None]
         assert (v[asked, :n].max(axis=1) == 1).all()  # exactly, which the proof over a cube's faces takes for granted
     assert good.mean() > 0.3
-    assert inside[good & finite].all()
+    assert inside[good & testable].all()
     assert (off[good & asked] <= needed).all()
     return float(asked.mean())
 
@@ -140,7 +140,7 @@ def test_parametric_coordinates_are_within_delta(query, name, device, rng):
         x = grid.lower + rng.random((COUNT, n)) * (grid.upper - grid.lower)
         d = rng.normal(size=x.shape) * 10.0 ** rng.uniform(-6, 0, x.shape)
         q = np.concatenate([d, x] if query == "plane" else [x, d], axis=1).astype(dtype)
-        v, finite, inside = located(domain, q, device)
+        v, testable, inside = located(domain, q, device)
         wide = q.astype(EXACT)
         point, turn = (wide[:, n:], wide[:, :n]) if query == "plane" else (wide[:, :n], wide[:, n:])
         point = to_local(domain, point)
@@ -148,9 +148,9 @@ def test_parametric_coordinates_are_within_delta(query, name, device, rng):
         if query == "ray":
             unit = unit * domain.scale.astype(EXACT)  # of length 1
         exact = np.concatenate([unit, point] if query == "plane" else [point, unit], axis=1)
-        assert (finite & inside).mean() > 0.99
-        assert (np.abs(v - exact)[finite & inside] <= domain.delta).all()
-        assert (np.abs(v[finite & inside]) <= domain.limit).all()
+        assert (testable & inside).mean() > 0.99
+        assert (np.abs(v - exact)[testable & inside] <= domain.delta).all()
+        assert (np.abs(v[testable & inside]) <= domain.limit).all()
 
 
 # --- answers ---------------------------------------------------------------------------------------------------------
@@ -315,9 +315,9 @@ def test_outside_the_range_of_time_the_answer_is_maybe(query, space, device, rng
         early, late = (time, time + away) if sign > 0 else (time - away, time)
         q = timed(query, time if query != "box" else early, late, grid.lower[1:] + 0.01)
         for lanes in (True, False):
-            assert not located(domain, q, device, lanes).finite.any()
+            assert not located(domain, q, device, lanes).testable.any()
     inside = timed(query, *np.sort(rng.uniform(start + 1e-4, end - 1e-4, (2, 2000)), axis=0), grid.lower[1:] + 0.01)
-    assert located(domain, inside, device).finite.all()
+    assert located(domain, inside, device).testable.all()
 
 
 def test_rays_through_time(device, rng):
@@ -333,14 +333,14 @@ def test_rays_through_time(device, rng):
         end = begin + d[:, 0] / np.sqrt((d * d).sum(axis=1)) * EXACT(length)
         off = (np.maximum(begin, end) < grid.lower[0]) | (np.minimum(begin, end) > grid.upper[0])
         assert off.mean() > 0.1
-        assert not located(domain, q, device).finite[off].any()
+        assert not located(domain, q, device).testable[off].any()
 
 
 def test_a_plane_that_leans_in_time_is_answered_by_its_part_inside(device):
     grid = shape("animated")
     domain = domain_of(grid, "plane")
     leaning = np.float32([[1.0, 1e-3, 0, 0, 4.0, 0.5, 0.5, 0.5], [1.0, 0, 0, 0, 4.0, 0.5, 0.5, 0.5]])
-    assert located(domain, leaning, device).finite.tolist() == [True, False]
+    assert located(domain, leaning, device).testable.tolist() == [True, False]
     assert not located(domain, leaning, device).inside[0]
 
 
@@ -369,7 +369,7 @@ def test_a_region_from_too_far_away_is_maybe_unless_it_misses_the_domain(device)
     grid = shape("blob")
     towards, past = [0.5 - 100, 0.5, 0.5, 1, 0, 0], [0.5 - 100, 1.5, 0.5, 1, 0, 0]
     domain = domain_of(grid, "ray", 200.0)
-    _, finite, inside = located(domain, np.float32([towards, past]), device)
-    assert finite.tolist() == [False, True]
+    _, testable, inside = located(domain, np.float32([towards, past]), device)
+    assert testable.tolist() == [False, True]
     assert inside.tolist() == [True, False]
     assert FAR < 100

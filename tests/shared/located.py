@@ -19,7 +19,7 @@ class Located(NamedTuple):
     """``v`` ``(N, ndim)`` float64, and the two answers that the text gives."""
 
     v: np.ndarray
-    finite: np.ndarray
+    testable: np.ndarray
     inside: np.ndarray
 
 
@@ -31,7 +31,7 @@ const float* center = domain.data; const float* scale = center + {n}; const floa
 const float* extra = center + {3 * n};
 """
     write = f"for (int k = 0; k < {coordinates}; ++k) v_out.data[(long long)j * {coordinates} + k] = v[k]{{at}};"
-    write += " answers.data[2 * j] = finite{at} != 0; answers.data[2 * j + 1] = inside{at} != 0;"
+    write += " answers.data[2 * j] = testable{at} != 0; answers.data[2 * j + 1] = inside{at} != 0;"
     if lanes:
         body = f"""
 #pragma clang fp contract(fast)

@@ -3,7 +3,7 @@
 *Local space* is object space mapped by ``x -> (x - center) * scale``; the domain is about [-1, 1]^n there. A query
 becomes numbers ``v`` of that space: coordinates of points, displacements, normals. The C text that computes them is
 given ``V q[]`` (the numbers in object space), ``center scale limit`` (n each), ``extra``, a ``V zero`` and the
-functions ``root`` and ``over`` (``kernels``). It sets ``V v[]`` and clears two masks: ``finite`` (false: the query
+functions ``root`` and ``over`` (``kernels``). It sets ``V v[]`` and clears two masks: ``testable`` (false: the query
 cannot be tested, the answer is *maybe*, whatever ``inside`` says: a number that is not finite, a direction without a
 usable length, an inverted box, a region that is given from too far away or lies outside the range of time) and
 ``inside`` (false: *no*). V is a vector of queries or a float, so masks are combined with ``&`` and ``|`` and never
@@ -142,14 +142,14 @@ class Coordinates(ABC):
 
     @abstractmethod
     def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
-        """The twin of ``text`` in Warp's own Python: ``(parameters, place, q) -> (v, finite, inside)``.
+        """The twin of ``text`` in Warp's own Python: ``(parameters, place, q) -> (v, testable, inside)``.
 
         ``center scale limit threshold extra`` begin at ``front`` in ``parameters``.
         """
 
     @abstractmethod
     def plain_move(self, n: int) -> wp.Function:
-        """The twin of ``moving``: ``(place, q) -> (q, finite)``."""
+        """The twin of ``moving``: ``(place, q) -> (q, testable)``."""
 
     def placed_values(self, domain, world: WorldMap) -> list[np.ndarray]:
         """What the kernels read of a placement besides translation and matrix."""

@@ -21,22 +21,22 @@ class BoxCoordinates(Coordinates):
 for (int k = 0; k < AXES; ++k) {
     const V low = (q[k] - center[k]) * scale[k], high = (q[AXES + k] - center[k]) * scale[k];
     const V top = zero + limit[k], bottom = zero - limit[k];
-    finite = finite & (q[k] <= q[AXES + k]);
+    testable = testable & (q[k] <= q[AXES + k]);
     const auto within = (low <= top) & (high >= bottom);
     inside = inside & within;
     v[k] = low < bottom ? bottom : low;
     v[k] = v[k] > top ? top : v[k];
     v[AXES + k] = high < bottom ? bottom : high;
     v[AXES + k] = v[AXES + k] > top ? top : v[AXES + k];
-    if (TIME && k == 0) finite = finite & (low <= zero + extra[0]) & (high >= zero - extra[0]);
+    if (TIME && k == 0) testable = testable & (low <= zero + extra[0]) & (high >= zero - extra[0]);
 }
 """
     moving = """
 V below[AXES], above[AXES];  // the box around the moved one (Arvo 1990)
 for (int k = 0; k < AXES; ++k) {
-    finite = finite & (q[k] <= q[AXES + k]);
+    testable = testable & (q[k] <= q[AXES + k]);
     below[k] = q[k] - place[k], above[k] = q[AXES + k] - place[k];
-    finite = finite & ((below[k] - below[k]) == zero) & ((above[k] - above[k]) == zero);
+    testable = testable & ((below[k] - below[k]) == zero) & ((above[k] - above[k]) == zero);
 }
 for (int k = 0; k < AXES; ++k) {
     V low = zero, high = zero;
@@ -46,7 +46,7 @@ for (int k = 0; k < AXES; ++k) {
         high = high + (s < t ? t : s);
     }
     q[k] = low, q[AXES + k] = high;
-    finite = finite & ((low - low) == zero) & ((high - high) == zero);  // an overflow
+    testable = testable & ((low - low) == zero) & ((high - high) == zero);  // an overflow
 }
 """
 
@@ -80,16 +80,16 @@ for (int k = 0; k < AXES; ++k) {
         def locate(p: Numbers, place: Numbers, q: pair):
             low, _ = local(p, q, 0)
             high, _ = local(p, q, n)
-            v, finite, inside = pair(), wp.bool(True), wp.bool(True)
+            v, testable, inside = pair(), wp.bool(True), wp.bool(True)
             for k in range(n):
                 top = p[limit + k]
-                finite = finite and q[k] <= q[n + k]
+                testable = testable and q[k] <= q[n + k]
                 inside = inside and low[k] <= top and high[k] >= -top
                 v[k] = wp.clamp(low[k], -top, top)
                 v[n + k] = wp.clamp(high[k], -top, top)
             if time:
-                finite = finite and low[0] <= p[extra] and high[0] >= -p[extra]
-            return v, finite, inside
+                testable = testable and low[0] <= p[extra] and high[0] >= -p[extra]
+            return v, testable, inside
 
         return locate
 
@@ -98,17 +98,17 @@ for (int k = 0; k < AXES; ++k) {
 
         @named(f"wb_plain_move_box_{n}").func
         def move(place: Numbers, q: pair):
-            x, finite = pair(), wp.bool(True)
+            x, testable = pair(), wp.bool(True)
             for k in range(n):
-                finite = finite and q[k] <= q[n + k]
+                testable = testable and q[k] <= q[n + k]
                 for j in range(n):
                     low, high = (q[j] - place[j]) * place[n + n * k + j], (q[n + j] - place[j]) * place[n + n * k + j]
                     x[k] += wp.min(low, high)
                     x[n + k] += wp.max(low, high)
             for k in range(n):
-                finite = finite and wp.isfinite(q[k] - place[k]) and wp.isfinite(q[n + k] - place[k])
-                finite = finite and wp.isfinite(x[k]) and wp.isfinite(x[n + k])
-            return x, finite
+                testable = testable and wp.isfinite(q[k] - place[k]) and wp.isfinite(q[n + k] - place[k])
+                testable = testable and wp.isfinite(x[k]) and wp.isfinite(x[n + k])
+            return x, testable
 
         return move
 

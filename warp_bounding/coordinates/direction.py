@@ -64,7 +64,7 @@ UNIT = (
     POSSIBLE
     + """
 V longest = largest(q + DIRECTION_AT), u[AXES];
-finite = finite & possible(longest);
+testable = testable & possible(longest);
 longest = longest > zero ? longest : zero + 1.0f;  // no division by zero in lanes that are maybe
 for (int k = 0; k < AXES; ++k) u[k] = over(q[DIRECTION_AT + k], longest);
 V squares = u[0] * u[0];
@@ -81,7 +81,7 @@ MOVING = (
     + """
 V d[AXES], e[AXES];
 for (int k = 0; k < AXES; ++k) d[k] = q[POINT_AT + k] - place[k], e[k] = q[DIRECTION_AT + k];
-finite = finite & possible(largest(e));
+testable = testable & possible(largest(e));
 for (int k = 0; k < AXES; ++k) {
     V moved = d[0] * place[AXES + AXES * k], turned = e[0] * place[MATRIX_AT + AXES * k];
     for (int j = 1; j < AXES; ++j) {
@@ -90,8 +90,8 @@ for (int k = 0; k < AXES; ++k) {
     }
     q[POINT_AT + k] = moved, q[DIRECTION_AT + k] = turned;
 }
-finite = finite & possible(largest(q + DIRECTION_AT));
-for (int k = 0; k < 2 * AXES; ++k) finite = finite & ((q[k] - q[k]) == zero);  // an overflow
+testable = testable & possible(largest(q + DIRECTION_AT));
+for (int k = 0; k < 2 * AXES; ++k) testable = testable & ((q[k] - q[k]) == zero);  // an overflow
 """
 )
 
@@ -161,13 +161,13 @@ def plain_move_pair(n: int, point: int, turn: int, matrix: int) -> wp.Function:
 
     @named(f"wb_plain_move_{point}_{n}").func
     def move(place: Numbers, q: pair):
-        x, finite = pair(), wp.bool(True)
+        x, testable = pair(), wp.bool(True)
         for k in range(n):
             for j in range(n):
                 x[point + k] += (q[point + j] - place[j]) * place[n + n * k + j]
                 x[turn + k] += q[turn + j] * place[matrix + n * k + j]
         for k in range(2 * n):
-            finite = finite and wp.isfinite(x[k])
-        return x, finite and sized(q, turn) and sized(x, turn)
+            testable = testable and wp.isfinite(x[k])
+        return x, testable and sized(q, turn) and sized(x, turn)
 
     return move

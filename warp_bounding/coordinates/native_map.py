@@ -5,12 +5,12 @@ from warp_bounding.coordinates.registry import COORDINATES, coordinates_of
 __all__ = ["extra_count", "locate"]
 
 _FRAME = """
-auto finite = (q[0] - q[0]) == zero, inside = zero <= zero;  // false for NaN and for infinity
+auto testable = (q[0] - q[0]) == zero, inside = zero <= zero;  // false for NaN and for infinity
 {{
     constexpr int AXES = {n};
     constexpr bool TIME = {time}, PLACED = {placed};
     {no_place}
-    for (int k = 1; k < {columns}; ++k) finite = finite & ((q[k] - q[k]) == zero);
+    for (int k = 1; k < {columns}; ++k) testable = testable & ((q[k] - q[k]) == zero);
     {moving}
     {text}
 }}

@@ -13,7 +13,7 @@ __all__ = ["plain_map", "vector_type"]
 
 @cache
 def plain_map(query: str, space: str, n: int, time: bool, placed: bool, front: int) -> wp.Function:
-    """The function ``(parameters, place, q) -> (v, finite, inside)``.
+    """The function ``(parameters, place, q) -> (v, testable, inside)``.
 
     Args:
         query: Kind of query.
@@ -36,7 +36,7 @@ def plain_map(query: str, space: str, n: int, time: bool, placed: bool, front: i
         if placed:
             x, sized = move(place, q)
             known = known and sized
-        v, finite, inside = locate(parameters, place, x)
-        return v, known and finite, inside
+        v, testable, inside = locate(parameters, place, x)
+        return v, known and testable, inside
 
     return located

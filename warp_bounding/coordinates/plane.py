@@ -68,8 +68,8 @@ for (int k = 1; k < AXES; ++k) {{
 // A subnormal q[k] may be flushed to 0, which errs by less than TINY * widest; longest is at least SMALLEST * widest.
 float widest = 1.0f;
 for (int k = 0; k < AXES; ++k) widest = extra[k] > widest ? extra[k] : widest;
-finite = finite & (longest >= zero + {literal(DIRECTION_SMALLEST)} * widest);
-finite = finite & (longest <= {literal(DIRECTION_LARGEST)});
+testable = testable & (longest >= zero + {literal(DIRECTION_SMALLEST)} * widest);
+testable = testable & (longest <= {literal(DIRECTION_LARGEST)});
 pivot = longest > zero ? pivot : zero + 1.0f;
 V offset = zero, summed = zero, reach = zero;
 for (int k = 0; k < AXES; ++k) {{
@@ -84,11 +84,11 @@ const V away = offset < zero ? -offset : offset;
 V room = reach * {literal(1 + GUARD)} + summed * {literal(SUMMED)};
 if (PLACED) room = room + beyond * place[AXES + AXES * AXES];
 inside = away <= room;
-finite = finite & (distance <= {literal(FARTHEST_SUM)}) & ((distance <= {literal(FAR)}) | (away > room));
+testable = testable & (distance <= {literal(FARTHEST_SUM)}) & ((distance <= {literal(FAR)}) | (away > room));
 if (TIME) {{  // a plane of constant time, outside the range
     V still = zero;
     for (int k = 1; k < AXES; ++k) still = still + d[k];
-    finite = finite & ((still > zero) | (size[0] <= zero + extra[AXES]));
+    testable = testable & ((still > zero) | (size[0] <= zero + extra[AXES]));
 }}
 """
     )
@@ -181,11 +181,11 @@ if (TIME) {{  // a plane of constant time, outside the range
             room = reach * (1.0 + GUARD) + summed * SUMMED
             if placed and distance > FAR:
                 room += distance * place[drift]
-            finite = longest >= DIRECTION_SMALLEST * widest and longest <= DIRECTION_LARGEST
-            finite = finite and distance <= FARTHEST_SUM and (distance <= FAR or wp.abs(offset) > room)
+            testable = longest >= DIRECTION_SMALLEST * widest and longest <= DIRECTION_LARGEST
+            testable = testable and distance <= FARTHEST_SUM and (distance <= FAR or wp.abs(offset) > room)
             if time:  # a plane of constant time, outside the range
-                finite = finite and (not still or wp.abs(a[0]) <= p[extra + n])
-            return v, finite, wp.abs(offset) <= room
+                testable = testable and (not still or wp.abs(a[0]) <= p[extra + n])
+            return v, testable, wp.abs(offset) <= room
 
         return locate
 
@@ -202,10 +202,10 @@ class PlaneParameters(PlaneCoordinates):
         + UNIT
         + """
 for (int k = 0; k < AXES; ++k) {
-    finite = finite & (size[k] <= limit[k]);
+    testable = testable & (size[k] <= limit[k]);
     v[k] = u[k], v[AXES + k] = a[k];
 }
-if (TIME) finite = finite & (size[0] <= zero + extra[AXES]);
+if (TIME) testable = testable & (size[0] <= zero + extra[AXES]);
 """
     )
 
@@ -241,14 +241,14 @@ if (TIME) finite = finite & (size[0] <= zero + extra[AXES]);
         @named(f"wb_plain_plane_parameters_{n}_{time:d}_{front}").func
         def locate(p: Numbers, place: Numbers, q: pair):
             a, _ = local(p, q, n)
-            u, finite, v = unit(q, 0), sized(q, 0), pair()
+            u, testable, v = unit(q, 0), sized(q, 0), pair()
             for k in range(n):
-                finite = finite and wp.abs(a[k]) <= p[limit + k]
+                testable = testable and wp.abs(a[k]) <= p[limit + k]
                 v[k] = u[k]
                 v[n + k] = a[k]
             if time:
-                finite = finite and wp.abs(a[0]) <= p[extra + n]
-            return v, finite, True
+                testable = testable and wp.abs(a[0]) <= p[extra + n]
+            return v, testable, True
 
         return locate
 

@@ -21,7 +21,7 @@ for (int k = 0; k < AXES; ++k) {
     v[k] = (q[k] - center[k]) * scale[k];
     const auto within = (v[k] <= limit[k]) & (v[k] >= -limit[k]);
     inside = inside & within;
-    if (TIME && k == 0) finite = finite & within;  // outside its range of time the object may be anywhere
+    if (TIME && k == 0) testable = testable & within;  // outside its range of time the object may be anywhere
 }
 """
     moving = """
@@ -64,13 +64,13 @@ for (int k = 0; k < AXES; ++k) {
 
         @named(f"wb_plain_point_{n}_{time:d}_{front}").func
         def locate(p: Numbers, place: Numbers, q: vector):
-            v, finite, inside = vector(), wp.bool(True), wp.bool(True)
+            v, testable, inside = vector(), wp.bool(True), wp.bool(True)
             for k in range(n):
                 v[k] = (q[k] - p[front + k]) * p[front + n + k]
                 inside = inside and v[k] <= p[front + 2 * n + k] and v[k] >= -p[front + 2 * n + k]
             if time:  # outside its range of time the object may be anywhere
-                finite = v[0] <= p[front + 2 * n] and v[0] >= -p[front + 2 * n]
-            return v, finite, inside
+                testable = v[0] <= p[front + 2 * n] and v[0] >= -p[front + 2 * n]
+            return v, testable, inside
 
         return locate
 

@@ -73,7 +73,7 @@ for (int k = 0; k < AXES; ++k) {{
 enter = enter * {literal(1 - GUARD)};
 leave = leave * {literal(1 + GUARD)};
 inside = enter <= leave;
-finite = finite & (distance <= {literal(FARTHEST_SUM)}) & ((distance <= {literal(FAR)}) | (enter > leave));
+testable = testable & (distance <= {literal(FARTHEST_SUM)}) & ((distance <= {literal(FAR)}) | (enter > leave));
 #pragma unroll
 for (int k = 0; k < AXES; ++k) {{
     const V top = zero + limit[k], at = a[k] + enter * w[k];
@@ -83,7 +83,7 @@ for (int k = 0; k < AXES; ++k) {{
 }}
 if (TIME) {{
     const V top = zero + extra[AXES] - size[0] * {literal(LATER)}, end = a[0] + w[0];
-    finite = finite & ((a[0] <= top) | (end <= top)) & ((a[0] >= -top) | (end >= -top));
+    testable = testable & ((a[0] <= top) | (end <= top)) & ((a[0] >= -top) | (end >= -top));
 }}
 """
     )
@@ -147,7 +147,7 @@ if (TIME) {{
         @named(f"wb_plain_ray_{n}_{time:d}{placed:d}_{front}").func
         def locate(p: Numbers, place: Numbers, q: pair):
             a, distance = local(p, q, 0)
-            u, finite = unit(q, n), sized(q, n)
+            u, testable = unit(q, n), sized(q, n)
             v, enter, leave = pair(), wp.float32(0.0), wp.float32(1.0)
             for k in range(n):
                 speed = u[k] * p[extra + k]
@@ -164,13 +164,13 @@ if (TIME) {{
                     leave = wp.min(leave, -1.0)
             enter *= 1.0 - GUARD
             leave *= 1.0 + GUARD
-            finite = finite and distance <= FARTHEST_SUM and (distance <= FAR or enter > leave)
+            testable = testable and distance <= FARTHEST_SUM and (distance <= FAR or enter > leave)
             for k in range(n):
                 v[k] = wp.clamp(a[k] + enter * v[n + k], -p[limit + k], p[limit + k])
             if time:
                 top, end = p[extra + n] - wp.abs(a[0]) * LATER, a[0] + v[n]
-                finite = finite and (a[0] <= top or end <= top) and (a[0] >= -top or end >= -top)
-            return v, finite, enter <= leave
+                testable = testable and (a[0] <= top or end <= top) and (a[0] >= -top or end >= -top)
+            return v, testable, enter <= leave
 
         return locate
 

@@ -63,7 +63,7 @@ V q[N], v[M];
 #pragma unroll
 for (int k = 0; k < N; ++k) q[k] = x.data[(long long)i * N + k];
 $locate
-if (!finite) { out.data[i] = $yes; return; }
+if (!testable) { out.data[i] = $yes; return; }
 if (!inside) { out.data[i] = $no; return; }
 V f;
 $scalar_body
@@ -85,12 +85,12 @@ for (int i = begin; i < end; i += L) {
 
 _STORE = {
     False: """
-    const I answer = ~(finite & (~inside | (f < threshold)));
+    const I answer = ~(testable & (~inside | (f < threshold)));
     const B bytes = __builtin_convertvector(answer & 1, B);
     if (m == L) *(B*)(out.data + i) = bytes;
     else for (int l = 0; l < m; ++l) out.data[i + l] = bytes[l];
 """,
-    True: "for (int l = 0; l < m; ++l) out.data[i + l] = finite[l] ? (inside[l] ? f[l] : -INFINITY) : INFINITY;",
+    True: "for (int l = 0; l < m; ++l) out.data[i + l] = testable[l] ? (inside[l] ? f[l] : -INFINITY) : INFINITY;",
 }
 
 # Those inside the domain are held together first, ``held[k]`` their coordinates and ``where`` their places; early tests then take
@@ -102,7 +102,7 @@ for (int i = begin; i < end; i += L) {
     const int m = end - i < L ? end - i : L;
     $read
     $locate
-    const I go = inside & finite;
+    const I go = inside & testable;
     int going = 0;
     $unasked
     if (going == L && m == L) {  // all inside: no need to look at them one by one
@@ -135,16 +135,16 @@ for (int g = 0; g < kept; g += L) {
 }
 """
 
-_UNASKED = {  # answers to queries that are not finite or not inside; the others' are overwritten
+_UNASKED = {  # answers to queries that are not testable or not inside; the others' are overwritten
     False: """
-    const B maybe = __builtin_convertvector(~finite & 1, B);
+    const B maybe = __builtin_convertvector(~testable & 1, B);
     for (int l = 0; l < L; ++l) going -= go[l];
     if (m == L) *(B*)(out.data + i) = maybe;
     else for (int l = 0; l < m; ++l) out.data[i + l] = maybe[l];
 """,
     True: """
     for (int l = 0; l < m; ++l) {
-        out.data[i + l] = finite[l] ? -INFINITY : INFINITY;
+        out.data[i + l] = testable[l] ? -INFINITY : INFINITY;
         going -= go[l];
     }
 """,
@@ -220,7 +220,7 @@ bool asked, held;
     const float zero = 0.0f;
     $numbers
     $locate
-    asked = finite;
+    asked = testable;
     held = inside;
 }
 if (!asked) return true;
@@ -242,7 +242,7 @@ def _parts(source: Source) -> str:
 
 
 def _locate(source: Source, placed: bool) -> str:
-    """C statements from ``V q[]`` to ``v[]`` and the masks ``finite`` (else: maybe) and ``inside`` (else: no); V vector or float."""
+    """C statements from ``V q[]`` to ``v[]`` and the masks ``testable`` (else: maybe) and ``inside`` (else: no); V vector or float."""
     return locate(source.query, source.space, source.ndim, source.time, placed)
 
 

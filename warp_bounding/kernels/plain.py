@@ -1,7 +1,7 @@
 """The plain twin of a bounding test: Warp functions and kernels in Warp's own Python, for any source, whatever its method.
 
 It reads the same data as the native function, takes the same way from a query to an answer and shows it in a page: is it the data's
-own function, is the query finite, where is it in the object's space, is it inside the domain, what is f there. ``Source.plain`` gives f
+own function, is the query testable, where is it in the object's space, is it inside the domain, what is f there. ``Source.plain`` gives f
 itself; each family has a ``plain.py`` for that. It answers as the native text does but for rounding, which what is proven leaves
 room for in any order of sums, fused or not. It is an oracle of the native text, and runs where there is no compiler for that.
 
@@ -37,17 +37,17 @@ def plain_value(source: Source) -> wp.Function:
 
 @cache
 def _asked(source: Source, placed: bool) -> wp.Function:
-    """``(parameters, words, place, q) -> (finite, inside, f)``: f where both are true."""
+    """``(parameters, words, place, q) -> (testable, inside, f)``: f where both are true."""
     locate = plain_map(source.query, source.space, source.ndim, source.time, placed, FRONT)
     f, start, numbers = plain_value(source), source.start, vector_type(source.columns)
 
     @twin(source, f"asked{'_placed' * placed}")
     def asked(parameters: Numbers, words: Words, place: Numbers, q: numbers):
-        v, finite, inside = locate(parameters, place, q)
+        v, testable, inside = locate(parameters, place, q)
         value = wp.float32(0.0)
-        if finite and inside:
+        if testable and inside:
             value = f(parameters, words, start, v)
-        return finite, inside, value
+        return testable, inside, value
 
     return asked
 
@@ -68,8 +68,8 @@ def plain_func(source: Source) -> wp.Function:
             return True
         if w.shape[0] < wp.cast(w[2], wp.int32) or data.words.shape[0] < wp.cast(w[3], wp.int32):
             return True
-        finite, inside, value = asked(w, data.words, w, q)
-        return not finite or (inside and not value < w[bar])
+        testable, inside, value = asked(w, data.words, w, q)
+        return not testable or (inside and not value < w[bar])
 
     @twin(source, "test")
     def test_region(data: Data, a: vector, b: vector) -> bool:
@@ -103,10 +103,10 @@ def plain_kernel(source: Source, placed: bool, values: bool) -> wp.Kernel:
         q = numbers()
         for k in range(columns):
             q[k] = x[i * columns + k]
-        finite, inside, value = asked(parameters, words, placement, q)
+        testable, inside, value = asked(parameters, words, placement, q)
         if values:
-            out[i] = wp.where(finite, wp.where(inside, value, -wp.inf), wp.inf)
+            out[i] = wp.where(testable, wp.where(inside, value, -wp.inf), wp.inf)
         else:
-            out[i] = wp.uint8(not finite or (inside and not value < parameters[bar]))
+            out[i] = wp.uint8(not testable or (inside and not value < parameters[bar]))
 
     return named(unique_name(source, f"plain_batch{'_placed' * placed}{'_values' * values}")).kernel(batch)
