@@ -178,11 +178,13 @@ def compared_strings(tree: ast.Module) -> set[str]:
 
 
 def test_names_that_users_choose_are_objects():
-    """Not even the registries compare a query's, an activation's or a method's name with a literal."""
-    names = {*QUERIES, *ACTIVATIONS, *METHODS}
-    guilty = {
-        m: sorted(found) for m, tree in parsed("warp_bounding").items() if (found := compared_strings(tree) & names)
-    }
+    """Not even the registries compare a query's, an activation's or a method's name with a literal; the paper's tables name methods."""
+    kinds, guilty = {*QUERIES, *ACTIVATIONS}, {}
+    methods = {*METHODS} - {"occupancy"}  # which is also a key of arrays
+    for module, tree in parsed("warp_bounding").items():
+        names = kinds if part(module) == "paper" else kinds | methods
+        if found := compared_strings(tree) & names:
+            guilty[module] = sorted(found)
     assert guilty == {}
 
 
