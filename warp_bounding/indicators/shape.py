@@ -1,0 +1,171 @@
+"""What every shape is: a closed set of points in a box, asked about points and about whole boxes.
+
+Two questions carry everything else. ``contains`` is the truth for points. ``empty`` is a certificate: it is True only
+where no point of a closed box is in the object, and False proves nothing. A proof divides the boxes of queries that a
+bounder would deny until the shape certifies each of them empty, so it needs no grid, and no cell limits how tight it
+is. A shape without ``empty`` (``certified`` is False) can be bounded too, but its bounders are only attested by samples.
+
+Whatever a shape cannot decide it counts as object; ``decide`` tells these cases apart, so that they can be counted.
+"""
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.limits import checked_margin
+
+__all__ = ["IN", "OUT", "UNDECIDED", "Shape"]
+
+OUT, IN, UNDECIDED = 0, 1, 2  # answers of ``decide``
+PADDING = 0.1  # of the longest side: by how much random queries reach beyond the box that holds the object
+GRAINS = 64  # float32 must tell apart points that are a GRAINS-th of the longest side from each other
+
+
+class Shape(ABC):
+    """A closed set in n dimensions, the object; all coordinates are in object space, all lengths in object units.
+
+    Attributes:
+        name: For people and messages; of a file its name, never the folder that it lies in.
+        note: A restriction that a user should know; may be empty.
+        time: Coordinate 0 is time; a query outside its range has no certain answer.
+        margin: How far the object was dilated (Euclidean, in space); what is asked is the dilated object.
+        resolution: Of cells that were laid over a shape; ``None`` where the shape itself is asked.
+        certified: Whether ``empty`` can certify anything, so that bounders of this shape can be proven.
+    """
+
+    name: str = "shape"
+    note: str = ""
+    time: bool = False
+    margin: float = 0.0
+    resolution: int | None = None
+    certified: bool = True
+
+    # --- where it is -------------------------------------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def ndim(self) -> int:
+        """Number of coordinates n."""
+
+    @property
+    @abstractmethod
+    def lower(self) -> np.ndarray:
+        """``(n,)`` float64, lower corner of a box that holds the object, margin included."""
+
+    @property
+    @abstractmethod
+    def upper(self) -> np.ndarray:
+        """``(n,)`` float64, upper corner of that box."""
+
+    @property
+    def extent(self) -> np.ndarray:
+        """``(n,)`` float64, sides of that box; without time, if coordinate 0 is time."""
+        return (self.upper - self.lower)[1 if self.time else 0 :]
+
+    @property
+    def sample_lower(self) -> np.ndarray:
+        """``(n,)`` float64, where random queries begin: a tenth of the longest side outside the box, in space."""
+        return self.lower - self._padding
+
+    @property
+    def sample_upper(self) -> np.ndarray:
+        """``(n,)`` float64, where random queries end."""
+        return self.upper + self._padding
+
+    @property
+    def grain(self) -> np.ndarray:
+        """``(n,)`` float64, lengths that float32 must resolve wherever the object is; see ``coordinates.domain``."""
+        size = np.full(self.ndim, self.extent.max() / GRAINS)
+        if self.time:
+            size[0] = (self.upper[0] - self.lower[0]) / GRAINS
+        return size
+
+    @property
+    def _padding(self) -> np.ndarray:
+        padding = np.full(self.ndim, PADDING * self.extent.max())
+        if self.time:
+            padding[0] = 0.0
+        return padding
+
+    # --- what it is --------------------------------------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def digest(self) -> str:
+        """SHA-256 of the geometry, the margin not included; name and note do not enter."""
+
+    @abstractmethod
+    def decide(self, x: np.ndarray) -> np.ndarray:
+        """``(N,)`` uint8 for points ``(N, n)``, float32 or float64: ``OUT`` or ``IN`` for certain, else ``UNDECIDED``."""
+
+    def contains(self, x: np.ndarray) -> np.ndarray:
+        """The truth for points; those that cannot be decided count as object.
+
+        Args:
+            x: ``(N, n)`` float32 or float64, object space. NaN is nowhere.
+
+        Returns:
+            ``(N,)`` bool.
+        """
+        return self.decide(x) != OUT
+
+    @abstractmethod
+    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Certified: which closed boxes hold no point of the object.
+
+        Args:
+            lower: ``(N, n)`` float64, lower corners.
+            upper: ``(N, n)`` float64, upper corners.
+
+        Returns:
+            ``(N,)`` bool. False proves nothing; for NaN, and lower above upper, it is False.
+        """
+
+    def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Certified: which closed boxes lie in the object whole; ``(N,)`` bool, False proves nothing."""
+        return np.zeros(len(lower), dtype=bool)
+
+    def distance(self, x: np.ndarray) -> np.ndarray | None:
+        """Lower bounds ``(N,)`` of the distance from points to the object (0 in it); ``None`` where none is known."""
+        return None
+
+    def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray | None:
+        """Lower bounds ``(N,)`` of the distance from boxes to the object; ``None`` where none is known."""
+        return None
+
+    def landmarks(self) -> np.ndarray:
+        """``(P, n)`` float64 points, about on the object's border where it sticks out; a proof never relies on them."""
+        return np.empty((0, self.ndim))
+
+    # --- what can be made of it --------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def dilated(self, margin: float) -> "Shape":
+        """The object and all points within ``margin`` of it (in space, where there is a time); itself for its own margin.
+
+        Raises:
+            IndicatorError: For a margin that is negative or not finite, or a shape that is dilated already.
+        """
+
+    @abstractmethod
+    def to_grid(self, *, resolution: int | None = None, margin: float = 0.0):
+        """An ``IndicatorGrid`` of closed cells that hold every point within ``margin`` of the shape.
+
+        Args:
+            resolution: Cells along the longest side of the dilated object, 2 to 1024; a default of the shape's own for
+                ``None``.
+            margin: Object units, at least 0.
+
+        Raises:
+            IndicatorError: For an impossible resolution or margin, or more cells than this machine can hold.
+        """
+
+    def _new_margin(self, margin: float) -> float | None:
+        """A margin to dilate by, checked; ``None`` where the shape has it already."""
+        margin = checked_margin(margin)
+        if margin == self.margin:
+            return None
+        if self.margin:
+            raise IndicatorError(f"{self.name}: the shape is dilated by {self.margin} already, got margin={margin}")
+        return margin
