@@ -19,7 +19,7 @@ import warp_bounding as wb
 from warp_bounding.paper import find_shapes
 from warp_bounding.paper.columns import COLUMNS, PAPER, Column
 from warp_bounding.paper.versions import versions
-from warp_bounding.queries import PointOracle, sample_points
+from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.launch import cpu_threads
 
 SAMPLES = 1_000_000  # random points that are counted
@@ -36,8 +36,8 @@ def measure(path: Path, dimension: int, budget: float, seed: int, folder: Path) 
     fitted.save(file)
     bounder = wb.load(file, device="cpu")
     proof = wb.certify(bounder, shape)
-    x = sample_points(shape, SAMPLES, np.random.default_rng(1))
-    truth, maybe, values = PointOracle(shape, "cpu")(x), bounder.query(x).numpy() == 1, bounder.values(x).numpy()
+    x = POINT.sample(shape, SAMPLES, np.random.default_rng(1))
+    truth, maybe, values = POINT.oracle(shape, "cpu")(x), bounder.query(x).numpy() == 1, bounder.values(x).numpy()
     training = fitted.info["training"]
     found = fitted.certificate.lower_bound + training["gap"]  # the least value that was seen, without any proof
     return {

@@ -6,14 +6,14 @@ from bounding_shapes import CONSERVATIVE, fitted, random_bounder, shape
 
 import warp_bounding as wb
 from warp_bounding.errors import QueryError
-from warp_bounding.queries import sample_points
+from warp_bounding.queries.point import POINT
 
 
 @pytest.mark.parametrize("method", CONSERVATIVE)
 def test_rates_are_what_a_count_gives(method, device):
     bounder, grid = fitted(method, "star").to(device), shape("star")
     rates = wb.evaluate(bounder, grid, samples=30_000, seed=5)
-    x = sample_points(grid, 30_000, np.random.default_rng(5))
+    x = POINT.sample(grid, 30_000, np.random.default_rng(5))
     truth, maybe = grid.contains(x), bounder.query(x).numpy().astype(bool)
     assert rates.fn == 0
     assert rates.fp_rate == 100 * (maybe & ~truth).sum() / 30_000

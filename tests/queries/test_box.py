@@ -7,12 +7,13 @@ from region_queries import SHAPES, lattice_points, odd_queries, one_cell, sparse
 
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators import IndicatorGrid
-from warp_bounding.queries import BoxOracle, PointOracle, check_query, oracle, sample, sample_boxes
-from warp_bounding.queries.box import box_truth
+from warp_bounding.queries import check_query, oracle, sample
+from warp_bounding.queries.box import BOX
+from warp_bounding.queries.point import POINT
 
 
 def boxes_of_all_kinds(grid, count, rng):
-    plain = sample_boxes(grid, count, rng)
+    plain = BOX.sample(grid, count, rng)
     a, b = lattice_points(grid, count, rng), lattice_points(grid, count, rng)
     b[::3] = a[::3]
     snapped = np.concatenate([np.minimum(a, b), np.maximum(a, b)], axis=1)
@@ -24,9 +25,9 @@ def boxes_of_all_kinds(grid, count, rng):
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_oracle_is_the_rational_truth(name, device, rng):
-    grid, boxes = shape(name), BoxOracle(shape(name), device)
+    grid, boxes = shape(name), BOX.oracle(shape(name), device)
     q = boxes_of_all_kinds(grid, 400, rng)
-    truth = box_truth(grid, q)
+    truth = BOX.truth(grid, q)
     np.testing.assert_array_equal(boxes(q), truth)
     assert boxes.undecided == 0
     assert truth.any()
@@ -42,26 +43,28 @@ def test_rounding_onto_a_face_is_noticed(device):
         grid = IndicatorGrid(occupancy, cells_per_unit=[3.0], offset=[-1.5])
         q = np.float32([[x, x] for x in (-1e-30, 0.0, 1e-30)])
         expected = [cell == 1, True, cell == 2]
-        np.testing.assert_array_equal(box_truth(grid, q), expected)
-        np.testing.assert_array_equal(BoxOracle(grid, device)(q), expected)
+        np.testing.assert_array_equal(BOX.truth(grid, q), expected)
+        np.testing.assert_array_equal(BOX.oracle(grid, device)(q), expected)
 
 
 @pytest.mark.parametrize("name", ["c", "blob", "mesh", "animated"])
 def test_a_box_of_no_size_is_a_point(name, device, rng):
     grid = shape(name)
     x = np.concatenate([object_points(grid, rng, 500), lattice_points(grid, 2000, rng)])
-    np.testing.assert_array_equal(BoxOracle(grid, device)(np.concatenate([x, x], axis=1)), PointOracle(grid, device)(x))
+    np.testing.assert_array_equal(
+        BOX.oracle(grid, device)(np.concatenate([x, x], axis=1)), POINT.oracle(grid, device)(x)
+    )
 
 
 @pytest.mark.parametrize("cells", [(40, 25, 30), (300,), (200, 5)])
 def test_few_cells_in_a_large_grid(cells, device, rng):
     grid = sparse_grid(cells, 4)
     q = boxes_of_all_kinds(grid, 400, rng)
-    np.testing.assert_array_equal(BoxOracle(grid, device)(q), box_truth(grid, q))
+    np.testing.assert_array_equal(BOX.oracle(grid, device)(q), BOX.truth(grid, q))
 
 
 def test_boxes_touch_and_miss(device):
-    boxes = BoxOracle(one_cell(2), device)
+    boxes = BOX.oracle(one_cell(2), device)
     above, huge = np.nextafter(np.float32(0.625), np.float32(1)), np.float32(3e38)
     q = [
         [0.625, 0.625, 0.9, 0.9],  # corner to corner
@@ -84,20 +87,20 @@ def test_boxes_touch_and_miss(device):
 @pytest.mark.parametrize("count", [0, 1, 511, 513])
 def test_any_number_of_boxes(count, device, rng):
     grid = shape("c")
-    q = sample_boxes(grid, count, rng)
-    np.testing.assert_array_equal(BoxOracle(grid, device)(q), box_truth(grid, q))
+    q = BOX.sample(grid, count, rng)
+    np.testing.assert_array_equal(BOX.oracle(grid, device)(q), BOX.truth(grid, q))
 
 
 @pytest.mark.parametrize("q", [np.zeros(6), np.zeros((4, 3)), np.zeros((1, 4, 6))])
 def test_oracle_refuses_other_shapes(q):
     with pytest.raises(QueryError, match=r"\(N, 6\)"):
-        BoxOracle(shape("blob"), "cpu")(q)
+        BOX.oracle(shape("blob"), "cpu")(q)
 
 
 @pytest.mark.parametrize("name", ["c", "mesh", "anisotropic"])
 def test_samples_are_the_papers(name, rng):
     grid = shape(name)
-    q = sample_boxes(grid, 20_000, rng)
+    q = BOX.sample(grid, 20_000, rng)
     lower, upper = q[:, : grid.ndim], q[:, grid.ndim :]
     assert q.dtype == np.float32
     assert (lower <= upper).all()

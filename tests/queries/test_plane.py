@@ -9,14 +9,13 @@ from region_queries import SHAPES, lattice_points, odd_queries, one_cell, small_
 
 from warp_bounding.errors import QueryError
 from warp_bounding.geometry.hull import components, connected_labels, hull_corners
-from warp_bounding.queries import PlaneOracle, sample_planes
 from warp_bounding.queries.directions import sample_directions
-from warp_bounding.queries.plane import plane_truth
+from warp_bounding.queries.plane import PLANE
 
 
 def planes_of_all_kinds(grid, count, rng):
     n, scale = grid.ndim, np.float32(grid.cells_per_unit)
-    plain = sample_planes(grid, count, rng)
+    plain = PLANE.sample(grid, count, rng)
     snapped = np.concatenate([small_vectors(n, count, rng) * scale, lattice_points(grid, count, rng)], axis=1)
     through = np.concatenate([sample_directions(n, count, rng) * scale, lattice_points(grid, count, rng)], axis=1)
     return np.concatenate(
@@ -28,8 +27,8 @@ def planes_of_all_kinds(grid, count, rng):
 def test_oracle_is_the_rational_truth(name, device, rng):
     grid = shape(name)
     q = planes_of_all_kinds(grid, 150, rng)
-    truth = plane_truth(grid, q)
-    np.testing.assert_array_equal(PlaneOracle(grid, device)(q), truth)
+    truth = PLANE.truth(grid, q)
+    np.testing.assert_array_equal(PLANE.oracle(grid, device)(q), truth)
     assert truth.any()
     assert not truth.all()
 
@@ -38,15 +37,15 @@ def test_oracle_is_the_rational_truth(name, device, rng):
 def test_planes_between_components_miss(cells, device, rng):
     grid = sparse_grid(cells, 6)
     q = planes_of_all_kinds(grid, 300, rng)
-    truth = plane_truth(grid, q)
-    np.testing.assert_array_equal(PlaneOracle(grid, device)(q), truth)
+    truth = PLANE.truth(grid, q)
+    np.testing.assert_array_equal(PLANE.oracle(grid, device)(q), truth)
     assert 100 < truth.sum() < len(q) - 100
 
 
 @pytest.mark.parametrize("n", [2, 3, 4])
 def test_planes_touch_faces_and_corners(n, device, rng):
     """Supporting planes of one cell, through its own corner: at it, and one float outside of it."""
-    grid, oracle = one_cell(n), PlaneOracle(one_cell(n), device)
+    grid, oracle = one_cell(n), PLANE.oracle(one_cell(n), device)
     normal = np.abs(sample_directions(n, 500, rng)) + np.float32(1e-3)
     normal[:n] = np.eye(n)
     normal[n : n + 50] = rng.integers(1, 4, (50, n))
@@ -56,38 +55,38 @@ def test_planes_touch_faces_and_corners(n, device, rng):
     assert oracle(touching).all()
     assert oracle.undecided == 0
     assert not oracle(missing).any()
-    assert plane_truth(grid, touching[:100]).all()
-    assert not plane_truth(grid, missing[:100]).any()
+    assert PLANE.truth(grid, touching[:100]).all()
+    assert not PLANE.truth(grid, missing[:100]).any()
 
 
 def test_supporting_planes_of_a_shape_are_decided_by_the_kernel(device, rng):
-    grid, oracle = shape("star"), PlaneOracle(shape("star"), device)
+    grid, oracle = shape("star"), PLANE.oracle(shape("star"), device)
     corners = components(grid.occupancy)[0].corners
     normal = sample_directions(3, 2000, rng)
     extreme = corners[(normal.astype(np.float64) @ corners.T).argmax(axis=1)]
     point = grid.position(extreme - 0.5).astype(np.float32)
     q = np.concatenate([normal, point], axis=1)
-    truth = plane_truth(grid, q[:200])
+    truth = PLANE.truth(grid, q[:200])
     np.testing.assert_array_equal(oracle(q)[:200], truth)
     assert oracle.undecided < 20
 
 
 def test_invalid_planes_meet_nothing(device):
     q = np.float32([[0, 0, 0.5, 0.5], [np.nan, 1, 0.5, 0.5], [1, 0, np.inf, 0.5], [np.inf, 1, 0.5, 0.5]])
-    assert not PlaneOracle(one_cell(2), device)(q).any()
+    assert not PLANE.oracle(one_cell(2), device)(q).any()
 
 
 @pytest.mark.parametrize("count", [0, 1, 511, 513])
 def test_any_number_of_planes(count, device, rng):
     grid = shape("c")
-    q = sample_planes(grid, count, rng)
-    np.testing.assert_array_equal(PlaneOracle(grid, device)(q), plane_truth(grid, q))
+    q = PLANE.sample(grid, count, rng)
+    np.testing.assert_array_equal(PLANE.oracle(grid, device)(q), PLANE.truth(grid, q))
 
 
 @pytest.mark.parametrize("q", [np.zeros(6), np.zeros((4, 3)), np.zeros((1, 4, 6))])
 def test_oracle_refuses_other_shapes(q):
     with pytest.raises(QueryError, match=r"\(N, 6\)"):
-        PlaneOracle(shape("blob"), "cpu")(q)
+        PLANE.oracle(shape("blob"), "cpu")(q)
 
 
 # --- components and hulls --------------------------------------------------------------------------------------------
@@ -149,8 +148,8 @@ def test_a_hull_that_lost_a_corner_is_mended(rng, monkeypatch):
 
 
 def test_planes_near_the_object_count_with_any_length_of_normal(device, rng):
-    grid, oracle = shape("blob"), PlaneOracle(shape("blob"), device)
-    q = sample_planes(grid, 500, rng)
+    grid, oracle = shape("blob"), PLANE.oracle(shape("blob"), device)
+    q = PLANE.sample(grid, 500, rng)
     q[:, 3:] = object_points(grid, rng, 2000)[:500]
     for power in (-100, 0, 90):
         scaled = q.copy()

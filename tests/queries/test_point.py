@@ -6,7 +6,9 @@ from bounding_shapes import SHAPES, domain_points, object_points, shape
 
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators import IndicatorGrid
-from warp_bounding.queries import PointOracle, check_query, point, sample_points
+from warp_bounding.queries import check_query
+from warp_bounding.queries.exact import oracle_kernel
+from warp_bounding.queries.point import POINT
 
 
 def hard_points(grid, rng):
@@ -23,7 +25,7 @@ def test_oracle_is_contains(name, device, rng):
     grid = shape(name)
     x = hard_points(grid, rng)
     truth = grid.contains(x)
-    assert (PointOracle(grid, device)(x) == truth).all()
+    assert (POINT.oracle(grid, device)(x) == truth).all()
     assert truth.any()
     assert not truth.all()
 
@@ -32,7 +34,7 @@ def test_oracle_is_contains(name, device, rng):
 def test_any_number_of_points(count, device, rng):
     grid = shape("c")
     x = domain_points(grid, count, rng)
-    answer = PointOracle(grid, device)(x)
+    answer = POINT.oracle(grid, device)(x)
     assert answer.dtype == bool
     assert (answer == grid.contains(x)).all()
 
@@ -42,20 +44,20 @@ def test_faces_and_corners_belong_to_the_object(device):
     cell = grid.occupied[7]
     corners = grid.position(cell + np.array(list(np.ndindex((2,) * 3))) - 0.5)
     exact = corners.astype(np.float32)
-    assert PointOracle(grid, device)(exact[grid.contains(exact)]).all()
-    assert PointOracle(grid, device)(np.float32([grid.position(cell)])).all()
+    assert POINT.oracle(grid, device)(exact[grid.contains(exact)]).all()
+    assert POINT.oracle(grid, device)(np.float32([grid.position(cell)])).all()
 
 
 @pytest.mark.parametrize("x", [np.zeros(3), np.zeros((4, 2)), np.zeros((1, 4, 3))])
 def test_oracle_refuses_other_shapes(x):
     with pytest.raises(QueryError, match=r"\(N, 3\)"):
-        PointOracle(shape("blob"), "cpu")(x)
+        POINT.oracle(shape("blob"), "cpu")(x)
 
 
 @pytest.mark.parametrize("name", ["c", "single", "mesh", "animated"])
 def test_samples_lie_between_the_outer_centres(name, rng):
     grid = shape(name)
-    x = sample_points(grid, 20_000, rng)
+    x = POINT.sample(grid, 20_000, rng)
     assert x.shape == (20_000, grid.ndim)
     assert x.dtype == np.float32
     step = np.float32(1e-6) * np.abs(x).max(axis=0)
@@ -74,10 +76,10 @@ def test_kinds_of_queries():
 
 
 def test_kernels_of_several_dimensions_do_not_mix(rng):
-    point._kernel.cache_clear()
-    kernels = [point._kernel(n) for n in (3, 2, 1)]  # all made before the first is compiled
+    oracle_kernel.cache_clear()
+    kernels = [POINT.kernel(n) for n in (3, 2, 1)]  # all made before the first is compiled
     assert len({kernel.key for kernel in kernels}) == 3
     for n in (3, 2, 1):
         grid = IndicatorGrid(rng.random((5,) * n) < 0.4)
         x = rng.random((1000, n), dtype=np.float32)
-        np.testing.assert_array_equal(PointOracle(grid, "cpu")(x), grid.contains(x))
+        np.testing.assert_array_equal(POINT.oracle(grid, "cpu")(x), grid.contains(x))

@@ -85,7 +85,7 @@ def point_func(source: Source) -> wp.Function:
 
 @cache
 def batch_kernel(source: Source, placed: bool, values: bool) -> wp.Kernel:
-    """The kernel that tests many queries: ``(x, count, first, parameters, words, placement, out)``, one block a thread.
+    """The kernel that tests many queries: ``(x, count, block, parameters, words, placement, out)``, one block a thread.
 
     Args:
         source: The method's code.
@@ -95,8 +95,8 @@ def batch_kernel(source: Source, placed: bool, values: bool) -> wp.Kernel:
     name = named(unique_name(source, f"batch{'_placed' * placed}{'_values' * values}"))
     out_type = wp.float32 if values else wp.uint8
 
-    @name.func_native(batch_snippet(source, placed, values))
-    def native(
+    @name.block_kernel(batch_snippet(source, placed, values))
+    def batch(
         x: wp.array(dtype=wp.float32),
         count: int,
         block: int,
@@ -105,19 +105,5 @@ def batch_kernel(source: Source, placed: bool, values: bool) -> wp.Kernel:
         placement: wp.array(dtype=wp.float32),
         out: wp.array(dtype=out_type),
     ): ...
-
-    @name.kernel
-    def batch(
-        # inputs
-        x: wp.array(dtype=wp.float32),
-        count: int,
-        first: int,
-        parameters: wp.array(dtype=wp.float32),
-        words: wp.array(dtype=wp.uint32),
-        placement: wp.array(dtype=wp.float32),
-        # outputs
-        out: wp.array(dtype=out_type),
-    ):
-        native(x, count, first + wp.tid(), parameters, words, placement, out)
 
     return batch

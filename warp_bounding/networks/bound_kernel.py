@@ -17,8 +17,8 @@ __all__ = ["bound_boxes", "double_array"]
 def _kernel(shape: NetworkShape) -> wp.Kernel:
     name = named(unique_name(shape, "boxes"))
 
-    @name.func_native(snippet(shape))
-    def bound_block(
+    @name.block_kernel(snippet(shape))
+    def bound_all(
         boxes: wp.array(dtype=wp.float64),
         count: int,
         block: int,
@@ -33,40 +33,6 @@ def _kernel(shape: NetworkShape) -> wp.Kernel:
         gradient_out: wp.array(dtype=wp.float64),
         level_out: wp.array(dtype=wp.float64),
     ): ...
-
-    @name.kernel
-    def bound_all(
-        # inputs
-        boxes: wp.array(dtype=wp.float64),
-        count: int,
-        first: int,
-        weights: wp.array(dtype=wp.float64),
-        paddings: wp.array(dtype=wp.float64),
-        numbers: wp.array(dtype=wp.float64),
-        table: wp.array(dtype=wp.int32),
-        # outputs
-        least_out: wp.array(dtype=wp.float64),
-        value_out: wp.array(dtype=wp.float64),
-        axes: wp.array(dtype=wp.int32),
-        point: wp.array(dtype=wp.float64),
-        gradient_out: wp.array(dtype=wp.float64),
-        level_out: wp.array(dtype=wp.float64),
-    ):
-        bound_block(
-            boxes,
-            count,
-            first + wp.tid(),
-            weights,
-            paddings,
-            numbers,
-            table,
-            least_out,
-            value_out,
-            axes,
-            point,
-            gradient_out,
-            level_out,
-        )
 
     return bound_all
 

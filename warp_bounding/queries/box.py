@@ -4,61 +4,18 @@ Per axis the closed cells that meet the box are a range of integers, found exact
 table then counts the occupied cells of the block with 2^n look-ups (Crow 1984). Nothing is ever undecided.
 """
 
-from functools import cache
-
 import numpy as np
-import warp as wp
 
 from warp_bounding.indicators.blocks import summed_area
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries.base import Query
 from warp_bounding.queries.directions import NARROW
-from warp_bounding.queries.exact import ExactOracle, any_occupied, oracle_kernel, rational_map
-from warp_bounding.queries.point import nudged_points
+from warp_bounding.queries.exact import any_occupied, rational_map
+from warp_bounding.queries.point import POINT
 
-__all__ = ["BOX", "BoxOracle", "box_truth", "sample_boxes"]
+__all__ = ["BOX"]
 
 BEYOND = 0.15  # share of the coordinates of hard boxes that lie outside the domain
-
-
-def sample_boxes(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Boxes as the paper draws them: min uniform in [0, 1]^n, max = min + (1 - min) U.
-
-    Args:
-        grid: The object; 0 and 1 are the centres of its first and last cells.
-        count: Number of boxes N.
-        rng: Source of randomness.
-
-    Returns:
-        ``(N, 2n)`` float32, object space: min, max.
-    """
-    u = rng.random((count, 2 * grid.ndim), dtype=np.float32)
-    lower, upper = u[:, : grid.ndim], u[:, grid.ndim :]
-    upper *= 1 - lower
-    upper += lower
-    size = grid.sample_upper - grid.sample_lower
-    lower[:] = grid.sample_lower + lower * size
-    upper[:] = grid.sample_upper.astype(np.float32) if not size.any() else grid.sample_lower + upper * size
-    np.maximum(lower, upper, out=upper)
-    return u
-
-
-def box_truth(grid: IndicatorGrid, q: np.ndarray) -> np.ndarray:
-    """The truth for boxes in rational arithmetic, one by one: slow, and plainly right.
-
-    Args:
-        grid: The object.
-        q: ``(N, 2n)`` float32, object space.
-
-    Returns:
-        ``(N,)`` bool.
-    """
-    n = grid.ndim
-    truth = BOX.valid(q)
-    for index in np.flatnonzero(truth):
-        truth[index] = any_occupied(grid, rational_map(grid, q[index, :n]), rational_map(grid, q[index, n:]))
-    return truth
-
 
 _BODY = """
 bool some = true;
@@ -87,35 +44,16 @@ answer = sum > 0;
 """
 
 
-@cache
-def _kernel(ndim: int) -> wp.Kernel:
-    return oracle_kernel(f"wb_box_oracle_{ndim}d", ndim, _BODY)
-
-
-class BoxOracle(ExactOracle):
-    """The exact truth for many boxes, as a Warp kernel; ``box_truth`` is its plain twin.
-
-    Args:
-        grid: The object.
-        device: Warp device; the default device if ``None``.
-    """
-
-    kind = "box"
-
-    def __init__(self, grid: IndicatorGrid, device: str | None = None):
-        super().__init__(grid, device, _kernel(grid.ndim), indices=summed_area(grid.occupancy))
-
-
 class BoxQuery(Query):
-    """Box queries; see ``Query``."""
+    """Box queries."""
 
     name = "box"
-    sample = staticmethod(sample_boxes)
     every = "every axis-aligned box, of any size, also of none"
     hard_positives = (
         "thin, small or touching boxes around its points, mostly on faces, edges and corners of boundary cells, some reaching "
         "outside the domain"
     )
+    oracle_body = _BODY
     sampled_point = """
 for (int k = 0; k < N; ++k) y[k] = (double)q[k] + uniform() * ((double)q[N + k] - (double)q[k]);
 """
@@ -162,11 +100,28 @@ for (int k = 0; k < N; ++k) {  // the point, which lies inside its cell, lies in
     def valid(self, q: np.ndarray) -> np.ndarray:
         return super().valid(q) & (q[:, : q.shape[1] // 2] <= q[:, q.shape[1] // 2 :]).all(axis=1)
 
-    def oracle(self, grid: IndicatorGrid, device: str | None = None, length: float = 1.0) -> BoxOracle:
-        return BoxOracle(grid, device)
+    def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Min uniform in [0, 1]^n, max = min + (1 - min) U."""
+        u = rng.random((count, 2 * grid.ndim), dtype=np.float32)
+        lower, upper = u[:, : grid.ndim], u[:, grid.ndim :]
+        upper *= 1 - lower
+        upper += lower
+        size = grid.sample_upper - grid.sample_lower
+        lower[:] = grid.sample_lower + lower * size
+        upper[:] = grid.sample_upper.astype(np.float32) if not size.any() else grid.sample_lower + upper * size
+        np.maximum(lower, upper, out=upper)
+        return u
 
-    def truth(self, grid: IndicatorGrid, q: np.ndarray, length: float = 1.0) -> np.ndarray:
-        return box_truth(grid, q)
+    def truth(
+        self, grid: IndicatorGrid, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None
+    ) -> np.ndarray:
+        n, truth = grid.ndim, self.valid(q)
+        for index in np.flatnonzero(truth):
+            truth[index] = any_occupied(grid, rational_map(grid, q[index, :n]), rational_map(grid, q[index, n:]))
+        return truth
+
+    def arrays(self, grid: IndicatorGrid) -> dict[str, np.ndarray]:
+        return {"indices": summed_area(grid.occupancy)}
 
     def barely(
         self, grid: IndicatorGrid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool
@@ -184,7 +139,7 @@ for (int k = 0; k < N; ++k) {  // the point, which lies inside its cell, lies in
 
     def nudged(self, grid: IndicatorGrid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
         n = grid.ndim
-        ends = [nudged_points(grid, x[:, part], move[:, part]) for part in (slice(n), slice(n, None))]
+        ends = [POINT.nudged(grid, x[:, part], move[:, part]) for part in (slice(n), slice(n, None))]
         return np.concatenate([np.minimum(*ends), np.maximum(*ends)], axis=1)
 
 

@@ -7,20 +7,19 @@ is computed too (Knuth's TwoSum), so that signs of ``face - t`` are exact and it
 """
 
 from fractions import Fraction
+from functools import cache
 from math import ceil, floor, lcm
 
 import numpy as np
 import warp as wp
 
-from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.runtime.launch import BLOCK, launch_blocks
+from warp_bounding.runtime.launch import BLOCK
 from warp_bounding.runtime.native import named
 
 __all__ = [
     "COORDINATE",
     "RELATIVE_ERROR",
-    "ExactOracle",
     "any_occupied",
     "cell_coordinates",
     "integers",
@@ -77,21 +76,21 @@ for (int i = begin; i < end; ++i) {{
 """
 
 
-def oracle_kernel(name: str, ndim: int, body: str, columns: int | None = None) -> wp.Kernel:
+@cache
+def oracle_kernel(name: str, ndim: int, columns: int, body: str) -> wp.Kernel:
     """The kernel of an oracle.
 
     Args:
         name: Of the kernel, of this body and dimension only.
         ndim: Dimension n of the object.
+        columns: Numbers of a query.
         body: See ``loop_snippet``. Besides the queries it reads ``map`` (cells per unit, offset and shape, n float64
             each, and more where the oracle adds it) and whichever it needs of ``numbers``, ``indices``, ``cells``,
             ``length`` and ``seed``; ``out`` holds what the oracle has put there.
-        columns: Numbers of a query; 2n if ``None``.
     """
-    name = named(name)
 
-    @name.func_native(loop_snippet(ndim, body, columns or 2 * ndim))
-    def answers(
+    @named(name).block_kernel(loop_snippet(ndim, body, columns))
+    def oracle(
         x: wp.array(dtype=wp.float32),
         count: int,
         block: int,
@@ -103,23 +102,6 @@ def oracle_kernel(name: str, ndim: int, body: str, columns: int | None = None) -
         seed: wp.uint32,
         out: wp.array(dtype=wp.uint8),
     ): ...
-
-    @name.kernel
-    def oracle(
-        # inputs
-        x: wp.array(dtype=wp.float32),
-        count: int,
-        first: int,
-        map: wp.array(dtype=wp.float64),
-        numbers: wp.array(dtype=wp.float64),
-        indices: wp.array(dtype=wp.int32),
-        cells: wp.array(dtype=wp.uint8),
-        length: wp.float64,
-        seed: wp.uint32,
-        # outputs
-        out: wp.array(dtype=wp.uint8),
-    ):
-        answers(x, count, first + wp.tid(), map, numbers, indices, cells, length, seed, out)
 
     return oracle
 
@@ -174,86 +156,3 @@ def any_occupied(grid: IndicatorGrid, lower: list[Fraction], upper: list[Fractio
     half = Fraction(1, 2)
     cells = [slice(max(0, ceil(a - half)), max(0, floor(b + half) + 1)) for a, b in zip(lower, upper, strict=True)]
     return bool(grid.occupancy[tuple(cells)].any())
-
-
-class ExactOracle:
-    """The exact truth for queries of a kind, which sets its kernel and arrays, and decides single queries exactly.
-
-    Attributes:
-        grid: The object.
-        ndim: Its dimension n.
-        columns: Numbers of a query.
-        device: Where the kernel runs.
-        undecided: How many queries of the last call went to the host.
-    """
-
-    kind = ""
-
-    def __init__(
-        self,
-        grid: IndicatorGrid,
-        device: str | None,
-        kernel: wp.Kernel,
-        *,
-        columns: int | None = None,
-        map: np.ndarray | None = None,
-        numbers: np.ndarray | None = None,
-        indices: np.ndarray | None = None,
-        cells: np.ndarray | None = None,
-        length: float = 0.0,
-    ):
-        self.grid, self.ndim, self.device, self.undecided = grid, grid.ndim, wp.get_device(device), 0
-        self.columns, self.length, self._kernel = columns or 2 * grid.ndim, float(length), kernel
-        own = [grid.cells_per_unit, grid.offset, np.array(grid.shape, dtype=np.float64)]
-        own += [] if map is None else [map.reshape(-1)]
-        held = ((np.concatenate(own), wp.float64), (numbers, wp.float64), (indices, wp.int32), (cells, wp.uint8))
-        self._inputs = [
-            wp.array(np.zeros(1) if a is None else a.reshape(-1), dtype=t, device=self.device) for a, t in held
-        ]
-
-    def _answers(self, q: np.ndarray, seed: int = 0, given: np.ndarray | None = None) -> np.ndarray:
-        """``(N,)`` uint8: 0, 1, or 2 for undecided.
-
-        Args:
-            q: ``(N, m)`` float32.
-            seed: That the kernel sees.
-            given: ``(N,)`` uint8 that it finds in ``out``.
-        """
-        out = wp.empty(len(q), dtype=wp.uint8, device=self.device)
-        if given is not None:
-            out = wp.array(given, dtype=wp.uint8, device=self.device)
-        flat = wp.array(q.reshape(-1), dtype=wp.float32, device=self.device, copy=not self.device.is_cpu)
-        inputs = [flat, len(q), 0, *self._inputs, wp.float64(self.length), wp.uint32(seed % 2**32)]
-        launch_blocks(self._kernel, len(q), inputs, [out], self.device, first_index=2)
-        return out.numpy()
-
-    def _decide(self, q: np.ndarray) -> bool:
-        """The exact truth of one valid query, in rational arithmetic."""
-        raise NotImplementedError
-
-    def __call__(self, q: np.ndarray) -> np.ndarray:
-        """The truth for queries.
-
-        Args:
-            q: ``(N, m)`` float32, object space. Invalid queries (NaN, infinity, zero direction or normal, min > max)
-                meet nothing here; bounders answer *maybe* to them.
-
-        Returns:
-            ``(N,)`` bool.
-
-        Raises:
-            QueryError: For another shape.
-        """
-        with np.errstate(over="ignore"):
-            q = np.ascontiguousarray(q, dtype=np.float32)
-        if q.ndim != 2 or q.shape[1] != self.columns:
-            raise QueryError(f"{self.kind} queries must have shape (N, {self.columns}), got {q.shape}")
-        if len(q) == 0:
-            return np.zeros(0, dtype=bool)
-        answer = self._answers(q)
-        undecided = np.flatnonzero(answer == 2)
-        self.undecided = len(undecided)
-        truth = answer == 1
-        for index in undecided:
-            truth[index] = self._decide(q[index])
-        return truth

@@ -187,8 +187,8 @@ for (int i = begin; i < end; ++i) {{
 def _kernel(kind: Query, ndim: int, form: str) -> wp.Kernel:
     name, number = named(f"wb_hard_{kind.name}_{ndim}d_{form}"), wp.float64 if form == "float64" else wp.float32
 
-    @name.func_native(_snippet(kind, ndim, form))
-    def draw(
+    @name.block_kernel(_snippet(kind, ndim, form))
+    def hard_positives(
         seed: wp.uint64,
         first_number: wp.uint64,
         count: int,
@@ -205,32 +205,6 @@ def _kernel(kind: Query, ndim: int, form: str) -> wp.Kernel:
         out: wp.array(dtype=number),
         certain: wp.array(dtype=wp.uint8),
     ): ...
-
-    @name.kernel
-    def hard_positives(
-        # inputs
-        seed: wp.uint64,
-        first_number: wp.uint64,
-        count: int,
-        first: int,
-        cells: wp.array(dtype=wp.int32),
-        boundary: int,
-        all: int,
-        map: wp.array(dtype=wp.float64),
-        components: int,
-        groups: wp.array(dtype=wp.int32),
-        corners: wp.array(dtype=wp.float64),
-        place: wp.array(dtype=wp.float64),
-        length: wp.float64,
-        # outputs
-        out: wp.array(dtype=number),
-        certain: wp.array(dtype=wp.uint8),
-    ):
-        block = first + wp.tid()
-        draw(
-            seed, first_number, count, block, cells, boundary, all, map, components, groups, corners, place, length,
-            out, certain,
-        )  # fmt: skip
 
     return hard_positives
 

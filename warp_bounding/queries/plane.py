@@ -9,10 +9,8 @@ decided), and what is left goes to integers on the host. Many small components a
 """
 
 from fractions import Fraction
-from functools import cache
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.geometry.hull import components
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -24,61 +22,15 @@ from warp_bounding.queries.directions import (
     nudged_directions,
     sample_directions,
 )
-from warp_bounding.queries.exact import (
-    RELATIVE_ERROR,
-    ExactOracle,
-    cell_coordinates,
-    integers,
-    oracle_kernel,
-    rational_map,
-)
-from warp_bounding.queries.point import nudged_points, sample_points
+from warp_bounding.queries.exact import RELATIVE_ERROR, cell_coordinates, integers, rational_map
+from warp_bounding.queries.point import POINT
 
-__all__ = ["PLANE", "PlaneOracle", "plane_truth", "sample_planes"]
+__all__ = ["PLANE"]
 
 AWAY = 8.0  # a hard plane's given point is up to so many times as far from the object's as a random point of the domain
 SMALLEST_STEP = 24  # a hard plane is a quarter of a cell, halved up to so many times, from being tangent
 LANES = 8  # hull corners that one vector instruction takes
 GROUPS = 4  # groups of LANES corners after which the kernel looks whether it knows enough
-
-
-def sample_planes(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Planes as the paper draws them: normal by uniform spherical angles, point uniform in [0, 1]^n.
-
-    Args:
-        grid: The object; 0 and 1 are the centres of its first and last cells.
-        count: Number of planes N.
-        rng: Source of randomness.
-
-    Returns:
-        ``(N, 2n)`` float32, object space: normal of length 1 up to rounding, point.
-    """
-    return np.concatenate([sample_directions(grid.ndim, count, rng), sample_points(grid, count, rng)], axis=1)
-
-
-def plane_truth(grid: IndicatorGrid, q: np.ndarray, cells: np.ndarray | None = None) -> np.ndarray:
-    """The truth for planes in integers, against every cell: slow, and plainly right.
-
-    Args:
-        grid: The object.
-        q: ``(N, 2n)`` float32, object space.
-        cells: ``(M, n)`` cells to look at; all occupied cells if ``None``.
-
-    Returns:
-        ``(N,)`` bool.
-    """
-    n = grid.ndim
-    cells = (grid.occupied if cells is None else cells).astype(object)
-    truth = PLANE.valid(q)
-    for index in np.flatnonzero(truth):
-        scales = [Fraction(float(s)) for s in grid.cells_per_unit]
-        normal, _ = integers([Fraction(float(v)) / s for v, s in zip(q[index, :n], scales, strict=True)])
-        point, unit = integers([*rational_map(grid, q[index, n:]), Fraction(1, 2)])
-        middle = 2 * (sum(m * (cells[:, k] * unit - point[k]) for k, m in enumerate(normal)))
-        reach = sum(abs(m) for m in normal) * unit  # |normal|_1 is twice the reach of half a cell, as middle is doubled
-        truth[index] = (abs(middle) <= reach).any()
-    return truth
-
 
 _BODY = f"""
 Coordinate p[N];
@@ -146,11 +98,6 @@ for (int c = 0; c < components && answer != 1; ++c) {{
 """
 
 
-@cache
-def _kernel(ndim: int) -> wp.Kernel:
-    return oracle_kernel(f"wb_plane_oracle_{ndim}d", ndim, _BODY)
-
-
 def _outermost_first(corners: np.ndarray) -> np.ndarray:
     """The corners, those that are extreme along an axis or a diagonal first: so most planes are decided early."""
     n = corners.shape[1]
@@ -160,50 +107,16 @@ def _outermost_first(corners: np.ndarray) -> np.ndarray:
     return np.concatenate([corners[first], np.delete(corners, first, axis=0)])
 
 
-class PlaneOracle(ExactOracle):
-    """The exact truth for many planes, as a Warp kernel; ``plane_truth`` is its plain twin.
-
-    Args:
-        grid: The object.
-        device: Warp device; the default device if ``None``.
-    """
-
-    kind = "plane"
-
-    def __init__(self, grid: IndicatorGrid, device: str | None = None):
-        parts = components(grid.occupancy)
-        lanes = []
-        for part in parts:
-            corners = _outermost_first(part.corners)
-            corners = np.concatenate([corners, corners[[0] * (-len(corners) % LANES)]])
-            lanes.append(np.moveaxis(corners.reshape(-1, LANES, grid.ndim), 1, 2) - 0.5)
-        groups = np.cumsum([0, *(len(part) for part in lanes)])
-        bounds = np.stack([np.stack([part.lower - 0.5, part.upper + 0.5]) for part in parts])
-        arrays = {"map": bounds, "indices": groups, "numbers": np.concatenate(lanes)}
-        super().__init__(grid, device, _kernel(grid.ndim), **arrays)
-
-    def _decide(self, q: np.ndarray) -> bool:
-        return bool(plane_truth(self.grid, q[None], self._near(q))[0])
-
-    def _near(self, q: np.ndarray) -> np.ndarray:
-        """The occupied cells that the plane meets or nearly meets, by the kernel's error bound."""
-        cells, n = self.grid.occupied, self.ndim
-        t, _ = cell_coordinates(self.grid, q[n:])
-        m = q[:n].astype(np.float64) / self.grid.cells_per_unit
-        error = RELATIVE_ERROR * (np.abs(m) * (np.abs(t) + np.array(self.grid.shape) + 1)).sum()
-        return cells[np.abs(cells @ m - t @ m) <= np.abs(m).sum() / 2 + error]
-
-
 class PlaneQuery(Query):
-    """Plane queries; see ``Query``."""
+    """Plane queries."""
 
     name = "plane"
-    sample = staticmethod(sample_planes)
     every = "every plane: any normal, given by any of its points"
     hard_positives = (
         "planes through its points, mostly on faces, edges and corners of boundary cells, given by that point or one as far "
         "as several domains away"
     )
+    oracle_body = _BODY
     sampled_point = """
 if (q[0] == 0.0f) break;
 // all points whose free coordinates lie outside the domain are skipped at once: their number is geometric
@@ -270,17 +183,47 @@ sure &= below && above;
     def valid(self, q: np.ndarray) -> np.ndarray:
         return super().valid(q) & (q[:, : q.shape[1] // 2] != 0).any(axis=1)
 
-    def oracle(self, grid: IndicatorGrid, device: str | None = None, length: float = 1.0) -> PlaneOracle:
-        return PlaneOracle(grid, device)
+    def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Normal of length 1 up to rounding, by uniform spherical angles, and point uniform in [0, 1]^n."""
+        return np.concatenate([sample_directions(grid.ndim, count, rng), POINT.sample(grid, count, rng)], axis=1)
 
-    def truth(self, grid: IndicatorGrid, q: np.ndarray, length: float = 1.0) -> np.ndarray:
-        return plane_truth(grid, q)
+    def truth(
+        self, grid: IndicatorGrid, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None
+    ) -> np.ndarray:
+        n, truth = grid.ndim, self.valid(q)
+        cells = (grid.occupied if cells is None else cells).astype(object)
+        for index in np.flatnonzero(truth):
+            scales = [Fraction(float(s)) for s in grid.cells_per_unit]
+            normal, _ = integers([Fraction(float(v)) / s for v, s in zip(q[index, :n], scales, strict=True)])
+            point, unit = integers([*rational_map(grid, q[index, n:]), Fraction(1, 2)])
+            middle = 2 * (sum(m * (cells[:, k] * unit - point[k]) for k, m in enumerate(normal)))
+            reach = sum(abs(m) for m in normal) * unit  # |normal|_1 is twice that of half a cell, as middle is doubled
+            truth[index] = (abs(middle) <= reach).any()
+        return truth
+
+    def near(self, grid: IndicatorGrid, q: np.ndarray) -> np.ndarray:
+        cells, n = grid.occupied, grid.ndim
+        t, _ = cell_coordinates(grid, q[n:])
+        m = q[:n].astype(np.float64) / grid.cells_per_unit
+        error = RELATIVE_ERROR * (np.abs(m) * (np.abs(t) + np.array(grid.shape) + 1)).sum()
+        return cells[np.abs(cells @ m - t @ m) <= np.abs(m).sum() / 2 + error]
+
+    def arrays(self, grid: IndicatorGrid) -> dict[str, np.ndarray]:
+        parts = components(grid.occupancy)
+        lanes = []
+        for part in parts:
+            corners = _outermost_first(part.corners)
+            corners = np.concatenate([corners, corners[[0] * (-len(corners) % LANES)]])
+            lanes.append(np.moveaxis(corners.reshape(-1, LANES, grid.ndim), 1, 2) - 0.5)
+        groups = np.cumsum([0, *(len(part) for part in lanes)])
+        bounds = np.stack([np.stack([part.lower - 0.5, part.upper + 0.5]) for part in parts])
+        return {"map": bounds, "indices": groups, "numbers": np.concatenate(lanes)}
 
     def barely(
         self, grid: IndicatorGrid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool
     ) -> np.ndarray:
         d = hard_directions(p.shape, rng)
-        away = sample_points(grid, len(p), rng) - p  # another point of the same plane
+        away = POINT.sample(grid, len(p), rng) - p  # another point of the same plane
         away -= (away * d).sum(axis=1, keepdims=True) * d
         chosen, far = rng.random((len(p), 1)), rng.uniform(1.0, AWAY if outside else 1.0, (len(p), 1))
         away *= np.where(chosen < 0.5, 0.0, np.where(chosen < 0.75, 1.0, far))
@@ -301,7 +244,7 @@ sure &= below && above;
 
     def nudged(self, grid: IndicatorGrid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
         n = grid.ndim
-        parts = [nudged_directions(x[:, :n], move[:, :n]), nudged_points(grid, x[:, n:], move[:, n:])]
+        parts = [nudged_directions(x[:, :n], move[:, :n]), POINT.nudged(grid, x[:, n:], move[:, n:])]
         return np.concatenate(parts, axis=1)
 
 

@@ -6,18 +6,15 @@ many slabs hold nothing and are jumped over. Which cells are looked at is rounde
 *certainly* met, certainly not, or too close to say, by the parameters at which the segment passes the cell's faces.
 These are differences and quotients of exactly known numbers, so their relative error is a few roundings, and zeros are
 exact: an axis-parallel ray along a face is decided in the kernel. What is too close goes to integers on the host
-(``ray_truth``), where the end of the segment is compared as t^2 |d|^2 <= length^2, without a root; the rounding of the
+(``truth``), where the end of the segment is compared as t^2 |d|^2 <= length^2, without a root; the rounding of the
 kernel's own root is within its relative error.
 """
 
 from fractions import Fraction
-from functools import cache
 from math import prod
 
 import numpy as np
-import warp as wp
 
-from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries.base import Query
 from warp_bounding.queries.directions import (
@@ -27,81 +24,15 @@ from warp_bounding.queries.directions import (
     nudged_directions,
     sample_directions,
 )
-from warp_bounding.queries.exact import (
-    RELATIVE_ERROR,
-    ExactOracle,
-    cell_coordinates,
-    integers,
-    oracle_kernel,
-    rational_map,
-)
-from warp_bounding.queries.point import nudged_points, sample_points
+from warp_bounding.queries.exact import RELATIVE_ERROR, cell_coordinates, integers, rational_map
+from warp_bounding.queries.point import POINT
 
-__all__ = ["RAY", "RayOracle", "empty_distance", "ray_truth", "sample_rays"]
+__all__ = ["RAY", "empty_distance"]
 
 AT_END, AT_START = 0.3, 0.2  # shares of the hard rays that end, and that begin, at their point of the object
 ALMOST = 1 - 2e-7  # of the length: a ray that ends at a point still reaches it after its numbers are rounded to float32
-FROM_OUTSIDE = (
-    0.5  # of the hard rays whose origin falls outside the domain so many keep it; the others begin at their point
-)
+FROM_OUTSIDE = 0.5  # share of the hard rays with an origin outside the domain that keep it; others begin at their point
 MOST_JUMP = 32  # cells that one jump may cover: more would cost more passes over the grid than it saves
-
-
-def sample_rays(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Rays as the paper draws them: origin uniform in [0, 1]^n, direction by uniform spherical angles.
-
-    Args:
-        grid: The object; 0 and 1 are the centres of its first and last cells.
-        count: Number of rays N.
-        rng: Source of randomness.
-
-    Returns:
-        ``(N, 2n)`` float32, object space: origin, direction of length 1 up to rounding.
-    """
-    return np.concatenate([sample_points(grid, count, rng), sample_directions(grid.ndim, count, rng)], axis=1)
-
-
-def ray_truth(grid: IndicatorGrid, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None) -> np.ndarray:
-    """The truth for rays in integers, against every cell: slow, and plainly right.
-
-    Args:
-        grid: The object.
-        q: ``(N, 2n)`` float32, object space.
-        length: Of the segments, object units.
-        cells: ``(M, n)`` cells to look at; all occupied cells if ``None``.
-
-    Returns:
-        ``(N,)`` bool.
-    """
-    n = grid.ndim
-    cells = (grid.occupied if cells is None else cells).astype(object)
-    truth = RAY.valid(q)
-    for index in np.flatnonzero(truth):
-        d = [Fraction(float(v)) for v in q[index, n:]]
-        # With t the origin in cells and c its velocity: origin = t origin_unit, half = origin_unit / 2 and velocity =
-        # c velocity_unit are integers. The face at f is met at u = (f - t) / c, the integer start or end times
-        # velocity_unit / (common origin_unit).
-        origin, origin_unit = integers([*rational_map(grid, q[index, :n]), Fraction(1, 2)])
-        half = origin.pop()
-        scaled = [v * Fraction(float(s)) for v, s in zip(d, grid.cells_per_unit, strict=True)]
-        velocity, velocity_unit = integers(scaled)
-        common = prod(abs(v) or 1 for v in velocity)
-        start, end, fits = np.zeros(len(cells), dtype=object), None, np.ones(len(cells), dtype=bool)
-        for k, v in enumerate(velocity):
-            near, far = ((2 * cells[:, k] + side) * half - origin[k] for side in (-1, 1))
-            if v == 0:
-                fits &= ((near <= 0) & (far >= 0)).astype(bool)
-                continue
-            share = common // v
-            a, b = (near * share, far * share) if v > 0 else (far * share, near * share)
-            start, end = np.maximum(start, a), b if end is None else np.minimum(end, b)
-        # start^2 at most, for u |d| <= length
-        end_squared = (
-            Fraction(length) ** 2 / sum(v * v for v in d) * Fraction(origin_unit, velocity_unit) ** 2 * common**2
-        )
-        inside = (start <= end) & (start * start * end_squared.denominator <= end_squared.numerator)
-        truth[index] = (fits & inside.astype(bool)).any()
-    return truth
 
 
 def empty_distance(occupancy: np.ndarray) -> np.ndarray:
@@ -220,60 +151,11 @@ for (int left = (end_slab - begin_slab) * sign, slab = begin_slab; left >= 0 && 
 """
 
 
-@cache
-def _kernel(ndim: int) -> wp.Kernel:
-    return oracle_kernel(f"wb_ray_oracle_{ndim}d", ndim, _BODY)
-
-
-class RayOracle(ExactOracle):
-    """The exact truth for many rays, as a Warp kernel; ``ray_truth`` is its plain twin.
-
-    Args:
-        grid: The object.
-        device: Warp device; the default device if ``None``.
-        length: Of the segments, object units, finite and not negative.
-
-    Raises:
-        QueryError: For another length.
-    """
-
-    kind = "ray"
-
-    def __init__(self, grid: IndicatorGrid, device: str | None = None, length: float = 1.0):
-        if not 0 <= length < np.inf:
-            raise QueryError(f"length must be finite and non-negative, got {length}")
-        super().__init__(grid, device, _kernel(grid.ndim), cells=empty_distance(grid.occupancy), length=length)
-
-    def _decide(self, q: np.ndarray) -> bool:
-        return bool(ray_truth(self.grid, q[None], self.length, self._near(q))[0])
-
-    def _near(self, q: np.ndarray) -> np.ndarray:
-        """The occupied cells that the whole line meets or nearly meets: the kernel's widened test, without its walk."""
-        cells, n = self.grid.occupied, self.ndim
-        t, rest = cell_coordinates(self.grid, q[:n])
-        velocity = q[n:].astype(np.float64) * self.grid.cells_per_unit
-        start, end = np.zeros(len(cells)), np.full(len(cells), np.inf)
-        for k in range(n):
-            near, far = ((cells[:, k] + side) - t[k] - rest[k] for side in (-0.5, 0.5))
-            if velocity[k] == 0:
-                start = np.where((near <= 0) & (far >= 0), start, np.inf)
-                end = np.where(np.isinf(start), -1.0, end)
-                continue
-            a, b = (near, far) if velocity[k] > 0 else (far, near)
-            a, b = a / velocity[k], b / velocity[k]
-            start = np.maximum(start, a - np.abs(a) * RELATIVE_ERROR)
-            end = np.minimum(end, b + np.abs(b) * RELATIVE_ERROR)
-        return cells[start <= end]
-
-
 class RayQuery(Query):
-    """Ray queries; see ``Query``."""
+    """Ray queries."""
 
     name = "ray"
     has_length = True
-    sample = staticmethod(sample_rays)
-    oracle = staticmethod(RayOracle)
-    truth = staticmethod(ray_truth)
     every = (
         "every segment o + t d/|d|, 0 <= t <= {length} (object units): any origin o, inside or outside, any direction d"
     )
@@ -281,6 +163,7 @@ class RayQuery(Query):
         "rays that pass, begin or end at such points, mostly on faces, edges and corners of boundary cells, many of them "
         "from outside the domain"
     )
+    oracle_body = _BODY
     sampled_point = """
 const double along = length * uniform() / size;
 for (int k = 0; k < N; ++k) y[k] = (double)q[k] + along * (double)q[N + k];
@@ -327,6 +210,63 @@ sure &= begin_ <= end_;
     def valid(self, q: np.ndarray) -> np.ndarray:
         return super().valid(q) & (q[:, q.shape[1] // 2 :] != 0).any(axis=1)
 
+    def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Origin uniform in [0, 1]^n, direction of length 1 up to rounding, by uniform spherical angles."""
+        return np.concatenate([POINT.sample(grid, count, rng), sample_directions(grid.ndim, count, rng)], axis=1)
+
+    def truth(
+        self, grid: IndicatorGrid, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None
+    ) -> np.ndarray:
+        n, truth = grid.ndim, self.valid(q)
+        cells = (grid.occupied if cells is None else cells).astype(object)
+        for index in np.flatnonzero(truth):
+            d = [Fraction(float(v)) for v in q[index, n:]]
+            # With t the origin in cells and c its velocity: origin = t origin_unit, half = origin_unit / 2 and velocity =
+            # c velocity_unit are integers. The face at f is met at u = (f - t) / c, the integer start or end times
+            # velocity_unit / (common origin_unit).
+            origin, origin_unit = integers([*rational_map(grid, q[index, :n]), Fraction(1, 2)])
+            half = origin.pop()
+            scaled = [v * Fraction(float(s)) for v, s in zip(d, grid.cells_per_unit, strict=True)]
+            velocity, velocity_unit = integers(scaled)
+            common = prod(abs(v) or 1 for v in velocity)
+            start, end, fits = np.zeros(len(cells), dtype=object), None, np.ones(len(cells), dtype=bool)
+            for k, v in enumerate(velocity):
+                near, far = ((2 * cells[:, k] + side) * half - origin[k] for side in (-1, 1))
+                if v == 0:
+                    fits &= ((near <= 0) & (far >= 0)).astype(bool)
+                    continue
+                share = common // v
+                a, b = (near * share, far * share) if v > 0 else (far * share, near * share)
+                start, end = np.maximum(start, a), b if end is None else np.minimum(end, b)
+            # start^2 at most, for u |d| <= length
+            end_squared = (
+                Fraction(length) ** 2 / sum(v * v for v in d) * Fraction(origin_unit, velocity_unit) ** 2 * common**2
+            )
+            inside = (start <= end) & (start * start * end_squared.denominator <= end_squared.numerator)
+            truth[index] = (fits & inside.astype(bool)).any()
+        return truth
+
+    def near(self, grid: IndicatorGrid, q: np.ndarray) -> np.ndarray:
+        """Those that the whole line meets or nearly meets: the kernel's widened test, without its walk."""
+        cells, n = grid.occupied, grid.ndim
+        t, rest = cell_coordinates(grid, q[:n])
+        velocity = q[n:].astype(np.float64) * grid.cells_per_unit
+        start, end = np.zeros(len(cells)), np.full(len(cells), np.inf)
+        for k in range(n):
+            near, far = ((cells[:, k] + side) - t[k] - rest[k] for side in (-0.5, 0.5))
+            if velocity[k] == 0:
+                start = np.where((near <= 0) & (far >= 0), start, np.inf)
+                end = np.where(np.isinf(start), -1.0, end)
+                continue
+            a, b = (near, far) if velocity[k] > 0 else (far, near)
+            a, b = a / velocity[k], b / velocity[k]
+            start = np.maximum(start, a - np.abs(a) * RELATIVE_ERROR)
+            end = np.minimum(end, b + np.abs(b) * RELATIVE_ERROR)
+        return cells[start <= end]
+
+    def arrays(self, grid: IndicatorGrid) -> dict[str, np.ndarray]:
+        return {"cells": empty_distance(grid.occupancy)}
+
     def barely(
         self, grid: IndicatorGrid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool
     ) -> np.ndarray:
@@ -342,7 +282,7 @@ sure &= begin_ <= end_;
 
     def nudged(self, grid: IndicatorGrid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
         n = grid.ndim
-        parts = [nudged_points(grid, x[:, :n], move[:, :n]), nudged_directions(x[:, n:], move[:, n:])]
+        parts = [POINT.nudged(grid, x[:, :n], move[:, :n]), nudged_directions(x[:, n:], move[:, n:])]
         return np.concatenate(parts, axis=1)
 
 

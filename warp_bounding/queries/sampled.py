@@ -8,14 +8,12 @@ of a square root. A region that the *exact* oracle calls empty is not sampled at
 phantom hits: a point may be rounded off its region into a cell, but never makes a region positive that meets no cell.
 """
 
-from functools import cache
-
 import numpy as np
 import warp as wp
 
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.queries.base import Query
-from warp_bounding.queries.exact import ExactOracle, oracle_kernel
+from warp_bounding.queries.base import ExactOracle, Query
+from warp_bounding.queries.exact import oracle_kernel
 from warp_bounding.queries.registry import QUERIES, check_query
 
 __all__ = ["SampledOracle", "points_per_region"]
@@ -70,9 +68,8 @@ for (int sample = 0; sample < COUNT; ++sample) {{
 """
 
 
-@cache
 def _kernel(query: str, ndim: int) -> wp.Kernel:
-    return oracle_kernel(f"wb_sampled_{query}_{ndim}d", ndim, _body(QUERIES[query], ndim))
+    return oracle_kernel(f"wb_sampled_{query}_{ndim}d", ndim, 2 * ndim, _body(QUERIES[query], ndim))
 
 
 class SampledOracle(ExactOracle):
@@ -88,18 +85,17 @@ class SampledOracle(ExactOracle):
 
     def __init__(self, query: str, grid: IndicatorGrid, device: str | None = None, seed: int = 0, length: float = 1.0):
         kind = QUERIES[check_query(query)]
-        self.kind, self.seed, self._exact = query, int(seed), kind.oracle(grid, device, length)
-        self._is_region = kind.is_region
-        if not self._is_region:
+        self.kind, self.seed, self._exact = kind, int(seed), kind.oracle(grid, device, length)
+        if not kind.is_region:
             return
         free = (grid.upper - grid.lower) / (grid.sample_upper - grid.sample_lower)  # of the domain, in the frame
         with np.errstate(divide="ignore"):
             outside = np.log1p(-np.prod(free[1:] / (2 * PLANE_SPAN)))
         arrays = {"map": np.concatenate([grid.lower, grid.upper, [outside]]), "cells": grid.occupancy.astype(np.uint8)}
-        super().__init__(grid, device, _kernel(query, grid.ndim), length=length, **arrays)
+        super().__init__(kind, grid, device, length, _kernel(query, grid.ndim), arrays)
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
-        return super().__call__(q) if self._is_region else self._exact(q)
+        return super().__call__(q) if self.kind.is_region else self._exact(q)
 
     def _answers(self, q: np.ndarray) -> np.ndarray:
         return super()._answers(q, self.seed, self._exact(q).astype(np.uint8))

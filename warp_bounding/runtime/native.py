@@ -1,6 +1,7 @@
 """Warp's decorators for functions and kernels that a factory makes around native source, one for each size."""
 
 import hashlib
+import linecache
 import platform
 from functools import cache
 from typing import Any
@@ -50,6 +51,25 @@ class named:  # noqa: N801 (used like a function: `@named(name).kernel`)
         return wp.kernel(
             self._rename(function, self.name), enable_backward=False, module="unique", module_options=_options()
         )
+
+    def block_kernel(self, snippet: str):
+        """A kernel of which each thread runs ``snippet`` on one block; a stub that is decorated names the arguments.
+
+        One of them is the int ``block``: to the snippet the number of its own block, to the kernel, whose other
+        arguments are the same, that of the launch's first.
+        """
+
+        def kernel_of(stub):
+            arguments = stub.__annotations__
+            passed = ", ".join("block + wp.tid()" if name == "block" else name for name in arguments)
+            text, file = f"def kernel({', '.join(arguments)}):\n    native({passed})\n", f"<{self.name}>"
+            linecache.cache[file] = len(text), None, text.splitlines(True), file  # Warp reads the text of a kernel
+            scope = {"native": self.func_native(snippet)(stub), "wp": wp}
+            exec(compile(text, file, "exec"), scope)
+            scope["kernel"].__annotations__ = arguments
+            return self.kernel(scope["kernel"])
+
+        return kernel_of
 
     @staticmethod
     def _rename(function, name: str):

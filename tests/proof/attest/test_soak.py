@@ -13,16 +13,12 @@ from warp_bounding.bounders import METHODS, supports
 from warp_bounding.errors import FileFormatError, QueryError
 from warp_bounding.proof import soak as package_soak
 from warp_bounding.proof.attest.soak import CHUNK, CYCLE, random_world, soak
-from warp_bounding.queries import QUERY_KINDS, oracle
-from warp_bounding.queries.box import box_truth
+from warp_bounding.queries import QUERIES, QUERY_KINDS, oracle
 from warp_bounding.queries.hard import FORMS, HardPositives
-from warp_bounding.queries.plane import plane_truth
-from warp_bounding.queries.point import point_truth
-from warp_bounding.queries.ray import ray_truth
 
 NAMES = ("c", "blob", "animated", "mesh", "anisotropic", "half")
 LENGTH = 0.75
-TRUTH = {"point": point_truth, "ray": lambda g, q: ray_truth(g, q, LENGTH), "plane": plane_truth, "box": box_truth}
+TRUTH = {name: lambda g, q, kind=kind: kind.truth(g, q, LENGTH) for name, kind in QUERIES.items()}
 
 
 def drawn(query, name, form="float32", count=20_000, seed=3, first=0, world=None, device="cpu"):

@@ -91,7 +91,7 @@ def _snippet(shape: NetworkShape) -> str:
 
 @cache
 def depth_first_kernel(shape: NetworkShape) -> wp.Kernel:
-    """The kernel for a network and a chart; a thread searches the block ``first + wp.tid()``.
+    """The kernel for a network and a chart; a thread searches the block ``block + wp.tid()``.
 
     It reads and writes ``stacks`` ``(blocks, STACK, 2, Z)`` float64, ``heights`` ``(blocks,)`` int32, the number of
     boxes on each stack, and ``initials`` ``(blocks,)`` int32, how many of the lowest of these are initial boxes. It
@@ -100,8 +100,8 @@ def depth_first_kernel(shape: NetworkShape) -> wp.Kernel:
     """
     name = named(unique_name(shape, "descent"))
 
-    @name.func_native(_snippet(shape))
-    def descend_block(
+    @name.block_kernel(_snippet(shape))
+    def descend(
         block: int,
         target: wp.float64,
         most: int,
@@ -117,41 +117,5 @@ def depth_first_kernel(shape: NetworkShape) -> wp.Kernel:
         low_value: wp.array(dtype=wp.float64),
         low_point: wp.array(dtype=wp.float64),
     ): ...
-
-    @name.kernel
-    def descend(
-        # inputs
-        first: int,
-        target: wp.float64,
-        most: int,
-        weights: wp.array(dtype=wp.float64),
-        paddings: wp.array(dtype=wp.float64),
-        numbers: wp.array(dtype=wp.float64),
-        table: wp.array(dtype=wp.int32),
-        # outputs
-        stacks: wp.array(dtype=wp.float64),
-        heights: wp.array(dtype=wp.int32),
-        initials: wp.array(dtype=wp.int32),
-        done_out: wp.array(dtype=wp.int64),
-        closed_out: wp.array(dtype=wp.float64),
-        low_value: wp.array(dtype=wp.float64),
-        low_point: wp.array(dtype=wp.float64),
-    ):
-        descend_block(
-            first + wp.tid(),
-            target,
-            most,
-            weights,
-            paddings,
-            numbers,
-            table,
-            stacks,
-            heights,
-            initials,
-            done_out,
-            closed_out,
-            low_value,
-            low_point,
-        )
 
     return descend
