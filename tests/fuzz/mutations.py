@@ -9,7 +9,7 @@ from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders import Bounder
 from warp_bounding.bounders.voxels import Voxels
 from warp_bounding.indicators import IndicatorGrid
-from warp_bounding.proof.least import least_value
+from warp_bounding.proof import least_value
 
 __all__ = ["MUTATIONS", "File", "mutate", "tighten"]
 

@@ -14,7 +14,7 @@ from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.neural.mlp_early import MlpEarly
 from warp_bounding.bounders.parametric_fit import fit_parametric
 from warp_bounding.coordinates.region_domain import domain_of
-from warp_bounding.proof.least import least_value
+from warp_bounding.proof import least_value
 from warp_bounding.queries import QUERY_KINDS
 from warp_bounding.queries.positives import draw_positives
 

@@ -21,8 +21,7 @@ from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.attest.statistics import CONFIDENCE, POSITIVES, fn_rate_bound, fresh_seed, try_positives
 from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.covers.monotone_box import of_points
-from warp_bounding.proof.least import charted
-from warp_bounding.proof.prove import as_fitted, mismatch, other_claim, outside
+from warp_bounding.proof.prove import OUTSIDE, as_fitted, charted, mismatch, other_claim, outside
 from warp_bounding.proof.search.best_first import halve, minimum
 from warp_bounding.proof.search.depth_first import ChartedPositives
 from warp_bounding.queries import QUERIES, oracle
@@ -36,6 +35,7 @@ PULL = 1e-4  # of the way to its cell's centre, by which each suspect is also tr
 NARROWEST = 1e-9  # width, in the coordinates that f takes, under which a box is not halved any more
 COARSEST = 1e-4  # of f: the least precision that the search for planes begins with
 LEAST_SECONDS = 1.0  # for positives that may refute what the proof could not decide
+DENIED = "that meets the object is answered with no"
 AROUND = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)  # distances in v from a suspect at which a true counterexample is looked for
 
 
@@ -149,8 +149,7 @@ def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress) ->
     beyond = outside(bounder, grid)
     if len(beyond):
         point = _denied(bounder, grid, grid.position(beyond)) if not QUERIES[bounder.query_kind].is_region else None
-        text = "the shape reaches outside the domain that the bounder was made for"
-        return result("refuted" if point is not None else "undecided", text, threshold, 0, point)
+        return result("refuted" if point is not None else "undecided", OUTSIDE, threshold, 0, point)
     f = of_points(bounder)  # of boxes and a monotone network too (``covers.monotone_box``)
     if QUERIES[bounder.query_kind].is_region and f is bounder:
         return _certify_regions(bounder, grid, target, seconds, result, progress)
@@ -163,14 +162,13 @@ def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress) ->
             progress(min(start + CHUNK, len(cells)), len(cells))
     if not found.complete:
         return result("undecided", f"no decision within {seconds:.3g} s", least, boxes)
-    if found.suspects is not None:
-        point = _denied(bounder, grid, found.suspects)
-        if point is not None:
-            text = f"a {bounder.query_kind} that meets the object is answered with no"
-            return result("refuted", text, least, boxes, point)
-        text = "f comes closer to the threshold than the proof's margins for rounding allow"
-        return result("undecided", text, least, boxes)
-    return result("proven", _proven(bounder), least, boxes)
+    if found.suspects is None:
+        return result("proven", _proven(bounder), least, boxes)
+    if (point := _denied(bounder, grid, found.suspects)) is not None:
+        return result("refuted", f"a {bounder.query_kind} {DENIED}", least, boxes, point)
+    return result(
+        "undecided", "f comes closer to the threshold than the proof's margins for rounding allow", least, boxes
+    )
 
 
 def _certify_regions(
@@ -196,7 +194,7 @@ def _certify_regions(
     if missed is None:
         missed = try_positives(bounder, grid, POSITIVES, fresh_seed(), seconds=max(seconds, LEAST_SECONDS))[2]
     if missed is not None:
-        return result("refuted", "a query that meets the object is answered with no", least, boxes, missed)
+        return result("refuted", f"a query {DENIED}", least, boxes, missed)
     text = text if complete else f"no decision within {seconds:.3g} s"
     least = max(least, -float(np.finfo(np.float32).max))  # JSON has no infinity
     return result("undecided", text, least, boxes)
@@ -206,7 +204,7 @@ def _attested(bounder: Bounder, grid: IndicatorGrid, seconds: float, result) -> 
     """What fresh positives tell where there is no proof."""
     done, lowest, missed = try_positives(bounder, grid, POSITIVES, fresh_seed(), seconds=seconds)
     if missed is not None:
-        return result("refuted", "a query that meets the object is answered with no", lowest, 0, missed)
+        return result("refuted", f"a query {DENIED}", lowest, 0, missed)
     if not done:
         return result("undecided", f"no positive could be asked within {seconds:g} s", float(bounder.threshold))
     rate = fn_rate_bound(done)
@@ -256,7 +254,7 @@ def _check_charted(
 
 
 def _denied_region(bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray | None:
-    """A float32 query at or close to given coordinates that meets the object and that the deployed bounder denies."""
+    """A float32 query at or close to coordinates ``v`` that meets the object and that the deployed bounder denies."""
     truth = oracle(bounder.query_kind, grid, bounder.device, bounder.domain.oracle_length)
     rng = np.random.default_rng(0)
     for step in AROUND:
@@ -281,17 +279,11 @@ def _check_cells(bounder: Bounder, grid: IndicatorGrid, target: float, deadline:
     return checked._replace(suspects=np.concatenate([inside, inner]))
 
 
-def _check(
-    f, lower: np.ndarray, upper: np.ndarray, target: float, deadline: float
-) -> tuple[_Checked, "_Failed | None"]:
+def _check(f, lower: np.ndarray, upper: np.ndarray, target: float, deadline: float) -> tuple[_Checked, _Failed | None]:
     """Halve boxes until ``f >= target`` on all, a point shows that it is not, a box is too narrow, or time is over.
 
-    Args:
-        f: Anything with ``bound``: a bounder, ``LeastBox`` or a chart's positives.
-        lower: ``(N, Z)`` float64, in the coordinates that f takes: v, or a chart's numbers.
-        upper: ``(N, Z)`` float64.
-        target: What every lower bound must reach: threshold + E.
-        deadline: On the clock ``working_seconds``.
+    Corners are ``(N, Z)`` float64 in the coordinates that f takes: v of a bounder or ``LeastBox``, the numbers of a
+    chart of its positives. The deadline is on the clock ``working_seconds``.
 
     Returns:
         What was found, without suspects; and ``None``, or the boxes that failed. A point with f under the target
@@ -329,7 +321,7 @@ def _denied(bounder: Bounder, grid: IndicatorGrid, x: np.ndarray) -> np.ndarray 
     x = x[grid.contains(x)]
     if not len(x):
         return None
-    x = COVERS[bounder.query_kind].at_points(x, bounder.domain)
+    x = COVERS[bounder.query_kind].at_points(x, bounder)
     missed = np.flatnonzero(bounder.query(x).numpy() == 0)
     return x[missed[0]] if len(missed) else None
 

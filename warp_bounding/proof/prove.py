@@ -10,16 +10,67 @@ import numpy as np
 
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.document import document
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.proof.least import least_value
-from warp_bounding.proof.search.best_first import Search
+from warp_bounding.proof.covers import COVERS
+from warp_bounding.proof.search.best_first import Search, minimum
+from warp_bounding.proof.search.depth_first import ChartedPositives, charted_minimum
 from warp_bounding.queries import QUERIES
+from warp_bounding.runtime.launch import working_seconds
 
-__all__ = ["as_fitted", "mismatch", "other_claim", "other_dimension", "outside", "prove", "settle"]
+__all__ = [
+    "as_fitted",
+    "charted",
+    "least_value",
+    "mismatch",
+    "other_claim",
+    "other_dimension",
+    "outside",
+    "prove",
+    "settle",
+]
+
+OUTSIDE = "the shape reaches outside the domain that the bounder was made for"
+CENTERS = 64  # about how many cells' centres a search begins with, where it is given no points
+
+
+def charted(bounder: Bounder, grid: IndicatorGrid) -> ChartedPositives | None:
+    """The positives of a network as boxes of a chart (``Cover.charted``); ``None`` where the proof has no chart."""
+    return COVERS[bounder.query_kind].charted(bounder, grid) if type(bounder) is Mlp else None
+
+
+def least_value(
+    bounder: Bounder,
+    grid: IndicatorGrid,
+    *,
+    eps: float = 1e-3,
+    seconds: float = float("inf"),
+    boxes: float = float("inf"),
+    points: np.ndarray | None = None,
+    progress: Callable[[int, float, float], None] | None = None,
+) -> Search:
+    """Certified minimum of f over every v that the pipeline can make of a positive; arguments as in ``prove``.
+
+    That takes one pass over the cells, or branch and bound. Points, rays and boxes of a network are searched depth first
+    in the numbers of a chart (``charted``). Where there is no chart the search is best first: planes over their normals,
+    a monotone network's boxes over the object's points (``covers``).
+    """
+    started = working_seconds()
+    if bounder.exact_on_cells:
+        least, looked_at = bounder.least(grid)
+        return Search(least, least, np.empty((0, grid.ndim)), looked_at, working_seconds() - started, True)
+    limits = {"eps": eps, "seconds": seconds, "boxes": boxes, "progress": progress}
+    kind, found = COVERS[bounder.query_kind], charted(bounder, grid)
+    if found is None:
+        return minimum(*kind.best_first(bounder, grid), points=points, **limits)
+    if points is None or not len(points):
+        centers = grid.position(grid.occupied[:: max(1, len(grid.occupied) // CENTERS)].astype(np.float64))
+        points = kind.at_points(bounder.domain.base.to_local(centers), bounder)
+    return charted_minimum(found, upper=float(bounder.reference(points).min()), **limits)
 
 
 def prove(
@@ -50,11 +101,9 @@ def prove(
         BounderError: If the bounder was made for another domain; if it consists of several networks whose regions are
             proven one by one (``Bounder.parts``); or if no threshold separates anything (the minimum is not finite).
     """
-    reason = mismatch(bounder, grid) or bounder.domain.fault()
-    if reason or len(outside(bounder, grid)):
-        raise BounderError(
-            f"{bounder.method}: {reason or 'the shape reaches outside the domain that the bounder was made for'}"
-        )
+    reason = mismatch(bounder, grid) or bounder.domain.fault() or (len(outside(bounder, grid)) and OUTSIDE)
+    if reason:
+        raise BounderError(f"{bounder.method}: {reason}")
     if not bounder.provable:
         raise BounderError(f"{bounder.method}: {bounder.query_kind} queries of networks like this one have no proof")
     if len(bounder.parts) > 1 and QUERIES[bounder.query_kind].is_region:
@@ -65,12 +114,7 @@ def prove(
 
 
 def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate:
-    """Set a bounder's threshold under a least value that was certified, and give it its certificate.
-
-    Args:
-        bounder: Changed in place (``freeze``).
-        grid: The object.
-        search: What ``least_value`` found for this bounder and object.
+    """Set a bounder's threshold under what ``least_value`` has certified, and give it its certificate.
 
     Raises:
         BounderError: If the minimum is not finite: no threshold separates anything.
@@ -84,20 +128,14 @@ def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate
         f"f >= {search.lower_bound:.6g} on all of them, float32 rounding changes it by at most {error:.2g}, "
         f"the threshold is {threshold:.6g}."
     )
-    certificate = document(
-        bounder, grid, "proven", threshold, search.lower_bound, search.boxes, search.seconds, message
-    )
+    found = (search.lower_bound, search.boxes, search.seconds)
+    certificate = document(bounder, grid, "proven", threshold, *found, message)
     bounder.freeze(threshold, certificate)
     return certificate
 
 
 def as_fitted(bounder: Bounder, shape) -> IndicatorGrid:
-    """A shape's cells, made as they were for the fit: with the bounder's own resolution and margin.
-
-    Args:
-        bounder: Any bounder.
-        shape: Anything that ``load_indicator`` takes.
-    """
+    """The cells of anything that ``load_indicator`` takes, as for the fit: with the bounder's resolution and margin."""
     shape = load_indicator(shape)
     resolution = None if isinstance(shape, IndicatorGrid) else bounder.info.get("resolution")
     return shape.to_grid(resolution=resolution, margin=bounder.info.get("margin") or 0.0)
@@ -131,9 +169,8 @@ def mismatch(bounder: Bounder, grid: IndicatorGrid) -> str | None:
     if other := other_dimension(bounder, grid):
         return other
     if grid.time and (domain.lower[0] < grid.lower[0] or domain.upper[0] > grid.upper[0]):
-        known, asked = (
-            f"{a[0]:.7g} to {b[0]:.7g}" for a, b in ((grid.lower, grid.upper), (domain.lower, domain.upper))
-        )
+        times = ((grid.lower[0], grid.upper[0]), (domain.lower[0], domain.upper[0]))
+        known, asked = (f"{first:.7g} to {last:.7g}" for first, last in times)
         return f"the shape is known at times from {known}, the bounder denies queries from {asked}"
     return None
 

@@ -10,6 +10,7 @@ The stream of queries depends on the seed alone, so that a soak test can be stop
 of ``CHUNK`` queries is always the same.
 """
 
+import contextlib
 import hashlib
 import json
 import time
@@ -161,9 +162,9 @@ def soak(
     result = _resumed(fresh, None if seed is None else int(seed), state)
     if state is not None:
         check_writable(state)
-    started, before, saved = time.perf_counter(), result.seconds, time.perf_counter()
-    length = bounder.domain.oracle_length
-    positives = HardPositives(bounder.query_kind, grid, length, bounder.device)
+    started = saved = time.perf_counter()
+    before = result.seconds
+    positives = HardPositives(bounder.query_kind, grid, bounder.domain.oracle_length, bounder.device)
     try:
         while not result.complete and time.perf_counter() - started < seconds:
             _chunk(bounder, grid, positives, result)
@@ -191,14 +192,15 @@ def _chunk(bounder: Bounder, grid: IndicatorGrid, positives: HardPositives, resu
     form, options, world = CYCLE[result.chunks % len(CYCLE)], {}, None
     if form == "placed":
         world, options = _placement(bounder, grid, positives, result)
-        form = "placed" if world else "float32"
+        form = form if world else "float32"
     x, certain = positives.draw(result.seed, result.chunks * CHUNK, CHUNK, form, world)
     answers = bounder.query(x.numpy() if form == "float64" else x, **options).numpy()
     certain = certain.numpy() != 0
     missed = np.flatnonzero(certain & (answers == 0))
     if len(missed):
         query = x.numpy()[missed[0]]
-        if world is None and not _truth(grid, positives, query):
+        # The exact truth, against every cell and in rational numbers.
+        if world is None and not QUERIES[positives.query].truth(grid, query[None], positives.length)[0]:
             raise BounderError(f"the soak drew a {result.query} that does not meet the object: {query.tolist()}")
         result.missed, result.missed_form = [float(v) for v in query], form
         if world:
@@ -209,17 +211,12 @@ def _chunk(bounder: Bounder, grid: IndicatorGrid, positives: HardPositives, resu
     result.forms[form] += count
 
 
-def _truth(grid: IndicatorGrid, positives: HardPositives, query: np.ndarray) -> bool:
-    """The exact truth of one query, float32 or float64, against every cell and in rational numbers."""
-    return bool(QUERIES[positives.query].truth(grid, query[None], positives.length)[0])
-
-
 def random_world(grid: IndicatorGrid, rng: np.random.Generator, gentle: int = 0) -> tuple[World, dict]:
     """A random placement of a shape.
 
     Args:
         grid: The shape; its time is not moved.
-        rng: Source of randomness.
+        rng: Source of everything random.
         gentle: How often the range of translations, and that of the scale's exponent, is halved.
 
     Returns:
@@ -250,11 +247,9 @@ def _placement(
     nothing = np.zeros((0, positives.columns), np.float32)
     for gentle in range(WORLDS):
         world, options = random_world(grid, rng, gentle)
-        try:
+        with contextlib.suppress(QueryError):
             bounder.query(nothing, **options)
-        except QueryError:
-            continue
-        return world, options
+            return world, options
     return None, {}
 
 

@@ -122,14 +122,12 @@ def attest(
         if missed is None:
             break
         if not np.isfinite(lowest):
-            raise BounderError(
-                f"{bounder.method}: a {bounder.query_kind} that meets the object counts as outside the domain: {missed}"
-            )
+            outside = f"a {bounder.query_kind} that meets the object counts as outside the domain: {missed}"
+            raise BounderError(f"{bounder.method}: {outside}")
         least = min(least, lowest)
     else:
-        raise BounderError(
-            f"{bounder.method}: {MOST_RESTARTS} thresholds in a row missed a positive {bounder.query_kind}"
-        )
+        missed = f"{MOST_RESTARTS} thresholds in a row missed a positive {bounder.query_kind}"
+        raise BounderError(f"{bounder.method}: {missed}")
     judged = attempt_confidence(restart)
     rate = fn_rate_bound(done, judged)
     before = f" after {restart} that missed one" if restart else ""
@@ -146,25 +144,12 @@ def attest(
             f"A proof did not end in {search.seconds:.3g} s: it shows f >= {search.lower_bound:.6g} on all positives, "
             f"{least - search.lower_bound:.3g} below the least one known."
         )
+    threshold, spent = float(bounder.threshold), working_seconds() - started
+    # No f was computed where every positive was answered without one, or none was asked.
+    margin = lowest - threshold if np.isfinite(lowest) else None
+    counts = {"samples": done, "fn_rate_bound": rate, "confidence": CONFIDENCE, "worst_margin": margin}
     certificate = document(
-        bounder,
-        grid,
-        "statistical",
-        float(bounder.threshold),
-        least,
-        0,
-        working_seconds() - started,
-        message,
-        samples=done,
-        fn_rate_bound=rate,
-        confidence=CONFIDENCE,
-        worst_margin=_finite(lowest - float(bounder.threshold)),
-        restarts=restart,
+        bounder, grid, "statistical", threshold, least, 0, spent, message, restarts=restart, **counts
     )
-    bounder.freeze(float(bounder.threshold), certificate)
+    bounder.freeze(threshold, certificate)
     return certificate
-
-
-def _finite(margin: float) -> float | None:
-    """``None`` where no f was computed: every positive was answered without one, or none was asked."""
-    return margin if np.isfinite(margin) else None

@@ -1,13 +1,12 @@
 """Boxes that cover every positive query: one file a kind of query, found by its name."""
 
 from warp_bounding.proof.covers.base import Cover
-from warp_bounding.proof.covers.box import BOX
-from warp_bounding.proof.covers.plane import PLANE
-from warp_bounding.proof.covers.point import POINT
-from warp_bounding.proof.covers.ray import RAY
+from warp_bounding.proof.covers.box import BoxCover
+from warp_bounding.proof.covers.plane import PlaneCover
+from warp_bounding.proof.covers.point import PointCover
+from warp_bounding.proof.covers.ray import RayCover
 
 __all__ = ["COVERS"]
 
-COVERS: dict[str, Cover] = {
-    cover.name: cover for cover in (POINT, RAY, PLANE, BOX)
-}  # a new kind of query is one more entry
+# A new kind of query is one more entry.
+COVERS: dict[str, Cover] = {"point": PointCover(), "ray": RayCover(), "plane": PlaneCover(), "box": BoxCover()}

@@ -6,8 +6,6 @@ import numpy as np
 
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.blocks import full_blocks
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -20,14 +18,10 @@ __all__ = ["Cover", "positive_boxes"]
 class Cover:
     """The cover of a kind of query; found under the kind's name in ``covers.COVERS``."""
 
-    name: str
-
     def charted(self, bounder: Mlp, grid: IndicatorGrid) -> ChartedPositives | None:
         """The positives of a network as boxes of a chart, for a search depth first; ``None`` where there is no chart.
 
-        Args:
-            bounder: Its domain holds the object.
-            grid: The object.
+        The bounder's domain must hold the object.
 
         Raises:
             BounderError: If the bounds' own arithmetic cannot be certified so far beyond the domain.
@@ -49,9 +43,9 @@ class Cover:
         """
         yield cover.lower, cover.upper, len(grid.occupied)
 
-    def at_points(self, p: np.ndarray, domain: Domain | RegionDomain) -> np.ndarray:
+    def at_points(self, p: np.ndarray, bounder: Bounder) -> np.ndarray:
         """V of queries that pass points ``(N, n)`` of the object, both in the same space, local or the object's."""
-        raise NotImplementedError(self.name)
+        raise NotImplementedError(bounder.query_kind)
 
     def coordinates(self, bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray:
         """``v`` of what a search has found, given as the numbers ``(N, Z)`` that it searched over.
@@ -59,9 +53,9 @@ class Cover:
         Raises:
             BounderError: If these are other numbers.
         """
-        if v.shape[1] != bounder.domain.ndim:
+        if (n := bounder.domain.ndim) != v.shape[1]:
             raise BounderError(
-                f"{self.name} queries of {grid.ndim}D objects have {bounder.domain.ndim} coordinates, got {v.shape[1]}"
+                f"{bounder.query_kind} queries of {grid.ndim}D objects have {n} coordinates, got {v.shape[1]}"
             )
         return v
 

@@ -10,8 +10,6 @@ import numpy as np
 from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.blocks import summed_area
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -19,15 +17,13 @@ from warp_bounding.networks.charts.box import BoxChart
 from warp_bounding.proof.covers.base import Cover
 from warp_bounding.proof.search.depth_first import ChartedPositives
 
-__all__ = ["BOX"]
+__all__ = ["BoxCover"]
 
 MOST_CELLS = 2.0**30  # cells from the grid's origin to the domain's ends: the chart counts them in 32 bits
 
 
 class BoxCover(Cover):
     """The cover of boxes."""
-
-    name = "box"
 
     def charted(self, bounder: Mlp, grid: IndicatorGrid) -> ChartedPositives:
         n, base = grid.ndim, bounder.domain.base
@@ -42,25 +38,14 @@ class BoxCover(Cover):
         lower, upper = (np.tile((side - origin) / unit, 2)[None] for side in (-edge, edge))
         most = float(max(np.abs(lower).max(), np.abs(upper).max()))
         if not most < MOST_CELLS:
-            raise BounderError(
-                f"{bounder.method}: the domain is {most:.3g} cells of the shape wide, more than the proof counts"
-            )
-        return ChartedPositives(
-            bounder.network,
-            BoxChart(2 * n),
-            lower,
-            upper,
-            np.concatenate([unit, origin, noise]),
-            np.tile(limit + noise, 2),
-            words,
-        )
+            wide = f"the domain is {most:.3g} cells of the shape wide, more than the proof counts"
+            raise BounderError(f"{bounder.method}: {wide}")
+        numbers, largest = np.concatenate([unit, origin, noise]), np.tile(limit + noise, 2)
+        return ChartedPositives(bounder.network, BoxChart(2 * n), lower, upper, numbers, largest, words)
 
-    def at_points(self, p: np.ndarray, domain: Domain | RegionDomain) -> np.ndarray:
+    def at_points(self, p: np.ndarray, bounder: Bounder) -> np.ndarray:
         return np.concatenate([p, p], axis=1)
 
     def coordinates(self, bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray:
         # a monotone network is searched over points: each is the box that is no more than it
         return np.concatenate([v, v], axis=1) if v.shape[1] == grid.ndim else super().coordinates(bounder, grid, v)
-
-
-BOX = BoxCover()

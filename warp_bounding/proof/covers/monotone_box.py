@@ -15,11 +15,7 @@ __all__ = ["LeastBox", "of_points"]
 
 
 class LeastBox:
-    """``g(p)``, at most f of any box that holds p; ``search.minimum`` and ``certify`` take it as a bounder of points.
-
-    Args:
-        bounder: Whose f.
-    """
+    """``g(p)``, at most f of any box that holds p; ``search.minimum`` and ``certify`` take it as a bounder of points."""
 
     exact_on_cells = False
 
@@ -33,7 +29,7 @@ class LeastBox:
         return self.network(p)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        """Certified lower bounds over boxes of p; see ``Bounder.bound``."""
+        """Certified lower bounds over boxes of p."""
         return self.network.bound(lower, upper)
 
 

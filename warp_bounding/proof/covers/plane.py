@@ -19,7 +19,7 @@ from warp_bounding.geometry.hull import hull_points
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.covers.base import Cover
 
-__all__ = ["PLANE", "SupportGap"]
+__all__ = ["PlaneCover", "SupportGap"]
 
 AT_A_TIME = 2048  # boxes that are compared with all corners at a time
 FIRST = 4  # boxes along each axis of a cube's face to begin with
@@ -46,11 +46,8 @@ class SupportGap:
         n, edges = self.ndim, np.linspace(-1.0, 1.0, FIRST + 1)
         cells = np.stack(np.meshgrid(*[np.arange(FIRST)] * (n - 1), indexing="ij"), -1).reshape(-1, n - 1)
         intervals = np.array(list(pairwise(edges)))[cells]  # (N, n - 1, 2)
-        lower, upper = [], []
-        for k in range(n):
-            for side, out in ((0, lower), (1, upper)):
-                out.append(np.insert(intervals[..., side], k, 1.0, axis=1))
-        return np.concatenate(lower), np.concatenate(upper)
+        sides = [[np.insert(intervals[..., side], k, 1.0, axis=1) for k in range(n)] for side in (0, 1)]
+        return np.concatenate(sides[0]), np.concatenate(sides[1])
 
     def reference(self, m: np.ndarray) -> np.ndarray:
         """The gap at normals ``(N, n)``, ``(N,)`` float64."""
@@ -91,8 +88,6 @@ class SupportGap:
 class PlaneCover(Cover):
     """The cover of planes, for networks: over normals, without a chart."""
 
-    name = "plane"
-
     def best_first(self, bounder: Mlp, grid: IndicatorGrid) -> tuple:
         gap = SupportGap(bounder, grid)
         return gap, *gap.boxes()
@@ -105,6 +100,3 @@ class PlaneCover(Cover):
         ends = [v[i : i + AT_A_TIME] @ corners.T for i in range(0, len(v), AT_A_TIME)]
         most, least = (np.concatenate([getattr(end, side)(axis=1) for end in ends]) for side in ("max", "min"))
         return np.concatenate([np.column_stack([v, most]), np.column_stack([v, least])])
-
-
-PLANE = PlaneCover()

@@ -19,7 +19,6 @@ import numpy as np
 from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators.blocks import blocks_of, full_blocks
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -27,17 +26,13 @@ from warp_bounding.networks.charts.ray import RayChart
 from warp_bounding.proof.covers.base import Cover
 from warp_bounding.proof.search.depth_first import ChartedPositives
 
-__all__ = ["RAY", "single_faces"]
+__all__ = ["RayCover", "single_faces"]
 
 CELLS = 256  # cells that ``single_faces`` takes at a time
 
 
 def single_faces(bounder: Mlp, grid: IndicatorGrid) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """The same positives in other boxes, cell by cell and face by face: ``certify`` must not share the search's.
-
-    Args:
-        bounder: Its domain holds the object.
-        grid: The object.
 
     Yields:
         Lower and upper corners ``(N, 2 n + 1)`` of some.
@@ -50,9 +45,8 @@ def single_faces(bounder: Mlp, grid: IndicatorGrid) -> Iterator[tuple[np.ndarray
         for axis in range(n):
             for sign in (1, -1):
                 step = np.eye(n)[axis] * sign
-                bare = np.array(
-                    [tuple(cell) not in occupied for cell in (cells + step).astype(int).tolist()], dtype=bool
-                )
+                beyond = (cells + step).astype(int).tolist()
+                bare = np.array([tuple(cell) not in occupied for cell in beyond], dtype=bool)
                 middle = cells[bare] + step / 2
                 half = 0.5 * (1 - np.abs(step))
                 yield _boxes(domain, grid, middle - half, middle + half, 1.0, _directions(n, axis, -sign))
@@ -76,13 +70,8 @@ def _boxes(
 
 def _exposed(occupancy: np.ndarray, axis: int, sign: int) -> np.ndarray:
     """Occupied cells whose neighbour along an axis is empty, or outside the grid."""
-    near = np.moveaxis(occupancy, axis, 0)
-    beyond = np.zeros_like(near)
-    if sign > 0:
-        beyond[:-1] = near[1:]
-    else:
-        beyond[1:] = near[:-1]
-    return np.moveaxis(near & ~beyond, 0, axis)
+    occupied = occupancy.astype(np.int8)
+    return np.diff(occupied, axis=axis, append=0) < 0 if sign > 0 else np.diff(occupied, axis=axis, prepend=0) > 0
 
 
 def _directions(n: int, axis: int | None = None, sign: int = 1) -> tuple[np.ndarray, np.ndarray]:
@@ -104,8 +93,6 @@ def _directions(n: int, axis: int | None = None, sign: int = 1) -> tuple[np.ndar
 
 class RayCover(Cover):
     """The cover of rays."""
-
-    name = "ray"
 
     def charted(self, bounder: Mlp, grid: IndicatorGrid) -> ChartedPositives:
         n, domain = grid.ndim, bounder.domain
@@ -137,9 +124,9 @@ class RayCover(Cover):
         for index, (lower, upper) in enumerate(single_faces(bounder, grid)):
             yield lower, upper, min((index + 1) * CELLS // sets, len(grid.occupied))
 
-    def at_points(self, p: np.ndarray, domain: Domain | RegionDomain) -> np.ndarray:
+    def at_points(self, p: np.ndarray, bounder: Bounder) -> np.ndarray:
         n = p.shape[1]
-        return np.concatenate([p, np.eye(n)[np.arange(len(p)) % n] * domain.stretch.astype(np.float64)], axis=1)
+        return np.concatenate([p, np.eye(n)[np.arange(len(p)) % n] * bounder.domain.stretch.astype(np.float64)], axis=1)
 
     def coordinates(self, bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray:
         # (p, t, m) of the chart is the ray with p = a + t w, and a direction m of any length
@@ -149,6 +136,3 @@ class RayCover(Cover):
         m = v[:, n + 1 :]
         w = m / np.linalg.norm(m, axis=1, keepdims=True) * bounder.domain.stretch.astype(np.float64)
         return np.concatenate([v[:, :n] - v[:, n : n + 1] * w, w], axis=1)
-
-
-RAY = RayCover()

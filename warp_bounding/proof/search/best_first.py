@@ -7,7 +7,6 @@ bound comes first, so that a search that is stopped early has raised its bound a
 the newest chunk comes first instead, whose halves close soon, and memory stays bounded.
 """
 
-import heapq
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -16,7 +15,7 @@ import numpy as np
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.runtime.launch import working_seconds
 
-__all__ = ["Search", "minimum"]
+__all__ = ["WORST", "Search", "halve", "lowest", "minimum"]
 
 CHUNK = 32768  # boxes that are bounded at a time
 MOST_WAITING = 6_000_000  # boxes (about 0.5 GB in 4D): where more wait, the newest chunk comes first
@@ -84,16 +83,15 @@ def minimum(
     probe = (lower[:CHUNK] + upper[:CHUNK]) / 2
     eps = max(eps, 4 * float((bounder.reference(probe) - bounder.bound(probe, probe).lower).max()))
 
-    def advance(chunk):
+    def advance(low: np.ndarray, high: np.ndarray, parent: np.ndarray) -> list[tuple]:
         """Bound a chunk; its halves that stay open, in chunks."""
         nonlocal closed, done, best, low_points, low_values
-        low, high, parent = chunk
         open_ = parent < best - eps
         closed = min(closed, parent[~open_].min(initial=np.inf))
         low, high, parent = low[open_], high[open_], parent[open_]
         bounds = bounder.bound(low, high)
         done += len(low)
-        low_points, low_values = _lowest(low_points, low_values, bounds.point, bounds.value)
+        low_points, low_values = lowest(low_points, low_values, bounds.point, bounds.value)
         best = min(best, float(bounds.value.min(initial=np.inf)))
         bound = np.fmax(bounds.lower, parent)  # a half is no worse than the whole, nor is one without a bound (NaN)
         open_ = bound < best - eps
@@ -109,60 +107,21 @@ def minimum(
             parts.append((*halve(*halves, np.tile(bounds.next_axis[loose], 2)), np.tile(bound[loose], 4)))
         return _chunks(*(np.concatenate(part) for part in zip(*parts, strict=True))) if parts else []
 
-    waiting = _Waiting()
-    for chunk in _chunks(lower, upper, np.full(len(lower), -np.inf)):
-        waiting.add(advance(chunk))
-    while len(waiting) and done < boxes and working_seconds() - started < seconds:
-        waiting.add(advance(waiting.next()))
+    def least() -> float:
+        return min([closed, *(bound[0] for _, _, bound in waiting)])
+
+    waiting = [rest for chunk in _chunks(lower, upper, np.full(len(lower), -np.inf)) for rest in advance(*chunk)]
+    while waiting and done < boxes and working_seconds() - started < seconds:
+        crowded = sum(len(bound) for _, _, bound in waiting) > MOST_WAITING
+        chunk = waiting.pop(-1 if crowded else min(range(len(waiting)), key=lambda i: waiting[i][2][0]))
+        waiting += advance(*chunk)
         if progress:
-            progress(done, waiting.boxes, best - min(closed, waiting.least()))
-    return Search(
-        lower_bound=min(closed, waiting.least()),
-        upper_bound=best,
-        worst=low_points,
-        boxes=done,
-        seconds=working_seconds() - started,
-        complete=len(waiting) == 0,
-    )
-
-
-class _Waiting:
-    """Chunks of boxes, the one with the lowest bound first."""
-
-    def __init__(self):
-        self._chunks: dict[int, tuple] = {}
-        self._heap: list[tuple[float, int]] = []
-        self._serial = 0
-        self.boxes = 0
-
-    def __len__(self) -> int:
-        return len(self._chunks)
-
-    def add(self, chunks: list[tuple]) -> None:
-        for chunk in chunks:
-            self._serial += 1
-            self._chunks[self._serial] = chunk
-            heapq.heappush(self._heap, (float(chunk[2].min()), self._serial))
-            self.boxes += len(chunk[2])
-
-    def next(self) -> tuple:
-        serial = max(self._chunks) if self.boxes > MOST_WAITING else self._lowest()[1]
-        chunk = self._chunks.pop(serial)
-        self.boxes -= len(chunk[2])
-        return chunk
-
-    def least(self) -> float:
-        """Lowest bound of all that wait, infinity if nothing does."""
-        return self._lowest()[0] if self._chunks else np.inf
-
-    def _lowest(self) -> tuple[float, int]:
-        while self._heap[0][1] not in self._chunks:  # taken out of turn
-            heapq.heappop(self._heap)
-        return self._heap[0]
+            progress(done, sum(len(bound) for _, _, bound in waiting), best - least())
+    return Search(least(), best, low_points, done, working_seconds() - started, complete=not waiting)
 
 
 def _chunks(low: np.ndarray, high: np.ndarray, bound: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Boxes in chunks of ``CHUNK``, those with the lowest bounds in the first."""
+    """Boxes in chunks of ``CHUNK``, lowest bounds first."""
     order = np.argsort(bound, kind="stable")
     low, high, bound = low[order], high[order], bound[order]
     return [(low[i : i + CHUNK], high[i : i + CHUNK], bound[i : i + CHUNK]) for i in range(0, len(low), CHUNK)]
@@ -178,10 +137,10 @@ def halve(low: np.ndarray, high: np.ndarray, axis: np.ndarray) -> tuple[np.ndarr
     return np.concatenate([low, right_low]), np.concatenate([left_high, high])
 
 
-def _lowest(
+def lowest(
     points: np.ndarray, values: np.ndarray, more: np.ndarray, more_values: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The lowest ``WORST`` of two sets of points, sorted."""
+    """The lowest ``WORST`` of two sets of points and their values, sorted."""
     if len(values) >= WORST:
         better = more_values < values[-1]
         more, more_values = more[better], more_values[better]

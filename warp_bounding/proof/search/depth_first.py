@@ -20,12 +20,12 @@ from warp_bounding.networks.bound_kernel import bound_boxes, double_array
 from warp_bounding.networks.box_bounds import BoxBounds
 from warp_bounding.networks.charts.base import Chart
 from warp_bounding.networks.network import Network
-from warp_bounding.proof.search.best_first import WORST, Search
+from warp_bounding.proof.search.best_first import Search, lowest
 from warp_bounding.proof.search.depth_first_kernel import KEPT, STACK, depth_first_kernel
 from warp_bounding.proof.search.pace import Pace
 from warp_bounding.runtime.launch import launch_blocks, working_seconds
 
-__all__ = ["ChartedPositives", "TargetSearch", "charted_minimum", "prove_target"]
+__all__ = ["ChartedPositives", "Descent", "charted_minimum", "prove_target"]
 
 CPU_BLOCKS, CUDA_BLOCKS = 64, 2048  # blocks of a launch, each with a stack of its own
 MOST = 1024  # boxes that a block bounds before it returns: some 50 ms a launch
@@ -62,67 +62,16 @@ class ChartedPositives:
 
     def bound(self, lower: np.ndarray, upper: np.ndarray, device="cpu") -> BoxBounds:
         """Certified bounds over boxes of z."""
-        return bound_boxes(
-            self.network.kernel_shape(self.chart),
-            self.network.packed,
-            self.network.padding_for(self.limit),
-            lower,
-            upper,
-            self.numbers,
-            self.table,
-            device,
-        )
+        shape, padding = self.network.kernel_shape(self.chart), self.network.padding_for(self.limit)
+        return bound_boxes(shape, self.network.packed, padding, lower, upper, self.numbers, self.table, device)
 
     def coordinates(self, z: np.ndarray) -> np.ndarray:
         """Coordinates ``v`` of a query for numbers of the chart."""
         return self.chart.coordinates(z, self.numbers)
 
 
-@dataclass(frozen=True)
-class TargetSearch:
-    """What a search for ``f >= target`` found.
-
-    Attributes:
-        complete: Whether the target is proven: every box is closed and reaches it.
-        least: Least bound of a closed box.
-        boxes: Number of boxes that were bounded.
-        points: ``(K, Z)``, the lowest positives found, numbers of the chart.
-        values: ``(K,)``, f there.
-    """
-
-    complete: bool
-    least: float
-    boxes: int
-    points: np.ndarray
-    values: np.ndarray
-
-
-def prove_target(
-    cover: ChartedPositives, target: float, *, boxes: float = float("inf"), device: str = "cpu"
-) -> TargetSearch:
-    """Try to prove ``f >= target`` for all positives; ends early where a positive lies under the target.
-
-    Args:
-        cover: The positives.
-        target: Value of f, or ``CLOSE_ALL``.
-        boxes: Number of boxes after which the search ends.
-        device: Warp device.
-    """
-    descent = _Descent(cover, device)
-    while descent.waiting:
-        lowest = descent.step(target, boxes - descent.boxes)
-        if descent.boxes >= boxes or descent.stuck or min(lowest, descent.least) < target:
-            break
-    complete = not descent.waiting and descent.least >= target
-    return TargetSearch(complete, descent.least, descent.boxes, *descent.lowest())
-
-
-class _Descent:
-    """Boxes that wait, in a reserve and on the stacks of the kernel's blocks.
-
-    Args:
-        cover: The positives.
-        device: Warp device.
+class Descent:
+    """Boxes that wait, in a reserve and on the stacks of the kernel's blocks, and what was found on the way.
 
     Attributes:
         boxes: Number of boxes that were bounded.
@@ -130,6 +79,8 @@ class _Descent:
         least: Least bound of a closed box.
         begun: Fraction of the initial boxes that are done or begun.
         stuck: Whether the last step could not do anything, because every stack is full.
+        points: ``(K, Z)``, the lowest positives found, numbers of the chart, lowest first.
+        values: ``(K,)``, f there.
     """
 
     def __init__(self, cover: ChartedPositives, device: str):
@@ -142,7 +93,7 @@ class _Descent:
         self._values, self._points = np.full((blocks, KEPT), np.inf), np.zeros((blocks, KEPT, size))
         order = np.random.default_rng(0).permutation(len(cover.lower))
         self._reserve, self._left = np.stack([cover.lower, cover.upper], axis=1)[order], len(order)
-        held = [np.ascontiguousarray(cover.network.packed), cover.network.padding_for(cover.limit), cover.numbers]
+        held = [cover.network.packed, cover.network.padding_for(cover.limit), cover.numbers]
         self._parameters_host = [np.ascontiguousarray(a, dtype=np.float64) for a in held]
         self._parameters = [double_array(a, dev) for a in self._parameters_host]
         self._parameters.append(wp.array(cover.table, dtype=wp.int32, device=dev))
@@ -155,13 +106,19 @@ class _Descent:
             wp.array(a.reshape(-1), dtype=t, device=dev, copy=not dev.is_cpu)
             for a, t in zip(self._outputs_host, kinds, strict=True)
         ]
-        self._found = [(np.empty((0, size)), np.empty(0))]
+        self.points, self.values = np.empty((0, size)), np.empty(0)
         self.boxes, self.initial_count, self.least, self.begun, self.stuck = 0, len(order), np.inf, 0.0, False
+        self._target = CLOSE_ALL
 
     @property
     def waiting(self) -> bool:
         """Whether any box is not closed."""
         return bool(self._left or self._heights.any())
+
+    @property
+    def complete(self) -> bool:
+        """Whether the last target is proven: every box is closed and reaches it."""
+        return not self.waiting and self.least >= self._target
 
     def step(self, target: float, boxes: float = float("inf")) -> float:
         """Let each block go on, for some 50 ms in all, and close the boxes that reach a target.
@@ -173,12 +130,13 @@ class _Descent:
         Returns:
             The lowest value of f at a positive that this step has found.
         """
+        self._target = float(target)
         self._left -= _fill(self._stacks, self._heights, self._initial, self._reserve[: self._left])
         most = int(min(MOST, max(boxes / len(self._heights), 1)))
         if not self._device.is_cpu:
             for array, values in zip(self._outputs[:STATE], self._outputs_host[:STATE], strict=True):
                 array.assign(values.reshape(-1))
-        inputs = [0, float(target), most, *self._parameters]
+        inputs = [0, self._target, most, *self._parameters]
         launch_blocks(self._kernel, len(self._heights), inputs, self._outputs, self._device, first_index=0, block=1)
         if not self._device.is_cpu:
             for array, values in zip(self._outputs, self._outputs_host, strict=True):
@@ -187,33 +145,34 @@ class _Descent:
         self.begun = 1 - (self._left + int(self._initial.sum())) / len(self._reserve)
         self.stuck = not self._done.any()
         seen = np.isfinite(self._values)
-        self._found.append((self._points[seen], self._values[seen]))
-        if len(self._found) > 64:
-            self._found = [_lowest(self._found)]
+        self.points, self.values = lowest(self.points, self.values, self._points[seen], self._values[seen])
         return float(self._values.min())
 
-    def lowest(self) -> tuple[np.ndarray, np.ndarray]:
-        return _lowest(self._found)
 
+def prove_target(
+    cover: ChartedPositives, target: float, *, boxes: float = float("inf"), device: str = "cpu"
+) -> Descent:
+    """Try to prove ``f >= target`` for all positives; ends early where a positive lies under the target.
 
-def _lowest(found: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """The lowest ``WORST`` points and f there, lowest first."""
-    points, values = (np.concatenate(part) for part in zip(*found, strict=True))
-    order = np.argsort(values, kind="stable")[:WORST]
-    return points[order], values[order]
+    Args:
+        cover: The positives.
+        target: Value of f, or ``CLOSE_ALL``.
+        boxes: Number of boxes after which the search ends.
+        device: Warp device.
+    """
+    descent = Descent(cover, device)
+    while descent.waiting:
+        found = descent.step(target, boxes - descent.boxes)
+        if descent.boxes >= boxes or descent.stuck or min(found, descent.least) < target:
+            break
+    return descent
 
 
 def _fill(stacks: np.ndarray, heights: np.ndarray, initial: np.ndarray, reserve: np.ndarray) -> int:
     """Give empty blocks boxes of the reserve's end, or else the lower half of the highest stack, its largest boxes.
 
-    Args:
-        stacks: ``(blocks, STACK, 2, Z)``.
-        heights: ``(blocks,)``, number of boxes on each stack.
-        initial: ``(blocks,)``, so many of the lowest boxes of each stack are initial ones.
-        reserve: ``(N, 2, Z)``, the initial boxes that no block has taken.
-
-    Returns:
-        How many boxes were taken from the reserve.
+    Of each stack ``(STACK, 2, Z)`` the ``initial`` lowest boxes are initial ones. Returns how many boxes were taken from
+    the reserve ``(N, 2, Z)``, the initial boxes that no block has taken.
     """
     taken, empty = 0, np.flatnonzero(heights == 0)
     for place, block in enumerate(empty):
@@ -264,7 +223,7 @@ def charted_minimum(
     survey = prove_target(cover, CLOSE_ALL, device=device)
     affordable = min(boxes, seconds * survey.boxes / (working_seconds() - started))
     many = min(INITIAL_SHARE * affordable, MOST_INITIAL) if np.isfinite(affordable) else INITIAL
-    descent = _Descent(_divided(cover, many, device), device)
+    descent = Descent(_divided(cover, many, device), device)
     best = min(upper, float(survey.values.min(initial=np.inf)))
 
     def done() -> int:
@@ -287,17 +246,9 @@ def charted_minimum(
     # Survey and search each cover all positives, so both least bounds hold and the higher one counts. Neither can
     # exceed a value that was found.
     proven, spent = min(max(survey.least, descent.least), best), working_seconds() - started
-    numbers = _lowest([(survey.points, survey.values), descent.lowest()])[0]
-    return Search(
-        lower_bound=proven,
-        upper_bound=best,
-        worst=cover.coordinates(numbers),
-        numbers=numbers,
-        boxes=done(),
-        seconds=spent,
-        complete=best - proven <= eps,
-        needed=max(pace.whole * seconds, spent) if pace.whole else spent,
-    )
+    numbers = lowest(survey.points, survey.values, descent.points, descent.values)[0]
+    needed = max(pace.whole * seconds, spent) if pace.whole else spent
+    return Search(proven, best, cover.coordinates(numbers), done(), spent, best - proven <= eps, needed, numbers)
 
 
 def _divided(cover: ChartedPositives, count: float, device: str) -> ChartedPositives:
