@@ -11,7 +11,7 @@ from region_cases import REGIONS, fitted_region, hard_regions, ray_length
 
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.coordinates.base import FAR
-from warp_bounding.coordinates.native_map import extra_count
+from warp_bounding.coordinates.maps import COORDINATES
 from warp_bounding.coordinates.region_domain import RegionDomain, domain_of, region_rounding
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorGrid
@@ -307,7 +307,7 @@ def test_outside_the_range_of_time_the_answer_is_maybe(query, space, device, rng
     """By however little; the object may be anywhere then."""
     grid = shape("animated")
     domain = domain_of(grid, query, 0.5, space)
-    assert len(domain.extra) == extra_count(query, 4, True)
+    assert len(domain.extra) == COORDINATES[query].extra_count(4, True)
     start, end = grid.lower[0], grid.upper[0]
     away = np.concatenate([[0.0], 10.0 ** rng.uniform(-9, 6, 2000)])
     for sign, border in ((1, end), (-1, start)):

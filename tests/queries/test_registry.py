@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from bounding_shapes import shape
 
-from warp_bounding.coordinates.native_map import extra_count, locate
+from warp_bounding.coordinates.maps import COORDINATES, locate
 from warp_bounding.coordinates.region_domain import domain_of
-from warp_bounding.coordinates.registry import COORDINATES
 from warp_bounding.queries import QUERIES, SampledOracle, check_query, oracle, sample
 from warp_bounding.queries.hard import HardPositives
 from warp_bounding.queries.positives import draw_positives
@@ -50,6 +49,6 @@ def test_and_has_coordinates(cuboid, rng):
     np.testing.assert_array_equal(domain.to_local(q), same.to_local(q))
     np.testing.assert_array_equal(domain.limit, same.limit)
     assert locate(cuboid, "geometric", 3, False) == locate("box", "geometric", 3, False)
-    assert extra_count(cuboid, 3, True) == 1
+    assert COORDINATES[cuboid].extra_count(3, True) == 1
     assert domain.tested_as_region
     assert domain_of(grid, cuboid, space="parametric").tested_as_point

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from warp_bounding.arithmetic import UNIT32, gamma
+from warp_bounding.arithmetic import UNIT32, gamma, round_up
 from warp_bounding.queries import QUERIES
 
 __all__ = [
@@ -83,11 +83,13 @@ class Coordinates(ABC):
 
     Attributes:
         name: Of the kind of query.
+        directed: Of each n of a query's numbers, whether they are a direction without a length; else they are a point.
         text: The C text from q to v.
         moving: The C text that moves q from the world into the object's space; it runs before ``text``.
     """
 
     name: str
+    directed: tuple[bool, ...]
     text: str
     moving: str
 
@@ -102,7 +104,7 @@ class Coordinates(ABC):
 
     def ndim(self, n: int) -> int:
         """Number of coordinates ``v`` for an object of dimension n."""
-        return 2 * n
+        return self.columns(n)
 
     def extra_count(self, n: int, time: bool) -> int:
         """How many numbers ``extra`` there are: the kind's own, and one more where coordinate 0 is time."""
@@ -117,28 +119,40 @@ class Coordinates(ABC):
         return np.zeros(0, np.float32)
 
     def units(self, domain) -> np.ndarray:
-        """``(2 n,)`` float64, ``v`` per unit of a query's own numbers, in parametric space."""
-        return np.tile(domain.base.scale.astype(np.float64), 2)
+        """``v`` per unit of a query's own numbers, float64, in parametric space."""
+        return self._by_part(domain.base.scale, domain.stretch).astype(np.float64)
 
-    @abstractmethod
     def limit(self, domain) -> np.ndarray:
         """``(ndim,)`` float32, largest ``|v|`` that a bounder is asked about."""
+        return self._by_part(domain.base.limit, round_up(domain.stretch * UNIT_LIMIT))
 
-    @abstractmethod
     def delta(self, domain) -> np.ndarray:
         """``(ndim,)`` float64, the input error of ``v`` that proofs cover."""
+        base = domain.base
+        return self._by_part(base.delta, direction_rounding(base.ndim) * domain.stretch.astype(np.float64))
+
+    def to_local(self, domain, q: np.ndarray) -> np.ndarray:
+        """``v`` ``(N, ndim)`` of finite queries ``(N, m)`` that meet the domain, in float64."""
+        parts = np.split(q, len(self.directed), axis=1)
+        for k, part in enumerate(parts):
+            if self.directed[k]:
+                parts[k] = part / np.linalg.norm(part, axis=1, keepdims=True) * domain.stretch.astype(np.float64)
+            else:
+                parts[k] = domain.base.to_local(part)
+        return np.concatenate(parts, axis=1)
+
+    def to_object(self, domain, v: np.ndarray) -> np.ndarray:
+        """A query ``(N, m)`` float64 in object space for each ``v`` ``(N, ndim)``."""
+        stretch, parts = domain.stretch.astype(np.float64), np.split(v, len(self.directed), axis=1)
+        both = zip(parts, self.directed, strict=True)
+        return np.concatenate([p / stretch if directed else domain.base.to_object(p) for p, directed in both], axis=1)
+
+    def _by_part(self, point: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        return np.concatenate([direction if directed else point for directed in self.directed])
 
     @abstractmethod
     def rounding(self, base, length: float | None) -> np.ndarray:
         """``(n,)``: how far, per axis of local space, the computed query may pass a point of the exact one."""
-
-    @abstractmethod
-    def to_local(self, domain, q: np.ndarray) -> np.ndarray:
-        """``v`` ``(N, ndim)`` of finite queries ``(N, m)`` that meet the domain, in float64."""
-
-    @abstractmethod
-    def to_object(self, domain, v: np.ndarray) -> np.ndarray:
-        """A query ``(N, m)`` float64 in object space for each ``v`` ``(N, ndim)``."""
 
     @abstractmethod
     def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:

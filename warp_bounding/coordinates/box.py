@@ -5,7 +5,7 @@ import warp as wp
 
 from warp_bounding.arithmetic import TINY, UNIT32
 from warp_bounding.coordinates.base import Coordinates, Numbers, WorldMap, vector_type
-from warp_bounding.coordinates.direction import plain_local
+from warp_bounding.coordinates.direction import plain_parts
 from warp_bounding.coordinates.domain import GROWTH, Domain, input_rounding
 from warp_bounding.coordinates.placement_rounding import at_points
 from warp_bounding.runtime.native import named
@@ -17,6 +17,7 @@ class BoxCoordinates(Coordinates):
     """The coordinates of boxes; the same in either space."""
 
     name = "box"
+    directed = (False, False)
     text = """
 for (int k = 0; k < AXES; ++k) {
     const V low = (q[k] - center[k]) * scale[k], high = (q[AXES + k] - center[k]) * scale[k];
@@ -50,30 +51,19 @@ for (int k = 0; k < AXES; ++k) {
 }
 """
 
-    def limit(self, domain) -> np.ndarray:
-        return np.concatenate([domain.base.limit, domain.base.limit])
-
-    def delta(self, domain) -> np.ndarray:
-        return np.concatenate([domain.base.delta, domain.base.delta])
-
     def rounding(self, base: Domain, length: float | None) -> np.ndarray:
         return input_rounding(base.center, base.scale, base.limit.astype(np.float64), base.lower, base.upper)
 
     def to_local(self, domain, q: np.ndarray) -> np.ndarray:
-        n, base = domain.base.ndim, domain.base
-        limit = np.tile(base.limit.astype(np.float64), 2)
-        return np.clip(np.concatenate([base.to_local(q[:, :n]), base.to_local(q[:, n:])], axis=1), -limit, limit)
-
-    def to_object(self, domain, v: np.ndarray) -> np.ndarray:
-        n, base = domain.base.ndim, domain.base
-        return np.concatenate([base.to_object(v[:, :n]), base.to_object(v[:, n:])], axis=1)
+        limit = domain.limit.astype(np.float64)
+        return np.clip(super().to_local(domain, q), -limit, limit)
 
     def placed_rounding(self, domain, world: WorldMap, input_unit: float) -> np.ndarray:
         base = domain.base
         return (at_points(base, world, input_unit) * base.scale.astype(np.float64) * (1 + 4 * UNIT32) + TINY) * GROWTH
 
     def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
-        pair, local = vector_type(2 * n), plain_local(n, front)
+        pair, _, _, local = plain_parts(n, front)
         limit, extra = front + 2 * n, front + 3 * n + 1
 
         @named(f"wb_plain_box_{n}_{time:d}_{front}").func

@@ -20,16 +20,7 @@ from warp_bounding.coordinates.base import DIRECTION_LARGEST, DIRECTION_SMALLEST
 from warp_bounding.coordinates.domain import Domain, input_rounding
 from warp_bounding.runtime.native import named
 
-__all__ = [
-    "FAR_POINT",
-    "MOVING",
-    "UNIT",
-    "origin_rounding",
-    "plain_local",
-    "plain_move_pair",
-    "plain_sized",
-    "plain_unit",
-]
+__all__ = ["FAR_POINT", "MOVING", "UNIT", "origin_rounding", "plain_move_pair", "plain_parts"]
 
 # The largest entry of a direction, and whether it has a size that directions may have.
 POSSIBLE = f"""
@@ -60,9 +51,7 @@ const V beyond = distance > {literal(FAR)} ? distance : zero;
 
 # u, the direction with Euclidean length 1. It is divided by its largest entry first, so that squares neither overflow
 # nor vanish.
-UNIT = (
-    POSSIBLE
-    + """
+UNIT = f"""{POSSIBLE}
 V longest = largest(q + DIRECTION_AT), u[AXES];
 testable = testable & possible(longest);
 longest = longest > zero ? longest : zero + 1.0f;  // no division by zero in lanes that are maybe
@@ -72,28 +61,24 @@ for (int k = 1; k < AXES; ++k) squares = squares + u[k] * u[k];
 const V norm = root(squares);
 for (int k = 0; k < AXES; ++k) u[k] = over(u[k], norm);
 """
-)
 
 # Move the point by the matrix M, the direction by its own matrix. A direction whose entries are as small as the
 # rounding of subnormal numbers, before or after the move, is *maybe*.
-MOVING = (
-    POSSIBLE
-    + """
+MOVING = f"""{POSSIBLE}
 V d[AXES], e[AXES];
 for (int k = 0; k < AXES; ++k) d[k] = q[POINT_AT + k] - place[k], e[k] = q[DIRECTION_AT + k];
 testable = testable & possible(largest(e));
-for (int k = 0; k < AXES; ++k) {
+for (int k = 0; k < AXES; ++k) {{
     V moved = d[0] * place[AXES + AXES * k], turned = e[0] * place[MATRIX_AT + AXES * k];
-    for (int j = 1; j < AXES; ++j) {
+    for (int j = 1; j < AXES; ++j) {{
         moved = moved + d[j] * place[AXES + AXES * k + j];
         turned = turned + e[j] * place[MATRIX_AT + AXES * k + j];
-    }
+    }}
     q[POINT_AT + k] = moved, q[DIRECTION_AT + k] = turned;
-}
+}}
 testable = testable & possible(largest(q + DIRECTION_AT));
 for (int k = 0; k < 2 * AXES; ++k) testable = testable & ((q[k] - q[k]) == zero);  // an overflow
 """
-)
 
 
 def origin_rounding(base: Domain) -> np.ndarray:
@@ -104,26 +89,18 @@ def origin_rounding(base: Domain) -> np.ndarray:
 
 
 @cache
-def plain_sized(n: int) -> wp.Function:
-    """The twin of ``POSSIBLE``."""
-    pair = vector_type(2 * n)
+def plain_parts(n: int, front: int) -> tuple:
+    """Warp's type of 2n numbers, and the twins of ``POSSIBLE``, ``UNIT`` and ``FAR_POINT`` (``Coordinates.plain``)."""
+    pair, vector = vector_type(2 * n), vector_type(n)
 
-    @named(f"wb_plain_sized_{n}").func
+    @named(f"wb_plain_sized_{n}_{front}").func
     def sized(q: pair, first: int) -> bool:
         longest = wp.float32(0.0)
         for k in range(n):
             longest = wp.max(longest, wp.abs(q[first + k]))
         return longest >= DIRECTION_SMALLEST and longest <= DIRECTION_LARGEST
 
-    return sized
-
-
-@cache
-def plain_unit(n: int) -> wp.Function:
-    """The twin of ``UNIT``."""
-    pair, vector = vector_type(2 * n), vector_type(n)
-
-    @named(f"wb_plain_unit_{n}").func
+    @named(f"wb_plain_unit_{n}_{front}").func
     def unit(q: pair, first: int) -> vector:
         u, longest, norm = vector(), wp.float32(0.0), wp.float32(0.0)
         for k in range(n):
@@ -135,14 +112,6 @@ def plain_unit(n: int) -> wp.Function:
             u[k] = u[k] / wp.sqrt(norm)
         return u
 
-    return unit
-
-
-@cache
-def plain_local(n: int, front: int) -> wp.Function:
-    """The twin of ``FAR_POINT``."""
-    pair, vector = vector_type(2 * n), vector_type(n)
-
     @named(f"wb_plain_local_{n}_{front}").func
     def local(p: Numbers, q: pair, first: int):
         a, distance = vector(), wp.float32(0.0)
@@ -151,13 +120,13 @@ def plain_local(n: int, front: int) -> wp.Function:
             distance += wp.abs(a[k])
         return a, distance
 
-    return local
+    return pair, sized, unit, local
 
 
 @cache
 def plain_move_pair(n: int, point: int, turn: int, matrix: int) -> wp.Function:
     """The twin of ``MOVING``; point, direction and its matrix begin at ``q[point]``, ``q[turn]``, ``place[matrix]``."""
-    pair, sized = vector_type(2 * n), plain_sized(n)
+    pair, sized, _, _ = plain_parts(n, 0)
 
     @named(f"wb_plain_move_{point}_{n}").func
     def move(place: Numbers, q: pair):

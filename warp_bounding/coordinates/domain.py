@@ -123,15 +123,7 @@ class Domain:
         """Number of coordinates."""
         return len(self.center)
 
-    @property
-    def space_ndim(self) -> int:
-        """Dimension of the indicator."""
-        return len(self.center)
-
-    @property
-    def columns(self) -> int:
-        """Numbers of a query."""
-        return len(self.center)
+    space_ndim = columns = ndim  # the dimension of the object, and how many numbers a query has
 
     @cached_property
     def reach(self) -> np.ndarray:

@@ -19,8 +19,8 @@ import numpy as np
 from warp_bounding.arithmetic import LARGEST, UNIT32
 from warp_bounding.coordinates.base import FAR, WorldMap
 from warp_bounding.coordinates.domain import GROWTH, Domain, rounding_of_map
+from warp_bounding.coordinates.maps import coordinates_of
 from warp_bounding.coordinates.region_domain import RegionDomain, region_rounding
-from warp_bounding.coordinates.registry import coordinates_of
 from warp_bounding.errors import QueryError
 
 __all__ = ["Placement", "placement_allowance", "placement_error"]

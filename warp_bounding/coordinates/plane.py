@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_up
+from warp_bounding.coordinates import direction
 from warp_bounding.coordinates.base import (
     DIRECTION_LARGEST,
     DIRECTION_SMALLEST,
@@ -22,19 +23,8 @@ from warp_bounding.coordinates.base import (
     Coordinates,
     Numbers,
     WorldMap,
-    direction_rounding,
     literal,
     vector_type,
-)
-from warp_bounding.coordinates.direction import (
-    FAR_POINT,
-    MOVING,
-    UNIT,
-    origin_rounding,
-    plain_local,
-    plain_move_pair,
-    plain_sized,
-    plain_unit,
 )
 from warp_bounding.coordinates.domain import GROWTH, Domain
 from warp_bounding.coordinates.placement_rounding import SLOPE, STEEPEST, alpha_beta, far_point_error, tilt
@@ -46,15 +36,79 @@ __all__ = ["PLANE"]
 _PLACES = "constexpr int POINT_AT = AXES, DIRECTION_AT = 0, MATRIX_AT = 2 * AXES + AXES * AXES;\n"
 
 
-class PlaneCoordinates(Coordinates):
-    """The coordinates of planes in geometric space."""
+class PlaneParameters(Coordinates):
+    """The coordinates of planes in parametric space."""
 
     name = "plane"
-    moving = _PLACES + MOVING
-    text = (
-        _PLACES
-        + FAR_POINT
-        + f"""
+    directed = (True, False)
+    moving = _PLACES + direction.MOVING
+    text = f"""{_PLACES}{direction.FAR_POINT}{direction.UNIT}
+for (int k = 0; k < AXES; ++k) {{
+    testable = testable & (size[k] <= limit[k]);
+    v[k] = u[k], v[AXES + k] = a[k];
+}}
+if (TIME) testable = testable & (size[0] <= zero + extra[AXES]);
+"""
+
+    def extra_count(self, n: int, time: bool) -> int:
+        return n + time
+
+    def extra(self, domain) -> np.ndarray:
+        return (1 / domain.base.scale.astype(np.float64)).astype(np.float32)
+
+    def limit(self, domain) -> np.ndarray:
+        return np.concatenate([round_up(np.full(domain.base.ndim, UNIT_LIMIT)), domain.base.limit])
+
+    def rounding(self, base: Domain, length: float | None) -> np.ndarray:
+        # The offset m . a: entries of m are off by gamma(7), of which 2 are float64 input's, and by numbers that are
+        # subnormal or flushed; products and sum by gamma(n + 2).
+        n, limit = base.ndim, base.limit.astype(np.float64)
+        tilt = (gamma(7) + 4 * TINY / DIRECTION_SMALLEST) * (FAR * (1 + gamma(4)) + limit.sum()) + (2 * n + 4) * TINY
+        origin = direction.origin_rounding(base).sum() * (1 + gamma(8))
+        return np.full(n, float(tilt + gamma(n + 2) * FAR * (1 + gamma(8)) + origin))
+
+    def placed_values(self, domain, world: WorldMap) -> list[np.ndarray]:
+        base, scale = domain.base, domain.base.scale.astype(np.float64)
+        _, beta = alpha_beta(base, world, UNIT32)
+        drift = np.full(base.ndim, float((scale * beta).sum() + tilt(base, world, UNIT32).max()) * SLOPE)
+        return [round_up(drift), world.forward.T.reshape(-1)]
+
+    def placed_rounding(self, domain, world: WorldMap, input_unit: float) -> np.ndarray:
+        base = domain.base
+        point_error, farthest = far_point_error(base, world, input_unit)
+        tau = tilt(base, world, input_unit)
+        if not (np.isfinite(farthest) and tau.max() < STEEPEST):
+            return np.full(base.ndim, np.inf)
+        limit = base.limit.astype(np.float64)
+        offset_error = float(point_error.sum() + (tau @ limit + tau.max() * farthest) / (1 - tau.max()))
+        return (np.full(base.ndim, offset_error) * (1 + 4 * UNIT32) + TINY) * GROWTH
+
+    def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
+        pair, sized, unit, local = direction.plain_parts(n, front)
+        limit, extra = front + 2 * n, front + 3 * n + 1
+
+        @named(f"wb_plain_plane_parameters_{n}_{time:d}_{front}").func
+        def locate(p: Numbers, place: Numbers, q: pair):
+            a, _ = local(p, q, n)
+            u, testable, v = unit(q, 0), sized(q, 0), pair()
+            for k in range(n):
+                testable = testable and wp.abs(a[k]) <= p[limit + k]
+                v[k] = u[k]
+                v[n + k] = a[k]
+            if time:
+                testable = testable and wp.abs(a[0]) <= p[extra + n]
+            return v, testable, True
+
+        return locate
+
+    def plain_move(self, n: int) -> wp.Function:
+        return direction.plain_move_pair(n, n, 0, 2 * n + n * n)
+
+
+class PlaneCoordinates(PlaneParameters):
+    """The coordinates of planes in geometric space."""
+
+    text = f"""{_PLACES}{direction.FAR_POINT}
 V e[AXES], d[AXES];  // the normal in local space, and |e|, whose largest entry is the pivot
 for (int k = 0; k < AXES; ++k) {{
     e[k] = q[k] * extra[k];
@@ -91,7 +145,6 @@ if (TIME) {{  // a plane of constant time, outside the range
     testable = testable & ((still > zero) | (size[0] <= zero + extra[AXES]));
 }}
 """
-    )
 
     @property
     def parametric(self) -> Coordinates:
@@ -99,12 +152,6 @@ if (TIME) {{  // a plane of constant time, outside the range
 
     def ndim(self, n: int) -> int:
         return n + 1
-
-    def extra_count(self, n: int, time: bool) -> int:
-        return n + time
-
-    def extra(self, domain) -> np.ndarray:
-        return (1 / domain.base.scale.astype(np.float64)).astype(np.float32)
 
     def limit(self, domain) -> np.ndarray:
         n, base = domain.base.ndim, domain.base.limit.astype(np.float64)
@@ -116,14 +163,6 @@ if (TIME) {{  // a plane of constant time, outside the range
     def delta(self, domain) -> np.ndarray:
         # m counts as exact: what it rounds is charged to the offset, on which |m| <= 1 bounds each axis' share
         return np.concatenate([np.zeros(domain.base.ndim), [domain.base.delta.sum()]])
-
-    def rounding(self, base: Domain, length: float | None) -> np.ndarray:
-        # The offset m . a: entries of m are off by gamma(7), of which 2 are float64 input's, and by numbers that are
-        # subnormal or flushed; products and sum by gamma(n + 2).
-        n, limit = base.ndim, base.limit.astype(np.float64)
-        tilt = (gamma(7) + 4 * TINY / DIRECTION_SMALLEST) * (FAR * (1 + gamma(4)) + limit.sum()) + (2 * n + 4) * TINY
-        origin = origin_rounding(base).sum() * (1 + gamma(8))
-        return np.full(n, float(tilt + gamma(n + 2) * FAR * (1 + gamma(8)) + origin))
 
     def to_local(self, domain, q: np.ndarray) -> np.ndarray:
         n, base = domain.base.ndim, domain.base
@@ -138,24 +177,8 @@ if (TIME) {{  // a plane of constant time, outside the range
         foot = normal * (v[:, n:] / (normal * normal).sum(axis=1, keepdims=True))
         return np.concatenate([normal * base.scale.astype(np.float64), base.to_object(foot)], axis=1)
 
-    def placed_values(self, domain, world: WorldMap) -> list[np.ndarray]:
-        base, scale = domain.base, domain.base.scale.astype(np.float64)
-        _, beta = alpha_beta(base, world, UNIT32)
-        drift = np.full(base.ndim, float((scale * beta).sum() + tilt(base, world, UNIT32).max()) * SLOPE)
-        return [round_up(drift), world.forward.T.reshape(-1)]
-
-    def placed_rounding(self, domain, world: WorldMap, input_unit: float) -> np.ndarray:
-        base = domain.base
-        point_error, farthest = far_point_error(base, world, input_unit)
-        tau = tilt(base, world, input_unit)
-        if not (np.isfinite(farthest) and tau.max() < STEEPEST):
-            return np.full(base.ndim, np.inf)
-        limit = base.limit.astype(np.float64)
-        offset_error = float(point_error.sum() + (tau @ limit + tau.max() * farthest) / (1 - tau.max()))
-        return (np.full(base.ndim, offset_error) * (1 + 4 * UNIT32) + TINY) * GROWTH
-
     def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
-        pair, numbers, vector, local = vector_type(2 * n), vector_type(n + 1), vector_type(n), plain_local(n, front)
+        (pair, _, _, local), numbers, vector = direction.plain_parts(n, front), vector_type(n + 1), vector_type(n)
         limit, extra, drift = front + 2 * n, front + 3 * n + 1, n + n * n
 
         @named(f"wb_plain_plane_{n}_{time:d}{placed:d}_{front}").func
@@ -186,69 +209,6 @@ if (TIME) {{  // a plane of constant time, outside the range
             if time:  # a plane of constant time, outside the range
                 testable = testable and (not still or wp.abs(a[0]) <= p[extra + n])
             return v, testable, wp.abs(offset) <= room
-
-        return locate
-
-    def plain_move(self, n: int) -> wp.Function:
-        return plain_move_pair(n, n, 0, 2 * n + n * n)
-
-
-class PlaneParameters(PlaneCoordinates):
-    """The coordinates of planes in parametric space."""
-
-    text = (
-        _PLACES
-        + FAR_POINT
-        + UNIT
-        + """
-for (int k = 0; k < AXES; ++k) {
-    testable = testable & (size[k] <= limit[k]);
-    v[k] = u[k], v[AXES + k] = a[k];
-}
-if (TIME) testable = testable & (size[0] <= zero + extra[AXES]);
-"""
-    )
-
-    @property
-    def parametric(self) -> Coordinates:
-        return self
-
-    def ndim(self, n: int) -> int:
-        return 2 * n
-
-    def units(self, domain) -> np.ndarray:
-        return np.concatenate([np.ones(domain.base.ndim), domain.base.scale.astype(np.float64)])
-
-    def limit(self, domain) -> np.ndarray:
-        return np.concatenate([round_up(np.full(domain.base.ndim, UNIT_LIMIT)), domain.base.limit])
-
-    def delta(self, domain) -> np.ndarray:
-        n = domain.base.ndim
-        return np.concatenate([np.full(n, direction_rounding(n)), domain.base.delta])
-
-    def to_local(self, domain, q: np.ndarray) -> np.ndarray:
-        n, base = domain.base.ndim, domain.base
-        return np.concatenate([q[:, :n] / np.linalg.norm(q[:, :n], axis=1, keepdims=True), base.to_local(q[:, n:])], 1)
-
-    def to_object(self, domain, v: np.ndarray) -> np.ndarray:
-        n = domain.base.ndim
-        return np.concatenate([v[:, :n], domain.base.to_object(v[:, n:])], axis=1)
-
-    def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
-        pair, sized, unit, local = vector_type(2 * n), plain_sized(n), plain_unit(n), plain_local(n, front)
-        limit, extra = front + 2 * n, front + 3 * n + 1
-
-        @named(f"wb_plain_plane_parameters_{n}_{time:d}_{front}").func
-        def locate(p: Numbers, place: Numbers, q: pair):
-            a, _ = local(p, q, n)
-            u, testable, v = unit(q, 0), sized(q, 0), pair()
-            for k in range(n):
-                testable = testable and wp.abs(a[k]) <= p[limit + k]
-                v[k] = u[k]
-                v[n + k] = a[k]
-            if time:
-                testable = testable and wp.abs(a[0]) <= p[extra + n]
-            return v, testable, True
 
         return locate
 

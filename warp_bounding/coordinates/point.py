@@ -16,6 +16,7 @@ class PointCoordinates(Coordinates):
     """The coordinates of points."""
 
     name = "point"
+    directed = (False,)
     text = """
 for (int k = 0; k < AXES; ++k) {
     v[k] = (q[k] - center[k]) * scale[k];
@@ -34,26 +35,11 @@ for (int k = 0; k < AXES; ++k) {
 }
 """
 
-    def ndim(self, n: int) -> int:
-        return n
-
     def extra_count(self, n: int, time: bool) -> int:
         return 0
 
-    def limit(self, domain: Domain) -> np.ndarray:
-        return domain.limit
-
-    def delta(self, domain: Domain) -> np.ndarray:
-        return domain.delta
-
     def rounding(self, base: Domain, length: float | None) -> np.ndarray:
         return rounding_of_map(base.limit.astype(np.float64))
-
-    def to_local(self, domain: Domain, q: np.ndarray) -> np.ndarray:
-        return domain.to_local(q)
-
-    def to_object(self, domain: Domain, v: np.ndarray) -> np.ndarray:
-        return domain.to_object(v)
 
     def placed_rounding(self, domain: Domain, world: WorldMap, input_unit: float) -> np.ndarray:
         moved = at_points(domain, world, input_unit) * domain.scale.astype(np.float64) * (1 + 4 * UNIT32)

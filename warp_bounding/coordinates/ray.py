@@ -10,29 +10,18 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_up
+from warp_bounding.coordinates import direction
 from warp_bounding.coordinates.base import (
     FAR,
     FARTHEST_SUM,
     GUARD,
     LATER,
     PARALLEL,
-    UNIT_LIMIT,
     Coordinates,
     Numbers,
     WorldMap,
     direction_rounding,
     literal,
-    vector_type,
-)
-from warp_bounding.coordinates.direction import (
-    FAR_POINT,
-    MOVING,
-    UNIT,
-    origin_rounding,
-    plain_local,
-    plain_move_pair,
-    plain_sized,
-    plain_unit,
 )
 from warp_bounding.coordinates.domain import GROWTH, Domain
 from warp_bounding.coordinates.placement_rounding import SLOPE, STEEPEST, alpha_beta, far_point_error, turn
@@ -48,12 +37,9 @@ class RayCoordinates(Coordinates):
     """The coordinates of rays; the same in either space."""
 
     name = "ray"
-    moving = _PLACES + MOVING
-    text = (
-        _PLACES
-        + FAR_POINT
-        + UNIT
-        + f"""
+    directed = (False, True)
+    moving = _PLACES + direction.MOVING
+    text = f"""{_PLACES}{direction.FAR_POINT}{direction.UNIT}
 V w[AXES], enter = zero, leave = zero + 1.0f;  // the parameters t between which the ray is in the widened domain
 #pragma unroll
 for (int k = 0; k < AXES; ++k) {{
@@ -86,7 +72,6 @@ if (TIME) {{
     testable = testable & ((a[0] <= top) | (end <= top)) & ((a[0] >= -top) | (end >= -top));
 }}
 """
-    )
 
     def extra_count(self, n: int, time: bool) -> int:
         return n + time
@@ -98,32 +83,13 @@ if (TIME) {{
         with np.errstate(over="ignore"):
             return (base.scale.astype(np.float64) * length).astype(np.float32)
 
-    def units(self, domain) -> np.ndarray:
-        return np.concatenate([domain.base.scale, domain.stretch]).astype(np.float64)
-
-    def limit(self, domain) -> np.ndarray:
-        return np.concatenate([domain.base.limit, round_up(domain.stretch * UNIT_LIMIT)])
-
-    def delta(self, domain) -> np.ndarray:
-        base = domain.base
-        return np.concatenate([base.delta, direction_rounding(base.ndim) * domain.stretch.astype(np.float64)])
-
     def rounding(self, base: Domain, length: float | None) -> np.ndarray:
         # The origin moves by enter w, on each axis by no more than FAR, its distance, and 2, the largest limit. That is
         # one product and one sum of a quotient; and enter is early, by the factor 1 - GUARD and by the widened faces.
         moved = (gamma(8) + 3 * GUARD) * (FAR + 2)
         # w itself is off by its direction's rounding, and by that of stretch; at t = 1 all of this counts.
         turned = (direction_rounding(base.ndim) + gamma(4)) * base.scale.astype(np.float64) * length
-        return origin_rounding(base) + moved + turned + 4 * TINY
-
-    def to_local(self, domain, q: np.ndarray) -> np.ndarray:
-        n, base = domain.base.ndim, domain.base
-        unit = q[:, n:] / np.linalg.norm(q[:, n:], axis=1, keepdims=True)
-        return np.concatenate([base.to_local(q[:, :n]), unit * domain.stretch.astype(np.float64)], axis=1)
-
-    def to_object(self, domain, v: np.ndarray) -> np.ndarray:
-        n, base = domain.base.ndim, domain.base
-        return np.concatenate([base.to_object(v[:, :n]), v[:, n:] / domain.stretch.astype(np.float64)], axis=1)
+        return direction.origin_rounding(base) + moved + turned + 4 * TINY
 
     def placed_values(self, domain, world: WorldMap) -> list[np.ndarray]:
         base, scale = domain.base, domain.base.scale.astype(np.float64)
@@ -141,7 +107,7 @@ if (TIME) {{
         return ((point_error + scale * epsilon * (1 + epsilon) * way) * (1 + 4 * UNIT32) + TINY) * GROWTH
 
     def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
-        pair, sized, unit, local = vector_type(2 * n), plain_sized(n), plain_unit(n), plain_local(n, front)
+        pair, sized, unit, local = direction.plain_parts(n, front)
         limit, extra, drift = front + 2 * n, front + 3 * n + 1, n + n * n
 
         @named(f"wb_plain_ray_{n}_{time:d}{placed:d}_{front}").func
@@ -175,7 +141,7 @@ if (TIME) {{
         return locate
 
     def plain_move(self, n: int) -> wp.Function:
-        return plain_move_pair(n, 0, n, n)
+        return direction.plain_move_pair(n, 0, n, n)
 
 
 RAY = RayCoordinates()

@@ -12,20 +12,14 @@ axis.* ``base.delta`` is larger than that map needs, by up to ``PLACED``, so tha
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 
 from warp_bounding.arithmetic import round_down
 from warp_bounding.coordinates.base import GEOMETRIC, PARAMETRIC, Coordinates
-from warp_bounding.coordinates.domain import (
-    DELTA_LARGEST_SHARE,
-    GROWTH,
-    POSITIONS,
-    Domain,
-    json_bool,
-    json_number,
-)
-from warp_bounding.coordinates.registry import COORDINATES, coordinates_of
+from warp_bounding.coordinates.domain import DELTA_LARGEST_SHARE, GROWTH, POSITIONS, Domain, json_bool, json_number
+from warp_bounding.coordinates.maps import COORDINATES, coordinates_of
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import QUERIES
@@ -117,15 +111,17 @@ class RegionDomain:
             return "the domain's delta does not cover the rounding of its own map"
         return None
 
+    # The domain of points has these under the same names: they are about the object.
+    space_ndim, lower, upper, center, scale, header = (
+        property(attrgetter(f"base.{name}")) for name in ("ndim", "lower", "upper", "center", "scale", "header")
+    )
+
     @property
     def parametric(self) -> bool:
         """Whether v is one point of R^2n, which a volume contains or not; else v is tested as a region."""
         return self.space == PARAMETRIC
 
-    @property
-    def tested_as_point(self) -> bool:
-        """``v`` is one point of the space that is bounded."""
-        return self.parametric
+    tested_as_point = parametric
 
     @property
     def tested_as_region(self) -> bool:
@@ -142,13 +138,6 @@ class RegionDomain:
         """The coordinates of this kind of query in this space."""
         return coordinates_of(self.query, self.space)
 
-    # --- sizes -------------------------------------------------------------------------------------------------------
-
-    @property
-    def space_ndim(self) -> int:
-        """Dimension n of the object."""
-        return self.base.ndim
-
     @property
     def columns(self) -> int:
         """Numbers of a query."""
@@ -158,26 +147,6 @@ class RegionDomain:
     def ndim(self) -> int:
         """Length of v."""
         return self.coordinates.ndim(self.base.ndim)
-
-    @property
-    def lower(self) -> np.ndarray:
-        """``(n,)`` float64, lower corner of the domain in object space."""
-        return self.base.lower
-
-    @property
-    def upper(self) -> np.ndarray:
-        """``(n,)`` float64, upper corner."""
-        return self.base.upper
-
-    @property
-    def center(self) -> np.ndarray:
-        """``(n,)`` float32, object space."""
-        return self.base.center
-
-    @property
-    def scale(self) -> np.ndarray:
-        """``(n,)`` float32, per object unit."""
-        return self.base.scale
 
     @cached_property
     def stretch(self) -> np.ndarray:
@@ -193,11 +162,6 @@ class RegionDomain:
     def delta(self) -> np.ndarray:
         """``(ndim,)`` float64, the input error of ``v`` that proofs cover."""
         return self.coordinates.delta(self)
-
-    @property
-    def header(self) -> np.ndarray:
-        """``center, scale, limit`` of points, 3n float32 numbers in front of the threshold in ``parameters``."""
-        return self.base.header
 
     @property
     def extra(self) -> np.ndarray:
@@ -217,24 +181,13 @@ class RegionDomain:
         low, high = -self.base.to_local(self.lower)[0], self.base.to_local(self.upper)[0]
         return round_down([min(low, high) - 2 * region_rounding(self.base, self.query, self.length)[0]])
 
-    # --- the map, in float64 -----------------------------------------------------------------------------------------
-
     def to_local(self, q: np.ndarray) -> np.ndarray:
-        """``v`` of finite queries that meet the domain, in float64.
-
-        Args:
-            q: ``(N, 2 n)``, object space.
-
-        Returns:
-            ``(N, ndim)`` float64.
-        """
+        """``v`` ``(N, ndim)`` float64 of finite queries ``(N, 2 n)`` in object space that meet the domain."""
         return self.coordinates.to_local(self, np.asarray(q, dtype=np.float64))
 
     def to_object(self, v: np.ndarray) -> np.ndarray:
         """A query ``(N, 2 n)`` float64 in object space for each ``v`` ``(N, ndim)``."""
         return self.coordinates.to_object(self, np.asarray(v, dtype=np.float64))
-
-    # --- keeping it --------------------------------------------------------------------------------------------------
 
     def to_dict(self) -> dict:
         """JSON-ready numbers."""

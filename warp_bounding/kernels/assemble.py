@@ -3,7 +3,7 @@
 All CPU text may fuse products and sums (``contract``), which what is proven leaves room for; nothing else is up to the compiler.
 """
 
-from warp_bounding.coordinates.native_map import locate
+from warp_bounding.coordinates.maps import locate
 from warp_bounding.kernels.source import DENIED, FRONT, Lanes, Source, fill, literal
 from warp_bounding.runtime.launch import BLOCK
 

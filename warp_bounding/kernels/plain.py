@@ -13,7 +13,8 @@ from functools import cache
 
 import warp as wp
 
-from warp_bounding.coordinates.plain_map import plain_map, vector_type
+from warp_bounding.coordinates.base import vector_type
+from warp_bounding.coordinates.maps import plain_map
 from warp_bounding.kernels.functions import Data
 from warp_bounding.kernels.source import DENIED, FRONT, Source
 from warp_bounding.runtime.native import named, unique_name

@@ -21,8 +21,7 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.coordinates.base import PARAMETRIC, literal
-from warp_bounding.coordinates.native_map import extra_count
-from warp_bounding.coordinates.registry import coordinates_of
+from warp_bounding.coordinates.maps import coordinates_of
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.native import identity
@@ -71,7 +70,13 @@ class Source:
     @property
     def start(self) -> int:
         """Index in ``parameters`` where the method's own numbers begin, a multiple of 16."""
-        return -(-(FRONT + 3 * self.ndim + 1 + extra_count(self.query, self.ndim, self.time)) // 16) * 16
+        return (
+            -(
+                -(FRONT + 3 * self.ndim + 1 + coordinates_of(self.query, self.space).extra_count(self.ndim, self.time))
+                // 16
+            )
+            * 16
+        )
 
     @property
     def tag(self) -> tuple[int, int]:

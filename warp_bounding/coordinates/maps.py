@@ -1,0 +1,81 @@
+"""The coordinates of each kind of query by its name, and what frames the texts and functions of their maps."""
+
+from functools import cache
+
+import warp as wp
+
+from warp_bounding.coordinates.base import PARAMETRIC, Coordinates, Numbers, vector_type
+from warp_bounding.coordinates.box import BOX
+from warp_bounding.coordinates.plane import PLANE
+from warp_bounding.coordinates.point import POINT
+from warp_bounding.coordinates.ray import RAY
+from warp_bounding.runtime.native import named
+
+__all__ = ["COORDINATES", "coordinates_of", "locate", "plain_map"]
+
+COORDINATES: dict[str, Coordinates] = {kind.name: kind for kind in (POINT, RAY, PLANE, BOX)}  # a new kind is one more
+
+_FRAME = """
+auto testable = (q[0] - q[0]) == zero, inside = zero <= zero;  // false for NaN and for infinity
+{{
+    constexpr int AXES = {n};
+    constexpr bool TIME = {time}, PLACED = {placed};
+    {no_place}
+    for (int k = 1; k < {columns}; ++k) testable = testable & ((q[k] - q[k]) == zero);
+    {moving}
+    {text}
+}}
+"""
+
+
+def coordinates_of(query: str, space: str) -> Coordinates:
+    """The coordinates of a kind of query in one of the two spaces."""
+    return COORDINATES[query].parametric if space == PARAMETRIC else COORDINATES[query]
+
+
+def locate(query: str, space: str, n: int, time: bool, placed: bool = False) -> str:
+    """The C text from a query's numbers to the coordinates ``v``.
+
+    Args:
+        query: Kind of query.
+        space: ``"geometric"`` or ``"parametric"``.
+        n: Dimension of the indicator.
+        time: Coordinate 0 is time: a region that lies wholly outside its range is answered with maybe; so may be one
+            that only just reaches into it.
+        placed: ``q`` are in the world, and the text may change them.
+    """
+    kind = coordinates_of(query, space)
+    return _FRAME.format(
+        n=n,
+        time=str(time).lower(),
+        placed=str(placed).lower(),
+        no_place="" if placed else "const float* place = nullptr; (void)place;",
+        columns=kind.columns(n),
+        moving=f"{{ {kind.moving} }}" if placed else "",
+        text=kind.text,
+    )
+
+
+@cache
+def plain_map(query: str, space: str, n: int, time: bool, placed: bool, front: int) -> wp.Function:
+    """The twin of ``locate`` in Warp's own Python, a function ``(parameters, place, q) -> (v, testable, inside)``.
+
+    The arguments are those of ``locate``; ``center scale limit threshold extra`` begin at ``front`` in ``parameters``.
+    """
+    kind = coordinates_of(query, space)
+    locate, move, columns = kind.plain(n, time, placed, front), kind.plain_move(n), kind.columns(n)
+    numbers = vector_type(columns)
+
+    @named(f"wb_plain_map_{space}_{query}_{n}_{time:d}{placed:d}").func
+    def located(parameters: Numbers, place: Numbers, q: numbers):
+        known = wp.bool(True)
+        for k in range(columns):
+            known = known and wp.isfinite(q[k])
+        x = q
+        if placed:
+            x, sized = move(place, q)
+            known = known and sized
+        v, testable, inside = locate(parameters, place, x)
+        return v, known and testable, inside
+
+    return located
