@@ -8,15 +8,16 @@ sets turn with the samples, so turned boxes of 3D boxes and 4D points spread by 
 """
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import warp as wp
 from racing import options, show
 
+from warp_bounding.bounders import METHODS
 from warp_bounding.indicators import load_indicator
-from warp_bounding.paper import find_shapes
-from warp_bounding.paper.sampled_volumes import sampled_fit
+from warp_bounding.paper.shapes import find_shapes
 from warp_bounding.queries import QUERY_KINDS, SampledOracle, sample
 
 FITTED = 20_000
@@ -28,6 +29,29 @@ EXPECTED = {  # mean FP % over the objects: 2D, 3D, 4D, each point, ray, plane, 
     "kdop": (28.3, 31.2, 24.2, 8.4, 19.1, 61.3, 47.2, 15.9, 59.4, 66.8, 61.9, 33.5),
     "positives": (28.3, 56.2, 75.5, 63.4, 15.4, 30.5, 51.7, 45.7, 11.9, 29.5, 36.7, 59.0),
 }
+
+
+def sampled_fit(method: str, q: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """The paper's own fit: a volume around samples, with nothing proven of it.
+
+    Args:
+        method: ``"aabb"``, ``"obb"`` or ``"kdop"``; the latter with the m axes and the m normals "all ones but one", whatever m is.
+        q: ``(N, m)`` positive queries in their own units (points too).
+
+    Returns:
+        A function from ``(M, m)`` queries to ``(M,)`` bool: inside the volume.
+    """
+    q = np.asarray(q, dtype=np.float64)
+    axes = np.eye(q.shape[1])
+    normals = np.concatenate([axes, 1 - axes]) if method == "kdop" else METHODS[method].sampled_directions(q)
+    projected = q @ normals.T
+    low, high = projected.min(axis=0), projected.max(axis=0)
+
+    def inside(x: np.ndarray) -> np.ndarray:
+        y = np.asarray(x, dtype=np.float64) @ normals.T
+        return ((y >= low) & (y <= high)).all(axis=1)
+
+    return inside
 
 
 def column(grids: list, query: str) -> dict[str, float]:

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from warp_bounding.paper import TABLE1, Means
 from warp_bounding.paper.columns import CASCADE, COLUMNS, PAPER, VARIANTS
+from warp_bounding.paper.pages.means import Means
+from warp_bounding.paper.rows import Row
 
 ROOT = Path(__file__).resolve().parents[1]
 TEXT = (ROOT / "README.md").read_text()
@@ -52,7 +53,7 @@ def test_points():
 @pytest.fixture(scope="module")
 def rows():
     lines = (RESULTS / "table1/table1.csv").read_text().splitlines()[1:]
-    return [TABLE1.parse(line) for line in lines]
+    return [Row.parse(line) for line in lines]
 
 
 @pytest.fixture(scope="module")

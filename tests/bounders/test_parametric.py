@@ -1,6 +1,7 @@
 """Volumes in the space of a region's own numbers: supports that hold for every positive, zero slack, and no false negative."""
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,6 @@ from warp_bounding.bounders.parametric_fit import fit_parametric
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry.direction_patches import DirectionPatches
-from warp_bounding.paper.sampled_volumes import sampled_fit
 from warp_bounding.queries import oracle, sample
 from warp_bounding.queries.positives import draw_positives
 from warp_bounding.support_functions.parametric import ParametricSupport
@@ -131,7 +131,10 @@ def test_they_leave_something_out():
         assert rate["aabb"] < 1 or query != "box"
 
 
-def test_sampled_fits_are_what_they_are_called(rng):
+def test_sampled_fits_of_the_benchmark_are_what_they_are_called(rng, monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "benchmarks")
+    from protocol_check import sampled_fit
+
     q = rng.normal(size=(500, 4)) * [1, 2, 3, 4]
     for method in ("aabb", "obb", "kdop"):
         inside = sampled_fit(method, q)

@@ -319,12 +319,12 @@ def test_real_shapes_from_end_to_end(tmp_path, capsys):
 
 
 def test_help_tells_the_time_that_the_plan_tells(capsys, monkeypatch):
-    from warp_bounding.bounders import supports
-    from warp_bounding.paper import PRESETS, duration, preset_seconds
+    from warp_bounding.paper.plan import duration, preset_seconds
+    from warp_bounding.paper.settings import PRESETS
 
     monkeypatch.setenv("COLUMNS", "250")
     with pytest.raises(SystemExit):
         main(["table1", "--help"])
     out, _ = capsys.readouterr()
     for name, preset in PRESETS.items():
-        assert f"{name} ({duration(preset_seconds(preset, supports))})" in out
+        assert f"{name} ({duration(preset_seconds(preset))})" in out

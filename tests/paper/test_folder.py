@@ -8,10 +8,11 @@ import pytest
 from fake_library import make_row, table_rows
 
 from warp_bounding.errors import BoundingError
-from warp_bounding.paper import TABLE1, open_folder
 from warp_bounding.paper.columns import COLUMNS, VARIANTS
+from warp_bounding.paper.folder import open_folder
+from warp_bounding.paper.rows import Row
 
-HEADER, format_line, parse_line = TABLE1.header, TABLE1.format, TABLE1.parse
+HEADER = Row.header()
 ROW = make_row(COLUMNS[1], VARIANTS[0])
 OTHER = make_row(COLUMNS[1], VARIANTS[0], name='a,"b"', leaves=None, fit_seconds=None)
 
@@ -35,7 +36,7 @@ def rows(path, **given):
 
 def test_rows_come_back_whole():
     for row in (ROW, OTHER, *table_rows(np.random.default_rng(0), objects=1)):
-        assert parse_line(format_line(row).rstrip("\n")) == row
+        assert Row.parse(row.line.rstrip("\n")) == row
 
 
 def test_rows_come_back(folder):
@@ -46,13 +47,13 @@ def test_rows_come_back(folder):
 @pytest.mark.parametrize("kept", [1, 20, -1])
 def test_a_torn_line_is_dropped(folder, kept):
     table = folder / "table1.csv"
-    line = format_line(OTHER)
-    table.write_text(HEADER + format_line(ROW) + line[:kept])
+    line = OTHER.line
+    table.write_text(HEADER + ROW.line + line[:kept])
     found, notes = rows(folder)
     assert found == [ROW]
     assert len(notes) == 1
     assert "torn" in notes[0]
-    assert table.read_text() == HEADER + format_line(ROW)
+    assert table.read_text() == HEADER + ROW.line
     assert rows(folder) == ([ROW], [])
 
 
@@ -64,16 +65,16 @@ def test_a_torn_header_is_written_again(folder, kept):
 
 
 def damaged(**changes):
-    return HEADER + format_line(ROW) + format_line(dataclasses.replace(OTHER, **changes)) + format_line(OTHER)
+    return HEADER + ROW.line + dataclasses.replace(OTHER, **changes).line + OTHER.line
 
 
 DAMAGES = {
     "foreign header": "a,b,c\n1,2,3\n",
-    "other header": HEADER.replace("fp_rate", "fp") + format_line(ROW),
+    "other header": HEADER.replace("fp_rate", "fp") + ROW.line,
     "no table": "hello",
-    "no fields": HEADER + "2,bunny\n" + format_line(ROW),
-    "empty line": HEADER + "\n" + format_line(ROW),
-    "open quote": HEADER + format_line(ROW).replace("bunny", '"bunny') + format_line(ROW),
+    "no fields": HEADER + "2,bunny\n" + ROW.line,
+    "empty line": HEADER + "\n" + ROW.line,
+    "open quote": HEADER + ROW.line.replace("bunny", '"bunny') + ROW.line,
     "dimension": damaged(dimension=5),
     "query": damaged(query="cone"),
     "method": damaged(method="magic"),
@@ -87,7 +88,7 @@ DAMAGES = {
     "budget": damaged(budget=30.0),
     "samples": damaged(samples=3),
     "hidden": damaged(hidden="8"),
-    "twice": HEADER + format_line(ROW) * 2,
+    "twice": HEADER + ROW.line * 2,
 }
 
 

@@ -1,14 +1,14 @@
 """Budgets by column and method, and what a plan says about its time."""
 
 import pytest
-from fake_library import data_folder, supports
+from fake_library import data_folder
 
 from warp_bounding import bounders
 from warp_bounding.errors import BoundingError
-from warp_bounding.paper import PRESETS, Settings, duration, find_shapes, parse_budget, plan, select_columns, shares
-from warp_bounding.paper.budgets import budget_of
-from warp_bounding.paper.columns import COLUMNS, VARIANTS, Column, Variant
-from warp_bounding.paper.plan import TimeLeft
+from warp_bounding.paper.columns import COLUMNS, VARIANTS, Column, Variant, select_columns
+from warp_bounding.paper.plan import TimeLeft, duration, plan, shares
+from warp_bounding.paper.settings import PRESETS, Settings, parse_budget
+from warp_bounding.paper.shapes import find_shapes
 
 RAY, BOX = Column(3, "ray"), Column(2, "box")
 
@@ -16,11 +16,12 @@ RAY, BOX = Column(3, "ray"), Column(2, "box")
 def test_the_last_word_counts():
     general, budgets = parse_budget("20, 3D=40,ray=50 ,3d-ray=90.5,occupancy=5")
     assert (general, budgets) == (20.0, "3d=40,ray=50,3d-ray=90.5,occupancy=5")
-    seconds = {v: budget_of(RAY, Variant(v), general, budgets) for v in ("mlp", "occupancy")}
+    settings = Settings(general, budgets)
+    seconds = {v: settings.budget_of(RAY, Variant(v)) for v in ("mlp", "occupancy")}
     assert seconds == {"mlp": 90.5, "occupancy": 5.0}
-    assert budget_of(BOX, Variant("mlp"), general, budgets) == 20.0
-    assert budget_of(Column(3, "box"), Variant("mlp"), general, budgets) == 40.0
-    assert budget_of(Column(4, "ray"), Variant("mlp"), general, budgets) == 50.0
+    assert settings.budget_of(BOX, Variant("mlp")) == 20.0
+    assert settings.budget_of(Column(3, "box"), Variant("mlp")) == 40.0
+    assert settings.budget_of(Column(4, "ray"), Variant("mlp")) == 50.0
     assert parse_budget("3d=1") == (None, "3d=1")
     assert parse_budget("60") == (60.0, "")
 
@@ -47,11 +48,11 @@ def test_settings_of_before_there_were_budgets():
     assert Settings.from_dict(old) == Settings.of({"budget": 20.0})
 
 
-def test_what_a_plan_takes(tmp_path):
+def test_what_a_plan_takes(tmp_path, fake_supports):
     shapes = find_shapes(data_folder(tmp_path / "data"), (2, 3))
     settings = Settings.of({"budget": 10.0, "budgets": "3d=30,occupancy=2"})
     variants = [Variant("aabb"), Variant("mlp"), Variant("learned-kdop"), Variant("occupancy")]
-    jobs, _ = plan(select_columns(["2d-point", "3d-ray"]), variants, shapes, ("exact",), supports, ())
+    jobs, _ = plan(select_columns(["2d-point", "3d-ray"]), variants, shapes, ("exact",))
     point, ray = shares(jobs, settings)
     assert (point.column.name, ray.column.name) == ("2d-point", "3d-ray")
     assert point.fits == {10.0: 6, 2.0: 3}
@@ -60,13 +61,13 @@ def test_what_a_plan_takes(tmp_path):
     assert "2 x 30 s + 2 x 11 s + 2 x 2 s; 2 closed forms, 8 measurements: about" in ray.text
     assert ray.seconds > 86
     left = TimeLeft(jobs, settings)
-    assert left.seconds == pytest.approx(point.seconds + ray.seconds)
+    assert left.seconds() == pytest.approx(point.seconds + ray.seconds)
     networks = [j for j in jobs if (j.variant.method, j.column) == ("mlp", RAY)]
     left.finish(networks[0], 50.0, 1.0)
     assert (left.fit(networks[1]), left.measure(networks[1])) == (50.0, 1.0)
     fitted = {j.name for j in jobs}
     assert shares(jobs, settings, fitted)[1].fits == {}
-    assert TimeLeft(jobs, settings, fitted).seconds < 15
+    assert TimeLeft(jobs, settings, fitted).seconds() < 15
 
 
 @pytest.mark.parametrize(
@@ -78,12 +79,13 @@ def test_durations(seconds, text):
 
 def test_a_cascade_takes_the_time_of_its_last_part_unless_it_is_named():
     box, words = Column(3, "box"), "3d=20,learned-kdop=5,3d-box:mlp=90"
+    settings = Settings(10.0, words)
     cascade = Variant("learned-kdop+mlp")
-    assert budget_of(box, cascade, 10.0, words) == 90
-    assert budget_of(Column(3, "ray"), cascade, 10.0, words) == 20
-    assert budget_of(box, cascade, 10.0, words + ",3d:learned-kdop+mlp=7") == 7
-    assert budget_of(box, Variant("learned-kdop"), 10.0, words) == 5
-    assert cascade.space_in(box, bounders.supports) == "geometric"
+    assert settings.budget_of(box, cascade) == 90
+    assert settings.budget_of(Column(3, "ray"), cascade) == 20
+    assert Settings(10.0, words + ",3d:learned-kdop+mlp=7").budget_of(box, cascade) == 7
+    assert settings.budget_of(box, Variant("learned-kdop")) == 5
+    assert cascade.space_in(box) == "geometric"
     assert bounders.supports("kdop+mlp", "ray", 3)
     assert not bounders.supports("voxels+mlp", "ray", 3)
     assert not bounders.supports("kdop+magic", "ray", 3)

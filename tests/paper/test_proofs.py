@@ -10,9 +10,10 @@ import pytest
 from commands import check_bad, run
 
 import warp_bounding as wb
-from warp_bounding.paper import PROOFS, open_folder
+from warp_bounding.paper.folder import open_folder
 from warp_bounding.paper.pages.proofs_page import proofs_page, summary
 from warp_bounding.paper.proofs import Thresholds, _as_asked
+from warp_bounding.paper.rows import ProofRow
 from warp_bounding.proof import prove
 from warp_bounding.queries import oracle
 from warp_bounding.training import fit
@@ -60,7 +61,7 @@ def proofs(capsys, place, *arguments, out="out", table="table", data="data"):
 
 def rows(place, out="out"):
     lines = (place / out / "proofs.csv").read_text().splitlines()
-    return [PROOFS.parse(line) for line in lines[1:]]
+    return [ProofRow.parse(line) for line in lines[1:]]
 
 
 def network_of(place, row, out):
@@ -102,7 +103,7 @@ def test_a_run_and_the_same_again(place, fits, capsys):
     assert "4 of 4 networks" in text
     assert {p: p.stat().st_mtime_ns for p in (place / "out/bounders").iterdir()} == before
     assert [dataclasses.replace(r, proof_seconds=0) for r in rows(place)] == [
-        dataclasses.replace(PROOFS.parse(line.decode().rstrip("\n")), proof_seconds=0) for line in lines[1:]
+        dataclasses.replace(ProofRow.parse(line.decode().rstrip("\n")), proof_seconds=0) for line in lines[1:]
     ]
     assert len(fits) == 3
 
@@ -189,15 +190,15 @@ def test_rows_come_back_whole_and_damage_is_told(place, fits, capsys):
     quick = ("--columns", "2d-plane", "--methods", "mlp", "--objects", "half", "--samples", "500", "--positives", "500")
     assert proofs(capsys, place, *quick, out="one")[0] == 0
     (row,) = rows(place, "one")
-    assert PROOFS.parse(PROOFS.format(row).rstrip("\n")) == row
+    assert ProofRow.parse(row.line.rstrip("\n")) == row
     with (place / "one/proofs.csv").open() as file:
         assert next(csv.DictReader(file))["object"] == "half"
-    with open_folder(place / "one", {}, create=False, kind=PROOFS) as folder:
+    with open_folder(place / "one", {}, create=False, kind=ProofRow) as folder:
         folder.rows = {}
         assert "No network has been measured yet" in proofs_page(folder, ["2d-ray half: no luck"])
     table = place / "one/proofs.csv"
     for changes in ({"search": "guessed"}, {"samples": 501}, {"method": "magic"}, {"found_by": "luck"}):
-        table.write_text(PROOFS.header + PROOFS.format(dataclasses.replace(row, **changes)))
+        table.write_text(ProofRow.header() + dataclasses.replace(row, **changes).line)
         check_bad(*proofs(capsys, place, *quick, out="one"))
 
 

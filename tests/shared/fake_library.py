@@ -12,8 +12,8 @@ import numpy as np
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.options import taken
 from warp_bounding.errors import BounderError, FileFormatError
-from warp_bounding.paper import Row
 from warp_bounding.paper.columns import COLUMNS, VARIANTS
+from warp_bounding.paper.rows import Row
 
 RATES = {v.label: 40.0 - i for i, v in enumerate(VARIANTS)}
 NO_SUCH = {("relu-field", "ray", 3), ("relu-field", "plane", 3), ("relu-field", "box", 3)}
@@ -142,7 +142,7 @@ def table_rows(rng: np.random.Generator, objects=3, protocols=("exact",)) -> lis
     rows = []
     for column in COLUMNS:
         for variant in VARIANTS:
-            space = variant.space_in(column, supports)
+            space = variant.space_in(column)
             for number in range(objects if space else 0):
                 for protocol in protocols:
                     rows.append(make_row(column, variant, f"shape{number}", space, protocol, rng.uniform(0, 90)))

@@ -1,15 +1,12 @@
 """``warp-bounding proofs``: what networks with a sampled threshold miss, and what a proof costs."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from warp_bounding.cli.output import Json, console, print_json, quiet_warp
-from warp_bounding.cli.table1 import command_line, words_of
-from warp_bounding.errors import BounderError
-from warp_bounding.runtime.whole_file import write_whole
+from warp_bounding.cli.tables import Columns, Objects, Reporter, command_line, selected
 
 __all__ = ["command"]
 
@@ -20,9 +17,9 @@ def command(
         str, typer.Option(help="Folder of a `table1` run, with its bounders; what is missing is fitted anew.")
     ],
     out: Annotated[str, typer.Option(help="Folder for the results; an earlier run there is continued.")],
-    columns: Annotated[str | None, typer.Option(help="Such as 2d-point,3d-ray; or 2d, or ray (default: all)")] = None,
+    columns: Columns = None,
     methods: Annotated[str | None, typer.Option(help="Among mlp,monotone-mlp (default: all)")] = None,
-    objects: Annotated[str | None, typer.Option(help="Such as bunny or 2d/dragon1,3d/bunny (default: all)")] = None,
+    objects: Objects = None,
     positives: Annotated[
         int | None, typer.Option(help="Hard positives that a threshold is sampled from (default: 1000000)")
     ] = None,
@@ -37,80 +34,46 @@ def command(
     Kill it whenever you like: the same command goes on where it stopped. Exit status 1: a network failed, had a false
     negative at its proven threshold, or the run was stopped.
     """
-    import warp_bounding.paper as tables
-    from warp_bounding.bounders import supports
-    from warp_bounding.indicators import load_indicator
-    from warp_bounding.paper.folder import read_settings
-    from warp_bounding.paper.pages.proofs_page import summary, summary_text
-    from warp_bounding.paper.proofs import METHODS, run_proofs
+    from warp_bounding.paper.folder import open_folder, read_settings
+    from warp_bounding.paper.pages.proofs_page import summary, summary_text, write_page
+    from warp_bounding.paper.proofs import METHODS, ProofsRun
+    from warp_bounding.paper.rows import PROTOCOLS, ProofRow
+    from warp_bounding.paper.shapes import load_shapes
 
     fits = read_settings(Path(table))
     quiet_warp(fits.device)
-    names = words_of(methods) or list(METHODS)
-    for name in names:
-        if name not in METHODS:
-            raise BounderError(f"methods must be among {', '.join(METHODS)}, got {name!r}")
-    wanted, variants = tables.select_columns(words_of(columns)), tables.select_methods(names)
-    found = tables.find_shapes(Path(data), dict.fromkeys(c.ndim for c in wanted))
-    shapes = tables.select_shapes(found, words_of(objects))
-    tables.plan(wanted, variants, shapes, ("exact",), supports, ())  # before a folder is made
-    grids = tables.load_shapes(shapes, load_indicator)
+    selection = {"columns": columns, "methods": methods, "objects": objects}
     given = {"positives": positives, "samples": samples, "seconds": seconds}
-    selected = {"columns": columns, "methods": methods, "objects": objects}
-    table_name = Path(table).name if Path(table).is_absolute() else table
-    line = command_line("proofs", {"data": data, "table": table_name, "out": out, **selected, **given})
-    given["table"] = fits.to_dict()
-    with tables.open_folder(Path(out), given, create=True, kind=tables.PROOFS) as folder:
+    line = command_line("proofs", {"data": data, "table": table, "out": out, **selection, **given})
+    wanted, variants, shapes, protocols = selected(data, **selection, protocols=PROTOCOLS[:1], among=METHODS)
+    grids = load_shapes(shapes)
+    with open_folder(Path(out), given | {"table": fits.to_dict()}, create=True, kind=ProofRow) as folder:
         reporter = _Reporter(folder)
-        outcome = run_proofs(folder, Path(table), wanted, variants, grids, command=line, reporter=reporter)
-        reporter.write_page(outcome.failed)
+        outcome = ProofsRun(Path(table), folder, wanted, variants, grids, protocols, reporter).go(line)
+        write_page(folder, outcome.failed)
         rows = list(folder.rows.values())
-        counts, text, path, page = summary(rows), summary_text(rows), str(folder.path), folder.page
+    counts = summary(rows)
     if outcome.interrupted:
         reporter.say(f"interrupted: {outcome.done} of {outcome.total} networks are done")
     if json:
         done = {"total": outcome.total, "done": outcome.done, "failed": outcome.failed}
-        print_json({"path": path, **done, "interrupted": outcome.interrupted, "summary": counts})
+        print_json({"path": str(folder.path), **done, "interrupted": outcome.interrupted, "summary": counts})
     else:
-        console(False).print(text)
-        console(False).print(f"{outcome.done} of {outcome.total} networks; the tables are {page}")
+        console(False).print(summary_text(rows))
+        console(False).print(f"{outcome.done} of {outcome.total} networks; the tables are {folder.page}")
     return 1 if outcome.failed or outcome.interrupted or counts["missed_proven"] else 0
 
 
-class _Reporter:
-    """Prints a line for each network on standard error, and keeps ``README.md`` up to date."""
-
-    def __init__(self, folder):
-        self._folder = folder
-        for note in folder.notes:
-            self.say(note)
-
-    def begin(self, outcome) -> None:
-        """The run begins, and will keep its outcome up to date."""
-        self._outcome = outcome
-
-    def start(self, job) -> None:
-        """A network begins."""
+class _Reporter(Reporter):
+    """Prints a line for each network, and keeps ``README.md`` up to date."""
 
     def row(self, row) -> None:
-        """A network is done, its row written."""
-        self.write_page()
-        missed = (
-            f"a false negative by the {row.found_by}, {row.depth_std:.3g} std deep"
-            if row.missed_sampled
-            else "none found"
-        )
+        from warp_bounding.paper.pages.proofs_page import write_page
+
+        write_page(self._folder)
+        missed = f"a false negative by the {row.found_by}, {row.depth_std:.3g} std deep" if row.missed_sampled else ""
         self.say(
-            f"{self._outcome.done}/{self._outcome.total} {row.column.name} {row.object}: {row.method}: proof {row.search} in "
+            f"{self.done} {row.column.name} {row.object}: {row.method}: proof {row.search} in "
             f"{row.proof_seconds:.1f} s, {row.fp_sampled:.3f} -> {row.fp_proven:.3f} % false positives; "
-            f"at the sampled minimum: {missed}"
+            f"at the sampled minimum: {missed or 'none found'}"
         )
-
-    def say(self, text: str) -> None:
-        console(True).print(text)
-
-    def write_page(self, failed: Sequence[str] = ()) -> None:
-        """Write ``README.md``."""
-        from warp_bounding.paper.pages.proofs_page import proofs_page
-
-        write_whole(self._folder.page, proofs_page(self._folder, failed).encode())

@@ -4,9 +4,11 @@ Source: Liu, Fischer, Yoo, Ritschel, *Neural Bounding* (SIGGRAPH 2024), Table 1;
 figures were measured with truth found by sampling, and its volumes were fitted to the *parameters* of the queries.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
+from warp_bounding import bounders
+from warp_bounding.bounders.options import STEPS
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.queries import QUERIES, Query
 
@@ -17,12 +19,10 @@ __all__ = [
     "NETWORKS",
     "VARIANTS",
     "Column",
-    "Supports",
     "Variant",
     "columns_named",
     "select_columns",
     "select_methods",
-    "variant_of",
 ]
 
 HIDDEN = {2: (25, 25), 3: (50, 50), 4: (75, 75)}  # widths of hidden layers by dimension, from the supplement
@@ -41,17 +41,21 @@ PAPER = {  # false positives in per cent; columns as in ``COLUMNS``
     "mlp": (3.2, 2.7, 1.2, 2.2, 4.2, 7.6, 5.6, 5.0, 10.9, 31.0, 3.1, 11.3),
     "mlp-early": (2.8, 3.3, 1.3, 3.1, 2.9, 10.1, 5.7, 6.5, 11.5, 38.8, 3.1, 17.2),
 }
-CLASSIC = ("aabb", "obb", "sphere", "ellipsoid", "oriented-ellipsoid", "kdop", "bvh")
 CASCADE = "learned-kdop+mlp"
-LEARNED = ("learned-kdop", "relu-field", "mlp", "mlp-early", "monotone-mlp", CASCADE, "occupancy")  # they take a budget
 NETWORKS = ("mlp", "mlp-early", "monotone-mlp", CASCADE)  # compared with the paper's best network
+EXACT = "voxels"  # on its own grid, at the price of its memory
+ROWS = (*PAPER, "monotone-mlp", CASCADE, "occupancy", EXACT)  # methods, in the table's order
+
+
+def _of_parts(method: str) -> list[type[bounders.Bounder]]:
+    """The registered classes of a method, or of the parts of a cascade."""
+    return [bounders.METHODS[name] for name in method.split("+")]
+
+
+LEARNED = tuple(m for m in ROWS if any(STEPS in cls.options for cls in _of_parts(m)))  # a fit takes a budget
+CLASSIC = tuple(m for m in PAPER if m not in LEARNED)
 IN_BOTH_SPACES = (*CLASSIC, "learned-kdop")  # a row for each; for points there is but one
-OUTSIDE = ("occupancy", "voxels")  # not conservative; exact on its own grid, at the price of its memory
-BVH_LEAVES = (16, 64, 256)
-
-METHODS = (*CLASSIC, *(f"bvh-{n}" for n in BVH_LEAVES), *LEARNED, "voxels")  # what ``--methods`` takes
-
-Supports = Callable[[str, str, int, str], bool]  # method, query, dimension, space
+LEAVES = {"bvh": (None, 16, 64, 256)}  # a row for each number; ``None`` where the fit decides
 
 
 class Column(NamedTuple):
@@ -122,11 +126,6 @@ class Variant(NamedTuple):
         return self.method.rpartition("+")[2]
 
     @property
-    def classic(self) -> bool:
-        """Whether it is a volume that is fitted in closed form."""
-        return self.method in CLASSIC
-
-    @property
     def in_both_spaces(self) -> bool:
         """Whether it has a row for each space."""
         return self.method in IN_BOTH_SPACES
@@ -139,52 +138,45 @@ class Variant(NamedTuple):
     @property
     def conservative(self) -> bool:
         """Whether it promises to have no false negative."""
-        return self.method != "occupancy"
+        return all(cls.conservative for cls in _of_parts(self.method))
 
     @property
     def ranked(self) -> bool:
         """Whether it may be the best of a column."""
-        return self.method not in OUTSIDE
+        return self.conservative and self.method != EXACT
 
-    def space_in(self, column: Column, supports: Supports) -> str | None:
+    def _supports(self, column: Column, space: str) -> bool:
+        return bounders.supports(self.method, column.query, column.ndim, space)
+
+    def space_in(self, column: Column) -> str | None:
         """The space that this row has in a column, or ``None`` where there is no such bounder.
 
         For points both spaces are the same: the geometric row has it. What has one row takes the space that it can.
         """
-        if self.in_both_spaces:
-            spaces = ("parametric",) if self.parametric else ("geometric",)
-            if self.parametric and not column.kind.is_region:
-                return None
-        else:
-            spaces = ("geometric", "parametric")
-        return next((s for s in spaces if supports(self.method, column.query, column.ndim, s)), None)
-
-    def paper(self, column: Column, supports: Supports) -> float | None:
-        """The paper's figure that belongs beside this row: a volume's beside the parametric one, where there is one."""
-        if self.leaves is not None:
+        if self.parametric and not column.kind.is_region:
             return None
+        spaces = ("geometric", "parametric")
         if self.in_both_spaces:
-            parametric = column.kind.is_region and supports(self.method, column.query, column.ndim, "parametric")
-            if self.parametric != parametric:
-                return None
-        figures = PAPER.get(self.method)
-        return figures[COLUMNS.index(column)] if figures else None
+            spaces = (spaces[self.parametric],)
+        return next((s for s in spaces if self._supports(column, s)), None)
+
+    def paper(self, column: Column) -> float | None:
+        """The paper's figure that belongs beside this row: a volume's beside the parametric one, where there is one."""
+        if self.method not in PAPER or self.leaves is not None:
+            return None
+        parametric = column.kind.is_region and self._supports(column, "parametric")
+        if self.in_both_spaces and self.parametric != parametric:
+            return None
+        return PAPER[self.method][COLUMNS.index(column)]
 
 
-def _variants() -> list[Variant]:
-    rows = []
-    for method in (*CLASSIC, *LEARNED, "voxels"):
-        for leaves in (None, *BVH_LEAVES) if method == "bvh" else (None,):
-            rows += [Variant(method, leaves, p) for p in ((False, True) if method in IN_BOTH_SPACES else (False,))]
-    return rows
-
-
-VARIANTS = tuple(_variants())  # in the order of the rows
-
-
-def variant_of(method: str, space: str, leaves: int | None) -> Variant:
-    """The row that a measured bounder belongs to."""
-    return Variant(method, leaves, method in IN_BOTH_SPACES and space == "parametric")
+VARIANTS = tuple(
+    Variant(method, leaves, parametric)
+    for method in ROWS
+    for leaves in LEAVES.get(method, (None,))
+    for parametric in ((False, True) if method in IN_BOTH_SPACES else (False,))
+)  # in the order of the rows
+METHODS = tuple(dict.fromkeys(v.name for v in VARIANTS))  # what ``--methods`` takes
 
 
 def columns_named(word: str) -> set[Column]:
@@ -198,25 +190,20 @@ def select_columns(words: Sequence[str] | None) -> list[Column]:
     Raises:
         QueryError: For a word that names none.
     """
-    if words is None:
-        return list(COLUMNS)
-    chosen = set()
-    for word in words:
-        found = columns_named(word)
-        if not found:
+    for word in words or ():
+        if not columns_named(word):
             names = ", ".join(c.name for c in COLUMNS)
             raise QueryError(f"columns must be among {names} (or 2d, 3d, 4d, point, ray, plane, box), got {word!r}")
-        chosen |= found
-    return [c for c in COLUMNS if c in chosen]
+    return [c for c in COLUMNS if words is None or any(c in columns_named(word) for word in words)]
 
 
-def select_methods(words: Sequence[str] | None) -> list[Variant]:
-    """The rows that names of methods stand for; all for ``None``.
+def select_methods(words: Sequence[str] | None, among: Sequence[str] = METHODS) -> list[Variant]:
+    """The rows that names of methods stand for; all of ``among`` for ``None``.
 
     Raises:
-        BounderError: For an unknown name.
+        BounderError: For a name that is not ``among`` these.
     """
     for word in words or ():
-        if word not in METHODS:
-            raise BounderError(f"methods must be among {', '.join(METHODS)}, got {word!r}")
-    return [v for v in VARIANTS if words is None or v.name in words]
+        if word not in among:
+            raise BounderError(f"methods must be among {', '.join(among)}, got {word!r}")
+    return [v for v in VARIANTS if v.name in (among if words is None else words)]

@@ -1,16 +1,14 @@
 """What there is to do, in which order, and how long it will take."""
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from warp_bounding.errors import BounderError
-from warp_bounding.paper.budgets import Preset, parse_budget
-from warp_bounding.paper.columns import COLUMNS, PAPER_OBJECTS, VARIANTS, Column, Supports, Variant
+from warp_bounding.paper.columns import COLUMNS, PAPER_OBJECTS, VARIANTS, Column, Variant
 from warp_bounding.paper.rows import PROTOCOLS, Key
-from warp_bounding.paper.settings import Settings
+from warp_bounding.paper.settings import Preset, Settings, parse_budget
 from warp_bounding.paper.shapes import Shape
 
 __all__ = ["Job", "Share", "TimeLeft", "duration", "plan", "preset_seconds", "shares"]
@@ -49,18 +47,16 @@ class Job:
 
     def key(self, protocol: str) -> Key:
         """Of the row."""
-        variant = self.variant
-        about = (self.shape.ndim, self.shape.name, self.column.query, variant.method, self.space, variant.leaves)
-        return (*about, protocol)
+        about = self.shape.ndim, self.shape.name, self.column.query, self.variant.method
+        return (*about, self.space, self.variant.leaves, protocol)
 
 
 def plan(
-    columns: Iterable[Column],
-    variants: Iterable[Variant],
+    columns: Sequence[Column],
+    variants: Sequence[Variant],
     shapes: Sequence[Shape],
     protocols: Sequence[str],
-    supports: Supports,
-    done: Collection[Key],
+    done: Collection[Key] = (),
 ) -> tuple[list[Job], int]:
     """What is missing, and the number of cells with what is done.
 
@@ -70,25 +66,23 @@ def plan(
     Raises:
         BounderError: If no method can answer any of the columns' queries.
     """
-    jobs, total = [], 0
-    rank = {s: i for n in {s.ndim for s in shapes} for i, s in enumerate(s for s in shapes if s.ndim == n)}
-    for column in columns:
-        for variant in variants:
-            space = variant.space_in(column, supports)
-            if space is None:
-                continue
-            for shape in (s for s in shapes if s.ndim == column.ndim):
-                job = Job(shape, column, variant, space, tuple(protocols))
-                missing = tuple(p for p in protocols if job.key(p) not in done)
-                total += len(protocols)
-                if missing:
-                    jobs.append(Job(shape, column, variant, space, missing))
-    if not total:
+    jobs = [
+        Job(shape, column, variant, space, tuple(protocols))
+        for column in columns
+        for variant in variants
+        if (space := variant.space_in(column))
+        for shape in shapes
+        if shape.ndim == column.ndim
+    ]
+    if not jobs:
         methods = ", ".join(dict.fromkeys(v.name for v in variants))
         raise BounderError(
             f"nothing to measure: {methods} cannot bound {', '.join(c.name for c in columns)} of these objects"
         )
-    return sorted(jobs, key=lambda j: (rank[j.shape], j.variant.learned)), total
+    rank = {s: [other for other in shapes if other.ndim == s.ndim].index(s) for s in shapes}
+    missing = (replace(j, protocols=tuple(p for p in j.protocols if j.key(p) not in done)) for j in jobs)
+    first = sorted((j for j in missing if j.protocols), key=lambda j: (rank[j.shape], j.variant.learned))
+    return first, len(jobs) * len(protocols)
 
 
 def _expected(job: Job, budget: float) -> float:
@@ -124,8 +118,7 @@ class TimeLeft:
     def finish(self, job: Job, fit_seconds: float, evaluate_seconds: float) -> None:
         """Take note of what a job took; a fit that was loaded takes 0."""
         self._rest.remove(job)
-        each = evaluate_seconds / len(job.protocols)
-        self._add(each, ("evaluate", job.column))
+        self._add(evaluate_seconds / len(job.protocols), ("evaluate", job.column))
         if fit_seconds:
             own = ("fit", job.column, job.variant)
             self._add(fit_seconds, *([own] if job.variant.learned else [own, ("fit", job.column), ("fit",)]))
@@ -141,40 +134,34 @@ class TimeLeft:
 
     def fit(self, job: Job) -> float:
         """Seconds that its fit may take."""
+        column, variant = job.column, job.variant
         if job.name in self._fitted:
             return 0.0
-        if job.variant.learned:
-            budget = self._settings.budget_of(job.column, job.variant)
-            return self._mean(_expected(job, budget), ("fit", job.column, job.variant))
-        return self._mean(CLASSIC_FIT[job.column.ndim], ("fit", job.column, job.variant), ("fit", job.column), ("fit",))
+        if variant.learned:
+            return self._mean(_expected(job, self._settings.budget_of(column, variant)), ("fit", column, variant))
+        return self._mean(CLASSIC_FIT[column.ndim], ("fit", column, variant), ("fit", column), ("fit",))
 
     def measure(self, job: Job) -> float:
         """Seconds that its measurements may take."""
         guess = EVALUATE.get(job.column.name, SLOWEST_USUAL) * self._settings.samples / 1e6
         return len(job.protocols) * self._mean(guess, ("evaluate", job.column))
 
-    def job(self, job: Job) -> float:
-        """Seconds that a job may take."""
-        return self.fit(job) + self.measure(job)
-
-    @property
-    def seconds(self) -> float:
-        """Of all that is left."""
-        return sum(map(self.job, self._rest))
+    def seconds(self, column: Column | None = None) -> float:
+        """Of all that is left, or of one column's part of it."""
+        return sum(self.fit(j) + self.measure(j) for j in self._rest if column in (None, j.column))
 
     @property
     def text(self) -> str:
-        """The same for people."""
-        return f"{duration(self.seconds)} left"
+        """Of all that is left, for people."""
+        return f"{duration(self.seconds())} left"
 
 
 def duration(seconds: float) -> str:
     """Seconds for people."""
-    minutes = round(seconds / 60)
-    if minutes < 1:
-        return "under a minute"
-    hours, minutes = divmod(minutes, 60)
-    return f"about {hours} h {minutes:02} min" if hours else f"about {minutes} min"
+    hours, minutes = divmod(round(seconds / 60), 60)
+    if hours:
+        return f"about {hours} h {minutes:02} min"
+    return f"about {minutes} min" if minutes else "under a minute"
 
 
 @dataclass(frozen=True)
@@ -198,21 +185,19 @@ class Share:
 def shares(jobs: Sequence[Job], settings: Settings, fitted: Collection[str] = ()) -> list[Share]:
     """What each column of a plan takes; see ``TimeLeft`` for the arguments."""
     left, result = TimeLeft(jobs, settings, fitted), []
-    for column in dict.fromkeys(j.column for j in jobs):
+    for column in (c for c in COLUMNS if any(j.column == c for j in jobs)):
         own = [j for j in jobs if j.column == column]
         new = [j for j in own if j.name not in fitted]
         fits = Counter(left.fit(j) for j in new if j.variant.learned)
-        classic = sum(not j.variant.learned for j in new)
         cells = sum(len(j.protocols) for j in own)
-        result.append(Share(column, dict(fits), classic, cells, sum(map(left.job, own))))
-    return sorted(result, key=lambda s: COLUMNS.index(s.column))
+        result.append(Share(column, dict(fits), len(new) - fits.total(), cells, left.seconds(column)))
+    return result
 
 
-@cache
-def preset_seconds(preset: Preset, supports: Supports) -> float:
+def preset_seconds(preset: Preset) -> float:
     """What a preset takes for every column and method, on as many objects as the paper has."""
     shapes = [Shape(ndim, str(number), Path()) for ndim, count in PAPER_OBJECTS.items() for number in range(count)]
     protocols = PROTOCOLS if preset.protocol == "both" else (preset.protocol,)
     general, budgets = parse_budget(preset.budget)
     settings = Settings.of({"samples": preset.samples, "budget": general, "budgets": budgets})
-    return TimeLeft(plan(COLUMNS, VARIANTS, shapes, protocols, supports, ())[0], settings).seconds
+    return TimeLeft(plan(COLUMNS, VARIANTS, shapes, protocols)[0], settings).seconds()

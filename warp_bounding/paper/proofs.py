@@ -7,7 +7,7 @@ kernel denies, that is a false negative that sampling would have shipped. Resuma
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,21 +15,15 @@ from typing import Any
 import numpy as np
 
 from warp_bounding.errors import BounderError
-from warp_bounding.paper.columns import Column, Variant
-from warp_bounding.paper.folder import Folder
-from warp_bounding.paper.plan import Job, plan
-from warp_bounding.paper.rows import ProofRow
-from warp_bounding.paper.run import DIGEST, Outcome, Run
+from warp_bounding.paper.plan import Job
+from warp_bounding.paper.run import Run
 from warp_bounding.paper.settings import ProofSettings
-from warp_bounding.paper.shapes import Shape
-from warp_bounding.paper.versions import versions
 from warp_bounding.proof import prove
 from warp_bounding.proof.attest.falsify import Walk, queries_at
 from warp_bounding.queries import QUERIES, oracle, sample
 from warp_bounding.queries.positives import draw_positives
-from warp_bounding.runtime.launch import cpu_threads
 
-__all__ = ["METHODS", "PROOF_COST", "Thresholds", "run_proofs"]
+__all__ = ["METHODS", "PROOF_COST", "ProofsRun", "Thresholds"]
 
 METHODS = ("mlp", "monotone-mlp")
 DISTANCES = ("plane",)  # queries whose networks learn distances, and no output between 0 and 1
@@ -78,43 +72,18 @@ class Thresholds:
         return max(float(least - below[count]), SMALLEST_GAP) if len(below) > count else 1e-3
 
 
-def run_proofs(
-    folder: Folder,
-    table: Path,
-    columns: Sequence[Column],
-    variants: Sequence[Variant],
-    grids: Mapping[Shape, Any],
-    *,
-    command: str,
-    reporter: Any,
-) -> Outcome:
-    """Measure every network that is not in the folder yet.
+class ProofsRun(Run):
+    """Measures networks with both thresholds."""
 
-    Args:
-        folder: Where rows go, and networks that the table does not have.
-        table: The ``table1`` folder.
-        columns: Selected.
-        variants: Selected methods.
-        grids: Selected objects, as read.
-        command: The command line, to be remembered.
-        reporter: Told of each step, such as the command line's.
+    def __init__(self, table: Path, *selection):
+        """Find out which networks are missing.
 
-    Raises:
-        BoundingError: If there is nothing to do at all, or the folder cannot be written to.
-    """
-    from warp_bounding.bounders import supports
-
-    jobs, total = plan(columns, variants, list(grids), ("exact",), supports, folder.rows)
-    return _Proofs(table, folder, grids, jobs, total, reporter).go(command)
-
-
-class _Proofs(Run):
-    """Networks with both thresholds."""
-
-    def __init__(self, table: Path, *inputs):
-        super().__init__(*inputs)
+        Args:
+            table: The ``table1`` folder. Networks that it does not have are fitted and kept in the run's own folder.
+            selection: See ``Run``.
+        """
+        super().__init__(*selection)
         self._table = table
-        self.reporter.begin(self.outcome)
 
     def measure(self, job: Job, grid: Any) -> None:
         path = self._table / "bounders" / f"{job.name}.safetensors"
@@ -123,14 +92,12 @@ class _Proofs(Run):
             bounder, where = self.load(self.folder.bounder(job.name), grid), "here"
         if bounder is None:
             bounder = self.fit(job, grid, lambda *_: None)
-        self.add(_measured(job, grid, bounder, self.folder.settings, where, self.heed))
-
-    def fail(self, job: Job, reason: str) -> None:
-        self.outcome.failed.append(f"{job.title}: {reason}")
-        self.reporter.say(f"failed: {self.outcome.failed[-1]}")
+        measured = _measured(job, grid, bounder, self.folder.settings, self.heed)
+        self.add(job, bounder, fitted=where, **measured)
 
 
-def _measured(job: Job, grid, bounder, s: ProofSettings, where: str, heed: Callable[[], None]) -> ProofRow:
+def _measured(job: Job, grid, bounder, s: ProofSettings, heed: Callable[[], None]) -> dict[str, Any]:
+    """The fields of a row that are measured."""
     rates = Thresholds.of(bounder, grid, s.samples, s.fits.sample_seed)
     hard, lowest = _hard_positives(bounder, grid, s.positives, s.positives_seed)
     sampled = float(hard.min())
@@ -147,51 +114,38 @@ def _measured(job: Job, grid, bounder, s: ProofSettings, where: str, heed: Calla
     found = {"prover": walk.down(start) if len(start) else (start, np.empty(0)), "walk": walk.down(lowest)}
     x, f, found_by = _counterexample(twin, grid, found, sampled)
     missed = x is not None
-    proven = float(twin.threshold)
-    least = min(float(values.min(initial=np.inf)) for _, values in found.values())
+    proven, shipped = float(twin.threshold), float(bounder.threshold)
     all_found = np.concatenate([hard, *(values for _, values in found.values())])
-    certificate = bounder.certificate
-    return ProofRow(
-        dimension=job.shape.ndim,
-        object=job.shape.name,
-        query=job.column.query,
-        method=job.variant.method,
-        search="complete" if search.complete else "cut short",
+    least = (float(values.min(initial=np.inf)) for _, values in found.values())
+    upper_bound = min(float(search.upper_bound), *least)
+    return {
+        "search": "complete" if search.complete else "cut short",
         **_at_zero(twin, grid, rates, hard, lowest, found),
-        fp_sampled=rates.fp(sampled),
-        fn_sampled=rates.fn(sampled),
-        missed_sampled=int(missed),
-        found_by=found_by,
-        depth=sampled - f if missed else None,
-        depth_std=(sampled - f) / rates.spread if missed else None,
-        depth_fp=rates.fp(f) - rates.fp(sampled) if missed else None,
-        fp_proven=rates.fp(proven),
-        fn_proven=rates.fn(proven) + int((all_found < np.float32(proven)).sum()),
-        positives=100 * float(rates.truth.mean()),
-        sampled=sampled,
-        proven=proven,
-        lower_bound=float(search.lower_bound),
-        upper_bound=float(min(search.upper_bound, least)),
-        gap=max(float(min(search.upper_bound, least) - search.lower_bound), 0.0),
-        rounding_bound=float(bounder.rounding_bound()),
-        boxes=int(search.boxes),
-        proof_seconds=round(spent, 3),
-        counterexample=" ".join(repr(float(value)) for value in x) if missed else "",
-        counterexample_f=f if missed else None,
-        shipped=float(bounder.threshold),
-        certificate=certificate.kind if certificate else "",
-        fp_shipped=rates.fp(float(bounder.threshold)),
-        fit_seconds=(bounder.info.get("training") or {}).get("seconds"),
-        samples=s.samples,
-        hard_positives=len(hard),
-        seconds=s.seconds,
-        budget=s.fits.budget_of(job.column, job.variant),
-        fitted=where,
-        seed=s.fits.seed,
-        threads=cpu_threads(),
-        indicator=grid.digest[:DIGEST],
-        versions=versions(),
-    )
+        "fp_sampled": rates.fp(sampled),
+        "fn_sampled": rates.fn(sampled),
+        "missed_sampled": int(missed),
+        "found_by": found_by,
+        "depth": sampled - f if missed else None,
+        "depth_std": (sampled - f) / rates.spread if missed else None,
+        "depth_fp": rates.fp(f) - rates.fp(sampled) if missed else None,
+        "fp_proven": rates.fp(proven),
+        "fn_proven": rates.fn(proven) + int((all_found < np.float32(proven)).sum()),
+        "positives": 100 * float(rates.truth.mean()),
+        "sampled": sampled,
+        "proven": proven,
+        "lower_bound": float(search.lower_bound),
+        "upper_bound": upper_bound,
+        "gap": max(upper_bound - float(search.lower_bound), 0.0),
+        "rounding_bound": float(bounder.rounding_bound()),
+        "boxes": int(search.boxes),
+        "proof_seconds": round(spent, 3),
+        "counterexample": " ".join(repr(float(value)) for value in x) if missed else "",
+        "counterexample_f": f if missed else None,
+        "shipped": shipped,
+        "fp_shipped": rates.fp(shipped),
+        "fit_seconds": (bounder.info.get("training") or {}).get("seconds"),
+        "hard_positives": len(hard),
+    }
 
 
 def _has_output(bounder) -> bool:
@@ -215,9 +169,7 @@ def _check(bounder, search) -> None:
         BounderError: If they do.
     """
     certificate = bounder.certificate
-    if certificate is None or not certificate.proven:
-        return
-    if search.upper_bound < certificate.lower_bound:
+    if certificate is not None and certificate.proven and search.upper_bound < certificate.lower_bound:
         found, shown = search.upper_bound, certificate.lower_bound
         raise BounderError(f"the certificate says f >= {shown:.6g}, the prover found a positive with f = {found:.6g}")
 

@@ -3,31 +3,35 @@
 import csv
 import io
 import math
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar, get_args
+from typing import Any, ClassVar, TypeVar, get_args
 
 from warp_bounding.errors import FileFormatError
-from warp_bounding.paper.columns import COLUMNS, VARIANTS, Column, Variant, variant_of
+from warp_bounding.paper.columns import COLUMNS, VARIANTS, Column, Variant
 from warp_bounding.paper.settings import ProofSettings, Settings, Stored
 
-__all__ = ["PROOFS", "PROTOCOLS", "TABLE1", "Key", "Kind", "Line", "ProofRow", "Row"]
+__all__ = ["PROTOCOLS", "Key", "Line", "ProofRow", "Row"]
 
 PROTOCOLS = ("exact", "sampled")
-SPACES = ("geometric", "parametric")
 
 Key = tuple[int, str, str, str, str, int | None, str]
+L = TypeVar("L", bound="Line")
 
 
-class Line(ABC):
-    """What was measured of one bounder; the fields of a subclass are the columns of its file."""
+@dataclass(frozen=True)
+class Line:
+    """What was measured of one bounder. The class says what a folder of such rows is; its fields are the columns of the CSV."""
 
-    SIGNED: ClassVar[frozenset[str]] = frozenset()  # numbers that may be negative
+    COMMAND: ClassVar[str]  # name of the command that makes the folder
+    SETTINGS: ClassVar[type[Stored]]  # class of what all rows have in common
+    PICTURES: ClassVar[tuple[str, ...]] = ()  # names of these in the folder
+    SIGNED: ClassVar[frozenset[str]] = frozenset()  # fields that may be negative
+    WORDS: ClassVar[dict[str, tuple[str, ...]]] = {}  # the values that a field may have
 
-    @property
-    @abstractmethod
-    def key(self) -> Key:
-        """What it is about; a table has one row of each key."""
+    dimension: int  # of the object
+    object: str  # its name, the file's stem
+    query: str  # kind of query
+    method: str  # name in the registry
 
     @property
     def column(self) -> Column:
@@ -35,31 +39,89 @@ class Line(ABC):
         return Column(self.dimension, self.query)
 
     @property
-    @abstractmethod
     def variant(self) -> Variant:
         """Its method, as a row of Table 1."""
+        return Variant(self.method)
 
-    @abstractmethod
+    @property
+    def key(self) -> Key:
+        """What it is about; a table has one row of each key."""
+        return self.dimension, self.object, self.query, self.method, "geometric", None, PROTOCOLS[0]
+
+    def agrees(self, s: Stored) -> bool:
+        """Whether it can have been measured with these settings."""
+        return all(getattr(self, name) == value for name, value in s.of_row(self.column, self.variant).items())
+
     def check(self) -> None:
         """Refuse what makes no sense.
 
         Raises:
             FileFormatError: With what it is.
         """
+        if self.column not in COLUMNS or self.variant not in VARIANTS or not self.object:
+            raise FileFormatError(f"there is no {self.variant.label} for {self.column.name}")
+        for name, words in self.WORDS.items():
+            if getattr(self, name) not in words:
+                raise FileFormatError(f"{name} must be one of {', '.join(words)}, got {getattr(self, name)!r}")
 
-    @abstractmethod
-    def agrees(self, s: Stored) -> bool:
-        """Whether it can have been measured with these settings."""
+    @classmethod
+    def table(cls) -> str:
+        """Name of the CSV."""
+        return f"{cls.COMMAND}.csv"
+
+    @classmethod
+    def header(cls) -> str:
+        """First line of the CSV, its end included."""
+        return ",".join(f.name for f in fields(cls)) + "\n"
+
+    @property
+    def line(self) -> str:
+        """Its line of the CSV, the end included."""
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerow(getattr(self, f.name) for f in fields(self))
+        return text.getvalue()
+
+    @classmethod
+    def parse(cls: type[L], line: str) -> L:
+        """Inverse of ``line``, without its end.
+
+        Raises:
+            FileFormatError: With what is wrong with it, if it is not such a line.
+        """
+        try:
+            (cells,) = csv.reader([line], strict=True)
+        except (csv.Error, ValueError) as error:
+            raise FileFormatError(str(error) or "not a line of a table") from None
+        if len(cells) != len(fields(cls)):
+            raise FileFormatError(f"{len(cells)} fields instead of {len(fields(cls))}")
+        values = {}
+        for f, text in zip(fields(cls), cells, strict=True):
+            try:
+                values[f.name] = _read(f.type, text, signed=f.name in cls.SIGNED)
+            except ValueError as error:
+                raise FileFormatError(f"{f.name}: {error}") from None
+        row = cls(**values)
+        row.check()
+        return row
+
+
+def _read(kind: Any, text: str, *, signed: bool) -> Any:
+    """A value of a field's type; what may be missing is ``None`` where there is no text, no number is infinite, few are negative."""
+    optional, kind = len(get_args(kind)) > 1, (get_args(kind) or (kind,))[0]
+    if optional and not text:
+        return None
+    if kind is int and not text.isdecimal():
+        raise ValueError(f"{text!r} is not a whole number")
+    value = kind(text)
+    if kind is float and not (math.isfinite(value) and (signed or value >= 0)):
+        raise ValueError(f"{text!r} is not {'a finite number' if signed else 'a number of at least 0'}")
+    return value
 
 
 @dataclass(frozen=True)
 class Row(Line):
     """A bounder of one object, measured under one protocol."""
 
-    dimension: int  # of the object
-    object: str  # its name, the file's stem
-    query: str  # kind of query
-    method: str  # name in the registry
     space: str  # ``geometric`` or ``parametric``
     leaves: int | None  # of a hierarchy, where a number was asked for
     protocol: str  # how truth was found
@@ -81,25 +143,22 @@ class Row(Line):
     indicator: str  # start of the SHA-256 of the object's cells
     versions: str  # of what did it
 
+    COMMAND, SETTINGS, PICTURES = "table1", Settings, ("rank.png", "rank.svg")
+    WORDS: ClassVar = {"protocol": PROTOCOLS, "space": ("geometric", "parametric")}
+
+    @property
+    def variant(self) -> Variant:
+        row = Variant(self.method, self.leaves)
+        return row._replace(parametric=row.in_both_spaces and self.space == "parametric")
+
     @property
     def key(self) -> Key:
         return self.dimension, self.object, self.query, self.method, self.space, self.leaves, self.protocol
 
-    @property
-    def variant(self) -> Variant:
-        return variant_of(self.method, self.space, self.leaves)
-
     def check(self) -> None:
-        if self.column not in COLUMNS or self.variant not in VARIANTS:
-            raise FileFormatError(f"there is no {self.variant.label} for {self.column.name}")
-        if self.protocol not in PROTOCOLS or self.space not in SPACES or not self.object or self.fp_rate > 100:
-            raise FileFormatError("protocol, space, object or fp_rate makes no sense")
-
-    def agrees(self, s: Settings) -> bool:
-        budget, hidden = s.budget_of(self.column, self.variant), "-".join(map(str, self.column.hidden))
-        expected = (budget, s.samples, s.seed, s.length, s.activation, s.device, hidden)
-        measured = (self.budget, self.samples, self.seed, self.length, self.activation, self.device, self.hidden)
-        return expected == measured
+        super().check()
+        if self.fp_rate > 100:
+            raise FileFormatError(f"fp_rate must be at most 100 per cent, got {self.fp_rate}")
 
 
 @dataclass(frozen=True)
@@ -109,13 +168,7 @@ class ProofRow(Line):
     What is said about threshold 0 is ``None`` for planes, whose networks learn distances and no output between 0 and 1.
     """
 
-    dimension: int  # of the object
-    object: str  # its name, the file's stem
-    query: str  # kind of query
-    method: str  # name in the registry
-    search: (
-        str  # ``complete``: as near to the least f as was asked for; ``cut short``, by time or rounding: it costs more
-    )
+    search: str  # ``complete``: as near to the least f as asked for; ``cut short``, by time or rounding: it costs more
     fp_zero: float | None  # false positives at threshold 0, an output of 0.5, per cent of all samples
     fn_zero: int | None  # false negatives there among the samples, a count
     hard_fn_zero: int | None  # false negatives there among the hard positives, a count
@@ -126,9 +179,7 @@ class ProofRow(Line):
     found_by: str  # ``prover`` if that query comes from the proof's search, ``walk`` if only from a walk from samples
     depth: float | None  # how far its f is below that threshold, as computed by the kernel
     depth_std: float | None  # the same in standard deviations of f over the samples
-    depth_fp: (
-        float | None
-    )  # false positives that a threshold that lets it through would have cost, per cent of all samples
+    depth_fp: float | None  # false positives that a threshold that lets it through would have cost, per cent of samples
     fp_proven: float  # false positives at the proven threshold, per cent
     fn_proven: int  # false negatives there among samples, hard positives and what the searches found
     positives: float  # per cent of all samples
@@ -156,96 +207,9 @@ class ProofRow(Line):
     indicator: str  # start of the SHA-256 of the object's cells
     versions: str  # of what did it
 
+    COMMAND, SETTINGS = "proofs", ProofSettings
     SIGNED = frozenset({"sampled", "proven", "lower_bound", "upper_bound", "gap", "shipped", "counterexample_f"})
-
-    @property
-    def key(self) -> Key:
-        return self.dimension, self.object, self.query, self.method, "geometric", None, "exact"
-
-    @property
-    def variant(self) -> Variant:
-        return Variant(self.method)
-
-    def check(self) -> None:
-        if self.column not in COLUMNS or self.variant not in VARIANTS or not self.object:
-            raise FileFormatError(f"there is no {self.method} for {self.dimension}d-{self.query}")
-        if self.search not in ("complete", "cut short") or self.found_by not in ("", "prover", "walk"):
-            raise FileFormatError("search or found_by makes no sense")
+    WORDS: ClassVar = {"search": ("complete", "cut short"), "found_by": ("", "prover", "walk")}
 
     def agrees(self, s: ProofSettings) -> bool:
-        expected = (s.samples, s.seconds, s.fits.budget_of(self.column, self.variant), s.fits.seed)
-        measured = (self.samples, self.seconds, self.budget, self.seed)
-        return expected == measured and self.hard_positives >= s.positives
-
-
-@dataclass(frozen=True)
-class Kind:
-    """What a folder is for: a CSV file with one dataclass a line, and what is made of it.
-
-    Attributes:
-        command: Name of the command that makes it.
-        row: Class of the rows, a dataclass.
-        settings: Class of the settings.
-        pictures: Names of these.
-    """
-
-    command: str
-    row: type[Line]
-    settings: type[Stored]
-    pictures: tuple[str, ...] = ()
-
-    @property
-    def table(self) -> str:
-        """Name of the CSV."""
-        return f"{self.command}.csv"
-
-    @property
-    def header(self) -> str:
-        """First line of the CSV, its end included."""
-        return ",".join(f.name for f in fields(self.row)) + "\n"
-
-    def format(self, row: Any) -> str:
-        """The line of a row, its end included."""
-        text = io.StringIO()
-        values = ("" if (v := getattr(row, f.name)) is None else v for f in fields(self.row))
-        csv.writer(text, lineterminator="\n").writerow(values)
-        return text.getvalue()
-
-    def parse(self, line: str) -> Any:
-        """Inverse of ``format``; the line is without its end.
-
-        Raises:
-            FileFormatError: With what is wrong with it, if it is not such a line.
-        """
-        try:
-            (cells,) = csv.reader([line], strict=True)
-        except (csv.Error, ValueError) as error:
-            raise FileFormatError(str(error) or "not a line of a table") from None
-        if len(cells) != len(fields(self.row)):
-            raise FileFormatError(f"{len(cells)} fields instead of {len(fields(self.row))}")
-        values = {}
-        for f, text in zip(fields(self.row), cells, strict=True):
-            try:
-                values[f.name] = _read(f.type, text, signed=f.name in self.row.SIGNED)
-            except ValueError as error:
-                raise FileFormatError(f"{f.name}: {error}") from None
-        row = self.row(**values)
-        row.check()
-        return row
-
-
-def _read(kind: Any, text: str, *, signed: bool) -> Any:
-    """A value of a field's type; what may be missing is ``None`` where there is no text, no number is infinite, few are negative."""
-    optional, kind = len(get_args(kind)) > 1, (get_args(kind) or (kind,))[0]
-    if optional and not text:
-        return None
-    if kind is int and not text.isdecimal():
-        raise ValueError(f"{text!r} is not a whole number")
-    value = kind(text)
-    if kind is float and not (math.isfinite(value) and (signed or value >= 0)):
-        raise ValueError(f"{text!r} is not {'a finite number' if signed else 'a number of at least 0'}")
-    return value
-
-
-TABLE1 = Kind("table1", Row, Settings, ("rank.png", "rank.svg"))
-PROOFS = Kind("proofs", ProofRow, ProofSettings)
+        return super().agrees(s) and self.hard_positives >= s.positives

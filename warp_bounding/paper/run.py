@@ -5,13 +5,17 @@ A fit that fails is reported at the end and the others go on. An interruption is
 """
 
 import contextlib
+import platform
 import signal
+import subprocess
 import threading
 import time
 import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +25,12 @@ from warp_bounding.errors import BoundingError, FileFormatError, IndicatorError
 from warp_bounding.paper.columns import Column, Variant
 from warp_bounding.paper.folder import Folder
 from warp_bounding.paper.plan import Job, TimeLeft, plan
-from warp_bounding.paper.rows import Row
+from warp_bounding.paper.rows import Line
 from warp_bounding.paper.shapes import Shape
-from warp_bounding.paper.versions import versions
 from warp_bounding.runtime.launch import cpu_threads
+from warp_bounding.version import __version__
 
-__all__ = ["DIGEST", "Outcome", "Run", "run"]
+__all__ = ["Outcome", "Run", "TableRun", "versions"]
 
 DIGEST = 16  # characters of the SHA-256 of an object's cells
 
@@ -55,29 +59,54 @@ class Run(ABC):
         folder: Where rows and bounders go.
         jobs: What is missing in it.
         outcome: So far.
+        reporter: Told of each step, such as the command line's.
     """
 
-    def __init__(self, folder: Folder, grids: Mapping[Shape, Any], jobs: Sequence[Job], total: int, reporter: Any):
-        """Begin.
+    def __init__(
+        self,
+        folder: Folder,
+        columns: Sequence[Column],
+        variants: Sequence[Variant],
+        grids: Mapping[Shape, Any],
+        protocols: Sequence[str],
+        reporter: Any,
+    ):
+        """Find out which cells of a selection are missing.
 
         Args:
             folder: Where rows and bounders go.
-            grids: Objects, as read.
-            jobs: What is missing in the folder.
-            total: Cells in all.
-            reporter: Told of each step; has ``start``, ``row`` and ``say``.
+            columns: Selected.
+            variants: Selected rows.
+            grids: Selected objects, as read.
+            protocols: Selected.
+            reporter: Told of each step: has ``begin``, ``start``, ``within``, ``row`` and ``say``.
+
+        Raises:
+            BoundingError: If there is nothing to do at all, or an object is not the one that was measured before.
         """
-        self.folder, self.jobs, self.reporter, self._grids = folder, jobs, reporter, grids
-        self.outcome = Outcome(total, total - sum(len(j.protocols) for j in jobs))
+        self.jobs, total = plan(columns, variants, list(grids), protocols, folder.rows)
+        for shape in {j.shape for j in self.jobs}:
+            known = {r.indicator for r in folder.rows.values() if (r.dimension, r.object) == (shape.ndim, shape.name)}
+            if known - {grids[shape].digest[:DIGEST]}:
+                raise IndicatorError(
+                    f"{shape.path}: not the object that {folder.table} was measured on; choose another --out"
+                )
+        self.folder, self.reporter, self._grids = folder, reporter, grids
+        self.outcome = Outcome(total, total - sum(len(j.protocols) for j in self.jobs))
         self._interrupted = threading.Event()
 
     @abstractmethod
     def measure(self, job: Job, grid: Any) -> None:
         """Do one job; a failure may be any exception."""
 
-    @abstractmethod
+    def cells(self, job: Job) -> list[str]:
+        """The cells of a job, for people."""
+        return [job.title]
+
     def fail(self, job: Job, reason: str) -> None:
         """Note that a job has failed."""
+        self.outcome.failed += [f"{cell}: {reason}" for cell in self.cells(job)]
+        self.reporter.say(f"failed: {job.title}: {reason}")
 
     def go(self, command: str) -> Outcome:
         """Do all jobs.
@@ -88,6 +117,7 @@ class Run(ABC):
         Raises:
             BoundingError: If the folder cannot be written to: it is no use going on then.
         """
+        self.reporter.begin(self)
         if self.jobs:
             self.folder.remember(command)
         with _interruptions(self._interrupted):
@@ -107,8 +137,21 @@ class Run(ABC):
         except Exception as error:  # whatever ends one cell of a long run is reported, and the others go on
             self.fail(job, _reason(error))
 
-    def add(self, row: Any) -> None:
-        """Write a row."""
+    def add(self, job: Job, bounder: Any, **measured: Any) -> None:
+        """Write a row: what was measured, and what the job, the bounder and the settings say."""
+        certificate = bounder.certificate
+        row: Line = self.folder.kind(
+            dimension=job.shape.ndim,
+            object=job.shape.name,
+            query=job.column.query,
+            method=job.variant.method,
+            certificate=certificate.kind if certificate else "",
+            threads=cpu_threads(),
+            indicator=self._grids[job.shape].digest[:DIGEST],
+            versions=versions(),
+            **self.folder.settings.of_row(job.column, job.variant),
+            **measured,
+        )
         self.folder.append(row)
         self.outcome.done += 1
         self.reporter.row(row)
@@ -183,80 +226,53 @@ def _reason(error: BaseException) -> str:
     return f"{type(error).__name__}: {reason}{where}"
 
 
-def run(
-    folder: Folder,
-    columns: Sequence[Column],
-    variants: Sequence[Variant],
-    grids: Mapping[Shape, Any],
-    protocols: Sequence[str],
-    *,
-    command: str,
-    reporter: Any,
-) -> Outcome:
-    """Measure every cell of Table 1 that is not in the folder yet.
-
-    Args:
-        folder: Where rows and bounders go.
-        columns: Selected.
-        variants: Selected rows.
-        grids: Selected objects, as read.
-        protocols: Selected.
-        command: The command line, to be remembered.
-        reporter: Told of each step, such as the command line's.
-
-    Raises:
-        BoundingError: If an object is not the one that was measured before, or the folder cannot be written to.
-    """
-    from warp_bounding.bounders import supports
-
-    jobs, total = plan(columns, variants, list(grids), protocols, supports, folder.rows)
-    for shape in {j.shape for j in jobs}:
-        known = {r.indicator for r in folder.rows.values() if (r.dimension, r.object) == (shape.ndim, shape.name)}
-        if known - {grids[shape].digest[:DIGEST]}:
-            raise IndicatorError(
-                f"{shape.path}: not the object that {folder.table} was measured on; choose another --out"
-            )
-    table = _Table(folder, grids, jobs, total, reporter)
-    reporter.begin(total, table.outcome.done, table.left)
-    return table.go(command)
-
-
-class _Table(Run):
-    """Table 1.
+class TableRun(Run):
+    """Measures cells of Table 1.
 
     Attributes:
         left: How long the rest will take.
     """
 
-    def __init__(self, *inputs):
-        super().__init__(*inputs)
-        fitted = {j.name for j in self.jobs if self.folder.bounder(j.name).exists()}
-        self.left = TimeLeft(self.jobs, self.folder.settings, fitted)
+    def __init__(self, *selection):
+        super().__init__(*selection)
+        self.left = TimeLeft(self.jobs, self.folder.settings, self.folder.fitted)
 
     def measure(self, job: Job, grid: Any) -> None:
         from warp_bounding.evaluation import evaluate
 
         s = self.folder.settings
         bounder, seconds, spent = self._bounder(job, grid)
-        started, rates = time.perf_counter(), {}
+        started, found = time.perf_counter(), {}
         for protocol in job.protocols:
             progress = self._note(f"measuring, {protocol}")
-            rates[protocol] = evaluate(bounder, grid, s.samples, protocol, seed=s.sample_seed, progress=progress)
+            found[protocol] = evaluate(bounder, grid, s.samples, protocol, seed=s.sample_seed, progress=progress)
             self.heed()
         self.left.finish(job, spent, time.perf_counter() - started)
-        for protocol in job.protocols:
-            self.add(_row(job, protocol, grid, bounder, seconds, rates[protocol], s))
+        about = {
+            "space": job.space,
+            "leaves": job.variant.leaves,
+            "fit_seconds": None if seconds is None else round(seconds, 3),
+            "proof_seconds": round(float(bounder.certificate.seconds), 3) if bounder.certificate else None,
+            "nbytes": int(bounder.nbytes),
+        }
+        for protocol, rates in found.items():
+            measured = {"fp_rate": float(rates.fp_rate), "fn": int(rates.fn), "positives": float(rates.positives)}
+            self.add(job, bounder, protocol=protocol, **measured, **about)
+
+    def cells(self, job: Job) -> list[str]:
+        return [f"{job.title} ({protocol})" for protocol in job.protocols]
 
     def fail(self, job: Job, reason: str) -> None:
-        self.outcome.failed += [f"{job.title} ({p}): {reason}" for p in job.protocols]
         self.left.drop(job)
-        self.reporter.fail(job, reason)
+        super().fail(job, reason)
 
     def _bounder(self, job: Job, grid: Any) -> tuple[Any, float | None, float]:
         """The bounder of a job, the seconds that its fit took, and those that it took now."""
         bounder = self.load(self.folder.bounder(job.name), grid)
-        if bounder is not None:
-            return bounder, self._recorded(job, bounder), 0.0
+        if bounder is not None:  # its seconds are those of its rows, or else what it says itself
+            about, rows = job.key("")[:-1], self.folder.rows.items()
+            known = [r.fit_seconds for key, r in rows if key[:-1] == about and r.fit_seconds is not None]
+            return bounder, known[0] if known else (bounder.info.get("training") or {}).get("seconds"), 0.0
         started, last = time.perf_counter(), None
         if job.variant.last != job.variant.method:  # the last part of a cascade is the same by itself, if it is there
             last = self.load(self.folder.bounder(replace(job, variant=Variant(job.variant.last)).name), grid)
@@ -265,42 +281,26 @@ class _Table(Run):
         before = 0.0 if last is None else (last.info.get("training") or {}).get("seconds", 0.0)
         return bounder, seconds + before, seconds
 
-    def _recorded(self, job: Job, bounder: Any) -> float | None:
-        """Seconds that an earlier fit took: from its rows, or else as it says itself."""
-        about, rows = job.key("")[:-1], self.folder.rows.items()
-        known = [r.fit_seconds for key, r in rows if key[:-1] == about and r.fit_seconds is not None]
-        return known[0] if known else (bounder.info.get("training") or {}).get("seconds")
-
     def _note(self, what: str) -> Callable[..., None]:
         """A progress callback that says what is going on where the callee does not."""
         return lambda done, total=1.0, note="": self.reporter.within(f"{what}, {note}" if note else what)
 
 
-def _row(job: Job, protocol: str, grid: Any, bounder: Any, seconds: float | None, rates: Any, s: Any) -> Row:
-    certificate = bounder.certificate
-    return Row(
-        dimension=job.shape.ndim,
-        object=job.shape.name,
-        query=job.column.query,
-        method=job.variant.method,
-        space=job.space,
-        leaves=job.variant.leaves,
-        protocol=protocol,
-        fp_rate=float(rates.fp_rate),
-        fn=int(rates.fn),
-        positives=float(rates.positives),
-        certificate=certificate.kind if certificate else "",
-        fit_seconds=None if seconds is None else round(seconds, 3),
-        proof_seconds=round(float(certificate.seconds), 3) if certificate else None,
-        nbytes=int(bounder.nbytes),
-        hidden="-".join(map(str, job.column.hidden)),
-        activation=s.activation,
-        budget=s.budget_of(job.column, job.variant),
-        samples=s.samples,
-        seed=s.seed,
-        length=s.length,
-        device=s.device,
-        threads=cpu_threads(),
-        indicator=grid.digest[:DIGEST],
-        versions=versions(),
-    )
+@cache
+def versions() -> str:
+    """Versions of this library (with its commit, where it is run from a checkout) and of what it stands on."""
+    root, commit = Path(__file__).parents[2], ""
+    if (root / ".git").exists():
+        git = ["git", "rev-parse", "--short=9", "HEAD"]
+        with contextlib.suppress(OSError, subprocess.SubprocessError):  # no git there
+            found = subprocess.run(git, cwd=root, capture_output=True, text=True, timeout=10, check=True)
+            commit = f" ({found.stdout.strip()})"
+
+    def version(package: str) -> str:
+        try:
+            return metadata.version(package)
+        except metadata.PackageNotFoundError:
+            return "none"
+
+    own = f"warp-bounding {__version__}{commit}, warp {version('warp-lang')}, torch {version('torch')}"
+    return f"{own}, Python {platform.python_version()}"

@@ -1,26 +1,88 @@
-"""What all rows of one table have in common. Columns, methods, objects and protocols are selections, not settings."""
+"""What all rows of one table have in common. Columns, methods, objects and protocols are selections, not settings.
+
+A budget is the seconds of each learned fit: one number, and others for some columns or methods, as in
+``20,3d=40,3d-ray:mlp=240,occupancy=5``. What comes later goes before: of all words that name a fit's column or method, the
+last one counts. Presets are such texts, made to measure every object of the paper on two cores in a stated time.
+"""
 
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from warp_bounding.activations import DEFAULT
 from warp_bounding.errors import BounderError, FileFormatError
-from warp_bounding.paper.budgets import budget_of, parse_budget
-from warp_bounding.paper.columns import COLUMNS, Column, Variant
+from warp_bounding.paper.columns import COLUMNS, LEARNED, Column, Variant, columns_named
 from warp_bounding.version import __version__
 
-__all__ = ["ProofSettings", "Settings", "Stored"]
+__all__ = ["PRESETS", "Preset", "ProofSettings", "Settings", "Stored", "parse_budget"]
 
 S = TypeVar("S", bound="Stored")
+
+
+class Preset(NamedTuple):
+    """A whole run."""
+
+    budget: str  # as ``--budget`` takes it
+    samples: int  # random queries that rates are measured on
+    protocol: str  # as ``--protocol`` takes it
+
+
+PRESETS = {
+    "full": Preset(
+        "16,2d=12,2d-ray=24,2d-box=14,3d-point=20,3d-ray=50,3d-box=40,4d-point=40,4d-ray=60,4d-box=60,"
+        "learned-kdop=5,relu-field=12,occupancy=6,2d-ray:mlp=60,2d-box:mlp=24,3d-box:mlp=90,3d-ray:mlp=240,4d-point:mlp=150,4d-ray:mlp=180,4d-box:mlp=120,4d-box:monotone-mlp=180",
+        400_000,
+        "both",
+    ),
+    "hour": Preset("4,3d=6,4d=12,3d-ray=13,4d-ray=16,learned-kdop=2,relu-field=4,occupancy=2", 100_000, "both"),
+}
+
+
+def parse_budget(text: str) -> tuple[float | None, str]:
+    """Read what ``--budget`` takes.
+
+    Returns:
+        The number for all others (``None`` if there is none), and the text of the rest, as ``Settings.budgets`` has it.
+
+    Raises:
+        BounderError: With the word that makes no sense.
+    """
+    general, parts = None, []
+    for word in (w.strip() for w in text.split(",")):
+        name, given, seconds = word.rpartition("=")
+        value, name = _seconds(seconds, word), name.strip().lower()
+        if not given:
+            if general is not None:
+                raise BounderError(f"budget must have one number without a name, got {text!r}")
+            general = value
+        elif not all(columns_named(part) or part in LEARNED for part in name.split(":")):
+            raise BounderError(
+                f"budget must name columns (3d-ray, 3d, ray), learned methods, or both (3d-ray:mlp), got {word!r}"
+            )
+        else:
+            parts.append(f"{name}={value:g}")
+    return general, ",".join(parts)
+
+
+def _seconds(text: str, word: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise BounderError(f"budget must be positive seconds, such as 60 or 20,3d-ray=60, got {word!r}")
+    return value
 
 
 @dataclass(frozen=True)
 class Stored:
     """Settings that a folder keeps, and that every run in it must agree with."""
 
+    FIXED: ClassVar[tuple[str, ...]] = ("library",)  # fields that nobody chooses: this version's
     SINCE: ClassVar[frozenset[str]] = frozenset()  # fields that the first folders did not have
+    POSITIVE: ClassVar[tuple[str, ...]] = ()  # numbers that must be finite and above 0
+    COUNTS: ClassVar[tuple[str, ...]] = ()  # numbers that must be at least 1
 
     @classmethod
     def of(cls: type[S], given: Mapping[str, Any], stored: S | None = None) -> S:
@@ -30,21 +92,13 @@ class Stored:
             BounderError: For a value that makes no sense, or one that is not the stored one, named.
         """
         given = {name: value for name, value in given.items() if value is not None}
-        wanted = replace(stored or cls(), **cls.fixed(), **given)
+        wanted = replace(stored or cls(), **{name: getattr(cls(), name) for name in cls.FIXED}, **given)
         wanted.check()
         if stored is not None and wanted != stored:
-            different = (
-                f"{f.name} {getattr(stored, f.name)} there, {getattr(wanted, f.name)} now"
-                for f in fields(cls)
-                if getattr(stored, f.name) != getattr(wanted, f.name)
-            )
-            raise BounderError(f"made with other settings: {'; '.join(different)}. Use those, or another folder")
+            pairs = ((f.name, getattr(stored, f.name), getattr(wanted, f.name)) for f in fields(cls))
+            different = "; ".join(f"{name} {old} there, {new} now" for name, old, new in pairs if old != new)
+            raise BounderError(f"made with other settings: {different}. Use those, or another folder")
         return wanted
-
-    @classmethod
-    def fixed(cls) -> dict[str, Any]:
-        """Fields that nobody chooses."""
-        return {"library": __version__}
 
     def check(self) -> None:
         """Refuse what makes no sense.
@@ -52,6 +106,16 @@ class Stored:
         Raises:
             BounderError: With the rule and the value.
         """
+        for name in self.POSITIVE:
+            if not 0 < getattr(self, name) < math.inf:
+                raise BounderError(f"{name} must be positive, got {getattr(self, name)}")
+        for name in self.COUNTS:
+            if getattr(self, name) < 1:
+                raise BounderError(f"{name} must be at least 1, got {getattr(self, name)}")
+
+    def of_row(self, column: Column, variant: Variant) -> dict[str, Any]:
+        """What these settings decide of a row: some of its fields."""
+        raise NotImplementedError
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -64,20 +128,14 @@ class Stored:
         Raises:
             FileFormatError: If fields are not those of this version, or of another type.
         """
-        defaults, names = cls(**cls.fixed()), {f.name for f in fields(cls)}
+        names = {f.name for f in fields(cls)}
         if not isinstance(values, dict) or not names - cls.SINCE <= set(values) <= names:
             raise FileFormatError("the settings are not those that this version of warp-bounding writes")
         for name, value in values.items():
-            kind = type(getattr(defaults, name))
+            kind = type(getattr(cls(), name))
             if type(value) is not kind and not (kind is float and type(value) is int):
                 raise FileFormatError(f"the setting {name} is damaged: {value!r}")
         return cls(**values)
-
-
-def _at_least_1(settings: Stored, *names: str) -> None:
-    for name in names:
-        if getattr(settings, name) < 1:
-            raise BounderError(f"{name} must be at least 1, got {getattr(settings, name)}")
 
 
 @dataclass(frozen=True)
@@ -91,28 +149,32 @@ class Settings(Stored):
     length: float = 1.0  # of a ray
     activation: str = DEFAULT.name  # of a network
     device: str = "cpu"  # Warp device
-    hidden: Any = None  # widths of hidden layers by column
+    hidden: Any = field(default_factory=lambda: {c.name: list(c.hidden) for c in COLUMNS})  # widths of hidden layers
     library: str = __version__  # version of warp-bounding
 
+    FIXED = ("hidden", "library")
     SINCE = frozenset({"budgets"})
-
-    @classmethod
-    def fixed(cls) -> dict[str, Any]:
-        return {"hidden": {c.name: list(c.hidden) for c in COLUMNS}, **super().fixed()}
+    POSITIVE = ("budget", "length")
+    COUNTS = ("samples",)
 
     def check(self) -> None:
-        for name in ("budget", "length"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise BounderError(f"{name} must be positive, got {value}")
+        super().check()
         parse_budget(self.budget_text)
-        _at_least_1(self, "samples")
         if not 0 <= self.seed < 2**63 - 1:
             raise BounderError(f"seed must be a whole number from 0 to 2^63 - 2, got {self.seed}")
 
+    def of_row(self, column: Column, variant: Variant) -> dict[str, Any]:
+        own = {name: getattr(self, name) for name in ("activation", "samples", "seed", "length", "device")}
+        return own | {"budget": self.budget_of(column, variant), "hidden": "-".join(map(str, column.hidden))}
+
     def budget_of(self, column: Column, variant: Variant) -> float:
-        """Seconds for a learned fit."""
-        return budget_of(column, variant, self.budget, self.budgets)
+        """Seconds for a learned fit; a cascade takes what its last part would."""
+        seconds = self.budget
+        for word in self.budgets.split(",") if self.budgets else ():
+            name, _, value = word.partition("=")
+            if all(part in (variant.method, variant.last) or column in columns_named(part) for part in name.split(":")):
+                seconds = float(value)
+        return seconds
 
     @property
     def budget_text(self) -> str:
@@ -140,10 +202,12 @@ class ProofSettings(Stored):
     table: dict[str, Any] = field(default_factory=dict)  # settings of the table whose networks these are
     library: str = __version__  # version of warp-bounding
 
-    def check(self) -> None:
-        _at_least_1(self, "positives", "samples")
-        if not 0 < self.seconds < float("inf"):
-            raise BounderError(f"seconds must be positive, got {self.seconds}")
+    POSITIVE = ("seconds",)
+    COUNTS = ("positives", "samples")
+
+    def of_row(self, column: Column, variant: Variant) -> dict[str, Any]:
+        fits = {"budget": self.fits.budget_of(column, variant), "seed": self.fits.seed}
+        return fits | {"samples": self.samples, "seconds": self.seconds}
 
     @property
     def fits(self) -> Settings:

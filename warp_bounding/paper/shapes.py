@@ -1,9 +1,10 @@
 """The objects of a data folder: ``2D/*.png``, ``3D/*.binvox``, ``4D/*.npy``, as the paper's authors lay them out."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from warp_bounding import indicators
 from warp_bounding.errors import IndicatorError
 
 __all__ = ["Shape", "find_shapes", "load_shapes", "select_shapes"]
@@ -65,20 +66,16 @@ def select_shapes(shapes: Sequence[Shape], words: Sequence[str] | None) -> list[
     return chosen
 
 
-def load_shapes(shapes: Iterable[Shape], load: Callable[[Path], Any]) -> dict[Shape, Any]:
+def load_shapes(shapes: Iterable[Shape]) -> dict[Shape, Any]:
     """Read objects.
 
-    Args:
-        shapes: Which.
-        load: ``load_indicator``, or its stand-in.
-
     Returns:
-        What it gives, by object.
+        Grids, by object.
 
     Raises:
         IndicatorError: If one cannot be read, or is of another dimension.
     """
-    grids = {shape: load(shape.path) for shape in shapes}
+    grids = {shape: indicators.load_indicator(shape.path) for shape in shapes}
     for shape, grid in grids.items():
         if grid.ndim != shape.ndim:
             raise IndicatorError(f"{shape.path}: {grid.ndim}D, expected {shape.ndim}D")

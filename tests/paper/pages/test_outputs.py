@@ -4,12 +4,15 @@ import re
 import struct
 
 import pytest
-from fake_library import make_row, supports, table_rows
+from fake_library import make_row, table_rows
 
-from warp_bounding.paper import Means, open_folder, write_outputs
 from warp_bounding.paper.columns import COLUMNS, Column, Variant
-from warp_bounding.paper.pages.markdown import page
+from warp_bounding.paper.folder import open_folder
+from warp_bounding.paper.pages.markdown import page, write_outputs
+from warp_bounding.paper.pages.means import Means
 from warp_bounding.paper.pages.rank_plot import rank_plot
+
+pytestmark = pytest.mark.usefixtures("fake_supports")
 
 POINT, RAY = Column(2, "point"), Column(2, "ray")
 AABB, PARAMETRIC, MLP, EARLY = Variant("aabb"), Variant("aabb", None, True), Variant("mlp"), Variant("mlp-early")
@@ -57,14 +60,14 @@ def test_means_and_the_best():
     assert means.broken_promises() == []
     broken = Means([*ROWS, make_row(RAY, VOXELS, "bunny", fp_rate=0.0, fn=3)], "exact")
     assert broken.broken_promises() == ["2d-ray bunny: voxels (exact): 3 false negatives"]
-    summary = means.to_dict(supports)
+    summary = means.to_dict()
     assert summary["2d-point"]["mlp"] == {"fp_rate": 3.5625, "fn": 0, "objects": 2, "proven": True, "paper": 3.2}
     assert list(summary) == ["2d-point", "2d-ray"]
 
 
 def test_the_page(tmp_path):
     folder = opened(tmp_path / "out", ROWS)
-    text = page(folder, supports, ["3d-ray bunny: kdop (exact): no luck"])
+    text = page(folder, ["3d-ray bunny: kdop (exact): no luck"])
     cells = table(text)
     assert cells[""] == ["2D point", "2D ray", "false negatives"]
     assert cells["*objects*"][:2] == ["2 (of 9)", "1 (of 9)"]
@@ -92,7 +95,7 @@ def test_the_line_against_the_paper(tmp_path):
     rows = [make_row(RAY, MLP, name, fp_rate=rate) for name, rate in (("bunny", 2.5), ("chair", 2.7))]
     rows += [make_row(box, MLP, fp_rate=7.0), make_row(box, monotone, fp_rate=6.0), make_row(box, AABB, fp_rate=1.0)]
     rows[1] = make_row(RAY, MLP, "chair", fp_rate=2.7, certificate="statistical")
-    text = page(opened(tmp_path / "out", rows), supports)
+    text = page(opened(tmp_path / "out", rows))
     (line,) = (line for line in text.splitlines() if line.startswith("Our best network"))
     assert "2D ray **2.60**<sup>1s</sup> (2.7, mlp); 3D box 6.00 (5.0, monotone-mlp). Lower in 1 of 2 columns" in line
     assert "0 of them over all" in line
@@ -105,7 +108,7 @@ def test_the_page_says_what_does_not_exist_and_what_is_broken(tmp_path):
     ray3 = Column(3, "ray")
     rows = [make_row(POINT, FIELD), make_row(ray3, AABB, fn=2), make_row(Column(3, "point"), FIELD)]
     rows.append(make_row(ray3, MLP, protocol="sampled"))
-    text = page(opened(tmp_path / "out", rows), supports)
+    text = page(opened(tmp_path / "out", rows))
     cells = table(text)
     assert cells["relu-field"][2] == "–"
     assert cells["aabb"] == ["… (28.4)", "… (28.5)", "12.50", "**2** of 1,000,000, **promise broken**"]
@@ -115,7 +118,7 @@ def test_the_page_says_what_does_not_exist_and_what_is_broken(tmp_path):
 def test_every_line_of_a_table_is_as_long_as_its_head(tmp_path, rng):
     folder = opened(tmp_path / "out", table_rows(rng, protocols=("exact", "sampled")))
     widths, inside = [], []
-    for line in page(folder, supports).splitlines():
+    for line in page(folder).splitlines():
         if line.startswith("|"):
             inside.append(line.count("|"))
         elif inside:
@@ -127,7 +130,7 @@ def test_every_line_of_a_table_is_as_long_as_its_head(tmp_path, rng):
 
 def test_an_empty_folder(tmp_path):
     folder = opened(tmp_path / "out", [])
-    assert write_outputs(folder, supports) == []
+    assert write_outputs(folder) == []
     assert "Nothing has been measured yet" in folder.page.read_text()
     assert not (folder.path / "rank.png").exists()
 
@@ -136,7 +139,7 @@ def test_an_empty_folder(tmp_path):
 def test_the_rank_plot(tmp_path, rng, objects):
     pytest.importorskip("matplotlib")
     folder = opened(tmp_path / "out", table_rows(rng, objects))
-    assert write_outputs(folder, supports) == []
+    assert write_outputs(folder) == []
     png, svg = (folder.path / "rank.png").read_bytes(), (folder.path / "rank.svg").read_text()
     width, height = struct.unpack(">II", png[16:24])
     assert png.startswith(b"\x89PNG")
@@ -160,7 +163,7 @@ def test_the_rank_plot_of_little(rng):
 def test_a_page_begins_with_one_line_and_folds_the_rest(tmp_path):
     folder = opened(tmp_path / "out", ROWS)
     folder.commands.append("warp-bounding table1 --data D --out O --methods mlp")
-    text = page(folder, supports)
+    text = page(folder)
     head, *_ = text.split("\n- A cell is")
     title, _, line, _, details, *folded = head.splitlines()
     assert title.startswith("# Table 1")

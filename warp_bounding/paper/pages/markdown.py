@@ -1,10 +1,10 @@
 """What shows a run of ``table1``, made from the table alone: Table 1 as Markdown, ours beside the paper's, and the rank plot."""
 
-from collections.abc import Sequence
+from collections.abc import Container, Iterable, Sequence
 
 from warp_bounding.activations import activation_of
 from warp_bounding.errors import BoundingError
-from warp_bounding.paper.columns import COLUMNS, Column, Supports, Variant
+from warp_bounding.paper.columns import CLASSIC, COLUMNS, EXACT, Column, Variant
 from warp_bounding.paper.folder import Folder
 from warp_bounding.paper.pages.means import Mean, Means
 from warp_bounding.paper.pages.rank_plot import rank_plot
@@ -12,16 +12,16 @@ from warp_bounding.paper.rows import PROTOCOLS, Row
 from warp_bounding.paper.settings import Settings
 from warp_bounding.runtime.whole_file import write_whole
 
-__all__ = ["against_the_paper", "page", "write_outputs", "write_page"]
+__all__ = ["against_the_paper", "page", "table", "write_outputs", "write_page"]
 
 PICTURE = "rank"
 
 NO_METHOD, NOT_YET, SAME = "–", "…", "="
 GROUPS = (
-    ("Classic volumes", lambda v: v.classic),
+    ("Classic volumes", lambda v: v.method in CLASSIC),
     ("Learned", lambda v: v.learned and v.ranked),
     ("Not conservative, shown for comparison", lambda v: not v.conservative),
-    ("Exact on its own grid, at the price of its memory: outside the ranking", lambda v: v.method == "voxels"),
+    ("Exact on its own grid, at the price of its memory: outside the ranking", lambda v: v.method == EXACT),
 )
 HEADLINES = {
     "exact": "Truth is exact: any query that touches a cell of the object counts, however thin the touch.",
@@ -30,19 +30,27 @@ HEADLINES = {
 }
 
 
-def write_page(folder: Folder, supports: Supports, failed: Sequence[str] = ()) -> None:
+def table(heads: Sequence[str | None], lines: Iterable[Sequence[str | None]], left: Container[int] = (0,)) -> list[str]:
+    """Lines of a Markdown table; the columns ``left`` are aligned to the left, others to the right; ``None`` is no cell."""
+    rule = "".join("---|" if i in left else "---:|" for i in range(len(heads)))
+    first, *rest = (
+        "|" + "".join(" |" if cell is None else f" {cell} |" for cell in cells) for cells in (heads, *lines)
+    )
+    return [first, f"|{rule}", *rest]
+
+
+def write_page(folder: Folder, failed: Sequence[str] = ()) -> None:
     """Write the Markdown page; see ``write_outputs``."""
     picture = f"{PICTURE}.png"
     there = picture if (folder.path / picture).exists() else None
-    write_whole(folder.page, page(folder, supports, failed, there).encode())
+    write_whole(folder.page, page(folder, failed, there).encode())
 
 
-def write_outputs(folder: Folder, supports: Supports, failed: Sequence[str] = ()) -> list[str]:
+def write_outputs(folder: Folder, failed: Sequence[str] = ()) -> list[str]:
     """Write the page and the rank plot.
 
     Args:
         folder: Whose rows to show.
-        supports: Which bounders exist at all.
         failed: Lines about cells that failed.
 
     Returns:
@@ -51,24 +59,22 @@ def write_outputs(folder: Folder, supports: Supports, failed: Sequence[str] = ()
     Raises:
         FileFormatError: If a file cannot be written.
     """
-    notes = []
+    pictures, notes = {}, []
     try:
         pictures = rank_plot(folder.rows.values())
     except BoundingError as error:
-        pictures = {}
         notes.append(str(error))
     for kind, content in pictures.items():
         write_whole(folder.path / f"{PICTURE}.{kind}", content)
-    write_page(folder, supports, failed)
+    write_page(folder, failed)
     return notes
 
 
-def page(folder: Folder, supports: Supports, failed: Sequence[str] = (), picture: str | None = None) -> str:
+def page(folder: Folder, failed: Sequence[str] = (), picture: str | None = None) -> str:
     """The whole page.
 
     Args:
         folder: Rows, settings, commands.
-        supports: Which bounders exist at all.
         failed: Lines about cells that failed in this run.
         picture: Name of the rank plot in the folder, if there is one.
     """
@@ -83,7 +89,7 @@ def page(folder: Folder, supports: Supports, failed: Sequence[str] = (), picture
     lines += ["", *_legend(tables)]
     for means in tables:
         lines += ["", f"## False positives, {means.protocol} protocol", "", HEADLINES[means.protocol], ""]
-        lines += [*_table(means, supports), "", against_the_paper(means)]
+        lines += [*_table(means), "", against_the_paper(means)]
     if picture:
         lines += ["", "## Every object", "", f"![False positives of every object, by method, sorted]({picture})", ""]
         lines += [
@@ -128,13 +134,14 @@ def against_the_paper(means: Means, *, plain: bool = False) -> str:
 
 def _made_with(folder: Folder, rows: Sequence[Row]) -> list[str]:
     s = folder.settings
-    objects = {n: len({r.object for r in rows if r.dimension == n}) for n in sorted({r.dimension for r in rows})}
-    threads = sorted({str(r.threads) for r in rows}) or ["?"]
+    dimensions = sorted({r.dimension for r in rows})
+    counts = ", ".join(f"{len({r.object for r in rows if r.dimension == n})} in {n}D" for n in dimensions) or "none"
+    threads = " and ".join(sorted({str(r.threads) for r in rows})) or "?"
+    sizes = ", ".join(f"{c.ndim}D {c.hidden}" for c in COLUMNS if not c.kind.is_region)
     monotone = activation_of(s.activation).monotone.name
     replaced = monotone != s.activation and any(r.method == "monotone-mlp" for r in rows)
-    commands, versions = folder.commands or ["(no command yet)"], sorted({r.versions for r in rows})
-    counts = ", ".join(f"{count} in {n}D" for n, count in objects.items()) or "none"
-    lines = [
+    commands = folder.commands or ["(no command yet)"]
+    return [
         f"{len(rows):,} cells in [table1.csv](table1.csv), objects: {counts}; made with `{commands[0]}`.",
         "",
         "<details>",
@@ -144,15 +151,14 @@ def _made_with(folder: Folder, rows: Sequence[Row]) -> list[str]:
         *commands,
         "```",
         "",
-    ]
-    lines += [
-        f"- {_budgets(s)}, its proof included; sizes as in the paper's supplement "
-        f"({', '.join(f'{c.ndim}D {c.hidden}' for c in COLUMNS if not c.kind.is_region)}), activation {s.activation}, seed {s.seed}",
+        f"- {_budgets(s)}, its proof included; sizes as in the paper's supplement ({sizes}), activation {s.activation}, seed {s.seed}",
         f"- rates over {s.samples:,} random queries (seed {s.sample_seed}), rays of length {s.length:g}",
         *([f"- networks that are monotone by construction have {monotone} as their activation"] if replaced else []),
-        f"- device {s.device}, CPU threads {' and '.join(threads)}",
+        f"- device {s.device}, CPU threads {threads}",
+        *(f"- {version}" for version in sorted({r.versions for r in rows})),
+        "",
+        "</details>",
     ]
-    return [*lines, *(f"- {version}" for version in versions), "", "</details>"]
 
 
 def _budgets(settings: Settings) -> str:
@@ -164,69 +170,59 @@ def _budgets(settings: Settings) -> str:
 def _legend(tables: Sequence[Means]) -> list[str]:
     """How to read a cell; only the signs that occur."""
     cells = [(v, m) for t in tables for (v, _), m in t.cells.items()]
+    parametric = any(v.parametric for v, _ in cells)
     lines = [
         "A cell is **our** mean false-positive rate over objects, in per cent of all queries, and in brackets the paper's (sampled truth, "
         "all its objects). Lower is better. **Bold**: the tightest conservative bounder of the column.",
         "Every row but `occupancy` promises to have no false negative; the last column counts those that were found.",
     ]
-    if any(v.parametric for v, _ in cells):
+    if parametric:
         lines.append(
             "`(parametric)`: a volume around the parameters of the queries (a ray's origin and direction), as in the paper, whose figures stand "
             "there (where there is no such row, beside the other); without: around the object, met by the query as an engineer would test it."
         )
     signs = {
-        f"`{SAME}`": ("the same as the row above: a point is its own parameters", any(v.parametric for v, _ in cells))
+        f"`{SAME}` the same as the row above: a point is its own parameters": parametric,
+        f"`{NO_METHOD}` there is no such bounder": True,
+        f"`{NOT_YET}` not measured (yet)": True,
+        "<sup>s</sup> a statistical bound on false negatives instead of a proof; without it: proven": any(
+            "statistical" in m.kinds for _, m in cells
+        ),
+        "<sup>2s</sup> proven for all objects but 2, for example": any(
+            v.conservative and 0 < m.unproven < m.objects for v, m in cells
+        ),
+        "<sup>u</sup> neither proven nor bounded": any(v.conservative and not m.certified for v, m in cells),
+        "<sup>1/9</sup> a mean over 1 of the column's 9 objects, for example": any(not m.complete for _, m in cells),
     }
-    signs["`–`"] = ("there is no such bounder", True)
-    signs["`…`"] = ("not measured (yet)", True)
-    signs["<sup>s</sup>"] = (
-        "a statistical bound on false negatives instead of a proof; without it: proven",
-        any("statistical" in m.kinds for _, m in cells),
-    )
-    signs["<sup>2s</sup>"] = (
-        "proven for all objects but 2, for example",
-        any(v.conservative and 0 < m.unproven < m.objects for v, m in cells),
-    )
-    signs["<sup>u</sup>"] = ("neither proven nor bounded", any(v.conservative and not m.certified for v, m in cells))
-    signs["<sup>1/9</sup>"] = (
-        "a mean over 1 of the column's 9 objects, for example",
-        any(not m.complete for _, m in cells),
-    )
-    lines.append("; ".join(f"{sign} {meaning}" for sign, (meaning, occurs) in signs.items() if occurs) + ".")
+    lines.append("; ".join(sign for sign, occurs in signs.items() if occurs) + ".")
     return [f"- {line}" for line in lines]
 
 
-def _table(means: Means, supports: Supports) -> list[str]:
-    columns = list(means.objects)
-    lines = [
-        "| | " + " | ".join(c.title for c in columns) + " | false negatives |",
-        "|---|" + "---:|" * (len(columns) + 1),
-    ]
-    counts = [
+def _table(means: Means) -> list[str]:
+    columns, lines = list(means.objects), []
+    counts = (
         str(len(names)) if len(names) == c.paper_objects else f"{len(names)} (of {c.paper_objects})"
         for c, names in means.objects.items()
-    ]
-    lines.append(f"| *objects* | {' | '.join(counts)} | |")
+    )
+    lines.append(["*objects*", *counts, None])
     for heading, belongs in GROUPS:
         variants = [v for v in means.variants if belongs(v)]
-        if not variants:
-            continue
-        lines.append(f"| *{heading}* |" + " |" * (len(columns) + 1))
+        if variants:
+            lines.append([f"*{heading}*", *[None] * (len(columns) + 1)])
         for variant in variants:
-            cells = [_cell(means, variant, column, supports) for column in columns]
             missed, samples = means.missed(variant)
+            text = f"{missed:,} of {samples:,}"
+            if variant.conservative:
+                text = f"**{missed:,}** of {samples:,}, **promise broken**" if missed else f"0 of {samples:,}"
+            lines.append([variant.label, *(_cell(means, variant, column) for column in columns), text])
             if not variant.conservative:
-                lines.append(f"| {variant.label} | {' | '.join(cells)} | {missed:,} of {samples:,} |")
                 rates = [f"{m.fn_rate:.3f}" if (m := means.cells.get((variant, c))) else NO_METHOD for c in columns]
-                lines.append(f"| {variant.label}, **false negatives %** | {' | '.join(rates)} | |")
-                continue
-            text = f"**{missed:,}** of {samples:,}, **promise broken**" if missed else f"0 of {samples:,}"
-            lines.append(f"| {variant.label} | {' | '.join(cells)} | {text} |")
-    return lines
+                lines.append([f"{variant.label}, **false negatives %**", *rates, None])
+    return table([None, *(c.title for c in columns), "false negatives"], lines)
 
 
-def _cell(means: Means, variant: Variant, column: Column, supports: Supports) -> str:
-    mean, paper = means.cells.get((variant, column)), variant.paper(column, supports)
+def _cell(means: Means, variant: Variant, column: Column) -> str:
+    mean, paper = means.cells.get((variant, column)), variant.paper(column)
     if mean is not None:
         text = f"{mean.fp_rate:.2f}"
         text = f"**{text}**" if variant in means.best(column) else text
@@ -234,7 +230,7 @@ def _cell(means: Means, variant: Variant, column: Column, supports: Supports) ->
     elif variant.parametric and not column.kind.is_region:
         text = SAME
     else:
-        text = NOT_YET if variant.space_in(column, supports) else NO_METHOD
+        text = NOT_YET if variant.space_in(column) else NO_METHOD
     return text if paper is None else f"{text} ({paper})"
 
 
@@ -252,22 +248,16 @@ def _details(means: Means, column: Column) -> list[str]:
     """One column of the table, object by object."""
     objects = means.objects[column]
     rows = {(r.variant, r.object): r for r in means.rows if r.column == column}
-    positives = [next(r.positives for (_, name), r in rows.items() if name == o) for o in objects]
-    lines = [
-        f"| | {' | '.join(objects)} | memory | fit s | proof s |",
-        "|---|" + "---:|" * (len(objects) + 3),
-        f"| *positives %* | {' | '.join(f'{p:.2f}' for p in positives)} | | | |",
-    ]
+    positives = {name: f"{r.positives:.2f}" for (_, name), r in reversed(rows.items())}
+    lines = [["*positives %*", *(positives[o] for o in objects), None, None, None]]
     for variant in means.variants:
-        own = [rows.get((variant, o)) for o in objects]
-        found = [r for r in own if r is not None]
-        if not found:
-            continue
-        cells = [_detail(r) if r is not None else NOT_YET for r in own]
-        memory = _size(sum(r.nbytes for r in found) / len(found))
-        seconds = [_seconds([r.fit_seconds for r in found]), _seconds([r.proof_seconds for r in found])]
-        lines.append(f"| {variant.label} | {' | '.join([*cells, memory, *seconds])} |")
-    return lines
+        found = {o: rows[variant, o] for o in objects if (variant, o) in rows}
+        if found:
+            cells = (_detail(found[o]) if o in found else NOT_YET for o in objects)
+            memory = _size(sum(r.nbytes for r in found.values()) / len(found))
+            seconds = (_seconds(getattr(r, name) for r in found.values()) for name in ("fit_seconds", "proof_seconds"))
+            lines.append([variant.label, *cells, memory, *seconds])
+    return table([None, *objects, "memory", "fit s", "proof s"], lines)
 
 
 def _detail(row: Row) -> str:
@@ -280,6 +270,6 @@ def _size(nbytes: float) -> str:
     return f"{nbytes:.0f} B" if nbytes < 1024 else f"{nbytes / 1024:.1f} kB"
 
 
-def _seconds(values: Sequence[float | None]) -> str:
+def _seconds(values: Iterable[float | None]) -> str:
     known = [v for v in values if v is not None]
     return f"{sum(known) / len(known):.2f}" if known else NO_METHOD

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from warp_bounding.paper.columns import COLUMNS, NETWORKS, VARIANTS, Column, Supports, Variant
+from warp_bounding.paper.columns import COLUMNS, NETWORKS, VARIANTS, Column, Variant
 from warp_bounding.paper.rows import Row
 
 __all__ = ["Mean", "Means"]
@@ -100,7 +100,7 @@ class Means:
             if r.fn and r.variant.conservative
         ]
 
-    def to_dict(self, supports: Supports) -> dict[str, dict]:
+    def to_dict(self) -> dict[str, dict]:
         """JSON-ready: by column and row."""
         return {
             column.name: {
@@ -109,7 +109,7 @@ class Means:
                     "fn": mean.fn,
                     "objects": mean.objects,
                     "proven": mean.proven,
-                    "paper": variant.paper(column, supports),
+                    "paper": variant.paper(column),
                 }
                 for variant in self.variants
                 if (mean := self.cells.get((variant, column))) is not None

@@ -4,10 +4,12 @@ from collections.abc import Callable, Iterable, Sequence
 
 from warp_bounding.paper.columns import COLUMNS
 from warp_bounding.paper.folder import Folder
+from warp_bounding.paper.pages.markdown import table
 from warp_bounding.paper.proofs import PROOF_COST
 from warp_bounding.paper.rows import ProofRow
+from warp_bounding.runtime.whole_file import write_whole
 
-__all__ = ["proofs_page", "summary", "summary_text"]
+__all__ = ["proofs_page", "summary", "summary_text", "write_page"]
 
 NONE = "–"
 
@@ -41,13 +43,13 @@ def summary_text(rows: Sequence[ProofRow]) -> str:
     )
 
 
-def proofs_page(folder: Folder, failed: Sequence[str] = ()) -> str:
-    """The whole page.
+def write_page(folder: Folder, failed: Sequence[str] = ()) -> None:
+    """Write the page; ``failed`` are lines about networks that failed in this run."""
+    write_whole(folder.page, proofs_page(folder, failed).encode())
 
-    Args:
-        folder: Rows, settings, commands.
-        failed: Lines about networks that failed in this run.
-    """
+
+def proofs_page(folder: Folder, failed: Sequence[str] = ()) -> str:
+    """The whole page; see ``write_page``."""
     rows, s = list(folder.rows.values()), folder.settings
     lines = ["# What a proof is worth: networks thresholded by sampling and by proof", "", "Made with", "", "```"]
     lines += [*(folder.commands or ["(no command yet)"]), "```", ""]
@@ -69,95 +71,75 @@ def proofs_page(folder: Folder, failed: Sequence[str] = ()) -> str:
         "",
         "A false negative counts if a float32 query was found that the exact oracle affirms and the deployed kernel denies.",
     ]
-    for method in dict.fromkeys(r.method for r in sorted(rows, key=lambda r: r.method)):
+    for method in sorted({r.method for r in rows}):
         own = [r for r in rows if r.method == method]
-        lines += ["", f"## {method}: what sampling would have shipped", "", *_shipped(own)]
-        lines += ["", f"## {method}: what the proof costs", "", *_proofs(own)]
-    lines += ["", "## Every network", "", *_every(rows)]
-    return "\n".join([*lines, ""])
+        lines += ["", f"## {method}: what sampling would have shipped", "", *_by_column(own, SHIPPED)]
+        lines += ["", f"## {method}: what the proof costs", "", *_by_column(own, COSTS)]
+    rows.sort(key=lambda r: (COLUMNS.index(r.column), r.object, r.method))
+    left = [i for i, head in enumerate(EVERY) if head in WORDS]
+    every = table(list(EVERY), ([cell(r) for cell in EVERY.values()] for r in rows), left)
+    return "\n".join([*lines, "", "## Every network", "", *every, ""])
 
 
-def _shipped(rows: Sequence[ProofRow]) -> list[str]:
-    return _table(
-        rows,
-        {
-            "networks": lambda g: str(len(g)),
-            "with a FN at output 0.5": lambda g: _count([r.missed_zero for r in g]),
-            "FN rate there, uniform, %": lambda g: _known([r.fn_zero for r in g], [r.samples for r in g]),
-            "FN rate there, hard positives, %": lambda g: _known(
-                [r.hard_fn_zero for r in g], [r.hard_positives for r in g]
-            ),
-            "with a FN at the sampled minimum": lambda g: f"**{sum(r.missed_sampled for r in g)}** of {len(g)}",
-            "found from the prover's points": lambda g: str(sum(r.found_by == "prover" for r in g)),
-            "depth, std of f, mean (worst)": lambda g: _worst([r.depth_std for r in g]),
-            "depth, FP %, mean (worst)": lambda g: _worst([r.depth_fp for r in g]),
-        },
-    )
-
-
-def _proofs(rows: Sequence[ProofRow]) -> list[str]:
-    return _table(
-        rows,
-        {
-            "searches complete": lambda g: f"{sum(r.search == 'complete' for r in g)} of {len(g)}",
-            "FP % at output 0.5": lambda g: _known([r.fp_zero for r in g], digits=3),
-            "FP % sampled": lambda g: f"{_mean(r.fp_sampled for r in g):.3f}",
-            "FP % proven": lambda g: f"**{_mean(r.fp_proven for r in g):.3f}**",
-            "cost of the proof, FP %, mean (worst)": lambda g: _worst([r.fp_proven - r.fp_sampled for r in g]),
-            "FN found at the proven threshold": lambda g: str(sum(r.fn_proven for r in g)),
-            "gap, worst": lambda g: f"{max(r.gap for r in g):.2g}",
-            "boxes, mean": lambda g: f"{_mean(r.boxes for r in g):,.0f}",
-            "seconds, mean (worst)": lambda g: _worst([r.proof_seconds for r in g], 2),
-        },
-    )
-
-
-def _every(rows: Sequence[ProofRow]) -> list[str]:
-    lines = [
-        "| | object | method | search | FP % sampled | FP % proven | FN at 0.5 | FN at the sampled minimum | depth, std | boxes | s |",
-        "|---|---|---|---|---:|---:|---|---|---:|---:|---:|",
-    ]
-    for r in sorted(rows, key=lambda r: (COLUMNS.index(r.column), r.object, r.method)):
-        missed = f"yes, by the {r.found_by}" if r.missed_sampled else "none found"
-        zero = NONE if r.missed_zero is None else "yes" if r.missed_zero else "none found"
-        depth = f"{r.depth_std:.3g}" if r.depth_std is not None else ""
-        lines.append(
-            f"| {r.column.title} | {r.object} | {r.method} | {r.search} | {r.fp_sampled:.3f} | {r.fp_proven:.3f} | "
-            f"{zero} | {missed} | {depth} | {r.boxes:,} | {r.proof_seconds:.2f} |"
-        )
-    return lines
-
-
-def _table(rows: Sequence[ProofRow], cells: dict[str, Callable[[list[ProofRow]], str]]) -> list[str]:
-    """A line for each column that has rows, a cell for each of some numbers."""
-    lines = [f"| | {' | '.join(cells)} |", "|---|" + "---:|" * len(cells)]
+def _by_column(rows: Sequence[ProofRow], cells: dict[str, Callable[[Sequence[ProofRow]], str]]) -> list[str]:
+    """A line for each column of Table 1 that has rows, a cell for each of some numbers."""
     groups = {c.title: [r for r in rows if r.column == c] for c in COLUMNS}
-    if len({r.column for r in rows}) > 1:
-        groups["*all*"] = list(rows)
-    for title, group in groups.items():
-        if group:
-            lines.append(f"| {title} | {' | '.join(cell(group) for cell in cells.values())} |")
-    return lines
+    groups = {title: group for title, group in groups.items() if group}
+    groups |= {"*all*": rows} if len(groups) > 1 else {}
+    return table(
+        [None, *cells], ([title, *(cell(group) for cell in cells.values())] for title, group in groups.items())
+    )
 
 
-def _mean(values: Iterable[float]) -> float:
-    values = list(values)
-    return sum(values) / len(values)
+def _mean(values: Iterable[float | None], digits: int = 3, worst: bool = False) -> str:
+    """Mean of what is known, and the largest where wanted."""
+    known = [v for v in values if v is not None]
+    text = f"{sum(known) / len(known):,.{digits}f}" if known else NONE
+    return f"{text} ({max(known):,.{digits}f})" if known and worst else text
 
 
-def _count(values: Sequence[int | None]) -> str:
+def _count(values: Iterable[int | None]) -> str:
     known = [v for v in values if v is not None]
     return f"{sum(known)} of {len(known)}" if known else NONE
 
 
-def _known(values: Sequence[float | None], totals: Sequence[int] = (), digits: int = 4) -> str:
-    """Mean of what is known, or of its per cent of totals."""
-    if totals:
-        values = [None if v is None else 100 * v / t for v, t in zip(values, totals, strict=True)]
-    known = [v for v in values if v is not None]
-    return f"{_mean(known):.{digits}f}" if known else NONE
+def _share(values: Iterable[tuple[int | None, int]]) -> str:
+    """Mean of counts in per cent of their totals."""
+    return _mean((None if v is None else 100 * v / total for v, total in values), 4)
 
 
-def _worst(values: Sequence[float | None], digits: int = 3) -> str:
-    known = [v for v in values if v is not None]
-    return f"{_mean(known):.{digits}f} ({max(known):.{digits}f})" if known else NONE
+SHIPPED = {
+    "networks": lambda g: str(len(g)),
+    "with a FN at output 0.5": lambda g: _count(r.missed_zero for r in g),
+    "FN rate there, uniform, %": lambda g: _share((r.fn_zero, r.samples) for r in g),
+    "FN rate there, hard positives, %": lambda g: _share((r.hard_fn_zero, r.hard_positives) for r in g),
+    "with a FN at the sampled minimum": lambda g: f"**{sum(r.missed_sampled for r in g)}** of {len(g)}",
+    "found from the prover's points": lambda g: str(sum(r.found_by == "prover" for r in g)),
+    "depth, std of f, mean (worst)": lambda g: _mean((r.depth_std for r in g), worst=True),
+    "depth, FP %, mean (worst)": lambda g: _mean((r.depth_fp for r in g), worst=True),
+}
+COSTS = {
+    "searches complete": lambda g: f"{sum(r.search == 'complete' for r in g)} of {len(g)}",
+    "FP % at output 0.5": lambda g: _mean(r.fp_zero for r in g),
+    "FP % sampled": lambda g: _mean(r.fp_sampled for r in g),
+    "FP % proven": lambda g: f"**{_mean(r.fp_proven for r in g)}**",
+    "cost of the proof, FP %, mean (worst)": lambda g: _mean((r.fp_proven - r.fp_sampled for r in g), worst=True),
+    "FN found at the proven threshold": lambda g: str(sum(r.fn_proven for r in g)),
+    "gap, worst": lambda g: f"{max(r.gap for r in g):.2g}",
+    "boxes, mean": lambda g: _mean((r.boxes for r in g), 0),
+    "seconds, mean (worst)": lambda g: _mean((r.proof_seconds for r in g), 2, worst=True),
+}
+EVERY = {
+    None: lambda r: r.column.title,
+    "object": lambda r: r.object,
+    "method": lambda r: r.method,
+    "search": lambda r: r.search,
+    "FP % sampled": lambda r: f"{r.fp_sampled:.3f}",
+    "FP % proven": lambda r: f"{r.fp_proven:.3f}",
+    "FN at 0.5": lambda r: NONE if r.missed_zero is None else "yes" if r.missed_zero else "none found",
+    "FN at the sampled minimum": lambda r: f"yes, by the {r.found_by}" if r.missed_sampled else "none found",
+    "depth, std": lambda r: "" if r.depth_std is None else f"{r.depth_std:.3g}",
+    "boxes": lambda r: f"{r.boxes:,}",
+    "s": lambda r: f"{r.proof_seconds:.2f}",
+}
+WORDS = (None, "object", "method", "search", "FN at 0.5", "FN at the sampled minimum")  # aligned to the left

@@ -17,7 +17,13 @@ from warp_bounding.paper.rows import PROTOCOLS, Row
 __all__ = ["FORMATS", "rank_plot"]
 
 FORMATS = ("png", "svg")
-STYLES = {  # colour and marker; told apart in all common kinds of colour blindness by lightness and marker
+STYLES = {  # colour and marker, in the legend's order; lightness and marker differ for the colour-blind, too
+    "mlp": ("#d1420a", "o"),
+    "mlp-early": ("#f0a30a", "d"),
+    "monotone-mlp": ("#a8323e", ">"),
+    "learned-kdop+mlp": ("#7a2f00", "*"),
+    "relu-field": ("#d97bb6", "X"),
+    "learned-kdop": ("#8a1c5a", "P"),
     "aabb": ("#1b5e9e", "s"),
     "obb": ("#4aa3df", "D"),
     "sphere": ("#a0a4a8", "o"),
@@ -25,22 +31,7 @@ STYLES = {  # colour and marker; told apart in all common kinds of colour blindn
     "oriented-ellipsoid": ("#43474b", "p"),
     "kdop": ("#00846b", "^"),
     "bvh": ("#5ec4a8", "v"),
-    "learned-kdop": ("#8a1c5a", "P"),
-    "relu-field": ("#d97bb6", "X"),
-    "mlp": ("#d1420a", "o"),
-    "mlp-early": ("#f0a30a", "d"),
-    "monotone-mlp": ("#a8323e", ">"),
-    "learned-kdop+mlp": ("#7a2f00", "*"),
 }
-ORDER = (
-    "mlp",
-    "mlp-early",
-    "monotone-mlp",
-    "learned-kdop+mlp",
-    "relu-field",
-    "learned-kdop",
-    *(m for m in STYLES if m not in LEARNED),
-)  # of the legend
 HEADINGS = {"learned": True, "classic": False}
 CAPTIONS = {
     "geometric": "volumes around the object",
@@ -99,7 +90,7 @@ def _draw(figure, rows: list[Row], protocol: str) -> None:
     for line_of_panels, space in zip(panels, spaces, strict=True):
         for panel, ndim in zip(line_of_panels, dimensions, strict=True):
             own = [r for r in rows if r.dimension == ndim]
-            for method in (m for m in ORDER if any(r.method == m and _brings(r, space) for r in own)):
+            for method in (m for m in STYLES if any(r.method == m and _brings(r, space) for r in own)):
                 rates = np.sort([r.fp_rate for r in own if r.method == method and _belongs(r, space)])
                 lines[method] = _line(panel, method, np.maximum(rates, least))
             cases = {(r.object, r.query) for r in own}
@@ -187,7 +178,7 @@ def _legend(figure, lines: dict[str, object], right: float) -> None:
     space = Line2D([], [], linestyle="none")
     handles, labels = [], []
     for heading, learned in HEADINGS.items():
-        own = [m for m in ORDER if m in lines and (m in LEARNED) == learned]
+        own = [m for m in STYLES if m in lines and (m in LEARNED) == learned]
         if own:
             handles += [*([space] if handles else []), space, *(lines[m] for m in own)]
             labels += [*([""] if labels else []), heading, *own]

@@ -1,0 +1,80 @@
+"""What the commands that make the paper's tables have in common: how cells are selected, and what is told meanwhile."""
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from warp_bounding.cli.output import console
+
+__all__ = ["Columns", "Objects", "Reporter", "command_line", "selected"]
+
+Columns = Annotated[
+    str | None, typer.Option(help="Such as 2d-point,3d-ray; or 2d, or ray, for all of these (default: all)")
+]
+Objects = Annotated[
+    str | None, typer.Option(help="Such as bunny (in all dimensions) or 2d/dragon1,3d/bunny (default: all)")
+]
+
+
+def selected(
+    data: str, columns: str | None, methods: str | None, objects: str | None, protocols: Sequence[str], **among: Any
+) -> tuple[list, list, list, Sequence[str]]:
+    """Columns, rows, objects and protocols, as ``plan`` takes them; ``among`` is for ``select_methods``.
+
+    Raises:
+        BoundingError: For a word that names nothing, or if there is nothing to measure.
+    """
+    from warp_bounding.paper.columns import select_columns, select_methods
+    from warp_bounding.paper.plan import plan
+    from warp_bounding.paper.shapes import find_shapes, select_shapes
+
+    def words(text: str | None) -> list[str] | None:
+        return None if text is None else [word.strip() for word in text.split(",")]
+
+    wanted, variants = select_columns(words(columns)), select_methods(words(methods), **among)
+    found = find_shapes(Path(data), dict.fromkeys(c.ndim for c in wanted))
+    selection = wanted, variants, select_shapes(found, words(objects)), protocols
+    plan(*selection)  # before a folder is made
+    return selection
+
+
+def command_line(command: str, options: dict[str, Any]) -> str:
+    """The command line that does the same on another machine: without the paths of this one."""
+    paths = {name: Path(str(options[name])) for name in ("table", "out") if name in options}
+    options = options | {"data": "DIR"} | {n: path.name if path.is_absolute() else path for n, path in paths.items()}
+    words = [word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))]
+    return shlex.join(["warp-bounding", command, *words])
+
+
+class Reporter:
+    """Tells people what a run does, on standard error."""
+
+    def __init__(self, folder):
+        self._folder, self._err = folder, console(True)
+        for note in folder.notes:
+            self.say(note)
+
+    def begin(self, run) -> None:
+        """A run begins."""
+        self._run = run
+
+    def start(self, job) -> None:
+        """A job begins."""
+
+    def within(self, note: str) -> None:
+        """A job tells what it is doing."""
+
+    def row(self, row) -> None:
+        """A cell is done, its row written."""
+
+    def say(self, text: str) -> None:
+        """Print a line."""
+        self._err.print(text)
+
+    @property
+    def done(self) -> str:
+        """How many cells are done."""
+        return f"{self._run.outcome.done}/{self._run.outcome.total}"
