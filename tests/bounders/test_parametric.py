@@ -9,7 +9,6 @@ from bounding_shapes import shape
 
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders import METHODS
-from warp_bounding.bounders.parametric_fit import fit_parametric
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry.direction_patches import DirectionPatches
@@ -105,7 +104,7 @@ def test_no_false_negative(name, query):
     x = positives(name, query)
     v = d.to_local(x[:2000])
     for method in CLASSICS if name == "c" else ("obb", "oriented-ellipsoid"):
-        bounder = fit_parametric(METHODS[method], grid, d, v, device="cpu")
+        bounder = METHODS[method].fit_parametric(grid, d, v, device="cpu")
         least, count = bounder.least(grid)
         assert count > 0
         bounder.freeze(round_down(least - bounder.rounding_bound()), None)
@@ -121,7 +120,7 @@ def test_they_leave_something_out():
         uniform = sample(query, grid, 20_000, np.random.default_rng(1))
         rate = {}
         for method in ("aabb", "kdop"):
-            bounder = fit_parametric(METHODS[method], grid, d, v, device="cpu")
+            bounder = METHODS[method].fit_parametric(grid, d, v, device="cpu")
             least, _ = bounder.least(grid)
             assert abs(least) < 1e-4
             rate[method] = (
@@ -171,10 +170,10 @@ def test_patches_cover_the_sphere(ndim, rng):
 def test_errors():
     grid, d = shape("c"), domain("c", "ray")
     with pytest.raises(BounderError, match="positives"):
-        fit_parametric(METHODS["aabb"], grid, d, np.zeros((0, 4)))
+        METHODS["aabb"].fit_parametric(grid, d, np.zeros((0, 4)))
     with pytest.raises(BounderError, match="parametric space"):
-        fit_parametric(METHODS["aabb"], grid, domain_of(grid, "ray"), np.zeros((5, 4)))
+        METHODS["aabb"].fit_parametric(grid, domain_of(grid, "ray"), np.zeros((5, 4)))
     with pytest.raises(BounderError, match="no such volume"):
-        fit_parametric(METHODS["voxels"], grid, d, np.zeros((5, 4)))
+        METHODS["voxels"].fit_parametric(grid, d, np.zeros((5, 4)))
     with pytest.raises(BounderError, match="parametric space"):
         ParametricSupport(grid, domain_of(grid, "point"))

@@ -13,7 +13,6 @@ from region_cases import REGIONS, fitted_region, hard_regions, ray_length
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.bounders.parametric_fit import fit_parametric
 from warp_bounding.coordinates.base import FAR
 from warp_bounding.coordinates.placement import Placement, placement_error
 from warp_bounding.coordinates.region_domain import domain_of
@@ -109,7 +108,7 @@ def parametric_box(name: str, query: str, length: float):
     """The box in the space of the queries' own numbers."""
     grid = shape(name)
     domain = domain_of(grid, query, length, "parametric")
-    bounder = fit_parametric(METHODS["aabb"], grid, domain, np.zeros((1, domain.ndim)), device="cpu")
+    bounder = METHODS["aabb"].fit_parametric(grid, domain, np.zeros((1, domain.ndim)), device="cpu")
     least = bounder.least(grid)[0] - bounder.rounding_bound()
     return bounder.freeze(float(round_down(np.nextafter(least, -np.inf))), None)
 

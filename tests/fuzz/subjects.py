@@ -12,7 +12,6 @@ from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders import METHODS, Bounder, Cascade
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.neural.mlp_early import MlpEarly
-from warp_bounding.bounders.parametric_fit import fit_parametric
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.proof import least_value
 from warp_bounding.queries import QUERY_KINDS
@@ -87,7 +86,7 @@ def made(method: str, name: str, query: str, space: str = "geometric") -> Bounde
         return settled(network(name, query), name)
     if space == "parametric" and method != "learned-kdop":
         positives = next(draw_positives(query, grid, POSITIVES, 0, "cpu", LENGTH, outside=False))[:POSITIVES]
-        return settled(fit_parametric(kind, grid, domain, domain.to_local(positives), device="cpu"), name)
+        return settled(kind.fit_parametric(grid, domain, domain.to_local(positives), device="cpu"), name)
     return settled(kind.fit(grid, domain, device="cpu"), name)
 
 

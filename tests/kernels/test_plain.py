@@ -24,7 +24,6 @@ from warp_bounding.activations import ACTIVATIONS
 from warp_bounding.bounders import METHODS, supports
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.bounders.parametric_fit import fit_parametric
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.kernels.functions import Data, point_type
 from warp_bounding.kernels.plain import Numbers, Words, plain_value, vector_type
@@ -57,7 +56,7 @@ def bounder_of(query: str, name: str) -> wb.Bounder:
     if domain.tested_as_region or not kind:
         return method.fit(shape("c"), domain, device="cpu")
     positives = next(draw_positives(query, shape("c"), 500, 7, "cpu"))
-    return fit_parametric(method, shape("c"), domain, domain.to_local(positives), device="cpu")
+    return method.fit_parametric(shape("c"), domain, domain.to_local(positives), device="cpu")
 
 
 EVERYONE = pytest.mark.parametrize(("query", "name"), [(query, name) for query in QUERIES for name in names_of(query)])

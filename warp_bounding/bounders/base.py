@@ -26,8 +26,7 @@ from warp_bounding.bounders.asking import Asking
 from warp_bounding.bounders.file_format import save
 from warp_bounding.bounders.options import Option
 from warp_bounding.certificates.certificate import Certificate
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.networks.box_bounds import BoxBounds
@@ -71,7 +70,7 @@ class Bounder(Asking):
 
     def __init__(
         self,
-        domain: Domain | RegionDomain,
+        domain: AnyDomain,
         tensors: dict[str, np.ndarray],
         sizes: dict[str, Any],
         device: str | None = None,
@@ -111,8 +110,22 @@ class Bounder(Asking):
         self.info: dict[str, Any] = {}
         self._device = device
         self.native = True
+        self.check_tensors()
+
+    def expect_shapes(self, expected: dict[str, tuple[int, ...]]) -> None:
+        """Refuse tensors of other names or shapes, with ``BounderError``."""
+        found = {name: tensor.shape for name, tensor in self.tensors.items()}
+        if found != expected:
+            raise BounderError(f"{self.method}: expected tensors {expected}, got {found}")
 
     # --- what a method supplies --------------------------------------------------------------------------------------
+
+    def check_tensors(self) -> None:
+        """Refuse tensors and sizes that do not fit together, and keep what follows from them; part of the constructor.
+
+        Raises:
+            BounderError: If they do not.
+        """
 
     @abstractmethod
     def reference(self, v: np.ndarray) -> np.ndarray:
@@ -155,9 +168,7 @@ class Bounder(Asking):
         return None
 
     @classmethod
-    def fit(
-        cls, grid: IndicatorGrid, domain: Domain | RegionDomain, *, device: str | None = None, **options
-    ) -> "Bounder":
+    def fit(cls, grid: IndicatorGrid, domain: AnyDomain, *, device: str | None = None, **options) -> "Bounder":
         """The method's volume of a grid, in closed form; ``prove`` sets its threshold.
 
         Args:
@@ -172,20 +183,20 @@ class Bounder(Asking):
         raise BounderError(f"{cls.method}: there is no closed form")
 
     @classmethod
-    def fit_regions(
-        cls, grid: IndicatorGrid, domain: RegionDomain, samples: np.ndarray, *, device: str | None = None
+    def fit_parametric(
+        cls, grid: IndicatorGrid, domain: RegionDomain, positives: np.ndarray, *, device: str | None = None, **options
     ) -> "Bounder":
-        """A volume around all positive regions, in the space of their own numbers.
+        """A volume around all positive regions, in the space of their own numbers; ``prove`` sets its threshold.
 
         Args:
             grid: The object.
-            domain: Of a region, in parametric space.
-            samples: ``(N, 2 n)`` float64, positive queries in a query's own units (not those of v); they give the
-                volume's shape and axes, ``prove`` its size.
+            domain: ``domain_of(grid, query, length, "parametric")``.
+            positives: ``(N, 2 n)`` float64, ``v`` of sampled positive queries; they give the shape, not the size.
             device: Warp device.
+            options: The method's own.
 
         Raises:
-            BounderError: If the method has no such volume.
+            BounderError: If the method has no volume in parametric space, or there are no positives.
         """
         raise BounderError(f"{cls.method}: there is no such volume in parametric space")
 

@@ -166,9 +166,7 @@ class Cascade(Bounder):
         sizes = {"parts": [{"method": part.method, "sizes": part.sizes} for part in parts]}
         return cls(last.domain, tensors, sizes, last._device).freeze(last.threshold, None)
 
-    def __init__(self, domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
-        """See ``Bounder``; raises ``BounderError`` where tensors and sizes do not fit together."""
-        super().__init__(domain, tensors, sizes, device)
+    def check_tensors(self) -> None:
         entries, self._members = self.sizes.get("parts"), []
         if not isinstance(entries, list) or not entries:
             raise BounderError(f"{self.method}: expected a list of parts, got {entries!r}")
@@ -179,7 +177,7 @@ class Cascade(Bounder):
                 raise BounderError(f"{self.method}: part {i} is no bounder: {entry!r}")
             own = {name.removeprefix(f"{i}."): t for name, t in self.tensors.items() if name.startswith(f"{i}.")}
             known |= {f"{i}.{name}" for name in own}
-            self._members.append(method(domain, own, entry["sizes"], device))
+            self._members.append(method(self.domain, own, entry["sizes"], self._device))
         self.check([type(part) for part in self._members])
         thresholds = self.tensors.get("thresholds")
         if set(self.tensors) != known or thresholds is None or thresholds.shape != (len(entries) - 1,):

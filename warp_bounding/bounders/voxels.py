@@ -137,27 +137,21 @@ class Voxels(Bounder):
         tensors = {"bits": bits, "factor": factor, "summand": summand, "reach": round_up(reach)}
         return cls(domain, tensors, {"shape": list(grid.shape)}, device)
 
-    def __init__(self, domain: Domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
-        """See ``Bounder``; raises ``BounderError`` where tensors and sizes do not fit together."""
-        super().__init__(domain, tensors, sizes, device)
-        shape = tuple(self.sizes.get("shape", ()))
+    def check_tensors(self) -> None:
+        domain, shape = self.domain, tuple(self.sizes.get("shape", ()))
         whole = len(shape) == domain.ndim and all(type(r) is int and 0 < r <= MOST_ALONG for r in shape)
         if not whole or prod(shape) > MOST_CELLS:
             raise BounderError(
                 f"voxels: expected {domain.ndim} grid sizes up to {MOST_ALONG}, {MOST_CELLS} cells in all, got {shape}"
             )
-        words = -(-prod(shape) // 32)
-        expected = {"bits": (words,)} | dict.fromkeys(("factor", "summand", "reach"), (domain.ndim,))
-        if {k: t.shape for k, t in self.tensors.items()} != expected:
-            raise BounderError(
-                f"voxels: expected tensors {expected}, got { {k: t.shape for k, t in self.tensors.items()} }"
-            )
+        along_axes = dict.fromkeys(("factor", "summand", "reach"), (domain.ndim,))
+        self.expect_shapes({"bits": (-(-prod(shape) // 32),)} | along_axes)
         self.shape = shape
-        size = np.abs(self.tensors["factor"]) * domain.limit.astype(np.float64) + np.abs(self.tensors["summand"])
-        if not (size + np.abs(self.tensors["reach"]) < 2.0**60).all():
+        factor, summand, reach = (self.tensors[name] for name in along_axes)
+        size = np.abs(factor) * domain.limit.astype(np.float64) + np.abs(summand)
+        if not (size + np.abs(reach) < 2.0**60).all():
             raise BounderError("voxels: numbers are so large that float32 sums may overflow")
         # ``bound`` maps the ends of a box to the ends of its cells, and needs every cell within reach to be tested.
-        factor, reach = self.tensors["factor"], self.tensors["reach"]
         if not ((factor > 0) & (reach >= 0) & (reach <= 0.5)).all():
             raise BounderError(
                 f"voxels: expected positive factors and reaches from 0 to 1/2, got {factor.tolist()} and {reach.tolist()}"

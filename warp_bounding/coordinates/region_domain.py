@@ -24,7 +24,7 @@ from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import QUERIES
 
-__all__ = ["RegionDomain", "domain_of"]
+__all__ = ["AnyDomain", "RegionDomain", "domain_of"]
 
 SPACES = (GEOMETRIC, PARAMETRIC)
 PLACED = 2.0**-12  # local units: what delta allows for the rounding of a placement, beyond the map's own
@@ -207,6 +207,9 @@ class RegionDomain:
         if fault:
             raise ValueError(fault)
         return domain
+
+
+AnyDomain = Domain | RegionDomain
 
 
 def region_rounding(base: Domain, query: str, length: float | None) -> np.ndarray:

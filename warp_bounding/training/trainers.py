@@ -13,7 +13,6 @@ import numpy as np
 
 from warp_bounding.bounders import Bounder
 from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.bounders.parametric_fit import fit_parametric
 from warp_bounding.bounders.polytopes.learned_kdop import LearnedKdop
 from warp_bounding.bounders.relu_field.relu_field import ReluField
 from warp_bounding.queries import oracle, sample
@@ -62,7 +61,7 @@ def _closed_form(cls: type[Bounder], problem: Problem, options: dict[str, Any], 
         if len(positive) < 2:  # too few for a volume's shape: where positives are rare, hard ones stand in
             drawn = draw_positives(problem.query, grid, PARAMETRIC_SAMPLES, problem.seed, device, length, outside=False)
             positive = next(drawn)  # one chunk
-        return fit_parametric(cls, grid, domain, domain.to_local(positive), device=device, **options), {}
+        return cls.fit_parametric(grid, domain, domain.to_local(positive), device=device, **options), {}
     if cls.takes_seconds:
         options = options | {"seconds": math.inf if problem.repeatable else seconds}
     return cls.fit(grid, domain, device=device, **options), {}

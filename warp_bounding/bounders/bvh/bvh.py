@@ -23,8 +23,7 @@ from warp_bounding.bounders.neural.mlp import HIDDEN
 from warp_bounding.bounders.options import Option, whole
 from warp_bounding.bounders.slabs.regions import ROOM
 from warp_bounding.coordinates.base import GEOMETRIC, PARALLEL
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.kernels.source import Lanes, Source, fill
@@ -53,7 +52,7 @@ def leaves_for_bytes(nbytes: int, ndim: int) -> int:
     return low
 
 
-def _network_bytes(domain: Domain | RegionDomain, hidden: tuple[int, ...]) -> int:
+def _network_bytes(domain: AnyDomain, hidden: tuple[int, ...]) -> int:
     """Memory of the network of these widths that the same queries would have."""
     planes = domain.query == PLANE.name  # a network of planes has the normal's entries as inputs, and two outputs
     sizes = [domain.space_ndim if planes else domain.ndim, *hidden, 2 if planes else 1]
@@ -100,7 +99,7 @@ class Bvh(Bounder):
     def fit(
         cls,
         grid: IndicatorGrid,
-        domain: Domain | RegionDomain,
+        domain: AnyDomain,
         *,
         leaves: int | None = LEAVES,
         hidden: tuple[int, ...] = HIDDEN.default,
@@ -134,16 +133,11 @@ class Bvh(Bounder):
         high = np.nextafter(round_up(upper + 2 * ROOM), np.float32(np.inf))
         return cls(domain, {"low": low, "high": high, "past": tree.past.astype(np.float32)}, {}, device)
 
-    def __init__(
-        self, domain: Domain | RegionDomain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None
-    ):
-        """See ``Bounder``; raises ``BounderError`` where the tensors are no hierarchy."""
-        super().__init__(domain, tensors, sizes, device)
-        n, count = domain.space_ndim, len(self.tensors.get("past", ()))
-        expected = {"low": (count, n), "high": (count, n), "past": (count,)}
-        found = {k: t.shape for k, t in self.tensors.items()}
-        if found != expected or not 0 < count < 2**24 or domain.parametric:
-            raise BounderError(f"bvh: expected tensors of M nodes in {n}D, {expected}, got {found}")
+    def check_tensors(self) -> None:
+        n, count = self.ndim, max(len(self.tensors.get("past", ())), 1)
+        self.expect_shapes({"low": (count, n), "high": (count, n), "past": (count,)})
+        if not count < 2**24 or self.domain.parametric:
+            raise BounderError(f"bvh: expected under 2^24 nodes in geometric space, got {count} nodes")
         self.past = self.tensors["past"].astype(np.int64)
         parent = self._parents()
         low, high = self.tensors["low"], self.tensors["high"]

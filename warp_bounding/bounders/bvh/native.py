@@ -1,6 +1,6 @@
 """The C text of the walk through the hierarchy: of lanes together, or of one query alone; and what each kind of query asks of a node."""
 
-from warp_bounding.bounders.slabs.regions import CLIP
+from warp_bounding.bounders.slabs.native import CLIP
 from warp_bounding.coordinates.base import GUARD
 
 __all__ = ["ALONE", "TOGETHER", "TOUCHES"]

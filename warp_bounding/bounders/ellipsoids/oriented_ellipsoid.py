@@ -10,3 +10,4 @@ class OrientedEllipsoid(QuadricBounder):
 
     method = "oriented-ellipsoid"
     family = "determinant"
+    diagonal = False

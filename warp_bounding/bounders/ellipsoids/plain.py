@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from warp_bounding.bounders.ellipsoids.regions import SMALLEST, SWEEPS
+from warp_bounding.bounders.ellipsoids.native import SMALLEST, SWEEPS
 from warp_bounding.kernels.plain import Numbers, Words, twin, vector_type
 from warp_bounding.kernels.source import Source
 

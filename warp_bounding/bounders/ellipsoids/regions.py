@@ -1,5 +1,6 @@
-"""Rays, planes and boxes against an ellipsoid, where ``f(y) = -|A y + b|^2`` for points: f of a region is the largest on it.
+"""Points, rays, planes and boxes against an ellipsoid, where ``f(y) = -|A y + b|^2`` for points: f of a region is the largest on it.
 
+* Point: f is concave, so its minimum over a box is attained at a corner.
 * Ray: the segment's nearest point in the space of ``z = A y + b``, where the ellipsoid is a ball. Exact.
 * Plane: ``m . y = c`` is ``(B^T m) . z = c - m . centre`` with ``B = A^-1``; its distance from 0 squared. Exact.
 * Box: exact where A is diagonal. Otherwise a few steps of coordinate descent from the point nearest the centre; the plane through
@@ -9,183 +10,36 @@
 The results are upper bounds of the points' f on the region, less ``error``; so a point's threshold serves for all of them.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from warp_bounding.arithmetic import TINY, UNIT64, gamma
-from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.bounders.ellipsoids.native import SMALLEST, SWEEPS
+from warp_bounding.bounders.volume import VolumeTest
+from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry.checked_inverse import checked_inverse
-from warp_bounding.kernels.source import Source
+from warp_bounding.networks.box_bounds import BoxBounds
 
-__all__ = ["REGIONS", "SMALLEST", "SWEEPS", "TEXTS", "QuadricBox", "QuadricPlane", "QuadricRay"]
+__all__ = ["TESTS", "Quadric", "QuadricBox", "QuadricPlane", "QuadricPoint", "QuadricRay"]
 
-SHORTEST = 2.0**-40
-
-
-# --- C text of f, for points and for each kind of region ---------------------------------------------------------------
-
-SMALLEST = 2.0**-80  # of |A w|^2: a segment as short as that counts as its origin
-SWEEPS = 2  # of coordinate descent over a box
-
-_CONSTANTS = """
-    constexpr int N = $n;
-    constexpr bool DIAGONAL = $diagonal;
-    const V none = {};
-"""
+MOST_CORNER_DIMENSIONS = 8  # up to here a box's corners are enumerated; beyond, rows are bounded one by one
+SHORTEST = 2.0**-40  # of a vector in the space of z; the root of SMALLEST
 
 
-def _row(y: str, at: str) -> str:
-    """C text of ``y``, the product of row i of A (numbers at ``a``) with the vector at ``v[at]``."""
-    return f"""
-        V {y} = DIAGONAL ? v[{at} + i] * w[N + i] : v[{at}] * a[0];
-#pragma unroll
-        for (int j = 1; j < N && !DIAGONAL; ++j) {y} = {y} + v[{at} + j] * a[j];
-"""
+class Quadric(NamedTuple):
+    """The numbers of an ellipsoid, as float64: A ``(n, n)``, b ``(n,)``; diagonal: A is known to be."""
 
+    matrix: np.ndarray
+    offset: np.ndarray
+    diagonal: bool
 
-_POINT = f"""
-{{
-    {_CONSTANTS}
-    f = v[0] * 0.0f;
-#pragma unroll
-    for (int i = 0; i < N; ++i) {{
-        const float* a = w + N + i * N;
-        {_row("y", "0")}
-        y = y + w[i];
-        f = f - y * y;
-    }}
-}}
-"""
-
-_RAY = f"""
-{{
-    {_CONSTANTS}
-    V origin[N], speed[N];
-#pragma unroll
-    for (int i = 0; i < N; ++i) {{
-        const float* a = w + N + i * N;
-        {_row("y", "0")}
-        {_row("s", "N")}
-        origin[i] = y + w[i];
-        speed[i] = s;
-    }}
-    V towards = origin[0] * speed[0], length = speed[0] * speed[0];
-#pragma unroll
-    for (int i = 1; i < N; ++i) towards = towards + origin[i] * speed[i];
-#pragma unroll
-    for (int i = 1; i < N; ++i) length = length + speed[i] * speed[i];
-    const V along = -towards;
-    V t = over(along, length > {SMALLEST.hex()}f ? length : none + 1.0f);
-    t = t < none ? none : t;
-    t = t > 1.0f ? none + 1.0f : t;
-    t = length > {SMALLEST.hex()}f ? t : none;
-    f = none;
-#pragma unroll
-    for (int i = 0; i < N; ++i) {{
-        const V z = origin[i] + t * speed[i];
-        f = f - z * z;
-    }}
-}}
-"""
-
-_PLANE = f"""
-{{
-    {_CONSTANTS}
-    V foot = v[0] * w[0];
-#pragma unroll
-    for (int j = 1; j < N; ++j) foot = foot + v[j] * w[j];
-    const V off = v[N] - foot;
-    V length = none;
-#pragma unroll
-    for (int i = 0; i < N; ++i) {{
-        const float* a = w + N + i * N;
-        {_row("g", "0")}
-        length = length + g * g;
-    }}
-    f = over(-(off * off), length);
-}}
-"""
-
-_INTERVALS = """
-{
-    constexpr int N = $n;
-    const V none = {};
-    f = none;
-#pragma unroll
-    for (int i = 0; i < N; ++i) {
-        const V a = v[i] * w[N + i] + w[i], b = v[N + i] * w[N + i] + w[i];
-        const V low = a < b ? a : b, high = a < b ? -b : -a;
-        V z = low > high ? low : high;
-        z = z < none ? none : z;
-        f = f - z * z;
-    }
-}
-"""
-
-_DESCENT = f"""
-{{
-    constexpr int N = $n;
-    const V none = {{}};
-    const float* a = w + N;
-    const float *step = a + N * N, *start = step + N;
-    V y[N], z[N];
-#pragma unroll
-    for (int j = 0; j < N; ++j) {{
-        y[j] = v[j] > start[j] ? v[j] : none + start[j];
-        y[j] = y[j] > v[N + j] ? v[N + j] : y[j];
-    }}
-#pragma unroll
-    for (int i = 0; i < N; ++i) {{
-        z[i] = y[0] * a[i * N];
-#pragma unroll
-        for (int j = 1; j < N; ++j) z[i] = z[i] + y[j] * a[i * N + j];
-        z[i] = z[i] + w[i];
-    }}
-#pragma unroll
-    for (int sweep = 0; sweep < {SWEEPS}; ++sweep) {{
-#pragma unroll
-        for (int j = 0; j < N; ++j) {{
-            V slope = z[0] * a[j];
-#pragma unroll
-            for (int i = 1; i < N; ++i) slope = slope + z[i] * a[i * N + j];
-            V to = y[j] - slope * step[j];
-            to = to < v[j] ? v[j] : to;
-            to = to > v[N + j] ? v[N + j] : to;
-            const V by = to - y[j];
-            y[j] = to;
-#pragma unroll
-            for (int i = 0; i < N; ++i) z[i] = z[i] + by * a[i * N + j];
-        }}
-    }}
-    V length = z[0] * z[0], least = z[0] * w[0];
-#pragma unroll
-    for (int i = 1; i < N; ++i) length = length + z[i] * z[i];
-#pragma unroll
-    for (int i = 1; i < N; ++i) least = least + z[i] * w[i];
-#pragma unroll
-    for (int j = 0; j < N; ++j) {{
-        V m = z[0] * a[j];
-#pragma unroll
-        for (int i = 1; i < N; ++i) m = m + z[i] * a[i * N + j];
-        const V low = m * v[j], high = m * v[N + j];
-        least = least + (low < high ? low : high);
-    }}
-    least = least < none ? none : least;
-    least = length > {SMALLEST.hex()}f ? least : none;
-    f = over(-(least * least), length > {SMALLEST.hex()}f ? length : none + 1.0f);
-}}
-"""
-
-
-def _box(source: Source) -> str:
-    """Row by row where A is diagonal, else by coordinate descent."""
-    return _INTERVALS if source.diagonal else _DESCENT
-
-
-TEXTS = {"point": lambda _: _POINT, "ray": lambda _: _RAY, "plane": lambda _: _PLANE, "box": _box}
-
-
-# --- what a test reads, and what it rounds --------------------------------------------------------------------------
+    @property
+    def numbers(self) -> np.ndarray:
+        """float32, as bodies read them: b, then A by rows, or its diagonal."""
+        matrix = np.diag(self.matrix) if self.diagonal else self.matrix.reshape(-1)
+        return np.concatenate([self.offset, matrix]).astype(np.float32)
 
 
 def row_sizes(matrix: np.ndarray, offset: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -204,12 +58,43 @@ def squares_error(size: np.ndarray, error: np.ndarray) -> float:
     return float((((2 * size + error) * error).sum() + gamma(n + 2) * squares.sum() + flushed) * (1 + 1e-9))
 
 
-class QuadricRay:
+class QuadricPoint(VolumeTest):
+    """``-|A v + b|^2``; numbers: b, A."""
+
+    def __init__(self, quadric: Quadric, domain: AnyDomain):
+        self.quadric, self.weights = quadric, quadric.numbers
+        # n rows of n products, n squares, their sum
+        self.error = squares_error(*row_sizes(quadric.matrix, quadric.offset, domain.limit.astype(np.float64)))
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        y = v @ self.quadric.matrix.T + self.quadric.offset
+        return -(y * y).sum(axis=1)
+
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """See ``Bounder``; exact where a box's corners can be enumerated."""
+        a, b, diagonal = self.quadric
+        n, center, half = len(b), (lower + upper) / 2, (upper - lower) / 2
+        if n <= MOST_CORNER_DIMENSIONS and not diagonal:
+            least, point = np.full(len(lower), np.inf), lower.copy()
+            for corner in np.ndindex((2,) * n):
+                v = np.where(corner, upper, lower)
+                value = -((v @ a.T + b) ** 2).sum(axis=1)
+                point = np.where((value < least)[:, None], v, point)
+                least = np.minimum(least, value)
+        else:  # each row on its own; exact where A is diagonal
+            least = -((np.abs(center @ a.T + b) + half @ np.abs(a).T) ** 2).sum(axis=1)
+            point = np.where((center @ a.T + b) @ a > 0, upper, lower)
+        size = (np.abs(a) @ np.maximum(np.abs(lower), np.abs(upper)).max(axis=0) + np.abs(b)) ** 2
+        rounding = gamma(4 * n + 16, UNIT64) * size.sum()
+        return BoxBounds(least - rounding, np.argmax(half, axis=1), point, self.reference(point))
+
+
+class QuadricRay(VolumeTest):
     """The nearest point of a segment; numbers: b, A."""
 
-    def __init__(self, matrix: np.ndarray, offset: np.ndarray, diagonal: bool, domain: RegionDomain):
-        n = len(offset)
-        limit = domain.limit.astype(np.float64)
+    def __init__(self, quadric: Quadric, domain: RegionDomain):
+        matrix, offset, _ = quadric
+        n, limit = len(offset), domain.limit.astype(np.float64)
         size, error = row_sizes(matrix, offset, limit[:n])
         fastest, _ = row_sizes(matrix, np.zeros(n), limit[n:])
         if not fastest.sum() < 2.0**40:
@@ -225,27 +110,23 @@ class QuadricRay:
         most = ((near - late) ** 2 + late**2) ** 0.5
         most = (most + gamma(4) * 3 * (near + largest) + flushed) ** 2 * (1 + gamma(n + 3))
         self.error = float((most - largest**2) * (1 + 1e-9) + 1e-12 * most)
-        self.matrix, self.offset = matrix, offset
+        self.quadric, self.weights = quadric, quadric.numbers
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        """The same in float64."""
-        n = len(self.offset)
-        y, s = v[:, :n] @ self.matrix.T + self.offset, v[:, n:] @ self.matrix.T
+        matrix, offset, _ = self.quadric
+        n = len(offset)
+        y, s = v[:, :n] @ matrix.T + offset, v[:, n:] @ matrix.T
         length = (s * s).sum(axis=1)
         t = np.clip(-(y * s).sum(axis=1) / np.where(length > 0, length, 1), 0, 1)[:, None]
         return -((y + t * s) ** 2).sum(axis=1)
 
-    def weights(self, tensors: dict[str, np.ndarray]) -> np.ndarray:
-        """The numbers that the body reads."""
-        return np.concatenate([tensors["offset"], tensors["matrix"].reshape(-1)])
 
-
-class QuadricPlane:
+class QuadricPlane(VolumeTest):
     """The distance of a plane; numbers: the centre, and B by columns (its diagonal where that is all)."""
 
-    def __init__(self, matrix: np.ndarray, offset: np.ndarray, diagonal: bool, domain: RegionDomain):
-        n = len(offset)
-        found = checked_inverse(matrix)
+    def __init__(self, quadric: Quadric, domain: RegionDomain):
+        matrix, offset, diagonal = quadric
+        n, found = len(offset), checked_inverse(matrix)
         if found is None:
             raise BounderError("the ellipsoid is so flat that float64 cannot invert its matrix")
         inverse, error = found
@@ -257,10 +138,8 @@ class QuadricPlane:
         moved = (np.abs(middle - center) + error @ np.abs(offset)).sum()
         size = np.abs(middle).sum() + float(domain.limit[-1])
         wrong = moved + gamma(n + 3) * size + 4 * (n + 1) * (1 + size) * TINY
-        tilted = (np.abs(numbers - inverse.T) + error.T).sum(axis=1)
-        tilted = (
-            tilted + gamma(n + 2) * np.abs(numbers).sum(axis=1) + 4 * (n + 1) * (1 + np.abs(numbers).sum(axis=1)) * TINY
-        )
+        tilted, columns = (np.abs(numbers - inverse.T) + error.T).sum(axis=1), np.abs(numbers).sum(axis=1)
+        tilted = tilted + gamma(n + 2) * columns + 4 * (n + 1) * (1 + columns) * TINY
         # m = A^T (B^T m) has an entry 1, so B^T m cannot be shorter than one over A's longest column.
         shortest = 1 / np.linalg.norm(matrix, axis=0).max()
         ratio = np.linalg.norm(tilted) / shortest + gamma(n + 4) + 8 * n * TINY / shortest**2
@@ -270,26 +149,21 @@ class QuadricPlane:
         farthest = np.linalg.norm(row_sizes(matrix, offset, domain.base.limit.astype(np.float64))[0])
         most = ((farthest + wrong / shortest) / (1 - ratio)) ** 2 * (1 + gamma(6))
         self.error = float((most - farthest**2) * (1 + 1e-9) + 1e-12 * most)
-        self.diagonal = diagonal
+        self.weights = np.concatenate([self.center, np.diag(self.columns) if diagonal else self.columns.reshape(-1)])
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        """The same in float64."""
         off = v[:, -1] - v[:, :-1] @ self.center.astype(np.float64)
         return -(off**2) / ((v[:, :-1] @ self.columns.astype(np.float64).T) ** 2).sum(axis=1)
 
-    def weights(self, tensors: dict[str, np.ndarray]) -> np.ndarray:
-        """The numbers that the body reads."""
-        return np.concatenate([self.center, np.diag(self.columns) if self.diagonal else self.columns.reshape(-1)])
 
-
-class QuadricBox:
+class QuadricBox(VolumeTest):
     """The distance of a box; numbers: b, A, and unless diagonal the factors ``1 / |A e_j|^2`` and the centre."""
 
-    def __init__(self, matrix: np.ndarray, offset: np.ndarray, diagonal: bool, domain: RegionDomain):
-        n = len(offset)
-        limit = domain.base.limit.astype(np.float64)
+    def __init__(self, quadric: Quadric, domain: RegionDomain):
+        matrix, offset, diagonal = quadric
+        n, limit = len(offset), domain.base.limit.astype(np.float64)
         size, error = row_sizes(matrix, offset, limit)
-        self.matrix, self.offset, self.diagonal = matrix, offset, diagonal
+        self.quadric, self.weights = quadric, quadric.numbers
         if diagonal:  # the ends of a row's interval round like a point's
             self.error = squares_error(size, error)
         else:
@@ -304,28 +178,25 @@ class QuadricBox:
             with np.errstate(divide="ignore"):
                 steps = np.minimum(1 / (matrix**2).sum(axis=0), 2.0**60)
             self.start, self.steps = np.clip(center, -limit, limit).astype(np.float32), steps.astype(np.float32)
+            self.weights = np.concatenate([quadric.numbers, self.steps, self.start])
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        """The same in float64."""
-        n = len(self.offset)
+        matrix, offset, diagonal = self.quadric
+        n = len(offset)
         low, high = v[:, :n], v[:, n:]
-        if self.diagonal:
-            ends = np.sort(np.stack([low, high]) * np.diag(self.matrix) + self.offset, axis=0)
+        if diagonal:
+            ends = np.sort(np.stack([low, high]) * np.diag(matrix) + offset, axis=0)
             return -(np.maximum(np.maximum(ends[0], -ends[1]), 0) ** 2).sum(axis=1)
         y = np.clip(self.start.astype(np.float64), low, high)
         for _ in range(SWEEPS):
             for j in range(n):
-                slope = (y @ self.matrix.T + self.offset) @ self.matrix[:, j]
+                slope = (y @ matrix.T + offset) @ matrix[:, j]
                 y[:, j] = np.clip(y[:, j] - slope * float(self.steps[j]), low[:, j], high[:, j])
-        z = y @ self.matrix.T + self.offset
-        length, m = (z * z).sum(axis=1), z @ self.matrix
-        least = np.maximum(z @ self.offset + np.minimum(m * low, m * high).sum(axis=1), 0)
+        z = y @ matrix.T + offset
+        length, m = (z * z).sum(axis=1), z @ matrix
+        least = np.maximum(z @ offset + np.minimum(m * low, m * high).sum(axis=1), 0)
         return -np.where(length > SMALLEST, least**2, 0) / np.where(length > SMALLEST, length, 1)
 
-    def weights(self, tensors: dict[str, np.ndarray]) -> np.ndarray:
-        """The numbers that the body reads."""
-        more = [] if self.diagonal else [self.steps, self.start]
-        return np.concatenate([tensors["offset"], tensors["matrix"].reshape(-1), *more])
 
-
-REGIONS = {"ray": QuadricRay, "plane": QuadricPlane, "box": QuadricBox}  # by the name of the kind of query
+# By the name of the kind of query.
+TESTS = {"point": QuadricPoint, "ray": QuadricRay, "plane": QuadricPlane, "box": QuadricBox}

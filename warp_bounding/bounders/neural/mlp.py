@@ -4,6 +4,8 @@ The network's output before the paper's sigmoid is ``f`` (of planes, two outputs
 threshold on it is set by a proof or a search, not at a probability of one half.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 from warp_bounding.activations import ACTIVATIONS, DEFAULT, activation_of
@@ -122,43 +124,34 @@ class Mlp(Bounder):
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
         return space == "geometric" and (not QUERIES[query].is_region or ndim >= 2)
 
-    def __init__(self, domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
-        """Arguments of ``Bounder``; raises ``BounderError`` where tensors and sizes do not fit together."""
-        super().__init__(domain, tensors, sizes, device)
+    def check_tensors(self) -> None:
         self.hidden = check_hidden(self.sizes.get("hidden", ()))
         self.activation = activation_of(self.sizes.get("activation")).name
         octaves = check_octaves(self.sizes.get("octaves", 0))
         if (moments := self.sizes.get("moments", False)) is not False:
             raise BounderError(f"networks that are given a ray's moments are no longer read, got moments={moments!r}")
-        self.head = head_of(domain.query)
-        raw = domain.ndim - self.head.offsets
+        self.head = head_of(self.query_kind)
+        raw = self.domain.ndim - self.head.offsets
         self.features = 2 * raw * octaves
         expected = self._shapes()
         if octaves:
             expected |= {"encoding.weight": (self.features, raw), "encoding.bias": (self.features,)}
-        if {k: t.shape for k, t in self.tensors.items()} != expected:
-            raise BounderError(
-                f"{self.method}: expected tensors {expected}, got { {k: t.shape for k, t in self.tensors.items()} }"
-            )
+        self.expect_shapes(expected)
         encoding = (self.tensors["encoding.weight"], self.tensors["encoding.bias"]) if octaves else None
         limit = self.domain.limit[:raw].astype(np.float64)
         self.networks = [Network(self._layers(o), self.activation, encoding, limit) for o in range(self.head.outputs)]
 
     def _shapes(self) -> dict[str, tuple[int, ...]]:
         """Shapes of the tensors, but for the encoding."""
-        shapes = {}
-        for i, (k, h) in enumerate(
-            zip((self.source.inputs, *self.hidden), (*self.hidden, self.head.outputs), strict=True)
-        ):
+        shapes, sizes = {}, (self.source.inputs, *self.hidden, self.head.outputs)
+        for i, (k, h) in enumerate(pairwise(sizes)):
             shapes |= {f"layers.{i}.weight": (h, k), f"layers.{i}.bias": (h,)}
         return shapes
 
     def _layers(self, output: int = 0) -> list[tuple[np.ndarray, np.ndarray]]:
-        layers = [
-            (self.tensors[f"layers.{i}.weight"], self.tensors[f"layers.{i}.bias"]) for i in range(len(self.hidden) + 1)
-        ]
-        weight, bias = layers[-1]
-        return [*layers[:-1], (weight[output : output + 1], bias[output : output + 1])]
+        names = [f"layers.{i}" for i in range(len(self.hidden) + 1)]
+        *layers, (weight, bias) = [(self.tensors[f"{name}.weight"], self.tensors[f"{name}.bias"]) for name in names]
+        return [*layers, (weight[output : output + 1], bias[output : output + 1])]
 
     @property
     def network(self) -> Network:
@@ -167,31 +160,19 @@ class Mlp(Bounder):
 
     @property
     def source(self) -> MlpSource:
-        return MlpSource(
-            self.ndim,
-            self.domain.time,
-            self.hidden,
-            self.activation,
-            self.features,
-            query=self.query_kind,
-        )
+        sizes = (self.hidden, self.activation, self.features)
+        return MlpSource(self.ndim, self.domain.time, *sizes, query=self.query_kind)
 
     def weights(self) -> np.ndarray:
         parts = []
         if self.features:
             parts += [self.tensors["encoding.bias"], self.tensors["encoding.weight"].reshape(-1)]
         parts += [layer_numbers(weight, bias) for weight, bias in self._layers()[:-1]]
-        last = len(self.hidden)
-        return np.concatenate(
-            [*parts, head_numbers(self.tensors[f"layers.{last}.weight"], self.tensors[f"layers.{last}.bias"])]
-        )
+        last = f"layers.{len(self.hidden)}"
+        return np.concatenate([*parts, head_numbers(self.tensors[f"{last}.weight"], self.tensors[f"{last}.bias"])])
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         return self.head.value(self.networks, np.asarray(v, dtype=np.float64))
-
-    @property
-    def provable(self) -> bool:
-        return self.conservative
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         if self.head.outputs > 1:

@@ -87,8 +87,11 @@ class MlpEarly(Mlp):
             count = sum(name.endswith(".weight") and name.startswith("exits.") for name in tensors)
             tensors = tensors | {"exits.thresholds": np.full(count, DENIED, np.float32)}
         super().__init__(domain, tensors, sizes, device)
-        depths = range(1, len(self.hidden) + 1)
-        self._parts = [Mlp(domain, *part_of(self.tensors, self.sizes, depth), device) for depth in depths]
+
+    def check_tensors(self) -> None:
+        super().check_tensors()
+        made_of = [part_of(self.tensors, self.sizes, depth) for depth in range(1, len(self.hidden) + 1)]
+        self._parts = [Mlp(self.domain, *own, self._device) for own in made_of]
         for part, threshold in zip(self._parts, self.exit_thresholds, strict=False):
             part.freeze(threshold, None)
 

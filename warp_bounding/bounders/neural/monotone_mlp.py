@@ -54,19 +54,15 @@ class MonotoneMlp(Mlp):
     """
 
     method = "monotone-mlp"
-    options = (
-        HIDDEN,
-        Option("activation", DEFAULT.monotone.name, _help(), _monotone),
-        STEPS,
-    )
+    options = (HIDDEN, Option("activation", DEFAULT.monotone.name, _help(), _monotone), STEPS)
 
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
         return query == BOX.name and super().supports(query, ndim, space)
 
-    def __init__(self, domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
-        """Arguments and errors of ``Mlp``; raises ``BounderError`` also where f would not be monotone."""
-        super().__init__(domain, tensors, sizes, device)
+    def check_tensors(self) -> None:
+        """See ``Mlp``; refuses also tensors of which f would not be monotone."""
+        super().check_tensors()
         if self.features or _monotone(self.activation) != self.activation:
             raise BounderError(
                 f"{self.method} takes no octaves, and activations that never fall ({_help()}), got "
@@ -89,10 +85,6 @@ class MonotoneMlp(Mlp):
             sign = rises.astype(np.float64) - falls
             signs.insert(0, sign)
         return signs[1:]
-
-    @property
-    def provable(self) -> bool:
-        return True
 
     @cached_property
     def point_network(self) -> Network:

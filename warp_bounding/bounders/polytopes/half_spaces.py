@@ -1,8 +1,10 @@
-"""Intersections of free half-spaces ``P = {y: a_k . y <= b_k}``: native code for points, rays, planes and boxes.
+"""Intersections of free half-spaces ``P = {y: a_k . y <= b_k}``, tested against points, rays, planes and boxes.
+
+They are slabs without a low face, so that their exact f is that of slabs; what they read and round is their own.
 
 * Point: ``f = min_k (b_k - a_k . v)``, concave.
-* Ray: the segment is clipped by every half-space, as by a slab (``slab_regions``): faces are moved out by all that rounding can do.
-* Plane: against P's vertices, as for slabs (``SlabPlane``).
+* Ray: the segment is clipped by every half-space; faces are moved out by all that rounding can do.
+* Plane: against P's vertices (``SlabPlane``).
 * Box: on every normal, its nearest corner; conservative, as is the classic test of k-DOPs.
 """
 
@@ -14,16 +16,14 @@ import warp as wp
 from warp_bounding.arithmetic import TINY, gamma, round_up
 from warp_bounding.bounders.polytopes.native import TEXTS
 from warp_bounding.bounders.polytopes.plain import PLAIN
-from warp_bounding.bounders.slabs.regions import ROOM, SlabPlane, Slabs
-from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.bounders.slabs.regions import ROOM, SlabBox, SlabPlane, SlabPoint, SlabRay, Slabs
+from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import Lanes, Source, fill
 
-__all__ = ["REGIONS", "HalfSpaceBox", "HalfSpaceRay", "HalfSpacesSource"]
+__all__ = ["TESTS", "HalfSpacesSource"]
 
-UNBOUNDED = (
-    2.0**20
-)  # where half-spaces have no second face, or beyond the domain: vertices there are kept, and do no harm
+UNBOUNDED = 2.0**20  # where half-spaces have no second face, or beyond the domain: vertices there do no harm
 
 
 @dataclass(frozen=True)
@@ -33,18 +33,37 @@ class HalfSpacesSource(Source):
     half_spaces: int
 
     def body(self, lanes: Lanes) -> str:
-        """See ``Source.body``."""
         return fill(TEXTS[self.tested_kind], n=self.tested_ndim, half_spaces=self.half_spaces)
 
     def plain(self) -> wp.Function:
-        """See ``Source.plain``."""
         return PLAIN[self.tested_kind](self)
 
 
-def _plane(normals: np.ndarray, offsets: np.ndarray, domain: RegionDomain) -> SlabPlane:
-    if len(offsets) <= domain.space_ndim:
-        raise BounderError(f"expected more than {domain.space_ndim} half-spaces, got {len(offsets)}")
-    return SlabPlane(Slabs(normals, second_faces(normals, domain), offsets, False), domain)
+def _numbers(slabs: Slabs, offsets: np.ndarray) -> np.ndarray:
+    return np.concatenate([offsets, slabs.directions.reshape(-1)]).astype(np.float32)
+
+
+class _Point(SlabPoint):
+    def __init__(self, slabs: Slabs, domain: AnyDomain):
+        self.slabs, self.weights, self.sizes = slabs, _numbers(slabs, slabs.high), np.abs(slabs.high)
+        # A sum of products, then one subtraction; a factor or a result may be set to zero.
+        n, limit, size = domain.ndim, domain.limit.astype(np.float64), np.abs(slabs.directions)
+        flushed = (2 * n + 2 + size.sum(axis=1) + limit.sum()) * TINY
+        self.error = float((gamma(n + 3) * (size @ limit + self.sizes) + flushed).max() * (1 + 1e-9))
+
+
+class _Ray(SlabRay):
+    """Clipping; numbers: b moved out, a. f is 0 or -1, without an error."""
+
+    def __init__(self, slabs: Slabs, domain: RegionDomain):
+        n = domain.space_ndim
+        limit, size = domain.limit.astype(np.float64), np.abs(slabs.directions)
+        largest = size @ limit[:n] + size @ limit[n:] + np.abs(slabs.high)
+        if not (largest < 2.0**40).all():
+            raise BounderError("numbers are so large that float32 quotients may overflow")
+        rounding = gamma(n + 2) * largest + 4 * (n + 1) * (1 + largest) * TINY
+        face = np.nextafter(round_up(slabs.high + (rounding + 2 * ROOM) * (1 + 1e-9)), np.float32(np.inf))
+        self.slabs, self.weights = slabs, _numbers(slabs, face)
 
 
 def second_faces(normals: np.ndarray, domain: RegionDomain) -> np.ndarray:
@@ -52,49 +71,26 @@ def second_faces(normals: np.ndarray, domain: RegionDomain) -> np.ndarray:
     return -np.maximum(np.abs(normals) @ domain.base.limit.astype(np.float64) * (1 + 1e-9), UNBOUNDED)
 
 
-class HalfSpaceRay:
-    """Clipping; numbers: b moved out, a. f is 0 or -1, without an error."""
-
-    error = 0.0
-
-    def __init__(self, normals: np.ndarray, offsets: np.ndarray, domain: RegionDomain):
-        n = domain.space_ndim
-        limit, size = domain.limit.astype(np.float64), np.abs(normals)
-        largest = size @ limit[:n] + size @ limit[n:] + np.abs(offsets)
-        if not (largest < 2.0**40).all():
-            raise BounderError("numbers are so large that float32 quotients may overflow")
-        rounding = gamma(n + 2) * largest + 4 * (n + 1) * (1 + largest) * TINY
-        face = np.nextafter(round_up(offsets + (rounding + 2 * ROOM) * (1 + 1e-9)), np.float32(np.inf))
-        self.weights = np.concatenate([face, normals.reshape(-1)]).astype(np.float32)
-        self.normals, self.offsets = normals, offsets
-
-    def reference(self, v: np.ndarray) -> np.ndarray:
-        """The same without any room."""
-        n = self.normals.shape[1]
-        y, s = self.offsets - v[:, :n] @ self.normals.T, v[:, n:] @ self.normals.T
-        with np.errstate(divide="ignore", invalid="ignore"):
-            at = y / s
-        enter = np.where(s < 0, at, np.where((s == 0) & (y < 0), np.inf, 0)).max(axis=1)
-        leave = np.where(s > 0, at, 1).min(axis=1)
-        return np.where(np.maximum(enter, 0) <= np.minimum(leave, 1), 0.0, -1.0)
+def _plane(slabs: Slabs, domain: RegionDomain) -> SlabPlane:
+    if len(slabs.high) <= domain.space_ndim:
+        raise BounderError(f"expected more than {domain.space_ndim} half-spaces, got {len(slabs.high)}")
+    return SlabPlane(slabs._replace(low=second_faces(slabs.directions, domain)), domain)
 
 
-class HalfSpaceBox:
+class _Box(SlabBox):
     """Nearest corners; numbers: b, a. f is the least distance inwards, over half-spaces."""
 
-    def __init__(self, normals: np.ndarray, offsets: np.ndarray, domain: RegionDomain):
-        n = domain.space_ndim
-        reach = np.abs(normals) @ domain.limit[:n].astype(np.float64)
+    def __init__(self, slabs: Slabs, domain: RegionDomain):
+        n, size = domain.space_ndim, np.abs(slabs.directions)
+        reach = size @ domain.limit[:n].astype(np.float64)
         product = gamma(n + 3) * reach + 8 * (n + 1) * (1 + reach) * TINY
-        self.error = float((product + gamma(3) * (reach + product + np.abs(offsets)) + 4 * TINY).max() * (1 + 1e-9))
-        self.weights = np.concatenate([offsets, normals.reshape(-1)]).astype(np.float32)
-        self.normals, self.offsets = normals, offsets
+        self.error = float((product + gamma(3) * (reach + product + np.abs(slabs.high)) + 4 * TINY).max() * (1 + 1e-9))
+        self.slabs, self.weights = slabs, _numbers(slabs, slabs.high)
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        """See ``HalfSpaceBox``."""
-        n = self.normals.shape[1]
-        rise, fall = np.maximum(self.normals, 0), np.minimum(self.normals, 0)
-        return (self.offsets - v[:, :n] @ rise.T - v[:, n:] @ fall.T).min(axis=1)
+        low, high = np.split(v, 2, axis=1)
+        rise, fall = np.maximum(self.slabs.directions, 0), np.minimum(self.slabs.directions, 0)
+        return (self.slabs.high - low @ rise.T - high @ fall.T).min(axis=1)
 
 
-REGIONS = {"ray": HalfSpaceRay, "plane": _plane, "box": HalfSpaceBox}  # by the name of the kind of query
+TESTS = {"point": _Point, "ray": _Ray, "plane": _plane, "box": _Box}  # by the name of the kind of query

@@ -1,6 +1,6 @@
 """The C text of ``f`` for points, rays and boxes against free half-spaces; planes are tested as against slabs."""
 
-from warp_bounding.bounders.slabs.regions import CORNERS
+from warp_bounding.bounders.slabs.native import CORNERS
 from warp_bounding.coordinates.base import GUARD, PARALLEL
 
 __all__ = ["TEXTS"]

@@ -21,8 +21,7 @@ from warp_bounding.bounders.options import STEPS
 from warp_bounding.bounders.relu_field.native import ALONE, TEXT, TOGETHER
 from warp_bounding.bounders.relu_field.plain import plain_field
 from warp_bounding.coordinates.base import GEOMETRIC
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.kernels.source import Lanes, Source, fill
@@ -48,7 +47,7 @@ class FieldMap:
     nodes: tuple[int, ...]
 
     @classmethod
-    def of(cls, grid: IndicatorGrid, domain: Domain | RegionDomain) -> "FieldMap":
+    def of(cls, grid: IndicatorGrid, domain: AnyDomain) -> "FieldMap":
         """Nodes at the cells' centres for coordinates of points, corners and origins; even over all of the other numbers."""
         base, shape = domain.base, np.array(grid.shape)
         first = base.to_local(grid.position(np.where(shape > 1, 0.0, -0.5)))
@@ -111,7 +110,7 @@ class ReluField(Bounder):
         return super().supports(query, ndim, space) and 1 <= ndim <= 4
 
     @classmethod
-    def fit(cls, grid: IndicatorGrid, domain: Domain | RegionDomain, *, device: str | None = None) -> "ReluField":
+    def fit(cls, grid: IndicatorGrid, domain: AnyDomain, *, device: str | None = None) -> "ReluField":
         """Where training starts: 1 at the nodes of field cells that may hold a positive, else 0."""
         from warp_bounding.bounders.relu_field.cover import positive_cells
 
@@ -120,24 +119,17 @@ class ReluField(Bounder):
 
     @classmethod
     def of_values(
-        cls, domain: Domain | RegionDomain, field: FieldMap, values: np.ndarray, device: str | None = None
+        cls, domain: AnyDomain, field: FieldMap, values: np.ndarray, device: str | None = None
     ) -> "ReluField":
         """A bounder of node values."""
         tensors = {"values": values.astype(np.float32), "factor": field.factor, "summand": field.summand}
         return cls(domain, tensors, {"nodes": list(field.nodes)}, device)
 
-    def __init__(
-        self, domain: Domain | RegionDomain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None
-    ):
-        """See ``Bounder``; raises ``BounderError`` where tensors and sizes do not fit together."""
-        super().__init__(domain, tensors, sizes, device)
-        nodes = tuple(self.sizes.get("nodes", ()))
+    def check_tensors(self) -> None:
+        domain, nodes = self.domain, tuple(self.sizes.get("nodes", ()))
         if len(nodes) != domain.ndim or not all(type(r) is int and r > 1 for r in nodes):
             raise BounderError(f"relu-field: expected {domain.ndim} numbers of nodes, got {nodes}")
-        expected = {"values": nodes, "factor": (domain.ndim,), "summand": (domain.ndim,)}
-        if {k: t.shape for k, t in self.tensors.items()} != expected:
-            found = {k: t.shape for k, t in self.tensors.items()}
-            raise BounderError(f"relu-field: expected tensors {expected}, got {found}")
+        self.expect_shapes({"values": nodes, "factor": (domain.ndim,), "summand": (domain.ndim,)})
         if np.prod(nodes, dtype=object) > MOST_NODES or not (self.tensors["factor"] > 0).all():
             raise BounderError(f"relu-field: expected at most {MOST_NODES} nodes, and positive factors")
         self.field = FieldMap(self.tensors["factor"], self.tensors["summand"], nodes)
