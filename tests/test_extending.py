@@ -16,6 +16,7 @@ from warp_bounding.arithmetic import TINY, UNIT64, gamma, round_up
 from warp_bounding.bounders import register, unregister
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.options import Option
+from warp_bounding.coordinates.domain import Domain
 from warp_bounding.errors import BounderError, FileFormatError, IndicatorError
 from warp_bounding.indicators import READERS
 from warp_bounding.kernels.plain import Numbers, Words, twin, vector_type
@@ -184,7 +185,7 @@ def test_on_the_command_line(ball, tmp_path, capsys):
 
 
 def test_what_is_not_registered_is_not_known(ball, tmp_path):
-    bounder = Diamond.fit(grid := Ball([4.0, 3.5], 2.0).to_grid(), wb.bounders.base.Domain.of(grid), device="cpu")
+    bounder = Diamond.fit(grid := Ball([4.0, 3.5], 2.0).to_grid(), Domain.of(grid), device="cpu")
     bounder.save(tmp_path / "b.safetensors")
     unregister(Diamond)
     with pytest.raises(FileFormatError, match="diamond"):

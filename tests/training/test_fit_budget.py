@@ -19,8 +19,8 @@ fit_module = import_module("warp_bounding.training.fit")  # the package has a fu
 @pytest.mark.parametrize("name", ["c", "blob", "animated"])
 def test_a_hierarchy_whose_time_is_over_has_fewer_boxes_and_is_proven(name, rng):
     grid = shape(name)
-    whole = build(grid, 16, "tight")
-    hurried = build(grid, 16, "tight", seconds=0.0)
+    whole = build(grid, 16)
+    hurried = build(grid, 16, seconds=0.0)
     assert len(hurried.first) == 1 < len(whole.first)
     bounder = Bvh.fit(grid, Domain.of(grid), leaves=16, seconds=0.0, device="cpu")
     prove(bounder, grid)

@@ -15,9 +15,8 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.bounders.base import Bounder, BoxBounds
-from warp_bounding.bounders.neural.mlp_early import MlpEarly
+from warp_bounding.bounders.neural.mlp_early import MlpEarly, bounds_of_all, denied_early
 from warp_bounding.bounders.registry import METHODS
-from warp_bounding.coordinates.domain import GROWTH
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.plain import Numbers, Words, plain_value, twin, vector_type
 from warp_bounding.kernels.source import DENIED, Lanes, Source, literal
@@ -218,21 +217,11 @@ class Cascade(Bounder):
         return held[0] if held else super().words()
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        f = self._members[-1].reference(v)
-        for part in self._members[:-1]:
-            f = np.where(part.reference(v) < float(part.threshold), DENIED, f)
-        return f
+        return denied_early(self._members[:-1], v, self._members[-1].reference(v))
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        bounds = self._members[-1].bound(lower, upper)
-        least, axis, point = (np.array(x) for x in bounds[:3])
-        for part in self._members[:-1]:
-            own = part.bound(lower, upper)
-            # Where a part may deny on some device, f may be DENIED: no better bound holds there, and halving goes by
-            # that part's axis.
-            fails = ~(own.lower >= float(part.threshold) + part.rounding_bound() * GROWTH)
-            least[fails], axis[fails], point[fails] = DENIED, own.axis[fails], own.point[fails]
-        return BoxBounds(least, axis, point, self.reference(point))
+        last = BoxBounds(*self._members[-1].bound(lower, upper)[:4])
+        return bounds_of_all(self._members[:-1], last, lower, upper, self.reference)
 
     def rounding_bound(self) -> float:
         return self._members[-1].rounding_bound()  # that of the others is in ``bound``

@@ -6,12 +6,10 @@ import warp as wp
 from bounding_shapes import SHAPES, domain_points, object_points, shape
 from region_cases import cases, fitted_region
 
-from warp_bounding.bounders.bvh.build import build, inner_nodes, morton_order
+from warp_bounding.bounders.bvh.build import build, inner_nodes
 from warp_bounding.bounders.bvh.bvh import Bvh, leaves_for_bytes
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
-
-BUILDERS = ("median", "tight")
 
 
 def leaf_cells(tree, shape_of_grid) -> np.ndarray:
@@ -22,30 +20,17 @@ def leaf_cells(tree, shape_of_grid) -> np.ndarray:
 
 
 @pytest.mark.parametrize("leaves", [1, 2, 3, 7, 64])
-@pytest.mark.parametrize("builder", BUILDERS)
 @pytest.mark.parametrize("name", SHAPES)
-def test_every_cell_in_a_leaf(name, builder, leaves):
+def test_every_cell_in_a_leaf(name, leaves):
     grid = shape(name)
-    tree = build(grid, leaves, builder)
+    tree = build(grid, leaves)
     at = np.flatnonzero(tree.past == np.arange(len(tree.past)) + 1)
-    count = len(grid.occupied)
-    assert len(at) == min(leaves, count) if builder == "median" else len(at) <= leaves
+    assert len(at) <= leaves
     assert len(tree.past) - len(at) <= inner_nodes(leaves)
     covered = leaf_cells(tree, grid.shape)
     assert covered[tuple(grid.occupied.T)].all()
-    if builder == "tight":
-        if leaves > 3:  # cuts along the Z-curve are no planes, which now and then is lucky
-            assert covered.sum() <= leaf_cells(build(grid, leaves, "median"), grid.shape).sum()
-        if len(at) < leaves:  # nothing is left to cut off
-            assert covered.sum() == count
-
-
-def test_morton_order():
-    cells = np.argwhere(np.ones((4, 4), bool))
-    ordered = cells[morton_order(cells)]
-    assert ordered[:4].tolist() == [[0, 0], [0, 1], [1, 0], [1, 1]]
-    assert (ordered[:4] < 2).all()
-    assert (ordered[4:8] // 2 == [0, 1]).all()
+    if len(at) < leaves:  # nothing is left to cut off
+        assert covered.sum() == len(grid.occupied)
 
 
 @pytest.mark.parametrize("ndim", [2, 3, 4])
@@ -53,22 +38,21 @@ def test_morton_order():
 def test_leaves_for_bytes(nbytes, ndim):
     leaves = leaves_for_bytes(nbytes, ndim)
     grid = shape({2: "c", 3: "star", 4: "animated"}[ndim])
-    bounder = Bvh.fit(grid, domain_of(grid, "ray"), leaves=leaves, builder="median", device="cpu")
+    bounder = Bvh.fit(grid, domain_of(grid, "ray"), leaves=leaves, device="cpu")
     assert leaves == 1 or bounder.nbytes <= nbytes
     nodes = leaves + 1 + inner_nodes(leaves + 1)
     assert 4 * (4 * ndim + 3 + nodes * (2 * ndim + 1)) > nbytes
 
 
 @pytest.mark.parametrize("leaves", [1, 2, 5, 300])
-@pytest.mark.parametrize("builder", BUILDERS)
-def test_points(builder, leaves, device, rng):
+def test_points(leaves, device, rng):
     grid = shape("blob")
-    bounder = fitted_region("bvh", "point", grid, device, leaves=leaves, builder=builder)
+    bounder = fitted_region("bvh", "point", grid, device, leaves=leaves)
     assert bounder.least(grid) == (0.0, len(grid.occupied))
     assert bounder.query(object_points(grid, rng)).numpy().all()
     x = domain_points(grid, 20_000, rng)
     answers = bounder.query(x).numpy().astype(bool)
-    expected = leaf_cells(build(grid, leaves, builder), grid.shape)
+    expected = leaf_cells(build(grid, leaves), grid.shape)
     cell = np.clip(np.round(grid.cells_per_unit * x + grid.offset), 0, np.array(grid.shape) - 1).astype(int)
     inside = ((x >= grid.lower) & (x <= grid.upper)).all(axis=1)
     assert (answers != (expected[tuple(cell.T)] & inside)).mean() < 5e-3  # cells are widened by a 4096th
@@ -82,12 +66,11 @@ def test_points(builder, leaves, device, rng):
 def test_regions(query, leaves, device, rng):
     grid = shape("blob")
     q, truth = cases(query, grid, rng)
-    for builder in BUILDERS:
-        bounder = fitted_region("bvh", query, grid, device, leaves=leaves, builder=builder)
-        answers = bounder.query(q).numpy().astype(bool)
-        assert (answers >= truth).all()
-        if leaves == 300 and builder == "tight":
-            assert answers[:6000].mean() < truth[:6000].mean() + 0.01
+    bounder = fitted_region("bvh", query, grid, device, leaves=leaves)
+    answers = bounder.query(q).numpy().astype(bool)
+    assert (answers >= truth).all()
+    if leaves == 300:
+        assert answers[:6000].mean() < truth[:6000].mean() + 0.01
 
 
 def test_what_is_no_hierarchy():
@@ -102,7 +85,7 @@ def test_what_is_no_hierarchy():
     ):
         with pytest.raises(BounderError):
             Bvh(bounder.domain, bounder.tensors | {name: change(bounder.tensors[name])}, {}, "cpu")
-    for options in ({"leaves": 0}, {"leaves": 2.5}, {"builder": "best"}):
+    for options in ({"leaves": 0}, {"leaves": 2.5}):
         with pytest.raises(BounderError, match="must be"):
             Bvh.fit(shape("c"), bounder.domain, **options)
 

@@ -109,7 +109,7 @@ def test_errors():
     domain = domain_of(grid, "point")
     with pytest.raises(BounderError, match="zero or not finite"):
         LearnedKdop.of_normals(grid, domain, np.zeros((3, 2)))
-    with pytest.raises(BounderError, match="expected normals"):
+    with pytest.raises(BounderError, match="expected tensors"):
         LearnedKdop(domain, {"normals": np.ones((3, 3), np.float32), "offsets": np.ones(3, np.float32)}, {})
     with pytest.raises(BounderError, match="kdop offers"):
         classic_normals(domain, 5)

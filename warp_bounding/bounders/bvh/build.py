@@ -1,10 +1,8 @@
 """Hierarchies of boxes over the cells of a grid: which cells a leaf holds, and which nodes lie above it.
 
-* ``median``: cells in Morton order (Morton 1966), halved again and again: the linear hierarchy (Lauterbach et al. 2009), whose
-  splits need no search.
-* ``tight``: every split is the plane across an axis that leaves the least volume on its two sides, weighted by a power of their
-  numbers of cells (with power 1, the surface area heuristic of Goldsmith and Salmon 1987, for points), down to several times as
-  many leaves as wanted; of this tree the cut whose leaves have the least volume is taken, exactly, by dynamic programming.
+Every split is the plane across an axis that leaves the least volume on its two sides, weighted by a power of their numbers of
+cells (with power 1, the surface area heuristic of Goldsmith and Salmon 1987, for points), down to several times as many leaves
+as wanted; of this tree the cut whose leaves have the least volume is taken, exactly, by dynamic programming.
 
 A binary tree has as many inner nodes as leaves. Two thirds of them are taken out again, those that save the fewest tests, which
 leaves memory for more leaves; so a node has ``ARITY`` children on average.
@@ -12,7 +10,6 @@ leaves memory for more leaves; so a node has ``ARITY`` children on average.
 
 import math
 import time
-from dataclasses import dataclass, field
 from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
@@ -20,10 +17,10 @@ import numpy as np
 
 from warp_bounding.indicators.grid import IndicatorGrid
 
-__all__ = ["ARITY", "Hierarchy", "build", "inner_nodes", "morton_order"]
+__all__ = ["ARITY", "Hierarchy", "build", "inner_nodes"]
 
 ARITY = 4
-SPARE = 4  # times the wanted leaves: of the tree that ``tight`` cuts
+SPARE = 4  # times the wanted leaves: of the tree that is cut
 POWERS = (0.0, 0.5)  # of the numbers of cells; all are tried
 BALANCE = 1e-9  # decides between splits that leave the same volume
 GROWN = 0.1  # domain widths: by how much a query's own size makes a node's box larger
@@ -43,21 +40,13 @@ class Hierarchy(NamedTuple):
     past: np.ndarray
 
 
-@dataclass
 class Node:
-    """A box of cells and what lies below it; size: the cells in it, occupied or not."""
+    """The box around cells ``(N, n)`` and what lies below it; size: the cells in it, occupied or not."""
 
-    first: np.ndarray
-    last: np.ndarray
-    children: list["Node"] = field(default_factory=list)
-
-    def __post_init__(self):
+    def __init__(self, cells: np.ndarray):
+        self.first, self.last = cells.min(axis=0), cells.max(axis=0)
         self.size = float((self.last - self.first + 1).prod(dtype=np.float64))
-
-    @classmethod
-    def around(cls, cells: np.ndarray) -> "Node":
-        """The box around cells ``(N, n)``."""
-        return cls(cells.min(axis=0), cells.max(axis=0))
+        self.children: list[Node] = []
 
 
 def inner_nodes(leaves: int) -> int:
@@ -65,55 +54,30 @@ def inner_nodes(leaves: int) -> int:
     return -(-(leaves - 1) // (ARITY - 1))
 
 
-def build(grid: IndicatorGrid, leaves: int, builder: str, seconds: float = math.inf) -> Hierarchy:
+def build(grid: IndicatorGrid, leaves: int, seconds: float = math.inf) -> Hierarchy:
     """Arrange the occupied cells.
 
     Args:
         grid: The object.
         leaves: Number of leaf boxes; fewer where the object consists of fewer boxes.
-        builder: ``"median"`` or ``"tight"``.
-        seconds: Time for the splits of ``tight``: where it is over, boxes stay as large as they are. The emptiest are split first.
+        seconds: Time for the splits: where it is over, boxes stay as large as they are. The emptiest are split first.
     """
-    cells, started = grid.occupied, time.perf_counter()
-    if builder == "median":
-        root = _median(cells[morton_order(cells)], leaves)
-    else:
-        shares = [started + seconds * (index + 1) / len(POWERS) for index in range(len(POWERS))]
-        found = [_tight(cells, leaves, power, until) for power, until in zip(POWERS, shares, strict=True)]
-        root = min(found, key=lambda pair: pair[0])[1]
+    started = time.perf_counter()
+    shares = [started + seconds * (index + 1) / len(POWERS) for index in range(len(POWERS))]
+    found = [_tight(grid.occupied, leaves, power, until) for power, until in zip(POWERS, shares, strict=True)]
+    root = min(found, key=lambda pair: pair[0])[1]
     _flatten(root, inner_nodes(leaves), np.array(grid.shape, dtype=np.float64))
     return _depth_first(root)
 
 
-def morton_order(cells: np.ndarray) -> np.ndarray:
-    """The order of cells ``(N, n)`` along the Z-curve."""
-    n = cells.shape[1]
-    bits = max(1, int(cells.max()).bit_length())
-    code = np.zeros(len(cells), dtype=np.uint64)
-    for bit in range(bits - 1, max(bits - 63 // n, 0) - 1, -1):
-        for axis in range(n):
-            code = (code << np.uint64(1)) | ((cells[:, axis] >> bit) & 1).astype(np.uint64)
-    return np.argsort(code, kind="stable")
-
-
-def _median(cells: np.ndarray, leaves: int) -> Node:
-    node = Node.around(cells)
-    leaves = min(leaves, len(cells))
-    if leaves > 1:
-        left = leaves // 2
-        split = min(max(round(len(cells) * left / leaves), left), len(cells) - (leaves - left))
-        node.children = [_median(cells[:split], left), _median(cells[split:], leaves - left)]
-    return node
-
-
 def _tight(cells: np.ndarray, leaves: int, power: float, until: float) -> tuple[float, Node]:
     """The least sum of leaf sizes that was found, and its tree; no box is split any more at the time ``until``."""
-    root = Node.around(cells)
+    root = Node(cells)
     waiting, nodes, count = [(0.0, 0, root, cells)] if root.size > len(cells) else [], [root], 1
     while waiting and count < SPARE * leaves and time.perf_counter() < until:
         _, _, node, held = heappop(waiting)
         for part in _best_split(held, power):
-            child = Node.around(part)
+            child = Node(part)
             node.children.append(child)
             nodes.append(child)
             if child.size > len(part):  # something in it is empty
@@ -189,8 +153,7 @@ def _flatten(root: Node, allowed: int, shape: np.ndarray) -> None:
         if node.children:
             inner.append(node)
             stack += node.children
-            for child in node.children:
-                parents[id(child)] = node
+            parents |= {id(child): node for child in node.children}
     chance = {id(node): float(((node.last - node.first + 1) / shape + GROWN).prod()) for node in inner}
 
     def saved(node: Node) -> float:
@@ -198,11 +161,7 @@ def _flatten(root: Node, allowed: int, shape: np.ndarray) -> None:
         return len(node.children) * (above - chance[id(node)]) - above
 
     known = {id(node): saved(node) for node in inner if node is not root}
-    heap = [
-        (value, index, inner[index])
-        for index, value in enumerate([known.get(id(n)) for n in inner])
-        if value is not None
-    ]
+    heap = [(known[id(node)], index, node) for index, node in enumerate(inner) if node is not root]
     heapify(heap)
     left, ticket = len(inner), len(inner)
     while heap and (left > allowed or heap[0][0] < 0):
@@ -213,9 +172,8 @@ def _flatten(root: Node, allowed: int, shape: np.ndarray) -> None:
         parent.children = [c for c in parent.children if c is not node] + children
         del known[id(node)]
         left -= 1
+        parents |= {id(child): parent for child in children}
         for changed in [parent, *children]:
-            if changed is not parent:
-                parents[id(changed)] = parent
             if id(changed) in known:
                 known[id(changed)] = saved(changed)
                 ticket += 1

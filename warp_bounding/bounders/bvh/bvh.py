@@ -1,4 +1,4 @@
-"""``bvh``: a hierarchy of axis-aligned boxes over the object's cells (the paper's BVH), built by ``bvh_build``.
+"""``bvh``: a hierarchy of axis-aligned boxes over the object's cells (the paper's BVH), built by ``bvh.build``.
 
 Nodes lie in depth-first order, each with the index behind its subtree: a query that misses a box goes on there, one that
 hits it goes on with the next node, and no stack is needed (Smits 1998). Lanes walk together and wait where they
@@ -7,6 +7,7 @@ have nothing to ask. Points and boxes are only compared, so they cannot round; a
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -33,7 +34,7 @@ from warp_bounding.queries.plane import PLANE
 __all__ = ["Bvh", "BvhSource", "leaves_for_bytes"]
 
 LEAVES = 64
-BUILDERS = ("tight", "median")
+_leaves = whole("leaves", 1)
 FRONT = 2  # numbers before the nodes: how many there are, and a plane's room
 
 
@@ -67,13 +68,11 @@ class BvhSource(Source):
     packed = True
 
     def body(self, lanes: Lanes) -> str:
-        """See ``Source.body``."""
         prepare, touches = TOUCHES[self.query](self.ndim)
         walk = TOGETHER if lanes.vector else ALONE
         return fill(walk, prepare=prepare, touches=touches, front=FRONT, n=self.ndim)
 
     def plain(self) -> wp.Function:
-        """See ``Source.plain``."""
         return plain_walk(self, FRONT)
 
 
@@ -86,13 +85,12 @@ class Bvh(Bounder):
     method = "bvh"
     takes_seconds = True
     options = (
-        Option("leaves", None, "leaf boxes; by default as many as take a network's memory", whole("leaves", 1), int),
+        Option("leaves", None, "leaf boxes; by default as many as take a network's memory", _leaves, int),
         replace(HIDDEN, help="of the network whose memory sets the leaves"),
     )
 
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
-        """See ``Bounder``."""
         return space == GEOMETRIC and query in TOUCHES and (ndim >= 2 or not QUERIES[query].is_region)
 
     @classmethod
@@ -103,7 +101,6 @@ class Bvh(Bounder):
         *,
         leaves: int | None = LEAVES,
         hidden: tuple[int, ...] = HIDDEN.default,
-        builder: str = "tight",
         seconds: float = math.inf,
         device: str | None = None,
     ) -> "Bvh":
@@ -114,20 +111,14 @@ class Bvh(Bounder):
             domain: Its domain, or that of a region.
             leaves: Number of leaf boxes (fewer where the object consists of fewer); ``None`` for as many as a network's memory holds.
             hidden: Widths of that network's hidden layers.
-            builder: ``"tight"``: boxes of little volume; ``"median"``: halves in Morton order.
-            seconds: Time for the ``tight`` boxes; the fewer there are, the looser.
+            seconds: Time for the boxes; the less there is, the looser they are.
             device: Warp device.
 
         Raises:
-            BounderError: If ``leaves`` or ``builder`` is none of these.
+            BounderError: If ``leaves`` is no positive whole number.
         """
-        if leaves is None:
-            leaves = leaves_for_bytes(_network_bytes(domain, hidden), grid.ndim)
-        if not isinstance(leaves, int) or leaves < 1:
-            raise BounderError(f"leaves must be a positive whole number, got {leaves!r}")
-        if builder not in BUILDERS:
-            raise BounderError(f"builder must be one of {', '.join(BUILDERS)}, got {builder!r}")
-        tree = build(grid, leaves, builder, seconds)
+        leaves = leaves_for_bytes(_network_bytes(domain, hidden), grid.ndim) if leaves is None else _leaves(leaves)
+        tree = build(grid, leaves, seconds)
         lower, upper = domain.base.widened(grid.position(tree.first - 0.5), grid.position(tree.last + 0.5))
         low = np.nextafter(round_down(lower - 2 * ROOM), np.float32(-np.inf))
         high = np.nextafter(round_up(upper + 2 * ROOM), np.float32(np.inf))
@@ -168,52 +159,50 @@ class Bvh(Bounder):
 
     @cached_property
     def volume(self) -> "Bvh | None":
-        """See ``Bounder``."""
         if self.domain.tested_as_point:
             return None
         return type(self)(self.domain.base, self.tensors, self.sizes, self._device)
 
     @property
     def source(self) -> BvhSource:
-        """See ``Bounder``."""
         return BvhSource(self.ndim, self.domain.time, query=self.query_kind, space=self.domain.space)
 
     def weights(self) -> np.ndarray:
-        """See ``Bounder``."""
-        room = 0.0
-        if (
-            QUERIES[self.query_kind] is PLANE
-        ):  # products and sums of 2 n numbers, one more sum; entries of m are at most 1
-            n = self.ndim
-            corner = np.maximum(np.abs(self.tensors["low"]), np.abs(self.tensors["high"])).astype(np.float64)
+        low, high, n, room = self.tensors["low"], self.tensors["high"], self.ndim, 0.0
+        if QUERIES[self.query_kind] is PLANE:
+            # Products and sums of 2 n numbers, one more sum; entries of m are at most 1.
+            corner = np.maximum(np.abs(low), np.abs(high)).astype(np.float64)
             size = corner.sum(axis=1).max() + float(self.domain.limit[-1])
             room = float(round_up(gamma(2 * n + 4) * size * (1 + 1e-9) + 16 * (n + 1) * (1 + size) * TINY))
-        nodes = np.concatenate([self.tensors["low"], self.tensors["high"], self.tensors["past"][:, None]], axis=1)
-        return np.concatenate([[np.float32(len(nodes)), np.float32(room)], nodes.reshape(-1)]).astype(np.float32)
+        nodes = np.concatenate([low, high, self.tensors["past"][:, None]], axis=1)
+        return np.concatenate([[len(nodes), room], nodes.reshape(-1)]).astype(np.float32)
 
     @property
     def nbytes(self) -> int:
-        """See ``Bounder``."""
         return super().nbytes + 4 * FRONT
+
+    def _in_leaf(self, count: int, meets: Callable[[int, np.ndarray], np.ndarray]) -> np.ndarray:
+        """0 for which of ``count`` rows meet a leaf and all nodes above it, else -1; ``meets`` tells which rows meet a node."""
+        met, nodes, index = np.zeros(count, dtype=bool), len(self.past), 0
+        stack = [(nodes, np.arange(count))]
+        while index < nodes:
+            while stack[-1][0] <= index:
+                stack.pop()
+            rows, past = stack[-1][1], int(self.past[index])
+            rows = rows[~met[rows]]
+            rows = rows[meets(index, rows)]
+            if past == index + 1:
+                met[rows] = True
+            if len(rows):
+                stack.append((past, rows))
+            index = index + 1 if len(rows) else past
+        return np.where(met, 0.0, -1.0)
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         """See ``Bounder``; without room for rounding. Float64 rounds monotonically: what touches a box touches those that hold it."""
-        v = np.asarray(v, dtype=np.float64)
+        v, touching = np.asarray(v, dtype=np.float64), _TOUCHING[self.query_kind]
         low, high = self.tensors["low"].astype(np.float64), self.tensors["high"].astype(np.float64)
-        met, count, index = np.zeros(len(v), dtype=bool), len(self.past), 0
-        stack = [(count, np.arange(len(v)))]
-        while index < count:
-            while stack[-1][0] <= index:
-                stack.pop()
-            asked, past = stack[-1][1], int(self.past[index])
-            asked = asked[~met[asked]]
-            asked = asked[_TOUCHING[self.query_kind](v[asked], low[index], high[index])]
-            if past == index + 1:
-                met[asked] = True
-            if len(asked):
-                stack.append((past, asked))
-            index = index + 1 if len(asked) else past
-        return np.where(met, 0.0, -1.0)
+        return self._in_leaf(len(v), lambda node, rows: touching(v[rows], low[node], high[node]))
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """See ``Bounder``: 0 where one leaf, and so all above it, holds the box and has ``ROOM`` to spare, else -1.
@@ -224,32 +213,23 @@ class Bvh(Bounder):
         if self.volume is not None:
             raise BounderError(f"{self.method}: {self.query_kind} queries are proven by their volume")
         low, high = self.tensors["low"].astype(np.float64), self.tensors["high"].astype(np.float64)
-        held, count, index = np.zeros(len(lower), dtype=bool), len(self.past), 0
-        stack = [(count, np.arange(len(lower)))]
-        while index < count:
-            while stack[-1][0] <= index:
-                stack.pop()
-            boxes = stack[-1][1]
+
+        def hold(node: int, rows: np.ndarray) -> np.ndarray:
             # Strictly: where float64 loses ROOM, its numbers are farther apart than that.
-            within = (low[index] < lower[boxes] - ROOM) & (high[index] > upper[boxes] + ROOM)
-            boxes = boxes[within.all(axis=1) & ~held[boxes]]
-            past = int(self.past[index])
-            if past == index + 1:
-                held[boxes] = True
-            elif len(boxes):
-                stack.append((past, boxes))
-                past = index + 1
-            index = past
-        center = (lower + upper) / 2
-        return BoxBounds(np.where(held, 0.0, -1.0), np.argmax(upper - lower, axis=1), center, self.reference(center))
+            return ((low[node] < lower[rows] - ROOM) & (high[node] > upper[rows] + ROOM)).all(axis=1)
+
+        least, center = self._in_leaf(len(lower), hold), (lower + upper) / 2
+        return BoxBounds(least, np.argmax(upper - lower, axis=1), center, self.reference(center))
 
     def rounding_bound(self) -> float:
         """See ``Bounder``; none: what rounds is paid for by room around the boxes, and f is 0 or -1."""
         return 0.0
 
 
+# Which queries of v ``(N, m)`` meet a box, by their kind.
+
+
 def _points_touch(v: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Which points ``v`` ``(N, n)`` lie in a box."""
     return ((v >= low) & (v <= high)).all(axis=1)
 
 

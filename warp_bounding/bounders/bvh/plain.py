@@ -32,29 +32,15 @@ def plain_walk(source: Source, front: int) -> wp.Function:
     return f
 
 
-def _point(source: Source) -> wp.Function:
-    """Whether a point lies in the box at ``w[node]``."""
-    n, vector = source.ndim, vector_type(source.coordinates)
-
-    @twin(source, "touches")
-    def touches(w: Numbers, at: int, node: int, v: vector) -> bool:
-        met = wp.bool(True)
-        for k in range(n):
-            met = met and v[k] >= w[node + k] and v[k] <= w[node + n + k]
-        return met
-
-    return touches
-
-
 def _box(source: Source) -> wp.Function:
-    """Whether a box meets the one at ``w[node]``."""
-    n, vector = source.ndim, vector_type(source.coordinates)
+    """Whether a box, or a point as both of its corners, meets the one at ``w[node]``."""
+    n, vector, last = source.ndim, vector_type(source.coordinates), source.coordinates - source.ndim
 
     @twin(source, "touches")
     def touches(w: Numbers, at: int, node: int, v: vector) -> bool:
         met = wp.bool(True)
         for k in range(n):
-            met = met and v[n + k] >= w[node + k] and v[k] <= w[node + n + k]
+            met = met and v[last + k] >= w[node + k] and v[k] <= w[node + n + k]
         return met
 
     return touches
@@ -92,4 +78,4 @@ def _ray(source: Source) -> wp.Function:
     return touches
 
 
-_TOUCHES = {"point": _point, "ray": _ray, "plane": _plane, "box": _box}
+_TOUCHES = {"point": _box, "ray": _ray, "plane": _plane, "box": _box}

@@ -15,18 +15,20 @@ Limits: one hidden layer has no exit. The gain is what the exits deny: 3D points
 less time than without exits; rays, most of which meet it or nearly do, take a little more.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from warp_bounding.bounders.base import BoxBounds
+from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.neural.mlp import ACTIVATION, HIDDEN, OCTAVES, RECIPE, Mlp
 from warp_bounding.bounders.options import STEPS
+from warp_bounding.coordinates.domain import GROWTH
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import DENIED, Lanes, literal
 from warp_bounding.networks.inference import MlpSource, head_numbers
 
-__all__ = ["MlpEarly", "MlpEarlySource"]
+__all__ = ["MlpEarly", "MlpEarlySource", "bounds_of_all", "denied_early"]
 
 
 @dataclass(frozen=True)
@@ -151,24 +153,32 @@ class MlpEarly(Mlp):
         return np.concatenate(numbers).astype(np.float32)
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        f = super().reference(v)
-        for part in self._parts[:-1]:
-            f = np.where(part.reference(v) < float(part.threshold), DENIED, f)
-        return f
+        return denied_early(self._parts[:-1], v, super().reference(v))
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        """Bounds are the output's where every exit passes on every device, and ``DENIED`` elsewhere."""
-        bounds = super().bound(lower, upper)
-        least, axis, point, next_axis = (
-            np.array(x) for x in (bounds.lower, bounds.axis, bounds.point, bounds.next_axis)
-        )
-        for part in self._parts[:-1]:
-            exit_bounds = part.bound(lower, upper)
-            target = float(part.threshold) + part.rounding_bound() * (1 + 1e-9)
-            fails = ~(exit_bounds.lower >= target)
-            least[fails], axis[fails], next_axis[fails] = DENIED, exit_bounds.axis[fails], exit_bounds.next_axis[fails]
-            point[fails] = exit_bounds.point[fails]
-        return BoxBounds(least, axis, point, self.reference(point), next_axis)
+        return bounds_of_all(self._parts[:-1], super().bound(lower, upper), lower, upper, self.reference)
+
+
+def denied_early(firsts: Sequence[Bounder], v: np.ndarray, f: np.ndarray) -> np.ndarray:
+    """``f``, the last part's of v, where all parts before it pass, and ``DENIED`` elsewhere."""
+    for part in firsts:
+        f = np.where(part.reference(v) < float(part.threshold), DENIED, f)
+    return f
+
+
+def bounds_of_all(firsts: Sequence[Bounder], bounds: BoxBounds, lower, upper, reference) -> BoxBounds:
+    """The last part's bounds where every part before it passes on every device, and ``DENIED`` elsewhere."""
+    least, axis, point = (np.array(x) for x in bounds[:3])
+    next_axis = None if bounds.next_axis is None else np.array(bounds.next_axis)
+    for part in firsts:
+        own = part.bound(lower, upper)
+        # Where a part may deny on some device, f may be DENIED: no better bound holds there, and halving goes by
+        # that part's axis.
+        fails = ~(own.lower >= float(part.threshold) + part.rounding_bound() * GROWTH)
+        least[fails], axis[fails], point[fails] = DENIED, own.axis[fails], own.point[fails]
+        if next_axis is not None:
+            next_axis[fails] = own.next_axis[fails]
+    return BoxBounds(least, axis, point, reference(point), next_axis)
 
 
 def part_of(tensors: dict[str, np.ndarray], sizes: dict, depth: int) -> tuple[dict[str, np.ndarray], dict]:

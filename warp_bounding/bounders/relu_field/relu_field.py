@@ -83,13 +83,11 @@ class ReluFieldSource(Source):
     packed = True
 
     def body(self, lanes: Lanes) -> str:
-        """See ``Source.body``."""
         strides = [prod(self.nodes[k + 1 :]) for k in range(len(self.nodes))]
         listed = {"nodes": ", ".join(map(str, self.nodes)), "strides": ", ".join(map(str, strides))}
         return fill(TEXT, m=len(self.nodes), **listed, **(TOGETHER if lanes.vector else ALONE))
 
     def plain(self) -> wp.Function:
-        """See ``Source.plain``."""
         return plain_field(self)
 
 
@@ -104,7 +102,6 @@ class ReluField(Bounder):
 
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
-        """See ``Bounder``."""
         if query in PLACES:
             return ndim == 2 and space == GEOMETRIC
         return super().supports(query, ndim, space) and 1 <= ndim <= 4
@@ -139,12 +136,10 @@ class ReluField(Bounder):
 
     @property
     def source(self) -> ReluFieldSource:
-        """See ``Bounder``."""
         domain = self.domain
         return ReluFieldSource(self.ndim, domain.time, self.field.nodes, query=domain.query, space=domain.space)
 
     def weights(self) -> np.ndarray:
-        """See ``Bounder``."""
         return np.concatenate([self.tensors[k].reshape(-1) for k in ("factor", "summand", "values")])
 
     @cached_property
@@ -156,7 +151,6 @@ class ReluField(Bounder):
         return interpolate(self._values, self.field.nodes, t)
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        """See ``Bounder``."""
         t = self.field.coordinates(v)
         parts = [self.interpolate(t[i : i + (CHUNK >> 6)]) for i in range(0, len(t), CHUNK >> 6)]
         return np.clip(np.concatenate([*parts, np.zeros(0)]), 0, 1)

@@ -1,8 +1,6 @@
 """``aabb``: the axis-aligned bounding box (the paper's AABox)."""
 
 from warp_bounding.bounders.slabs.base import SlabBounder
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.indicators.grid import IndicatorGrid
 
 __all__ = ["Aabb"]
 
@@ -12,8 +10,3 @@ class Aabb(SlabBounder):
 
     method = "aabb"
     diagonal = True
-
-    @classmethod
-    def fit(cls, grid: IndicatorGrid, domain: Domain, *, device: str | None = None) -> "Aabb":
-        """The smallest axis-aligned box around a grid's occupied cells."""
-        return cls.of_directions(grid, domain, None, device)

@@ -79,20 +79,11 @@ class SlabBounder(FaceBounder):
     diagonal = False
 
     @classmethod
-    def of_directions(
-        cls, grid: IndicatorGrid, domain: AnyDomain, directions: np.ndarray | None, device: str | None
-    ) -> "SlabBounder":
-        """Fit the faces to a grid's cells.
-
-        Args:
-            grid: The object.
-            domain: Its domain; that of a region tested against the slabs has their numbers too.
-            directions: ``(k, n)``, slab normals in object space; ``None`` for the axes.
-            device: Warp device.
-        """
+    def fit(cls, grid: IndicatorGrid, domain: AnyDomain, *, device: str | None = None, **options) -> "SlabBounder":
+        """The tightest faces around a grid's occupied cells; ``options`` are those of ``sampled_directions``."""
         base = domain.base
-        local = np.eye(base.ndim) if cls.diagonal else directions / base.scale.astype(np.float64)
-        local = local.astype(np.float32).astype(np.float64)
+        directions = cls.sampled_directions(grid.position(grid.occupied), **options)
+        local = cls._local(directions, base.scale.astype(np.float64))
         cells = _ends(grid.occupancy)
         low, high = np.full(len(local), np.inf), np.full(len(local), -np.inf)
         for start in range(0, len(cells), 1 << 16):
@@ -109,13 +100,16 @@ class SlabBounder(FaceBounder):
     ) -> "SlabBounder":
         """See ``Bounder``; ``options`` are those of ``sampled_directions``."""
         samples = cls.samples_of(domain, positives)
-        directions = cls.sampled_directions(samples, **options) / domain.coordinates.units(domain)
-        local = np.eye(domain.ndim) if cls.diagonal else directions.astype(np.float32).astype(np.float64)
+        local = cls._local(cls.sampled_directions(samples, **options), domain.coordinates.units(domain))
         support = ParametricSupport(grid, domain)(np.concatenate([local, -local]))
         low, high = -support[len(local) :], support[: len(local)]
         tight = cls._of_faces(domain, local, low, high, device)
         room = 2 * tight.rounding_bound()
         return cls._of_faces(domain, local, low - room, high + room, device)
+
+    @classmethod
+    def _local(cls, directions: np.ndarray, scale: np.ndarray) -> np.ndarray:
+        return np.eye(len(scale)) if cls.diagonal else (directions / scale).astype(np.float32).astype(np.float64)
 
     @classmethod
     def _of_faces(cls, domain: AnyDomain, local, low, high, device: str | None) -> "SlabBounder":

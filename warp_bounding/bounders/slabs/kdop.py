@@ -10,10 +10,8 @@ import numpy as np
 
 from warp_bounding.bounders.options import Option
 from warp_bounding.bounders.slabs.base import SlabBounder
-from warp_bounding.coordinates.domain import Domain
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry.checked_inverse import MOST_VERTEX_DIMENSIONS
-from warp_bounding.indicators.grid import IndicatorGrid
 
 __all__ = ["BY_VERTICES", "Kdop", "kdop_directions"]
 
@@ -34,23 +32,7 @@ class Kdop(SlabBounder):
         return super().supports(query, ndim, space) and (query not in BY_VERTICES or ndim <= MOST_VERTEX_DIMENSIONS)
 
     @classmethod
-    def fit(cls, grid: IndicatorGrid, domain: Domain, *, k: int | None = None, device: str | None = None) -> "Kdop":
-        """The tightest k-DOP around a grid's occupied cells.
-
-        Args:
-            grid: The object.
-            domain: Its domain.
-            k: Half-spaces: ``None`` for 4 n, or in 3D one of 6, 14, 18, 26.
-            device: Warp device.
-
-        Raises:
-            BounderError: If ``k`` is not offered in this dimension.
-        """
-        return cls.of_directions(grid, domain, kdop_directions(grid.ndim, k), device)
-
-    @classmethod
     def sampled_directions(cls, samples: np.ndarray, k: int | None = None) -> np.ndarray:
-        """See ``SlabBounder``: as in ``fit``."""
         return kdop_directions(samples.shape[1], k)
 
 
@@ -59,7 +41,7 @@ def kdop_directions(ndim: int, k: int | None = None) -> np.ndarray:
 
     Args:
         ndim: Dimension n.
-        k: See ``Kdop.fit``.
+        k: Half-spaces: ``None`` for 4 n, or in 3D one of 6, 14, 18, 26.
 
     Returns:
         ``(k / 2, n)`` float64.
@@ -68,9 +50,8 @@ def kdop_directions(ndim: int, k: int | None = None) -> np.ndarray:
         BounderError: If ``k`` is not offered in this dimension.
     """
     axes = np.eye(ndim)
-    edges = np.array([axes[a] + s * axes[b] for a, b in combinations(range(ndim), 2) for s in (1, -1)]).reshape(
-        -1, ndim
-    )
+    edges = [axes[a] + s * axes[b] for a, b in combinations(range(ndim), 2) for s in (1, -1)]
+    edges = np.array(edges).reshape(-1, ndim)
     if k is None or k == 4 * ndim:
         more = edges if ndim == 2 else 1 - axes if ndim > 2 else axes[:0]
     elif ndim == 3 and k in (6, 14, 18, 26):

@@ -69,7 +69,6 @@ class SlabPoint(VolumeTest):
         return np.minimum(y - self.slabs.low, self.slabs.high - y).min(axis=1)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        """See ``Bounder``."""
         d, low, high, _ = self.slabs
         center, half = (lower + upper) / 2, (upper - lower) / 2
         y, reach = center @ d.T, half @ np.abs(d).T
