@@ -69,6 +69,7 @@ class SlabPoint(VolumeTest):
         return np.minimum(y - self.slabs.low, self.slabs.high - y).min(axis=1)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """``Bounder.bound`` of boxes of points."""
         d, low, high, _ = self.slabs
         center, half = (lower + upper) / 2, (upper - lower) / 2
         y, reach = center @ d.T, half @ np.abs(d).T
