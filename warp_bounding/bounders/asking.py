@@ -11,9 +11,8 @@ from functools import cached_property
 import numpy as np
 import warp as wp
 
-from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.placement import Placement
-from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import QueryError
 from warp_bounding.kernels.functions import Data, batch_kernel, point_func
 from warp_bounding.kernels.plain import plain_func, plain_kernel
@@ -52,16 +51,14 @@ class Prepared:
         if self._memory is None or (self._number and self._memory[0] != self._queries.ptr):
             dtype = getattr(x, "dtype", "numbers")
             got = f"{type(x).__name__} of {getattr(dtype, '__name__', dtype)} that would have to be copied"
-            raise QueryError(
-                f"x must be float32, in one piece and on {bounder.device}: every launch reads it there; got {got}"
-            )
+            expected = f"float32, in one piece and on {bounder.device}: every launch reads it there"
+            raise QueryError(f"x must be {expected}; got {got}")
         self.out = new_output(out, self._number, wp.uint8, bounder.device)
         self._place: wp.array | None = None
         if xform is not None or scale is not None:
             self._place = wp.array(self._placement(xform, scale), dtype=wp.float32, device=bounder.device)
         self._compaction = Compaction(self.out) if candidates else None
-        self.indices = self._compaction.indices if candidates else None
-        self.count = self._compaction.count if candidates else None
+        self.indices, self.count = (self._compaction.indices, self._compaction.count) if candidates else (None, None)
         self._record()
 
     def launch(self) -> wp.array | tuple[wp.array, wp.array]:
@@ -113,10 +110,8 @@ class Prepared:
 
     def __repr__(self) -> str:
         where = "object space" if self._place is None else "the world"
-        asked = ", with candidates" if self._compaction else ""
-        return (
-            f"<{self._number:,} {self._bounder.query_kind} queries in {where}{asked}, prepared for {self._bounder!r}>"
-        )
+        asked = f"{where}, with candidates" if self._compaction else where
+        return f"<{self._number:,} {self._bounder.query_kind} queries in {asked}, prepared for {self._bounder!r}>"
 
     def _placement(self, xform, scale) -> np.ndarray:
         domain = self._bounder.domain
@@ -128,19 +123,13 @@ class Prepared:
 
     def _record(self) -> None:
         self._data = self._bounder.data
-        self._asking = batch_launch(self._bounder, self._queries, self._number, self._place, self.out)
+        self._asking = self._bounder.batch_launch(self._queries, self._number, self._place, self.out)
 
 
 class Asking(ABC):
-    """The half of a ``Bounder`` that queries see.
+    """The half of a ``Bounder`` that queries see."""
 
-    Attributes:
-        domain: The box it was made for, and the map into it.
-        threshold: float32; the answer is *maybe* iff ``not (f < threshold)``.
-        native: Whether queries run as native text, or as its plain twin.
-    """
-
-    domain: Domain | RegionDomain
+    domain: AnyDomain
     threshold: np.float32
     native: bool
     _device: str | None
@@ -324,26 +313,24 @@ class Asking(ABC):
             placement.check(self.domain, double=double)
             place = wp.array(placement.values, dtype=wp.float32, device=device, copy=not device.is_cpu)
         out = new_output(out, count, wp.float32 if values else wp.uint8, device)
-        batch_launch(self, queries, count, place, out, values=values).launch_once()
+        self.batch_launch(queries, count, place, out, values=values).launch_once()
         return out
 
+    def batch_launch(
+        self, queries: wp.array, count: int, place: wp.array | None, out: wp.array, *, values: bool = False
+    ) -> BlockLaunch:
+        """The launch that answers a batch of queries, with the threshold as it is now.
 
-def batch_launch(
-    bounder: "Asking", queries: wp.array, count: int, place: wp.array | None, out: wp.array, *, values: bool = False
-) -> BlockLaunch:
-    """The launch that answers a batch of queries, with the bounder's threshold as it is now.
-
-    Args:
-        bounder: What is asked.
-        queries: Flat, as ``flat_queries`` makes them.
-        count: How many.
-        place: ``Placement.values`` on the device; ``None`` for queries in object space.
-        out: ``(count,)``, uint8, or float32 for values.
-        values: See ``batch_kernel``.
-    """
-    data = bounder.data
-    place_or_any = data.parameters if place is None else place  # kernels may not be given null pointers
-    inputs = [queries, count, 0, data.parameters, data.words, place_or_any]
-    kernel_of, block = (batch_kernel, BLOCK) if bounder.native else (plain_kernel, 1)
-    kernel = kernel_of(bounder.source, place is not None, values)
-    return BlockLaunch(kernel, count, inputs, [out], bounder.device, first_index=2, block=block)
+        Args:
+            queries: Flat, as ``flat_queries`` makes them.
+            count: How many.
+            place: ``Placement.values`` on the device; ``None`` for queries in object space.
+            out: ``(count,)``, uint8, or float32 for values.
+            values: See ``batch_kernel``.
+        """
+        data = self.data
+        place_or_any = data.parameters if place is None else place  # kernels may not be given null pointers
+        inputs = [queries, count, 0, data.parameters, data.words, place_or_any]
+        kernel_of, block = (batch_kernel, BLOCK) if self.native else (plain_kernel, 1)
+        kernel = kernel_of(self.source, place is not None, values)
+        return BlockLaunch(kernel, count, inputs, [out], self.device, first_index=2, block=block)

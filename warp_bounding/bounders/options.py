@@ -36,12 +36,14 @@ class Option:
     queries: tuple[str, ...] = tuple(QUERIES)
 
 
-def whole(name: str, least: int) -> Callable[[Any], int]:
-    """A check for whole numbers of at least ``least``."""
+def whole(name: str, least: int, most: int | None = None) -> Callable[[Any], int]:
+    """A check for whole numbers of at least ``least``, and where there is one, at most ``most``."""
+    limits = f"of at least {least}" if most is None else f"from {least} to {most}"
 
     def check(value: Any) -> int:
-        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-            raise BounderError(f"{name} must be a whole number of at least {least}, got {value!r}")
+        whole_number = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+        if not whole_number or value < least or (most is not None and value > most):
+            raise BounderError(f"{name} must be a whole number {limits}, got {value!r}")
         return int(value)
 
     return check
@@ -58,9 +60,8 @@ def one_of(name: str, names: Iterable[str]) -> Callable[[Any], str]:
     return check
 
 
-STEPS = Option(
-    "steps", None, "training steps, instead of seconds: repeatable to the bit on a machine", whole("steps", 1), int
-)
+_STEPS = "training steps, instead of seconds: repeatable to the bit on a machine"
+STEPS = Option("steps", None, _STEPS, whole("steps", 1), int)
 
 
 def taken(classes: Iterable[type], query: str) -> dict[str, Option]:

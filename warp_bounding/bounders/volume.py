@@ -9,19 +9,22 @@ either. Statistics of the samples are computed in a query's own units, as in the
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
+import warp as wp
 
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.kernels.source import Lanes, Source, fill
 from warp_bounding.queries.point import POINT
 from warp_bounding.support_functions.parametric import ParametricSupport
 
-__all__ = ["VolumeBounder", "VolumeTest"]
+__all__ = ["VolumeBounder", "VolumeSource", "VolumeTest"]
 
 
 class VolumeTest:
@@ -35,6 +38,22 @@ class VolumeTest:
     def reference(self, v: np.ndarray) -> np.ndarray:
         """``(N,)`` float64: f of points; of regions the largest value of the volume's f on each, or more."""
         raise TypeError(f"{type(self).__name__} does not define reference")
+
+
+@dataclass(frozen=True)
+class VolumeSource(Source):
+    """Native code of a volume's tests: a text for each kind, in which the class's own fields and ``n`` are filled in."""
+
+    texts: ClassVar[Mapping[str, str | Callable[[Any], str]]]  # by the kind of query that is tested
+    twins: ClassVar[Mapping[str, Callable[[Any], wp.Function]]]
+
+    def body(self, lanes: Lanes) -> str:
+        text = self.texts[self.tested_kind]
+        own = {name: str(value).lower() for name, value in vars(self).items()}  # C's true and false
+        return fill(text(self) if callable(text) else text, n=self.tested_ndim, **own)
+
+    def plain(self) -> wp.Function:
+        return self.twins[self.tested_kind](self)
 
 
 class VolumeBounder(Bounder):

@@ -105,6 +105,11 @@ class VoxelsSource(Source):
         return f
 
 
+def _size(factor: np.ndarray, summand: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """``(n,)`` float64: the largest sum of absolute terms of a cell coordinate."""
+    return np.abs(factor) * limit.astype(np.float64) + np.abs(summand)
+
+
 class Voxels(Bounder):
     """The occupied cells as bits, in array order.
 
@@ -119,18 +124,12 @@ class Voxels(Bounder):
     def fit(cls, grid: IndicatorGrid, domain: Domain, *, device: str | None = None) -> "Voxels":
         packed = np.packbits(grid.occupancy.reshape(-1), bitorder="little")
         bits = np.pad(packed, (0, -len(packed) % 4)).view("<u4").astype(np.uint32)
-        scale, center = domain.scale.astype(np.float64), domain.center.astype(np.float64)
-        exact_factor = grid.cells_per_unit / scale
-        exact_summand = center * grid.cells_per_unit - grid.offset + 0.5
+        scale, center, limit = (x.astype(np.float64) for x in (domain.scale, domain.center, domain.limit))
+        exact_factor, exact_summand = grid.cells_per_unit / scale, center * grid.cells_per_unit - grid.offset + 0.5
         factor, summand = exact_factor.astype(np.float32), exact_summand.astype(np.float32)
-        limit = domain.limit.astype(np.float64)
-        size = np.abs(factor) * limit + np.abs(summand) + 1
-        rounding = (
-            gamma(4) * size
-            + np.abs(factor - exact_factor) * limit
-            + np.abs(summand - exact_summand)
-            + (4 + np.abs(factor) + limit) * TINY
-        )
+        rounding = gamma(4) * (_size(factor, summand, limit) + 1)
+        rounding = rounding + np.abs(factor - exact_factor) * limit + np.abs(summand - exact_summand)
+        rounding += (4 + np.abs(factor) + limit) * TINY
         reach = (rounding * 2 + exact_factor * domain.delta) * GROWTH + UNIT32
         if (reach >= 0.5).any():
             raise BounderError(f"voxels: float32 cannot resolve a grid of {grid.shape} cells")
@@ -141,21 +140,18 @@ class Voxels(Bounder):
         domain, shape = self.domain, tuple(self.sizes.get("shape", ()))
         whole = len(shape) == domain.ndim and all(type(r) is int and 0 < r <= MOST_ALONG for r in shape)
         if not whole or prod(shape) > MOST_CELLS:
-            raise BounderError(
-                f"voxels: expected {domain.ndim} grid sizes up to {MOST_ALONG}, {MOST_CELLS} cells in all, got {shape}"
-            )
+            expected = f"{domain.ndim} grid sizes up to {MOST_ALONG}, {MOST_CELLS} cells in all"
+            raise BounderError(f"voxels: expected {expected}, got {shape}")
         along_axes = dict.fromkeys(("factor", "summand", "reach"), (domain.ndim,))
         self.expect_shapes({"bits": (-(-prod(shape) // 32),)} | along_axes)
         self.shape = shape
         factor, summand, reach = (self.tensors[name] for name in along_axes)
-        size = np.abs(factor) * domain.limit.astype(np.float64) + np.abs(summand)
-        if not (size + np.abs(reach) < 2.0**60).all():
+        if not (_size(factor, summand, domain.limit) + np.abs(reach) < 2.0**60).all():
             raise BounderError("voxels: numbers are so large that float32 sums may overflow")
         # ``bound`` maps the ends of a box to the ends of its cells, and needs every cell within reach to be tested.
         if not ((factor > 0) & (reach >= 0) & (reach <= 0.5)).all():
-            raise BounderError(
-                f"voxels: expected positive factors and reaches from 0 to 1/2, got {factor.tolist()} and {reach.tolist()}"
-            )
+            got = f"{factor.tolist()} and {reach.tolist()}"
+            raise BounderError(f"voxels: expected positive factors and reaches from 0 to 1/2, got {got}")
 
     @property
     def source(self) -> VoxelsSource:
@@ -191,9 +187,7 @@ class Voxels(Bounder):
         """See ``Bounder``: 1 where *every* device finds one and the same occupied cell for all of the box, else 0."""
         low, reach = self._cells(lower)
         high, _ = self._cells(upper)
-        size = (
-            np.abs(self.tensors["factor"]) * self.domain.limit.astype(np.float64) + np.abs(self.tensors["summand"]) + 1
-        )
+        size = _size(self.tensors["factor"], self.tensors["summand"], self.domain.limit) + 1
         sure = reach - gamma(4) * size - (4 + size) * TINY - 1e-12 * size  # what rounding leaves of the reach
         cell = np.clip(np.floor((low + high) / 2), 0, np.array(self.shape) - 1).astype(np.int64)
         holds = ((low >= cell - sure) & (high <= cell + 1 + sure)).all(axis=1)

@@ -237,13 +237,19 @@ return !(f < threshold);
 """
 
 
-def _parts(source: Source) -> str:
-    return fill(_PARTS, front=FRONT, n=source.ndim, start=source.start)
+def _shared(source: Source, placed: bool) -> dict[str, object]:
+    """What batches and functions have in common.
 
-
-def _locate(source: Source, placed: bool) -> str:
-    """C statements from ``V q[]`` to ``v[]`` and the masks ``testable`` (else: maybe) and ``inside`` (else: no); V vector or float."""
-    return locate(source.query, source.space, source.ndim, source.time, placed)
+    ``locate`` are C statements from ``V q[]`` to ``v[]`` and the masks ``testable`` (else: maybe) and ``inside`` (else: no).
+    """
+    return {
+        "tools": TOOLS,
+        "parts": fill(_PARTS, front=FRONT, n=source.ndim, start=source.start),
+        "columns": source.columns,
+        "coordinates": source.coordinates,
+        "locate": locate(source.query, source.space, source.ndim, source.time, placed),
+        "scalar_body": source.body(Lanes(vector=False)),
+    }
 
 
 def _picked(vectors: list[str], lanes: int, at: list[int]) -> str:
@@ -272,9 +278,8 @@ def _shuffles(columns: int, lanes: int) -> str:
         at = [[lane // 2 * columns + 2 * k + lane % 2 for lane in range(lanes)] for k in range(pairs)]
         lines.append(f"const V p{half}[] = {{{', '.join(_picked(rows, lanes, places) for places in at)}}};")
     for k in range(columns):
-        lines.append(
-            f"q[{k}] = {_picked([f'p{h}[{k // 2}]' for h in range(2)], lanes, list(range(k % 2, 2 * lanes, 2)))};"
-        )
+        halves = [f"p{half}[{k // 2}]" for half in range(2)]
+        lines.append(f"q[{k}] = {_picked(halves, lanes, list(range(k % 2, 2 * lanes, 2)))};")
     return "\n".join(lines)
 
 
@@ -286,50 +291,27 @@ def batch_snippet(source: Source, placed: bool, values: bool) -> str:
         placed: Whether a world-to-object map is applied.
         values: Write ``f`` itself instead of 0 and 1.
     """
-    denied = f"for (int l = 0; l < m; ++l) if (!passes[l]) out.data[where[g + l]] = {literal(DENIED)};"
-    shared = {
+    texts = _shared(source, placed) | {
         "block": BLOCK,
-        "locate": _locate(source, placed),
         "read": fill(_READ, **{name: _shuffles(source.columns, lanes) for name, lanes in source.width.items()}),
         "body": source.body(Lanes(vector=True)),
     }
     if source.packed:
-        early = [fill(_EARLY, test=test, bar=bar, denied=denied * values) for test, bar in source.early()]
+        denied = f"for (int l = 0; l < m; ++l) if (!passes[l]) out.data[where[g + l]] = {literal(DENIED)};" * values
+        early = "\n".join(fill(_EARLY, test=test, bar=bar, denied=denied) for test, bar in source.early())
         decision = "f[l]" if values else "!(f[l] < threshold)"
-        loop = fill(_GATHERED, **shared, unasked=_UNASKED[values], early="\n".join(early), lane_decision=decision)
+        loop = fill(_GATHERED, **texts, unasked=_UNASKED[values], early=early, lane_decision=decision)
     else:
-        loop = fill(_ALL, **shared, store=_STORE[values])
-    return fill(
-        _BATCH,
-        **source.width,
-        columns=source.columns,
-        coordinates=source.coordinates,
-        parts=_parts(source),
-        place="const float* place = placement.data;" if placed else "",
-        tools=TOOLS,
-        block=BLOCK,
-        loop=loop,
-        locate=shared["locate"],
-        yes="INFINITY" if values else "1",
-        no="-INFINITY" if values else "0",
-        scalar_body=source.body(Lanes(vector=False)),
-        decision="f" if values else "!(f < threshold)",
-    )
+        loop = fill(_ALL, **texts, store=_STORE[values])
+    yes, no, decision = ("INFINITY", "-INFINITY", "f") if values else ("1", "0", "!(f < threshold)")
+    place = "const float* place = placement.data;" if placed else ""
+    return fill(_BATCH, **source.width, **texts, place=place, loop=loop, yes=yes, no=no, decision=decision)
 
 
 def point_snippet(source: Source) -> str:
     """The body of the function for other kernels: one query ``q``, or two vectors ``a`` and ``b`` of a region; returns bool."""
     given = [f"{name}[{k}]" for name in ("a", "b") for k in range(source.ndim)]
-    return fill(
-        _FUNCTION,
-        tools=TOOLS,
-        front=FRONT,
-        first=source.tag[0],
-        second=source.tag[1],
-        parts=_parts(source),
-        coordinates=source.coordinates,
-        numbers=f"const float q[{source.columns}] = {{{', '.join(given)}}};" if source.is_region else "",
-        locate=_locate(source, placed=False),
-        function_body=source.function_body(),
-        scalar_body=source.body(Lanes(vector=False)),
-    )
+    numbers = f"const float q[{source.columns}] = {{{', '.join(given)}}};" if source.is_region else ""
+    first, second = source.tag
+    texts = _shared(source, placed=False) | {"function_body": source.function_body()}
+    return fill(_FUNCTION, **texts, front=FRONT, first=first, second=second, numbers=numbers)

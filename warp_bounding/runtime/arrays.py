@@ -34,9 +34,8 @@ def flat_queries(x, columns: int, device: wp.Device) -> tuple[wp.array, int, boo
         if x.dtype not in (torch.float32, torch.float64):
             raise QueryError(f"queries must be float32 or float64, got a torch tensor of {x.dtype}")
         if x.layout != torch.strided or x.device.type not in ("cpu", "cuda"):
-            raise QueryError(
-                f"queries must be a dense tensor on the CPU or a GPU, got one of {x.layout} on device {x.device}"
-            )
+            got = f"one of {x.layout} on device {x.device}"
+            raise QueryError(f"queries must be a dense tensor on the CPU or a GPU, got {got}")
         _check_shape(tuple(x.shape), columns)
         _check_device(wp.device_from_torch(x.device), device)
         double = x.dtype == torch.float64
@@ -59,11 +58,8 @@ def flat_queries(x, columns: int, device: wp.Device) -> tuple[wp.array, int, boo
     double = native != np.float32
     with np.errstate(over="ignore"):
         flat = np.require(values, np.float32, ["C", "A"]).reshape(-1)
-    return (
-        _at_least_one(wp.array(flat, dtype=wp.float32, device=device, copy=not device.is_cpu), device),
-        len(values),
-        double,
-    )
+    flat = wp.array(flat, dtype=wp.float32, device=device, copy=not device.is_cpu)
+    return _at_least_one(flat, device), len(values), double
 
 
 def memory_of(x) -> tuple[int, tuple[int, ...]] | None:
@@ -117,13 +113,10 @@ def new_output(out: wp.array | None, count: int, dtype, device: wp.Device) -> wp
     if out is None:
         return wp.empty(count, dtype=dtype, device=device)
     if not isinstance(out, wp.array) or out.dtype != dtype or out.shape != (count,) or not out.is_contiguous:
-        got = (
-            f"one of shape {out.shape} and dtype {out.dtype.__name__}"
-            if isinstance(out, wp.array)
-            else type(out).__name__
-        )
-        if isinstance(out, wp.array) and not out.is_contiguous:
-            got += " with gaps"
+        got = type(out).__name__
+        if isinstance(out, wp.array):
+            gaps = "" if out.is_contiguous else " with gaps"
+            got = f"one of shape {out.shape} and dtype {out.dtype.__name__}{gaps}"
         raise QueryError(f"out must be a contiguous wp.array of shape ({count},) and dtype {dtype.__name__}, got {got}")
     _check_device(out.device, device)
     return out

@@ -12,31 +12,30 @@ import warp as wp
 
 from warp_bounding.errors import QueryError
 from warp_bounding.runtime.launch import BlockLaunch
+from warp_bounding.runtime.native import named
 
 __all__ = ["Compaction", "compact"]
 
 CPU_BLOCK, CUDA_BLOCK = 16384, 64  # mask entries that one thread of a kernel goes through
 
 
-@wp.func_native("""
+@named("wb_count_in_blocks").block_kernel("""
 const int begin = block * size; const int end = begin + size < count ? begin + size : count;
 int sum = 0;
 for (int i = begin; i < end; ++i) sum += mask.data[i] != 0;
 counts.data[block] = sum;
 """)
-def _count_block(
-    mask: wp.array(dtype=wp.uint8), count: int, size: int, block: int, counts: wp.array(dtype=wp.int32)
-): ...
+def _count(mask: wp.array(dtype=wp.uint8), count: int, size: int, block: int, counts: wp.array(dtype=wp.int32)): ...
 
 
-@wp.func_native("""
+@named("wb_write_indices").block_kernel("""
 const int begin = block * size; const int end = begin + size < count ? begin + size : count;
 int at = block > 0 ? ends.data[block - 1] : 0;
 const int last = ends.data[block];
 for (int i = begin; i < end && at < last; ++i) { indices.data[at] = i; at += mask.data[i] != 0; }
 if (end == count) total.data[0] = at;
 """)
-def _write_block(
+def _write(
     mask: wp.array(dtype=wp.uint8),
     count: int,
     size: int,
@@ -45,34 +44,6 @@ def _write_block(
     indices: wp.array(dtype=wp.int32),
     total: wp.array(dtype=wp.int32),
 ): ...
-
-
-@wp.kernel(enable_backward=False)
-def _count(
-    # inputs
-    mask: wp.array(dtype=wp.uint8),
-    count: int,
-    size: int,
-    first: int,
-    # outputs
-    counts: wp.array(dtype=wp.int32),
-):
-    _count_block(mask, count, size, first + wp.tid(), counts)
-
-
-@wp.kernel(enable_backward=False)
-def _write(
-    # inputs
-    mask: wp.array(dtype=wp.uint8),
-    count: int,
-    size: int,
-    first: int,
-    ends: wp.array(dtype=wp.int32),
-    # outputs
-    indices: wp.array(dtype=wp.int32),
-    total: wp.array(dtype=wp.int32),
-):
-    _write_block(mask, count, size, first + wp.tid(), ends, indices, total)
 
 
 class Compaction:

@@ -48,9 +48,8 @@ class named:  # noqa: N801 (used like a function: `@named(name).kernel`)
 
     def kernel(self, function):
         """``wp.kernel`` under this name, in a module of its own."""
-        return wp.kernel(
-            self._rename(function, self.name), enable_backward=False, module="unique", module_options=_options()
-        )
+        named_function = self._rename(function, self.name)
+        return wp.kernel(named_function, enable_backward=False, module="unique", module_options=_options())
 
     def block_kernel(self, snippet: str):
         """A kernel of which each thread runs ``snippet`` on one block; a stub that is decorated names the arguments.

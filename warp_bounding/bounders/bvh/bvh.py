@@ -17,7 +17,7 @@ import warp as wp
 
 from warp_bounding.arithmetic import TINY, gamma, round_down, round_up
 from warp_bounding.bounders.base import Bounder, BoxBounds
-from warp_bounding.bounders.bvh.build import build, inner_nodes
+from warp_bounding.bounders.bvh.build import ARITY, build
 from warp_bounding.bounders.bvh.native import ALONE, TOGETHER, TOUCHES
 from warp_bounding.bounders.bvh.plain import plain_walk
 from warp_bounding.bounders.neural.mlp import HIDDEN
@@ -45,12 +45,8 @@ def leaves_for_bytes(nbytes: int, ndim: int) -> int:
         nbytes: Memory, such as a network's ``Bounder.nbytes``.
         ndim: Dimension of the object.
     """
-    nodes = (nbytes // 4 - (4 * ndim + 1 + FRONT)) // (2 * ndim + 1)
-    low, high = 1, max(nodes, 1)
-    while low < high:
-        middle = (low + high + 1) // 2
-        low, high = (middle, high) if middle + inner_nodes(middle) <= nodes else (low, middle - 1)
-    return low
+    nodes = max((nbytes // 4 - (4 * ndim + 1 + FRONT)) // (2 * ndim + 1), 1)
+    return nodes - -(-(nodes - 1) // ARITY)  # with their ``inner_nodes``, they are just so many nodes or one less
 
 
 def _network_bytes(domain: AnyDomain, hidden: tuple[int, ...]) -> int:

@@ -9,23 +9,21 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.bounders.ellipsoids.native import TEXTS
 from warp_bounding.bounders.ellipsoids.plain import PLAIN
 from warp_bounding.bounders.ellipsoids.regions import TESTS, Quadric
-from warp_bounding.bounders.volume import VolumeBounder
+from warp_bounding.bounders.volume import VolumeBounder, VolumeSource
 from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
 from warp_bounding.geometry.enclosing_ellipsoid import enclosing_ellipsoid, enclosing_of_points
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.kernels.source import Lanes, Source, fill
 from warp_bounding.support_functions.parametric import ParametricSupport
 
 __all__ = ["QuadricBounder", "QuadricSource"]
 
 
 @dataclass(frozen=True)
-class QuadricSource(Source):
+class QuadricSource(VolumeSource):
     """Native code of the ellipsoid test; a diagonal A costs n products instead of n^2.
 
     Numbers: ``b[n]``, then A's diagonal, or A in row order; of regions, see ``ellipsoids.regions``.
@@ -33,12 +31,7 @@ class QuadricSource(Source):
 
     diagonal: bool
 
-    def body(self, lanes: Lanes) -> str:
-        text = TEXTS[self.tested_kind](self)
-        return fill(text, n=self.tested_ndim, diagonal="true" if self.diagonal else "false")
-
-    def plain(self) -> wp.Function:
-        return PLAIN[self.tested_kind](self)
+    texts, twins = TEXTS, PLAIN
 
 
 class QuadricBounder(VolumeBounder):

@@ -162,4 +162,4 @@ def _box(source: Source) -> str:
     return _INTERVALS if source.diagonal else _DESCENT
 
 
-TEXTS = {"point": lambda _: _POINT, "ray": lambda _: _RAY, "plane": lambda _: _PLANE, "box": _box}
+TEXTS = {"point": _POINT, "ray": _RAY, "plane": _PLANE, "box": _box}

@@ -10,24 +10,14 @@ import numpy as np
 
 from warp_bounding.activations import ACTIVATIONS, DEFAULT, activation_of
 from warp_bounding.bounders.base import Bounder, BoxBounds
-from warp_bounding.bounders.options import STEPS, Option, one_of
+from warp_bounding.bounders.options import STEPS, Option, one_of, whole
 from warp_bounding.errors import BounderError
 from warp_bounding.networks.heads import head_of
 from warp_bounding.networks.inference import MlpSource, head_numbers, layer_numbers
 from warp_bounding.networks.network import Network
 from warp_bounding.queries import QUERIES
 
-__all__ = [
-    "ACTIVATION",
-    "HIDDEN",
-    "OCTAVES",
-    "RECIPE",
-    "RECIPES",
-    "Mlp",
-    "check_hidden",
-    "check_octaves",
-    "encoding_tensors",
-]
+__all__ = ["ACTIVATION", "HIDDEN", "OCTAVES", "RECIPE", "RECIPES", "Mlp", "encoding_tensors"]
 
 LARGEST_WIDTH = 1024  # neurons of a hidden layer
 MOST_LAYERS = 8  # hidden layers
@@ -63,25 +53,13 @@ def check_hidden(hidden) -> tuple[int, ...]:
         widths = tuple(hidden)
     except TypeError:
         widths = (hidden,)
-    whole = all(
-        isinstance(h, (int, np.integer)) and not isinstance(h, bool) and 1 <= h <= LARGEST_WIDTH for h in widths
-    )
-    if not 1 <= len(widths) <= MOST_LAYERS or not whole or sum(widths) > MOST_NEURONS:
+    known = all(isinstance(h, (int, np.integer)) and not isinstance(h, bool) for h in widths)
+    known = known and all(1 <= h <= LARGEST_WIDTH for h in widths)
+    if not 1 <= len(widths) <= MOST_LAYERS or not known or sum(widths) > MOST_NEURONS:
         limits = f"1 to {MOST_LAYERS} widths from 1 to {LARGEST_WIDTH}, {MOST_NEURONS} in all"
         got = repr(hidden) if len(widths) <= MOST_LAYERS else f"{len(widths)} of them"
         raise BounderError(f"hidden must be {limits}, such as (50, 50), got {got}")
     return tuple(int(h) for h in widths)
-
-
-def check_octaves(octaves) -> int:
-    """Octaves of positional encoding.
-
-    Raises:
-        BounderError: If that is not a whole number from 0 to ``MOST_OCTAVES``.
-    """
-    if not isinstance(octaves, (int, np.integer)) or isinstance(octaves, bool) or not 0 <= octaves <= MOST_OCTAVES:
-        raise BounderError(f"octaves must be a whole number from 0 to {MOST_OCTAVES}, got {octaves}")
-    return int(octaves)
 
 
 def _widths(text: str) -> tuple[int, ...]:
@@ -92,19 +70,15 @@ def _widths(text: str) -> tuple[int, ...]:
         raise BounderError(f"hidden must be widths such as 50,50, got {text!r}") from None
 
 
+check_octaves = whole("octaves", 0, MOST_OCTAVES)
+_HELP = f"of the hidden layers: {', '.join(ACTIVATIONS)}"
+_NOT_PLANES = ("point", "ray", "box")  # networks of planes have neither an encoding nor the paper's recipe
+
 HIDDEN = Option("hidden", (50, 50), "widths of the hidden layers", check_hidden, _widths)
-ACTIVATION = Option(
-    "activation", DEFAULT.name, f"of the hidden layers: {', '.join(ACTIVATIONS)}", one_of("activation", ACTIVATIONS)
-)
-OCTAVES = Option(
-    "octaves", 0, "of positional encoding, 0 for none", check_octaves, int, queries=("point", "ray", "box")
-)
+ACTIVATION = Option("activation", DEFAULT.name, _HELP, one_of("activation", ACTIVATIONS))
+OCTAVES = Option("octaves", 0, "of positional encoding, 0 for none", check_octaves, int, _NOT_PLANES)
 RECIPE = Option(
-    "recipe",
-    "default",
-    "default, or paper for the paper's schedule",
-    one_of("recipe", RECIPES),
-    queries=("point", "ray", "box"),
+    "recipe", RECIPES[0], "default, or paper for the paper's schedule", one_of("recipe", RECIPES), queries=_NOT_PLANES
 )
 
 

@@ -11,15 +11,14 @@ They are slabs without a low face, so that their exact f is that of slabs; what 
 from dataclasses import dataclass
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.arithmetic import TINY, gamma, round_up
 from warp_bounding.bounders.polytopes.native import TEXTS
 from warp_bounding.bounders.polytopes.plain import PLAIN
 from warp_bounding.bounders.slabs.regions import ROOM, SlabBox, SlabPlane, SlabPoint, SlabRay, Slabs
+from warp_bounding.bounders.volume import VolumeSource
 from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
 from warp_bounding.errors import BounderError
-from warp_bounding.kernels.source import Lanes, Source, fill
 
 __all__ = ["TESTS", "HalfSpacesSource"]
 
@@ -27,16 +26,12 @@ UNBOUNDED = 2.0**20  # where half-spaces have no second face, or beyond the doma
 
 
 @dataclass(frozen=True)
-class HalfSpacesSource(Source):
+class HalfSpacesSource(VolumeSource):
     """Native code of the test. Numbers: ``b[k]``, then ``a`` ``(k, n)``; of planes, see ``SlabPlane``."""
 
     half_spaces: int
 
-    def body(self, lanes: Lanes) -> str:
-        return fill(TEXTS[self.tested_kind], n=self.tested_ndim, half_spaces=self.half_spaces)
-
-    def plain(self) -> wp.Function:
-        return PLAIN[self.tested_kind](self)
+    texts, twins = TEXTS, PLAIN
 
 
 def _numbers(slabs: Slabs, offsets: np.ndarray) -> np.ndarray:

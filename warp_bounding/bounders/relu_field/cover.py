@@ -15,7 +15,7 @@ import numpy as np
 
 from warp_bounding.coordinates.base import direction_rounding
 from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
 from warp_bounding.geometry.hull import components
 from warp_bounding.indicators.grid import IndicatorGrid
 
@@ -31,7 +31,7 @@ WIDENED = 1 + 1e-9
 Boxes = tuple[np.ndarray, np.ndarray]
 
 
-def positive_boxes(grid: IndicatorGrid, domain: Domain | RegionDomain, field) -> Iterator[Boxes]:
+def positive_boxes(grid: IndicatorGrid, domain: AnyDomain, field) -> Iterator[Boxes]:
     """Boxes ``(N, m)`` lower and upper, in chunks.
 
     Args:
@@ -45,7 +45,7 @@ def positive_boxes(grid: IndicatorGrid, domain: Domain | RegionDomain, field) ->
             yield lower, upper
 
 
-def positive_cells(grid: IndicatorGrid, domain: Domain | RegionDomain, field) -> np.ndarray:
+def positive_cells(grid: IndicatorGrid, domain: AnyDomain, field) -> np.ndarray:
     """Which nodes belong to a field cell that may hold a positive: bool, one a node."""
     marked = np.zeros(field.nodes, dtype=bool)
     for lower, upper in positive_boxes(grid, domain, field):
@@ -67,7 +67,7 @@ def _table(grid: IndicatorGrid) -> np.ndarray:
     return np.pad(grid.occupancy, [(1, 0)] * 2).astype(np.int32).cumsum(axis=0).cumsum(axis=1)
 
 
-def _count(table: np.ndarray, first: list[np.ndarray], last: list[np.ndarray]) -> np.ndarray:
+def _count(table: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
     """Occupied cells in blocks first .. last - 1 of a table, indices cut at its ends."""
     a, b = (np.clip(f, 0, s - 1) for f, s in zip(first, table.shape, strict=True))
     c, d = (np.clip(f, 0, s - 1) for f, s in zip(last, table.shape, strict=True))
@@ -78,30 +78,23 @@ def _count(table: np.ndarray, first: list[np.ndarray], last: list[np.ndarray]) -
 def _boxes(grid: IndicatorGrid, domain: RegionDomain, field) -> Iterator[Boxes]:
     base, table = domain.base, _table(grid)
     reach, limit = base.delta * WIDENED + 1e-14, base.limit.astype(np.float64)
-    edges = [base.to_local(_on_axis(grid, k, np.arange(r + 1) - 0.5))[:, k] for k, r in enumerate(grid.shape)]
+    edges = [_on_axis(grid, base, k, np.arange(r + 1) - 0.5) for k, r in enumerate(grid.shape)] * 2
+    both, ends, last = np.tile(reach, 2), np.tile(limit, 2), np.tile(grid.shape, 2) - 1
     pairs = [np.array([(i, j) for i in range(r) for j in range(i, r)]) for r in grid.shape]  # cells of low and of high
-    for start in range(len(pairs[0])):
-        i0, j0 = pairs[0][start]
-        i1, j1 = pairs[1].T
-        met = _count(table, [np.full(len(i1), i0), i1], [np.full(len(i1), j0 + 1), j1 + 1]) > 0
-        i1, j1 = i1[met], j1[met]
-        ones = np.ones(len(i1))
+    for low, high in pairs[0]:
+        cells = np.insert(pairs[1], [0, 1], (low, high), axis=1)
+        cells = cells[_count(table, cells[:, :2].T, cells[:, 2:].T + 1) > 0]
+        lower, upper = (np.stack([e[c + s] for e, c in zip(edges, cells.T, strict=True)], axis=1) for s in (0, 1))
         # low <= p + delta, high >= p - delta; the ends of the domain reach to its limit
-        lower = np.stack([edges[0][i0] * ones, edges[1][i1], edges[0][j0] * ones, edges[1][j1]], axis=1)
-        upper = np.stack([edges[0][i0 + 1] * ones, edges[1][i1 + 1], edges[0][j0 + 1] * ones, edges[1][j1 + 1]], axis=1)
-        both, ends = np.concatenate([reach, reach]), np.concatenate([limit, limit])
         lower, upper = np.maximum(lower - both, -ends), np.minimum(upper + both, ends)
-        at_first = np.stack([0 * i1 + i0 == 0, i1 == 0, 0 * i1 + j0 == 0, j1 == 0], axis=1)
-        last = np.concatenate([grid.shape, grid.shape]) - 1
-        at_last = np.stack([0 * i1 + i0, i1, 0 * i1 + j0, j1], axis=1) == last
-        yield np.where(at_first, -ends, lower), np.where(at_last, ends, upper)
+        yield np.where(cells == 0, -ends, lower), np.where(cells == last, ends, upper)
 
 
-def _on_axis(grid: IndicatorGrid, axis: int, t: np.ndarray) -> np.ndarray:
-    """Object coordinates of points on one axis of the grid."""
+def _on_axis(grid: IndicatorGrid, base: Domain, axis: int, t: np.ndarray) -> np.ndarray:
+    """Local coordinates of points on one axis of the grid, at cell coordinates t."""
     full = np.zeros((len(t), grid.ndim))
     full[:, axis] = t
-    return grid.position(full)
+    return base.to_local(grid.position(full))[:, axis]
 
 
 def _planes(grid: IndicatorGrid, domain: RegionDomain, field) -> Iterator[Boxes]:
@@ -109,12 +102,12 @@ def _planes(grid: IndicatorGrid, domain: RegionDomain, field) -> Iterator[Boxes]
     # The computed plane passes a point within delta on every axis, and entries of m are at most 1.
     room, limit = float(base.delta.sum()) * WIDENED + 1e-13, domain.limit.astype(np.float64)
     hulls = [base.to_local(grid.position(c.corners - 0.5)) for c in components(grid.occupancy)]
-    cuts = field.to_v(np.stack([np.arange(field.nodes[2], dtype=float)] * 3, axis=1))[1:-1, 2]
-    ends = np.concatenate([[-limit[2]], cuts, [limit[2]]])
+    nodes = [field.to_v(np.arange(count, dtype=float)[:, None])[:, k] for k, count in enumerate(field.nodes)]
+    ends = np.concatenate([[-limit[2]], nodes[2][1:-1], [limit[2]]])
     for axis in range(2):  # the entry of the normal that is exactly 1
         inner = np.linspace(-1, 1, (field.nodes[1 - axis] - 1) * NORMALS + 1)
-        nodes = field.to_v(np.stack([np.arange(field.nodes[1 - axis], dtype=float)] * 3, axis=1))[:, 1 - axis]
-        inner = np.unique(np.concatenate([inner, nodes[(nodes > -1) & (nodes < 1)]]))
+        along = nodes[1 - axis]
+        inner = np.unique(np.concatenate([inner, along[(along > -1) & (along < 1)]]))
         normal = np.ones((len(inner), 2))
         normal[:, 1 - axis] = inner
         for corners in hulls:
@@ -134,15 +127,14 @@ def _rays(grid: IndicatorGrid, domain: RegionDomain, field) -> Iterator[Boxes]:
     stretch, slack = domain.stretch.astype(np.float64), 2 * direction_rounding(2)
     edges = []
     for k, r in enumerate(grid.shape):  # the ends of boxes of origins
-        inner = base.to_local(_on_axis(grid, k, (np.arange(1, r * ORIGINS) / ORIGINS) - 0.5))[:, k]
+        inner = _on_axis(grid, base, k, (np.arange(1, r * ORIGINS) / ORIGINS) - 0.5)
         edges.append(np.concatenate([[-limit[k]], inner, [limit[k]]]))
     i, j = (z.reshape(-1) for z in np.meshgrid(*(np.arange(len(e) - 1) for e in edges), indexing="ij"))
     low, high = np.stack([edges[0][i], edges[1][j]], axis=1), np.stack([edges[0][i + 1], edges[1][j + 1]], axis=1)
     angle = np.linspace(0, 2 * np.pi, ARCS + 1)
     ends = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    ends[np.abs(ends) < 1e-12] = (
-        0.0  # ARCS is a multiple of 4: an arc ends where an axis is met, so an arc's box is that of its ends
-    )
+    # ARCS is a multiple of 4: an arc ends where an axis is met, so an arc's box is that of its ends.
+    ends[np.abs(ends) < 1e-12] = 0.0
     first, last = np.minimum(ends[:-1], ends[1:]), np.maximum(ends[:-1], ends[1:])
     room = slack + 1e-12
     first = np.where(first > 0, first * (1 - room), first * (1 + room)) * stretch - 1e-12

@@ -18,6 +18,7 @@ import warp as wp
 from warp_bounding.arithmetic import TINY, UNIT64, gamma
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.options import STEPS
+from warp_bounding.bounders.relu_field.cover import positive_boxes, positive_cells
 from warp_bounding.bounders.relu_field.native import ALONE, TEXT, TOGETHER
 from warp_bounding.bounders.relu_field.plain import plain_field
 from warp_bounding.coordinates.base import GEOMETRIC
@@ -35,7 +36,7 @@ LARGEST_COORDINATE = 2.0**60  # of a node: kernels cut them at the grid's ends, 
 MOST_BREAKS = 4  # of the field along one axis of a box whose bound is taken exactly
 SNAP = 1e-3  # nodes: an end of a box this near to a node is moved there, and its slope paid for
 AT_ONCE = 4096  # boxes
-CHUNK = 1 << 22
+CHUNK = 1 << 16  # points
 
 
 @dataclass(frozen=True)
@@ -109,8 +110,6 @@ class ReluField(Bounder):
     @classmethod
     def fit(cls, grid: IndicatorGrid, domain: AnyDomain, *, device: str | None = None) -> "ReluField":
         """Where training starts: 1 at the nodes of field cells that may hold a positive, else 0."""
-        from warp_bounding.bounders.relu_field.cover import positive_cells
-
         field = FieldMap.of(grid, domain)
         return cls.of_values(domain, field, positive_cells(grid, domain, field).astype(np.float32), device)
 
@@ -146,13 +145,9 @@ class ReluField(Bounder):
     def _values(self) -> np.ndarray:
         return self.tensors["values"].astype(np.float64).reshape(-1)
 
-    def interpolate(self, t: np.ndarray) -> np.ndarray:
-        """Values at node coordinates ``(N, m)`` inside the grid, not clamped."""
-        return interpolate(self._values, self.field.nodes, t)
-
     def reference(self, v: np.ndarray) -> np.ndarray:
-        t = self.field.coordinates(v)
-        parts = [self.interpolate(t[i : i + (CHUNK >> 6)]) for i in range(0, len(t), CHUNK >> 6)]
+        t, nodes = self.field.coordinates(v), self.field.nodes
+        parts = [interpolate(self._values, nodes, t[i : i + CHUNK]) for i in range(0, len(t), CHUNK)]
         return np.clip(np.concatenate([*parts, np.zeros(0)]), 0, 1)
 
     @cached_property
@@ -196,7 +191,7 @@ class ReluField(Bounder):
         """The least value over boxes, at one of the products of their ends and the nodes between."""
         best, point = np.full(len(low), np.inf), low.copy()
         for t in break_points(low, high, most):
-            value = self.interpolate(t)
+            value = interpolate(self._values, self.field.nodes, t)
             point = np.where((value < best)[:, None], t, point)
             best = np.minimum(best, value)
         return best, point
@@ -205,8 +200,6 @@ class ReluField(Bounder):
         """See ``Bounder``; for regions, over a cover of all positives: boxes whose nodes are all higher are passed over."""
         if self.domain.tested_as_point:
             return super().least(grid)
-        from warp_bounding.bounders.relu_field.cover import positive_boxes
-
         least, count, cells = 1.0, 0, self._cell_minima
         for lower, upper in positive_boxes(grid, self.domain, self.field):
             count += len(lower)

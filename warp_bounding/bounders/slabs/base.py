@@ -9,24 +9,22 @@ same slabs (``slabs.regions``).
 from dataclasses import dataclass
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.bounders.slabs.native import TEXTS
 from warp_bounding.bounders.slabs.plain import PLAIN
 from warp_bounding.bounders.slabs.regions import TESTS, SlabPoint, Slabs
-from warp_bounding.bounders.volume import VolumeBounder
+from warp_bounding.bounders.volume import VolumeBounder, VolumeSource
 from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.kernels.source import Lanes, Source, fill
 from warp_bounding.support_functions.parametric import ParametricSupport
 
 __all__ = ["FaceBounder", "SlabBounder", "SlabsSource"]
 
 
 @dataclass(frozen=True)
-class SlabsSource(Source):
+class SlabsSource(VolumeSource):
     """Native code of the slab test; ``diagonal`` slabs are the axes of ``v`` themselves and cost no product.
 
     Numbers: ``low[k] high[k]``, then the ``k x n`` directions unless diagonal; of regions, see ``slabs.regions``.
@@ -35,12 +33,7 @@ class SlabsSource(Source):
     slabs: int
     diagonal: bool
 
-    def body(self, lanes: Lanes) -> str:
-        text = TEXTS[self.tested_kind](self)
-        return fill(text, n=self.tested_ndim, slabs=self.slabs, diagonal="true" if self.diagonal else "false")
-
-    def plain(self) -> wp.Function:
-        return PLAIN[self.tested_kind](self)
+    texts, twins = TEXTS, PLAIN
 
 
 class FaceBounder(VolumeBounder):

@@ -145,4 +145,4 @@ def _plane(source: Source) -> str:
     return CORNERS if source.slabs > source.ndim else _EDGES
 
 
-TEXTS = {"point": lambda _: _POINT, "ray": lambda _: _RAY, "plane": _plane, "box": lambda _: _BOX}
+TEXTS = {"point": _POINT, "ray": _RAY, "plane": _plane, "box": _BOX}

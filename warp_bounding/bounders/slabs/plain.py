@@ -6,7 +6,7 @@ from warp_bounding.coordinates.base import GUARD, PARALLEL
 from warp_bounding.kernels.plain import Numbers, Words, twin, vector_type
 from warp_bounding.kernels.source import Source
 
-__all__ = ["PLAIN", "clipped", "plain_corners"]
+__all__ = ["PLAIN", "clipped", "plain_corners", "plain_row"]
 
 
 @wp.func
@@ -17,9 +17,9 @@ def clipped(low: wp.float32, high: wp.float32, y: wp.float32, speed: wp.float32)
     return wp.min(one, two), wp.max(one, two)
 
 
-def plain_row(source: Source) -> wp.Function:
+def plain_row(source: Source, diagonal: bool = False) -> wp.Function:
     """``row(w, at, i, v, first)``: direction i of those at ``w[at]`` times the point at ``v[first]``."""
-    n, diagonal, vector = source.tested_ndim, source.diagonal, vector_type(source.coordinates)
+    n, vector = source.tested_ndim, vector_type(source.coordinates)
 
     @twin(source, "row")
     def row(w: Numbers, at: int, i: int, v: vector, first: int) -> float:
@@ -35,7 +35,7 @@ def plain_row(source: Source) -> wp.Function:
 
 def plain_point(source: Source) -> wp.Function:
     """The least distance to a face."""
-    slabs, vector, row = source.slabs, vector_type(source.coordinates), plain_row(source)
+    slabs, vector, row = source.slabs, vector_type(source.coordinates), plain_row(source, source.diagonal)
 
     @twin(source)
     def f(w: Numbers, words: Words, at: int, v: vector) -> float:
@@ -50,7 +50,12 @@ def plain_point(source: Source) -> wp.Function:
 
 def plain_ray(source: Source) -> wp.Function:
     """0 where something of the segment is left between all faces, else -1."""
-    n, slabs, vector, row = source.ndim, source.slabs, vector_type(source.coordinates), plain_row(source)
+    n, slabs, vector, row = (
+        source.ndim,
+        source.slabs,
+        vector_type(source.coordinates),
+        plain_row(source, source.diagonal),
+    )
 
     @twin(source)
     def f(w: Numbers, words: Words, at: int, v: vector) -> float:
@@ -67,7 +72,12 @@ def plain_ray(source: Source) -> wp.Function:
 
 def plain_plane(source: Source) -> wp.Function:
     """How far the plane is inside of the support: of a parallelepiped by its edges, of other polytopes by their vertices."""
-    n, diagonal, vector, row = source.ndim, source.diagonal, vector_type(source.coordinates), plain_row(source)
+    n, diagonal, vector, row = (
+        source.ndim,
+        source.diagonal,
+        vector_type(source.coordinates),
+        plain_row(source, source.diagonal),
+    )
     if source.slabs > n:
         return plain_corners(source)
 
@@ -89,15 +99,13 @@ def plain_plane(source: Source) -> wp.Function:
 
 def plain_corners(source: Source) -> wp.Function:
     """How far the plane is inside of the support of a polytope, by its vertices."""
-    n, vector = source.ndim, vector_type(source.coordinates)
+    n, vector, row = source.ndim, vector_type(source.coordinates), plain_row(source)
 
     @twin(source)
     def f(w: Numbers, words: Words, at: int, v: vector) -> float:
         most, least = wp.float32(-3.0e38), wp.float32(3.0e38)
         for i in range(int(w[at])):
-            y = wp.float32(0.0)
-            for j in range(n):
-                y += v[j] * w[at + 1 + i * n + j]
+            y = row(w, at + 1, i, v, 0)
             most = wp.max(most, y)
             least = wp.min(least, y)
         return wp.min(most - v[n], v[n] - least)
