@@ -1,14 +1,17 @@
 """The indicator of a triangle mesh: its surface, and its inside where the surface is closed (``closed_parts``).
 
-Every proof is about cells; ``to_grid`` makes them conservatively (``voxelization.py``), so a proof over the cells is a
-proof over the mesh. The mesh that counts is the one with these float32 vertices: what a file held in float64 is
-rounded once, when it is read.
+The object is every point within the margin of a face, and what a flood from outside does not reach through the faces
+of closed parts. Points and boxes are asked of the triangles themselves (``triangles/``), in float64 with error bounds;
+``to_grid`` makes cells that hold the object, conservatively too (``voxelization.py``). The mesh that counts is the one
+with these float32 vertices: what a file held in float64 is rounded once, when it is read.
 """
 
+import copy
 import hashlib
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +19,10 @@ from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.closed_parts import Surface, surface_of
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.limits import check_memory, checked_margin, checked_resolution
+from warp_bounding.indicators.shape import Shape
+
+if TYPE_CHECKING:
+    from warp_bounding.indicators.triangles.solid import DilatedSolid, Solid
 
 __all__ = [
     "IndicatorMesh",
@@ -30,17 +37,19 @@ MAX_OFFSET = 2**22  # cells: what ``IndicatorGrid`` allows for an offset
 
 
 @dataclass(frozen=True, eq=False)
-class IndicatorMesh:
-    """A triangle mesh in object space.
+class IndicatorMesh(Shape):
+    """A triangle mesh in object space, and all points within a margin of it.
 
     Attributes:
         vertices: ``(V, 3)`` float32, read-only, object units.
         faces: ``(F, 3)`` int32, read-only, indices of vertices; faces without area are kept, and bounded.
         name: What it was read from, for messages.
         note: A restriction that a user should know, such as parts of a file that were not read.
+        margin: By how much the mesh is dilated, object units.
 
     Raises:
-        IndicatorError: For what is no mesh, vertices that are not finite, or faces without area only.
+        IndicatorError: For what is no mesh, vertices that are not finite, faces without area only, or an impossible
+            margin.
 
     Example:
         >>> mesh = wb.IndicatorMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
@@ -52,6 +61,7 @@ class IndicatorMesh:
     faces: np.ndarray
     name: str = "mesh"
     note: str = ""
+    margin: float = 0.0
 
     def __post_init__(self) -> None:
         vertices, faces = np.asarray(self.vertices), np.asarray(self.faces)
@@ -73,11 +83,13 @@ class IndicatorMesh:
         faces.setflags(write=False)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
+        object.__setattr__(self, "margin", checked_margin(self.margin))
 
     def __repr__(self) -> str:
-        sides = " x ".join(f"{side:.4g}" for side in self.extent)
+        sides = " x ".join(f"{side:.4g}" for side in self.bounds[1] - self.bounds[0])
         counts = f"{len(self.vertices):,} vertices, {len(self.faces):,} faces"
-        notes = filter(None, [self.note, "closed" if self.watertight else self.surface.note])
+        margin = f"margin {self.margin:g}" if self.margin else ""
+        notes = filter(None, [margin, self.note, "closed" if self.watertight else self.surface.note])
         return f"<IndicatorMesh {self.name}: 3D, {counts}, extent {sides}, {', '.join(notes)}>"
 
     @property
@@ -87,14 +99,19 @@ class IndicatorMesh:
 
     @cached_property
     def bounds(self) -> np.ndarray:
-        """``(2, 3)`` float64, lower and upper corner of the faces, object units; vertices of no face do not count."""
+        """``(2, 3)`` float64, lower and upper corner of the faces, without a margin; vertices of no face do not count."""
         used = self.vertices[self.faces.ravel()]
         return np.stack([used.min(axis=0), used.max(axis=0)]).astype(np.float64)
 
-    @property
-    def extent(self) -> np.ndarray:
-        """``(3,)`` float64, sides of the box around the faces, object units."""
-        return self.bounds[1] - self.bounds[0]
+    @cached_property
+    def lower(self) -> np.ndarray:
+        """``(3,)`` float64, lower corner of a box that holds the faces and the margin."""
+        return np.nextafter(self.bounds[0] - self.margin, -np.inf) if self.margin else self.bounds[0]
+
+    @cached_property
+    def upper(self) -> np.ndarray:
+        """``(3,)`` float64, upper corner of that box."""
+        return np.nextafter(self.bounds[1] + self.margin, np.inf) if self.margin else self.bounds[1]
 
     @cached_property
     def surface(self) -> Surface:
@@ -113,11 +130,49 @@ class IndicatorMesh:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of the geometry, vertices and faces; name and note do not enter."""
+        """SHA-256 of the geometry, vertices and faces; name, note and margin do not enter."""
         sha = hashlib.sha256(b"warp-bounding mesh 1")
         sha.update(np.array([len(self.vertices), len(self.faces)], dtype="<i8").tobytes())
         sha.update(self.vertices.astype("<f4").tobytes() + self.faces.astype("<i4").tobytes())
         return sha.hexdigest()
+
+    @cached_property
+    def _solid(self) -> "Solid":
+        from warp_bounding.indicators.triangles.solid import Solid
+
+        return Solid(self.vertices, self.faces, self.surface.closed)
+
+    @cached_property
+    def _dilated_solid(self) -> "DilatedSolid":
+        return self._solid.dilated(self.lower, self.upper, self.margin)
+
+    def decide(self, x: np.ndarray) -> np.ndarray:
+        """``(N,)`` uint8 for points ``(N, 3)``: ``OUT`` or ``IN`` for certain, else ``UNDECIDED``.
+
+        Undecided are points that lie on the object's border but for the rounding of float64, and those of which no
+        proof was found that they are outside: in gaps that are much narrower than a cell of ``triangles/sides.py``.
+        """
+        return self._dilated_solid.decide(x)
+
+    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Certified: which closed boxes hold no point of the object; see ``Shape``."""
+        return self._dilated_solid.empty(lower, upper)
+
+    def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Certified: which closed boxes lie in the object whole; see ``Shape``."""
+        return self._dilated_solid.inside(lower, upper)
+
+    def dilated(self, margin: float) -> "IndicatorMesh":
+        """The mesh and all points within ``margin`` of it; what was built to ask the triangles is shared."""
+        margin = self._new_margin(margin)
+        if margin is None:
+            return self
+        _ = self._solid  # before the copy, so that both have it
+        made = copy.copy(self)
+        for key in ("lower", "upper", "_dilated_solid"):
+            vars(made).pop(key, None)
+        object.__setattr__(made, "margin", margin)
+        return made
 
     def to_grid(self, *, resolution: int | None = None, margin: float = 0.0) -> IndicatorGrid:
         """Divide the dilated mesh into cells, conservatively.
@@ -127,7 +182,8 @@ class IndicatorMesh:
 
         Args:
             resolution: Cells along the longest axis of the dilated object, 2 to 1024; 64 by default.
-            margin: Object units, at least 0: the (Euclidean) distance by which the object is dilated.
+            margin: Object units, at least 0: the (Euclidean) distance by which the object is dilated. The mesh's own, if
+                it has one.
 
         Returns:
             The grid, in the mesh's own coordinates, the same on every machine.
@@ -142,7 +198,10 @@ class IndicatorMesh:
         from warp_bounding.indicators.voxelization import solid_cells
 
         resolution, margin = checked_resolution(resolution), checked_margin(margin)
-        extent = float(self.extent.max()) + 2 * margin
+        if self.margin:
+            self._new_margin(margin or self.margin)
+            margin = self.margin
+        extent = float((self.bounds[1] - self.bounds[0]).max()) + 2 * margin
         scale = cells_per_unit(extent, resolution, self.name)
         lower, upper = self.bounds * scale  # exact: 24 + 16 bits
         first, last = cells_around(lower, upper, margin * scale, self.name)

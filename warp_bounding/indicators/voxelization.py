@@ -1,22 +1,16 @@
 """Which closed cells come within a margin of a triangle: the conservative step between a mesh and a proof.
 
 A cell is left empty for one reason only: there is an axis on which the triangle and the cell, grown by a ball of the
-margin's radius, do not overlap. That is a proof for *any* axis, however it was computed, so the search for one may be
-as careless as it likes and only ``_separated`` has to be right. The axes tried are those of the separating axis
-theorem for a box and a triangle (three face normals, the triangle's normal, nine products of edges; complete for a
-margin of 0) and, for a margin, the directions between the closest points of cell and triangle that alternating
-projections find (they are missing from the 13 where a corner is closest). A degenerate triangle needs no case of its
-own: its null axes separate nothing.
+margin's radius, do not overlap (``triangles/arithmetic.py``, which tells the axes that are tried).
 
 Cells are visited in blocks, so that a triangle across the whole grid does not visit the whole grid. The result is a
 union over triangles and does not depend on their order.
-
-Source: Akenine-Moeller, "Fast 3D triangle-box overlap testing" (2001) for the axes.
 """
 
 import numpy as np
 import warp as wp
 
+from warp_bounding.indicators.triangles.arithmetic import free
 from warp_bounding.runtime.launch import ready
 
 __all__ = ["SLACK", "fill_inside", "solid_cells", "surface_cells"]
@@ -29,113 +23,14 @@ __all__ = ["SLACK", "fill_inside", "solid_cells", "surface_cells"]
 #   the reach, (half + SLACK) |d| + margin * length(d), half <= 4, margin < 2^10    8 * 2^-53 * 2^10 |d| = |d| 2^-40
 # together less than |d| 2^-38 (fused multiply-adds only take errors away); SLACK * |d| is 64 times that.
 SLACK = 2.0**-32
-SHORTEST = 2.0**-400  # axes shorter than this are not used: the squares of their components may underflow
 BLOCK = 8  # cells along each side of a block
-PROJECTIONS = 16  # alternating projections until a cell that is neither proven near nor far is occupied
 
 _SLACK = wp.constant(wp.float64(SLACK))
-_SHORTEST = wp.constant(wp.float64(SHORTEST))
 _BLOCK = wp.constant(BLOCK)
-_NEAR, _FREE, _UNDECIDED = wp.constant(0), wp.constant(1), wp.constant(2)
 _HALF_CELL = wp.constant(wp.float64(0.5))
-_HALF_BLOCK = wp.constant(wp.float64(BLOCK / 2))
+_CELL = wp.constant(wp.vec3d(0.5, 0.5, 0.5))  # half of a cell's sides, and of a block's
+_BLOCK_OF_CELLS = wp.constant(wp.vec3d(BLOCK / 2, BLOCK / 2, BLOCK / 2))
 _TO_BLOCK_CENTRE = wp.constant(wp.vec3d((BLOCK - 1) / 2, (BLOCK - 1) / 2, (BLOCK - 1) / 2))
-_PROJECTIONS = wp.constant(PROJECTIONS)
-
-
-@wp.func
-def _separated(d: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.float64, margin: wp.float64) -> bool:
-    """Is the triangle further than ``margin`` from the cube |x|, |y|, |z| <= half, as axis d can tell? NaN cannot."""
-    size = wp.abs(d[0]) + wp.abs(d[1]) + wp.abs(d[2])
-    if not size > _SHORTEST:
-        return False
-    pa, pb, pc = wp.dot(d, a), wp.dot(d, b), wp.dot(d, c)
-    reach = (half + _SLACK) * size + margin * wp.length(d)
-    return wp.min(pa, wp.min(pb, pc)) > reach or wp.max(pa, wp.max(pb, pc)) < -reach
-
-
-@wp.func
-def _edge_separated(e: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.float64, margin: wp.float64) -> bool:
-    """Try the three axes that are products of a triangle's edge with the cube's edges."""
-    zero = wp.float64(0.0)
-    if _separated(wp.vec3d(zero, -e[2], e[1]), a, b, c, half, margin):
-        return True
-    if _separated(wp.vec3d(e[2], zero, -e[0]), a, b, c, half, margin):
-        return True
-    return _separated(wp.vec3d(-e[1], e[0], zero), a, b, c, half, margin)
-
-
-@wp.func
-def _apart(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.float64, margin: wp.float64) -> bool:
-    """Does one of the 13 axes separate the triangle from the cube around 0, grown by the margin?"""
-    zero, one = wp.float64(0.0), wp.float64(1.0)
-    if _separated(wp.vec3d(one, zero, zero), a, b, c, half, margin):
-        return True
-    if _separated(wp.vec3d(zero, one, zero), a, b, c, half, margin):
-        return True
-    if _separated(wp.vec3d(zero, zero, one), a, b, c, half, margin):
-        return True
-    if _separated(wp.cross(b - a, c - a), a, b, c, half, margin):
-        return True
-    if _edge_separated(b - a, a, b, c, half, margin):
-        return True
-    if _edge_separated(c - b, a, b, c, half, margin):
-        return True
-    return _edge_separated(a - c, a, b, c, half, margin)
-
-
-@wp.func
-def _closest_on_segment(p: wp.vec3d, a: wp.vec3d, b: wp.vec3d) -> wp.vec3d:
-    length2 = wp.dot(b - a, b - a)
-    if not length2 > wp.float64(0.0):
-        return a
-    return a + (b - a) * wp.clamp(wp.dot(p - a, b - a) / length2, wp.float64(0.0), wp.float64(1.0))
-
-
-@wp.func
-def _closest_on_triangle(p: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d) -> wp.vec3d:
-    """Find a point of the triangle, also of a degenerate one, nearest to p up to rounding."""
-    zero = wp.float64(0.0)
-    n = wp.cross(b - a, c - a)
-    n2 = wp.dot(n, n)
-    if n2 > zero:
-        u = wp.dot(wp.cross(b - a, p - a), n)
-        v = wp.dot(wp.cross(c - b, p - b), n)
-        w = wp.dot(wp.cross(a - c, p - c), n)
-        if u >= zero and v >= zero and w >= zero:
-            return p - n * (wp.dot(p - a, n) / n2)
-    best = _closest_on_segment(p, a, b)
-    q = _closest_on_segment(p, b, c)
-    if wp.length_sq(q - p) < wp.length_sq(best - p):
-        best = q
-    q = _closest_on_segment(p, c, a)
-    if wp.length_sq(q - p) < wp.length_sq(best - p):
-        best = q
-    return best
-
-
-@wp.func
-def _side(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.float64, margin: wp.float64) -> int:
-    """Alternating projections: the points tell that the cube is near, or their direction proves that it is free."""
-    q = _closest_on_triangle(wp.vec3d(), a, b, c)
-    for _ in range(_PROJECTIONS):
-        d = q - wp.vec3d(wp.clamp(q[0], -half, half), wp.clamp(q[1], -half, half), wp.clamp(q[2], -half, half))
-        if wp.length_sq(d) <= margin * margin:
-            return _NEAR
-        if _separated(d, a, b, c, half, margin):
-            return _FREE
-        q = _closest_on_triangle(q - d, a, b, c)
-    return _UNDECIDED
-
-
-@wp.func
-def _free(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.float64, margin: wp.float64) -> bool:
-    """Is it proven that the triangle is further than the margin from the cube around 0?"""
-    if margin > wp.float64(0.0):  # the direction decides most cubes at once, the 13 axes those that it leaves
-        side = _side(a, b, c, half, margin)
-        if side != _UNDECIDED:
-            return side == _FREE
-    return _apart(a, b, c, half, margin)
 
 
 @wp.func
@@ -159,7 +54,7 @@ def _occupy_block(
             for k in range(low[2], high[2] + 1):
                 if occupancy[i, j, k] == wp.uint8(0):
                     p = _cell(i, j, k)
-                    if not _free(a - p, b - p, c - p, _HALF_CELL, margin):
+                    if not free(a - p, b - p, c - p, _CELL, margin, _SLACK):
                         occupancy[i, j, k] = wp.uint8(1)
 
 
@@ -186,7 +81,7 @@ def _occupy_cells(
         for j in range(low[1], high[1] + 1, _BLOCK):
             for k in range(low[2], high[2] + 1, _BLOCK):
                 o = _cell(i, j, k) + _TO_BLOCK_CENTRE
-                if not _free(a - o, b - o, c - o, _HALF_BLOCK, margin):
+                if not free(a - o, b - o, c - o, _BLOCK_OF_CELLS, margin, _SLACK):
                     last = wp.min(high, wp.vec3i(i + _BLOCK - 1, j + _BLOCK - 1, k + _BLOCK - 1))
                     _occupy_block(a, b, c, margin, wp.vec3i(i, j, k), last, occupancy)
 

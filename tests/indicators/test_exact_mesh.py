@@ -1,0 +1,250 @@
+"""What a mesh says of points and boxes is true: against rational arithmetic, with no tolerance at all."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import trimesh
+from exact_mesh import in_tetrahedron, squared_distance
+
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators import IndicatorMesh, load_indicator
+from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
+
+SIDES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])  # of a tetrahedron
+
+
+def _tetrahedra(corners: list[np.ndarray]) -> IndicatorMesh:
+    faces = np.concatenate([SIDES + 4 * i for i in range(len(corners))])
+    return IndicatorMesh(np.concatenate(corners).astype(np.float32), faces)
+
+
+def _random(rng, size=1.0, shift=0.0):
+    return (rng.uniform(-size, size, (4, 3)) + shift).astype(np.float32)
+
+
+def _case(name: str, rng) -> tuple[IndicatorMesh, list[np.ndarray]]:
+    """A mesh, and the corners of the tetrahedra (three at most, so that they enclose no hollow) that it encloses."""
+    one = _random(rng)
+    if name == "tetrahedron":
+        return _tetrahedra([one]), [one]
+    if name == "flipped":
+        mesh = _tetrahedra([one])
+        faces = mesh.faces.copy()
+        faces[1:3] = faces[1:3, ::-1]
+        return IndicatorMesh(mesh.vertices, faces), [one]
+    if name == "doubled":
+        mesh = _tetrahedra([one])
+        return IndicatorMesh(mesh.vertices, np.concatenate([mesh.faces, mesh.faces[:3], [[0, 0, 1]]])), [one]
+    if name == "nested":
+        inner = (one.mean(axis=0) + 0.25 * (one - one.mean(axis=0))).astype(np.float32)
+        return _tetrahedra([one, inner]), [one, inner]
+    if name == "overlapping":
+        parts = [one, _random(rng), _random(rng)]
+        return _tetrahedra(parts), parts
+    if name == "wall":  # two that share a face: three faces meet at its edges
+        other = one.copy()
+        other[3] = 2 * one[:3].mean(axis=0) - one[3]
+        return _tetrahedra([one, other]), [one, other]
+    if name == "on round numbers":
+        one = rng.integers(-2, 3, (4, 3)).astype(np.float32)
+        flat = abs(np.linalg.det((one[1:] - one[0]).astype(float))) < 0.5
+        return _case(name, rng) if flat else (_tetrahedra([one]), [one])
+    if name == "far away":
+        one = _random(rng, shift=1e6)
+        flat = abs(np.linalg.det((one[1:] - one[0]).astype(float))) < 1e-3
+        return _case(name, rng) if flat else (_tetrahedra([one]), [one])
+    if name == "open":
+        mesh = _tetrahedra([one])
+        return IndicatorMesh(mesh.vertices, mesh.faces[1:]), []
+    if name == "soup":
+        vertices = rng.uniform(-1, 1, (30, 3)).astype(np.float32)
+        faces = np.concatenate([np.arange(30).reshape(10, 3), [[0, 1, 1], [2, 2, 2]]])
+        return IndicatorMesh(vertices, faces), []
+    raise AssertionError(name)
+
+
+NAMES = (
+    "tetrahedron", "flipped", "doubled", "nested", "overlapping", "wall", "on round numbers", "far away", "open", "soup",
+)  # fmt: skip
+
+
+def _points(mesh: IndicatorMesh, margin: float, rng, count: int) -> np.ndarray:
+    """At random, near faces, at the margin from faces, and on round numbers, vertices and edges."""
+    size = np.ptp(mesh.bounds, axis=0).max()
+    low, high = mesh.bounds[0] - margin - 0.2 * size, mesh.bounds[1] + margin + 0.2 * size
+    corners = mesh.vertices.astype(np.float64)[mesh.faces[rng.integers(len(mesh.faces), size=(3, count))]]
+    on = np.einsum("fk,fkx->fx", rng.dirichlet(np.ones(3), count), corners[0])
+    away = rng.normal(size=(count, 3))
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    normal = np.cross(corners[0, :, 1] - corners[0, :, 0], corners[0, :, 2] - corners[0, :, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
+    return np.concatenate(
+        [
+            rng.uniform(low, high, (count, 3)),
+            on + away * size * 10.0 ** rng.uniform(-12, -1, (count, 1)),
+            on + margin * normal * (1 + rng.choice([-1e-15, 0, 1e-15, 1e-6, -1e-6], (count, 1))),
+            rng.uniform(low, high, (count, 3)).astype(np.float32).astype(np.float64),
+            np.rint(rng.uniform(low, high, (count, 3)) * 2) / 2,
+            corners[1, :, 0],
+            (corners[2, :, 0] + corners[2, :, 1]) / 2,
+        ]
+    )
+
+
+def _truth(mesh: IndicatorMesh, enclosed: list[np.ndarray], margin: float, points: np.ndarray) -> np.ndarray:
+    limit = Fraction(margin) ** 2
+    return np.array(
+        [
+            any(in_tetrahedron(corners, x) for corners in enclosed)
+            or squared_distance(mesh.vertices, mesh.faces, x) <= limit
+            for x in points
+        ]
+    )
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("margin", [0.0, 0.125, 0.7])
+def test_points_and_boxes(rng, name, margin):
+    unsure = []
+    for _ in range(3):
+        plain, enclosed = _case(name, rng)
+        mesh = plain.dilated(margin)
+        points = _points(plain, margin, rng, 30)
+        truth = _truth(plain, enclosed, margin, points)
+        answer = mesh.decide(points)
+        assert not (truth & (answer == OUT)).any()
+        assert not (~truth & (answer == IN)).any()
+        unsure.append((answer == UNDECIDED)[:30])
+        # A box with a point of the object on its border is not empty, one with a point outside lies not inside.
+        below, above = (rng.uniform(0, 1, points.shape) * 10.0 ** rng.uniform(-9, 0, (len(points), 1)) for _ in "ab")
+        below[rng.random(points.shape) < 0.4] = 0
+        above[rng.random(points.shape) < 0.4] = 0
+        empty, inside = (f(points - below, points + above) for f in (mesh.empty, mesh.inside))
+        assert not (empty & truth).any()
+        assert not (inside & ~truth).any()
+        # Points are boxes too.
+        empty, inside = (f(points, points) for f in (mesh.empty, mesh.inside))
+        assert not (empty & (answer != OUT)).any()
+        assert not (inside & (answer == OUT)).any()
+        assert (empty | (answer != OUT)).all()
+    assert np.mean(unsure) < 0.02
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.03])
+@pytest.mark.parametrize("name", ["icosphere", "torus", "box", "two spheres", "open"])
+def test_answers_never_contradict_each_other(rng, name, margin):
+    solid = {
+        "icosphere": lambda: trimesh.creation.icosphere(subdivisions=3),
+        "torus": lambda: trimesh.creation.torus(1, 0.3),
+        "box": lambda: trimesh.creation.box(extents=(1, 2, 0.5)),
+        "two spheres": lambda: trimesh.util.concatenate(
+            [trimesh.creation.icosphere(), trimesh.creation.icosphere(radius=0.8).apply_translation([0.9, 0, 0])]
+        ),
+        "open": lambda: trimesh.Trimesh(*trimesh.remesh.subdivide(*_open_box()), process=False),
+    }[name]()
+    mesh = load_indicator(solid).dilated(margin)
+    count = 100_000
+    x = rng.uniform(mesh.sample_lower, mesh.sample_upper, (count, 3))
+    size = 10.0 ** rng.uniform(-4, 0, (count, 1))
+    low, high = x - size * rng.random((count, 3)), x + size * rng.random((count, 3))
+    within = low + rng.random((count, 3)) * (high - low)
+    empty, inside = mesh.empty(low, high), mesh.inside(low, high)
+    assert empty.mean() > 0.1
+    for points in (x, within):
+        answer = mesh.decide(points)
+        assert not (empty & (answer == IN)).any()
+        assert not (inside & (answer == OUT)).any()
+        assert (answer == UNDECIDED).mean() < 1e-3
+        assert (mesh.contains(points) == (answer != OUT)).all()
+        assert (
+            mesh.decide(points.astype(np.float32)) == mesh.decide(points.astype(np.float32).astype(np.float64))
+        ).all()
+
+
+def _open_box():
+    box = trimesh.creation.box(extents=(1, 1, 1))
+    return box.vertices, box.faces[2:]
+
+
+@pytest.mark.parametrize("shift", [0.0, 1e6])
+def test_against_trimesh(rng, shift):
+    solid = trimesh.creation.icosphere(subdivisions=2, radius=1000.0 if shift else 1.0)
+    solid.apply_translation([shift, -shift, shift])
+    mesh = load_indicator(solid)
+    solid = trimesh.Trimesh(mesh.vertices.astype(np.float64) - [shift, -shift, shift], mesh.faces, process=False)
+    x = rng.uniform(mesh.sample_lower, mesh.sample_upper, (2000, 3))
+    signed = trimesh.proximity.signed_distance(solid, x - [shift, -shift, shift])
+    size = float(mesh.extent.max())
+    answer = mesh.decide(x)
+    clear = np.abs(signed) > 1e-6 * size
+    assert (answer[clear] == np.where(signed[clear] > 0, IN, OUT)).all()
+    dilated = mesh.dilated(0.1 * size)
+    clear = np.abs(signed + 0.1 * size) > 1e-6 * size
+    assert (dilated.decide(x)[clear] == np.where(signed[clear] > -0.1 * size, IN, OUT)).all()
+
+
+def _vase(neck: float) -> IndicatorMesh:
+    profile = [[0, 0], [1, 0.4], [1, 1.6], [neck + 0.2, 2], [neck, 2], [0.8, 1.5], [0.8, 0.5], [0, 0.2]]
+    return load_indicator(trimesh.creation.revolve(np.array(profile), sections=24))
+
+
+def test_the_hollow_of_a_vase_is_outside_and_that_of_a_ball_is_not():
+    middle = np.array([[0.01, 0.02, 1.0]])
+    vase = _vase(0.05)
+    assert vase.watertight
+    assert vase.decide(middle) == OUT
+    assert vase.empty(middle - 0.1, middle + 0.1)
+    assert not vase.empty(middle - 1, middle + 1)
+    narrow = _vase(0.0005)
+    assert narrow.decide(middle) != IN
+    shells = [trimesh.creation.icosphere(subdivisions=2, radius=radius) for radius in (1.0, 0.5)]
+    shells[1].invert()
+    ball = load_indicator(trimesh.util.concatenate(shells))
+    assert ball.decide(middle - [0, 0, 1]) == IN
+    assert ball.inside(middle - [0.1, 0.1, 1.1], middle - [-0.1, -0.1, 0.9])
+
+
+def test_flipped_faces_change_nothing(rng):
+    solid = trimesh.creation.torus(1, 0.3)
+    mesh = load_indicator(solid)
+    faces = mesh.faces.copy()
+    turned = rng.random(len(faces)) < 0.5
+    faces[turned] = faces[turned, ::-1]
+    x = rng.uniform(mesh.sample_lower, mesh.sample_upper, (20_000, 3))
+    assert (IndicatorMesh(mesh.vertices, faces).decide(x) == mesh.decide(x)).all()
+
+
+def test_numbers_that_are_none_and_boxes_that_are_none():
+    mesh = load_indicator(trimesh.creation.icosphere()).dilated(0.1)
+    nan, inf = float("nan"), float("inf")
+    bad = np.array([[nan, 0, 0], [0, 0, nan], [inf, 0, 0], [0, -inf, 0], [1e300, 0, 0]])
+    assert (mesh.decide(bad) == OUT).all()
+    lower = np.array([[nan, 0, 0], [1, 0, 0], [5, nan, 5], [-inf, -inf, -inf], [0, 0, 0], [5, 1, 5]])
+    upper = np.array([[1, 1, 1], [0, 1, 1], [6, 6, 6], [inf, inf, inf], [inf, 1, 1], [6, 0, 6]])
+    assert not mesh.empty(lower, upper).any()
+    assert not mesh.inside(lower, upper).any()
+    assert mesh.empty(np.array([[2, 0, 0]]), np.array([[inf, 1, 1]])).all()
+    assert mesh.decide(np.empty((0, 3))).shape == (0,)
+
+
+def test_a_dilated_mesh():
+    mesh = load_indicator(trimesh.creation.icosphere())
+    dilated = mesh.dilated(0.25)
+    assert dilated.dilated(0.25) is dilated
+    assert mesh.dilated(0) is mesh
+    assert (dilated.margin, mesh.margin) == (0.25, 0.0)
+    assert dilated.digest == mesh.digest
+    assert (dilated.lower <= mesh.lower - 0.25).all()
+    assert (dilated.upper >= mesh.upper + 0.25).all()
+    assert "margin 0.25" in repr(dilated)
+    for grid in (dilated.to_grid(resolution=16), dilated.to_grid(resolution=16, margin=0.25)):
+        assert grid.digest == mesh.to_grid(resolution=16, margin=0.25).digest
+        assert grid.margin == 0.25
+    assert IndicatorMesh(mesh.vertices, mesh.faces, margin=0.25).decide(np.array([[1.2, 0, 0]])) == IN
+    with pytest.raises(IndicatorError, match=r"dilated by 0\.25 already"):
+        dilated.dilated(0.5)
+    with pytest.raises(IndicatorError, match=r"dilated by 0\.25 already"):
+        dilated.to_grid(margin=0.5)
+    with pytest.raises(IndicatorError, match="margin must be"):
+        IndicatorMesh(mesh.vertices, mesh.faces, margin=-1)

@@ -1,0 +1,80 @@
+"""The faces of a mesh, and the inside of its closed parts, as kernels ask for them; built when they are first needed.
+
+A mesh and its dilated copies share one of these: the margin is told with each question.
+"""
+
+from functools import cached_property
+
+import numpy as np
+import warp as wp
+
+from warp_bounding.indicators.triangles.answers import Mesh, decide_points, find_empty, find_inside
+from warp_bounding.indicators.triangles.cycles import cycles_of
+from warp_bounding.indicators.triangles.hierarchy import Triangles, build
+from warp_bounding.indicators.triangles.sides import Sides, build_sides
+from warp_bounding.runtime.launch import launch_on_cores
+
+__all__ = ["DilatedSolid", "Solid"]
+
+
+class Solid:
+    """Triangles and the side of each point, without a margin.
+
+    Args:
+        vertices: ``(V, 3)`` float32.
+        faces: ``(F, 3)`` integers.
+        closed: ``(F,)`` bool, the faces of closed parts.
+    """
+
+    def __init__(self, vertices: np.ndarray, faces: np.ndarray, closed: np.ndarray):
+        self.vertices, self.faces, self.closed = vertices, faces, closed
+
+    @cached_property
+    def _all(self) -> Triangles:
+        if self.closed.all():
+            return self._closed
+        return build(self.vertices[self.faces]).on("cpu")
+
+    @cached_property
+    def _closed(self) -> Triangles:
+        cycles = cycles_of(self.vertices, self.faces, self.closed)
+        return build(self.vertices[self.faces[self.closed]], cycles[self.closed]).on("cpu")
+
+    @cached_property
+    def _sides(self) -> Sides:
+        return build_sides(self.vertices, self.faces[self.closed], self._closed).on("cpu")
+
+    def dilated(self, lower: np.ndarray, upper: np.ndarray, margin: float) -> "DilatedSolid":
+        """The object dilated by a margin; ``lower`` and ``upper`` are the corners of a box that holds it."""
+        mesh = Mesh()
+        mesh.lower, mesh.upper, mesh.margin = wp.vec3d(*lower), wp.vec3d(*upper), wp.float64(margin)
+        mesh.faces, mesh.closed, mesh.sides = self._all, self._closed, self._sides
+        return DilatedSolid(mesh)
+
+
+class DilatedSolid:
+    """A solid and its margin."""
+
+    def __init__(self, mesh: Mesh):
+        self._mesh = mesh
+
+    def decide(self, x: np.ndarray) -> np.ndarray:
+        """``OUT``, ``IN`` or ``UNDECIDED`` for points; see ``Shape.decide``."""
+        return self._answer(decide_points, x)
+
+    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Which closed boxes hold no point of the object; see ``Shape.empty``."""
+        return self._answer(find_empty, lower, upper).view(bool)
+
+    def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Which closed boxes lie in the object whole; see ``Shape.inside``."""
+        return self._answer(find_inside, lower, upper).view(bool)
+
+    def _answer(self, kernel: wp.Kernel, *queries: np.ndarray) -> np.ndarray:
+        """``(N,)`` uint8, what a kernel answers to queries, arrays ``(N, 3)``."""
+        rows = [np.ascontiguousarray(q, dtype=np.float64) for q in queries]
+        out = np.empty(len(rows[0]), dtype=np.uint8)
+        if len(out):
+            inputs = [self._mesh, *(wp.array(q, dtype=wp.vec3d, device="cpu", copy=False) for q in rows)]
+            launch_on_cores(kernel, len(out), inputs, [wp.array(out, dtype=wp.uint8, device="cpu", copy=False)], "cpu")
+        return out
