@@ -21,6 +21,7 @@ FLOORS = (
     "arithmetic",
     "runtime",
     "indicators",
+    "solids",
     "geometry",
     "queries",
     "coordinates",

@@ -20,6 +20,7 @@ METHODS = {
     wb.Bounder: ("candidates", "data", "freeze", "func", "prepare", "query", "save", "to", "values"),
     wb.Prepared: ("launch", "move"),
     wb.Certificate: ("from_dict", "proven", "to_dict"),
+    wb.IndicatorFunction: ("refute",),
     wb.IndicatorGrid: ("cell_coordinate", "contains", "position", "to_grid"),
     wb.IndicatorMesh: ("to_grid",),
     wb.IndicatorMotion: ("to_grid", "vertices_at"),
@@ -27,7 +28,7 @@ METHODS = {
     Soak: ("complete", "rate", "to_dict"),
 }
 DOCUMENTED = {name: getattr(wb, name) for name in wb.__all__ if name not in ("METHODS", "__version__")}
-DOCUMENTED |= {"Soak": Soak}
+DOCUMENTED |= {"Soak": Soak} | {f"solids.{name}": getattr(wb.solids, name) for name in wb.solids.__all__}
 DOCUMENTED |= {f"{kind.__name__}.{name}": getattr(kind, name) for kind, names in METHODS.items() for name in names}
 
 

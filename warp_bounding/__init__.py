@@ -28,6 +28,7 @@ __all__ = [
     "Data",
     "FileFormatError",
     "IndicatorError",
+    "IndicatorFunction",
     "IndicatorGrid",
     "IndicatorMesh",
     "IndicatorMotion",
@@ -45,6 +46,7 @@ __all__ = [
     "launch_on_cores",
     "load",
     "load_indicator",
+    "solids",
 ]
 
 _HOMES = {
@@ -57,17 +59,26 @@ _HOMES = {
         "QueryError",
     ),
     "warp_bounding.bounders": ("Bounder", "Certificate", "Data", "METHODS", "Prepared", "compact", "load"),
-    "warp_bounding.indicators": ("IndicatorGrid", "IndicatorMesh", "IndicatorMotion", "load_indicator"),
+    "warp_bounding.indicators": (
+        "IndicatorFunction",
+        "IndicatorGrid",
+        "IndicatorMesh",
+        "IndicatorMotion",
+        "load_indicator",
+    ),
     "warp_bounding.proof": ("cascade", "certify", "clear_segments"),
     "warp_bounding.evaluation": ("Rates", "evaluate"),
     "warp_bounding.training": ("fit",),
     "warp_bounding.runtime.devices": ("device_of",),
     "warp_bounding.runtime.launch": ("launch_on_cores",),
 }
+_MODULES = ("solids",)
 _WHERE = {name: home for home, names in _HOMES.items() for name in names}
 
 
 def __getattr__(name: str):
+    if name in _MODULES:
+        return import_module(f"{__name__}.{name}")
     if name not in _WHERE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(_WHERE[name]), name)

@@ -1,12 +1,21 @@
-"""What is bounded: occupancy grids, meshes, and the files that they come from.
+"""What is bounded: occupancy grids, meshes, functions, and the files that they come from.
 
 Importing this package needs NumPy only; trimesh, usd-core, Pillow, SciPy and Warp are imported when a file or a
 mesh asks for them.
 """
 
 from warp_bounding.indicators.formats.load import READERS, Indicator, load_indicator
+from warp_bounding.indicators.functions.function import IndicatorFunction
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.mesh import IndicatorMesh
 from warp_bounding.indicators.motion import IndicatorMotion
 
-__all__ = ["READERS", "Indicator", "IndicatorGrid", "IndicatorMesh", "IndicatorMotion", "load_indicator"]
+__all__ = [
+    "READERS",
+    "Indicator",
+    "IndicatorFunction",
+    "IndicatorGrid",
+    "IndicatorMesh",
+    "IndicatorMotion",
+    "load_indicator",
+]

@@ -20,7 +20,7 @@ from warp_bounding.indicators.formats.arrays import Placement, Threshold, grid_o
 from warp_bounding.indicators.formats.binvox import read_binvox
 from warp_bounding.indicators.formats.images import read_png
 from warp_bounding.indicators.formats.mesh_files import MESH_SUFFIXES, read_mesh
-from warp_bounding.indicators.formats.objects import ACCEPTED, array_from, mesh_from
+from warp_bounding.indicators.formats.objects import ACCEPTED, array_from, function_from, mesh_from
 from warp_bounding.indicators.formats.reading import reading
 from warp_bounding.indicators.formats.usd import USD_SUFFIXES, read_usd
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -66,7 +66,8 @@ def load_indicator(
             torch or Warp that holds truth values, or 0 and 1; a pair ``(vertices, faces)``, a ``trimesh.Trimesh`` or
             ``trimesh.Scene``, a ``newton.Mesh`` or a ``wp.Mesh``; an ``IndicatorGrid``, ``IndicatorMesh`` or
             ``IndicatorMotion``, or whatever else has their ``name``, ``extent`` and ``to_grid``, which is returned as
-            it is.
+            it is; or an object with ``ndim``, ``lower``, ``upper``, ``contains`` and ``empty``, which becomes an
+            ``IndicatorFunction``.
         time: Whether coordinate 0 is time. By default it is for 4-D arrays and motions; a mesh never moves.
         threshold: Which values of an array, or grey values of an image, are occupied: a text such as ``"<128"``,
             ``"<=0"``, ``">0.5"``, or a number, from which on they are.
@@ -127,6 +128,8 @@ class _Array(NamedTuple):
 def _load(source: object, threshold: Threshold | None) -> _Array | Indicator:
     if isinstance(source, Indicator):
         return source
+    if (function := function_from(source)) is not None:
+        return function
     if isinstance(source, str | os.PathLike):
         return _load_file(Path(os.fsdecode(source)), threshold)
     array = array_from(source)

@@ -1,4 +1,4 @@
-"""Shapes as other libraries hold them: meshes of trimesh, Newton and Warp, arrays of torch and Warp.
+"""Shapes as others hold them: meshes of trimesh, Newton and Warp, arrays of torch and Warp, objects that answer.
 
 None of these libraries is imported here: whoever passes an object of one has imported it.
 """
@@ -11,9 +11,10 @@ import numpy as np
 
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.formats.mesh_files import mesh_from_trimesh
+from warp_bounding.indicators.functions.function import IndicatorFunction
 from warp_bounding.indicators.mesh import IndicatorMesh
 
-__all__ = ["ACCEPTED", "array_from", "mesh_from"]
+__all__ = ["ACCEPTED", "array_from", "function_from", "mesh_from"]
 
 
 class _Kind(NamedTuple):
@@ -63,6 +64,7 @@ _ARRAYS = (
     _Kind("torch", ("Tensor",), _from_torch),
     _Kind("warp", ("array",), lambda source: source.numpy()),
 )
+_QUESTIONS = ("ndim", "lower", "upper", "contains", "empty")  # what is asked of a shape of one's own
 ACCEPTED = "a path, an array (NumPy, torch, Warp), (vertices, faces), a trimesh.Trimesh, newton.Mesh or wp.Mesh, or an indicator"
 
 
@@ -80,6 +82,26 @@ def mesh_from(source: object) -> IndicatorMesh | None:
 def array_from(source: object) -> np.ndarray | None:
     """Another library's array as NumPy's; ``None`` for anything else."""
     return _converted(source, _ARRAYS)
+
+
+def function_from(source: object) -> IndicatorFunction | None:
+    """The indicator of an object that answers as a shape does; ``None`` for anything else.
+
+    Args:
+        source: Has ``ndim``, ``lower``, ``upper``, ``contains`` and ``empty`` with the meaning that they have in
+            ``Shape``, and perhaps ``name``, ``note`` and ``time``.
+
+    Raises:
+        IndicatorError: If its box or its answers contradict that.
+    """
+    if isinstance(source, type) or not all(hasattr(source, name) for name in _QUESTIONS):
+        return None
+    about = {name: getattr(source, name) for name in ("name", "note", "time") if hasattr(source, name)}
+    about = {"name": type(source).__name__} | about
+    found = IndicatorFunction(source.contains, source.lower, source.upper, empty=source.empty, **about)
+    if found.ndim != source.ndim:
+        raise IndicatorError(f"{found.name}: expected corners of ndim={source.ndim} numbers, got {found.ndim}")
+    return found
 
 
 def _from_pair(source: tuple) -> IndicatorMesh:
