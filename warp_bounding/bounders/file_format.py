@@ -15,7 +15,7 @@ import numpy as np
 import safetensors
 import safetensors.numpy
 
-from warp_bounding.certificates.subject import Subject
+from warp_bounding.certificates.certificate import Subject
 from warp_bounding.errors import FileFormatError
 from warp_bounding.indicators.formats.load import READERS
 from warp_bounding.indicators.formats.mesh_files import MESH_SUFFIXES

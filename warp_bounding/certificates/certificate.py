@@ -1,12 +1,21 @@
 """What is known about a bounder, as a document: what was proven, over which set and in which arithmetic."""
 
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
 from math import expm1, log1p
+from typing import Any, Protocol
 
+import numpy as np
+
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import FileFormatError
 
-__all__ = ["ABOUT", "Certificate", "fn_rate_bound"]
+__all__ = ["ABOUT", "Certificate", "Subject", "fn_rate_bound"]
 
+ARITHMETIC = (
+    "float32, round to nearest, any summation order, with or without fused multiply-add, subnormals kept or flushed"
+)
 ABOUT = ("object", "margin", "length", "resolution", "placement")  # fields that say what the claim is about
 
 
@@ -71,10 +80,7 @@ class Certificate:
     cells: int
     counterexample: list[float] | None = None
     message: str = ""
-    arithmetic: str = field(
-        default="float32, round to nearest, any summation order, with or without fused multiply-add, "
-        "subnormals kept or flushed"
-    )
+    arithmetic: str = ARITHMETIC
     samples: int = 0
     fn_rate_bound: float | None = None
     confidence: float | None = None
@@ -117,8 +123,27 @@ class Certificate:
             True
         """
         names = {f.name for f in fields(cls)}
-        statistical = {"samples", "fn_rate_bound", "confidence", "worst_margin", "restarts"}
-        later = {*statistical, *ABOUT}  # not in all files of format 1
+        later = {"samples", "fn_rate_bound", "confidence", "worst_margin", "restarts", *ABOUT}  # than the first files
         if not isinstance(values, dict) or not names - later <= set(values) <= names:
             raise FileFormatError("the certificate's fields are not the ones this version knows")
         return cls(**values)
+
+
+class Subject(Protocol):
+    """A bounder as certificates and files see it, without its method; every ``Bounder`` is one, and says what these are."""
+
+    method: str
+    conservative: bool
+    domain: Domain | RegionDomain
+    tensors: dict[str, np.ndarray]
+    sizes: dict[str, Any]
+    threshold: np.float32
+    certificate: Certificate | None
+    info: dict[str, Any]
+    query_kind: str
+    ndim: int
+    provable: bool
+    parts: Sequence["Subject"]
+
+    def rounding_bound(self) -> float:
+        """See ``Bounder``."""

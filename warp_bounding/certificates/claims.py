@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from warp_bounding.arithmetic import round_down
-from warp_bounding.certificates.certificate import Certificate, fn_rate_bound
-from warp_bounding.certificates.subject import Subject
+from warp_bounding.certificates.certificate import Certificate, Subject, fn_rate_bound
 from warp_bounding.coordinates.domain import DELTA_LARGEST_SHARE
 from warp_bounding.errors import FileFormatError
 
@@ -34,8 +33,9 @@ def check_claims(bounder: Subject, certificate: Certificate, document: dict[str,
         FileFormatError: If one is impossible; it is named.
     """
     _check_subject(bounder, certificate, document["threshold"])
-    if certificate.kind not in KINDS:
-        _refuse(f"kind {certificate.kind!r} is not one of {', '.join(KINDS)}")
+    kind, error = certificate.kind, bounder.rounding_bound()
+    if kind not in KINDS:
+        _refuse(f"kind {kind!r} is not one of {', '.join(KINDS)}")
     for name in ("boxes", "cells", "samples", "restarts"):
         value = getattr(certificate, name)
         if type(value) is not int or value < 0:
@@ -45,25 +45,22 @@ def check_claims(bounder: Subject, certificate: Certificate, document: dict[str,
             _refuse(f"{name} must be a finite number, got {getattr(certificate, name)!r}")
     if not isinstance(certificate.message, str) or not isinstance(certificate.arithmetic, str):
         _refuse("message and arithmetic must be text")
-    if certificate.kind not in ("proven", "statistical"):
+    if kind not in ("proven", "statistical"):
         return
     if certificate.counterexample is not None:
-        _refuse(f"{certificate.kind}, and yet there is a counterexample")
+        _refuse(f"{kind}, and yet there is a counterexample")
     _check_about(certificate, document)
     if document["indicator"] is not None and certificate.indicator != document["indicator"]:
         _refuse(f"it is about the shape {certificate.indicator[:16]}, the file about {document['indicator'][:16]}")
-    if not certificate.rounding_bound >= LEAST_ERROR * bounder.rounding_bound():
-        _refuse(
-            f"rounding bound {certificate.rounding_bound:.3g}, this bounder rounds by {bounder.rounding_bound():.3g}"
-        )
+    if not certificate.rounding_bound >= LEAST_ERROR * error:
+        _refuse(f"rounding bound {certificate.rounding_bound:.3g}, this bounder rounds by {error:.3g}")
     if not certificate.lower_bound >= certificate.threshold:
         _refuse(f"lower bound {certificate.lower_bound:.6g} is less than the threshold {certificate.threshold:.6g}")
     _check_delta(bounder, certificate, document.get("grid_shape"))
-    if certificate.kind == "proven":
-        if certificate.samples or certificate.fn_rate_bound is not None:
-            _refuse("proven, and yet there are samples")
-        return
-    _check_statistics(bounder, certificate)
+    if kind == "statistical":
+        _check_statistics(bounder, certificate)
+    elif certificate.samples or certificate.fn_rate_bound is not None:
+        _refuse("proven, and yet there are samples")
 
 
 def _check_subject(bounder: Subject, certificate: Certificate, threshold: float) -> None:

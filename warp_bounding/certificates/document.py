@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from warp_bounding.certificates.certificate import Certificate
-from warp_bounding.certificates.subject import Subject
+from warp_bounding.certificates.certificate import Certificate, Subject
 from warp_bounding.coordinates.placement import placement_allowance
 from warp_bounding.indicators.grid import IndicatorGrid
 
@@ -24,20 +23,10 @@ def document(
     counterexample=None,
     **more,
 ) -> Certificate:
-    """The certificate.
+    """The certificate of a bounder for a grid, or ``None`` where the object cannot be the bounded one.
 
-    Args:
-        bounder: The bounder that it is about.
-        grid: The object; ``None`` where it cannot be the bounded one.
-        kind: See ``Certificate``.
-        threshold: See ``Certificate``.
-        least: The certificate's ``lower_bound``.
-        boxes: See ``Certificate``.
-        seconds: See ``Certificate``.
-        message: See ``Certificate``; what the claim is about, and what restricts the object (``IndicatorGrid.note``),
-            are added to it.
-        counterexample: See ``Certificate``.
-        more: Other fields of ``Certificate``.
+    ``least`` is its ``lower_bound``; the others are fields of ``Certificate``. What the claim is about, and what
+    restricts the object (``IndicatorGrid.note``), are added to the message.
     """
     base = bounder.domain.base
     return Certificate(
@@ -92,20 +81,17 @@ def conjunction(certificates: list[Certificate]) -> Certificate:
     """
     if len(certificates) == 1:
         return certificates[0]
-    worst = min(certificates, key=lambda c: ORDER.index(c.kind))
-    last = certificates[-1]
-    rates = [c.fn_rate_bound or 0.0 for c in certificates]
+    worst, last = min(certificates, key=lambda c: ORDER.index(c.kind)), certificates[-1]
     statistical = worst.kind == "statistical"
+    told = f"{len(certificates)} tests that must all pass, each by itself; the last: {last.message}"
     return replace(
         last,
         kind=worst.kind,
         boxes=sum(c.boxes for c in certificates),
         seconds=round(sum(c.seconds for c in certificates), 3),
         counterexample=worst.counterexample,
-        message=f"{len(certificates)} tests that must all pass, each by itself; the last: {last.message}"
-        if worst.kind in ("proven", "statistical")
-        else worst.message,
+        message=told if worst.kind in ("proven", "statistical") else worst.message,
         samples=min(c.samples for c in certificates) if statistical else last.samples,
-        fn_rate_bound=sum(rates) if statistical else None,
+        fn_rate_bound=sum(c.fn_rate_bound or 0.0 for c in certificates) if statistical else None,
         confidence=1 - sum(1 - (c.confidence or 1.0) for c in certificates) if statistical else None,
     )

@@ -6,16 +6,13 @@ One text for each kind of certificate and of query, so that what ``info`` prints
 
 from collections.abc import Iterable
 
-from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates.certificate import Certificate, Subject
 from warp_bounding.certificates.document import least_allowance
-from warp_bounding.certificates.subject import Subject
 from warp_bounding.queries import QUERIES
 
 __all__ = ["NOT_CONSERVATIVE", "statement"]
 
 NOT_CONSERVATIVE = "NOT conservative: it misses queries that meet the object, and is kept to show what that does."
-
-_OUTSIDE = "what lies outside it is not in the object"
 
 
 def _numbers(values: Iterable[float]) -> str:
@@ -27,7 +24,7 @@ def _queries(bounder: Subject) -> str:
     corners = f"{_numbers(domain.lower)} to {_numbers(domain.upper)}"
     every = kind.every.format(length=domain.length or 0)
     if not kind.is_region:
-        return f"{every}, {corners} (object space); {_OUTSIDE}"
+        return f"{every}, {corners} (object space); what lies outside it is not in the object"
     text = f"{every}; only its part inside the domain counts, {corners} (object space)"
     if domain.parametric:
         text += "; fitted in the paper's parametric space, a query given by a point outside the domain is answered with maybe"
@@ -69,25 +66,21 @@ def statement(bounder: Subject) -> dict[str, str]:
     if certificate is None:
         text = "none: nothing is known of its false negatives" if bounder.conservative else NOT_CONSERVATIVE
         return {"certificate": text, "queries": _queries(bounder), "object": _object(bounder, None)}
-    share = max(certificate.delta, default=0.0)
-    common = {
-        "queries": _queries(bounder),
-        "object": _object(bounder, certificate),
-        "arithmetic": f"{certificate.arithmetic}; CPU or CUDA",
-        "placement": f"xform= and scale= may round a query by up to {least_allowance(bounder):.2g} (object units) on every axis; one that "
-        "needs more, such as a shape that is very large beside its cells, is refused with an error",
-    }
+    about = {"for": _queries(bounder), "object": _object(bounder, certificate)}
+    placement = (
+        f"xform= and scale= may round a query by up to {least_allowance(bounder):.2g} (object units) on every axis; one that "
+        "needs more, such as a shape that is very large beside its cells, is refused with an error"
+    )
     if not certificate.proven:
-        return _statistical(bounder, certificate, common)
+        return _statistical(bounder, certificate, about, placement)
     return {
         "certificate": "proven",
         "what is proven": f"No {QUERIES[bounder.query_kind].positive} is ever answered with no.",
-        "for": common["queries"],
-        "object": common["object"],
-        "input error": f"up to {share:.2g} of a cell on each axis: the rounding of float64 queries, of the map, and of xform= and "
-        "scale=",
-        "placement": common["placement"],
-        "arithmetic": common["arithmetic"],
+        **about,
+        "input error": f"up to {max(certificate.delta, default=0.0):.2g} of a cell on each axis: the rounding of float64 queries, of the "
+        "map, and of xform= and scale=",
+        "placement": placement,
+        "arithmetic": f"{certificate.arithmetic}; CPU or CUDA",
         "numbers": f"f >= {certificate.lower_bound:.6g} on all of these, rounding E <= {certificate.rounding_bound:.2g}, "
         f"maybe unless f < threshold {certificate.threshold:.9g} <= bound - E",
         "proof": f"{certificate.boxes:,} boxes in {certificate.seconds:.2f} s; `certify` proves it anew from the file and the shape",
@@ -95,23 +88,22 @@ def statement(bounder: Subject) -> dict[str, str]:
     }
 
 
-def _statistical(bounder: Subject, certificate: Certificate, common: dict[str, str]) -> dict[str, str]:
+def _statistical(bounder: Subject, certificate: Certificate, about: dict[str, str], placement: str) -> dict[str, str]:
     rate = "unknown" if certificate.fn_rate_bound is None else f"{certificate.fn_rate_bound:.3g}"
     alpha = 1 - (certificate.confidence or 0.0)
     margin = certificate.worst_margin
     closest = "no f was computed" if margin is None else f"the closest lay {margin:.3g} above the threshold"
-    tried = f"; {certificate.restarts} thresholds before it missed one, each has spent its share of alpha" * (
-        certificate.restarts > 0
-    )
+    tried = ""
+    if certificate.restarts:
+        tried = f"; {certificate.restarts} thresholds before it missed one, each has spent its share of alpha"
     return {
         "certificate": f"{certificate.kind}, not proven",
         "what is known": f"{certificate.samples:,} fresh positives in {certificate.seconds:.2f} s, none answered with no: fewer than "
         f"{rate} of such queries are missed, wrong with probability alpha = {alpha:.2g} at most (Clopper-Pearson){tried}",
         "sampled": QUERIES[bounder.query_kind].distribution,
-        "for": common["queries"],
-        "object": common["object"],
-        "placement": common["placement"],
-        "arithmetic": common["arithmetic"].replace(certificate.arithmetic, "float32, as this device computed it"),
+        **about,
+        "placement": placement,
+        "arithmetic": "float32, as this device computed it; CPU or CUDA",
         "numbers": f"least f that a search found {certificate.lower_bound:.6g}; threshold {certificate.threshold:.9g}; "
         f"{closest}; rounding E <= {certificate.rounding_bound:.2g}",
         "not proven": "that no query is missed: queries of another distribution, an adversary's above all, may be missed more "

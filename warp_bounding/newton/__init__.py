@@ -26,17 +26,7 @@ from warp_bounding.arithmetic import UNIT32
 from warp_bounding.bounders import Bounder
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorMesh
-from warp_bounding.newton.kernels import (
-    IN_MESH,
-    IN_WORLD,
-    Hull,
-    Placed,
-    ask_bounders,
-    ask_hulls,
-    block_size,
-    gather_pairs,
-    place_shapes,
-)
+from warp_bounding.newton import kernels
 from warp_bounding.queries import QUERIES
 from warp_bounding.runtime.compaction import Compaction
 from warp_bounding.runtime.launch import launch_blocks
@@ -75,7 +65,9 @@ def margin_for(mesh: newton.Mesh, reach: float, *, world: float, scale: float = 
         )
     coordinates = float(np.abs(np.asarray(mesh.vertices)).max())
     way = reach / min(scale, 1.0)  # the pass does not divide its gap by the scale: at least this for scales up to 1
-    return (way + IN_MESH * UNIT32 * (coordinates + way) + IN_WORLD * UNIT32 * 6.0 * world / scale) * (1 + 1e-6)
+    in_mesh = kernels.IN_MESH * UNIT32 * (coordinates + way)
+    in_world = kernels.IN_WORLD * UNIT32 * 6.0 * world / scale
+    return (way + in_mesh + in_world) * (1 + 1e-6)
 
 
 class ParticleCull:
@@ -87,13 +79,7 @@ class ParticleCull:
         survivors: Number of pairs that the last pass went through.
     """
 
-    def __init__(
-        self,
-        pipeline: newton.CollisionPipeline,
-        bounders: Mapping[int, Bounder],
-        *,
-        unproven: bool = False,
-    ):
+    def __init__(self, pipeline: newton.CollisionPipeline, bounders: Mapping[int, Bounder], *, unproven: bool = False):
         """Check that the bounders are those of the shapes.
 
         Args:
@@ -132,15 +118,15 @@ class ParticleCull:
         self._margins = wp.array(margins, dtype=wp.float32, device=self._device)
         self._sizes = wp.array(sizes, dtype=wp.float32, device=self._device)
         self._domains = wp.array(domains, dtype=wp.vec3, device=self._device)
-        self._placed = wp.empty(shape_count, dtype=Placed, device=self._device)
-        self._hulls = wp.empty(shape_count, dtype=Hull, device=self._device)
+        self._placed = wp.empty(shape_count, dtype=kernels.Placed, device=self._device)
+        self._hulls = wp.empty(shape_count, dtype=kernels.Hull, device=self._device)
         self._asked = wp.empty(self.pairs, dtype=wp.int32, device=self._device)
-        self._left = wp.empty(-(-self.pairs // block_size(self._device)), dtype=wp.int32, device=self._device)
+        self._left = wp.empty(-(-self.pairs // kernels.block_size(self._device)), dtype=wp.int32, device=self._device)
         self._asked_gap = _gap(pipeline)
         self._keep = wp.full(self.pairs, 1, dtype=wp.uint8, device=self._device)
         self._left_over = Compaction(self._keep)
         self._kept = wp.empty(self.pairs, dtype=wp.vec2i, device=self._device)
-        pipeline.__class__ = _counting(_plain(type(pipeline)))
+        pipeline.__class__ = _counting(type(pipeline))
 
     @property
     def _device(self) -> wp.Device:
@@ -189,18 +175,18 @@ class ParticleCull:
         shapes = [model.shape_transform, model.shape_body, model.shape_scale, model.shape_margin]
         inputs = [state.body_q, *shapes, self._domains, self._margins, self._sizes, gap]
         outputs = [self._placed, self._hulls]
-        wp.launch(place_shapes, dim=model.shape_count, inputs=inputs, outputs=outputs, device=device)
-        size = block_size(device)
+        wp.launch(kernels.place_shapes, dim=model.shape_count, inputs=inputs, outputs=outputs, device=device)
+        size = kernels.block_size(device)
         particles = [array.contiguous() for array in (state.particle_q, model.particle_radius)]
         inputs, found = [0, size, self.pairs, self._all, *particles, self._hulls], [self._asked, self._left]
-        launch_blocks(ask_hulls, self.pairs, inputs, [*found, self._keep], device, first_index=0, block=size)
+        launch_blocks(kernels.ask_hulls, self.pairs, inputs, [*found, self._keep], device, first_index=0, block=size)
         for number, bounder in enumerate(self._bounders):
             inputs = [0, size, bounder.data, number, self._numbers, self._all, particles[0], self._placed, *found]
-            kernel = ask_bounders(bounder.source)
+            kernel = kernels.ask_bounders(bounder.source)
             launch_blocks(kernel, self.pairs, inputs, [self._keep], device, first_index=0, block=size)
         indices, total = self._left_over.launch()
         count = int(total.numpy()[0])
-        wp.launch(gather_pairs, dim=count, inputs=[self._all, indices], outputs=[self._kept], device=device)
+        wp.launch(kernels.gather_pairs, dim=count, inputs=[self._all, indices], outputs=[self._kept], device=device)
         return self._kept[:count]
 
     def _check(self, shape: int, bounder: Bounder, unproven: bool) -> float:
@@ -258,14 +244,8 @@ def _digest_of(vertices: bytes, indices: bytes, resolution: int, margin: float) 
 @cache
 def _counting(kind: type) -> type:
     """The subclass of a pipeline's class whose number of particle-shape pairs is the length of their list."""
+    if hasattr(kind, "_counts"):
+        return kind
     count = property(lambda self: len(self.soft_rigid_contact_pairs))
-    return type(
-        kind.__name__,
-        (kind,),
-        {"soft_contact_pair_count": count, "soft_rigid_contact_pair_count": count, "_plain": kind},
-    )
-
-
-def _plain(kind: type) -> type:
-    """Undo ``_counting``."""
-    return getattr(kind, "_plain", kind)
+    both = dict.fromkeys(("soft_contact_pair_count", "soft_rigid_contact_pair_count"), count)
+    return type(kind.__name__, (kind,), {**both, "_counts": True})
