@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from warp_bounding.cli.output import BounderFile, Json, bar, certificate_summary, console, print_json, quiet_warp, warn
-from warp_bounding.cli.shape import Origin, Spacing, Threshold, read_shape
+from warp_bounding.cli.options import BounderFile, Json, Origin, Spacing, Threshold, read_shape
+from warp_bounding.cli.output import bar, certificate_summary, console, print_json, quiet_warp, warn
 from warp_bounding.errors import BoundingError
 
 __all__ = ["command"]
@@ -36,35 +36,23 @@ def command(
 
     if not budget > 0:
         raise BoundingError(f"budget must be a positive number of seconds, got {budget}")
-    for name, stated, possible in (
-        ("margin", margin, margin is None or 0 <= margin < math.inf),
-        ("length", length, length is None or 0 < length < math.inf),
-        ("resolution", resolution, resolution is None or resolution > 0),
-    ):
-        if not possible:
-            raise BoundingError(f"{name} must be one that a bounder can have, got {stated}")
+    expected = {"margin": margin, "length": length, "resolution": resolution, "query": query}
+    for name, least in (("margin", 0.0), ("length", math.ulp(0.0)), ("resolution", 1)):
+        if expected[name] is not None and not least <= expected[name] < math.inf:
+            raise BoundingError(f"{name} must be one that a bounder can have, got {expected[name]}")
     if query is not None:
         check_query(query)
     quiet_warp()
     bounder = load(file, device="cpu")
     indicator = read_shape(shape, threshold, spacing, origin)
     with bar("certify") as update:
-        expected = {"margin": margin, "length": length, "resolution": resolution, "query": query}
         certificate = certify(bounder, indicator, **expected, seconds=budget, progress=update)
     fitted = bounder.info.get("indicator")
     same = certificate.indicator == fitted
     if json:
+        verdict = {"proven": certificate.proven, "same_indicator": same, "certified_indicator": fitted}
         summary = certificate_summary(bounder, certificate)
-        print_json(
-            {
-                "path": file,
-                "shape": shape,
-                "proven": certificate.proven,
-                "same_indicator": same,
-                "certified_indicator": fitted,
-                "certificate": summary,
-            }
-        )
+        print_json({"path": file, "shape": shape, **verdict, "certificate": summary})
     else:
         out = console(False)
         out.print(f"{certificate.kind}: {certificate.message}")

@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from sims import DEMOS
-from warp_bounding.cli.output import Device, Json, console, print_json, quiet_warp
+from warp_bounding.cli.options import Device, Json
+from warp_bounding.cli.output import console, print_json, quiet_warp
 from warp_bounding.errors import BoundingError
 from warp_bounding.runtime.whole_file import write_whole
 
@@ -58,16 +59,8 @@ def command(
         demo = import_module(f"sims.{name}")
         for option in options.keys() - {field.name for field in fields(demo.Demo)}:
             raise BoundingError(f"demo {name} has no option --{option.removesuffix('_file')}")
-        result = demo.run(
-            _folder("out", out),
-            quick=quick,
-            refit=refit,
-            budget=budget,
-            seed=seed,
-            device=device,
-            console=output(json),
-            **options,
-        )
+        common = {"quick": quick, "refit": refit, "budget": budget, "seed": seed, "device": device}
+        result = demo.run(_folder("out", out), **common, console=output(json), **options)
     except ImportError as error:
         if (error.name or "").split(".")[0] not in NEEDED:
             raise

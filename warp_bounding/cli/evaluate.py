@@ -4,19 +4,8 @@ from typing import Annotated
 
 import typer
 
-from warp_bounding.cli.output import (
-    BounderFile,
-    Device,
-    Json,
-    bar,
-    certificate_summary,
-    console,
-    other_shape,
-    print_json,
-    quiet_warp,
-    whole_number,
-)
-from warp_bounding.cli.shape import Origin, Spacing, Threshold, read_shape
+from warp_bounding.cli.options import BounderFile, Device, Json, Origin, Spacing, Threshold, read_shape, whole_number
+from warp_bounding.cli.output import bar, certificate_summary, console, other_shape, print_json, quiet_warp
 
 __all__ = ["command"]
 
@@ -46,8 +35,7 @@ def command(
     fitted = bounder.info.get("indicator")
     same = rates.indicator == fitted
     if json:
-        certificate = bounder.certificate
-        summary = certificate_summary(bounder, certificate) if certificate else None
+        summary = certificate_summary(bounder, bounder.certificate)
         about = {"path": file, "shape": shape, "same_indicator": same, "fitted_indicator": fitted}
         print_json({**about, "method": bounder.method, **rates.to_dict(), "certificate": summary})
     else:

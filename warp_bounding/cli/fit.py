@@ -8,19 +8,9 @@ import typer
 
 from warp_bounding.bounders import METHODS, Bounder
 from warp_bounding.bounders.options import STEPS, Option
-from warp_bounding.cli.output import (
-    NOT_CONSERVATIVE,
-    Device,
-    Json,
-    bar,
-    certificate_summary,
-    console,
-    print_json,
-    quiet_warp,
-    warn,
-    whole_number,
-)
-from warp_bounding.cli.shape import Origin, Spacing, Threshold, read_shape
+from warp_bounding.certificates.statement import NOT_CONSERVATIVE
+from warp_bounding.cli.options import Device, Json, Origin, Spacing, Threshold, read_shape, whole_number
+from warp_bounding.cli.output import bar, certificate_summary, console, print_json, quiet_warp, warn
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, check_writable
 
 __all__ = ["command", "state_options"]
@@ -78,46 +68,21 @@ def command(
     indicator = read_shape(shape, threshold, spacing, origin)
     started = time.perf_counter()
     with bar("fit") as update:
-        bounder = fit(
-            indicator,
-            query=query,
-            method=method,
-            budget=budget,
-            seed=seed,
-            margin=margin,
-            force=force,
-            resolution=resolution,
-            length=length,
-            space=space,
-            device=device,
-            progress=update,
-            **{name: known[name].parse(value) for name, value in told.items() if value is not None},
-        )
+        of_queries = {"query": query, "length": length, "space": space}
+        of_object = {"margin": margin, "force": force, "resolution": resolution}
+        of_method = {name: known[name].parse(value) for name, value in told.items() if value is not None}
+        run = {"budget": budget, "seed": seed, "device": device, "progress": update}
+        bounder = fit(indicator, method=method, **of_queries, **of_object, **of_method, **run)
     seconds = time.perf_counter() - started
     save(bounder, output)
     rates = evaluate(bounder, indicator, samples=count)
     certificate, training, warning = bounder.certificate, bounder.info["training"], _looser(bounder)
     if json:
-        summary = certificate_summary(bounder, certificate) if certificate else None
-        print_json(
-            {
-                "method": bounder.method,
-                "query": bounder.query_kind,
-                "conservative": bounder.conservative,
-                "fp_rate": rates.fp_rate,
-                "fn": rates.fn,
-                "samples": rates.samples,
-                "positives": rates.positives,
-                "truth": rates.truth,
-                "fit_seconds": round(seconds, 3),
-                "compile_seconds": training["compile_seconds"],
-                "warning": warning,
-                "certificate": summary,
-                "training": training,
-                "note": bounder.info.get("note"),
-                "path": output,
-            }
-        )
+        about = {"method": bounder.method, "query": bounder.query_kind, "conservative": bounder.conservative}
+        measured = {name: getattr(rates, name) for name in ("fp_rate", "fn", "samples", "positives", "truth")}
+        took = {"fit_seconds": round(seconds, 3), "compile_seconds": training["compile_seconds"]}
+        proof = {"warning": warning, "certificate": certificate_summary(bounder, certificate), "training": training}
+        print_json({**about, **measured, **took, **proof, "note": bounder.info.get("note"), "path": output})
     else:
         out = console(False)
         out.print(

@@ -3,7 +3,8 @@
 from rich.console import Console
 from rich.table import Table
 
-from warp_bounding.cli.output import BounderFile, Json, certificate_summary, print_json, quiet_warp
+from warp_bounding.cli.options import BounderFile, Json
+from warp_bounding.cli.output import certificate_summary, print_json, quiet_warp
 
 __all__ = ["command"]
 
@@ -21,12 +22,9 @@ def command(file: BounderFile, json: Json = False) -> int:
     quiet_warp()
     bounder = load(file, device="cpu")
     certificate, info, words = bounder.certificate, bounder.info, statement(bounder)
+    proven = certificate is not None and certificate.proven
     if json:
-        fields = {
-            k: info.get(k)
-            for k in ("name", "indicator", "grid_shape", "margin", "resolution", "seed", "note", "library")
-        }
-        summary = certificate_summary(bounder, certificate) if certificate else None
+        kept = ("name", "indicator", "grid_shape", "margin", "resolution", "seed", "note", "library")
         sizes = {} if isinstance(bounder, Voxels) else bounder.sizes
         print_json(
             {
@@ -40,14 +38,12 @@ def command(file: BounderFile, json: Json = False) -> int:
                 "bytes": bounder.nbytes,
                 "threshold": float(bounder.threshold),
                 **sizes,
-                **fields,
-                "training": info.get("training"),
-                "rates": info.get("rates"),
-                "certificate": summary,
+                **{name: info.get(name) for name in (*kept, "training", "rates")},
+                "certificate": certificate_summary(bounder, certificate),
                 "statement": words,
             }
         )
-        return 0 if certificate and certificate.proven else 1
+        return 0 if proven else 1
     out = Console(highlight=False, markup=False, emoji=False)
     out.width = min(WIDEST, out.width) if out.is_terminal else WIDEST
     table = Table(show_header=False, box=None, pad_edge=False, expand=False)
@@ -55,19 +51,17 @@ def command(file: BounderFile, json: Json = False) -> int:
     table.add_column(overflow="fold")
     sizes = ", ".join(f"{key} {value}" for key, value in bounder.sizes.items())
     space = f", {bounder.domain.space} space" if QUERIES[bounder.query_kind].is_region else ""
-    table.add_row(
-        "method", f"{bounder.method}, {bounder.ndim}D {bounder.query_kind} queries{space}, {bounder.nbytes:,} bytes"
-    )
+    about = f"{bounder.ndim}D {bounder.query_kind} queries{space}, {bounder.nbytes:,} bytes"
+    table.add_row("method", f"{bounder.method}, {about}")
     if sizes:
         table.add_row("sizes", sizes if len(sizes) <= MOST_SIZES else sizes[:MOST_SIZES] + " ...")
     if bounder.tightness:
         table.add_row("tightness", bounder.tightness)
     if info.get("note"):
         table.add_row("note", str(info["note"]), style="yellow")
-    style = "green" if certificate and certificate.proven else "yellow"
     for key, value in words.items():
-        table.add_row(key, value, style=style if key == "certificate" else None)
+        table.add_row(key, value, style=("green" if proven else "yellow") if key == "certificate" else None)
     if not certificate:
         table.add_row("threshold", f"{float(bounder.threshold):.9g}")
     out.print(table)
-    return 0 if certificate and certificate.proven else 1
+    return 0 if proven else 1

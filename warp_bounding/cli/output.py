@@ -6,36 +6,16 @@ import os
 import sys
 import warnings
 from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import Any
 
-import typer
 from rich.console import Console
 
 from warp_bounding.bounders import Bounder, Certificate
-from warp_bounding.certificates.statement import NOT_CONSERVATIVE
-from warp_bounding.errors import BoundingWarning, QueryError
+from warp_bounding.errors import BoundingWarning
 from warp_bounding.runtime.devices import device_of
 from warp_bounding.runtime.progress import bar
 
-__all__ = [
-    "NOT_CONSERVATIVE",
-    "BounderFile",
-    "Device",
-    "Json",
-    "bar",
-    "certificate_summary",
-    "console",
-    "other_shape",
-    "print_json",
-    "quiet_warp",
-    "told_warnings",
-    "warn",
-    "whole_number",
-]
-
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output, and nothing else there.")]
-Device = Annotated[str, typer.Option(help="Warp device: cpu, cuda:0, ...")]
-BounderFile = Annotated[str, typer.Argument(metavar="FILE", help="A bounder that `fit` wrote (.safetensors).")]
+__all__ = ["bar", "certificate_summary", "console", "other_shape", "print_json", "quiet_warp", "told_warnings", "warn"]
 
 
 def console(as_json: bool) -> Console:
@@ -100,30 +80,12 @@ def _silent_errors() -> Iterator[None]:
         os.close(nowhere)
 
 
-MOST = 10**15  # the largest count that is accepted; so many queries would take years
-
-
-def whole_number(name: str, text: str) -> int:
-    """A count that may be written as 1e8.
-
-    Raises:
-        QueryError: If the text is no such count.
-    """
-    try:
-        value = float(text)
-        if value == int(value) and 1 <= value <= MOST:
-            return int(value)
-    except (ValueError, OverflowError):
-        pass
-    raise QueryError(f"{name} must be a whole number from 1 to {MOST:.0e}, such as 1e6, got {text!r}")
-
-
 def other_shape(name: str, given: str | None, fitted: str | None) -> str:
     """What to print first where the shape is not that of the fit."""
     about = f"its cells have SHA-256 {(given or 'unknown')[:16]}, those of the fit {(fitted or 'unknown')[:16]}"
     return f"{name} is not the shape that the bounder was fitted to: {about}. What follows is about {name}."
 
 
-def certificate_summary(bounder: Bounder, certificate: Certificate) -> dict[str, Any]:
-    """A certificate for ``--json``."""
-    return certificate.to_dict() | {"proven": certificate.proven, "method": bounder.method}
+def certificate_summary(bounder: Bounder, certificate: Certificate | None) -> dict[str, Any] | None:
+    """A certificate for ``--json``; ``None`` where there is none."""
+    return certificate and certificate.to_dict() | {"proven": certificate.proven, "method": bounder.method}

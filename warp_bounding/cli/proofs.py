@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from warp_bounding.cli.output import Json, console, print_json, quiet_warp
+from warp_bounding.cli.options import Json
+from warp_bounding.cli.output import console, print_json, quiet_warp
 from warp_bounding.cli.tables import Columns, Objects, Reporter, command_line, selected
 
 __all__ = ["command"]

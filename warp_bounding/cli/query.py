@@ -8,7 +8,8 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from warp_bounding.cli.output import BounderFile, Device, Json, console, print_json, quiet_warp
+from warp_bounding.cli.options import BounderFile, Device, Json
+from warp_bounding.cli.output import console, print_json, quiet_warp
 from warp_bounding.errors import QueryError
 from warp_bounding.runtime.whole_file import ARRAY_FILE, check_writable, write_whole
 
@@ -44,13 +45,8 @@ def command(
     write_whole(output, content.getvalue(), ARRAY_FILE)
     maybe = int(mask.sum())
     if json:
-        about = {
-            "path": file,
-            "points": points,
-            "output": output,
-            "method": bounder.method,
-            "query": bounder.query_kind,
-        }
+        about = {"path": file, "points": points, "output": output}
+        about |= {"method": bounder.method, "query": bounder.query_kind}
         print_json({**about, "count": len(mask), "maybe": maybe, "seconds": round(seconds, 6)})
     else:
         share = f" ({100 * maybe / len(mask):.2f} %)" if len(mask) else ""

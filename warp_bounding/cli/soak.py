@@ -4,18 +4,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from warp_bounding.cli.output import (
-    BounderFile,
-    Device,
-    Json,
-    bar,
-    console,
-    other_shape,
-    print_json,
-    quiet_warp,
-    whole_number,
-)
-from warp_bounding.cli.shape import Origin, Spacing, Threshold, read_shape
+from warp_bounding.cli.options import BounderFile, Device, Json, Origin, Spacing, Threshold, read_shape, whole_number
+from warp_bounding.cli.output import bar, console, other_shape, print_json, quiet_warp
 
 if TYPE_CHECKING:
     from warp_bounding.proof.attest.soak import Soak

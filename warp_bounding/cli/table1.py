@@ -8,7 +8,8 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from typer.core import TyperCommand
 
-from warp_bounding.cli.output import Json, console, print_json, quiet_warp
+from warp_bounding.cli.options import Json
+from warp_bounding.cli.output import console, print_json, quiet_warp
 from warp_bounding.cli.tables import Columns, Objects, Reporter, command_line, selected
 from warp_bounding.errors import QueryError
 

@@ -33,10 +33,7 @@ STYLES = {  # colour and marker, in the legend's order; lightness and marker dif
     "bvh": ("#5ec4a8", "v"),
 }
 HEADINGS = {"learned": True, "classic": False}
-CAPTIONS = {
-    "geometric": "volumes around the object",
-    "parametric": "volumes around query parameters,\nas in the paper",
-}
+CAPTIONS = {"geometric": "volumes around the object", "parametric": "volumes around query parameters,\nas in the paper"}
 MARKERS = 12  # of a line, at most
 TICKS = (0.01, 0.03, 0.1, 0.3, 1, 3, 10, 30, 100)  # per cent; what is less than the first is drawn there
 MOST = TICKS[-1]

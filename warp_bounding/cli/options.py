@@ -1,13 +1,16 @@
-"""The shape of a command, and the options that say how an array or an image is meant; the same for all commands."""
+"""Options that several commands have, and what they mean."""
 
 from typing import Annotated
 
 import typer
 
-from warp_bounding.errors import IndicatorError
+from warp_bounding.errors import IndicatorError, QueryError
 
-__all__ = ["Origin", "Spacing", "Threshold", "read_shape"]
+__all__ = ["BounderFile", "Device", "Json", "Origin", "Spacing", "Threshold", "read_shape", "whole_number"]
 
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output, and nothing else there.")]
+Device = Annotated[str, typer.Option(help="Warp device: cpu, cuda:0, ...")]
+BounderFile = Annotated[str, typer.Argument(metavar="FILE", help="A bounder that `fit` wrote (.safetensors).")]
 Threshold = Annotated[
     str | None, typer.Option(help="Which values of an array, or grey values of an image, are occupied: '<128', '<=0'.")
 ]
@@ -42,3 +45,21 @@ def _numbers(name: str, text: str) -> list[float]:
         return [float(word) for word in text.split(",")]
     except ValueError:
         raise IndicatorError(f"{name} must be numbers such as 0.05 or 0.1,0.05, got {text!r}") from None
+
+
+MOST = 10**15  # the largest count that is accepted; so many queries would take years
+
+
+def whole_number(name: str, text: str) -> int:
+    """A count that may be written as 1e8.
+
+    Raises:
+        QueryError: If the text is no such count.
+    """
+    try:
+        value = float(text)
+        if value == int(value) and 1 <= value <= MOST:
+            return int(value)
+    except (ValueError, OverflowError):
+        pass
+    raise QueryError(f"{name} must be a whole number from 1 to {MOST:.0e}, such as 1e6, got {text!r}")
