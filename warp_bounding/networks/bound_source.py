@@ -97,8 +97,9 @@ def body(shape: NetworkShape, tried: str = "true") -> str:
         f"V center[K], noise[K], rest[K], gen[{len(chart.pairs)}], h[K], z[Z], gradient[K];",
         "V score[C], slope[C], owner[C], square[SQUARES];",
         "(void)dead; (void)valid; (void)noise; (void)rest; (void)lost; (void)bulk;",
-        chart.expand(),
-        chart.owners(),
+        "const auto entry = [](int k, int m) { return k * (2 * C - k + 1) / 2 + m - k; }; (void)entry;",
+        chart.expand,
+        chart.owners,
         "for (int k = 0; k < C; ++k) score[k] = zero;",
         "for (int i = 0; i < SQUARES; ++i) square[i] = zero;",
         *(_forwards(shape, index, places[index]) for index in range(len(layers))),
@@ -109,15 +110,17 @@ def body(shape: NetworkShape, tried: str = "true") -> str:
         lines += [
             "for (int i = 0; i < K; ++i) lost += absolute(gradient[i]) * rest[i];",
             "least -= lost;",
-            chart.blame(),
+            "{",
+            chart.blame,
+            "}",
         ]
     lines += [f"square[{i}] *= 2.0;" for i, (k, m) in enumerate(squares) if k != m]
-    lines += [chart.bend(squares), "{ V all = absolute(square[0]);"]
+    lines += ["{", chart.bend, "}", "{ V all = absolute(square[0]);"]
     lines += ["for (int i = 1; i < SQUARES; ++i) all += absolute(square[i]);", "bulk += all; }"]
     lines += [f"slope[{k}] = {_product(chart, k, 'gradient[{i}]')};" for k in range(chart.columns)]
     lines += [_constrain(chart, start, factors) for start, factors in chart.constraints()]
     lines += ["{", text.CLOSE, "}"]
-    lines += [f"if ({tried}) {{", chart.realize(), *_value(shape, places), "} else { valid = zero; }"]
+    lines += [f"if ({tried}) {{", chart.realize, *_value(shape, places), "} else { valid = zero; }"]
     return "\n".join(lines)
 
 

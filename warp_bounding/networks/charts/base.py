@@ -9,14 +9,20 @@ numbers plus a rest. A chart writes this down as C text over a type V (a box a S
   (1 where the box holds no positive); it may shrink the box;
 * ``constraints``: linear functions ``q0 + q . zeta`` that are at most 0 at positives, where a box holds other queries
   too;
-* ``realize``: from the signs of ``V slope[columns]`` to ``V z[Z]``, a positive near the corner where f looks lowest,
-  its inputs ``V h[K]`` and ``V valid`` (0 where there is none);
-* ``owners``: ``V owner[columns]``, the number of z that halving a column halves.
+* ``realize``: from the signs of ``V slope[C]`` to ``V z[Z]``, a positive near the corner where f looks lowest, its
+  inputs ``V h[K]`` and ``V valid`` (0 where there is none);
+* ``owners``: ``V owner[C]``, the number of z that halving a column halves;
+* ``blame``: what adds to ``V score[C]`` the loss by ``noise`` (``|gradient|`` times it) that smaller boxes avoid;
+* ``bend``: what adds to ``V square[]`` the inputs' quadratic terms, times ``gradient``; of columns ``k <= m`` its index
+  is ``entry(k, m)``;
+* ``split``: what sets ``double middle`` of number ``axis`` between ``double a`` and ``double b``.
 
+K, C and Z are constants: the inputs, the columns of generators and the numbers of z. ``absolute`` is a function of V.
 ``numbers.data`` holds float64 parameters, ``table.data`` int32 ones. Rounding in float64 is part of ``noise``.
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -25,7 +31,7 @@ __all__ = ["Chart", "PlainChart"]
 
 @dataclass(frozen=True)
 class Chart:
-    """What the kernels need to know of a chart.
+    """What the kernels need to know of a chart; the C texts are explained above.
 
     Attributes:
         inputs: Inputs K of the network.
@@ -35,6 +41,12 @@ class Chart:
     inputs: int
 
     noisy = True
+    expand: ClassVar[str]
+    realize: ClassVar[str]
+    owners: ClassVar[str] = "for (int k = 0; k < C; ++k) owner[k] = zero + (double)k;"
+    blame: ClassVar[str] = ""
+    bend: ClassVar[str] = ""
+    split: ClassVar[str] = "middle = (a + b) * 0.5;"
 
     @property
     def size(self) -> int:
@@ -43,7 +55,7 @@ class Chart:
 
     @property
     def columns(self) -> int:
-        """Number of coordinates zeta, and so of columns of the generators."""
+        """Number C of coordinates zeta, and so of columns of the generators."""
         return self.inputs
 
     @property
@@ -51,33 +63,9 @@ class Chart:
         """``(input, column)`` of the generators' entries that may differ from 0, in the order of ``gen``."""
         return [(k, k) for k in range(self.inputs)]
 
-    def expand(self) -> str:
-        """See module."""
-        raise NotImplementedError
-
     def constraints(self) -> list[tuple[str, list[tuple[int, str]]]]:
         """``(q0, [(input, factor), ...])`` for each; the column of an input's generators enters with the factor."""
         return []
-
-    def realize(self) -> str:
-        """See module."""
-        raise NotImplementedError
-
-    def owners(self) -> str:
-        """See module."""
-        return " ".join(f"owner[{k}] = zero + {k}.0;" for k in range(self.columns))
-
-    def blame(self) -> str:
-        """Add to ``V score[columns]`` the loss by ``noise`` (``|gradient|`` times it) that smaller boxes avoid."""
-        return ""
-
-    def bend(self, squares: list[tuple[int, int]]) -> str:
-        """Add the inputs' quadratic terms, times ``gradient``, to ``V square[]``, whose entries ``squares`` names."""
-        return ""
-
-    def split(self) -> str:
-        """C statement that sets ``double middle`` of number ``axis`` between ``double a`` and ``double b``."""
-        return "middle = (a + b) * 0.5;"
 
     def middle(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """The twin of ``split``: where intervals ``(N,)`` of a number are halved."""
@@ -93,17 +81,8 @@ class PlainChart(Chart):
     """The chart of points, whose numbers are the inputs themselves."""
 
     noisy = False
-
-    def expand(self) -> str:
-        return "\n".join(
-            f"center[{k}] = (low[{k}] + high[{k}]) * 0.5; gen[{k}] = (high[{k}] - low[{k}]) * 0.5;"
-            for k in range(self.inputs)
-        )
-
-    def realize(self) -> str:
-        return "\n".join(
-            f"z[{k}] = slope[{k}] > zero ? low[{k}] : high[{k}]; h[{k}] = z[{k}];" for k in range(self.inputs)
-        )
+    expand = "for (int k = 0; k < K; ++k) { center[k] = (low[k] + high[k]) * 0.5; gen[k] = (high[k] - low[k]) * 0.5; }"
+    realize = "for (int k = 0; k < K; ++k) h[k] = z[k] = slope[k] > zero ? low[k] : high[k];"
 
     def coordinates(self, z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         return z

@@ -26,96 +26,91 @@ class BoxChart(Chart):
     (n), strides (n), the summed-area table.
     """
 
-    @property
-    def ndim(self) -> int:
-        """Dimension n of the object."""
-        return self.inputs // 2
-
-    def _count(self, first: list[str], last: list[str]) -> str:
-        """Number of occupied cells from ``first`` to one before ``last`` (C expressions of int, one per axis)."""
-        n = self.ndim
-        terms = []
-        for corner in range(2**n):
-            sides = [(corner >> k) & 1 for k in range(n)]
-            place = " + ".join(f"({last[k] if sides[k] else first[k]}) * stride[{k}]" for k in range(n))
-            terms.append(f"{'+' if (n - sum(sides)) % 2 == 0 else '-'} cells[{place}]")
-        return " ".join(terms)
-
-    def expand(self) -> str:
-        n = self.ndim
-        lines = [
-            f"const int* shape = table.data; const int* stride = shape + {n}; const int* cells = stride + {n};",
-            "dead = zero;",
-            "for (int l = 0; l < L; ++l) {",
-            f"int a[{n}], b[{n}]; bool some = true;",  # cells that the largest box overlaps: a to b - 1
-        ]
-        for k in range(n):
-            j = n + k
-            lines.append(
-                f"a[{k}] = (int)floor(LANE(low[{k}]) + 0.5); b[{k}] = (int)ceil(LANE(high[{j}]) + 0.5);"
-                f" a[{k}] = a[{k}] < 0 ? 0 : a[{k}]; b[{k}] = b[{k}] > shape[{k}] ? shape[{k}] : b[{k}]; some = some && a[{k}] < b[{k}];"
-            )
-        a, b = [f"a[{k}]" for k in range(n)], [f"b[{k}]" for k in range(n)]
-        lines.append(f"if (!some || ({self._count(a, b)}) == 0) {{ LANE(dead) = 1.0; continue; }}")
-        for k in range(n):  # the first and the last layer that is not empty
-            for sign in (0, 1):
-                lines.append(f"{{ int from = a[{k}], to = b[{k}];")
-                middle = (
-                    [*a[:k], "middle" if sign else "from", *a[k + 1 :]],
-                    [*b[:k], "to" if sign else "middle", *b[k + 1 :]],
-                )
-                count = self._count(*middle)
-                if sign:  # last: the greatest `from` with cells in [from, to)
-                    lines.append(
-                        f"while (to - from > 1) {{ const int middle = (from + to) / 2; if ({count}) from = middle; else to = middle; }}"
-                        f" const double end = from + 0.5; if (LANE(low[{k}]) < end) {{ LANE(high[{k}]) = LANE(high[{k}]) < end ? LANE(high[{k}]) : end; }}"
-                    )
-                else:
-                    lines.append(
-                        f"while (to - from > 1) {{ const int middle = (from + to) / 2; if ({count}) to = middle; else from = middle; }}"
-                        f" const double end = from - 0.5; if (LANE(high[{n + k}]) > end) {{ LANE(low[{n + k}]) = LANE(low[{n + k}]) > end ? LANE(low[{n + k}]) : end; }}"
-                    )
-                lines.append("}")
-        lines.append("}")
-        for k in range(n):
-            lines.append(f"dead = low[{k}] > high[{n + k}] ? zero + 1.0 : dead;")
-        for k in range(2 * n):
-            unit, origin = f"numbers.data[{k % n}]", f"numbers.data[{n + k % n}]"
-            lines.append(f"center[{k}] = (low[{k}] + high[{k}]) * (0.5 * {unit}) + {origin};")
-            lines.append(
-                f"gen[{k}] = (high[{k}] - low[{k}]) * (0.5 * {unit}); rest[{k}] = noise[{k}] = zero + numbers.data[{2 * n + k % n}];"
-            )
-        return "\n".join(lines)
+    expand = """
+constexpr int N = K / 2;
+const int* shape = table.data; const int* stride = shape + N; const int* cells = stride + N;
+const auto occupied = [&](const int* first, const int* last) {  // cells from first to one before last
+    int sum = 0;
+#pragma unroll
+    for (int corner = 0; corner < 1 << N; ++corner) {
+        int place = 0, sign = 1;
+        for (int k = 0; k < N; ++k) {
+            const bool upper = (corner >> k) & 1;
+            place += (upper ? last[k] : first[k]) * stride[k];
+            sign = upper ? sign : -sign;
+        }
+        sum += sign * cells[place];
+    }
+    return sum;
+};
+const auto cut = [&](int* first, int* last) {  // to the grid; whether cells are left
+    bool some = true;
+    for (int k = 0; k < N; ++k) {
+        first[k] = first[k] < 0 ? 0 : first[k]; last[k] = last[k] > shape[k] ? shape[k] : last[k];
+        some = some && first[k] < last[k];
+    }
+    return some;
+};
+dead = zero;
+for (int l = 0; l < L; ++l) {
+    int a[N], b[N];  // the cells that the largest box overlaps: a to b - 1
+    for (int k = 0; k < N; ++k) a[k] = (int)floor(LANE(low[k]) + 0.5), b[k] = (int)ceil(LANE(high[N + k]) + 0.5);
+    if (!cut(a, b) || occupied(a, b) == 0) { LANE(dead) = 1.0; continue; }
+#pragma unroll
+    for (int k = 0; k < N; ++k) {
+        const int from = a[k], to = b[k];
+        while (b[k] - a[k] > 1) {  // until a is the first layer that is not empty
+            const int middle = (a[k] + b[k]) / 2, last = b[k];
+            b[k] = middle;
+            if (!occupied(a, b)) a[k] = middle, b[k] = last;
+        }
+        const double begin = a[k] - 0.5;
+        if (LANE(high[N + k]) > begin && LANE(low[N + k]) < begin) LANE(low[N + k]) = begin;
+        a[k] = from, b[k] = to;
+        while (b[k] - a[k] > 1) {  // until a is the last
+            const int middle = (a[k] + b[k]) / 2, first = a[k];
+            a[k] = middle;
+            if (!occupied(a, b)) a[k] = first, b[k] = middle;
+        }
+        const double end = a[k] + 0.5;
+        if (LANE(low[k]) < end && LANE(high[k]) > end) LANE(high[k]) = end;
+        a[k] = from, b[k] = to;
+    }
+}
+for (int k = 0; k < N; ++k) dead = low[k] > high[N + k] ? zero + 1.0 : dead;
+const double* unit = numbers.data; const double* origin = unit + N; const double* delta = origin + N;
+for (int k = 0; k < K; ++k) {
+    center[k] = (low[k] + high[k]) * (0.5 * unit[k % N]) + origin[k % N];
+    gen[k] = (high[k] - low[k]) * (0.5 * unit[k % N]);
+    rest[k] = noise[k] = zero + delta[k % N];
+}
+"""
+    # The corner, with low moved down to high where it is above, if that box still meets the object; and as far off as a
+    # computed box may be.
+    realize = """
+for (int k = 0; k < K; ++k) z[k] = slope[k] > zero ? low[k] : high[k];
+for (int k = 0; k < N; ++k) z[k] = z[k] > z[N + k] ? z[N + k] : z[k];
+for (int l = 0; l < L; ++l) {
+    int a[N], b[N];  // the cells that it touches
+    for (int k = 0; k < N; ++k) a[k] = (int)ceil(LANE(z[k]) - 0.5), b[k] = (int)floor(LANE(z[N + k]) + 0.5) + 1;
+    LANE(valid) = cut(a, b) && occupied(a, b) != 0 ? 1.0 : 0.0;
+}
+for (int k = 0; k < K; ++k) {
+    h[k] = z[k] * unit[k % N] + origin[k % N];
+    h[k] -= gradient[k] < zero ? zero - delta[k % N] : zero + delta[k % N];
+}
+"""
+    # halves lie between cells as long as the interval spans several
+    split = """
+middle = (a + b) * 0.5;
+const double edge = floor(middle) + 0.5, other = edge > middle ? edge - 1.0 : edge + 1.0;
+if (edge > a && edge < b) middle = edge;
+else if (other > a && other < b) middle = other;
+"""
 
     def constraints(self) -> list[tuple[str, list[tuple[int, str]]]]:
-        n = self.ndim
+        n = self.inputs // 2
         return [(f"center[{k}] - center[{n + k}] - noise[{k}]", [(k, "1.0"), (n + k, "-1.0")]) for k in range(n)]
-
-    def realize(self) -> str:
-        """The corner, with low moved down to high where it is above, if that box still meets the object."""
-        n = self.ndim
-        lines = [f"z[{k}] = slope[{k}] > zero ? low[{k}] : high[{k}];" for k in range(2 * n)]
-        lines += [f"z[{k}] = z[{k}] > z[{n + k}] ? z[{n + k}] : z[{k}];" for k in range(n)]
-        lines.append(f"for (int l = 0; l < L; ++l) {{ int a[{n}], b[{n}]; bool some = true;")
-        for k in range(n):
-            lines.append(  # cells that it touches
-                f"a[{k}] = (int)ceil(LANE(z[{k}]) - 0.5); b[{k}] = (int)floor(LANE(z[{n + k}]) + 0.5) + 1;"
-                f" a[{k}] = a[{k}] < 0 ? 0 : a[{k}]; b[{k}] = b[{k}] > shape[{k}] ? shape[{k}] : b[{k}]; some = some && a[{k}] < b[{k}];"
-            )
-        a, b = [f"a[{k}]" for k in range(n)], [f"b[{k}]" for k in range(n)]
-        lines.append(f"LANE(valid) = some && ({self._count(a, b)}) != 0 ? 1.0 : 0.0; }}")
-        for k in range(2 * n):  # as far off as a computed box may be
-            lines.append(f"h[{k}] = z[{k}] * numbers.data[{k % n}] + numbers.data[{n + k % n}];")
-            delta = f"numbers.data[{2 * n + k % n}]"
-            lines.append(f"h[{k}] -= gradient[{k}] < zero ? zero - {delta} : zero + {delta};")
-        return "\n".join(lines)
-
-    def split(self) -> str:
-        """Halves lie between cells as long as the interval spans several."""
-        return (
-            "middle = (a + b) * 0.5; { const double edge = floor(middle) + 0.5; const double other = edge > middle ? edge - 1.0 : edge + 1.0;"
-            " if (edge > a && edge < b) middle = edge; else if (other > a && other < b) middle = other; }"
-        )
 
     def middle(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         middle = (a + b) * 0.5
@@ -125,5 +120,5 @@ class BoxChart(Chart):
         return np.where(within, edge, np.where((other > a) & (other < b), other, middle))
 
     def coordinates(self, z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        n = self.ndim
+        n = self.inputs // 2
         return z * np.tile(numbers[:n], 2) + np.tile(numbers[n : 2 * n], 2)

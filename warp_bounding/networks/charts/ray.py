@@ -38,6 +38,128 @@ class RayChart(Chart):
     the object's grid, local), delta_a, delta_w, and slop, a bound of what float64 rounds here.
     """
 
+    expand = f"""
+constexpr int N = K / 2;
+const double* stretch = numbers.data; const double* limit = stretch + N; const double* delta_a = stretch + 4 * N;
+const double* delta_w = stretch + 5 * N; const double* slop = stretch + 6 * N;
+V p[N], rp[N], m[N], rm[N], u[N], way[N], ew[N], ww[N], gw[N][N];
+for (int k = 0; k < N; ++k) {{
+    p[k] = (low[k] + high[k]) * 0.5; rp[k] = (high[k] - low[k]) * 0.5;
+    m[k] = (low[N + 1 + k] + high[N + 1 + k]) * 0.5; rm[k] = (high[N + 1 + k] - low[N + 1 + k]) * 0.5;
+}}
+V fp = zero + (N - 1.0), fm = fp;  // the entries without width; p may have none
+for (int k = N - 2; k >= 0; --k) {{
+    fp = rp[k] == zero ? zero + (double)k : fp;
+    fm = rm[k] == zero ? zero + (double)k : fm;
+}}
+V squares = m[0] * m[0], turned = rm[0] * rm[0], nearest = zero;
+for (int k = 1; k < N; ++k) squares = squares + m[k] * m[k], turned = turned + rm[k] * rm[k];
+for (int k = 0; k < N; ++k) {{ V s = absolute(m[k]) - rm[k]; s = s > zero ? s : zero; nearest += s * s; }}
+const V norm = root(squares); const V shrink = 1.0 / norm;
+for (int k = 0; k < N; ++k) u[k] = m[k] * shrink;
+const V curved = turned * {SECOND} / nearest, third = turned * {THIRD} / nearest * root(turned / nearest);
+const auto jacobian = [&](int i, int j) {{ return (i == j ? 1.0 - u[i] * u[j] : -u[i] * u[j]) * rm[j]; }};
+#pragma unroll
+for (int i = 0; i < N; ++i) {{
+    way[i] = u[i] * stretch[i]; ew[i] = curved * stretch[i] + delta_w[i] + slop[i]; ww[i] = ew[i];
+    for (int c = 0; c < N - 1; ++c) {{
+        gw[i][c] = (fm > (double)c ? jacobian(i, c) : jacobian(i, c + 1)) * (shrink * stretch[i]);
+        ww[i] += absolute(gw[i][c]);
+    }}
+}}
+V t_most = high[N];  // cut at the domain
+for (int i = 0; i < N; ++i) {{
+    const V speed = absolute(way[i]) - ww[i];
+    const V room = limit[i] + delta_a[i] + slop[i] + rp[i] + (way[i] < zero ? -p[i] : p[i]);
+    const V end = room / (speed > zero ? speed : zero + 1.0);
+    t_most = speed > zero ? (end < t_most ? end : t_most) : t_most;
+}}
+dead = t_most < low[N] ? zero + 1.0 : zero;
+t_most = t_most < low[N] ? low[N] : t_most;
+high[N] = t_most;
+const V t = (low[N] + t_most) * 0.5, rt = (t_most - low[N]) * 0.5;
+V* by_p = gen; V* by_t = by_p + 2 * (N - 1); V* by_m = by_t + N;  // in the order of pairs
+for (int k = 0; k < N - 1; ++k) {{
+    by_p[2 * k] = fp > (double)k ? rp[k] : zero;
+    by_p[2 * k + 1] = fp > (double)k ? zero : rp[k + 1];
+}}
+#pragma unroll
+for (int i = 0; i < N; ++i) {{
+    center[i] = p[i] - t * way[i]; center[N + i] = way[i];
+    noise[i] = delta_a[i] + slop[i] + t_most * ew[i] + rt * (ww[i] - ew[i]); noise[N + i] = ew[i];
+    rest[N + i] = third * stretch[i] + delta_w[i] + slop[i];
+    rest[i] = delta_a[i] + slop[i] + t_most * rest[N + i] + rt * (curved * stretch[i]);
+    by_t[i] = -rt * way[i];
+    if (i == N - 1) by_t[i] = by_t[i] + (fp > N - 2.0 ? rp[i] : zero);
+    for (int c = 0; c < N - 1; ++c) {{ by_m[K * c + i] = -t * gw[i][c]; by_m[K * c + N + i] = gw[i][c]; }}
+}}
+"""
+    # the positive, and as far off as a computed one may be
+    realize = """
+const double* lower = numbers.data + 2 * N; const double* upper = lower + N;
+for (int k = 0; k < N; ++k) {
+    const V by_place = fp < (double)k ? slope[k > 0 ? k - 1 : 0] : slope[k];
+    z[k] = by_place > zero ? low[k] : high[k];
+    const V by_turn = fm < (double)k ? slope[N + k - 1] : slope[k < N - 1 ? N + k : 2 * N - 2];
+    z[N + 1 + k] = by_turn > zero ? low[N + 1 + k] : high[N + 1 + k];
+}
+V size = z[N + 1] * z[N + 1];
+for (int k = 1; k < N; ++k) size = size + z[N + 1 + k] * z[N + 1 + k];
+V t_ = slope[N - 1] > zero ? low[N] : high[N]; const V inverse = 1.0 / root(size);
+for (int k = 0; k < N; ++k) {
+    h[N + k] = z[N + 1 + k] * inverse * stretch[k];
+    const V speed = absolute(h[N + k]), room = h[N + k] < zero ? upper[k] - z[k] : z[k] - lower[k];
+    const V end = room / (speed > 1e-30 ? speed : zero + 1e-30);
+    t_ = end < t_ ? end : t_;
+}
+t_ = t_ > zero ? t_ : zero; z[N] = t_;
+for (int k = 0; k < N; ++k) h[k] = z[k] - t_ * h[N + k];
+for (int k = 0; k < K; ++k) {
+    const double delta = k < N ? delta_a[k] : delta_w[k - N];
+    h[k] -= gradient[k] < zero ? zero - delta : zero + delta;
+}
+"""
+    owners = """
+for (int k = 0; k < N - 1; ++k) {
+    owner[k] = fp > (double)k ? zero + (double)k : zero + (k + 1.0);
+    owner[N + k] = fm > (double)k ? zero + (N + 1.0 + k) : zero + (N + 2.0 + k);
+}
+owner[N - 1] = high[N] > low[N] ? zero + (double)N : zero + (N - 1.0);
+"""
+    # the loss by the direction's remainder goes to its entries, by the squares of their widths, and to t
+    blame = """
+V bent = zero, twisted = zero;
+for (int i = 0; i < N; ++i) {
+    const V by_a = absolute(gradient[i]), by_w = absolute(gradient[N + i]);
+    bent += (by_a * t_most + by_w) * (third * stretch[i]); twisted += by_a * rt * (curved * stretch[i]);
+}
+score[N - 1] += twisted * 0.5;
+bent = turned > zero ? (bent + twisted * 0.5) / turned : zero;
+for (int c = 0; c < N - 1; ++c) {
+    const V width = fm > (double)c ? rm[c] : rm[c + 1];
+    score[N + c] += bent * (width * width);
+}
+"""
+    # the quadratic terms are those of u, and the product of the changes of t and w
+    bend = """
+V along = zero, by[N], r[N], e[N], b[N];
+for (int i = 0; i < N; ++i) { by[i] = (gradient[N + i] - t * gradient[i]) * stretch[i]; along += by[i] * u[i]; }
+const V scale = shrink * shrink;
+for (int c = 0; c < N - 1; ++c) {
+    r[c] = fm > (double)c ? rm[c] : rm[c + 1]; e[c] = fm > (double)c ? u[c] : u[c + 1];
+    b[c] = fm > (double)c ? by[c] : by[c + 1];
+}
+#pragma unroll
+for (int c = 0; c < N - 1; ++c) {
+    square[entry(N + c, N + c)] += scale * r[c] * r[c] * (along * (e[c] * e[c] * 1.5 - 0.5) - e[c] * b[c]);
+    for (int d = c + 1; d < N - 1; ++d)
+        square[entry(N + c, N + d)] += scale * r[c] * r[d] * (along * e[c] * e[d] * 3.0 - e[c] * b[d] - e[d] * b[c]);
+    V turn = gradient[0] * gw[0][c];
+    for (int i = 1; i < N; ++i) turn = turn + gradient[i] * gw[i][c];
+    square[entry(N - 1, N + c)] -= rt * turn;
+}
+"""
+
     @property
     def ndim(self) -> int:
         """Dimension n of the object."""
@@ -60,153 +182,11 @@ class RayChart(Chart):
         turn = [(i, n + c) for c in range(n - 1) for i in range(2 * n)]
         return place + parameter + turn
 
-    def expand(self) -> str:
-        n = self.ndim
-        at = {pair: index for index, pair in enumerate(self.pairs)}
-        each = range(n)
-        lines = [
-            f"const double* stretch = numbers.data; const double* limit = stretch + {n}; const double* delta_a = stretch + {4 * n};",
-            f"const double* delta_w = stretch + {5 * n}; const double* slop = stretch + {6 * n};",
-        ]
-        for k in each:
-            lines.append(f"const V p{k} = (low[{k}] + high[{k}]) * 0.5, rp{k} = (high[{k}] - low[{k}]) * 0.5;")
-            j = n + 1 + k
-            lines.append(f"const V m{k} = (low[{j}] + high[{j}]) * 0.5, rm{k} = (high[{j}] - low[{j}]) * 0.5;")
-        # the entries without width; p may have none
-        for name in ("p", "m"):
-            lines.append(f"V f{name} = zero + {n - 1}.0;")
-            lines += [f"f{name} = r{name}{k} == zero ? zero + {k}.0 : f{name};" for k in range(n - 2, -1, -1)]
-        squares = " + ".join(f"m{k} * m{k}" for k in each)
-        lines.append(f"const V norm = root({squares}); const V shrink = 1.0 / norm;")
-        lines += [f"const V u{k} = m{k} * shrink;" for k in each]
-        lines.append(f"const V turned = {' + '.join(f'rm{k} * rm{k}' for k in each)}; V nearest = zero;")
-        for k in each:
-            lines.append(
-                f"{{ V s = (m{k} < zero ? -m{k} : m{k}) - rm{k}; s = s > zero ? s : zero; nearest += s * s; }}"
-            )
-        lines.append(
-            f"const V curved = turned * {SECOND} / nearest, third = turned * {THIRD} / nearest * root(turned / nearest);"
-        )
-        for i in each:
-            lines.append(
-                f"const V w{i} = u{i} * stretch[{i}], ew{i} = curved * stretch[{i}] + delta_w[{i}] + slop[{i}];"
-            )
-            lines.append(f"V ww{i} = ew{i};")
-            for c in range(n - 1):
-
-                def jacobian(j: int, i: int = i) -> str:
-                    own = "1.0 - " if i == j else "-"
-                    return f"({own}u{i} * u{j}) * rm{j}"
-
-                lines.append(
-                    f"const V gw{i}_{c} = (fm > {c}.0 ? {jacobian(c)} : {jacobian(c + 1)}) * (shrink * stretch[{i}]);"
-                )
-                lines.append(f"ww{i} += gw{i}_{c} < zero ? -gw{i}_{c} : gw{i}_{c};")
-        # cut at the domain
-        lines.append(f"V t_most = high[{n}];")
-        for i in each:
-            lines.append(
-                f"{{ const V speed = (w{i} < zero ? -w{i} : w{i}) - ww{i}; const V room = limit[{i}] + delta_a[{i}] + slop[{i}] + rp{i}"
-                f" + (w{i} < zero ? -p{i} : p{i}); const V end = room / (speed > zero ? speed : zero + 1.0);"
-                f" t_most = speed > zero ? (end < t_most ? end : t_most) : t_most; }}"
-            )
-        lines.append(f"dead = t_most < low[{n}] ? zero + 1.0 : zero; t_most = t_most < low[{n}] ? low[{n}] : t_most;")
-        lines.append(f"high[{n}] = t_most; const V t = (low[{n}] + t_most) * 0.5, rt = (t_most - low[{n}]) * 0.5;")
-        for k in range(n - 1):
-            lines.append(
-                f"gen[{at[k, k]}] = fp > {k}.0 ? rp{k} : zero; gen[{at[k + 1, k]}] = fp > {k}.0 ? zero : rp{k + 1};"
-            )
-        for i in each:
-            lines.append(f"center[{i}] = p{i} - t * w{i}; center[{n + i}] = w{i};")
-            lines.append(
-                f"noise[{i}] = delta_a[{i}] + slop[{i}] + t_most * ew{i} + rt * (ww{i} - ew{i}); noise[{n + i}] = ew{i};"
-            )
-            lines.append(f"rest[{n + i}] = third * stretch[{i}] + delta_w[{i}] + slop[{i}];")
-            lines.append(
-                f"rest[{i}] = delta_a[{i}] + slop[{i}] + t_most * rest[{n + i}] + rt * (curved * stretch[{i}]);"
-            )
-            more = f" + (fp > {n - 2}.0 ? rp{i} : zero)" if i == n - 1 else ""
-            lines.append(f"gen[{at[i, n - 1]}] = -rt * w{i}{more};")
-            for c in range(n - 1):
-                lines.append(f"gen[{at[i, n + c]}] = -t * gw{i}_{c}; gen[{at[n + i, n + c]}] = gw{i}_{c};")
-        return "\n".join(lines)
-
     def constraints(self) -> list[tuple[str, list[tuple[int, str]]]]:
         """Followed backwards, a ray leaves the domain on the side that it comes from."""
-        rows = []
-        for i in range(self.ndim):
-            side = f"(w{i} < zero ? zero + 1.0 : zero - 1.0)"
-            rows.append((f"{side} * center[{i}] - noise[{i}] - limit[{i}]", [(i, side)]))
-        return rows
-
-    def realize(self) -> str:
-        n = self.ndim
-        lines = [f"const double* lower = numbers.data + {2 * n}; const double* upper = lower + {n};"]
-        for k in range(n):
-            s = f"slope[{k}]" if k == 0 else f"(fp < {k}.0 ? slope[{k - 1}] : slope[{k}])"
-            lines.append(f"z[{k}] = {s} > zero ? low[{k}] : high[{k}];")
-            j, last = n + 1 + k, min(n + k, 2 * n - 2)
-            s = f"slope[{n}]" if k == 0 else f"(fm < {k}.0 ? slope[{n + k - 1}] : slope[{last}])"
-            lines.append(f"z[{j}] = {s} > zero ? low[{j}] : high[{j}];")
-        squares = " + ".join(f"z[{n + 1 + k}] * z[{n + 1 + k}]" for k in range(n))
-        lines.append(f"V t_ = slope[{n - 1}] > zero ? low[{n}] : high[{n}]; const V inverse = 1.0 / root({squares});")
-        for k in range(n):
-            lines.append(f"h[{n + k}] = z[{n + 1 + k}] * inverse * stretch[{k}];")
-            lines.append(
-                f"{{ const V speed = h[{n + k}] < zero ? -h[{n + k}] : h[{n + k}]; const V room = h[{n + k}] < zero ? upper[{k}] - z[{k}] : z[{k}] - lower[{k}];"
-                f" const V end = room / (speed > 1e-30 ? speed : zero + 1e-30); t_ = end < t_ ? end : t_; }}"
-            )
-        lines.append(f"t_ = t_ > zero ? t_ : zero; z[{n}] = t_;")
-        lines += [f"h[{k}] = z[{k}] - t_ * h[{n + k}];" for k in range(n)]
-        for k in range(2 * n):  # and as far off as a computed one may be
-            delta = f"delta_a[{k}]" if k < n else f"delta_w[{k - n}]"
-            lines.append(f"h[{k}] -= gradient[{k}] < zero ? zero - {delta} : zero + {delta};")
-        return "\n".join(lines)
-
-    def owners(self) -> str:
-        n = self.ndim
-        lines = [f"owner[{k}] = fp > {k}.0 ? zero + {k}.0 : zero + {k + 1}.0;" for k in range(n - 1)]
-        lines.append(f"owner[{n - 1}] = high[{n}] > low[{n}] ? zero + {n}.0 : zero + {n - 1}.0;")
-        lines += [f"owner[{n + c}] = fm > {c}.0 ? zero + {n + 1 + c}.0 : zero + {n + 2 + c}.0;" for c in range(n - 1)]
-        return " ".join(lines)
-
-    def blame(self) -> str:
-        """The loss by the direction's remainder goes to its entries, by the squares of their widths, and to t."""
-        n = self.ndim
-        lines = ["V bent = zero, twisted = zero;"]
-        for i in range(n):
-            lines.append(
-                f"{{ const V by_a = gradient[{i}] < zero ? -gradient[{i}] : gradient[{i}], by_w = gradient[{n + i}] < zero ? -gradient[{n + i}] : gradient[{n + i}];"
-                f" bent += (by_a * t_most + by_w) * (third * stretch[{i}]); twisted += by_a * rt * (curved * stretch[{i}]); }}"
-            )
-        lines.append(f"score[{n - 1}] += twisted * 0.5; bent = turned > zero ? (bent + twisted * 0.5) / turned : zero;")
-        widths = [f"(fm > {c}.0 ? rm{c} : rm{c + 1})" for c in range(n - 1)]
-        lines += [f"score[{n + c}] += bent * ({width} * {width});" for c, width in enumerate(widths)]
-        return " ".join(lines)
-
-    def bend(self, squares: list[tuple[int, int]]) -> str:
-        """The quadratic terms are those of u, and the product of the changes of t and w."""
-        n = self.ndim
-        lines = [
-            f"{{ V along = zero; {' '.join(f'V by{i} = (gradient[{n + i}] - t * gradient[{i}]) * stretch[{i}]; along += by{i} * u{i};' for i in range(n))}"
-        ]
-        lines.append("const V scale = shrink * shrink;")
-        for c in range(n - 1):
-            for name, of in (("r", "rm"), ("e", "u"), ("b", "by")):
-                lines.append(f"const V {name}_{c} = fm > {c}.0 ? {of}{c} : {of}{c + 1};")
-        for c in range(n - 1):
-            own = squares.index((n + c, n + c))
-            lines.append(
-                f"square[{own}] += scale * r_{c} * r_{c} * (along * (e_{c} * e_{c} * 1.5 - 0.5) - e_{c} * b_{c});"
-            )
-            for d in range(c + 1, n - 1):
-                both = squares.index((n + c, n + d))
-                lines.append(
-                    f"square[{both}] += scale * r_{c} * r_{d} * (along * e_{c} * e_{d} * 3.0 - e_{c} * b_{d} - e_{d} * b_{c});"
-                )
-            with_t = squares.index((n - 1, n + c))
-            lines.append(f"square[{with_t}] -= rt * ({' + '.join(f'gradient[{i}] * gw{i}_{c}' for i in range(n))});")
-        return " ".join([*lines, "}"])
+        side = "(way[{0}] < zero ? zero + 1.0 : zero - 1.0)"
+        sides = [(i, side.format(i)) for i in range(self.ndim)]
+        return [(f"{side} * center[{i}] - noise[{i}] - limit[{i}]", [(i, side)]) for i, side in sides]
 
     def coordinates(self, z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         n, m = self.ndim, z[:, self.ndim + 1 :]

@@ -19,6 +19,23 @@ ROUNDING = 2.0**-50  # relative, of a product and three sums in float64
 class SegmentChart(Chart):
     """K inputs, ``2 K + 1`` numbers; see module."""
 
+    expand = f"""
+dead = zero;
+const V middle_ = (low[2 * K] + high[2 * K]) * 0.5, half_ = (high[2 * K] - low[2 * K]) * 0.5;
+for (int k = 0; k < K; ++k) {{
+    center[k] = low[k] + low[K + k] * middle_;
+    gen[k] = low[K + k] * half_;
+    rest[k] = noise[k] = (absolute(low[k]) + absolute(low[K + k])) * {ROUNDING.hex()};
+}}
+"""
+    realize = """
+for (int k = 0; k < 2 * K; ++k) z[k] = low[k];
+z[2 * K] = slope[0] > zero ? low[2 * K] : high[2 * K];
+valid = zero + 1.0;
+for (int k = 0; k < K; ++k) h[k] = z[k] + z[K + k] * z[2 * K];
+"""
+    owners = "owner[0] = zero + 2.0 * K;"
+
     @property
     def size(self) -> int:
         return 2 * self.inputs + 1
@@ -30,29 +47,6 @@ class SegmentChart(Chart):
     @property
     def pairs(self) -> list[tuple[int, int]]:
         return [(k, 0) for k in range(self.inputs)]
-
-    def expand(self) -> str:
-        n = self.inputs
-        lines = [
-            f"dead = zero; const V middle_ = (low[{2 * n}] + high[{2 * n}]) * 0.5, half_ = (high[{2 * n}] - low[{2 * n}]) * 0.5;"
-        ]
-        for k in range(n):
-            a, w = f"low[{k}]", f"low[{n + k}]"
-            size = f"(({a} < zero ? -{a} : {a}) + ({w} < zero ? -{w} : {w}))"
-            lines.append(
-                f"center[{k}] = {a} + {w} * middle_; gen[{k}] = {w} * half_; rest[{k}] = noise[{k}] = {size} * {ROUNDING.hex()};"
-            )
-        return "\n".join(lines)
-
-    def realize(self) -> str:
-        n = self.inputs
-        lines = [f"z[{k}] = low[{k}];" for k in range(2 * n)]
-        lines.append(f"z[{2 * n}] = slope[0] > zero ? low[{2 * n}] : high[{2 * n}]; valid = zero + 1.0;")
-        lines += [f"h[{k}] = z[{k}] + z[{n + k}] * z[{2 * n}];" for k in range(n)]
-        return "\n".join(lines)
-
-    def owners(self) -> str:
-        return f"owner[0] = zero + {2 * self.inputs}.0;"
 
     def coordinates(self, z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         n = self.inputs

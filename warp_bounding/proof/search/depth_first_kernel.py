@@ -75,7 +75,7 @@ def _snippet(shape: NetworkShape) -> str:
     names += constants(BOX=shape.chart.size, ROW=2 * shape.chart.size, STACK=STACK, RARELY=RARELY, KEPT=KEPT)
     names += f" constexpr double SMALLEST = {constant(SMALLEST)};"
     cpu, cuda = lanes_text(shape, names)
-    parts = {"LOAD": load_text("stack", "j"), "BODY": body(shape, "tried"), "AXIS": AXIS, "SPLIT": shape.chart.split()}
+    parts = {"LOAD": load_text("stack", "j"), "BODY": body(shape, "tried"), "AXIS": AXIS, "SPLIT": shape.chart.split}
     search = re.sub(r"\b(LOAD|BODY|AXIS|SPLIT)\b", lambda part: parts[part.group()], _SEARCH)
     return f"""
 #if !defined(__CUDA_ARCH__)
