@@ -248,3 +248,55 @@ def test_a_dilated_mesh():
         dilated.to_grid(margin=0.5)
     with pytest.raises(IndicatorError, match="margin must be"):
         IndicatorMesh(mesh.vertices, mesh.faces, margin=-1)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("margin", [0.0, 0.3])
+def test_distances_are_lower_bounds_and_good_ones(rng, name, margin):
+    plain, enclosed = _case(name, rng)
+    mesh = plain.dilated(margin)
+    points = _points(plain, margin, rng, 20)
+    distance = mesh.distance(points)
+    assert (distance >= 0).all()
+    truth = [squared_distance(plain.vertices, plain.faces, x) for x in points]
+    for x, found, squared in zip(points, distance, truth, strict=True):
+        assert not any(in_tetrahedron(corners, x) for corners in enclosed) or found == 0
+        assert found == 0 or (Fraction(found) + Fraction(margin)) ** 2 <= squared
+    exact = np.maximum(np.sqrt(np.array(truth, dtype=float)) - margin, 0)
+    size = np.ptp(points, axis=0).max()
+    outside = mesh.decide(points) == OUT
+    assert (distance[outside] >= exact[outside] - 1e-13 * size).all()
+    assert (distance[mesh.decide(points) == IN] == 0).all()
+    # A box is no farther than any of its points is.
+    low, high = points - rng.random(points.shape) * 0.3 * size, points + rng.random(points.shape) * 0.3 * size
+    clearance = mesh.clearance(low, high)
+    for corner in range(10):
+        within = low + (rng.integers(0, 2, points.shape) if corner < 5 else rng.random(points.shape)) * (high - low)
+        within = np.clip(within, low, high)
+        for bound, x in zip(clearance, within, strict=True):
+            squared = squared_distance(plain.vertices, plain.faces, x)
+            assert bound == 0 or (Fraction(bound) + Fraction(margin)) ** 2 <= squared
+    assert (mesh.empty(low, high) | (clearance == 0)).all()
+
+
+def test_clearance_is_tight(rng):
+    mesh = load_indicator(trimesh.creation.icosphere(subdivisions=2)).dilated(0.05)
+    x = rng.uniform(-2, 2, (20_000, 3))
+    half = 0.2 * rng.random(x.shape)
+    clearance, empty = mesh.clearance(x - half, x + half), mesh.empty(x - half, x + half)
+    nearest = x + np.clip(-x, -half, half)  # of the box, to the middle of the ball
+    exact = np.linalg.norm(nearest, axis=1) - 1.05
+    assert (clearance <= np.maximum(exact, 0) + 0.05).all()  # the facets lie under the sphere
+    assert (clearance >= exact - 1e-6)[exact > 0].all()
+    assert ((clearance > 0) == empty).mean() > 0.999
+    far = np.array([[1e300, 0, 0], [float("nan"), 0, 0], [-float("inf"), 0, 0]])
+    assert mesh.distance(far).tolist() == [pytest.approx(1e300), 0.0, float("inf")]
+
+
+def test_landmarks_lie_on_the_border():
+    solid = trimesh.creation.icosphere(subdivisions=2)
+    mesh = load_indicator(solid)
+    assert len(mesh.landmarks()) == len(solid.vertices)
+    landmarks = mesh.dilated(0.25).landmarks()
+    assert len(landmarks) == len(solid.vertices)
+    assert np.linalg.norm(landmarks, axis=1) == pytest.approx(1.25, abs=1e-3)

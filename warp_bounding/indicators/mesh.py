@@ -33,6 +33,7 @@ __all__ = [
 
 CELL_BYTES = 8  # bytes a cell, while cells are made: a number of its region (4) and a few truth values
 SCALE_BITS = 16  # significant bits of cells_per_unit: cell coordinates of float32 points are then exact in float64
+LANDMARK = 0.9  # of the margin: landmarks that are nearer to a face lie in the object
 MAX_OFFSET = 2**22  # cells: what ``IndicatorGrid`` allows for an offset
 
 
@@ -161,6 +162,30 @@ class IndicatorMesh(Shape):
     def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Certified: which closed boxes lie in the object whole; see ``Shape``."""
         return self._dilated_solid.inside(lower, upper)
+
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        """Lower bounds ``(N,)`` of the distance from points to the object, within a few roundings outside; 0 in it."""
+        return self._dilated_solid.clearance(x, x)
+
+    def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Lower bounds ``(N,)`` of the distance from closed boxes to the object; see ``Shape``."""
+        return self._dilated_solid.clearance(lower, upper)
+
+    def landmarks(self) -> np.ndarray:
+        """``(P, 3)`` float64: the vertices of faces; of a dilated mesh, what lies over them at the margin, on either side."""
+        used = np.unique(self.faces)
+        points = self.vertices[used].astype(np.float64)
+        if not self.margin:
+            return points
+        corner, *others = self.vertices.astype(np.float64)[self.faces].transpose(1, 0, 2)
+        normals, sums = np.cross(others[0] - corner, others[1] - corner), np.zeros(self.vertices.shape)
+        for column in self.faces.T:
+            np.add.at(sums, column, normals)
+        lengths = np.linalg.norm(sums[used], axis=1, keepdims=True)
+        away = self.margin * sums[used] / np.where(lengths > 0, lengths, 1.0)
+        points = np.concatenate([points + away, points - away])
+        free = self._solid.dilated(*self.bounds, 0.0).clearance(points, points)
+        return points[free > LANDMARK * self.margin]
 
     def dilated(self, margin: float) -> "IndicatorMesh":
         """The mesh and all points within ``margin`` of it; what was built to ask the triangles is shared."""

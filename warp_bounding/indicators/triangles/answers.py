@@ -15,7 +15,7 @@ from warp_bounding.indicators.triangles.hierarchy import (
 from warp_bounding.indicators.triangles.sides import ENCLOSED, OUTSIDE, Sides, side_of
 from warp_bounding.indicators.triangles.walks import FAR, NEAR, box_is_free, nearness
 
-__all__ = ["Mesh", "decide_points", "find_empty", "find_inside"]
+__all__ = ["Mesh", "decide_points", "find_empty", "find_inside", "half_of", "is_box"]
 
 LIMIT = 2.0**200  # coordinates beyond it are not computed with: their products might overflow
 OUTWARD = 1.0 + 2.0**-50  # a half side times this outweighs its rounding
@@ -72,7 +72,7 @@ def decide_points(
 
 
 @wp.func
-def _is_box(lower: wp.vec3d, upper: wp.vec3d) -> bool:
+def is_box(lower: wp.vec3d, upper: wp.vec3d) -> bool:
     """Is it a box of numbers that can be computed with?"""
     for k in range(3):  # noqa: SIM110 (a kernel has no ``all``)
         if not (lower[k] <= upper[k] and lower[k] > -_LIMIT and upper[k] < _LIMIT):
@@ -81,7 +81,7 @@ def _is_box(lower: wp.vec3d, upper: wp.vec3d) -> bool:
 
 
 @wp.func
-def _half_of(lower: wp.vec3d, upper: wp.vec3d, centre: wp.vec3d) -> wp.vec3d:
+def half_of(lower: wp.vec3d, upper: wp.vec3d, centre: wp.vec3d) -> wp.vec3d:
     """Half the sides of a box around the centre that holds the given one."""
     return wp.max(upper - centre, centre - lower) * _OUTWARD
 
@@ -94,10 +94,10 @@ def _empty(m: Mesh, lower: wp.vec3d, upper: wp.vec3d) -> bool:
     for k in range(3):
         if upper[k] < m.lower[k] or lower[k] > m.upper[k]:
             return True
-    if not _is_box(lower, upper):
+    if not is_box(lower, upper):
         return False
     centre = lower * _HALF + upper * _HALF
-    if not box_is_free(m.faces, centre, _half_of(lower, upper, centre), m.margin):
+    if not box_is_free(m.faces, centre, half_of(lower, upper, centre), m.margin):
         return False
     return side_of(m.closed, m.sides, centre) == _OUTSIDE
 
@@ -138,10 +138,10 @@ def _held_by_a_face(t: Triangles, centre: wp.vec3d, radius: wp.float64, margin: 
 
 @wp.func
 def _inside(m: Mesh, lower: wp.vec3d, upper: wp.vec3d) -> bool:
-    if not _is_box(lower, upper):
+    if not is_box(lower, upper):
         return False
     centre = lower * _HALF + upper * _HALF
-    half = _half_of(lower, upper, centre)
+    half = half_of(lower, upper, centre)
     if side_of(m.closed, m.sides, centre) == _ENCLOSED and box_is_free(m.closed, centre, half, wp.float64(0.0)):
         return True
     return _held_by_a_face(m.faces, centre, wp.length(half) * _OUTWARD, m.margin)

@@ -10,6 +10,7 @@ import warp as wp
 
 from warp_bounding.indicators.triangles.answers import Mesh, decide_points, find_empty, find_inside
 from warp_bounding.indicators.triangles.cycles import cycles_of
+from warp_bounding.indicators.triangles.distances import find_clearances
 from warp_bounding.indicators.triangles.hierarchy import Triangles, build
 from warp_bounding.indicators.triangles.sides import Sides, build_sides
 from warp_bounding.runtime.launch import launch_on_cores
@@ -70,11 +71,15 @@ class DilatedSolid:
         """Which closed boxes lie in the object whole; see ``Shape.inside``."""
         return self._answer(find_inside, lower, upper).view(bool)
 
-    def _answer(self, kernel: wp.Kernel, *queries: np.ndarray) -> np.ndarray:
-        """``(N,)`` uint8, what a kernel answers to queries, arrays ``(N, 3)``."""
+    def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Lower bounds of the distance from closed boxes to the object; see ``Shape.clearance``."""
+        return self._answer(find_clearances, lower, upper, dtype=wp.float64)
+
+    def _answer(self, kernel: wp.Kernel, *queries: np.ndarray, dtype: type = wp.uint8) -> np.ndarray:
+        """``(N,)``, what a kernel answers to queries, arrays ``(N, 3)``."""
         rows = [np.ascontiguousarray(q, dtype=np.float64) for q in queries]
-        out = np.empty(len(rows[0]), dtype=np.uint8)
+        out = np.empty(len(rows[0]), dtype=wp.dtype_to_numpy(dtype))
         if len(out):
             inputs = [self._mesh, *(wp.array(q, dtype=wp.vec3d, device="cpu", copy=False) for q in rows)]
-            launch_on_cores(kernel, len(out), inputs, [wp.array(out, dtype=wp.uint8, device="cpu", copy=False)], "cpu")
+            launch_on_cores(kernel, len(out), inputs, [wp.array(out, dtype=dtype, device="cpu", copy=False)], "cpu")
         return out
