@@ -59,11 +59,7 @@ REDUCED = 1.5725
 # taken, spread and half of the height together are at most 1. So sums of centres are at most twice as large.
 SLACK = 1e-11
 # Pi in three float64 parts: the first 34 bits, exact times n < 2^12 (|z| < 2^13); the next 32 bits; the rest.
-PI_PARTS = (
-    float.fromhex("0x1.921fb544p+1"),
-    float.fromhex("0x1.0b4611a6p-33"),
-    float.fromhex("0x1.3198a2e037073p-68"),
-)
+PI_PARTS = (float.fromhex("0x1.921fb544p+1"), float.fromhex("0x1.0b4611a6p-33"), float.fromhex("0x1.3198a2e037073p-68"))
 
 _S1, _S2, _S3 = COEFFICIENTS
 

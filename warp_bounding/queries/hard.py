@@ -76,62 +76,55 @@ for (int k = 0; k < N; ++k) {
 # From the numbers x, as they are handed over, to what ``Query.hard_certain`` reads: ``at(from, k)`` is cell coordinate
 # k of the point that begins at x[from], with the distance ``to`` a face and an absolute error ``err``; ``vector`` and
 # ``normal`` are entry k of a direction or a normal in object space, with absolute errors.
-_OBJECT_FLOAT = """
-struct At { Coordinate c; double err; double to(double face) const { return c.to(face); } };
-auto at = [&](int from, int k) { At r; r.c = Coordinate((float)x[from + k], map.data[k], map.data[N + k]); r.err = 0.0; return r; };
+_OWN = """
 auto vector = [&](int from, int k) { return (double)x[from + k]; };
 auto normal = vector;
 auto vector_error = [&](int, int) { return 0.0; };
 auto normal_error = vector_error;
 """
+_OBJECT_FLOAT = f"""
+struct At {{ Coordinate c; double err; double to(double face) const {{ return c.to(face); }} }};
+auto at = [&](int from, int k) {{
+    return At{{Coordinate((float)x[from + k], map.data[k], map.data[N + k]), 0.0}};
+}};
+{_OWN}"""
 _DOUBLE = "struct At { double t, err; double to(double face) const { return face - t; } };"
-_OBJECT_DOUBLE = (
-    _DOUBLE
-    + """
-auto at = [&](int from, int k) {
+_OBJECT_DOUBLE = f"""{_DOUBLE}
+auto at = [&](int from, int k) {{
     const double s = (double)x[from + k] * map.data[k];
-    At r; r.t = s - map.data[N + k]; r.err = slack * (fabs(s) + fabs(map.data[N + k]) + 1.0); return r;
-};
-auto vector = [&](int from, int k) { return (double)x[from + k]; };
-auto normal = vector;
-auto vector_error = [&](int, int) { return 0.0; };
-auto normal_error = vector_error;
-"""
-)
-_OBJECT_PLACED = (
-    _DOUBLE
-    + """
-auto at = [&](int from, int k) {
+    return At{{s - map.data[N + k], slack * (fabs(s) + fabs(map.data[N + k]) + 1.0)}};
+}};
+{_OWN}"""
+_OBJECT_PLACED = f"""{_DOUBLE}
+auto at = [&](int from, int k) {{
     double sum = 0.0, size = 0.0;
-    for (int j = 0; j < N; ++j) {
+    for (int j = 0; j < N; ++j) {{
         sum += inverse[k * N + j] * ((double)x[from + j] - place.data[j]);
         size += fabs(inverse[k * N + j]) * (fabs((double)x[from + j]) + fabs(place.data[j]));
-    }
-    At r; r.t = sum * map.data[k] - map.data[N + k];
-    r.err = slack * (size * map.data[k] + fabs(map.data[N + k]) + 1.0); return r;
-};
-auto vector = [&](int from, int k) {
+    }}
+    return At{{sum * map.data[k] - map.data[N + k], slack * (size * map.data[k] + fabs(map.data[N + k]) + 1.0)}};
+}};
+auto vector = [&](int from, int k) {{
     double sum = 0.0;
     for (int j = 0; j < N; ++j) sum += inverse[k * N + j] * (double)x[from + j];
     return sum;
-};
-auto vector_error = [&](int from, int k) {
+}};
+auto vector_error = [&](int from, int k) {{
     double size = 0.0;
     for (int j = 0; j < N; ++j) size += fabs(inverse[k * N + j] * (double)x[from + j]);
     return slack * size;
-};
-auto normal = [&](int from, int k) {
+}};
+auto normal = [&](int from, int k) {{
     double sum = 0.0;
     for (int j = 0; j < N; ++j) sum += forward[j * N + k] * (double)x[from + j];
     return sum;
-};
-auto normal_error = [&](int from, int k) {
+}};
+auto normal_error = [&](int from, int k) {{
     double size = 0.0;
     for (int j = 0; j < N; ++j) size += fabs(forward[j * N + k] * (double)x[from + j]);
     return slack * size;
-};
+}};
 """
-)
 
 
 def _snippet(kind: Query, ndim: int, form: str) -> str:

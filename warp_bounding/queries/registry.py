@@ -30,36 +30,14 @@ def check_query(query: str) -> str:
 
 
 def sample(query: str, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Random queries of a kind, drawn as the paper draws them.
-
-    Args:
-        query: One of ``QUERIES``.
-        grid: The object.
-        count: Number of queries N.
-        rng: Source of randomness.
-
-    Returns:
-        ``(N, m)`` float32, object space; m = n for points, else 2n.
-
-    Raises:
-        QueryError: For an unknown kind.
-    """
+    """Random queries ``(count, m)`` float32 of a kind, as of ``Query.sample``; raises ``QueryError`` for no kind."""
     return QUERIES[check_query(query)].sample(grid, count, rng)
 
 
 def oracle(
     query: str, grid: IndicatorGrid, device: str | None = None, length: float = 1.0
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """The exact truth for queries of a kind.
-
-    Args:
-        query: One of ``QUERIES``.
-        grid: The object.
-        device: Warp device; the default device if ``None``.
-        length: Of rays, object units; other kinds have none.
-
-    Returns:
-        An oracle: called with ``(N, m)`` float32 it answers ``(N,)`` bool.
+    """The exact truth for queries of a kind, as of ``Query.oracle``: called with ``(N, m)`` it answers ``(N,)`` bool.
 
     Raises:
         QueryError: For an unknown kind, or a length that is negative or not finite.

@@ -1,21 +1,54 @@
-"""A kind of region in parametric space: upper bounds of linear functions and of squared lengths over its positives.
+"""How far an object reaches in a direction, and what is asked of a kind of region in parametric space.
 
-These bounds hold but for the float64 rounding of their own sums, which ``ParametricSupport`` adds.
+The bounds of regions hold but for the float64 rounding of their own sums, which ``ParametricSupport`` adds.
 """
 
 from abc import ABC, abstractmethod
 
 import numpy as np
 
+from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.coordinates.base import direction_rounding
+from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.geometry.direction_patches import DirectionPatches
-from warp_bounding.support_functions.object import ObjectSupport
+from warp_bounding.geometry.hull import hull_points
+from warp_bounding.indicators.grid import IndicatorGrid
 
-__all__ = ["RegionSupport", "corner_square"]
+__all__ = ["CHUNK", "ObjectSupport", "RegionSupport", "corner_square"]
 
-PATCHES = {1: 1, 2: 16, 3: 8, 4: 6}  # of directions, per edge of a cube's face, by n: for squared lengths
+CHUNK = 1 << 22  # float64 numbers in an intermediate array: 32 MiB
+PATCHES = {1: 1, 2: 16, 3: 8, 4: 6}  # of directions, along an edge of a cube's face, by n
 PATCHES_BEYOND = 3  # the same in more dimensions, where their number grows with the power n - 1
+
+
+class ObjectSupport:
+    """The support of an object widened by ``delta``, from above.
+
+    Args:
+        grid: The object.
+        base: Its domain of points.
+
+    Attributes:
+        points: ``(C, n)`` float64, local space: every vertex of the object's hull, and some more.
+        delta: ``(n,)``, the object is widened by this on every axis.
+    """
+
+    def __init__(self, grid: IndicatorGrid, base: Domain):
+        corners = hull_points(grid)
+        lower, upper = base.widened(corners, corners)
+        self.points, self.delta = (lower + upper) / 2, base.delta * (1 + 1e-6) + 1e-14
+
+    def __call__(self, m: np.ndarray) -> np.ndarray:
+        """``h(m)`` of vectors ``(..., n)``, in local space; the rounding of this evaluation is included."""
+        flat = m.reshape(-1, m.shape[-1])
+        best = np.empty(len(flat))
+        size = max(1, CHUNK // len(self.points))
+        for start in range(0, len(flat), size):
+            best[start : start + size] = (flat[start : start + size] @ self.points.T).max(axis=1)
+        largest = np.abs(flat) @ (np.abs(self.points).max(axis=0) + self.delta)
+        best += np.abs(flat) @ self.delta + gamma(2 * flat.shape[1] + 8, UNIT64) * largest
+        return best.reshape(m.shape[:-1])
 
 
 class RegionSupport(ABC):
@@ -49,7 +82,7 @@ class RegionSupport(ABC):
         """Bound of ``|A v + b|^2``."""
 
     def direction_patches(self) -> DirectionPatches:
-        """Patches of directions over which ``square`` looks at corners."""
+        """Patches of directions over which ``square`` looks at corners, and searches of planes begin."""
         return DirectionPatches.cover(self.ndim, PATCHES.get(self.ndim, PATCHES_BEYOND))
 
 

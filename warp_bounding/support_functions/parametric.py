@@ -16,9 +16,8 @@ from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.support_functions.base import RegionSupport
+from warp_bounding.support_functions.base import ObjectSupport, RegionSupport
 from warp_bounding.support_functions.box import BoxSupport
-from warp_bounding.support_functions.object import ObjectSupport
 from warp_bounding.support_functions.plane import PlaneSupport
 from warp_bounding.support_functions.ray import RaySupport
 
@@ -77,5 +76,6 @@ class ParametricSupport:
             offset: ``(r,)`` float64, b.
         """
         most = self.region.square(matrix, offset)
-        size = float((np.abs(matrix) @ self.reach + np.abs(offset)) @ (np.abs(matrix) @ self.reach + np.abs(offset)))
+        reach = np.abs(matrix) @ self.reach + np.abs(offset)
+        size = float(reach @ reach)
         return most + ROUNDING * (1 + size)

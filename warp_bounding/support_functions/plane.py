@@ -11,12 +11,10 @@ import numpy as np
 
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.geometry.direction_patches import DirectionPatches
-from warp_bounding.support_functions.base import RegionSupport, corner_square
-from warp_bounding.support_functions.object import ObjectSupport
+from warp_bounding.support_functions.base import ObjectSupport, RegionSupport, corner_square
 
 __all__ = ["PlaneSupport"]
 
-EDGE = {1: 1, 2: 16, 3: 8, 4: 6}  # by n: patches along an edge of a cube's face, to begin with
 TOLERANCE = 2e-3  # relative to the functional's size: a patch this near to the highest value found is not split
 AT_ONCE = 64  # patches that are split in a step
 STEPS = 60  # of splitting, at most
@@ -34,7 +32,7 @@ class PlaneSupport(RegionSupport):
     def __init__(self, support: ObjectSupport, domain: RegionDomain):
         super().__init__(support, domain)
         self.scale = domain.base.scale.astype(np.float64)
-        self.patches = DirectionPatches.cover(self.ndim, EDGE.get(self.ndim, 3))
+        self.patches = self.direction_patches()
         self.vertices = PlaneVertices(self, self.patches)
 
     def bound(self, x: np.ndarray, y: np.ndarray) -> float:
@@ -58,8 +56,7 @@ class PlaneSupport(RegionSupport):
         return max(done, float(upper.max(initial=-np.inf)))
 
     def square(self, matrix: np.ndarray, offset: np.ndarray) -> float:
-        n, patches = self.ndim, self.direction_patches()
-        u = patches.vertices(self.slack)
+        n, u = self.ndim, self.patches.vertices(self.slack)
         limit = np.broadcast_to(self.limit, (len(u), n))
         return float(corner_square(-limit, limit, u, matrix[:, n:], matrix[:, :n], offset).max())
 

@@ -15,8 +15,7 @@ import numpy as np
 
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.geometry.direction_patches import DirectionPatches
-from warp_bounding.support_functions.base import RegionSupport, corner_square
-from warp_bounding.support_functions.object import CHUNK, ObjectSupport
+from warp_bounding.support_functions.base import CHUNK, ObjectSupport, RegionSupport, corner_square
 
 __all__ = ["RaySupport"]
 
@@ -173,10 +172,8 @@ class RaySupport(RegionSupport):
                 best[start : start + size] = (2 * part @ rows.T + squares).max(axis=1) + (part * part).sum(axis=1)
             most_origin = np.maximum(most_origin, np.sqrt(np.maximum(best, 0)).reshape(w.shape[:2]) + widened)
         first = most_origin.max(axis=1) ** 2
-        low, high = (
-            self.support.points.min(axis=0) - self.support.delta,
-            self.support.points.max(axis=0) + self.support.delta,
-        )
+        low = self.support.points.min(axis=0) - self.support.delta
+        high = self.support.points.max(axis=0) + self.support.delta
         lower = np.maximum(low - np.maximum(w, 0).max(axis=1), -self.limit)
         upper = np.minimum(high - np.minimum(w, 0).min(axis=1), self.limit)
         second = corner_square(lower, upper, w, matrix[:, :n], matrix[:, n:], offset)

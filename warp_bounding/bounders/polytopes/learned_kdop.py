@@ -20,7 +20,7 @@ from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry.checked_inverse import MOST_VERTEX_DIMENSIONS
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.support_functions.object import ObjectSupport
+from warp_bounding.support_functions.base import ObjectSupport
 from warp_bounding.support_functions.parametric import ParametricSupport
 
 __all__ = ["LearnedKdop", "classic_normals", "support_of"]
