@@ -12,16 +12,20 @@ Example:
 """
 
 from warp_bounding.indicators.functions.combination import Difference, Dilation, Intersection, Union
+from warp_bounding.indicators.functions.extrusion import Extrusion
 from warp_bounding.indicators.functions.primitives import Box, Capsule, HalfSpace, Sphere, Torus
+from warp_bounding.indicators.functions.transform import Transform
 
 __all__ = [
     "Box",
     "Capsule",
     "Difference",
     "Dilation",
+    "Extrusion",
     "HalfSpace",
     "Intersection",
     "Sphere",
     "Torus",
+    "Transform",
     "Union",
 ]

@@ -15,7 +15,7 @@ from warp_bounding.indicators.functions.solid import Foreign, Solid
 from warp_bounding.indicators.limits import checked_margin
 from warp_bounding.indicators.shape import Shape
 
-__all__ = ["Combinable", "Combination", "Difference", "Dilation", "Intersection", "Union"]
+__all__ = ["Combinable", "Combination", "Difference", "Dilation", "Intersection", "Union", "check_parts"]
 
 
 class Combinable:
@@ -198,12 +198,21 @@ class Dilation(Combination):
         return self._gaps(box)[0]
 
 
-def _corners(parts: tuple[Shape, ...], name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper corners of the parts, each ``(P, n)``, after a check that they may be combined."""
+def check_parts(parts: tuple[Shape, ...], name: str) -> None:
+    """Refuse to combine what is no shape, and shapes that do not have the same coordinates.
+
+    Raises:
+        IndicatorError: Naming what came.
+    """
     if not parts or not all(isinstance(part, Shape) for part in parts):
         got = ", ".join(type(part).__name__ for part in parts) or "none"
         raise IndicatorError(f"{name}: expected at least one shape, and nothing but shapes, got {got}")
     if len({(part.ndim, part.time) for part in parts}) > 1:
         got = ", ".join(f"{part.name} ({part.ndim}D{', time first' if part.time else ''})" for part in parts)
         raise IndicatorError(f"{name}: expected shapes of the same coordinates, got {got}")
+
+
+def _corners(parts: tuple[Shape, ...], name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper corners of the parts, each ``(P, n)``, after ``check_parts``."""
+    check_parts(parts, name)
     return np.array([part.lower for part in parts]), np.array([part.upper for part in parts])

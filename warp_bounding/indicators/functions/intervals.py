@@ -7,6 +7,7 @@ is known to be on it.
 """
 
 from collections.abc import Iterable
+from functools import reduce
 
 import numpy as np
 
@@ -66,8 +67,11 @@ class Interval:
 
     def __mul__(self, other) -> "Interval":
         other = _interval(other)
-        products = np.stack([a * b for a in (self.low, self.high) for b in (other.low, other.high)])
-        return Interval(lower_of(products.min(axis=0)), upper_of(products.max(axis=0)))
+        products = [_product(a, b) for a in self._ends() for b in other._ends()]
+        return Interval(reduce(np.minimum, (p[0] for p in products)), reduce(np.maximum, (p[1] for p in products)))
+
+    def _ends(self) -> tuple[np.ndarray, ...]:
+        return (self.low,) if self.low is self.high else (self.low, self.high)
 
     def __truediv__(self, other) -> "Interval":
         """By an interval of positive numbers."""
@@ -109,6 +113,12 @@ class Interval:
 
 def _interval(value) -> Interval:
     return value if isinstance(value, Interval) else Interval(value)
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of products, which are exactly 0 where a factor is."""
+    product, nothing = a * b, (a == 0) | (b == 0)
+    return np.where(nothing, 0.0, lower_of(product)), np.where(nothing, 0.0, upper_of(product))
 
 
 def norm(parts: Iterable[Interval]) -> Interval:
