@@ -14,7 +14,7 @@ from warp_bounding.paper.columns import (
     select_columns,
     select_methods,
 )
-from warp_bounding.paper.plan import plan
+from warp_bounding.paper.plan import Selection, plan
 from warp_bounding.paper.shapes import find_shapes, select_shapes
 
 pytestmark = pytest.mark.usefixtures("fake_supports")
@@ -99,7 +99,7 @@ def test_shapes(tmp_path):
 def test_order_of_work(tmp_path):
     shapes = find_shapes(data_folder(tmp_path / "data"), (2, 3))
     columns, variants = select_columns(["2d-point", "3d-ray"]), select_methods(["mlp", "aabb", "relu-field"])
-    jobs, total = plan(columns, variants, shapes, ("exact", "sampled"))
+    jobs, total = plan(Selection(columns, variants, shapes, ("exact", "sampled")))
     titles = [j.title for j in jobs]
     assert titles[:6] == [
         "2d-point aa: aabb",
@@ -112,9 +112,9 @@ def test_order_of_work(tmp_path):
     assert total == 2 * len(jobs) == 2 * (3 * 3 + 2 * 3)
     assert len({j.name for j in jobs}) == len(jobs)
     done = {jobs[0].key("exact"), *(jobs[1].key(p) for p in ("exact", "sampled"))}
-    rest, total = plan(columns, variants, shapes, ("exact", "sampled"), done)
+    rest, total = plan(Selection(columns, variants, shapes, ("exact", "sampled")), done)
     assert total == 30
     assert [j.title for j in rest] == [titles[0], *titles[2:]]
     assert rest[0].protocols == ("sampled",)
     with pytest.raises(BoundingError, match="nothing to measure: relu-field"):
-        plan(select_columns(["3d-ray"]), select_methods(["relu-field"]), shapes, ("exact",))
+        plan(Selection(select_columns(["3d-ray"]), select_methods(["relu-field"]), shapes, ("exact",)))

@@ -6,7 +6,7 @@ from fake_library import data_folder
 from warp_bounding import bounders
 from warp_bounding.errors import BoundingError
 from warp_bounding.paper.columns import COLUMNS, VARIANTS, Column, Variant, select_columns
-from warp_bounding.paper.plan import TimeLeft, duration, plan, shares
+from warp_bounding.paper.plan import Selection, TimeLeft, duration, plan, shares
 from warp_bounding.paper.settings import PRESETS, Settings, parse_budget
 from warp_bounding.paper.shapes import find_shapes
 
@@ -52,7 +52,7 @@ def test_what_a_plan_takes(tmp_path, fake_supports):
     shapes = find_shapes(data_folder(tmp_path / "data"), (2, 3))
     settings = Settings.of({"budget": 10.0, "budgets": "3d=30,occupancy=2"})
     variants = [Variant("aabb"), Variant("mlp"), Variant("learned-kdop"), Variant("occupancy")]
-    jobs, _ = plan(select_columns(["2d-point", "3d-ray"]), variants, shapes, ("exact",))
+    jobs, _ = plan(Selection(select_columns(["2d-point", "3d-ray"]), variants, shapes, ("exact",)))
     point, ray = shares(jobs, settings)
     assert (point.column.name, ray.column.name) == ("2d-point", "3d-ray")
     assert point.fits == {10.0: 6, 2.0: 3}

@@ -43,14 +43,14 @@ def command(
 
     fits = read_settings(Path(table))
     quiet_warp(fits.device)
-    selection = {"columns": columns, "methods": methods, "objects": objects}
+    chosen = {"columns": columns, "methods": methods, "objects": objects}
     given = {"positives": positives, "samples": samples, "seconds": seconds}
-    line = command_line("proofs", {"data": data, "table": table, "out": out, **selection, **given})
-    wanted, variants, shapes, protocols = selected(data, **selection, protocols=PROTOCOLS[:1], among=METHODS)
-    grids = load_shapes(shapes)
+    line = command_line("proofs", {"data": data, "table": table, "out": out, **chosen, **given})
+    selection = selected(data, **chosen, protocols=PROTOCOLS[:1], among=METHODS)
+    grids = load_shapes(selection.shapes)
     with open_folder(Path(out), given | {"table": fits.to_dict()}, create=True, kind=ProofRow) as folder:
         reporter = _Reporter(folder)
-        outcome = ProofsRun(Path(table), folder, wanted, variants, grids, protocols, reporter).go(line)
+        outcome = ProofsRun(Path(table), folder, selection, grids, reporter).go(line)
         write_page(folder, outcome.failed)
         rows = list(folder.rows.values())
     counts = summary(rows)

@@ -65,27 +65,27 @@ def command(
     from warp_bounding.paper.shapes import load_shapes
 
     given = {"budget": budget, "samples": samples, "seed": seed, "length": length, "device": device}
-    selection = {"columns": columns, "methods": methods, "objects": objects}
-    told = {"data": data, "out": out, "protocol": protocol, **selection, "preset": preset, **given}
+    chosen = {"columns": columns, "methods": methods, "objects": objects}
+    told = {"data": data, "out": out, "protocol": protocol, **chosen, "preset": preset, **given}
     line = command_line("table1", told)
     given, protocol = _with_preset(preset, given, protocol)
     if given["budget"] is not None:  # it is whole: what it does not name has the number without a name
         given["budget"], given["budgets"] = parse_budget(given["budget"])
     quiet_warp(device)
     if data is None:
-        for name in ("protocol", *selection, "plan"):
+        for name in ("protocol", *chosen, "plan"):
             if (told | {"plan": plan or None})[name] is not None:
                 raise QueryError(f"--{name} needs --data DIR, the folder of the objects")
         with open_folder(Path(out), given, create=False) as folder:
             Reporter(folder)  # says what was repaired
             return _end(folder, Outcome(len(folder.rows), len(folder.rows)), json)
-    wanted, variants, shapes, protocols = selected(data, **selection, protocols=_protocols(protocol))
+    selection = selected(data, **chosen, protocols=_protocols(protocol))
     if plan:
-        return _plan(Path(out), given, (wanted, variants, shapes, protocols), json)
-    grids = load_shapes(shapes)
+        return _plan(Path(out), given, selection, json)
+    grids = load_shapes(selection.shapes)
     with open_folder(Path(out), given, create=True) as folder:
         with _Reporter(folder) as reporter:
-            outcome = TableRun(folder, wanted, variants, grids, protocols, reporter).go(line)
+            outcome = TableRun(folder, selection, grids, reporter).go(line)
         return _end(folder, outcome, json)
 
 
@@ -115,7 +115,7 @@ def _with_preset(preset: str | None, given: dict[str, Any], protocol: str | None
     return filled, chosen["protocol"] if protocol is None else protocol
 
 
-def _plan(out: Path, given: dict, selection: tuple, json: bool) -> int:
+def _plan(out: Path, given: dict, selection, json: bool) -> int:
     """Say what there is to do; nothing is written."""
     from warp_bounding.paper.folder import open_folder
     from warp_bounding.paper.plan import duration, plan, shares
@@ -125,7 +125,7 @@ def _plan(out: Path, given: dict, selection: tuple, json: bool) -> int:
     if (out / "settings.json").exists():
         with open_folder(out, given, create=False) as folder:
             settings, done, fitted = folder.settings, folder.rows, folder.fitted
-    jobs, total = plan(*selection, done)
+    jobs, total = plan(selection, done)
     parts = shares(jobs, settings, fitted)
     seconds, cells = sum(p.seconds for p in parts), sum(p.cells for p in parts)
     if json:

@@ -1,7 +1,6 @@
 """What the commands that make the paper's tables have in common: how cells are selected, and what is told meanwhile."""
 
 import shlex
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,16 +18,14 @@ Objects = Annotated[
 ]
 
 
-def selected(
-    data: str, columns: str | None, methods: str | None, objects: str | None, protocols: Sequence[str], **among: Any
-) -> tuple[list, list, list, Sequence[str]]:
-    """Columns, rows, objects and protocols, as ``plan`` takes them; ``among`` is for ``select_methods``.
+def selected(data: str, columns: str | None, methods: str | None, objects: str | None, protocols, **among: Any):
+    """The ``Selection`` that words name, of the objects in a folder; ``among`` is for ``select_methods``.
 
     Raises:
         BoundingError: For a word that names nothing, or if there is nothing to measure.
     """
     from warp_bounding.paper.columns import select_columns, select_methods
-    from warp_bounding.paper.plan import plan
+    from warp_bounding.paper.plan import Selection, plan
     from warp_bounding.paper.shapes import find_shapes, select_shapes
 
     def words(text: str | None) -> list[str] | None:
@@ -36,8 +33,8 @@ def selected(
 
     wanted, variants = select_columns(words(columns)), select_methods(words(methods), **among)
     found = find_shapes(Path(data), dict.fromkeys(c.ndim for c in wanted))
-    selection = wanted, variants, select_shapes(found, words(objects)), protocols
-    plan(*selection)  # before a folder is made
+    selection = Selection(wanted, variants, select_shapes(found, words(objects)), protocols)
+    plan(selection)  # before a folder is made
     return selection
 
 

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from warp_bounding.errors import BounderError
 from warp_bounding.paper.columns import COLUMNS, PAPER_OBJECTS, VARIANTS, Column, Variant
@@ -11,7 +12,7 @@ from warp_bounding.paper.rows import PROTOCOLS, Key
 from warp_bounding.paper.settings import Preset, Settings, parse_budget
 from warp_bounding.paper.shapes import Shape
 
-__all__ = ["Job", "Share", "TimeLeft", "duration", "plan", "preset_seconds", "shares"]
+__all__ = ["Job", "Selection", "Share", "TimeLeft", "duration", "plan", "preset_seconds", "shares"]
 
 # What is expected before anything has been measured, on two cores; seconds.
 KDOP_SECONDS = 11.0  # after which a learned k-DOP's fit has ended whatever its budget
@@ -51,13 +52,16 @@ class Job:
         return (*about, self.space, self.variant.leaves, protocol)
 
 
-def plan(
-    columns: Sequence[Column],
-    variants: Sequence[Variant],
-    shapes: Sequence[Shape],
-    protocols: Sequence[str],
-    done: Collection[Key] = (),
-) -> tuple[list[Job], int]:
+class Selection(NamedTuple):
+    """What is to be measured."""
+
+    columns: Sequence[Column]
+    variants: Sequence[Variant]
+    shapes: Sequence[Shape]
+    protocols: Sequence[str]
+
+
+def plan(selection: Selection, done: Collection[Key] = ()) -> tuple[list[Job], int]:
     """What is missing, and the number of cells with what is done.
 
     The first object of every column comes first, and in a column what is cheap: so that all columns show something soon,
@@ -66,6 +70,7 @@ def plan(
     Raises:
         BounderError: If no method can answer any of the columns' queries.
     """
+    columns, variants, shapes, protocols = selection
     jobs = [
         Job(shape, column, variant, space, tuple(protocols))
         for column in columns
@@ -200,4 +205,4 @@ def preset_seconds(preset: Preset) -> float:
     protocols = PROTOCOLS if preset.protocol == "both" else (preset.protocol,)
     general, budgets = parse_budget(preset.budget)
     settings = Settings.of({"samples": preset.samples, "budget": general, "budgets": budgets})
-    return TimeLeft(plan(COLUMNS, VARIANTS, shapes, protocols)[0], settings).seconds()
+    return TimeLeft(plan(Selection(COLUMNS, VARIANTS, shapes, protocols))[0], settings).seconds()

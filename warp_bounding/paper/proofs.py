@@ -75,14 +75,14 @@ class Thresholds:
 class ProofsRun(Run):
     """Measures networks with both thresholds."""
 
-    def __init__(self, table: Path, *selection):
+    def __init__(self, table: Path, *inputs):
         """Find out which networks are missing.
 
         Args:
             table: The ``table1`` folder. Networks that it does not have are fitted and kept in the run's own folder.
-            selection: See ``Run``.
+            inputs: See ``Run``.
         """
-        super().__init__(*selection)
+        super().__init__(*inputs)
         self._table = table
 
     def measure(self, job: Job, grid: Any) -> None:

@@ -12,7 +12,7 @@ import threading
 import time
 import traceback
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import metadata
@@ -22,9 +22,9 @@ from typing import Any
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.options import taken
 from warp_bounding.errors import BoundingError, FileFormatError, IndicatorError
-from warp_bounding.paper.columns import Column, Variant
+from warp_bounding.paper.columns import Variant
 from warp_bounding.paper.folder import Folder
-from warp_bounding.paper.plan import Job, TimeLeft, plan
+from warp_bounding.paper.plan import Job, Selection, TimeLeft, plan
 from warp_bounding.paper.rows import Line
 from warp_bounding.paper.shapes import Shape
 from warp_bounding.runtime.launch import cpu_threads
@@ -37,54 +37,35 @@ DIGEST = 16  # characters of the SHA-256 of an object's cells
 
 @dataclass
 class Outcome:
-    """How a run ended.
+    """How a run ended."""
 
-    Attributes:
-        total: Cells that were asked for.
-        done: Cells that are in the table.
-        failed: A line for each cell that is not, because its fit or measurement failed.
-        interrupted: Whether Ctrl-C ended it.
-    """
-
-    total: int
-    done: int
-    failed: list[str] = field(default_factory=list)
-    interrupted: bool = False
+    total: int  # cells that were asked for
+    done: int  # cells that are in the table
+    failed: list[str] = field(default_factory=list)  # a line for each cell whose fit or measurement failed
+    interrupted: bool = False  # by Ctrl-C
 
 
 class Run(ABC):
     """What the runs that fit bounders have in common.
 
     Attributes:
-        folder: Where rows and bounders go.
-        jobs: What is missing in it.
+        jobs: What is missing in the folder.
         outcome: So far.
-        reporter: Told of each step, such as the command line's.
     """
 
-    def __init__(
-        self,
-        folder: Folder,
-        columns: Sequence[Column],
-        variants: Sequence[Variant],
-        grids: Mapping[Shape, Any],
-        protocols: Sequence[str],
-        reporter: Any,
-    ):
+    def __init__(self, folder: Folder, selection: Selection, grids: Mapping[Shape, Any], reporter: Any):
         """Find out which cells of a selection are missing.
 
         Args:
             folder: Where rows and bounders go.
-            columns: Selected.
-            variants: Selected rows.
-            grids: Selected objects, as read.
-            protocols: Selected.
+            selection: What is to be in it.
+            grids: Its objects, as read.
             reporter: Told of each step: has ``begin``, ``start``, ``within``, ``row`` and ``say``.
 
         Raises:
             BoundingError: If there is nothing to do at all, or an object is not the one that was measured before.
         """
-        self.jobs, total = plan(columns, variants, list(grids), protocols, folder.rows)
+        self.jobs, total = plan(selection, folder.rows)
         for shape in {j.shape for j in self.jobs}:
             known = {r.indicator for r in folder.rows.values() if (r.dimension, r.object) == (shape.ndim, shape.name)}
             if known - {grids[shape].digest[:DIGEST]}:
@@ -233,8 +214,8 @@ class TableRun(Run):
         left: How long the rest will take.
     """
 
-    def __init__(self, *selection):
-        super().__init__(*selection)
+    def __init__(self, *inputs):
+        super().__init__(*inputs)
         self.left = TimeLeft(self.jobs, self.folder.settings, self.folder.fitted)
 
     def measure(self, job: Job, grid: Any) -> None:

@@ -16,7 +16,7 @@ from warp_bounding.paper.rows import PROTOCOLS, Row
 
 __all__ = ["FORMATS", "rank_plot"]
 
-FORMATS = ("png", "svg")
+FORMATS = {"png": "Software", "svg": "Date"}  # and what a file does not tell, so that the same rows make the same one
 STYLES = {  # colour and marker, in the legend's order; lightness and marker differ for the colour-blind, too
     "mlp": ("#d1420a", "o"),
     "mlp-early": ("#f0a30a", "d"),
@@ -67,16 +67,11 @@ def rank_plot(rows: Iterable[Row]) -> dict[str, bytes]:
         raise BoundingError("the rank plot needs matplotlib: pip install 'warp-bounding[train]'") from error
     rows = [r for r in rows if r.protocol == protocol]
     with matplotlib.rc_context({"font.size": 10, "font.family": "DejaVu Sans", "svg.hashsalt": "rank"}):
-        figure = Figure()
+        figure, files = Figure(), {kind: io.BytesIO() for kind in FORMATS}
         _draw(figure, rows, protocol)
-        return {kind: _file(figure, kind) for kind in FORMATS}
-
-
-def _file(figure, kind: str) -> bytes:
-    content = io.BytesIO()
-    metadata = {"Date": None} if kind == "svg" else {"Software": None}
-    figure.savefig(content, format=kind, dpi=DPI, metadata=metadata)
-    return content.getvalue()
+        for kind, content in files.items():
+            figure.savefig(content, format=kind, dpi=DPI, metadata={FORMATS[kind]: None})
+    return {kind: content.getvalue() for kind, content in files.items()}
 
 
 def _draw(figure, rows: list[Row], protocol: str) -> None:
