@@ -85,43 +85,55 @@ def body(shape: NetworkShape, tried: str = "true") -> str:
         shape: What the kernel is compiled for.
         tried: C condition under which f is evaluated where it looks lowest; else ``valid`` is 0.
     """
-    chart, layers = shape.chart, shape.layers
-    squares = [(k, m) for k in range(chart.columns) for m in range(k, chart.columns)]
-    places = [0]
-    for inputs, neurons, _, _ in layers:
+    chart, layers, places = shape.chart, list(enumerate(shape.layers)), [0]
+    for inputs, neurons, _, _ in shape.layers:
         places.append(places[-1] + neurons * (2 * inputs + 1))
-    lines = [
-        constants(K=shape.ndim, C=chart.columns, Z=chart.size, SQUARES=len(squares)),
-        f"constexpr double FIRST_LAYER = {constant(FIRST_LAYER)}, SQUARES_ROUNDING = {constant(SQUARES_ROUNDING)};",
-        "V least = zero, value = zero, valid = zero + 1.0, dead = zero, lost = zero, level = zero, bulk = zero;",
-        f"V center[K], noise[K], rest[K], gen[{len(chart.pairs)}], h[K], z[Z], gradient[K];",
-        "V score[C], slope[C], owner[C], square[SQUARES];",
-        "(void)dead; (void)valid; (void)noise; (void)rest; (void)lost; (void)bulk;",
-        "const auto entry = [](int k, int m) { return k * (2 * C - k + 1) / 2 + m - k; }; (void)entry;",
-        chart.expand,
-        chart.owners,
-        "for (int k = 0; k < C; ++k) score[k] = zero;",
-        "for (int i = 0; i < SQUARES; ++i) square[i] = zero;",
-        *(_forwards(shape, index, places[index]) for index in range(len(layers))),
-        *_output(shape, places[-1]),
-        *(_backwards(shape, index, places[index]) for index in reversed(range(len(layers)))),
-    ]
-    if chart.noisy:
-        lines += [
-            "for (int i = 0; i < K; ++i) lost += absolute(gradient[i]) * rest[i];",
-            "least -= lost;",
-            "{",
-            chart.blame,
-            "}",
-        ]
-    lines += [f"square[{i}] *= 2.0;" for i, (k, m) in enumerate(squares) if k != m]
-    lines += ["{", chart.bend, "}", "{ V all = absolute(square[0]);"]
-    lines += ["for (int i = 1; i < SQUARES; ++i) all += absolute(square[i]);", "bulk += all; }"]
-    lines += [f"slope[{k}] = {_product(chart, k, 'gradient[{i}]')};" for k in range(chart.columns)]
-    lines += [_constrain(chart, start, factors) for start, factors in chart.constraints()]
-    lines += ["{", text.CLOSE, "}"]
-    lines += [f"if ({tried}) {{", chart.realize, *_value(shape, places), "} else { valid = zero; }"]
-    return "\n".join(lines)
+    squares = [(k, m) for k in range(chart.columns) for m in range(k, chart.columns)]
+    sizes = constants(K=shape.ndim, C=chart.columns, Z=chart.size, SQUARES=len(squares), NOISY=int(chart.noisy))
+    last, at, count = len(layers) - 1, places[-1], shape.layers[-1][1]
+    join = "\n".join
+    return f"""
+{sizes}
+constexpr double FIRST_LAYER = {constant(FIRST_LAYER)}, SQUARES_ROUNDING = {constant(SQUARES_ROUNDING)};
+V least = zero, value = zero, valid = zero + 1.0, dead = zero, lost = zero, level = zero, bulk = zero;
+V center[K], noise[K], rest[K], gen[{len(chart.pairs)}], h[K], z[Z], gradient[K];
+V score[C], slope[C], owner[C], square[SQUARES];
+(void)dead; (void)valid; (void)noise; (void)rest; (void)lost; (void)bulk;
+const auto entry = [](int k, int m) {{ return k * (2 * C - k + 1) / 2 + m - k; }}; (void)entry;
+{chart.expand}
+{chart.owners}
+for (int k = 0; k < C; ++k) score[k] = zero;
+for (int i = 0; i < SQUARES; ++i) square[i] = zero;
+{join(_forwards(shape, index, places[index]) for index, _ in layers)}
+V back{last}[{count}]; least = zero + (w[{at}] - padding[{last + 1}]);  // f where all neurons are at their means
+for (int j = 0; j < {count}; ++j) {{
+    const double x = w[{at + 1} + j];
+    back{last}[j] = zero + x; least += layer{last}.mean[j] * x;
+}}
+{join(_backwards(shape, index, places[index]) for index, _ in reversed(layers))}
+if (NOISY) {{
+    for (int i = 0; i < K; ++i) lost += absolute(gradient[i]) * rest[i];
+    least -= lost;
+    {chart.blame}
+}}
+{" ".join(f"square[{i}] *= 2.0;" for i, (k, m) in enumerate(squares) if k != m)}
+{{ {chart.bend} }}
+{{
+    V all = absolute(square[0]);
+    for (int i = 1; i < SQUARES; ++i) all += absolute(square[i]);
+    bulk += all;
+}}
+{" ".join(f"slope[{k}] = {_product(chart, k, 'gradient[{i}]')};" for k in range(chart.columns))}
+{join(_constrain(chart, start, factors) for start, factors in chart.constraints())}
+{{ {text.CLOSE} }}
+if ({tried}) {{
+    {chart.realize}
+    const V* y = h;
+    {join(_values(shape, index, places[index]) for index, _ in layers)}
+    value = zero + w[{at}];
+    for (int j = 0; j < {count}; ++j) value += y[j] * w[{at + 1} + j];
+}} else {{ valid = zero; }}
+"""
 
 
 def _product(chart: Chart, column: int, of: str) -> str:
@@ -139,39 +151,48 @@ def _layer(shape: NetworkShape, index: int, at: int) -> str:
 def _forwards(shape: NetworkShape, index: int, at: int) -> str:
     """One hidden layer's means, slopes, spreads and generators, from those of the layer below or from the chart's."""
     chart, (_, neurons, activation, _) = shape.chart, shape.layers[index]
-    declared = text.LAYER.replace("LAYER", f"layer{index}").replace("NEURONS", str(neurons))
-    lines = [declared, "{", _layer(shape, index, at), f"auto& relax = relax_{activation};"]
-    lines.append(f"const double* b = w + AT; const double* weight = b + NEURONS; const double pad = padding[{index}];")
     if index == 0:
         generators = " ".join(f"g[{k}] = {_product(chart, k, 'x[{i}]')};" for k in range(chart.columns))
-        lines.append(constants(NOISY=int(chart.noisy)))
-        lines.append(text.FIRST.replace("GENERATORS", generators).replace("NEURON\n", text.NEURON))
+        neurons_text = text.FIRST.replace("GENERATORS", generators)
     else:
-        lines.append(f"const auto& below = layer{index - 1};")
-        for first, rows, blocks in _blocks(neurons, chart.columns):
-            lines += [
-                "{",
-                constants(FIRST=first, R=rows, BLOCKS=blocks),
-                text.LATER.replace("NEURON\n", text.NEURON),
-                "}",
-            ]
-    return "\n".join([*lines, "}"])
-
-
-def _output(shape: NetworkShape, at: int) -> list[str]:
-    """The output, whose numbers stand at ``at``: its coefficients, and f where all neurons are at their means."""
-    last, count = len(shape.layers) - 1, shape.layers[-1][1]
-    return [
-        f"V back{last}[{count}]; least = zero + (w[{at}] - padding[{last + 1}]);",
-        f"for (int j = 0; j < {count}; ++j) {{ const double x = w[{at + 1} + j];",
-        f"back{last}[j] = zero + x; least += layer{last}.mean[j] * x; }}",
-    ]
+        neurons_text = f"const auto& below = layer{index - 1};" + _in_blocks(text.LATER, neurons, chart.columns)
+    neurons_text = neurons_text.replace("NEURON\n", text.NEURON)
+    return f"""
+{text.LAYER.replace("LAYER", f"layer{index}").replace("NEURONS", str(neurons))} {{
+{_layer(shape, index, at)}
+auto& relax = relax_{activation};
+const double* b = w + AT; const double* weight = b + NEURONS; const double pad = padding[{index}];
+{neurons_text}
+}}"""
 
 
 def _backwards(shape: NetworkShape, index: int, at: int) -> str:
-    below = f"V back{index - 1}[{shape.layers[index][0]}];" if index else ""
-    names = f"V* to = {f'back{index - 1}' if index else 'gradient'}; const V* back = back{index};"
-    return "\n".join([below, "{", _layer(shape, index, at), names, text.BACKWARDS, "}"])
+    to = f"back{index - 1}" if index else "gradient"
+    return f"""
+{f"V {to}[{shape.layers[index][0]}];" * (index > 0)} {{
+{_layer(shape, index, at)}
+V* to = {to}; const V* back = back{index};
+{text.BACKWARDS}
+}}"""
+
+
+def _values(shape: NetworkShape, index: int, at: int) -> str:
+    """From the activations ``y`` of the layer below, or the inputs, to those of a hidden layer."""
+    _, neurons, activation, _ = shape.layers[index]
+    return f"""
+V y{index}[{neurons}]; {{
+{_layer(shape, index, at)}
+const V* x = y; V* y = y{index}; const double* b = w + AT; auto& act = act_{activation};
+{_in_blocks(text.VALUES, neurons)}
+}}
+y = y{index};"""
+
+
+def _in_blocks(body: str, neurons: int, columns: int = 1) -> str:
+    """A text for blocks of R neurons whose sums fit the registers, and for the rest."""
+    rows = max(min(ROWS, REGISTERS // (columns + 2)), 1)
+    blocks = [(0, rows, neurons // rows), (neurons // rows * rows, neurons % rows, 1)]
+    return "\n".join(f"{{ {constants(FIRST=f, R=r, BLOCKS=n)} {body} }}" for f, r, n in blocks if r and n)
 
 
 def _constrain(chart: Chart, start: str, factors: list[tuple[int, str]]) -> str:
@@ -185,39 +206,12 @@ def _constrain(chart: Chart, start: str, factors: list[tuple[int, str]]) -> str:
     return "\n".join([f"{{ {names} const V excess = {start}; const V q[M] = {{{values}}};", text.CONSTRAIN, "}"])
 
 
-def _value(shape: NetworkShape, places: list[int]) -> list[str]:
-    """C statements from the inputs ``h`` to ``value``; hidden layers and output stand at ``places`` in ``w``."""
-    source, lines = "h", []
-    for index, (_, neurons, activation, _) in enumerate(shape.layers):
-        names = f"const V* x = {source}; V* y = y{index}; const double* b = w + AT; auto& act = act_{activation};"
-        lines += [f"V y{index}[{neurons}];", "{", _layer(shape, index, places[index]), names]
-        for first, rows, blocks in _blocks(neurons):
-            lines += ["{", constants(FIRST=first, R=rows, BLOCKS=blocks), text.VALUES, "}"]
-        lines.append("}")
-        source = f"y{index}"
-    at, count = places[-1], shape.layers[-1][1]
-    return [
-        *lines,
-        f"value = zero + w[{at}];",
-        f"for (int j = 0; j < {count}; ++j) value += {source}[j] * w[{at + 1} + j];",
-    ]
-
-
-def _blocks(neurons: int, columns: int = 1) -> list[tuple[int, int, int]]:
-    """``(first, rows, repetitions)`` of blocks of neurons whose sums fit the registers, and the rest."""
-    rows = max(min(ROWS, REGISTERS // (columns + 2)), 1)
-    blocks = [(0, rows, neurons // rows), (neurons // rows * rows, neurons % rows, 1)]
-    return [block for block in blocks if block[1] and block[2]]
-
-
-# --- boxes in and out ------------------------------------------------------------------------------------------------
-
-
 def load_text(source: str, row: str) -> str:
     """C statement that fills ``low[]`` and ``high[]`` of lane ``l`` from 2 Z numbers of ``source`` at row ``row``."""
-    return f"{{ const double* at = {source} + (long long)({row}) * (2 * BOX);" + (
-        " for (int k = 0; k < BOX; ++k) { LANE(low[k]) = at[k]; LANE(high[k]) = at[BOX + k]; } }"
-    )
+    return f"""{{
+    const double* at = {source} + (long long)({row}) * (2 * BOX);
+    for (int k = 0; k < BOX; ++k) {{ LANE(low[k]) = at[k]; LANE(high[k]) = at[BOX + k]; }}
+}}"""
 
 
 def snippet(shape: NetworkShape) -> str:
