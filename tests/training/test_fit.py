@@ -356,7 +356,7 @@ def test_a_proof_may_be_late_and_a_fit_that_gave_it_up_may_not(monkeypatch, hope
             self.proof_worthwhile, self.last_search_seconds, self.clock = (
                 hopeful,
                 adversary,
-                SimpleNamespace(seconds=used, timed=True),
+                SimpleNamespace(seconds=used, timed=True, tell=lambda *_: None),
             )
             return super()._decide(*args)
 

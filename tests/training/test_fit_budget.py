@@ -1,6 +1,7 @@
 """The budget of bounders that are no networks; by what is passed on, and by a clock that has run out, not by seconds."""
 
 import math
+from dataclasses import replace
 from importlib import import_module
 
 import numpy as np
@@ -47,14 +48,13 @@ def test_the_budget_of_a_hierarchy(monkeypatch, options, seconds):
 @pytest.mark.parametrize("method", ["learned-kdop", "relu-field"])
 def test_learned_closed_forms_leave_time_for_their_proof(monkeypatch, method):
     trainers = pytest.importorskip("warp_bounding.training.trainers", reason="torch is not installed")
-    name = {"learned-kdop": "train_learned_kdop", "relu-field": "train_relu_field"}[method]
-    given, inner = [], getattr(trainers, name)
+    given, real = [], trainers.TRAINERS[wb.METHODS[method]]
 
-    def recorded(*arguments, budget, **more):
-        given.append(budget)
-        return inner(*arguments, budget=budget, **more)
+    def recorded(cls, problem, options, seconds, progress):
+        given.append(seconds)
+        return real.train(cls, problem, options, seconds, progress)
 
-    monkeypatch.setattr(trainers, name, recorded)
+    monkeypatch.setitem(trainers.TRAINERS, wb.METHODS[method], replace(real, train=recorded))
     grid = shape("c")
     for seconds in (0.01, 1e9):
         monkeypatch.setattr(fit_module, "PROOF_SECONDS", seconds)

@@ -9,7 +9,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed")
 from warp_bounding.activations import ACTIVATIONS  # noqa: E402
 from warp_bounding.bounders.neural.mlp import Mlp  # noqa: E402
 from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
-from warp_bounding.training.engine.team import Team, single_threaded_torch  # noqa: E402
+from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
 from warp_bounding.training.engine.trainable_network import Evaluator  # noqa: E402
 from warp_bounding.training.recipes.default import Trainer  # noqa: E402
 from warp_bounding.training.recipes.early import _ExitTrainer  # noqa: E402
@@ -47,11 +47,7 @@ def test_an_exit_sees_the_features_of_its_network(activation):
         trainer.network.initialise(3.0, 1.5, trainer.generator)
         own = _ExitTrainer(trainer, [trainer.network.layers[0]])
         x = own.network.encode(torch.rand(2, 300) * 2 - 1)
-        team = Team(2)
-        try:
-            seen = own._activations(team, x) @ own.network.layers[-1][0]
-        finally:
-            team.close()
+        seen = own._activations(x) @ own.network.layers[-1][0]
         assert torch.allclose(seen, Evaluator(own.network).forward(x), atol=1e-5)
     computed = bounder_of(domain, own.network.tensors(), HIDDEN[:1], activation).reference(x[:2].T.numpy())
     assert np.allclose(seen.numpy(), computed, atol=1e-5)
@@ -64,10 +60,9 @@ def test_an_exit_of_planes_sees_the_features_of_its_network(activation):
     own = trainer.behind([layer.detach() for layer in trainer.network.layers[:1]])
     m = torch.rand(300, 2) * 2 - 1
     seen = own.network(m).detach().numpy()
-    tensors = trainer.tensors()
-    head = own.best()[-1].numpy()
+    tensors = trainer.finish()
     first = {name: tensors[name] for name in ("layers.0.weight", "layers.0.bias")}
-    tensors = first | {"layers.1.weight": head[:, :-1].copy(), "layers.1.bias": head[:, -1].copy()}
-    parts = bounder_of(domain, tensors, HIDDEN[:1], activation).networks
+    head = {name.replace("layers.0", "layers.1"): value for name, value in own.finish().items()}
+    parts = bounder_of(domain, first | head, HIDDEN[:1], activation).networks
     computed = np.stack([part(m.double().numpy()) for part in parts], axis=1)
     assert np.allclose(seen, computed, atol=1e-5)

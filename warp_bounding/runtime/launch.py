@@ -27,6 +27,7 @@ __all__ = [
     "launch_blocks",
     "launch_on_cores",
     "ready",
+    "run_shares",
     "working_seconds",
 ]
 
@@ -149,6 +150,11 @@ class _Crew:
 
 
 _crew = _Crew()
+
+
+def run_shares(shares: Sequence[Callable[[], None]]) -> None:
+    """Do all shares, on as many threads, which sleep in between; an error in one is raised here when all have ended."""
+    _crew.run(shares)
 
 
 def _forget_crew() -> None:

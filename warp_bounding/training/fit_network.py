@@ -10,6 +10,7 @@ networks that share layers; each gets a threshold of its own, in the same way.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -23,16 +24,14 @@ from warp_bounding.runtime.progress import Progress
 from warp_bounding.training.engine.adversary import adversarial_minimum
 from warp_bounding.training.engine.clock import Clock, interrupts
 from warp_bounding.training.engine.team import single_threaded_torch
-from warp_bounding.training.engine.trainable_network import TrainableNetwork
-from warp_bounding.training.problem import Problem
+from warp_bounding.training.problem import Problem, Trained
 from warp_bounding.training.recipes.default import Trainer
 from warp_bounding.training.recipes.early import EXIT_SHARE, EarlyTrainer, train_exits
 from warp_bounding.training.recipes.monotone import LeastBoxSamples, MonotoneTrainer
-from warp_bounding.training.recipes.occupancy import train_occupancy
+from warp_bounding.training.recipes.occupancy import OccupancyTrainer
 from warp_bounding.training.recipes.paper import PaperTrainer
 from warp_bounding.training.recipes.plane import SupportTrainer
 from warp_bounding.training.samples import samples_of
-from warp_bounding.training.samples.base import Samples
 from warp_bounding.training.thresholds import Costs, decide, tolerance
 
 __all__ = ["TRAINERS", "NetworkOptions", "fit_network"]
@@ -102,152 +101,90 @@ class NetworkOptions:
 
 
 def fit_network(
-    method: type[Mlp], problem: Problem, options: NetworkOptions, progress: Progress | None = None
-) -> tuple[Mlp, dict]:
-    """Train a network and set its threshold.
-
-    Args:
-        method: ``Mlp``, ``MlpEarly``, ``MonotoneMlp`` or ``Occupancy``.
-        problem: What is bounded.
-        options: What kind of network, and how long it may take.
-        progress: Called with done, total and a note. Ctrl-C ends training; the best network so far is taken.
-
-    Returns:
-        The bounder, frozen, and a record of the training.
-    """
-    return _Fit(method, problem, options, progress).run()
+    method: type[Mlp], problem: Problem, options: dict[str, Any], seconds: float, progress: Progress | None
+) -> Trained:
+    """Train a network and set its threshold (``trainers.Trainer``); Ctrl-C ends training, and the best is taken."""
+    return _Fit(method, problem, NetworkOptions(budget=seconds, **options), progress).run()
 
 
 class _Fit:
-    """One fit; arguments are those of ``fit_network``.
+    """One fit.
 
     Attributes:
         as_points: Whether f is proven over the object's points.
         supports: Whether the network is a plane's two supports.
         proof_worthwhile: Of rays and boxes: whether a proof is expected to be worth its time.
         last_search_seconds: Limit of the last adversarial search before a proof.
-        reserve: Share of the budget after training that the user's progress shows.
+        reserve: Share of the budget after training.
         boxes: Number of boxes that searches during training have bounded.
     """
 
     def __init__(self, method: type[Mlp], problem: Problem, options: NetworkOptions, progress: Progress | None):
-        self.method, self.problem, self.options, self.progress = method, problem, options, progress
-        self.clock = Clock(options.budget, options.steps)
+        self.method, self.problem, self.options = method, problem, options
         self.early = issubclass(method, MlpEarly)
         self.monotone = issubclass(method, MonotoneMlp)
         self.as_points = problem.domain.tested_as_point or self.monotone
         self.supports = head_of(problem.query).outputs > 1
         self.reserve = POINT_RESERVE if self.as_points else REGION_RESERVE
+        self.clock = Clock(options.budget, options.steps, progress, 1 - self.reserve)
         self.last_search_seconds = min(LAST_SEARCH_SHARE * options.budget, LAST_SEARCH_SECONDS)
         self.interrupted, self.boxes = False, 0
         self.proof_worthwhile = not self.as_points and not self.supports
 
-    def run(self) -> tuple[Mlp, dict]:
+    def run(self) -> Trained:
         options, clock = self.options, self.clock
-        exits = EXIT_SHARE * (len(options.hidden) - 1) if self.early else 0.0
-        self.exit_seconds = exits * options.budget
+        self.exit_seconds = EXIT_SHARE * (len(options.hidden) - 1) * options.budget if self.early else 0.0
         mined = self.proof_worthwhile and TRAINERS[options.recipe].mines
         reserve = MINED_REGION_RESERVE if mined else self.reserve
         clock.reserved = reserve * (1 + MORE_FOR_EXITS * self.early) * options.budget + self.exit_seconds
         if not self.method.conservative:
             clock.reserved = 0.0
-            bounder, record = self._occupancy(), {}
-        elif self.supports:
-            bounder, record = self._supports()
-        else:
-            bounder, record = self._network()
-        own = {"recipe": options.recipe, "steps": clock.count, "interrupted": self.interrupted}
-        return bounder, own | {"boxes_in_training": self.boxes} | record
-
-    # --- training ----------------------------------------------------------------------------------------------------
-
-    def _occupancy(self) -> Mlp:
-        problem, options = self.problem, self.options
-        tensors = train_occupancy(
-            problem.grid,
-            problem.domain,
-            options.hidden,
-            options.activation,
-            self.clock,
-            octaves=options.octaves,
-            seed=problem.seed,
-            progress=lambda used, note: self._report(used, note),
-        )
-        return self.method(problem.domain, tensors, options.stored, problem.device).freeze(0.0, None)
-
-    def _supports(self) -> tuple[Mlp, dict]:
-        problem, options = self.problem, self.options
-        trainer = SupportTrainer(problem.grid, problem.domain, options.hidden, options.activation, problem.seed)
-        exits = None
-        with single_threaded_torch():
-            self.interrupted = interrupts(lambda: trainer.run(self.clock, progress=self._report))
-            tensors = trainer.tensors()
-            if self.early:
-                exits = train_exits(trainer, tensors, self.exit_seconds, self._exit_steps())
-        parts = self._parts(tensors, exits.tensors if exits else {})
-        for part in parts:  # the last part is the whole network, whose gap is the fit's
-            self._report(1.0, "proof")
-            search = prove(part, problem.grid, eps=PLANE_TOLERANCE, **self._limit(len(parts)))
-        return self._whole(parts), {"gap": float(search.upper_bound - search.lower_bound)}
-
-    def _network(self) -> tuple[Mlp, dict]:
-        options = self.options
-        samples = self._samples()
-        joint = self.early and self.as_points  # of regions too few are denied early to pay for worse layers
-        trainer_of = EarlyTrainer if joint else TRAINERS[options.recipe]
-        if self.monotone:
-            trainer = MonotoneTrainer(samples, options.hidden, options.activation)
-        else:
-            trainer = trainer_of(samples, options.hidden, options.activation, options.octaves)
+        trainer, exits, exit_trainers = self._trainer(), {}, []
         waiting = list(MINE_POINTS_AT if self.as_points else MINE_REGIONS_AT)
 
-        def mine(_, used: float) -> None:
+        def mine(used: float) -> None:
             if self.monotone:
                 if used >= MONOTONE_START:
                     self._mine_points(trainer, used)
             elif waiting and waiting[0] <= used < 1:
                 waiting.pop(0)
-                if self.as_points:
-                    self._mine_points(trainer, used)
-                else:
-                    self._mine_regions(trainer, samples, used)
+                (self._mine_points if self.as_points else self._mine_regions)(trainer, used)
 
-        exits = None
         with single_threaded_torch():
-            self.interrupted = interrupts(lambda: trainer.run(self.clock, on_refresh=mine, progress=self._report))
-            tensors = trainer.network.tensors(trainer.best())
-            trainer.network.flat.copy_(trainer.best())
+            self.interrupted = interrupts(lambda: trainer.run(clock, mine))
+            tensors = trainer.finish()
             if self.early:
-                exits = train_exits(trainer, tensors, self.exit_seconds, self._exit_steps())
-        parts = self._parts(tensors, exits.tensors if exits else {})
-        networks = [*(exits.networks if exits else []), trainer.network]
-        states = [*(exits.states if exits else []), trainer.hard_states()]
-        points = [*(exits.points if exits else []), trainer.worst_points()]
-        for index, part in enumerate(parts):  # the last part is the whole network, whose record is the fit's
-            if self.as_points:
-                record = self._prove(part, points[index], len(parts) - index)
-            else:
-                record = self._decide(part, samples, networks[index], states[index], len(parts) - index)
-        return self._whole(parts), record
+                steps = None if clock.timed else EXIT_STEPS
+                exits, exit_trainers = train_exits(trainer, tensors, self.exit_seconds, steps)
+        if self.method.conservative:
+            bounder, record = self._settled(tensors | exits, [*exit_trainers, trainer])
+        else:
+            bounder, record = self._bounder(self.method, tensors).freeze(0.0, None), {}
+        own = {"recipe": options.recipe, "steps": clock.count, "interrupted": self.interrupted}
+        return bounder, own | {"boxes_in_training": self.boxes} | record
 
-    def _exit_steps(self) -> int | None:
-        return None if self.clock.timed else EXIT_STEPS
+    def _trainer(self) -> Trainer | SupportTrainer | OccupancyTrainer:
+        problem, options = self.problem, self.options
+        grid, domain, sizes = problem.grid, problem.domain, (options.hidden, options.activation)
+        if not self.method.conservative:
+            return OccupancyTrainer(grid, domain, *sizes, options.octaves, problem.seed)
+        if self.supports:
+            return SupportTrainer(grid, domain, *sizes, problem.seed)
+        if self.monotone:
+            return MonotoneTrainer(LeastBoxSamples(grid, domain, torch.Generator().manual_seed(problem.seed)), *sizes)
+        joint = self.early and self.as_points  # of regions too few are denied early to pay for worse layers
+        samples = samples_of(grid, domain, problem.seed)
+        return (EarlyTrainer if joint else TRAINERS[options.recipe])(samples, *sizes, options.octaves)
 
-    def _report(self, used: float, note: str) -> None:
-        if self.progress:
-            self.progress(min(used, 1.0) * (1 - self.reserve), 1.0, note)
+    def _bounder(self, method: type[Mlp], tensors: dict[str, np.ndarray]) -> Mlp:
+        return method(self.problem.domain, tensors, self.options.stored, self.problem.device)
 
-    def _samples(self) -> Samples:
-        problem = self.problem
-        if not self.monotone:
-            return samples_of(problem.grid, problem.domain, problem.seed)
-        return LeastBoxSamples(problem.grid, problem.domain, torch.Generator().manual_seed(problem.seed))
+    # --- searches while it trains ------------------------------------------------------------------------------------
 
     def _mine_points(self, trainer: Trainer, used: float) -> None:
         """Let the prover search the network as it is; the lowest points that it finds become training samples."""
         problem, clock, budget = self.problem, self.clock, self.options.budget
-        method = MonotoneMlp if self.monotone else Mlp
-        bounder = method(problem.domain, trainer.network.tensors(), self.options.stored, problem.device)
+        bounder = self._bounder(MonotoneMlp if self.monotone else Mlp, trainer.network.tensors())
         limit = {"seconds": MINE_POINTS_SHARE * budget} if clock.timed else {"boxes": MINE_POINTS_BOXES}
         points = trainer.worst_points()
         if self.monotone:  # often, and cheaply: where f is steep, samples alone make a network look better than it is
@@ -261,16 +198,16 @@ class _Fit:
             expected = min(max(_final_proof_seconds(search, used), LEAST_RESERVED * budget), MOST_RESERVED * budget)
             clock.reserve(expected * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds)
 
-    def _mine_regions(self, trainer: Trainer, samples: Samples, used: float) -> None:
+    def _mine_regions(self, trainer: Trainer, used: float) -> None:
         """Let adversary and prover search the network as it is; the lowest positives that they find become samples.
 
         The prover's search tells how long a proof of the final network would take, and whether it would be worth it.
         """
-        budget, clock, problem = self.options.budget, self.clock, self.problem
+        budget, clock, problem, samples = self.options.budget, self.clock, self.problem, trainer.samples
         seconds = ADVERSARY_SHARE * budget if clock.timed else float("inf")
-        found = adversarial_minimum(samples, trainer.network, seconds, trainer.hard_states(), rounds=ADVERSARY_ROUNDS)
+        found = adversarial_minimum(samples, trainer.network, seconds, trainer.hard, rounds=ADVERSARY_ROUNDS)
         trainer.add_states(found.states)
-        bounder = Mlp(problem.domain, trainer.network.tensors(), self.options.stored, problem.device)
+        bounder = self._bounder(Mlp, trainer.network.tensors())
         expected, self.proof_worthwhile = 0.0, bounder.provable
         if bounder.provable:
             costs, least = Costs(bounder, problem), float(bounder.reference(found.worst).min())
@@ -281,35 +218,35 @@ class _Fit:
             trainer.add_states(samples.spread(samples.at(search.numbers), MOST_ADDED))
             expected = _final_proof_seconds(search, used)
             if clock.timed:
-                self.proof_worthwhile = (
-                    costs.of_proof(least, eps, expected, MOST_REGION_PROOF * budget) <= WORTH_PROVING
-                )
+                cost = costs.of_proof(least, eps, expected, MOST_REGION_PROOF * budget)
+                self.proof_worthwhile = cost <= WORTH_PROVING
                 longer = expected / (DECAY_ABOVE * budget)
                 if self.proof_worthwhile and longer > 1:
                     trainer.decay = max(trainer.decay, min(DECAY * longer, MOST_DECAY))
         if clock.timed:
-            proof = (
-                min(expected, MOST_REGION_PROOF * budget) + self.last_search_seconds
-                if self.proof_worthwhile
-                else self.reserve * budget
-            )
+            longest = min(expected, MOST_REGION_PROOF * budget) + self.last_search_seconds
+            proof = longest if self.proof_worthwhile else self.reserve * budget
             clock.reserve(proof * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds, used)
 
     # --- thresholds --------------------------------------------------------------------------------------------------
 
-    def _parts(self, tensors: dict[str, np.ndarray], exits: dict[str, np.ndarray]) -> list[Mlp]:
-        """Each exit as a network of its own, in order of depth, and last the whole network."""
-        domain, sizes, device = self.problem.domain, self.options.stored, self.problem.device
-        if not self.early:
-            return [(MonotoneMlp if self.monotone else Mlp)(domain, tensors, sizes, device)]
-        depths = range(1, len(self.options.hidden) + 1)
-        return [Mlp(domain, *part_of(tensors | exits, sizes, depth), device) for depth in depths]
+    def _settled(
+        self, tensors: dict[str, np.ndarray], trainers: list[Trainer] | list[SupportTrainer]
+    ) -> tuple[Mlp, dict]:
+        """The bounder with the threshold of each part, and the last part's record: that part is the whole network.
 
-    def _whole(self, parts: list[Mlp]) -> Mlp:
+        The other parts are the exits as networks of their own, in order of depth.
+        """
+        cls, sizes, depth = MonotoneMlp if self.monotone else Mlp, self.options.stored, len(self.options.hidden)
+        depths = range(depth - len(trainers) + 1, depth + 1)
+        held = [part_of(tensors, sizes, depth) for depth in depths]
+        parts = [cls(self.problem.domain, *each, self.problem.device) for each in held]
+        for left, (part, trainer) in zip(range(len(parts), 0, -1), zip(parts, trainers, strict=True), strict=True):
+            record = (self._prove if self.as_points or self.supports else self._decide)(part, trainer, left)
         if not self.early:
-            return parts[0]
+            return parts[0], record
         bounder = MlpEarly.of(parts)
-        return bounder.freeze(float(bounder.threshold), conjunction([part.certificate for part in parts]))
+        return bounder.freeze(float(bounder.threshold), conjunction([part.certificate for part in parts])), record
 
     def _limit(self, parts_left: int) -> dict[str, float]:
         """Limit of the next part's proof: seconds, or boxes."""
@@ -318,29 +255,27 @@ class _Fit:
         left = (1 + OVERTIME_SHARE) * self.options.budget - self.clock.seconds
         return {"seconds": max(left / parts_left, LEAST_SHARE * self.options.budget)}
 
-    def _prove(self, part: Mlp, points: np.ndarray, parts_left: int) -> dict:
-        self._report(1.0, "proof")
-        eps = tolerance(part, self.problem, points)
+    def _prove(self, part: Mlp, trainer: Trainer | SupportTrainer, parts_left: int) -> dict:
+        self.clock.tell(1.0, "proof")
+        points = trainer.worst_points()
+        eps = PLANE_TOLERANCE if self.supports else tolerance(part, self.problem, points)
         search = prove(part, self.problem.grid, eps=eps, points=points, **self._limit(parts_left))
         return {"gap": float(search.upper_bound - search.lower_bound)}
 
-    def _decide(
-        self, part: Mlp, samples: Samples, network: TrainableNetwork, states: torch.Tensor, parts_left: int
-    ) -> dict:
-        self._report(1.0, "adversarial search")
+    def _decide(self, part: Mlp, trainer: Trainer, parts_left: int) -> dict:
+        self.clock.tell(1.0, "adversarial search")
         budget, rounds = self.options.budget, {} if self.clock.timed else {"rounds": SEARCH_ROUNDS}
         least = LEAST_SHARE * budget
-        left = (
-            (1 + OVERTIME_SHARE * self.proof_worthwhile) * budget - self.clock.seconds
-        ) / parts_left - ATTEST_SECONDS
+        whole = (1 + OVERTIME_SHARE * self.proof_worthwhile) * budget
+        left = (whole - self.clock.seconds) / parts_left - ATTEST_SECONDS
         share = min(left, self.last_search_seconds) if self.proof_worthwhile else left
         seconds = max(share, least) if self.clock.timed else float("inf")
-        found = adversarial_minimum(samples, network, seconds, states=states, **rounds)
+        found = adversarial_minimum(trainer.samples, trainer.network, seconds, trainer.hard, **rounds)
         limits = {"boxes": REGION_PROOF_BOXES}
         if self.clock.timed:
             left -= found.seconds
             limits = {"seconds": max(left, least)} if self.proof_worthwhile or left > least else None
-        record = decide(part, self.problem, found.worst, limits, lambda note: self._report(1.0, note))
+        record = decide(part, self.problem, found.worst, limits, lambda note: self.clock.tell(1.0, note))
         return record | {"search_seconds": round(found.seconds, 3), "search_complete": found.complete}
 
 

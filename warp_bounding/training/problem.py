@@ -1,6 +1,7 @@
 """What is given to every way of training: the object, its queries, and what the result may depend on."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -9,7 +10,9 @@ from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators import IndicatorGrid
 
-__all__ = ["Problem"]
+__all__ = ["Problem", "Trained"]
+
+Trained = tuple[Bounder, dict[str, Any]]  # the bounder, and a record of the training for ``info["training"]``
 
 
 @dataclass(frozen=True)

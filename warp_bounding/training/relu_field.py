@@ -6,6 +6,8 @@ at the end is repaired: every value has a non-negative share in f, so raising th
 lacks never lowers f anywhere.
 """
 
+from typing import Any
+
 import numpy as np
 import torch
 
@@ -16,9 +18,10 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import oracle, sample
-from warp_bounding.training.engine.clock import Clock, TrainingProgress, geometric, interrupts
-from warp_bounding.training.engine.descent import descend
+from warp_bounding.runtime.progress import Progress
+from warp_bounding.training.engine.clock import Clock, geometric, interrupts
 from warp_bounding.training.engine.team import single_threaded_torch
+from warp_bounding.training.problem import Problem, Trained
 
 __all__ = ["train_relu_field"]
 
@@ -43,41 +46,19 @@ GENTLE = 3
 
 
 def train_relu_field(
-    grid: IndicatorGrid,
-    domain: Domain | RegionDomain,
-    *,
-    budget: float = 30.0,
-    seed: int = 0,
-    steps: int | None = None,
-    device: str | None = None,
-    progress: TrainingProgress | None = None,
-) -> tuple[ReluField, dict]:
-    """Learn a ``relu-field``.
+    _, problem: Problem, options: dict[str, Any], seconds: float, progress: Progress | None
+) -> Trained:
+    """Learn a ``relu-field`` (``trainers.Trainer``): of points of 1D to 4D objects, or of regions of 2D objects.
 
-    Args:
-        grid: The object.
-        domain: ``domain_of(grid, query, length)``; points of 1D to 4D objects, regions of 2D objects.
-        budget: Seconds, for all but the proof.
-        seed: Of everything random.
-        steps: Training steps instead of seconds: the result is then repeatable.
-        device: Warp device of the bounder.
-        progress: Called with the used fraction and a note. Ctrl-C ends training; the field as it is is then repaired.
-
-    Returns:
-        The bounder, its threshold not set yet (``prove``), and a record of how it went.
-
-    Raises:
-        BounderError: If there is no field for this kind of query.
+    Ctrl-C ends training; the field as it is is then repaired.
     """
-    if not ReluField.supports(domain.query, domain.space_ndim, domain.space):
-        raise BounderError(f"relu-field does not bound {domain.query} queries of {domain.space_ndim}D objects")
-    clock = Clock(budget, steps)
-    trainer = _Trainer(grid, domain, seed)
-    clock.reserved = min(REPAIR_SHARE * budget + clock.seconds, 0.8 * budget)
+    clock = Clock(seconds, options["steps"], progress)
+    trainer = _Trainer(problem.grid, problem.domain, problem.seed)
+    clock.reserved = min(REPAIR_SHARE * seconds + clock.seconds, 0.8 * seconds)
     with single_threaded_torch():
-        interrupted = interrupts(lambda: trainer.run(clock, progress))
+        interrupted = interrupts(lambda: trainer.run(clock))
         values = trainer.better()
-    bounder = ReluField.of_values(domain, trainer.field, 0.5 + SCALE * values, device)
+    bounder = ReluField.of_values(problem.domain, trainer.field, 0.5 + SCALE * values, problem.device)
     return bounder, {"steps": clock.count, "interrupted": interrupted, "nodes": list(trainer.field.nodes)}
 
 
@@ -98,7 +79,7 @@ class _Trainer:
         self.values = torch.from_numpy(np.where(marked.reshape(-1), START[1], START[0]).astype(np.float32))
         self.start, self.hard = self.values.clone(), np.zeros((0, len(self.field.nodes)))
 
-    def run(self, clock: Clock, progress: TrainingProgress | None) -> None:
+    def run(self, clock: Clock) -> None:
         """Descend until the clock is at its end, or ``STEPS`` are over."""
         values = self.values.requires_grad_(True)
         optimiser = torch.optim.Adam([values], lr=RATE[0], betas=(0.9, 0.99))
@@ -109,15 +90,17 @@ class _Trainer:
                     break
                 if step % REFRESH == 0:
                     self._refresh()
-                    if progress:
-                        progress(used, f"lowest positive {self.lowest:.2f}")
+                    clock.tell(used, f"lowest positive {self.lowest:.2f}")
                 softness, weight, rate = (geometric(*ends, used) for ends in (SOFTNESS, WEIGHT, RATE))
                 with torch.enable_grad():
                     inside = self._field(values, *self._pick(self.negative))
                     low = self._field(values, *self._pick(self.positive))
                     short = (MARGIN * softness / SOFTNESS[0] - low).clamp(min=0)
                     loss = torch.sigmoid(inside / softness).mean() * self.share + weight * (short * short).mean()
-                    descend(optimiser, loss, rate)
+                    optimiser.param_groups[0]["lr"] = rate
+                    optimiser.zero_grad()
+                    loss.backward()
+                    optimiser.step()
                 clock.count += 1
         finally:
             self.values = values.detach()

@@ -16,21 +16,17 @@ from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.polytopes.learned_kdop import LearnedKdop
 from warp_bounding.bounders.relu_field.relu_field import ReluField
 from warp_bounding.queries import oracle, sample
-from warp_bounding.queries.plane import PLANE
 from warp_bounding.queries.positives import draw_positives
 from warp_bounding.runtime.progress import Progress
-from warp_bounding.training.fit_network import NetworkOptions, fit_network
+from warp_bounding.training.fit_network import fit_network
 from warp_bounding.training.learned_kdop.train import train_learned_kdop
-from warp_bounding.training.problem import Problem
+from warp_bounding.training.problem import Problem, Trained
 from warp_bounding.training.relu_field import train_relu_field
 
 __all__ = ["TRAINERS", "Trainer", "trainer_of"]
 
 PARAMETRIC_SAMPLES = 20_000  # queries that a volume in parametric space is fitted to, as in the paper's code
 KDOP_SECONDS = 10.0  # training longer does not make learned half-spaces tighter
-FRONT_FACES = 40  # half-spaces of a learned-kdop before a network; twice as many are hardly nearer to the convex hull
-
-Trained = tuple[Bounder, dict[str, Any]]  # the bounder, and a record of the training for ``info["training"]``
 
 
 @dataclass(frozen=True)
@@ -67,33 +63,11 @@ def _closed_form(cls: type[Bounder], problem: Problem, options: dict[str, Any], 
     return cls.fit(grid, domain, device=device, **options), {}
 
 
-def _learned_kdop(_, problem: Problem, options: dict[str, Any], seconds: float, progress: Progress | None) -> Trained:
-    if problem.in_front and problem.query != PLANE.name and options["k"] is None:
-        options = options | {"k": FRONT_FACES}
-    common = _common_arguments(problem, seconds, progress)
-    return train_learned_kdop(problem.grid, problem.domain, **common, **options)
-
-
-def _relu_field(_, problem: Problem, options: dict[str, Any], seconds: float, progress: Progress | None) -> Trained:
-    return train_relu_field(problem.grid, problem.domain, **_common_arguments(problem, seconds, progress), **options)
-
-
-def _common_arguments(problem: Problem, seconds: float, progress: Progress | None) -> dict[str, Any]:
-    shown = (lambda used, note: progress(min(used, 1.0), 1.0, note)) if progress else None
-    return {"seed": problem.seed, "device": problem.device, "progress": shown, "budget": seconds}
-
-
-def _network(
-    cls: type[Mlp], problem: Problem, options: dict[str, Any], seconds: float, progress: Progress | None
-) -> Trained:
-    return fit_network(cls, problem, NetworkOptions(budget=seconds, **options), progress)
-
-
 TRAINERS: dict[type[Bounder], Trainer] = {
     Bounder: Trainer(_closed_form),
-    LearnedKdop: Trainer(_learned_kdop, most_seconds=KDOP_SECONDS),
-    ReluField: Trainer(_relu_field),
-    Mlp: Trainer(_network, proves=True),
+    LearnedKdop: Trainer(train_learned_kdop, most_seconds=KDOP_SECONDS),
+    ReluField: Trainer(train_relu_field),
+    Mlp: Trainer(fit_network, proves=True),
 }
 
 

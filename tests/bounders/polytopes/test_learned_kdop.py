@@ -13,6 +13,7 @@ from warp_bounding.errors import BounderError
 from warp_bounding.queries import sample
 from warp_bounding.queries.positives import draw_positives
 from warp_bounding.training.learned_kdop.train import train_learned_kdop
+from warp_bounding.training.problem import Problem
 
 CASES = [
     ("c", "point", "geometric"),
@@ -33,9 +34,8 @@ def frozen(bounder: LearnedKdop, name: str) -> LearnedKdop:
 
 @cache
 def trained(name: str, query: str, space: str) -> LearnedKdop:
-    bounder, record = train_learned_kdop(
-        shape(name), domain_of(shape(name), query, LENGTH[name], space), steps=60, seed=2, device="cpu"
-    )
+    problem = Problem(shape(name), domain_of(shape(name), query, LENGTH[name], space), query, 2, "cpu")
+    bounder, record = train_learned_kdop(LearnedKdop, problem, {"k": None, "steps": 60}, 20.0, None)
     assert record["fp_rate"] <= record["fp_rate_kdop"]
     return frozen(bounder, name)
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from bounding_shapes import object_points, shape
 
+import warp_bounding as wb
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.relu_field.cover import positive_boxes
 from warp_bounding.bounders.relu_field.relu_field import FieldMap, ReluField
@@ -13,6 +14,7 @@ from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import oracle, sample
 from warp_bounding.queries.positives import draw_positives
+from warp_bounding.training.problem import Problem
 from warp_bounding.training.relu_field import train_relu_field
 
 CASES = [
@@ -29,7 +31,8 @@ CASES = [
 @cache
 def trained(name: str, query: str) -> ReluField:
     grid = shape(name)
-    bounder, record = train_relu_field(grid, domain_of(grid, query), steps=12, seed=1, device="cpu")
+    problem = Problem(grid, domain_of(grid, query), query, 1, "cpu")
+    bounder, record = train_relu_field(ReluField, problem, {"steps": 12}, 30.0, None)
     assert record["steps"] <= 12
     least, boxes = bounder.least(grid)
     assert boxes > 0
@@ -123,9 +126,8 @@ def test_what_it_supports():
     assert ReluField.supports("point", 4)
     assert not ReluField.supports("ray", 3)
     assert not ReluField.supports("point", 5)
-    grid = shape("blob")
     with pytest.raises(BounderError, match="does not bound"):
-        train_relu_field(grid, domain_of(grid, "ray"), steps=1)
+        wb.fit(shape("blob"), "ray", "relu-field", steps=1)
     domain = domain_of(shape("c"), "point")
     with pytest.raises(BounderError, match="nodes"):
         ReluField(domain, trained("c", "point").tensors, {"nodes": [12, 1]})

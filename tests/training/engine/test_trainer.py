@@ -119,20 +119,17 @@ def test_what_is_reserved_after_the_end_does_not_begin_it_anew():
 @pytest.mark.parametrize("size", [1, 2, 4])
 def test_teams(size):
     team, seen = Team(size), []
-    try:
-        team.run(seen.append)
-        assert sorted(seen) == list(range(size))
+    team.run(seen.append)
+    assert sorted(seen) == list(range(size))
 
-        def fail(index):
-            if index == size - 1:
-                raise RuntimeError("one of us")
+    def fail(index):
+        if index == size - 1:
+            raise RuntimeError("one of us")
 
-        with pytest.raises(RuntimeError, match="one of us"):
-            team.run(fail)
-        team.run(seen.append)
-        assert len(seen) == 2 * size
-    finally:
-        team.close()
+    with pytest.raises(RuntimeError, match="one of us"):
+        team.run(fail)
+    team.run(seen.append)
+    assert len(seen) == 2 * size
 
 
 def test_torch_is_left_as_it_was():

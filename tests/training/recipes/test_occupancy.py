@@ -10,23 +10,26 @@ from warp_bounding.bounders.neural.occupancy import Occupancy  # noqa: E402
 from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
 from warp_bounding.queries import oracle, sample  # noqa: E402
 from warp_bounding.training.engine.clock import Clock  # noqa: E402
-from warp_bounding.training.recipes.occupancy import train_occupancy  # noqa: E402
+from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
+from warp_bounding.training.recipes.occupancy import OccupancyTrainer  # noqa: E402
 
 HIDDEN = (16, 16)
 
 
-def occupancy(query: str, name: str, steps: int, **options) -> Occupancy:
+def occupancy(query: str, name: str, steps: int, octaves: int = 0, progress=None) -> Occupancy:
     grid = shape(name)
     domain = domain_of(grid, query)
-    tensors = train_occupancy(grid, domain, HIDDEN, "sin", Clock(1.0, steps), **options)
-    sizes = {"hidden": list(HIDDEN), "activation": "sin", "octaves": options.get("octaves", 0)}
-    return Occupancy(domain, tensors, sizes, "cpu")
+    with single_threaded_torch():
+        trainer = OccupancyTrainer(grid, domain, HIDDEN, "sin", octaves)
+        trainer.run(Clock(1.0, steps, progress))
+        tensors = trainer.finish()
+    return Occupancy(domain, tensors, {"hidden": list(HIDDEN), "activation": "sin", "octaves": octaves}, "cpu")
 
 
 @pytest.mark.parametrize(("query", "name"), [("point", "c"), ("plane", "c"), ("box", "c"), ("ray", "c")])
 def test_it_errs_both_ways_and_little(query, name):
     notes = []
-    bounder = occupancy(query, name, 250, progress=lambda used, note: notes.append(note))
+    bounder = occupancy(query, name, 250, progress=lambda done, total, note: notes.append(note))
     x = sample(query, shape(name), 20_000, np.random.default_rng(1))
     truth = oracle(query, shape(name), "cpu")(x)
     inside = np.isfinite(bounder.domain.to_local(x)).all(axis=1)

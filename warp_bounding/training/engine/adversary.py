@@ -15,14 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from warp_bounding.runtime.launch import cpu_threads, working_seconds
+from warp_bounding.runtime.launch import working_seconds
 from warp_bounding.training.engine.team import Team, single_threaded_torch
 from warp_bounding.training.engine.trainable_network import Evaluator, TrainableNetwork
 from warp_bounding.training.samples.base import Samples
 
 __all__ = ["Adversary", "adversarial_minimum"]
 
-CHUNK = 1024  # positives that a thread evaluates at a time
 STARTS, WALKED = 65536, 16384  # fresh starts of a round, of which the lowest so many are walked
 KEPT = 4096  # the lowest states ever found, which are kept from round to round
 # At most CROWD kept states lie in a box of v of the width BOX (the domain's is 2), so that they do not all end in one
@@ -72,8 +71,8 @@ def adversarial_minimum(
         rounds: Largest number of rounds; with unlimited time the search is repeatable.
     """
     started = working_seconds()
-    with single_threaded_torch(), Team(cpu_threads()) as team:
-        search = _Search(samples, network, team, states)
+    with single_threaded_torch():
+        search = _Search(samples, network, states)
         quiet = count = 0
         while count < rounds and quiet < QUIET and (not count or working_seconds() - started < seconds):
             before = float(search.values[0]) if len(search.values) else float("inf")
@@ -88,9 +87,9 @@ def adversarial_minimum(
 
 
 class _Search:
-    def __init__(self, samples: Samples, network: TrainableNetwork, team: Team, states: torch.Tensor | None):
-        self.samples, self.network, self.team = samples, network, team
-        self.workers = [Evaluator(network) for _ in range(team.size)]
+    def __init__(self, samples: Samples, network: TrainableNetwork, states: torch.Tensor | None):
+        self.samples, self.network, self.team = samples, network, Team()
+        self.workers = [Evaluator(network) for _ in range(self.team.size)]
         states = samples.positives(0) if states is None else states
         self.states, self.values, self.steps = states, self.evaluate(states), torch.full((states.shape[1],), 0.4)
 
@@ -101,7 +100,7 @@ class _Search:
             x = self.network.encode(self.samples.coordinates(states[:, part]))
             values[part] = self.workers[index].forward(x)
 
-        self.team.over(states.shape[1], job, CHUNK)
+        self.team.over(states.shape[1], job)
         return values
 
     def walk(self, states: torch.Tensor, steps: torch.Tensor, moves: int):
@@ -125,7 +124,7 @@ class _Search:
                 step = torch.where(better, step * GROWTH, step * SHRINK).clamp_(SHORTEST, LONGEST)
             states[:, part], values[part], steps[part] = here, f, step
 
-        self.team.over(states.shape[1], job, CHUNK)
+        self.team.over(states.shape[1], job)
         return states, values, steps
 
     def _slope(self, worker: Evaluator, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -146,23 +145,14 @@ class _Search:
             relatives = self.samples.move(self.states, sideways, length)
             pools.append(self.walk(relatives, length * 0.5, WALK))
         states, values, steps = (torch.cat(parts, -1) for parts in zip(*pools, strict=True))
-        order = _spread(self.samples.coordinates(states), values.argsort(), KEPT, CROWD)
+        order = _spread(self.samples.coordinates(states), values.argsort())
         self.states, self.values, self.steps = states[:, order], values[order], steps[order]
 
 
-def _spread(v: torch.Tensor, order: torch.Tensor, count: int, crowd: int) -> torch.Tensor:
-    """The first ones of an order that do not crowd: of those in one small box of ``v`` no more than a few.
+def _spread(v: torch.Tensor, order: torch.Tensor) -> torch.Tensor:
+    """The first ``KEPT`` of an order ``(N,)`` of which no more than ``CROWD`` are in one small box of ``v`` ``(ndim, N)``.
 
     Without it, a pool of the worst positives ends as copies of the very worst one.
-
-    Args:
-        v: ``(ndim, N)``.
-        order: ``(N,)`` indices, the best first.
-        count: Largest number that is kept.
-        crowd: Largest number in a box of width ``BOX``.
-
-    Returns:
-        ``(K,)`` indices, in order.
     """
     box = torch.floor(v.index_select(1, order) / BOX).long()
     key = torch.zeros(box.shape[1], dtype=torch.int64)
@@ -172,5 +162,5 @@ def _spread(v: torch.Tensor, order: torch.Tensor, count: int, crowd: int) -> tor
     index = torch.arange(len(key))
     first = torch.where(torch.cat([torch.ones(1, dtype=torch.bool), key[1:] != key[:-1]])[: len(key)], index, 0)
     alone = torch.empty(len(key), dtype=torch.bool)
-    alone[place] = index - first.cummax(0)[0] < crowd
-    return order[alone][:count]
+    alone[place] = index - first.cummax(0)[0] < CROWD
+    return order[alone][:KEPT]

@@ -1,16 +1,17 @@
-"""A training budget, in seconds or in steps, as a fraction that schedules are written in, and the schedules."""
+"""A training budget, in seconds or in steps, as a fraction that schedules are written in, and the schedules.
+
+Whoever trains tells the clock how it goes, and the clock tells the user.
+"""
 
 import math
 from collections.abc import Callable, Iterator
 
 from warp_bounding.runtime.launch import working_seconds
+from warp_bounding.runtime.progress import Progress
 
-__all__ = ["Clock", "TrainingProgress", "cosine", "geometric", "interrupts"]
+__all__ = ["Clock", "cosine", "geometric", "interrupts"]
 
 FASTER = 2.0  # largest factor by which the used fraction may go on faster when more time is reserved
-
-# Called now and then with the used fraction of the budget and a note on how the training goes.
-TrainingProgress = Callable[[float, str], None]
 
 
 class Clock:
@@ -19,20 +20,25 @@ class Clock:
     Args:
         seconds: Wall time, from now on.
         steps: Number of steps; if given, time plays no role and runs are repeatable.
+        progress: Called with done, total and a note, or ``None``.
+        share: The part of the user's progress that is training; proofs come behind it.
     """
 
-    def __init__(self, seconds: float, steps: int | None = None):
+    def __init__(self, seconds: float, steps: int | None = None, progress: Progress | None = None, share: float = 1.0):
+        self.progress, self.share = progress, share
         self.started, self.total, self.limit, self.count = working_seconds(), seconds, steps, 0
         self.reserved = 0.0  # seconds at the end that belong to the proof
         self._from = (0.0, 0.0)  # seconds since the start and used fraction, from which the fraction grows evenly
 
-    def reserve(self, seconds: float, used: float | None = None) -> None:
-        """Change what is kept for the proof; the used fraction goes on evenly, so that schedules do not jump.
+    def tell(self, used: float, note: str) -> None:
+        """Say how training goes at a used fraction."""
+        if self.progress:
+            self.progress(min(used, 1.0) * self.share, 1.0, note)
 
-        Args:
-            seconds: Time at the end of the budget.
-            used: Used fraction from which it goes on, where the time since then was not training; the present one if
-                ``None``.
+    def reserve(self, seconds: float, used: float | None = None) -> None:
+        """Keep other seconds at the end for the proof; the used fraction goes on evenly, so that schedules do not jump.
+
+        It goes on from ``used``, where the time since then was not training; from the present one if ``None``.
         """
         now, used = self.seconds, min(self.fraction() if used is None else used, 1.0)
         left = max(self.total - self.reserved - now, 0.0)

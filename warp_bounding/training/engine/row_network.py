@@ -11,7 +11,7 @@ import torch
 
 from warp_bounding.activations import Activation
 
-__all__ = ["RowNetwork", "initial", "tensors_of"]
+__all__ = ["RowNetwork", "initial", "initial_layers", "tensors_of"]
 
 
 def initial(generator: torch.Generator, rows: int, inputs: int, gain: float = 1.0) -> torch.Tensor:
@@ -21,34 +21,17 @@ def initial(generator: torch.Generator, rows: int, inputs: int, gain: float = 1.
     return layer
 
 
-class RowNetwork:
-    """Hidden layers and linear outputs.
+def initial_layers(widths: list[int], gains: tuple[float, float], generator: torch.Generator) -> list[torch.Tensor]:
+    """Random layers between ``widths``, with gains of the first and of later hidden ones; the output's gain is 1."""
+    each = [gains[0], *[gains[1]] * (len(widths) - 3), 1.0]
+    return [initial(generator, h, k, gain) for gain, (k, h) in zip(each, pairwise(widths), strict=True)]
 
-    Args:
-        layers: Layers that are trained.
-        activation: Activation of hidden layers.
-        fixed: Hidden layers before these, which stay as they are.
-    """
+
+class RowNetwork:
+    """Hidden layers and linear outputs: ``fixed`` hidden layers, which stay as they are, and layers that are trained."""
 
     def __init__(self, layers: list[torch.Tensor], activation: Activation, fixed: tuple[torch.Tensor, ...] = ()):
         self.layers, self.activation, self.fixed = [layer.requires_grad_(True) for layer in layers], activation, fixed
-
-    @classmethod
-    def random(
-        cls, widths: list[int], activation: Activation, gains: tuple[float, float], generator: torch.Generator
-    ) -> "RowNetwork":
-        """Random weights.
-
-        Args:
-            widths: Inputs, hidden widths and outputs.
-            activation: Activation of hidden layers.
-            gains: Gains of the first layer and of later hidden ones (``initial``); the output's is 1.
-            generator: Source of everything random.
-        """
-        first, later = gains
-        each = [first, *[later] * (len(widths) - 3), 1.0]
-        layers = [initial(generator, h, k, gain) for gain, (k, h) in zip(each, pairwise(widths), strict=True)]
-        return cls(layers, activation)
 
     def __call__(self, h: torch.Tensor) -> torch.Tensor:
         """Outputs ``(N, outputs)`` of rows ``(N, inputs)``."""

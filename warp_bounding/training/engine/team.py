@@ -1,81 +1,50 @@
-"""Plain threads that each run torch on one core.
+"""Shares of a job on the library's own threads, each of which runs torch on one core.
 
 Torch's own thread pool spins at its barriers, which costs a multiple of these short steps wherever another process uses
 a core; threads that sleep in the operating system do not.
 """
 
 import contextlib
-import queue
-import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import torch
 
+from warp_bounding.runtime.launch import cpu_threads, run_shares
+
 __all__ = ["Team", "single_threaded_torch"]
+
+CHUNK = 1024  # things that a thread does at a time, such as samples that it evaluates
 
 
 class Team:
-    """Run ``job(k)`` for k in 0 .. size - 1, job 0 on the caller's thread.
+    """Runs ``job(k)`` for k in 0 .. size - 1, the number of threads; as many as launches use if ``None``."""
 
-    Args:
-        size: Number of threads, the caller's included.
-    """
-
-    def __init__(self, size: int):
-        self.size = size
-        self._inboxes = [queue.SimpleQueue() for _ in range(size - 1)]
-        self._results = queue.SimpleQueue()
-        self._threads = [threading.Thread(target=self._serve, args=(k,), daemon=True) for k in range(1, size)]
-        for thread in self._threads:
-            thread.start()
-
-    def _serve(self, index: int) -> None:
-        torch.set_num_threads(1)
-        torch.set_grad_enabled(False)
-        while (job := self._inboxes[index - 1].get()) is not None:
-            try:
-                job(index)
-                self._results.put(None)
-            except BaseException as error:  # handed to the caller, who raises it
-                self._results.put(error)
+    def __init__(self, size: int | None = None):
+        self.size = size or cpu_threads()
 
     def run(self, job: Callable[[int], None]) -> None:
-        """Run a job on every thread and wait for all; an error in one is raised here."""
-        for inbox in self._inboxes:
-            inbox.put(job)
-        try:
-            job(0)
-        finally:
-            errors = [error for error in (self._results.get() for _ in self._inboxes) if error is not None]
-        if errors:
-            raise errors[0]
+        """Run a job on every thread, without autograd, and wait for all; an error in one is raised here."""
+
+        def share(index: int) -> None:
+            with torch.no_grad():
+                job(index)
+
+        run_shares([partial(share, index) for index in range(self.size)])
 
     def share(self, index: int, count: int) -> slice:
         """Thread ``index``'s part of ``count`` things."""
         return slice(*(count * k // self.size for k in (index, index + 1)))
 
-    def over(self, count: int, job: Callable[[int, slice], None], chunk: int) -> None:
-        """Run ``job(k, part)`` over ``count`` things: thread k goes through its share in parts of at most ``chunk``."""
+    def over(self, count: int, job: Callable[[int, slice], None]) -> None:
+        """Run ``job(k, part)`` over ``count`` things: thread k goes through its share in parts of at most ``CHUNK``."""
 
         def go(index: int) -> None:
             own = self.share(index, count)
-            for start in range(own.start, own.stop, chunk):
-                job(index, slice(start, min(start + chunk, own.stop)))
+            for start in range(own.start, own.stop, CHUNK):
+                job(index, slice(start, min(start + CHUNK, own.stop)))
 
         self.run(go)
-
-    def __enter__(self) -> "Team":
-        return self
-
-    def __exit__(self, *_) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """End the threads."""
-        for inbox in self._inboxes:
-            inbox.put(None)
-        for thread in self._threads:
-            thread.join()
 
 
 @contextlib.contextmanager

@@ -5,14 +5,14 @@ the gradient in the input run in preallocated buffers. Columns are samples: data
 row ones, so that a layer's weight and bias are one ``(out, in + 1)`` matrix.
 """
 
-import math
+from itertools import pairwise
 
 import numpy as np
 import torch
 
 from warp_bounding.activations import activation_of
 from warp_bounding.bounders.neural.mlp import encoding_tensors
-from warp_bounding.training.engine.row_network import tensors_of
+from warp_bounding.training.engine.row_network import initial_layers, tensors_of
 
 __all__ = ["Evaluator", "TrainableNetwork"]
 
@@ -32,41 +32,37 @@ class TrainableNetwork:
         self.act = activation_of(activation)
         fixed = encoding_tensors(ndim, octaves)
         self.encoding = {name: torch.from_numpy(value) for name, value in fixed.items()} if octaves else {}
-        inputs = ndim + 2 * ndim * octaves
-        self.widths = [inputs, *hidden, 1]
-        self.flat = torch.zeros(sum(o * (i + 1) for i, o in zip(self.widths, self.widths[1:], strict=False)))
+        self.widths = [ndim + 2 * ndim * octaves, *hidden, 1]
+        self.flat = torch.zeros(sum(o * (i + 1) for i, o in pairwise(self.widths)))
         self.layers = self.split(self.flat)
 
     def split(self, flat: torch.Tensor) -> list[torch.Tensor]:
         """Views of a flat vector, one ``(out, in + 1)`` matrix a layer."""
         views, start = [], 0
-        for i, o in zip(self.widths, self.widths[1:], strict=False):
+        for i, o in pairwise(self.widths):
             views.append(flat[start : start + o * (i + 1)].view(o, i + 1))
             start += o * (i + 1)
         return views
 
     def initialise(self, first: float, later: float, generator: torch.Generator) -> None:
         """Uniform weights in ``+-gain / sqrt(inputs)``; the gains are ``first``, then ``later``, of the output 1."""
-        for index, layer in enumerate(self.layers):
-            layer.copy_((torch.rand(layer.shape, generator=generator) * 2 - 1) / math.sqrt(layer.shape[1] - 1))
-            if index < len(self.layers) - 1:
-                layer[:, :-1] *= first if index == 0 else later
+        for layer, values in zip(self.layers, initial_layers(self.widths, (first, later), generator), strict=True):
+            layer.copy_(values)
 
     def encode(self, v: torch.Tensor) -> torch.Tensor:
         """Columns ``(n, N)`` as the network's input ``(features + 1, N)``."""
         out = torch.ones(self.widths[0] + 1, v.shape[1])
         out[: self.ndim] = v
         if self.encoding:
-            out[self.ndim : -1] = torch.sin(
-                self.encoding["encoding.weight"] @ v + self.encoding["encoding.bias"][:, None]
-            )
+            weight, bias = self.encoding.values()
+            out[self.ndim : -1] = torch.sin(weight @ v + bias[:, None])
         return out
 
     def decode_gradient(self, gradient: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
         """Gradient in ``v`` ``(n, N)`` from the gradient in the network's input, without its row of ones."""
         if not self.encoding:
             return gradient
-        weight, bias = self.encoding["encoding.weight"], self.encoding["encoding.bias"]
+        weight, bias = self.encoding.values()
         slope = torch.cos(weight @ v + bias[:, None]) * gradient[self.ndim :]
         return gradient[: self.ndim] + weight.T @ slope
 
@@ -77,11 +73,7 @@ class TrainableNetwork:
 
 
 class Evaluator:
-    """Forward and backward passes of one thread, in buffers of its own.
-
-    Args:
-        network: Its parameters are read, never written.
-    """
+    """Forward and backward passes of one thread, in buffers of its own; the network's parameters are only read."""
 
     def __init__(self, network: TrainableNetwork):
         self.network = network

@@ -7,6 +7,10 @@ positives on the samples wins, ``kdop``'s half-spaces themselves among them, so 
 ``kdop`` there.
 """
 
+import contextlib
+from functools import partial
+from typing import Any
+
 import numpy as np
 import torch
 
@@ -16,10 +20,12 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import oracle, sample
-from warp_bounding.training.engine.clock import Clock, TrainingProgress, geometric, interrupts
-from warp_bounding.training.engine.descent import descend
+from warp_bounding.queries.plane import PLANE
+from warp_bounding.runtime.progress import Progress
+from warp_bounding.training.engine.clock import Clock, geometric, interrupts
 from warp_bounding.training.engine.team import single_threaded_torch
 from warp_bounding.training.learned_kdop.half_space_problems import HalfSpaceProblem, problem_of, tensor
+from warp_bounding.training.problem import Problem, Trained
 
 __all__ = ["train_learned_kdop"]
 
@@ -28,6 +34,7 @@ __all__ = ["train_learned_kdop"]
 SAMPLES, FEW, MOST_SAMPLES = 100_000, 0.1, 1_000_000
 BATCH = 4096  # negatives of a step
 MOST = 128  # half-spaces at most
+FRONT_FACES = 40  # half-spaces before a network in a cascade; twice as many are hardly nearer to the convex hull
 STARTS, STEPS = 3, 1500  # starts, and steps of each: more steps gain nothing
 SOFTNESS = (0.2, 0.006)  # T, in units of v, from begin to end
 RATE, RATE_END = 4e-2, 1e-3  # learning rate at the first and at the last step
@@ -38,73 +45,49 @@ FINALISTS = 2  # results whose certified faces are set at the end, of which the 
 
 
 def train_learned_kdop(
-    grid: IndicatorGrid,
-    domain: Domain | RegionDomain,
-    *,
-    budget: float = 20.0,
-    seed: int = 0,
-    k: int | None = None,
-    steps: int | None = None,
-    device: str | None = None,
-    progress: TrainingProgress | None = None,
-) -> tuple[LearnedKdop, dict]:
-    """Learn a ``learned-kdop``.
+    _, problem: Problem, options: dict[str, Any], seconds: float, progress: Progress | None
+) -> Trained:
+    """Learn a ``learned-kdop`` (``trainers.Trainer``); some seconds are enough. Ctrl-C ends training, the best is taken.
 
-    Args:
-        grid: The object.
-        domain: ``domain_of(grid, query, length, space)``.
-        budget: Seconds at most; some seconds are enough.
-        seed: Of everything random.
-        k: Half-spaces, ``MOST`` at most; as many as ``kdop`` has if ``None``. Beyond ``kdop``'s numbers, training
-            starts from its default ones and random others.
-        steps: Training steps in all instead of seconds: the result is then repeatable.
-        device: Warp device of the bounder.
-        progress: Called with the used fraction and a note. Ctrl-C ends training; the best so far is taken.
-
-    Returns:
-        The bounder, its threshold not set yet (``prove``), and a record of how it went.
+    There are ``k`` half-spaces, ``MOST`` at most; as many as ``kdop`` has if ``None``. Beyond ``kdop``'s numbers,
+    training starts from its default ones and random others. ``steps`` are training steps in all.
     """
-    clock = Clock(budget, steps)
-    support, generator = support_of(grid, domain), torch.Generator().manual_seed(seed)
-    problem, (v, share) = problem_of(domain, support), _negatives(grid, domain, seed)
+    grid, domain, k = problem.grid, problem.domain, options["k"]
+    if k is None and problem.in_front and problem.query != PLANE.name:
+        k = FRONT_FACES
+    clock = Clock(seconds, options["steps"], progress)
+    support, generator = support_of(grid, domain), torch.Generator().manual_seed(problem.seed)
+    faces, (v, share) = problem_of(domain, support), _negatives(grid, domain, problem.seed)
     classic = _classic(domain, k)
     start = _unit(tensor(classic))
     if k is not None and k > len(start):
-        start = torch.cat([start, _unit(problem.start(k - len(start), generator))])
-    clock.reserved = min(0.15 * budget, 2 * clock.seconds)
+        start = torch.cat([start, _unit(faces.start(k - len(start), generator))])
+    clock.reserved = min(0.15 * seconds, 2 * clock.seconds)
     found: list[tuple[float, torch.Tensor]] = []
 
     def learn() -> None:
         for index in range(STARTS):
             normals = start + JITTER * torch.randn(start.shape, generator=generator)
             if index % 2 == 1:
-                normals = problem.start(len(start), generator)
+                normals = faces.start(len(start), generator)
             part = ((index + 1) / STARTS, index / STARTS)
             found.append((np.inf, start))
-            _descend(problem, v, _unit(normals), clock, part, generator, progress, found)
+            _descend(faces, v, _unit(normals), clock, part, generator, found)
             if clock.fraction() >= 1:
                 break
 
     with single_threaded_torch():
         interrupted = interrupts(learn)
     found.sort(key=lambda pair: pair[0])
-    bounders = [LearnedKdop.of_normals(grid, domain, classic, support=support, device=device)]
+    bounder_of = partial(LearnedKdop.of_normals, grid, domain, support=support, device=problem.device)
+    bounders = [bounder_of(classic)]
     for _, normals in found[:FINALISTS]:
-        try:
-            bounders.append(
-                LearnedKdop.of_normals(grid, domain, normals.double().numpy(), support=support, device=device)
-            )
-        except BounderError:  # half-spaces that are nearly parallel have no certain vertices
-            continue
+        with contextlib.suppress(BounderError):  # half-spaces that are nearly parallel have no certain vertices
+            bounders.append(bounder_of(normals.double().numpy()))
     rates = [float((b.reference(v.double().numpy()) >= 0).mean()) for b in bounders]
     best = int(np.argmin(rates))
-    record = {
-        "steps": clock.count,
-        "interrupted": interrupted,
-        "fp_rate": rates[best] * share,
-        "fp_rate_kdop": rates[0] * share,
-    }
-    return bounders[best], record
+    record = {"steps": clock.count, "interrupted": interrupted}
+    return bounders[best], record | {"fp_rate": rates[best] * share, "fp_rate_kdop": rates[0] * share}
 
 
 def _classic(domain: Domain | RegionDomain, k: int | None) -> np.ndarray:
@@ -131,7 +114,6 @@ def _descend(
     clock: Clock,
     share: tuple[float, float],
     generator: torch.Generator,
-    progress: TrainingProgress | None,
     found: list[tuple[float, torch.Tensor]],
 ) -> None:
     """Train from one start until the used fraction ``share[0]``, or for ``STEPS``; ``found[-1]`` keeps the best."""
@@ -147,14 +129,16 @@ def _descend(
                 problem.refresh(unit)
             if step % CHECK == 0 or last:
                 found[-1] = min(found[-1], _count(problem, v, unit.detach()), key=lambda pair: pair[0])
-                if progress:
-                    progress(clock.fraction(), f"{100 * found[-1][0]:.1f} % of the negatives inside")
+                clock.tell(clock.fraction(), f"{100 * found[-1][0]:.1f} % of the negatives inside")
             if last:
                 break
             batch = v[torch.randint(len(v), (BATCH,), generator=generator)]
             softness = geometric(*SOFTNESS, used)
             loss = torch.sigmoid(problem.values(unit, problem.offsets(unit), batch) / softness).mean()
-            descend(optimiser, loss, geometric(RATE, RATE_END, used))
+            optimiser.param_groups[0]["lr"] = geometric(RATE, RATE_END, used)
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
         clock.count += 1
 
 

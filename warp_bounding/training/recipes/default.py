@@ -8,10 +8,10 @@ their cells. Positives that others find, such as the prover, enter the pool by `
 import math
 from collections.abc import Callable
 
+import numpy as np
 import torch
 
-from warp_bounding.runtime.launch import cpu_threads
-from warp_bounding.training.engine.clock import Clock, TrainingProgress, cosine
+from warp_bounding.training.engine.clock import Clock, cosine
 from warp_bounding.training.engine.soap import Soap
 from warp_bounding.training.engine.team import Team
 from warp_bounding.training.engine.trainable_network import Evaluator, TrainableNetwork
@@ -35,6 +35,7 @@ class Trainer:
         network: The parameters as they are now.
         false_positives: Estimated share of false positives, of all uniform samples, at the last refresh.
         false_negatives: Share of the worst positives that the paper's threshold of 0 would deny.
+        hard: ``(S, K)``, states of the worst positives known; none before the first refresh.
         decay: In each step the hidden layers' weights shrink by this times the learning rate: smaller weights bend f
             less, which shortens its proof.
         mines: Whether ``run`` calls ``on_refresh``, so that positives found by others can enter the training.
@@ -54,9 +55,11 @@ class Trainer:
         self.samples, self.generator = samples, samples.generator
         self.network = TrainableNetwork(samples.ndim, hidden, activation, octaves)
         self._initialise()
+        self.team = Team()
+        self.workers = [Evaluator(self.network) for _ in range(self.team.size)]
         self.false_positives = self.false_negatives = 1.0
         self.decay = 0.0
-        self._hard: torch.Tensor | None = None  # states
+        self.hard = samples.positives(0)
         self._best = (math.inf, self.network.flat.clone())
         self._batches: tuple[Batches, Batches] | None = None
 
@@ -71,108 +74,86 @@ class Trainer:
     def _optimiser(self) -> Soap:
         return Soap(self.network.layers, self.recipe.beta1, self.recipe.beta2)
 
-    def run(
-        self,
-        clock: Clock,
-        *,
-        on_refresh: Callable[["Trainer", float], None] | None = None,
-        progress: TrainingProgress | None = None,
-    ) -> None:
+    def run(self, clock: Clock, on_refresh: Callable[[float], None] = lambda used: None) -> None:
         """Train until the clock's budget is used up, or an interrupt.
 
         Args:
             clock: The budget; its count of steps goes on.
-            on_refresh: Called before every refresh with this trainer and the used fraction, and at the end with 1; it
-                may ``add`` positives.
-            progress: Called at every refresh with the used fraction and a note on rates.
+            on_refresh: Called before every refresh with the used fraction, and at the end with 1; it may ``add``
+                positives.
         """
         recipe, optimiser = self.recipe, self._optimiser()
-        with Team(cpu_threads()) as team:
-            workers = self.workers(team)
-            for step, used in clock.steps():
-                if step % recipe.refresh == 0:
-                    if on_refresh:
-                        on_refresh(self, used)
-                    self._refresh(team, workers, used)
-                    if progress:
-                        rates = f"FP {100 * self.false_positives:.1f} %, FN at 0: {100 * self.false_negatives:.1f} % of the worst"
-                        progress(used, rates)
-                rate = cosine(recipe.rate, recipe.rate_end, recipe.warm_up, used)
-                optimiser.step(self._gradients(team, workers, step % recipe.refresh, used, rate), rate)
-                if self.decay:
-                    for weight in self.network.layers[:-1]:
-                        weight.mul_(1 - rate * self.decay)
-            if on_refresh:
-                on_refresh(self, 1.0)
-            self._refresh(team, workers, 1.0)
+        for step, used in clock.steps():
+            if step % recipe.refresh == 0:
+                on_refresh(used)
+                self._refresh(used)
+                worst = f"FN at 0: {100 * self.false_negatives:.1f} % of the worst"
+                clock.tell(used, f"FP {100 * self.false_positives:.1f} %, {worst}")
+            rate = cosine(recipe.rate, recipe.rate_end, recipe.warm_up, used)
+            optimiser.step(self._gradients(step % recipe.refresh, used, rate), rate)
+            if self.decay:
+                for weight in self.network.layers[:-1]:
+                    weight.mul_(1 - rate * self.decay)
+        on_refresh(1.0)
+        self._refresh(1.0)
 
-    def workers(self, team: Team) -> list[Evaluator]:
-        """An evaluator of the network for each thread."""
-        return [Evaluator(self.network) for _ in range(team.size)]
-
-    def add(self, v) -> None:
+    def add(self, v: np.ndarray) -> None:
         """Add positives found elsewhere, ``(N, ndim)`` float64 coordinates ``v``, to the hard pool."""
         self.add_states(self.samples.locate(v))
 
     def add_states(self, state: torch.Tensor) -> None:
         """Add positives found elsewhere, as states ``(S, N)``, to the hard pool."""
-        self._hard = state if self._hard is None else torch.cat([state, self._hard], 1)
+        self.hard = torch.cat([state, self.hard], 1)
 
-    def hard_states(self) -> torch.Tensor:
-        """``(S, K)``, states of the worst positives known; none before the first refresh."""
-        return self.samples.positives(0) if self._hard is None else self._hard
+    def finish(self) -> dict[str, np.ndarray]:
+        """Take the parameters with the fewest estimated false positives so far; returns them as a bounder stores them."""
+        self.network.flat.copy_(self._best[1])
+        return self.network.tensors()
 
-    def best(self) -> torch.Tensor:
-        """The parameters with the fewest estimated false positives so far, flat."""
-        return self._best[1]
-
-    def worst_points(self):
+    def worst_points(self) -> np.ndarray:
         """``(K, ndim)`` float64, the worst positives known, coordinates ``v``: where a proof's search may begin."""
-        hard = self.samples.coordinates(self.hard_states())
+        hard = self.samples.coordinates(self.hard)
         return torch.cat([hard, self.samples.vertices], 1).T.double().numpy()
 
-    # --- one refresh -------------------------------------------------------------------------------------------------
-
-    def _refresh(self, team: Team, workers: list[Evaluator], used: float) -> None:
+    def _refresh(self, used: float) -> None:
         """Draw new samples, renew the hard pool, estimate the rates, plan the batches until the next refresh."""
         recipe, samples, network = self.recipe, self.samples, self.network
         negative = network.encode(samples.negatives(recipe.pool))
         state = samples.positives(recipe.pool)
         fresh = samples.coordinates(state)
-        walked = self._descend(team, workers, samples.positives(recipe.explore), recipe.explore_moves)
-        state = torch.cat([walked, self.hard_states(), state], 1)
-        values = self._evaluate(team, workers, network.encode(samples.coordinates(state)))
+        walked = self._descend(self.workers, samples.positives(recipe.explore), recipe.explore_moves)
+        state = torch.cat([walked, self.hard, state], 1)
+        values = self._evaluate(self.workers, network.encode(samples.coordinates(state)))
         worst = values.topk(min(recipe.hard, len(values)), largest=False)[1]
-        self._hard = self._descend(team, workers, state[:, worst], recipe.moves)
+        self.hard = self._descend(self.workers, state[:, worst], recipe.moves)
         vertices = samples.vertices
         if vertices.shape[1] > recipe.vertices:
             pick = torch.randint(vertices.shape[1], (recipe.vertices,), generator=self.generator)
             vertices = vertices.index_select(1, pick)
-        positive = network.encode(torch.cat([vertices, fresh, samples.coordinates(self._hard)], 1))
-        values = self._evaluate(team, workers, torch.cat([negative, positive], 1))
+        positive = network.encode(torch.cat([vertices, fresh, samples.coordinates(self.hard)], 1))
+        values = self._evaluate(self.workers, torch.cat([negative, positive], 1))
         below, above = values[: negative.shape[1]], values[negative.shape[1] :]
         self._estimate(below, above)
-
         self._batches = plan(recipe, used, self.generator, (negative, below), (positive, above))
 
     def _estimate(self, below: torch.Tensor, above: torch.Tensor) -> None:
         """False positives at the least value known on the object; remember the parameters with the fewest."""
         self.false_positives = float((below >= above.min()).sum()) / self.recipe.pool
-        hard = above[-self._hard.shape[1] :]
+        hard = above[-self.hard.shape[1] :]
         self.false_negatives = float((hard < 0).float().mean())
         if self.false_positives <= self._best[0]:
             self._best = (self.false_positives, self.network.flat.clone())
 
-    def _evaluate(self, team: Team, workers: list[Evaluator], x: torch.Tensor) -> torch.Tensor:
+    def _evaluate(self, workers: list[Evaluator], x: torch.Tensor) -> torch.Tensor:
         values = torch.empty(x.shape[1])
 
         def job(index: int, part: slice) -> None:
             values[part] = workers[index].forward(x[:, part])
 
-        team.over(x.shape[1], job, self.recipe.chunk)
+        self.team.over(x.shape[1], job)
         return values
 
-    def _descend(self, team: Team, workers: list[Evaluator], state: torch.Tensor, moves: int) -> torch.Tensor:
+    def _descend(self, workers: list[Evaluator], state: torch.Tensor, moves: int) -> torch.Tensor:
         """States ``(S, N)`` after so many moves down f, which shrink from 0.4 cells on."""
         state, samples, network = state.clone(), self.samples, self.network
 
@@ -184,14 +165,10 @@ class Trainer:
                 columns = samples.move(columns, slope, 0.4 * 0.8**move)
             state[:, part] = columns
 
-        team.over(state.shape[1], job, self.recipe.chunk)
+        self.team.over(state.shape[1], job)
         return state
 
-    # --- one step ----------------------------------------------------------------------------------------------------
-
-    def _gradients(
-        self, team: Team, workers: list[Evaluator], row: int, used: float, rate: float
-    ) -> list[torch.Tensor]:
+    def _gradients(self, row: int, used: float, rate: float) -> list[torch.Tensor]:
         """Gradients of the loss on the planned batch ``row``, one matrix a layer, for a step at this learning rate."""
-        accumulate(self._batches, self.recipe, team, workers, row, used)
-        return summed(workers)
+        accumulate(self._batches, self.recipe, self.team, self.workers, row, used)
+        return summed(self.workers)

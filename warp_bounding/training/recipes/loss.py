@@ -50,7 +50,6 @@ class Recipe:
     later_gain: float = 3.0  # the same, of later hidden layers
     first_gain_plain: float = 3.0  # the same two where the activation is no wave, or behind an encoding
     later_gain_plain: float = 1.7
-    chunk: int = 1024  # columns that a thread evaluates at a time
 
 
 RECIPES = {
@@ -116,24 +115,11 @@ def weights_of(recipe: Recipe, used: float) -> tuple[float, float, float]:
 
 
 def accumulate(
-    batches: tuple[Batches, Batches],
-    recipe: Recipe,
-    team: Team,
-    workers: list[Evaluator],
-    row: int,
-    used: float,
-    size: int | None = None,
+    batches: tuple[Batches, Batches], recipe: Recipe, team: Team, workers: list[Evaluator], row: int, used: float
 ) -> None:
-    """Gradient of the loss on one batch of negatives and positives; each worker's share is in its ``gradient``.
+    """Gradient of the loss on one batch that ``plan`` has drawn, the one with number ``row`` since the last refresh.
 
-    Args:
-        batches: What ``plan`` has drawn.
-        recipe: Constants.
-        team: Threads.
-        workers: One for each thread, of one network.
-        row: Number of the batch since the last refresh.
-        used: Used fraction of the budget.
-        size: Samples of a batch that count; the recipe's batch if ``None``.
+    The workers, one for each thread, are of one network; each one's share is in its ``gradient``.
     """
     (weight, width, ramp), (negatives, positives) = weights_of(recipe, used), batches
     for worker in workers:
@@ -153,7 +139,7 @@ def accumulate(
         signal = torch.sigmoid(f.div_(-width)).mul_(positives.weight[part]).mul_(positives.boost[columns])
         worker.backward(x, signal.mul_(-(weight**0.5)))
 
-    team.over(size or recipe.batch, job, recipe.chunk)
+    team.over(len(negatives.weight), job)
 
 
 def summed(workers: list[Evaluator]) -> list[torch.Tensor]:
@@ -164,12 +150,7 @@ def summed(workers: list[Evaluator]) -> list[torch.Tensor]:
 
 
 def _stratified(active: torch.Tensor, recipe: Recipe, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-    """Batches drawn from two strata.
-
-    Args:
-        active: ``(N,)`` bool, the samples that carry gradient.
-        recipe: Batch size, number of batches, share of active ones.
-        generator: Source of randomness.
+    """Batches drawn from two strata: the samples that carry gradient, ``active`` ``(N,)`` bool, and the others.
 
     Returns:
         ``(refresh, batch)`` indices, and ``(batch,)`` weights under which a batch's sum estimates the sum over all

@@ -39,18 +39,14 @@ class LeastBoxSamples(BoxSamples):
         self.vertices = self.cells.boundary_vertices().repeat(2, 1)
 
     def positives(self, count: int) -> torch.Tensor:
-        """Most are in boundary cells and on cell faces, the rest uniform in the object."""
         return torch.cat(self.cells.draw(count))
 
     def coordinates(self, state: torch.Tensor) -> torch.Tensor:
         return self.point(state).repeat(2, 1)
 
     def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
-        """The largest component moves by ``step`` cells; all points stay in their cells."""
-        n = self.grid.ndim
-        slope = (slope[:n] + slope[n:]) * self.cells.unit
-        slope /= slope.abs().amax(0, keepdim=True) + 1e-12
-        return torch.cat([state[:n], (state[n:] - step * slope).clamp_(-0.5, 0.5)])
+        low, high = slope.chunk(2)
+        return self.cells.walk(state, low + high, step)
 
     def locate(self, v: np.ndarray) -> torch.Tensor:
         """States of points ``(N, n)`` of the object, local space."""
@@ -58,21 +54,12 @@ class LeastBoxSamples(BoxSamples):
 
 
 class MonotoneTrainer(Trainer):
-    """A monotone network in training; see ``Trainer``.
-
-    Args:
-        samples: Samples whose positives are points.
-        hidden: Hidden widths.
-        activation: Name of one that never falls.
-        recipe: Constants.
-    """
+    """A monotone network in training, on samples whose positives are points; see ``Trainer``."""
 
     samples: LeastBoxSamples
 
-    def __init__(
-        self, samples: LeastBoxSamples, hidden: tuple[int, ...], activation: str, recipe: Recipe | None = None
-    ):
-        super().__init__(samples, hidden, activation, recipe=recipe or RECIPE)
+    def __init__(self, samples: LeastBoxSamples, hidden: tuple[int, ...], activation: str):
+        super().__init__(samples, hidden, activation, recipe=RECIPE)
 
     def add(self, v: np.ndarray) -> None:
         """Add points, lowest first; one a cell is kept, because a search's points crowd around few minima."""
@@ -112,10 +99,7 @@ class MonotoneTrainer(Trainer):
 class _RootSoap(Soap):
     """Soap over the square roots of weights, and biases as they are; writes the weights after each step.
 
-    Args:
-        layers: ``(out, in + 1)`` matrices, the last column the biases.
-        signs: ``(out, in)``, the signs of their weights.
-        recipe: Constants.
+    Layers are ``(out, in + 1)`` matrices, the last column the biases; ``signs`` ``(out, in)`` are those of their weights.
     """
 
     def __init__(self, layers: list[torch.Tensor], signs: list[torch.Tensor], recipe: Recipe):

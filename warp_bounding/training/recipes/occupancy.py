@@ -15,14 +15,13 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.networks.heads import head_of
 from warp_bounding.queries import oracle, sample
-from warp_bounding.runtime.launch import cpu_threads
-from warp_bounding.training.engine.clock import Clock, TrainingProgress, cosine, geometric, interrupts
+from warp_bounding.training.engine.clock import Clock, cosine, geometric
 from warp_bounding.training.engine.row_network import RowNetwork, tensors_of
 from warp_bounding.training.engine.soap import Soap
-from warp_bounding.training.engine.team import Team, single_threaded_torch
+from warp_bounding.training.engine.team import Team
 from warp_bounding.training.engine.trainable_network import TrainableNetwork
 
-__all__ = ["train_occupancy"]
+__all__ = ["OccupancyTrainer"]
 
 BATCH = 4096  # samples of a step
 POOL, REFRESH = 65536, 50  # samples that are drawn anew after so many steps
@@ -34,43 +33,28 @@ SHARPNESS = (10.0, 100.0)
 RATE, RATE_END, WARM_UP = 1e-2, 1e-3, 0.02  # arguments of ``cosine``, the learning rate
 
 
-def train_occupancy(
-    grid: IndicatorGrid,
-    domain: Domain | RegionDomain,
-    hidden: tuple[int, ...],
-    activation: str,
-    clock: Clock,
-    *,
-    octaves: int = 0,
-    seed: int = 0,
-    progress: TrainingProgress | None = None,
-) -> dict[str, np.ndarray]:
-    """Train a network whose output is the log odds that a query meets the object.
+class OccupancyTrainer:
+    """A network in training whose output is the log odds that a query meets the object.
 
     Args:
         grid: The object.
         domain: Of the kind of query.
         hidden: Hidden widths.
         activation: A name in ``ACTIVATIONS``.
-        clock: The budget. Ctrl-C ends training early, with the network as it is.
         octaves: Of the positional encoding; none for planes.
         seed: Of everything random.
-        progress: Called with the used fraction and a note.
-
-    Returns:
-        Tensors as ``Occupancy`` stores them.
     """
-    learner = _Learner(grid, domain, hidden, activation, octaves, seed)
-    with single_threaded_torch(), Team(cpu_threads()) as team:
-        interrupts(lambda: learner.run(team, clock, progress))
-    return learner.tensors()
 
-
-class _Learner:
-    """The network, and the samples it learns from, which are rows."""
-
-    def __init__(self, grid, domain, hidden, activation, octaves, seed):
-        self.grid, self.domain, self.head = grid, domain, head_of(domain.query)
+    def __init__(
+        self,
+        grid: IndicatorGrid,
+        domain: Domain | RegionDomain,
+        hidden: tuple[int, ...],
+        activation: str,
+        octaves: int = 0,
+        seed: int = 0,
+    ):
+        self.grid, self.domain, self.head, self.team = grid, domain, head_of(domain.query), Team()
         self.generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
         self._oracle = oracle(domain.query, grid, "cpu", domain.oracle_length)
         act = activation_of(activation)
@@ -81,7 +65,8 @@ class _Learner:
         layers[-1] = layers[-1].repeat(self.head.outputs, 1)
         self.network = RowNetwork(layers, act)
 
-    def tensors(self) -> dict[str, np.ndarray]:
+    def finish(self) -> dict[str, np.ndarray]:
+        """The network as it is, as ``Occupancy`` stores it."""
         return self._inputs.tensors() | tensors_of(self.network.copy())
 
     def draw(self, count: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -98,29 +83,30 @@ class _Learner:
         out = self.network(h)
         return torch.minimum(out[:, 0] - offset, out[:, 1] + offset) if self.head.offsets else out[:, 0]
 
-    def run(self, team: Team, clock: Clock, progress: TrainingProgress | None) -> None:
+    def run(self, clock: Clock, on_refresh=None) -> None:
+        """Train until the clock's budget is used up, or an interrupt; ``on_refresh`` is not called."""
         optimiser = Soap(self.network.layers, 0.95, 0.95)
         for step, used in clock.steps():
             if step % REFRESH == 0:
                 pool = self.draw(POOL)
-                if progress:
+                if clock.progress:
                     f, truth = self.forward(pool[0], pool[1]) >= 0, pool[2] > 0
                     fp, fn = (float(x.float().mean()) for x in (f & ~truth, ~f & truth))
-                    progress(used, f"FP {100 * fp:.1f} %, FN {100 * fn:.1f} %")
+                    clock.tell(used, f"FP {100 * fp:.1f} %, FN {100 * fn:.1f} %")
             pick = torch.randint(POOL, (BATCH,), generator=self.generator)
             sharpness = geometric(*SHARPNESS, min(used, 1.0)) if self.head.offsets else 1.0
-            gradients = self._gradients(team, sharpness, *(part[pick] for part in pool))
+            gradients = self._gradients(sharpness, *(part[pick] for part in pool))
             optimiser.step(gradients, cosine(RATE, RATE_END, WARM_UP, used))
 
-    def _gradients(self, team: Team, sharpness: float, h, offset, truth) -> list[torch.Tensor]:
-        shares: list = [None] * team.size
+    def _gradients(self, sharpness: float, h, offset, truth) -> list[torch.Tensor]:
+        shares: list = [None] * self.team.size
 
         def job(index: int) -> None:
-            part = team.share(index, len(h))
+            part = self.team.share(index, len(h))
             with torch.enable_grad():
                 f = sharpness * self.forward(h[part], offset[part])
                 loss = binary_cross_entropy_with_logits(f, truth[part], reduction="sum") / len(h)
                 shares[index] = torch.autograd.grad(loss, self.network.layers)
 
-        team.run(job)
+        self.team.run(job)
         return [torch.stack(parts).sum(0) for parts in zip(*shares, strict=True)]

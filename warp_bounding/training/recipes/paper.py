@@ -6,15 +6,11 @@ supplement, Sec. 2). At its batch of 200,000 and 10,000 iterations a stage this 
 earlier. Unlike in the paper, the threshold is then set by the proof.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 
-from warp_bounding.runtime.launch import cpu_threads
-from warp_bounding.training.engine.clock import Clock, TrainingProgress
-from warp_bounding.training.engine.team import Team
-from warp_bounding.training.engine.trainable_network import Evaluator
+from warp_bounding.training.engine.clock import Clock
 from warp_bounding.training.recipes.default import Trainer
 
 __all__ = ["PaperRecipe", "PaperTrainer"]
@@ -51,57 +47,45 @@ class PaperTrainer(Trainer):
     paper = PaperRecipe()
     mines = False
 
-    def run(
-        self,
-        clock: Clock,
-        *,
-        on_refresh: Callable[["Trainer", float], None] | None = None,
-        progress: TrainingProgress | None = None,
-    ) -> None:
+    def run(self, clock: Clock, on_refresh=None) -> None:
         """Train until the schedule is through, the budget is used up, or an interrupt; ``on_refresh`` is not called."""
         paper = self.paper
         self.network.initialise(1.0, 1.0, self.generator)  # torch's standard initialisation, near enough
         optimiser, clean = torch.optim.Adam([self.network.flat], lr=paper.rate), 0
-        with Team(cpu_threads()) as team:
-            workers = self.workers(team)
-            try:
-                for step, _ in clock.steps():
-                    if clean == paper.stable:
-                        break
-                    stage = step // paper.stage
-                    missed = self._iterate(team, workers, optimiser, stage)
-                    if (step + 1) % paper.stage == 0:
-                        clean = clean + 1 if missed == 0 else 0
-                    if progress and (step + 1) % paper.note_every == 0:
-                        progress(clock.fraction(), f"stage {stage}, FN {missed} in a batch")
-                self._refresh(team, workers, 1.0)
-            finally:
-                self._best = (float("inf"), self.network.flat.clone())  # the last, after an interrupt too
+        try:
+            for step, _ in clock.steps():
+                if clean == paper.stable:
+                    break
+                stage = step // paper.stage
+                missed = self._iterate(optimiser, stage)
+                if (step + 1) % paper.stage == 0:
+                    clean = clean + 1 if missed == 0 else 0
+                if (step + 1) % paper.note_every == 0:
+                    clock.tell(clock.fraction(), f"stage {stage}, FN {missed} in a batch")
+            self._refresh(1.0)
+        finally:
+            self._best = (float("inf"), self.network.flat.clone())  # the last, after an interrupt too
 
-    def _iterate(self, team: Team, workers: list[Evaluator], optimiser: torch.optim.Optimizer, stage: int) -> int:
+    def _iterate(self, optimiser: torch.optim.Optimizer, stage: int) -> int:
         """One step; returns the number of false negatives of its batch at the paper's threshold."""
         paper, network = self.paper, self.network
         v, truth = self.samples.uniform(paper.batch)
         x = network.encode(v)
-        weights = (
-            torch.where(truth, paper.positive_weight(stage), paper.negative_weight(network.ndim, stage)) / paper.batch
-        )
-        target, missed = truth.float(), [0] * team.size
-
-        for worker in workers:
+        positive, negative = paper.positive_weight(stage), paper.negative_weight(network.ndim, stage)
+        weights, target = torch.where(truth, positive, negative) / paper.batch, truth.float()
+        missed = [0] * self.team.size
+        for worker in self.workers:
             worker.gradient.zero_()
 
         def job(index: int, part: slice) -> None:
-            worker, columns = workers[index], x[:, part].contiguous()
+            worker, columns = self.workers[index], x[:, part].contiguous()
             f = worker.forward(columns, keep=True)
             missed[index] += int(((f < 0) & truth[part]).sum())
             worker.backward(columns, (torch.sigmoid(f) - target[part]).mul_(weights[part]))
 
-        team.over(paper.batch, job, self.recipe.chunk)
-        flat = network.flat
-        decay = paper.regularisation * min(1.0, stage / paper.stable)
-        flat.grad = sum((worker.gradient for worker in workers), torch.zeros_like(flat)) + decay * (
-            torch.sign(flat) + 2 * flat
-        )
+        self.team.over(paper.batch, job)
+        flat, decay = network.flat, paper.regularisation * min(1.0, stage / paper.stable)
+        flat.grad = sum((worker.gradient for worker in self.workers), torch.zeros_like(flat))
+        flat.grad += decay * (torch.sign(flat) + 2 * flat)
         optimiser.step()
         return sum(missed)

@@ -17,8 +17,8 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.geometry.hull import hull_points
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import sample
-from warp_bounding.training.engine.clock import Clock, TrainingProgress, cosine, geometric
-from warp_bounding.training.engine.row_network import RowNetwork, initial, tensors_of
+from warp_bounding.training.engine.clock import Clock, cosine, geometric
+from warp_bounding.training.engine.row_network import RowNetwork, initial, initial_layers, tensors_of
 from warp_bounding.training.engine.soap import Soap
 
 __all__ = ["SupportTrainer"]
@@ -53,7 +53,7 @@ class SupportTrainer:
         corners = domain.base.to_local(hull_points(grid))
         self._corners = torch.from_numpy(corners.astype(np.float32))
         act = activation_of(activation)
-        self.network = RowNetwork.random([grid.ndim, *hidden, 2], act, act.support_gains, self.generator)
+        self.network = RowNetwork(initial_layers([self.ndim, *hidden, 2], act.support_gains, self.generator), act)
         self._best = (math.inf, self.network.copy())
 
     def behind(self, layers: list[torch.Tensor]) -> "SupportTrainer":
@@ -64,13 +64,12 @@ class SupportTrainer:
         own._best = (math.inf, own.network.copy())
         return own
 
-    def tensors(self) -> dict[str, np.ndarray]:
-        """The best parameters as a bounder stores them."""
+    def finish(self) -> dict[str, np.ndarray]:
+        """The parameters with the fewest estimated false positives so far, as a bounder stores them."""
         return tensors_of(self._best[1])
 
-    def best(self) -> list[torch.Tensor]:
-        """The layers with the fewest estimated false positives so far."""
-        return self._best[1]
+    def worst_points(self) -> None:
+        """No normals: the search for the least gap begins without."""
 
     def _supports(self, m: torch.Tensor) -> torch.Tensor:
         """``h(m)`` and ``h(-m)``, ``(N, 2)``."""
@@ -104,16 +103,15 @@ class SupportTrainer:
                 density[part, side] = near.float().mean(1) / (2 * DENSITY_WIDTH)
         return m, density
 
-    def run(self, clock: Clock, *, progress: TrainingProgress | None = None) -> None:
-        """Train until the clock's budget is used up, or an interrupt; the best parameters stay."""
+    def run(self, clock: Clock, on_refresh=None) -> None:
+        """Train until the clock's budget is used up, or an interrupt; ``on_refresh`` is not called."""
         optimiser, hard = Soap(self.network.layers, 0.95, 0.95), self._faces(HARD)
         for step, used in clock.steps():
             if step % REFRESH == 0:
                 m, density = self._asked(POOL)
                 supports = self._supports(m)
                 hard = self._refresh(m, density, supports, hard)
-                if progress:
-                    progress(used, f"FP {100 * self._best[0]:.2f} %")
+                clock.tell(used, f"FP {100 * self._best[0]:.2f} %")
             pick = torch.randint(POOL, (BATCH,), generator=self.generator)
             wide = torch.cat([self._faces(WIDE), hard])
             target = torch.cat([supports[pick], self._supports(wide)])

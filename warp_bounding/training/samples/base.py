@@ -13,7 +13,7 @@ __all__ = ["Samples", "columns"]
 
 
 class Samples:
-    """Random samples of one kind of query, as columns.
+    """Random samples of one kind of query, as columns; made of the object, a domain and a source of randomness.
 
     Attributes:
         query: Kind of query.

@@ -21,24 +21,13 @@ EXPOSED_SHARE = 0.9  # of the coordinates on a face, where just one of the two i
 
 
 class CellPoints:
-    """Points of the object, as cells and offsets.
-
-    Args:
-        grid: The object.
-        domain: The domain of points, which gives the map to local space.
-        generator: Source of randomness.
-    """
+    """Points of the object, as cells and offsets; the domain of points gives the map to local space."""
 
     def __init__(self, grid: IndicatorGrid, domain: Domain, generator: torch.Generator):
         self.grid, self.generator, self.ndim = grid, generator, grid.ndim
-        origin, unit = (
-            domain.to_local(grid.position(np.zeros(grid.ndim))),
-            domain.to_local(grid.position(np.ones(grid.ndim))),
-        )
-        self.origin, self.unit = (torch.from_numpy(a.astype(np.float32))[:, None] for a in (origin, unit - origin))
-        self.lower, self.upper = (
-            torch.from_numpy(domain.to_local(a).astype(np.float32))[:, None] for a in (grid.lower, grid.upper)
-        )
+        origin, one = (domain.to_local(grid.position(at(grid.ndim))) for at in (np.zeros, np.ones))
+        sides = [domain.to_local(side) for side in (grid.lower, grid.upper)]
+        self.origin, self.unit, self.lower, self.upper = (columns(a[None]) for a in (origin, one - origin, *sides))
         cells = torch.tensor(grid.shape, dtype=torch.float32)[:, None]
         self.detail = cells / cells.max()
         self.occupied, self.boundary = columns(grid.occupied), columns(grid.boundary)
@@ -62,6 +51,16 @@ class CellPoints:
         """``(count,)`` uniform whole numbers from 0 to ``end - 1``."""
         return torch.randint(end, (count,), generator=self.generator)
 
+    def walk(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
+        """Cells and offsets ``(2 n, N)`` after a move down a slope in local space; all points stay in their cells.
+
+        The largest component moves by ``step`` cells.
+        """
+        slope = slope * self.unit
+        slope /= slope.abs().amax(0, keepdim=True) + 1e-12
+        cell, offset = state.chunk(2)
+        return torch.cat([cell, (offset - step * slope).clamp_(-0.5, 0.5)])
+
     def draw(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
         """Cells and offsets: most in boundary cells and on cell faces, the rest uniform in the object."""
         near = int(count * BOUNDARY_SHARE) if self.boundary.shape[1] else 0
@@ -73,9 +72,7 @@ class CellPoints:
     def draw_touching(self, count: int, share: float) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Boundary cells, offsets, and sides ``(n, count)``: 1 or -1 on a cell's upper or lower face, else 0.
 
-        Args:
-            count: Number of points.
-            share: Of the coordinates, on a face.
+        A ``share`` of the coordinates is on a face.
         """
         cells, exposed = (self.boundary, self._exposed) if self.boundary.shape[1] else (self.occupied, None)
         index = self.integers(cells.shape[1], count)
@@ -122,7 +119,7 @@ def _exposed_sides(grid: IndicatorGrid) -> np.ndarray:
     index = grid.boundary + 1
     sides = []
     for axis in range(grid.ndim):
-        step = np.eye(grid.ndim, dtype=np.int64)[axis]
+        step = np.arange(grid.ndim) == axis
         above, below = (~padded[tuple((index + s * step).T)] for s in (1, -1))
         sides.append(above.astype(np.int8) - below.astype(np.int8))
     return np.array(sides).reshape(grid.ndim, -1)

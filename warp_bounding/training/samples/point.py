@@ -14,13 +14,7 @@ FEWEST_NEGATIVES = 64  # that are drawn in empty cells where uniform samples gav
 
 
 class PointSamples(Samples):
-    """Random points of a grid; see ``Samples``. A state is a cell (n rows) and an offset (n rows).
-
-    Args:
-        grid: The object.
-        domain: Its domain, which gives the map to ``v``.
-        generator: Source of randomness.
-    """
+    """Random points of a grid; see ``Samples``. A state is a cell (n rows) and an offset (n rows)."""
 
     query = "point"
 
@@ -29,8 +23,8 @@ class PointSamples(Samples):
         self.cells = CellPoints(grid, domain, generator)
         self.detail, self.vertices = self.cells.detail, self.cells.boundary_vertices()
         shape = np.array(grid.shape)
-        self._first = torch.from_numpy(np.where(shape > 1, 0.0, -0.5).astype(np.float32))[:, None]
-        self._extent = torch.from_numpy(np.where(shape > 1, shape - 1.0, 1.0).astype(np.float32))[:, None]
+        self._first = columns(np.where(shape > 1, 0.0, -0.5)[None])
+        self._extent = columns(np.where(shape > 1, shape - 1.0, 1.0)[None])
         self._table = torch.from_numpy(grid.occupancy.reshape(-1).copy())
         self._stride = torch.tensor([int(np.prod(shape[k + 1 :])) for k in range(grid.ndim)])[:, None]
         self._shape = torch.from_numpy(shape)[:, None]
@@ -54,11 +48,7 @@ class PointSamples(Samples):
         return self.cells.to_local(state[: self.ndim] + state[self.ndim :])
 
     def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
-        # the largest component moves by ``step`` cells; all stay in their cells
-        slope = slope * self.cells.unit
-        slope /= slope.abs().amax(0, keepdim=True) + 1e-12
-        cell, offset = state[: self.ndim], state[self.ndim :]
-        return torch.cat([cell, (offset - step * slope).clamp_(-0.5, 0.5)])
+        return self.cells.walk(state, slope, step)
 
     def locate(self, v: np.ndarray) -> torch.Tensor:
         return torch.cat(self.cells.locate(v)[:2])

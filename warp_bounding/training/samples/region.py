@@ -17,13 +17,7 @@ ATTEMPTS = 20  # batches in which a negative is looked for
 
 
 class RegionSamples(Samples):
-    """Random regions of 2n numbers; see ``Samples``. The first 2n rows of a state are a cell and an offset.
-
-    Args:
-        grid: The object.
-        domain: Of this kind of query (a ``RegionDomain``).
-        generator: Source of randomness.
-    """
+    """Random regions of 2n numbers; see ``Samples``. The first 2n rows of a state are a cell and an offset."""
 
     def __init__(self, grid: IndicatorGrid, domain: RegionDomain, generator: torch.Generator):
         self.grid, self.domain, self.generator, self.ndim = grid, domain, generator, 2 * grid.ndim
