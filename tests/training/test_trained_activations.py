@@ -11,6 +11,7 @@ from warp_bounding.bounders.neural.mlp import Mlp  # noqa: E402
 from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
 from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
 from warp_bounding.training.engine.trainable_network import Evaluator  # noqa: E402
+from warp_bounding.training.problem import Problem  # noqa: E402
 from warp_bounding.training.recipes.default import Trainer  # noqa: E402
 from warp_bounding.training.recipes.early import _ExitTrainer  # noqa: E402
 from warp_bounding.training.recipes.plane import SupportTrainer  # noqa: E402
@@ -56,7 +57,7 @@ def test_an_exit_sees_the_features_of_its_network(activation):
 @pytest.mark.parametrize("activation", ACTIVATIONS)
 def test_an_exit_of_planes_sees_the_features_of_its_network(activation):
     domain = domain_of(shape("c"), "plane")
-    trainer = SupportTrainer(shape("c"), domain, HIDDEN, activation)
+    trainer = SupportTrainer(Problem(shape("c"), domain, "plane", 0, "cpu"), HIDDEN, activation)
     own = trainer.behind([layer.detach() for layer in trainer.network.layers[:1]])
     m = torch.rand(300, 2) * 2 - 1
     seen = own.network(m).detach().numpy()

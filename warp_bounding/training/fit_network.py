@@ -167,9 +167,9 @@ class _Fit:
         problem, options = self.problem, self.options
         grid, domain, sizes = problem.grid, problem.domain, (options.hidden, options.activation)
         if not self.method.conservative:
-            return OccupancyTrainer(grid, domain, *sizes, options.octaves, problem.seed)
+            return OccupancyTrainer(problem, *sizes, options.octaves)
         if self.supports:
-            return SupportTrainer(grid, domain, *sizes, problem.seed)
+            return SupportTrainer(problem, *sizes)
         if self.monotone:
             return MonotoneTrainer(LeastBoxSamples(grid, domain, torch.Generator().manual_seed(problem.seed)), *sizes)
         joint = self.early and self.as_points  # of regions too few are denied early to pay for worse layers

@@ -25,12 +25,7 @@ USUAL = 1e-3  # gap in f that is asked for where too few negatives lie below to 
 
 
 class Costs:
-    """Values of f at negatives, as a device computes them, which tell what a threshold costs.
-
-    Args:
-        bounder: The bounder of f.
-        problem: What it bounds.
-    """
+    """Values of f at negatives, as a device computes them, which tell what a threshold costs."""
 
     def __init__(self, bounder: Mlp, problem: Problem):
         x = sample(problem.query, problem.grid, SAMPLES, np.random.default_rng(0))

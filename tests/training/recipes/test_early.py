@@ -11,6 +11,7 @@ from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
 from warp_bounding.queries import oracle, sample  # noqa: E402
 from warp_bounding.training.engine.clock import Clock  # noqa: E402
 from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
+from warp_bounding.training.problem import Problem  # noqa: E402
 from warp_bounding.training.recipes.default import Trainer  # noqa: E402
 from warp_bounding.training.recipes.early import EarlyTrainer, train_exits  # noqa: E402
 from warp_bounding.training.recipes.plane import SupportTrainer  # noqa: E402
@@ -25,7 +26,7 @@ def trained(kind, query="point", name="c", hidden=HIDDEN, steps=60, exit_steps=1
     domain = domain_of(grid, query)
     with single_threaded_torch():
         if kind is SupportTrainer:
-            trainer = SupportTrainer(grid, domain, hidden, "sin", 0)
+            trainer = SupportTrainer(Problem(grid, domain, query, 0, "cpu"), hidden, "sin")
         else:
             trainer = kind(samples_of(grid, domain, 0), hidden, "sin", 0)
         trainer.run(Clock(1.0, steps))

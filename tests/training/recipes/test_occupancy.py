@@ -11,6 +11,7 @@ from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
 from warp_bounding.queries import oracle, sample  # noqa: E402
 from warp_bounding.training.engine.clock import Clock  # noqa: E402
 from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
+from warp_bounding.training.problem import Problem  # noqa: E402
 from warp_bounding.training.recipes.occupancy import OccupancyTrainer  # noqa: E402
 
 HIDDEN = (16, 16)
@@ -20,7 +21,7 @@ def occupancy(query: str, name: str, steps: int, octaves: int = 0, progress=None
     grid = shape(name)
     domain = domain_of(grid, query)
     with single_threaded_torch():
-        trainer = OccupancyTrainer(grid, domain, HIDDEN, "sin", octaves)
+        trainer = OccupancyTrainer(Problem(grid, domain, query, 0, "cpu"), HIDDEN, "sin", octaves)
         trainer.run(Clock(1.0, steps, progress))
         tensors = trainer.finish()
     return Occupancy(domain, tensors, {"hidden": list(HIDDEN), "activation": "sin", "octaves": octaves}, "cpu")

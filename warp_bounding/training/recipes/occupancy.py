@@ -10,9 +10,6 @@ import torch
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from warp_bounding.activations import activation_of
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import RegionDomain
-from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.networks.heads import head_of
 from warp_bounding.queries import oracle, sample
 from warp_bounding.training.engine.clock import Clock, cosine, geometric
@@ -20,6 +17,7 @@ from warp_bounding.training.engine.row_network import RowNetwork, tensors_of
 from warp_bounding.training.engine.soap import Soap
 from warp_bounding.training.engine.team import Team
 from warp_bounding.training.engine.trainable_network import TrainableNetwork
+from warp_bounding.training.problem import Problem
 
 __all__ = ["OccupancyTrainer"]
 
@@ -34,26 +32,10 @@ RATE, RATE_END, WARM_UP = 1e-2, 1e-3, 0.02  # arguments of ``cosine``, the learn
 
 
 class OccupancyTrainer:
-    """A network in training whose output is the log odds that a query meets the object.
+    """A network in training whose output is the log odds that a query meets the object; planes have no octaves."""
 
-    Args:
-        grid: The object.
-        domain: Of the kind of query.
-        hidden: Hidden widths.
-        activation: A name in ``ACTIVATIONS``.
-        octaves: Of the positional encoding; none for planes.
-        seed: Of everything random.
-    """
-
-    def __init__(
-        self,
-        grid: IndicatorGrid,
-        domain: Domain | RegionDomain,
-        hidden: tuple[int, ...],
-        activation: str,
-        octaves: int = 0,
-        seed: int = 0,
-    ):
+    def __init__(self, problem: Problem, hidden: tuple[int, ...], activation: str, octaves: int = 0):
+        grid, domain, seed = problem.grid, problem.domain, problem.seed
         self.grid, self.domain, self.head, self.team = grid, domain, head_of(domain.query), Team()
         self.generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
         self._oracle = oracle(domain.query, grid, "cpu", domain.oracle_length)

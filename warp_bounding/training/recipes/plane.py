@@ -13,13 +13,12 @@ import numpy as np
 import torch
 
 from warp_bounding.activations import activation_of
-from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.geometry.hull import hull_points
-from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import sample
 from warp_bounding.training.engine.clock import Clock, cosine, geometric
 from warp_bounding.training.engine.row_network import RowNetwork, initial, initial_layers, tensors_of
 from warp_bounding.training.engine.soap import Soap
+from warp_bounding.training.problem import Problem
 
 __all__ = ["SupportTrainer"]
 
@@ -35,19 +34,10 @@ RATE, RATE_END, WARM_UP = 1e-2, 1e-3, 0.02  # arguments of ``cosine``, the learn
 
 
 class SupportTrainer:
-    """Two supports in training.
+    """Two supports in training, for a problem of planes in their geometric domain."""
 
-    Args:
-        grid: The object.
-        domain: Geometric domain of plane queries.
-        hidden: Hidden widths.
-        activation: A name in ``ACTIVATIONS``.
-        seed: Seed of everything random.
-    """
-
-    def __init__(
-        self, grid: IndicatorGrid, domain: RegionDomain, hidden: tuple[int, ...], activation: str, seed: int = 0
-    ):
+    def __init__(self, problem: Problem, hidden: tuple[int, ...], activation: str):
+        grid, domain, seed = problem.grid, problem.domain, problem.seed
         self.grid, self.domain, self.ndim = grid, domain, grid.ndim
         self.generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
         corners = domain.base.to_local(hull_points(grid))

@@ -17,12 +17,7 @@ SAMPLES: dict[str, type[Samples]] = {kind.query: kind for kind in (PointSamples,
 
 
 def samples_of(grid: IndicatorGrid, domain: Domain | RegionDomain, seed: int = 0) -> Samples:
-    """The samples of a domain's kind of query.
-
-    Args:
-        grid: The object.
-        domain: ``domain_of(grid, query, length)``.
-        seed: Of everything random, in the samples and in the trainer that takes them.
+    """The samples of a domain's kind of query; the seed is that of the trainer that takes them, too.
 
     Raises:
         BounderError: For a kind of query that networks are not trained for.

@@ -8,8 +8,8 @@ p is on a cell's face, they reach away from it only. They are most of the positi
 import numpy as np
 import torch
 
-from warp_bounding.training.samples.base import columns
-from warp_bounding.training.samples.region import RegionSamples
+from warp_bounding.training.samples.base import RegionSamples
+from warp_bounding.training.samples.cell_points import columns
 
 __all__ = ["BoxSamples"]
 

@@ -11,9 +11,8 @@ import torch
 
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.training.samples.base import columns
 
-__all__ = ["CellPoints"]
+__all__ = ["CellPoints", "columns"]
 
 BOUNDARY_SHARE = 2 / 3  # of the points: in cells that touch an empty one
 FACE_SHARE = 0.6  # of the coordinates of these points: on a face of the cell
@@ -123,3 +122,8 @@ def _exposed_sides(grid: IndicatorGrid) -> np.ndarray:
         above, below = (~padded[tuple((index + s * step).T)] for s in (1, -1))
         sides.append(above.astype(np.int8) - below.astype(np.int8))
     return np.array(sides).reshape(grid.ndim, -1)
+
+
+def columns(rows: np.ndarray) -> torch.Tensor:
+    """``(N, n)`` numbers as ``(n, N)`` float32."""
+    return torch.from_numpy(np.ascontiguousarray(rows.T, dtype=np.float32))

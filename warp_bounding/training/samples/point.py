@@ -5,8 +5,8 @@ import torch
 
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.training.samples.base import Samples, columns
-from warp_bounding.training.samples.cell_points import CellPoints
+from warp_bounding.training.samples.base import Samples
+from warp_bounding.training.samples.cell_points import CellPoints, columns
 
 __all__ = ["PointSamples"]
 

@@ -14,8 +14,8 @@ import torch
 
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.training.samples.base import columns
-from warp_bounding.training.samples.region import RegionSamples
+from warp_bounding.training.samples.base import RegionSamples
+from warp_bounding.training.samples.cell_points import columns
 
 __all__ = ["RaySamples"]
 
