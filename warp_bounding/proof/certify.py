@@ -42,19 +42,14 @@ AROUND = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)  # distances in v from a suspect at which
 class _Checked(NamedTuple):
     """What a check has found.
 
-    Attributes:
-        least: Least certified bound of the boxes that were looked at.
-        boxes: How many these were.
-        suspects: Points where f may lie under the target, candidates for a counterexample: ``(S, n)`` in object space
-            where f is a function of the object's points, ``(S, ndim)`` coordinates v of regions; ``None`` if every
-            bound reached the target.
-        complete: False if time ran out.
+    Suspects are points where f may lie under the target, candidates for a counterexample: ``(S, n)`` in object space
+    where f is a function of the object's points, ``(S, ndim)`` coordinates v of regions.
     """
 
-    least: float
-    boxes: int
-    suspects: np.ndarray | None = None
-    complete: bool = True
+    least: float  # least certified bound of the boxes that were looked at
+    boxes: int  # how many these were
+    suspects: np.ndarray | None = None  # ``None`` if every bound reached the target
+    complete: bool = True  # whether it ended before its time ran out
 
 
 class _Failed(NamedTuple):

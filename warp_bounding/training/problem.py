@@ -20,25 +20,18 @@ class Problem:
     """What is to be bounded, for which queries, where.
 
     Attributes:
-        grid: The object.
-        domain: The domain of the queries.
-        query: Kind of query.
-        seed: Seed of everything random.
-        device: Warp device of the bounder.
         front: Bounders that are asked first. Only queries that they let through are asked further, so only those can be
             false positives.
-        in_front: The bounder stands before a network in a cascade.
-        repeatable: The result is to be the same on every run, so no clock may enter.
     """
 
-    grid: IndicatorGrid
-    domain: Domain | RegionDomain
-    query: str
-    seed: int
-    device: str | None
+    grid: IndicatorGrid  # the object
+    domain: Domain | RegionDomain  # of the queries
+    query: str  # kind of query
+    seed: int  # of everything random
+    device: str | None  # Warp device of the bounder
     front: tuple[Bounder, ...] = ()
-    in_front: bool = False
-    repeatable: bool = False
+    in_front: bool = False  # whether the bounder stands before a network in a cascade
+    repeatable: bool = False  # whether the result is to be the same on every run, so that no clock may enter
 
     def asked(self, x: np.ndarray) -> np.ndarray:
         """``(N,)`` bool: whether all of ``front`` let these queries, in object space, through."""

@@ -40,25 +40,15 @@ STATE = 3  # arrays of the blocks' state: stacks, heights, and how many boxes of
 
 @dataclass(frozen=True)
 class ChartedPositives:
-    """The positives of an object as boxes of a chart's numbers z, and the network whose f is bounded over them.
+    """The positives of an object as boxes of a chart's numbers z, and the network whose f is bounded over them."""
 
-    Attributes:
-        network: The network of f.
-        chart: How numbers z become a query.
-        lower: ``(N, Z)`` float64, lower corners of boxes that cover all positives, with what the pipeline rounds.
-        upper: ``(N, Z)`` float64, upper corners.
-        numbers: float64 parameters of the chart.
-        limit: ``(K,)``, largest inputs of the network that boxes reach, noise included.
-        table: int32 parameters of the chart.
-    """
-
-    network: Network
-    chart: Chart
-    lower: np.ndarray
-    upper: np.ndarray
-    numbers: np.ndarray
-    limit: np.ndarray
-    table: np.ndarray = field(default_factory=lambda: np.zeros(1, np.int32))
+    network: Network  # of f
+    chart: Chart  # how numbers z become a query
+    lower: np.ndarray  # ``(N, Z)`` float64, corners of boxes that cover all positives, with what the pipeline rounds
+    upper: np.ndarray  # ``(N, Z)`` float64
+    numbers: np.ndarray  # float64 parameters of the chart
+    limit: np.ndarray  # ``(K,)``, largest inputs of the network that boxes reach, noise included
+    table: np.ndarray = field(default_factory=lambda: np.zeros(1, np.int32))  # int32 parameters of the chart
 
     def bound(self, lower: np.ndarray, upper: np.ndarray, device="cpu") -> BoxBounds:
         """Certified bounds over boxes of z."""

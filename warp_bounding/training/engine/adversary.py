@@ -37,25 +37,15 @@ IMPROVEMENT = 1e-4
 
 @dataclass(frozen=True)
 class Adversary:
-    """What a search found.
+    """What a search found."""
 
-    Attributes:
-        value: Least value of f, in float32.
-        states: ``(S, K)``, the worst positives, ascending by f.
-        worst: ``(K, ndim)`` float64, their coordinates ``v``.
-        values: ``(K,)``, f there.
-        rounds: Rounds of the search.
-        complete: Whether the search ended by itself, not by its time.
-        seconds: Its time.
-    """
-
-    value: float
-    states: torch.Tensor
-    worst: np.ndarray
-    values: torch.Tensor
-    rounds: int
-    complete: bool
-    seconds: float
+    value: float  # least value of f, in float32
+    states: torch.Tensor  # ``(S, K)``, the worst positives, ascending by f
+    worst: np.ndarray  # ``(K, ndim)`` float64, their coordinates ``v``
+    values: torch.Tensor  # ``(K,)``, f there
+    rounds: int  # rounds of the search
+    complete: bool  # whether the search ended by itself, not by its time
+    seconds: float  # its time
 
 
 def adversarial_minimum(

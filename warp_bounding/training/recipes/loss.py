@@ -75,19 +75,12 @@ def schedule(end: float, used: float, start: float, stop: float, begin: float = 
 
 @dataclass(frozen=True)
 class Batches:
-    """The batches until the next refresh, of negatives or of positives.
+    """The batches until the next refresh, of negatives or of positives."""
 
-    Attributes:
-        x: ``(features + 1, N)``, encoded samples.
-        rows: ``(refresh, batch)`` indices into them.
-        weight: ``(batch,)``.
-        boost: ``(N,)``, of the worst positives' weights; 1 of others.
-    """
-
-    x: torch.Tensor
-    rows: torch.Tensor
-    weight: torch.Tensor
-    boost: torch.Tensor | None = None
+    x: torch.Tensor  # ``(features + 1, N)``, encoded samples
+    rows: torch.Tensor  # ``(refresh, batch)`` indices into them
+    weight: torch.Tensor  # ``(batch,)``
+    boost: torch.Tensor | None = None  # ``(N,)``, of the worst positives' weights; 1 of others
 
 
 def plan(
