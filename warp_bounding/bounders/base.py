@@ -89,10 +89,8 @@ class Bounder(Asking):
         """
         device_of(device, BounderError)
         if not self.supports(domain.query, domain.space_ndim, domain.space):
-            where = " in parametric space" if domain.parametric else ""
-            raise BounderError(
-                f"{self.method} does not bound {domain.query} queries of {domain.space_ndim}D objects{where}"
-            )
+            what = f"{domain.space_ndim}D objects{' in parametric space' if domain.parametric else ''}"
+            raise BounderError(f"{self.method} does not bound {domain.query} queries of {what}")
         if not isinstance(sizes, dict):
             raise BounderError(f"sizes must be a table of names, got {sizes!r}")
         self.domain = domain

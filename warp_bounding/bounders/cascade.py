@@ -157,9 +157,8 @@ class Cascade(Bounder):
         last = parts[-1]
         for part in parts:
             if part.domain.to_dict() != last.domain.to_dict():
-                raise BounderError(
-                    f"{cls.method}: expected bounders of the same queries and domain, got {part!r} and {last!r}"
-                )
+                got = f"got {part!r} and {last!r}"
+                raise BounderError(f"{cls.method}: expected bounders of the same queries and domain, {got}")
         tensors = {f"{i}.{name}": value for i, part in enumerate(parts) for name, value in part.tensors.items()}
         tensors["thresholds"] = np.array([part.threshold for part in parts[:-1]], dtype=np.float32)
         sizes = {"parts": [{"method": part.method, "sizes": part.sizes} for part in parts]}
@@ -180,9 +179,8 @@ class Cascade(Bounder):
         self.check([type(part) for part in self._members])
         thresholds = self.tensors.get("thresholds")
         if set(self.tensors) != known or thresholds is None or thresholds.shape != (len(entries) - 1,):
-            raise BounderError(
-                f"{self.method}: expected the tensors of {len(entries)} parts, got {sorted(self.tensors)}"
-            )
+            got = sorted(self.tensors)
+            raise BounderError(f"{self.method}: expected the tensors of {len(entries)} parts, got {got}")
         for part, threshold in zip(self._members[:-1], thresholds, strict=True):
             part.freeze(threshold, None)
 

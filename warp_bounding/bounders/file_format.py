@@ -31,16 +31,7 @@ INFO_FIELDS = ("indicator", "name", "grid_shape", "margin", "resolution", "seed"
 
 
 def save(bounder: Subject, path: str | os.PathLike) -> None:
-    """Write a bounder.
-
-    Args:
-        bounder: Any bounder.
-        path: File to write. An existing file is replaced only when the new one is complete, and only if it is a
-            bounder's, by its name or its content.
-
-    Raises:
-        FileFormatError: If the file cannot be written.
-    """
+    """Write a bounder; see ``Bounder.save``."""
     document = {
         "format": FORMAT,
         "library": __version__,
@@ -76,9 +67,8 @@ def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     if type(version) is int and version < 1:
         raise FileFormatError(f"{path}: format {version} is none that ever was")
     if type(version) is not int or version > FORMAT:
-        raise FileFormatError(
-            f"{path}: format {version} is newer than this library knows ({FORMAT}); please update warp-bounding"
-        )
+        known = f"newer than this library knows ({FORMAT}); please update warp-bounding"
+        raise FileFormatError(f"{path}: format {version} is {known}")
     # The digest covers values, not their spelling: a file edited from 1.0 to 1.00 would pass it.
     same_text = json.dumps(signed) == text
     if digest != _digest(tensors, document) or not same_text:

@@ -65,23 +65,13 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
 
 
 def bounder_of(source: Bounder | str | os.PathLike, device: str | None = None) -> Bounder:
-    """A bounder, or the one that a file holds.
-
-    Args:
-        source: A bounder, or the path of its file.
-        device: Warp device of a bounder that is read.
-
-    Raises:
-        BounderError: For anything else.
-        FileFormatError: See ``load``.
-    """
+    """A bounder, or the one that the file at a path holds, read to this device; raises ``BounderError`` for anything else."""
     if isinstance(source, Bounder):
         return source
     if isinstance(source, str | os.PathLike):
         return load(source, device)
-    raise BounderError(
-        f"expected a bounder or the path of its file first, then the shape, got {type(source).__name__} first"
-    )
+    expected = "expected a bounder or the path of its file first, then the shape"
+    raise BounderError(f"{expected}, got {type(source).__name__} first")
 
 
 def _check_info(document: dict) -> None:

@@ -97,11 +97,7 @@ class VolumeBounder(Bounder):
         return self.test.reference(np.asarray(v, dtype=np.float64))
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        """See ``Bounder``; exact up to float64 rounding.
-
-        Raises:
-            BounderError: For regions that are tested against the volume.
-        """
+        """See ``Bounder``; exact up to float64 rounding. Raises ``BounderError`` for regions, which have a volume."""
         if self.volume is not None:
             raise BounderError(f"{self.method}: {self.query_kind} queries are proven by their volume")
         return self.test.bound(lower, upper)
@@ -120,11 +116,7 @@ class VolumeBounder(Bounder):
 
     @classmethod
     def samples_of(cls, domain: RegionDomain, positives: np.ndarray) -> np.ndarray:
-        """``fit_parametric``'s positives in a query's own units.
-
-        Raises:
-            BounderError: If the domain is not parametric, or there are no positives.
-        """
+        """``fit_parametric``'s positives in a query's own units."""
         if not domain.parametric:
             raise BounderError(f"{cls.method}: expected a region's domain in parametric space")
         positives = np.asarray(positives, dtype=np.float64)

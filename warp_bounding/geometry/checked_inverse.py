@@ -48,10 +48,7 @@ def checked_inverse(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
 def polytope_vertices(directions: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points whose hull holds the polytope ``low <= directions y <= high``, up to a stated error.
 
-    Args:
-        directions: ``(k, n)`` float64, taken as exact.
-        low: ``(k,)`` float64.
-        high: ``(k,)`` float64.
+    Directions ``(k, n)``, low and high ``(k,)`` are float64 and taken as exact.
 
     Returns:
         Points ``(P, n)`` float32 and errors ``(P, n)`` float64: every vertex of the polytope is within the error of one

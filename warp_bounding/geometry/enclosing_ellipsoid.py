@@ -30,23 +30,23 @@ JOINING = 64  # points that join these at a time
 
 
 def enclosing_ellipsoid(grid: IndicatorGrid, family: str) -> tuple[np.ndarray, np.ndarray]:
-    """The smallest ``{x: |A (x - center)| <= 1}`` of a family around all occupied cells.
-
-    Args:
-        grid: The object.
-        family: ``"trace"`` (balls), ``"diagonal"`` (axis-aligned ellipsoids) or ``"determinant"`` (all ellipsoids).
-
-    Returns:
-        ``A`` ``(n, n)`` float64 and the centre ``(n,)``, object space; A holds the points up to float64 rounding.
-
-    Raises:
-        BounderError: If the search does not close the gap (it always has).
-    """
+    """``enclosing_of_points`` around all occupied cells, in object space."""
     return enclosing_of_points(extreme_corners(grid), family)
 
 
 def enclosing_of_points(points: np.ndarray, family: str) -> tuple[np.ndarray, np.ndarray]:
-    """``enclosing_ellipsoid`` around points ``(P, n)``, such as samples of queries: A and the centre in their units."""
+    """The smallest ``{x: |A (x - center)| <= 1}`` of a family around points ``(P, n)``.
+
+    Args:
+        points: In any units, such as samples of queries.
+        family: ``"trace"`` (balls), ``"diagonal"`` (axis-aligned ellipsoids) or ``"determinant"`` (all ellipsoids).
+
+    Returns:
+        ``A`` ``(n, n)`` float64 and the centre ``(n,)``, in these units; A holds the points up to float64 rounding.
+
+    Raises:
+        BounderError: If the search does not close the gap (it always has).
+    """
     origin, size = points.mean(axis=0), np.ptp(points, axis=0).max()
     points = (points - origin) / size
     chosen = _outermost(points)
@@ -75,13 +75,7 @@ def _outermost(points: np.ndarray) -> np.ndarray:
 
 
 def _enclose(points: np.ndarray, weights: np.ndarray, family: str) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
-    """Centre, metric, its goal and the weights of the smallest member of a family around all of the points.
-
-    Args:
-        points: ``(P, n)``.
-        weights: ``(P,)``, to begin with.
-        family: See ``enclosing_ellipsoid``.
-    """
+    """Centre, metric, its goal and the weights of the smallest member of a family around all points, from these weights on."""
     n = points.shape[1]
     for _ in range(MOST_STEPS):
         mean = weights @ points
@@ -109,11 +103,7 @@ def _enclose(points: np.ndarray, weights: np.ndarray, family: str) -> tuple[np.n
 
 
 def extreme_corners(grid: IndicatorGrid) -> np.ndarray:
-    """Cell corners that can be vertices of the convex hull: first or last on every grid line through them.
-
-    Returns:
-        ``(P, n)`` float64, object space.
-    """
+    """``(P, n)`` float64, object space: corners of cells that are first or last on every grid line through them."""
     return grid.position(line_ends(grid.occupied) - 0.5)
 
 

@@ -36,14 +36,7 @@ class Component:
 
 
 def connected_labels(occupancy: np.ndarray) -> np.ndarray:
-    """Number the connected components of a bool grid, through faces, edges and corners.
-
-    Args:
-        occupancy: ``(R_0, ..., R_{n-1})`` bool.
-
-    Returns:
-        ``(M,)`` integers: for each occupied cell, in the order of ``np.argwhere``, the number of its component.
-    """
+    """``(M,)`` integers: the number of its component for each occupied cell of a bool grid, in the order of ``np.argwhere``."""
     from scipy import ndimage
 
     return ndimage.label(occupancy, np.ones((3,) * occupancy.ndim))[0][occupancy] - 1
@@ -75,25 +68,16 @@ def _cofactors(a: np.ndarray) -> np.ndarray:
     n = a.shape[-1]
     if n == 1:
         return np.ones_like(a)
-    minors = [
-        [(-1) ** (i + j) * _determinant(np.delete(np.delete(a, i, axis=1), j, axis=2)) for j in range(n)]
-        for i in range(n)
-    ]
-    return np.moveaxis(np.array(minors), 2, 0)
+    minors = (np.delete(np.delete(a, i, axis=1), j, axis=2) for i in range(n) for j in range(n))
+    signs = np.where(np.indices((n, n)).sum(axis=0) % 2, -1, 1)
+    return np.stack([_determinant(m) for m in minors], axis=1).reshape(-1, n, n) * signs
 
 
 def _in_simplices(points: np.ndarray, apex: np.ndarray, facets: np.ndarray, neighbors: np.ndarray, start: np.ndarray):
-    """Which integer points certainly lie in a simplex of the apex and one of the facets.
+    """Which integer points ``(P, n)`` were found to lie in a simplex of the apex and one of the facets' corners ``(F, n, n)``.
 
-    Args:
-        points: ``(P, n)`` integers.
-        apex: ``(n,)`` integers.
-        facets: ``(F, n, n)`` integers, the corners of each facet.
-        neighbors: ``(F, n)``, the facet opposite to each corner.
-        start: ``(P,)``, a facet near each point: from there the search walks, through the most negative weight.
-
-    Returns:
-        ``(P,)`` bool: False where no such simplex was found.
+    From the facet ``start`` ``(P,)`` near each point the search walks through the most negative weight, to the facet
+    opposite to that corner (``neighbors`` ``(F, n)``).
     """
     edges = facets - apex
     cofactors = _cofactors(edges)
@@ -114,14 +98,7 @@ def _in_simplices(points: np.ndarray, apex: np.ndarray, facets: np.ndarray, neig
 
 
 def hull_corners(cells: np.ndarray) -> np.ndarray:
-    """Corners of cells among which are all vertices of the cells' convex hull, and few others.
-
-    Args:
-        cells: ``(M, n)`` int64.
-
-    Returns:
-        ``(V, n)`` int64.
-    """
+    """Corners ``(V, n)`` of cells ``(M, n)``, int64, among which are all vertices of the cells' convex hull, and few others."""
     corners = line_ends(cells)
     n, size = corners.shape[1], int(np.ptp(corners, axis=0).max())
     if n < 2 or len(corners) <= FEW_CORNERS or n * factorial(n) * (2 * n * size) ** n >= 2**62:  # 64 bits must do
@@ -153,14 +130,7 @@ def hull_points(grid: IndicatorGrid) -> np.ndarray:
 
 
 def components(occupancy: np.ndarray) -> list[Component]:
-    """The connected components of a grid's closed cells, the largest first.
-
-    Args:
-        occupancy: ``(R_0, ..., R_{n-1})`` bool.
-
-    Returns:
-        One ``Component`` each.
-    """
+    """The connected components of the closed cells of a bool grid, the largest first."""
     labels, cells = connected_labels(occupancy), np.argwhere(occupancy)
     order = np.argsort(labels, kind="stable")
     groups = np.split(cells[order], np.flatnonzero(np.diff(labels[order])) + 1)

@@ -284,13 +284,7 @@ def _shuffles(columns: int, lanes: int) -> str:
 
 
 def batch_snippet(source: Source, placed: bool, values: bool) -> str:
-    """The body of a batch function: one block of queries on a CPU, one query on CUDA.
-
-    Args:
-        source: The method's code.
-        placed: Whether a world-to-object map is applied.
-        values: Write ``f`` itself instead of 0 and 1.
-    """
+    """The body of a ``batch_kernel``: one block of queries on a CPU, one query on CUDA."""
     texts = _shared(source, placed) | {
         "block": BLOCK,
         "read": fill(_READ, **{name: _shuffles(source.columns, lanes) for name, lanes in source.width.items()}),

@@ -87,10 +87,8 @@ def point_func(source: Source) -> wp.Function:
 def batch_kernel(source: Source, placed: bool, values: bool) -> wp.Kernel:
     """The kernel that tests many queries: ``(x, count, block, parameters, words, placement, out)``, one block a thread.
 
-    Args:
-        source: The method's code.
-        placed: Whether a world-to-object map is applied.
-        values: Write ``f`` itself (float32; +inf where the answer is *maybe* without it, -inf outside) instead of 0 and 1.
+    Where ``placed``, a world-to-object map is applied. Where ``values``, it writes ``f`` itself (float32; +inf where the
+    answer is *maybe* without it, -inf outside) instead of 0 and 1.
     """
     name = named(unique_name(source, f"batch{'_placed' * placed}{'_values' * values}"))
     out_type = wp.float32 if values else wp.uint8

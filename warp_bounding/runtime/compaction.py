@@ -55,11 +55,7 @@ class Compaction:
     """
 
     def __init__(self, mask: wp.array):
-        """Make the memory for a ``(N,)`` uint8 mask, which is read at every launch.
-
-        Raises:
-            QueryError: For another type or shape.
-        """
+        """Make the memory for a ``(N,)`` uint8 mask, which is read at every launch; ``QueryError`` for another one."""
         if not isinstance(mask, wp.array) or mask.dtype != wp.uint8 or mask.ndim != 1 or not mask.is_contiguous:
             got = f"{mask.dtype.__name__} of shape {mask.shape}" if isinstance(mask, wp.array) else type(mask).__name__
             raise QueryError(f"mask must be a contiguous wp.array of uint8 of shape (N,), got {got}")

@@ -27,23 +27,18 @@ def bar(description: str) -> Iterator[Any]:
         TextColumn("{task.fields[note]}"),
     )
     err = Console(stderr=True)
-    with Progress(
-        *columns, console=err, transient=True, disable=not err.is_terminal
-    ) as progress:  # no blank lines in logs
+    quiet = not err.is_terminal  # no blank lines in logs
+    with Progress(*columns, console=err, transient=True, disable=quiet) as progress:
         task = progress.add_task(description, total=1.0, note="")
         yield lambda done, total=1.0, note="": progress.update(task, completed=done / total if total else 0, note=note)
 
 
 @contextlib.contextmanager
 def reported(progress: Progress | bool | None, description: str) -> Iterator[Progress | None]:
-    """The function to call with done, total and a note, or ``None``.
+    """The function to call with done, total and a note, or ``None``; ``BounderError`` where ``progress`` is neither.
 
-    Args:
-        progress: A function; ``None`` for a bar, if standard error is a terminal; ``False`` for nothing.
-        description: What the bar says.
-
-    Raises:
-        BounderError: For anything else.
+    ``progress`` is a function; ``None`` for a bar with this description, if standard error is a terminal; ``False`` for
+    nothing.
     """
     if callable(progress):
         yield progress

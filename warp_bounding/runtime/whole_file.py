@@ -23,11 +23,7 @@ ARRAY_FILE = FileKind(".npy", 0, b"\x93NUMPY")
 
 
 def file_path(path: str | os.PathLike) -> Path:
-    """The path, which must be text or a path.
-
-    Raises:
-        FileFormatError: For anything else.
-    """
+    """The path; raises ``FileFormatError`` for what is neither text nor a path."""
     if not isinstance(path, str | os.PathLike):
         raise FileFormatError(f"path must be a file name, got {type(path).__name__}")
     return Path(os.fsdecode(path))
@@ -36,12 +32,7 @@ def file_path(path: str | os.PathLike) -> Path:
 def write_whole(path: str | os.PathLike, content: bytes, kind: FileKind | None = None) -> None:
     """Write a file so that nobody ever sees half of it, even after a crash or on a full disk.
 
-    A symbolic link is kept, and the file that it points to is written.
-
-    Args:
-        path: File to write.
-        content: All of it.
-        kind: See ``check_writable``.
+    A symbolic link is kept, and the file that it points to is written. ``kind`` is that of ``check_writable``.
 
     Raises:
         FileFormatError: If it cannot be written; an existing file is then untouched.
@@ -55,7 +46,8 @@ def write_whole(path: str | os.PathLike, content: bytes, kind: FileKind | None =
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        temporary.chmod(0o666 & ~_umask())
+        os.umask(mask := os.umask(0))  # the only way to read it
+        temporary.chmod(0o666 & ~mask)
         os.replace(temporary, path)
     except OSError as error:
         raise FileFormatError(f"{given}: cannot be written ({error.strerror or error})") from error
@@ -92,10 +84,8 @@ def check_writable(path: str | os.PathLike, *inputs: str | os.PathLike, kind: Fi
             if not os.access(path, os.W_OK):
                 raise FileFormatError(f"{given}: exists and may not be written to")
             if kind is not None and given.suffix.lower() != kind.suffix and not _holds(path, kind):
-                raise FileFormatError(
-                    f"{given}: exists and is no {kind.suffix} file, so it is kept; expected a new name, or a {kind.suffix} file to "
-                    "replace"
-                )
+                expected = f"expected a new name, or a {kind.suffix} file to replace"
+                raise FileFormatError(f"{given}: exists and is no {kind.suffix} file, so it is kept; {expected}")
         folder = path.parent
         while not folder.exists() and folder != folder.parent:
             folder = folder.parent
@@ -110,9 +100,3 @@ def _holds(path: Path, kind: FileKind) -> bool:
     with path.open("rb") as file:
         content = file.read(kind.at + len(kind.start))
     return not content or content[kind.at :] == kind.start
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

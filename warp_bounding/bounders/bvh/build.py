@@ -27,17 +27,11 @@ GROWN = 0.1  # domain widths: by how much a query's own size makes a node's box 
 
 
 class Hierarchy(NamedTuple):
-    """Nodes in depth-first order; ``past[i]`` is the first node behind i's subtree, so that leaves have ``past[i] == i + 1``.
+    """Nodes in depth-first order."""
 
-    Attributes:
-        first: ``(M, n)`` int, lowest cell.
-        last: ``(M, n)`` int, highest cell.
-        past: ``(M,)`` int.
-    """
-
-    first: np.ndarray
-    last: np.ndarray
-    past: np.ndarray
+    first: np.ndarray  # (M, n) int, lowest cell
+    last: np.ndarray  # (M, n) int, highest cell
+    past: np.ndarray  # (M,) int, the first node behind i's subtree; leaves have ``past[i] == i + 1``
 
 
 class Node:
@@ -55,12 +49,9 @@ def inner_nodes(leaves: int) -> int:
 
 
 def build(grid: IndicatorGrid, leaves: int, seconds: float = math.inf) -> Hierarchy:
-    """Arrange the occupied cells.
+    """Arrange the occupied cells in so many leaf boxes; fewer where the object consists of fewer.
 
-    Args:
-        grid: The object.
-        leaves: Number of leaf boxes; fewer where the object consists of fewer boxes.
-        seconds: Time for the splits: where it is over, boxes stay as large as they are. The emptiest are split first.
+    Where the seconds for splits are over, boxes stay as large as they are; the emptiest are split first.
     """
     started = time.perf_counter()
     shares = [started + seconds * (index + 1) / len(POWERS) for index in range(len(POWERS))]

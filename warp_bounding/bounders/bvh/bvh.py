@@ -39,12 +39,7 @@ FRONT = 2  # numbers before the nodes: how many there are, and a plane's room
 
 
 def leaves_for_bytes(nbytes: int, ndim: int) -> int:
-    """The most leaves of a hierarchy whose ``nbytes`` are at most so many, for any kind of query; at least 1.
-
-    Args:
-        nbytes: Memory, such as a network's ``Bounder.nbytes``.
-        ndim: Dimension of the object.
-    """
+    """The most leaves of a hierarchy in n dimensions whose ``Bounder.nbytes`` are at most so many; at least 1."""
     nodes = max((nbytes // 4 - (4 * ndim + 1 + FRONT)) // (2 * ndim + 1), 1)
     return nodes - -(-(nodes - 1) // ARITY)  # with their ``inner_nodes``, they are just so many nodes or one less
 
@@ -201,11 +196,7 @@ class Bvh(Bounder):
         return self._in_leaf(len(v), lambda node, rows: touching(v[rows], low[node], high[node]))
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        """See ``Bounder``: 0 where one leaf, and so all above it, holds the box and has ``ROOM`` to spare, else -1.
-
-        Raises:
-            BounderError: For regions.
-        """
+        """See ``Bounder``: 0 where one leaf, and so all above it, holds the box and has ``ROOM`` to spare, else -1."""
         if self.volume is not None:
             raise BounderError(f"{self.method}: {self.query_kind} queries are proven by their volume")
         low, high = self.tensors["low"].astype(np.float64), self.tensors["high"].astype(np.float64)

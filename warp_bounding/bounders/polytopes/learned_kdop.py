@@ -75,15 +75,7 @@ class LearnedKdop(FaceBounder):
         support: Support | None = None,
         device: str | None = None,
     ) -> "LearnedKdop":
-        """The tightest half-spaces with these normals.
-
-        Args:
-            grid: The object.
-            domain: Of the kind of query.
-            normals: ``(k, m)``, scaled as they come.
-            support: ``support_of(grid, domain)``, where there is one already.
-            device: Warp device.
-        """
+        """The tightest half-spaces with these normals ``(k, m)`` of any length; ``support`` is ``support_of(grid, domain)``."""
         normals = np.asarray(normals, dtype=np.float64)
         largest = np.abs(normals).max(axis=1, keepdims=True)
         normals = (normals / np.where(largest > 0, largest, 1)).astype(np.float32)

@@ -32,13 +32,7 @@ Boxes = tuple[np.ndarray, np.ndarray]
 
 
 def positive_boxes(grid: IndicatorGrid, domain: AnyDomain, field) -> Iterator[Boxes]:
-    """Boxes ``(N, m)`` lower and upper, in chunks.
-
-    Args:
-        grid: The object.
-        domain: Of a kind of query that ``ReluField`` supports.
-        field: Its ``FieldMap``; boxes of planes are cut at its nodes.
-    """
+    """Boxes ``(N, m)`` lower and upper, in chunks; those of planes are cut at the nodes of the ``FieldMap``."""
     kind = {"point": _points, "box": _boxes, "plane": _planes, "ray": _rays}[domain.query]
     for lower, upper in kind(grid, domain, field):
         if len(lower):

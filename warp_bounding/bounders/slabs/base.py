@@ -42,11 +42,7 @@ class FaceBounder(VolumeBounder):
     shape: Slabs
 
     def least(self, grid: IndicatorGrid) -> tuple[float, int]:
-        """See ``Bounder``; zero for regions that are tested against the volume.
-
-        Raises:
-            BounderError: If the volume does not hold all of the object.
-        """
+        """See ``Bounder``; 0 for regions. Raises ``BounderError`` if the volume does not hold all of the object."""
         least, count = super().least(grid)
         if self.volume is None:
             return least, count

@@ -37,14 +37,7 @@ class Kdop(SlabBounder):
 
 
 def kdop_directions(ndim: int, k: int | None = None) -> np.ndarray:
-    """Unit slab normals of a k-DOP.
-
-    Args:
-        ndim: Dimension n.
-        k: Half-spaces: ``None`` for 4 n, or in 3D one of 6, 14, 18, 26.
-
-    Returns:
-        ``(k / 2, n)`` float64.
+    """``(k / 2, n)`` float64, unit slab normals of a k-DOP: k is ``None`` for 4 n half-spaces, or in 3D 6, 14, 18 or 26.
 
     Raises:
         BounderError: If ``k`` is not offered in this dimension.
