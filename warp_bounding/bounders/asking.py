@@ -7,6 +7,7 @@ runs.
 
 from abc import ABC, abstractmethod
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -139,6 +140,11 @@ class Asking(ABC):
     @abstractmethod
     def source(self) -> Source:
         """The native code of ``f``; equal for bounders of equal sizes."""
+
+    def source_of(self, kind: type[Source], *sizes: Any) -> Any:
+        """A source for this bounder's queries, with the sizes that its class has besides."""
+        domain = self.domain
+        return kind(self.ndim, domain.time, *sizes, query=domain.query, space=domain.space)
 
     @abstractmethod
     def weights(self) -> np.ndarray:

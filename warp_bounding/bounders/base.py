@@ -199,12 +199,9 @@ class Bounder(Asking):
         raise BounderError(f"{cls.method}: there is no such volume in parametric space")
 
     def least(self, grid: IndicatorGrid) -> tuple[float, int]:
-        """Certified least ``f`` over all v that can arise from a positive query, by one pass over the cells.
+        """Certified least ``f`` over all v that can arise from a positive query, by one pass over the cells of an object.
 
         It is the proof where the class is ``exact_on_cells``.
-
-        Args:
-            grid: The object, inside the domain.
 
         Returns:
             The lower bound (float64 rounding included) and the number of boxes that were looked at.

@@ -127,17 +127,11 @@ class Cascade(Bounder):
 
     @classmethod
     def check(cls, classes: list[type[Bounder]]) -> None:
-        """Refuse bounders that cannot be put together.
-
-        Raises:
-            BounderError: If there is only one, or more than 8; if one is not conservative; if one before the last is a
-                cascade or has exits; or if more than one has a bit field.
-        """
+        """Refuse bounders that cannot be put together, with ``BounderError``."""
         if not 2 <= len(classes) <= MOST_PARTS:
             raise BounderError(f"{cls.method}: expected 2 to {MOST_PARTS} bounders, got {len(classes)}")
-        for part in classes:
-            if not part.conservative:
-                raise BounderError(f"{cls.method}: {part.method} is not conservative")
+        if wrong := [part.method for part in classes if not part.conservative]:
+            raise BounderError(f"{cls.method}: {wrong[0]} is not conservative")
         if any(issubclass(part, (MlpEarly, Cascade)) for part in classes[:-1]):
             raise BounderError(f"{cls.method}: only the last part may have exits")
         if sum(bool(part.bit_fields) for part in classes) > 1:
@@ -150,10 +144,10 @@ class Cascade(Bounder):
         Raises:
             BounderError: If they are bounders of other queries or domains, or cannot be put together (``check``).
         """
-        for part in parts:
-            if not isinstance(part, Bounder):
-                raise BounderError(f"{cls.method}: expected bounders, got {type(part).__name__}")
-        cls.check([type(part) for part in parts])
+        kinds = [type(part) for part in parts]
+        if wrong := [kind for kind in kinds if not issubclass(kind, Bounder)]:
+            raise BounderError(f"{cls.method}: expected bounders, got {wrong[0].__name__}")
+        cls.check(kinds)
         last = parts[-1]
         for part in parts:
             if part.domain.to_dict() != last.domain.to_dict():
@@ -196,9 +190,8 @@ class Cascade(Bounder):
 
     @cached_property
     def source(self) -> CascadeSource:
-        domain, sources = self.domain, tuple(part.source for part in self._members)
-        counts = tuple(len(part.weights()) for part in self._members)
-        return CascadeSource(self.ndim, domain.time, sources, counts, query=self.query_kind, space=domain.space)
+        sources = tuple(part.source for part in self._members)
+        return self.source_of(CascadeSource, sources, tuple(len(part.weights()) for part in self._members))
 
     def weights(self) -> np.ndarray:
         """See ``Bounder``; the layout is described in ``CascadeSource``."""

@@ -155,7 +155,7 @@ class Voxels(Bounder):
 
     @property
     def source(self) -> VoxelsSource:
-        return VoxelsSource(self.ndim, self.domain.time, self.shape)
+        return self.source_of(VoxelsSource, self.shape)
 
     def weights(self) -> np.ndarray:
         return np.concatenate([self.tensors[k] for k in ("factor", "summand", "reach")])

@@ -70,13 +70,8 @@ class Source:
     @property
     def start(self) -> int:
         """Index in ``parameters`` where the method's own numbers begin, a multiple of 16."""
-        return (
-            -(
-                -(FRONT + 3 * self.ndim + 1 + coordinates_of(self.query, self.space).extra_count(self.ndim, self.time))
-                // 16
-            )
-            * 16
-        )
+        extra = coordinates_of(self.query, self.space).extra_count(self.ndim, self.time)
+        return -(-(FRONT + 3 * self.ndim + 1 + extra) // 16) * 16
 
     @property
     def tag(self) -> tuple[int, int]:

@@ -156,7 +156,7 @@ class Bvh(Bounder):
 
     @property
     def source(self) -> BvhSource:
-        return BvhSource(self.ndim, self.domain.time, query=self.query_kind, space=self.domain.space)
+        return self.source_of(BvhSource)
 
     def weights(self) -> np.ndarray:
         low, high, n, room = self.tensors["low"], self.tensors["high"], self.ndim, 0.0

@@ -75,8 +75,7 @@ class QuadricBounder(VolumeBounder):
 
     @property
     def source(self) -> QuadricSource:
-        domain = self.domain
-        return QuadricSource(self.ndim, domain.time, self.diagonal, query=domain.query, space=domain.space)
+        return self.source_of(QuadricSource, self.diagonal)
 
     def parametric_least(self, support: ParametricSupport) -> tuple[float, int]:
         return -support.square(*self.shape[:2]), 1

@@ -5,6 +5,7 @@ threshold on it is set by a proof or a search, not at a probability of one half.
 """
 
 from itertools import pairwise
+from typing import ClassVar
 
 import numpy as np
 
@@ -30,12 +31,8 @@ RECIPES = ("default", "paper")  # names of the recipes of training
 def encoding_tensors(ndim: int, octaves: int) -> dict[str, np.ndarray]:
     """The positional encoding of the supplement: sine and cosine of ``2^i pi v`` for each coordinate and octave.
 
-    Args:
-        ndim: Coordinates n.
-        octaves: Octaves; 4 give the supplement's 18 inputs in 2D.
-
-    Returns:
-        ``encoding.weight`` ``(2 n octaves, n)`` and ``encoding.bias``: the features are ``sin(weight v + bias)``.
+    The features are ``sin(weight v + bias)``, ``encoding.weight`` ``(2 n octaves, n)``; 4 octaves give the supplement's 18
+    inputs in 2D.
     """
     frequency = np.float32(np.pi) * 2.0 ** np.arange(octaves)
     weight = np.kron(np.kron(frequency[:, None], np.eye(ndim)), np.ones((2, 1)))
@@ -44,11 +41,7 @@ def encoding_tensors(ndim: int, octaves: int) -> dict[str, np.ndarray]:
 
 
 def check_hidden(hidden) -> tuple[int, ...]:
-    """Hidden widths as a tuple.
-
-    Raises:
-        BounderError: If there is none, too many, or one is not a whole number from 1 to ``LARGEST_WIDTH``.
-    """
+    """Hidden widths as a tuple; raises ``BounderError`` for none, too many, or one that is no whole number in its range."""
     try:
         widths = tuple(hidden)
     except TypeError:
@@ -93,6 +86,7 @@ class Mlp(Bounder):
     method = "mlp"
     exact_on_cells = False
     options = (HIDDEN, ACTIVATION, OCTAVES, RECIPE, STEPS)
+    source_kind: ClassVar[type[MlpSource]] = MlpSource
 
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
@@ -134,8 +128,7 @@ class Mlp(Bounder):
 
     @property
     def source(self) -> MlpSource:
-        sizes = (self.hidden, self.activation, self.features)
-        return MlpSource(self.ndim, self.domain.time, *sizes, query=self.query_kind)
+        return self.source_of(self.source_kind, self.hidden, self.activation, self.features)
 
     def weights(self) -> np.ndarray:
         parts = []

@@ -82,6 +82,7 @@ class MlpEarly(Mlp):
 
     method = "mlp-early"
     options = (HIDDEN, ACTIVATION, OCTAVES, replace(RECIPE, queries=("ray", "box")), STEPS)
+    source_kind = MlpEarlySource
 
     def __init__(self, domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
         """Arguments and errors of ``Mlp``. Without ``exits.thresholds`` all exits let everything pass."""
@@ -99,13 +100,9 @@ class MlpEarly(Mlp):
 
     @classmethod
     def of(cls, parts: list[Mlp]) -> "MlpEarly":
-        """The conjunction of networks that share their layers, at their thresholds; it holds no certificate yet.
+        """The conjunction of networks that share domain, sizes and layers, at their thresholds; it holds no certificate yet.
 
-        Args:
-            parts: Part i has the hidden layers 0 .. i of the last part, and an output of its own.
-
-        Raises:
-            BounderError: If they do not share domain, sizes and layers.
+        Part i has the hidden layers 0 .. i of the last part, and an output of its own.
         """
         last = parts[-1]
         tensors, thresholds = dict(last.tensors), [part.threshold for part in parts[:-1]]
@@ -117,9 +114,8 @@ class MlpEarly(Mlp):
             early = cls(last.domain, tensors, last.sizes, last._device)
             if all(_same(a, b) for a, b in zip(parts, early._parts, strict=True)):
                 return early.freeze(last.threshold, None)
-        raise BounderError(
-            f"{cls.method}: expected parts that share domain, sizes and layers, one for each hidden layer"
-        )
+        expected = "parts that share domain, sizes and layers, one for each hidden layer"
+        raise BounderError(f"{cls.method}: expected {expected}")
 
     @property
     def exit_thresholds(self) -> np.ndarray:
@@ -138,12 +134,6 @@ class MlpEarly(Mlp):
         for index, width in enumerate(self.hidden[:-1]):
             shapes |= {f"exits.{index}.weight": (self.head.outputs, width), f"exits.{index}.bias": (self.head.outputs,)}
         return shapes | {"exits.thresholds": (len(self.hidden) - 1,)}
-
-    @property
-    def source(self) -> MlpEarlySource:
-        plain = super().source
-        sizes = (plain.ndim, plain.time, plain.hidden, plain.activation, plain.features)
-        return MlpEarlySource(*sizes, query=plain.query)
 
     def weights(self) -> np.ndarray:
         numbers = [super().weights()]

@@ -79,9 +79,8 @@ class MonotoneMlp(Mlp):
             if index == 0:  # the inputs' own ways are known
                 rises[self.ndim :], falls[: self.ndim] = False, False
             if (rises & falls).any() or (index == 0 and (rises | falls).any()):
-                raise BounderError(
-                    f"{self.method}: a weight in layers.{index}.weight has the wrong sign, f would not be monotone"
-                )
+                wrong = f"a weight in layers.{index}.weight has the wrong sign"
+                raise BounderError(f"{self.method}: {wrong}, f would not be monotone")
             sign = rises.astype(np.float64) - falls
             signs.insert(0, sign)
         return signs[1:]

@@ -99,5 +99,4 @@ class LearnedKdop(FaceBounder):
 
     @property
     def source(self) -> HalfSpacesSource:
-        count, domain = len(self.tensors["offsets"]), self.domain
-        return HalfSpacesSource(self.ndim, domain.time, count, query=domain.query, space=domain.space)
+        return self.source_of(HalfSpacesSource, len(self.tensors["offsets"]))

@@ -135,8 +135,7 @@ class ReluField(Bounder):
 
     @property
     def source(self) -> ReluFieldSource:
-        domain = self.domain
-        return ReluFieldSource(self.ndim, domain.time, self.field.nodes, query=domain.query, space=domain.space)
+        return self.source_of(ReluFieldSource, self.field.nodes)
 
     def weights(self) -> np.ndarray:
         return np.concatenate([self.tensors[k].reshape(-1) for k in ("factor", "summand", "values")])
@@ -200,13 +199,11 @@ class ReluField(Bounder):
         """See ``Bounder``; for regions, over a cover of all positives: boxes whose nodes are all higher are passed over."""
         if self.domain.tested_as_point:
             return super().least(grid)
-        least, count, cells = 1.0, 0, self._cell_minima
+        least, count, cells, most = 1.0, 0, self._cell_minima, np.array(self.field.nodes) - 2
         for lower, upper in positive_boxes(grid, self.domain, self.field):
             count += len(lower)
-            first, last = self.field.coordinates(lower), self.field.coordinates(upper)
-            first = np.floor(first - self._blur).astype(np.int64)
-            last = np.ceil(last + self._blur).astype(np.int64) - 1
-            most = np.array(self.field.nodes) - 2
+            first = np.floor(self.field.coordinates(lower) - self._blur).astype(np.int64)
+            last = np.ceil(self.field.coordinates(upper) + self._blur).astype(np.int64) - 1
             first, last = np.clip(first, 0, most), np.clip(last, 0, most)
             last = np.maximum(first, last)
             quick = np.full(len(lower), np.inf)

@@ -132,8 +132,7 @@ class SlabBounder(FaceBounder):
 
     @property
     def source(self) -> SlabsSource:
-        domain, count = self.domain, len(self.test.slabs.low)
-        return SlabsSource(self.ndim, domain.time, count, self.diagonal, query=domain.query, space=domain.space)
+        return self.source_of(SlabsSource, len(self.test.slabs.low), self.diagonal)
 
 
 def _ends(occupancy: np.ndarray) -> np.ndarray:
