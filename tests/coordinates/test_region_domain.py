@@ -10,12 +10,12 @@ from located import EXACT, corners, located, plane_points, ray_distance, ray_poi
 from region_cases import REGIONS, fitted_region, hard_regions, ray_length
 
 from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.coordinates.base import FAR
+from warp_bounding.coordinates.base import FAR, vector_type
 from warp_bounding.coordinates.maps import COORDINATES
 from warp_bounding.coordinates.region_domain import RegionDomain, domain_of, region_rounding
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorGrid
-from warp_bounding.kernels.functions import Data, point_type
+from warp_bounding.kernels.functions import Data
 from warp_bounding.queries import sample
 
 NAMES = ("c", "blob", "anisotropic", "mesh", "animated", "five")
@@ -242,7 +242,7 @@ def test_strange_numbers_do_not_change_their_neighbours_values(query, name, devi
 
 @cache
 def asking_kernel(test, ndim: int) -> wp.Kernel:
-    vector = point_type(ndim)
+    vector = vector_type(ndim)
 
     @wp.kernel(module="unique")
     def asking(data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
@@ -257,7 +257,7 @@ def ask(bounder, q: np.ndarray) -> np.ndarray:
     """Answers of ``bounder.func`` inside a user's kernel."""
     n, device = bounder.ndim, bounder.device
     answer = wp.zeros(len(q), dtype=wp.uint8, device=device)
-    parts = [wp.array(np.ascontiguousarray(p), dtype=point_type(n), device=device) for p in (q[:, :n], q[:, n:])]
+    parts = [wp.array(np.ascontiguousarray(p), dtype=vector_type(n), device=device) for p in (q[:, :n], q[:, n:])]
     wp.launch(asking_kernel(bounder.func, n), len(q), [bounder.data, *parts], [answer], device=device)
     return answer.numpy()
 

@@ -10,8 +10,9 @@ from bounding_shapes import shape
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
+from warp_bounding.coordinates.base import vector_type
 from warp_bounding.coordinates.region_domain import domain_of
-from warp_bounding.kernels.functions import Data, point_type
+from warp_bounding.kernels.functions import Data
 
 ARCHITECTURE = 86
 FAST = "-march=native -mreassociate -freciprocal-math"  # the parts of -ffast-math that no macro tells of
@@ -33,7 +34,7 @@ def bounder_of(method: str, query: str) -> wb.Bounder:
 
 def asking_kernel(bounder: wb.Bounder, module: wp.Module) -> wp.Kernel:
     """A kernel as a user would write it."""
-    test, vector = bounder.func, point_type(bounder.ndim)
+    test, vector = bounder.func, vector_type(bounder.ndim)
 
     def ask_point(data: Data, q: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
         i = wp.tid()
@@ -60,7 +61,7 @@ def ask(bounder: wb.Bounder, x: np.ndarray, **options) -> np.ndarray:
     module = module_of("_".join([bounder.method, bounder.query_kind, *options]), **options)
     answer = wp.zeros(len(x), dtype=wp.uint8, device="cpu")
     q = x if bounder.query_kind == "point" else x.reshape(len(x), 2, bounder.ndim)
-    inputs = [bounder.data, wp.array(q, dtype=point_type(bounder.ndim), device="cpu")]
+    inputs = [bounder.data, wp.array(q, dtype=vector_type(bounder.ndim), device="cpu")]
     wp.launch(asking_kernel(bounder, module), len(x), inputs, [answer], device="cpu")
     return answer.numpy()
 

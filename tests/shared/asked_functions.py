@@ -9,8 +9,9 @@ from bounding_shapes import EARLY, HIDDEN, shape
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.coordinates.base import vector_type
 from warp_bounding.coordinates.region_domain import domain_of
-from warp_bounding.kernels.functions import Data, point_type
+from warp_bounding.kernels.functions import Data
 
 QUERIES = ("point", "ray", "plane", "box")
 FAR = 1e3  # outside of every domain
@@ -51,7 +52,7 @@ def bounders(query: str, device: str) -> dict:
 
 @cache
 def asking_kernel(test, query: str) -> wp.Kernel:
-    vector = point_type(2)
+    vector = vector_type(2)
 
     @wp.kernel(module="unique", enable_backward=False)
     def ask_point(data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):

@@ -5,7 +5,8 @@ from functools import cache
 import numpy as np
 import warp as wp
 
-from warp_bounding.kernels.functions import Data, point_type
+from warp_bounding.coordinates.base import vector_type
+from warp_bounding.kernels.functions import Data
 
 ARCHITECTURE = 86
 
@@ -13,7 +14,7 @@ ARCHITECTURE = 86
 @cache
 def asking_kernel(test, ndim: int) -> wp.Kernel:
     """A kernel as a user would write it."""
-    vector = point_type(ndim)
+    vector = vector_type(ndim)
 
     @wp.kernel(module="unique")
     def ask(data: Data, q: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
@@ -27,7 +28,7 @@ def asking_kernel(test, ndim: int) -> wp.Kernel:
 def ask(bounder, x: np.ndarray) -> np.ndarray:
     """Answers of ``bounder.func`` inside a user's kernel."""
     answer = wp.zeros(len(x), dtype=wp.uint8, device=bounder.device)
-    q = wp.array(x, dtype=point_type(bounder.ndim), device=bounder.device)
+    q = wp.array(x, dtype=vector_type(bounder.ndim), device=bounder.device)
     wp.launch(asking_kernel(bounder.func, bounder.ndim), len(x), [bounder.data, q], [answer], device=bounder.device)
     return answer.numpy()
 

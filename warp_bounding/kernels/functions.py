@@ -1,15 +1,17 @@
 """Warp functions and kernels around native source: made once for each source, whatever the values in it."""
 
 from functools import cache
-from typing import Any
 
 import warp as wp
 
+from warp_bounding.coordinates.base import Numbers, vector_type
 from warp_bounding.kernels.assemble import batch_snippet, point_snippet
 from warp_bounding.kernels.source import Source
 from warp_bounding.runtime.native import named, unique_name
 
-__all__ = ["Data", "batch_kernel", "point_func", "point_type"]
+__all__ = ["Data", "Words", "batch_kernel", "point_func"]
+
+Words = wp.array(dtype=wp.uint32)
 
 
 @wp.struct
@@ -28,19 +30,8 @@ class Data:
         ('float32', 'uint32')
     """
 
-    parameters: wp.array(dtype=wp.float32)
-    words: wp.array(dtype=wp.uint32)
-
-
-def point_type(ndim: int) -> Any:
-    """Warp's vector type for points in n dimensions."""
-    named = {2: wp.vec2, 3: wp.vec3, 4: wp.vec4}
-    return named[ndim] if ndim in named else _vector_type(ndim)
-
-
-@cache
-def _vector_type(ndim: int) -> Any:
-    return wp.types.vector(length=ndim, dtype=wp.float32)
+    parameters: Numbers
+    words: Words
 
 
 @cache
@@ -59,13 +50,11 @@ def point_func(source: Source) -> wp.Function:
     that give up IEEE arithmetic are outside the claim.
     """
     name = named(unique_name(source, "test"))
-    vector = point_type(source.ndim)
+    vector = vector_type(source.ndim)
     if source.is_region:
 
         @name.func_native(point_snippet(source))
-        def native_region(
-            parameters: wp.array(dtype=wp.float32), words: wp.array(dtype=wp.uint32), a: vector, b: vector
-        ) -> bool: ...
+        def native_region(parameters: Numbers, words: Words, a: vector, b: vector) -> bool: ...
 
         @name.func
         def test_region(data: Data, a: vector, b: vector) -> bool:
@@ -74,7 +63,7 @@ def point_func(source: Source) -> wp.Function:
         return test_region
 
     @name.func_native(point_snippet(source))
-    def native(parameters: wp.array(dtype=wp.float32), words: wp.array(dtype=wp.uint32), q: vector) -> bool: ...
+    def native(parameters: Numbers, words: Words, q: vector) -> bool: ...
 
     @name.func
     def test(data: Data, q: vector) -> bool:
@@ -95,12 +84,12 @@ def batch_kernel(source: Source, placed: bool, values: bool) -> wp.Kernel:
 
     @name.block_kernel(batch_snippet(source, placed, values))
     def batch(
-        x: wp.array(dtype=wp.float32),
+        x: Numbers,
         count: int,
         block: int,
-        parameters: wp.array(dtype=wp.float32),
-        words: wp.array(dtype=wp.uint32),
-        placement: wp.array(dtype=wp.float32),
+        parameters: Numbers,
+        words: Words,
+        placement: Numbers,
         out: wp.array(dtype=out_type),
     ): ...
 

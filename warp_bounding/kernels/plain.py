@@ -13,16 +13,13 @@ from functools import cache
 
 import warp as wp
 
-from warp_bounding.coordinates.base import vector_type
+from warp_bounding.coordinates.base import Numbers, vector_type
 from warp_bounding.coordinates.maps import plain_map
-from warp_bounding.kernels.functions import Data
+from warp_bounding.kernels.functions import Data, Words
 from warp_bounding.kernels.source import DENIED, FRONT, Source
 from warp_bounding.runtime.native import named, unique_name
 
 __all__ = ["DENIED", "Numbers", "Words", "plain_func", "plain_kernel", "plain_value", "twin", "vector_type"]
-
-Numbers = wp.array(dtype=wp.float32)
-Words = wp.array(dtype=wp.uint32)
 
 
 def twin(source: Source, role: str = "value"):

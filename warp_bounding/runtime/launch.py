@@ -202,15 +202,7 @@ class BlockLaunch:
     """A launch over the blocks of some items, recorded once with its memory, to be run many times."""
 
     def __init__(
-        self,
-        kernel: wp.Kernel,
-        count: int,
-        inputs: list,
-        outputs: list,
-        device,
-        *,
-        first_index: int,
-        block: int = BLOCK,
+        self, kernel: wp.Kernel, count: int, inputs: list, outputs: list, device, first_index: int, block: int = BLOCK
     ):
         """Define a launch; nothing runs yet.
 

@@ -216,13 +216,9 @@ class Bvh(Bounder):
 # Which queries of v ``(N, m)`` meet a box, by their kind.
 
 
-def _points_touch(v: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    return ((v >= low) & (v <= high)).all(axis=1)
-
-
 def _boxes_touch(v: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    first, last = np.split(v, 2, axis=1)
-    return ((last >= low) & (first <= high)).all(axis=1)
+    """Points too: they are both of their corners."""
+    return ((v[:, -len(low) :] >= low) & (v[:, : len(low)] <= high)).all(axis=1)
 
 
 def _planes_touch(v: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -237,4 +233,4 @@ def _rays_touch(v: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.maximum(ends[0].max(axis=1), 0) <= np.minimum(ends[1].min(axis=1), 1)
 
 
-_TOUCHING = {"point": _points_touch, "ray": _rays_touch, "plane": _planes_touch, "box": _boxes_touch}
+_TOUCHING = {"point": _boxes_touch, "ray": _rays_touch, "plane": _planes_touch, "box": _boxes_touch}
