@@ -33,14 +33,10 @@ class CascadeSource(Source):
 
     In memory the last part's numbers come first, because with lanes its body runs alone and reads ``w`` from there;
     then those of each other part, at a multiple of ``ALIGN``; and at last the thresholds of the others.
-
-    Attributes:
-        sources: The parts' sources, in the order in which they are asked.
-        counts: How many numbers each part has, in the same order.
     """
 
-    sources: tuple[Source, ...]
-    counts: tuple[int, ...]
+    sources: tuple[Source, ...]  # of the parts, in the order in which they are asked
+    counts: tuple[int, ...]  # how many numbers each part has, in the same order
 
     packed = True
 

@@ -16,19 +16,12 @@ SHRUNK = 1 - 1e-12  # factor that covers the float64 rounding of cosines
 
 @dataclass(frozen=True)
 class DirectionPatches:
-    """N patches.
+    """N patches."""
 
-    Attributes:
-        axis: ``(N,)`` int, the axis on which the face of the cube lies.
-        sign: ``(N,)`` 1.0 or -1.0, its side.
-        lower: ``(N, n - 1)``, the cell on it.
-        upper: ``(N, n - 1)``.
-    """
-
-    axis: np.ndarray
-    sign: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
+    axis: np.ndarray  # (N,) int, the axis on which the face of the cube lies
+    sign: np.ndarray  # (N,) 1.0 or -1.0, its side
+    lower: np.ndarray  # (N, n - 1), the lower corner of the cell on it
+    upper: np.ndarray  # (N, n - 1), its upper corner
 
     @classmethod
     def cover(cls, ndim: int, edge: int) -> "DirectionPatches":
@@ -95,10 +88,7 @@ class DirectionPatches:
 
     def split(self) -> "DirectionPatches":
         """Each patch in ``2^(n-1)`` parts."""
-        middle, parts = (self.lower + self.upper) / 2, []
-        for choice in np.ndindex((2,) * (self.ndim - 1)):
-            lower, upper = np.where(choice, middle, self.lower), np.where(choice, self.upper, middle)
-            parts.append((lower, upper))
-        count = len(parts)
-        lower, upper = (np.concatenate(side) for side in zip(*parts, strict=True))
-        return DirectionPatches(np.tile(self.axis, count), np.tile(self.sign, count), lower, upper)
+        middle, choices = (self.lower + self.upper) / 2, list(np.ndindex((2,) * (self.ndim - 1)))
+        lower = np.concatenate([np.where(choice, middle, self.lower) for choice in choices])
+        upper = np.concatenate([np.where(choice, self.upper, middle) for choice in choices])
+        return DirectionPatches(np.tile(self.axis, len(choices)), np.tile(self.sign, len(choices)), lower, upper)

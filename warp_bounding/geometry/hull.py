@@ -22,17 +22,11 @@ LONGEST_WALK = 200  # facets that the search for one corner visits before the co
 
 @dataclass(frozen=True)
 class Component:
-    """A connected component.
+    """A connected component."""
 
-    Attributes:
-        lower: ``(n,)`` int64, its first cells.
-        upper: ``(n,)`` int64, its last cells.
-        corners: ``(V, n)`` int64; corner j is at cell coordinates j - 1/2. Their hull is the component's hull.
-    """
-
-    lower: np.ndarray
-    upper: np.ndarray
-    corners: np.ndarray
+    lower: np.ndarray  # (n,) int64, its first cells
+    upper: np.ndarray  # (n,) int64, its last cells
+    corners: np.ndarray  # (V, n) int64, corner j is at cell coordinates j - 1/2; their hull is the component's hull
 
 
 def connected_labels(occupancy: np.ndarray) -> np.ndarray:
