@@ -14,9 +14,10 @@ from bounding_shapes import object_points
 from region_cases import hard_regions
 
 from warp_bounding.bounders import Bounder, Data
+from warp_bounding.coordinates.base import vector_type
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators import IndicatorGrid
-from warp_bounding.kernels.functions import point_func, point_type
+from warp_bounding.kernels.functions import point_func
 from warp_bounding.proof.attest.falsify import Walk
 from warp_bounding.proof.attest.soak import random_world
 from warp_bounding.queries import oracle
@@ -118,7 +119,7 @@ def _near(query: str, grid: IndicatorGrid, length: float, number: int, count: in
 @cache
 def _asking_points(source) -> wp.Kernel:
     """A kernel as a user would write it."""
-    test, vector = point_func(source), point_type(source.ndim)
+    test, vector = point_func(source), vector_type(source.ndim)
 
     @wp.kernel(module="unique", enable_backward=False)
     def ask_points(data: Data, q: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
@@ -131,7 +132,7 @@ def _asking_points(source) -> wp.Kernel:
 
 @cache
 def _asking_regions(source) -> wp.Kernel:
-    test, vector = point_func(source), point_type(source.ndim)
+    test, vector = point_func(source), vector_type(source.ndim)
 
     @wp.kernel(module="unique", enable_backward=False)
     def ask_regions(data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
@@ -146,7 +147,7 @@ def _ask(bounder: Bounder, x: np.ndarray) -> np.ndarray:
     """Answers of ``bounder.func`` inside a user's kernel."""
     answer, n = wp.zeros(len(x), dtype=wp.uint8, device="cpu"), bounder.ndim
     parts = [np.ascontiguousarray(x[:, k : k + n]) for k in range(0, x.shape[1], n)]
-    arrays = [wp.array(part, dtype=point_type(n), device="cpu") for part in parts]
+    arrays = [wp.array(part, dtype=vector_type(n), device="cpu") for part in parts]
     kernel = (_asking_points if bounder.query_kind == "point" else _asking_regions)(bounder.source)
     wp.launch(kernel, len(x), [bounder.data, *arrays], [answer], device="cpu")
     return answer.numpy()

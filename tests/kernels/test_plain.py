@@ -25,7 +25,7 @@ from warp_bounding.bounders import METHODS, supports
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.coordinates.region_domain import domain_of
-from warp_bounding.kernels.functions import Data, point_type
+from warp_bounding.kernels.functions import Data
 from warp_bounding.kernels.plain import Numbers, Words, plain_value, vector_type
 from warp_bounding.queries import QUERIES, sample
 from warp_bounding.queries.positives import draw_positives
@@ -103,7 +103,7 @@ def ask(bounder, x: np.ndarray) -> np.ndarray:
     """Answers of ``bounder.func`` in somebody's kernel."""
     answer = wp.zeros(len(x), dtype=wp.uint8, device=bounder.device)
     first, second = x[:, : bounder.ndim], x[:, -bounder.ndim :]
-    a, b = (wp.array(part, dtype=point_type(bounder.ndim), device=bounder.device) for part in (first, second))
+    a, b = (wp.array(part, dtype=vector_type(bounder.ndim), device=bounder.device) for part in (first, second))
     wp.launch(
         asking_kernel(bounder.func, bounder.query_kind), len(x), [bounder.data, a, b], [answer], device=bounder.device
     )

@@ -19,7 +19,8 @@ from random_networks import random_network, random_supports
 from warp_bounding.activations import activation_of
 from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.kernels.functions import Data, point_type
+from warp_bounding.coordinates.base import vector_type
+from warp_bounding.kernels.functions import Data
 from warp_bounding.proof import least_value, settle
 from warp_bounding.proof.attest.falsify import Walk, queries_at
 from warp_bounding.queries import oracle
@@ -131,7 +132,7 @@ def asking_kernel(test, vector, region: bool) -> wp.Kernel:
 
 def ask(bounder, q: np.ndarray) -> np.ndarray:
     """Answers of ``bounder.func`` inside a user's kernel."""
-    vector, device = point_type(bounder.ndim), bounder.device
+    vector, device = vector_type(bounder.ndim), bounder.device
     halves = wp.array(q.reshape(len(q), -1, bounder.ndim), dtype=vector, device=device)
     kernel = asking_kernel(bounder.func, vector, halves.shape[1] > 1)
     answer = wp.zeros(len(q), dtype=wp.bool, device=device)

@@ -15,9 +15,10 @@ from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.neural.mlp_early import MlpEarly
 from warp_bounding.bounders.neural.occupancy import Occupancy
 from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.coordinates.base import vector_type
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
-from warp_bounding.kernels.functions import Data, point_type
+from warp_bounding.kernels.functions import Data
 from warp_bounding.kernels.source import DENIED
 from warp_bounding.queries import sample
 
@@ -64,7 +65,7 @@ def early(case: str, device: str) -> tuple[MlpEarly, np.ndarray]:
 
 @cache
 def asking_kernel(test, ndim: int, region: bool) -> wp.Kernel:
-    vector = point_type(ndim)
+    vector = vector_type(ndim)
 
     @wp.kernel(module="unique")
     def ask_point(data: Data, q: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
@@ -85,7 +86,7 @@ def ask(bounder, x: np.ndarray) -> np.ndarray:
     """Answers of ``bounder.func`` inside a user's kernel."""
     n, region = bounder.ndim, bounder.query_kind != "point"
     parts = [x[:, :n], x[:, n:]] if region else [x]
-    arrays = [wp.array(np.ascontiguousarray(p), dtype=point_type(n), device=bounder.device) for p in parts]
+    arrays = [wp.array(np.ascontiguousarray(p), dtype=vector_type(n), device=bounder.device) for p in parts]
     answer = wp.zeros(len(x), dtype=wp.uint8, device=bounder.device)
     kernel = asking_kernel(bounder.func, n, region)
     wp.launch(kernel, len(x), [bounder.data, *arrays], [answer], device=bounder.device)
