@@ -45,17 +45,26 @@ class Network:
     """
 
     def __init__(self, layers, activation: str, encoding, limit: np.ndarray):
-        self.limit = np.asarray(limit, dtype=np.float64)
         stack = []
         if encoding is not None:
-            n = len(self.limit)
+            n = len(limit)
             weight = np.concatenate([np.eye(n), np.asarray(encoding[0], dtype=np.float64)])
             bias = np.concatenate([np.zeros(n), np.asarray(encoding[1], dtype=np.float64)])
             stack.append(Layer(weight, bias, SINE, linear=n))
         for weight, bias in layers[:-1]:
             stack.append(Layer(weight.astype(np.float64), bias.astype(np.float64), activation_of(activation)))
-        self.hidden = stack
-        self.output = Layer(layers[-1][0].astype(np.float64), layers[-1][1].astype(np.float64), None)
+        output = Layer(layers[-1][0].astype(np.float64), layers[-1][1].astype(np.float64), None)
+        self._measure(stack, output, limit)
+
+    @classmethod
+    def of_layers(cls, hidden: list[Layer], output: Layer, limit: np.ndarray) -> "Network":
+        """A network of any float64 layers, each with its own activation; raises as the class does."""
+        network = cls.__new__(cls)
+        network._measure(hidden, output, limit)
+        return network
+
+    def _measure(self, hidden: list[Layer], output: Layer, limit: np.ndarray) -> None:
+        self.hidden, self.output, self.limit = hidden, output, np.asarray(limit, dtype=np.float64)
         self.padding, self.rounding, self.largest = measure([*self.hidden, self.output], self.limit)
         parts = [part for x in self.hidden for part in (x.bias, x.weight.reshape(-1), np.abs(x.weight).reshape(-1))]
         self.packed = np.concatenate([*parts, self.output.bias, self.output.weight[0]])

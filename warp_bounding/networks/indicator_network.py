@@ -1,0 +1,169 @@
+"""A trained network as a shape: where its value reaches a level, with boxes certified by the bounds of networks.
+
+The bounds are those that proofs of bounders use (``Network.bound``), of the network and of its negative: a box is
+empty where no value reaches the level, and lies in the object where every value does.
+"""
+
+import hashlib
+from collections.abc import Iterable
+from functools import cached_property
+
+import numpy as np
+
+from warp_bounding.errors import BounderError, IndicatorError
+from warp_bounding.indicators.functions.combination import Combinable
+from warp_bounding.indicators.functions.parameters import checked_corners, checked_number
+from warp_bounding.indicators.functions.solid import Formula
+from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
+from warp_bounding.networks.modules import layers_of
+from warp_bounding.networks.network import Network
+from warp_bounding.networks.rounding import Layer
+
+__all__ = ["IndicatorNetwork"]
+
+TRIES = 64  # points at which a network must give its own values
+# What its own values may differ by, in units of E, which bounds the rounding of float32 and of the kernels' activations
+TOLERANCE = 16.0
+
+
+class IndicatorNetwork(Combinable, Formula):
+    """The points of a box where a network's value is at least ``level``.
+
+    The object is that of the exact network with the given weights: what float32 rounds in your own evaluation is not a
+    part of it. Points whose value is within float64 rounding of the level are undecided, and count as object.
+
+    Args:
+        sequential: A ``torch.nn.Sequential`` of ``Linear``, ``ReLU``, ``Tanh``, ``Sigmoid`` and modules of classes
+            named ``Sine`` or ``Sin`` (``sin z``), n inputs and one output. The weights are copied. A class of your own
+            is registered in ``warp_bounding.networks.modules.MODULES``.
+        lower: ``(n,)``, lower corner of the box that bounds the object.
+        upper: ``(n,)``, upper corner, above the lower one in each coordinate.
+        level: Of the network's value.
+        name: For people.
+        note: A restriction that a user should know.
+        time: Whether coordinate 0 is time.
+
+    Raises:
+        IndicatorError: For other modules, sizes that do not fit, a network that computes something else than these
+            modules do, corners that are none, or arguments of a sine beyond the range in which it is certified.
+
+    Example:
+        >>> from torch.nn import Linear, ReLU, Sequential
+        >>> network = Sequential(Linear(2, 2), ReLU(), Linear(2, 1)).requires_grad_(False)
+        >>> _ = network[0].weight.copy_(network[0].weight.new_tensor([[1, 0], [0, 1]])), network[0].bias.zero_()
+        >>> _ = network[2].weight.fill_(1), network[2].bias.fill_(-1)  # relu(x) + relu(y) - 1
+        >>> corner = wb.IndicatorNetwork(network, [-1, -1], [1, 1])
+        >>> corner.contains(np.array([[0.75, 0.75], [0.25, 0.25]]))
+        array([ True, False])
+        >>> corner.empty(np.array([[-1.0, -1.0]]), np.array([[0.0, 0.5]]))
+        array([ True])
+    """
+
+    def __init__(
+        self,
+        sequential: Iterable,
+        lower,
+        upper,
+        *,
+        level: float = 0.0,
+        name: str = "network",
+        note: str = "",
+        time: bool = False,
+    ):
+        self.name, self.note, self.time = name, note, bool(time)
+        self._bounds = np.array(checked_corners(lower, upper, name))
+        self.level = checked_number(level, "level", name, least=-np.inf)
+        hidden, output, errors = layers_of(sequential, self.ndim, name)
+        minus = Layer(-output.weight, -output.bias, None)
+        limit = np.abs(self._bounds).max(axis=0)
+        try:
+            self._networks = [Network.of_layers(hidden, each, limit) for each in (output, minus)]
+        except BounderError as error:
+            raise IndicatorError(f"{name}: {error}") from error
+        for network in self._networks:
+            network.padding = [p + e for p, e in zip(network.padding, errors, strict=True)]
+        self._compare(sequential)
+
+    def _compare(self, sequential: Iterable) -> None:
+        """Refuse a network that computes something else than its modules tell."""
+        x = np.random.default_rng(0).uniform(*self._bounds, (TRIES, self.ndim))
+        try:
+            given = next(iter(sequential.parameters())).new_tensor(x.tolist())
+            found = sequential(given).detach().cpu().double().numpy()[:, 0]
+        except (AttributeError, StopIteration, TypeError):  # modules that are no network that can be asked
+            return
+        network = self._networks[0]
+        apart = np.abs(found - network(given.detach().cpu().double().numpy()))
+        if not (apart <= TOLERANCE * network.rounding).all():
+            row = int(np.argmax(apart))
+            raise IndicatorError(
+                f"{self.name}: expected a network that computes what its modules tell, {network(x[row : row + 1])[0]:g} "
+                f"at {x[row].tolist()}, got {found[row]:g}"
+            )
+
+    # --- what a shape answers ----------------------------------------------------------------------------------------
+
+    @property
+    def ndim(self) -> int:
+        return self._bounds.shape[1]
+
+    @property
+    def lower(self) -> np.ndarray:
+        return self._bounds[0].copy()
+
+    @property
+    def upper(self) -> np.ndarray:
+        return self._bounds[1].copy()
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the box, the level and the weights."""
+        sha = hashlib.sha256(b"warp-bounding network 1")
+        sha.update(np.append(self._bounds, self.level).astype("<f8").tobytes() + bytes([self.time]))
+        network = self._networks[0]
+        for layer in (*network.hidden, network.output):
+            sha.update(f"{layer.weight.shape} {layer.activation and layer.activation.name};".encode())
+            sha.update(layer.weight.astype("<f8").tobytes() + layer.bias.astype("<f8").tobytes())
+        return sha.hexdigest()
+
+    def decide(self, x: np.ndarray) -> np.ndarray:
+        x = np.asarray(x, dtype=np.float64)
+        found = np.full(len(x), OUT, dtype=np.uint8)
+        left = np.flatnonzero(((x >= self._bounds[0]) & (x <= self._bounds[1])).all(axis=1))
+        low = self._least(0, x[left], x[left]) >= self.level
+        found[left[low]] = IN
+        left = left[~low]
+        found[left[~(self._least(1, x[left], x[left]) > -self.level)]] = UNDECIDED
+        return found
+
+    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
+        real = (np.isfinite(lower) & np.isfinite(upper) & (lower <= upper)).all(axis=1)
+        low, high = np.maximum(lower, self._bounds[0]), np.minimum(upper, self._bounds[1])
+        found = real & (low > high).any(axis=1)
+        left = real & ~found
+        found[left] = self._least(1, low[left], high[left]) > -self.level
+        return found
+
+    def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
+        within = ((lower >= self._bounds[0]) & (upper <= self._bounds[1]) & (lower <= upper)).all(axis=1)
+        within[within] = self._least(0, lower[within], upper[within]) >= self.level
+        return within
+
+    def _least(self, which: int, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Certified lower bounds over boxes: of the network (0) or of its negative (1)."""
+        return self._networks[which].bound(lower, upper).lower if len(lower) else np.zeros(0)
+
+    def dilated(self, margin: float) -> "IndicatorNetwork":
+        """Itself for a margin of 0; a network tells no distances.
+
+        Raises:
+            IndicatorError: For any other margin.
+        """
+        if self._new_margin(margin) is not None:
+            raise IndicatorError(
+                f"{self.name}: a shape is dilated by its distance, and a network's value is none, got margin={margin}; "
+                "give a lower level"
+            )
+        return self
