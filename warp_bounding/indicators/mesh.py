@@ -171,6 +171,18 @@ class IndicatorMesh(Shape):
         """Lower bounds ``(N,)`` of the distance from closed boxes to the object; see ``Shape``."""
         return self._dilated_solid.clearance(lower, upper)
 
+    def decide_boxes(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Which closed boxes meet the object: ``(N,)`` uint8 ``OUT``, ``IN`` or ``UNDECIDED`` for corners ``(N, 3)``."""
+        return self._dilated_solid.decide_boxes(lower, upper)
+
+    def decide_segments(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Which closed segments meet the object: ``(N,)`` uint8, as for boxes, for their ends ``(N, 3)``."""
+        return self._dilated_solid.decide_segments(start, end)
+
+    def decide_planes(self, normal: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Which planes meet the object: ``(N,)`` uint8, as for boxes, for normals of any length and points ``(N, 3)``."""
+        return self._dilated_solid.decide_planes(normal, point)
+
     def landmarks(self) -> np.ndarray:
         """``(P, 3)`` float64: the vertices of faces; of a dilated mesh, what lies over them at the margin, on either side."""
         used = np.unique(self.faces)

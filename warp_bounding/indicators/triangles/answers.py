@@ -15,7 +15,7 @@ from warp_bounding.indicators.triangles.hierarchy import (
 from warp_bounding.indicators.triangles.sides import ENCLOSED, OUTSIDE, Sides, side_of
 from warp_bounding.indicators.triangles.walks import FAR, NEAR, box_is_free, nearness
 
-__all__ = ["Mesh", "decide_points", "find_empty", "find_inside", "half_of", "is_box"]
+__all__ = ["LIMIT", "Mesh", "decide_points", "find_empty", "find_inside", "half_of", "is_box"]
 
 LIMIT = 2.0**200  # coordinates beyond it are not computed with: their products might overflow
 OUTWARD = 1.0 + 2.0**-50  # a half side times this outweighs its rounding

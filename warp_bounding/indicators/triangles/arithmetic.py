@@ -17,7 +17,19 @@ Source: Akenine-Moeller, "Fast 3D triangle-box overlap testing" (2001) for the a
 
 import warp as wp
 
-__all__ = ["closest_on_triangle", "distance_along", "free", "largest", "rounding_slack", "segment_free", "separated"]
+__all__ = [
+    "ROUNDING",
+    "apart",
+    "closest_on_segment",
+    "closest_on_triangle",
+    "distance_along",
+    "free",
+    "largest",
+    "rounding_slack",
+    "segment_free",
+    "segment_separated",
+    "separated",
+]
 
 SHORTEST = 2.0**-400  # axes shorter than this are not used: the squares of their components may underflow
 PROJECTIONS = 16  # alternating projections until a box that is neither proven near nor far counts as near
@@ -79,7 +91,7 @@ def _edge_separated(
 
 
 @wp.func
-def _apart(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.vec3d, margin: wp.float64, slack: wp.float64) -> bool:
+def apart(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.vec3d, margin: wp.float64, slack: wp.float64) -> bool:
     """Does one of the 13 axes separate the triangle from the box around 0, grown by the margin?"""
     zero, one = wp.float64(0.0), wp.float64(1.0)
     if separated(wp.vec3d(one, zero, zero), a, b, c, half, margin, slack):
@@ -98,7 +110,8 @@ def _apart(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.vec3d, margin: wp.flo
 
 
 @wp.func
-def _closest_on_segment(p: wp.vec3d, a: wp.vec3d, b: wp.vec3d) -> wp.vec3d:
+def closest_on_segment(p: wp.vec3d, a: wp.vec3d, b: wp.vec3d) -> wp.vec3d:
+    """Find a point of the segment nearest to p up to rounding."""
     length2 = wp.dot(b - a, b - a)
     if not length2 > wp.float64(0.0):
         return a
@@ -122,11 +135,11 @@ def closest_on_triangle(p: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d) -> w
         area = u + v + w
         if u >= zero and v >= zero and w >= zero and area > zero:
             return a * (v / area) + b * (w / area) + c * (u / area)
-    best = _closest_on_segment(p, a, b)
-    q = _closest_on_segment(p, b, c)
+    best = closest_on_segment(p, a, b)
+    q = closest_on_segment(p, b, c)
     if wp.length_sq(q - p) < wp.length_sq(best - p):
         best = q
-    q = _closest_on_segment(p, c, a)
+    q = closest_on_segment(p, c, a)
     if wp.length_sq(q - p) < wp.length_sq(best - p):
         best = q
     return best
@@ -155,11 +168,11 @@ def free(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.vec3d, margin: wp.float
         side = _side(a, b, c, half, margin, slack)
         if side != _UNDECIDED:
             return side == _FREE
-    return _apart(a, b, c, half, margin, slack)
+    return apart(a, b, c, half, margin, slack)
 
 
 @wp.func
-def _segment_separated(
+def segment_separated(
     d: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, s: wp.vec3d, margin: wp.float64, slack: wp.float64
 ) -> bool:
     """Is the triangle further than ``margin`` from the segment from 0 to s, as axis d can tell? NaN cannot."""
@@ -178,19 +191,19 @@ def _segment_separated(
 def segment_free(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, s: wp.vec3d, margin: wp.float64, slack: wp.float64) -> bool:
     """Is it proven, by the axes that are complete in general position, that the segment from 0 to s is far enough?"""
     zero, one = wp.float64(0.0), wp.float64(1.0)
-    if _segment_separated(wp.cross(b - a, c - a), a, b, c, s, margin, slack):
+    if segment_separated(wp.cross(b - a, c - a), a, b, c, s, margin, slack):
         return True
-    if _segment_separated(wp.cross(b - a, s), a, b, c, s, margin, slack):
+    if segment_separated(wp.cross(b - a, s), a, b, c, s, margin, slack):
         return True
-    if _segment_separated(wp.cross(c - b, s), a, b, c, s, margin, slack):
+    if segment_separated(wp.cross(c - b, s), a, b, c, s, margin, slack):
         return True
-    if _segment_separated(wp.cross(a - c, s), a, b, c, s, margin, slack):
+    if segment_separated(wp.cross(a - c, s), a, b, c, s, margin, slack):
         return True
-    if _segment_separated(wp.vec3d(one, zero, zero), a, b, c, s, margin, slack):
+    if segment_separated(wp.vec3d(one, zero, zero), a, b, c, s, margin, slack):
         return True
-    if _segment_separated(wp.vec3d(zero, one, zero), a, b, c, s, margin, slack):
+    if segment_separated(wp.vec3d(zero, one, zero), a, b, c, s, margin, slack):
         return True
-    return _segment_separated(wp.vec3d(zero, zero, one), a, b, c, s, margin, slack)
+    return segment_separated(wp.vec3d(zero, zero, one), a, b, c, s, margin, slack)
 
 
 @wp.func

@@ -21,6 +21,7 @@ __all__ = [
     "near_leaf",
     "next_leaf",
     "squared_reach",
+    "wide",
 ]
 
 LEAF = 4  # triangles of a leaf at most; 2 and 8 were slower for boxes near a bunny
@@ -111,10 +112,15 @@ def near_leaf(t: Triangles, lower: wp.vec3, upper: wp.vec3) -> int:
 
 
 @wp.func
+def wide(x: wp.vec3) -> wp.vec3d:
+    """The same numbers in float64."""
+    return wp.vec3d(wp.float64(x[0]), wp.float64(x[1]), wp.float64(x[2]))
+
+
+@wp.func
 def corner(t: Triangles, triangle: int, k: int, origin: wp.vec3d) -> wp.vec3d:
     """A triangle's corner, relative to a point: each coordinate is rounded once."""
-    x = t.corners[3 * triangle + k]
-    return wp.vec3d(wp.float64(x[0]), wp.float64(x[1]), wp.float64(x[2])) - origin
+    return wide(t.corners[3 * triangle + k]) - origin
 
 
 @wp.func

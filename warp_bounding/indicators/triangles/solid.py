@@ -9,9 +9,12 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.indicators.triangles.answers import Mesh, decide_points, find_empty, find_inside
+from warp_bounding.indicators.triangles.box import decide_boxes
 from warp_bounding.indicators.triangles.cycles import cycles_of
 from warp_bounding.indicators.triangles.distances import find_clearances
 from warp_bounding.indicators.triangles.hierarchy import Triangles, build
+from warp_bounding.indicators.triangles.plane import decide_planes
+from warp_bounding.indicators.triangles.segment import decide_segments
 from warp_bounding.indicators.triangles.sides import Sides, build_sides
 from warp_bounding.runtime.launch import launch_on_cores
 
@@ -74,6 +77,18 @@ class DilatedSolid:
     def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Lower bounds of the distance from closed boxes to the object; see ``Shape.clearance``."""
         return self._answer(find_clearances, lower, upper, dtype=wp.float64)
+
+    def decide_boxes(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Whether closed boxes meet the object."""
+        return self._answer(decide_boxes, lower, upper)
+
+    def decide_segments(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Whether closed segments meet the object."""
+        return self._answer(decide_segments, start, end)
+
+    def decide_planes(self, normal: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Whether planes meet the object."""
+        return self._answer(decide_planes, normal, point)
 
     def _answer(self, kernel: wp.Kernel, *queries: np.ndarray, dtype: type = wp.uint8) -> np.ndarray:
         """``(N,)``, what a kernel answers to queries, arrays ``(N, 3)``."""
