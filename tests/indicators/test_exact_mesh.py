@@ -245,3 +245,53 @@ def test_landmarks_lie_on_the_border():
     landmarks = mesh.dilated(0.25).landmarks()
     assert len(landmarks) == len(solid.vertices)
     assert np.linalg.norm(landmarks, axis=1) == pytest.approx(1.25, abs=1e-3)
+
+
+def _room(overlap: float) -> IndicatorMesh:
+    """Six solid plates around a hollow, each as large as its side of the room."""
+    plates = []
+    for axis in range(3):
+        for side in (-1, 1):
+            extents = np.full(3, 2.0 + overlap)
+            extents[axis] = 0.2
+            middle = np.zeros(3)
+            middle[axis] = side * 0.9
+            plates.append(trimesh.creation.box(extents=extents).apply_translation(middle))
+    return load_indicator(trimesh.util.concatenate(plates))
+
+
+def test_a_hollow_that_no_part_encloses_alone_belongs_to_the_object(rng):
+    mesh = _room(0.0)
+    x = rng.uniform(-0.7, 0.7, (1000, 3))
+    assert mesh.contains(x).all()
+    assert not mesh.empty(x - 0.05, x + 0.05).any()
+    assert (mesh.decide(x + [2, 0, 0]) == OUT).all()
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.05])
+def test_cells_hold_the_object(rng, margin):
+    for mesh in (_room(0.1), _vase(0.05), load_indicator(trimesh.creation.torus(1, 0.3))):
+        grid, dilated = mesh.to_grid(resolution=40, margin=margin), mesh.dilated(margin)
+        x = rng.uniform(dilated.sample_lower, dilated.sample_upper, (20_000, 3))
+        assert grid.contains(x[dilated.decide(x) == IN]).all()
+        cells = grid.position(grid.occupied[rng.permutation(len(grid.occupied))[:2000]])
+        half = 0.5 / grid.cells_per_unit
+        assert not dilated.empty(cells - half, cells + half)[dilated.decide(cells) == IN].any()
+
+
+def test_a_surface_of_faces_that_are_crushed_doubled_and_turned(rng):
+    """A ball whose faces are split at their edges, where faces without area fill the cracks, and that is doubled in part."""
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    vertices, faces = ball.vertices.tolist(), []
+    for a, b, c in ball.faces[:40]:
+        middle = len(vertices)
+        vertices.append(((ball.vertices[a] + ball.vertices[b]) / 2).tolist())
+        faces += [[a, middle, c], [middle, b, c], [a, b, middle]]
+    faces += ball.faces[40:].tolist() + ball.faces[60:90, ::-1].tolist() + [[0, 0, 5], [7, 7, 7]]
+    mesh, plain = IndicatorMesh(vertices, faces), load_indicator(ball)
+    assert mesh.watertight
+    x = rng.uniform(-1.3, 1.3, (20_000, 3))
+    answer, expected = mesh.decide(x), plain.decide(x)
+    near = plain.distance(x) + (expected == IN) < 1e-6
+    assert (answer == expected)[~near].all()
+    assert (answer == UNDECIDED).mean() < 1e-3
