@@ -109,3 +109,20 @@ def test_regions_that_are_none_or_far():
     assert mesh.decide_planes(one * inf, zero) == OUT
     assert mesh.decide_planes(one * 1e300, zero) == UNDECIDED
     assert mesh.decide_planes(one * np.float32(1e-45), zero) == IN
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.125])
+def test_planes_that_touch(rng, margin):
+    """At the very margin from the vertex that lies farthest along the normal: a matter of the last digit."""
+    plain, _ = mesh_case("tetrahedron", rng)
+    normal = rng.normal(size=(400, 3))
+    normal[::2] = normal[::2].astype(np.float32)
+    vertices = plain.vertices.astype(np.float64)
+    point = vertices[np.argmax(normal @ vertices.T, axis=1)]
+    point = point + margin * normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    point += np.spacing(point) * rng.integers(-2, 3, point.shape)
+    point[::4] += rng.normal(size=(100, 3)) * 1e-15
+    normal[1::2] *= -1
+    truth = [plane_meets(plain.vertices, plain.faces, margin, *q) for q in zip(normal, point, strict=True)]
+    assert 0.1 < np.mean(truth) < 0.9
+    _checked(plain.dilated(margin).decide_planes(normal, point), truth)
