@@ -265,7 +265,7 @@ def test_a_hollow_that_no_part_encloses_alone_belongs_to_the_object(rng):
     x = rng.uniform(-0.7, 0.7, (1000, 3))
     assert mesh.contains(x).all()
     assert not mesh.empty(x - 0.05, x + 0.05).any()
-    assert (mesh.decide(x + [2, 0, 0]) == OUT).all()
+    assert (mesh.decide(x + np.array([2, 0, 0])) == OUT).all()
 
 
 @pytest.mark.parametrize("margin", [0.0, 0.05])
