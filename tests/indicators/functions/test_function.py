@@ -331,3 +331,17 @@ def test_objects_that_answer_are_shapes():
         wb.load_indicator(wrong)
     with pytest.raises(wb.IndicatorError, match="expected a path"):
         wb.load_indicator(Own)
+
+
+def test_time_is_what_the_shape_says():
+    still = ball(3)
+    moving = wb.solids.Extrusion(wb.solids.Sphere([0, 0], 1), [0, 1], np.zeros((2, 2)))
+    timed = ball(3, time=True)
+    for shape in (moving, timed):
+        assert wb.load_indicator(shape, time=True) is shape
+        with pytest.raises(wb.IndicatorError, match=r"coordinate 0 of this \w+ is time, got time=False"):
+            wb.load_indicator(shape, time=False)
+    with pytest.raises(wb.IndicatorError, match="this IndicatorFunction has no time coordinate, got time=True"):
+        wb.load_indicator(still, time=True)
+    with pytest.raises(wb.IndicatorError, match="a function of time cannot be dilated in space"):
+        timed.dilated(0.1)

@@ -270,6 +270,31 @@ def test_operators_take_any_shape():
         _ = ball | 3
 
 
+def test_meshes_are_parts_of_solids(rng):
+    mesh = wb.IndicatorMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    bitten = mesh - S.Sphere([0, 0, 0], 0.5)
+    x = rng.uniform(-0.3, 1.2, (5000, 3))
+    away = np.linalg.norm(x, axis=1) >= 0.5
+    assert (bitten.contains(x) == (mesh.contains(x) & away)).all()
+    wide = bitten.dilated(0.1)
+    held = x[bitten.contains(x)]
+    around = held + 0.1 * (1 - 1e-12) * unit(rng.normal(size=held.shape))
+    assert wide.contains(around).all()
+    lower = rng.uniform(-0.3, 1.1, (2000, 3))
+    upper = lower + 0.2 * rng.random((2000, 1)) * rng.random(lower.shape)
+    for shape in (bitten, wide, mesh | S.Box([2, 2, 2], [3, 3, 3]), S.Transform(mesh, np.eye(3)[[1, 0, 2]], scale=1.5)):
+        y = points_of(lower, upper, rng)
+        answer = shape.decide(y.reshape(-1, 3)).reshape(y.shape[:2])
+        empty, inside = shape.empty(lower, upper), shape.inside(lower, upper)
+        assert empty.any()
+        assert inside.any()
+        assert (answer[empty] == OUT).all()
+        assert not (answer[inside] == OUT).any()
+    grid = bitten.to_grid(resolution=24, margin=0.05)
+    x = x.astype(np.float32)
+    assert not (bitten.dilated(0.05).contains(x) & ~grid.contains(x)).any()
+
+
 def test_nothing_is_certified_of_what_is_no_box():
     ball = S.Sphere([0.0, 0.0], 1.0)
     lower = np.array([[np.nan, 5.0], [6.0, 5.0], [5.0, 5.0], [-np.inf, 5.0]])

@@ -103,12 +103,11 @@ def load_indicator(
             raise IndicatorError(
                 f"{found.name}: {option} is for arrays and images, got {option}={given[option]!r} for {kind}"
             )
-    if isinstance(found, IndicatorMotion):
-        if time is False:
-            raise IndicatorError(f"{found.name}: coordinate 0 of a motion is time, got time=False")
-        return found
     if not isinstance(found, IndicatorGrid):
-        if time:
+        moves = isinstance(found, IndicatorMotion) or getattr(found, "time", False) is True
+        if moves and time is False:
+            raise IndicatorError(f"{found.name}: coordinate 0 of {_article(found)} is time, got time=False")
+        if time and not moves:
             raise IndicatorError(f"{found.name}: {_article(found)} has no time coordinate, got time=True")
         return found
     if time is not None and time != found.time:
@@ -142,7 +141,8 @@ def _load(source: object, threshold: Threshold | None) -> _Array | Indicator:
 
 
 def _article(found: Indicator) -> str:
-    return "a mesh" if isinstance(found, IndicatorMesh) else f"this {type(found).__name__}"
+    known = {IndicatorMesh: "a mesh", IndicatorMotion: "a motion"}
+    return known.get(type(found), f"this {type(found).__name__}")
 
 
 def _load_file(path: Path, threshold: Threshold | None) -> _Array | Indicator:

@@ -31,7 +31,7 @@ def widened(corner: np.ndarray, step: np.ndarray, sign: int) -> np.ndarray:
         moved = corner + step
         back = moved - corner
         lost = (corner - (moved - back)) + (step - back)  # what rounding took off, exactly (Knuth's two-sum)
-    return np.where(lost == 0, moved, np.nextafter(moved, sign * np.inf))
+        return np.where(lost == 0, moved, np.nextafter(moved, sign * np.inf))
 
 
 class Interval:
