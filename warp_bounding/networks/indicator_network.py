@@ -96,9 +96,10 @@ class IndicatorNetwork(Combinable, Formula):
         apart = np.abs(found - network(given.detach().cpu().double().numpy()))
         if not (apart <= TOLERANCE * network.rounding).all():
             row = int(np.argmax(apart))
+            own = network(x[row : row + 1])[0]
             raise IndicatorError(
-                f"{self.name}: expected a network that computes what its modules tell, {network(x[row : row + 1])[0]:g} "
-                f"at {x[row].tolist()}, got {found[row]:g}"
+                f"{self.name}: expected a network that computes what its modules tell, {own:g} at {x[row].tolist()}, "
+                f"got {found[row]:g}"
             )
 
     # --- what a shape answers ----------------------------------------------------------------------------------------

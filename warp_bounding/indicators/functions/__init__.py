@@ -1,1 +1,1 @@
-"""Shapes that formulas describe: functions of any number of dimensions, and an algebra of solids with certified bounds."""
+"""Shapes that formulas describe: functions of any number of coordinates, and an algebra of solids."""

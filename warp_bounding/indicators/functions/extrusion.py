@@ -1,4 +1,4 @@
-"""A shape that moves through time: from keyframe to keyframe on straight ways, certified over times and space at once."""
+"""A shape that moves through time: from keyframe to keyframe on straight ways, certified in time and space at once."""
 
 import numpy as np
 

@@ -2,8 +2,8 @@
 
 What certifies boxes is either the author's own ``empty``, such as interval arithmetic, or a distance with a Lipschitz
 constant L: over a box with centre c no point is farther from c than the half-diagonal r, so the distance stays above 0
-where ``distance(c) > L r``. A shape cannot look into a function; ``refute`` looks for points that contradict what is
-claimed of it.
+where ``distance(c) > L r``. A shape cannot look into a function; ``refute`` looks for points that contradict what its
+author says.
 """
 
 import hashlib
@@ -165,7 +165,7 @@ class IndicatorFunction(Combinable, Formula):
         return held
 
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Certified: which closed boxes hold no point of the object; as true as what is claimed of the functions."""
+        """Certified: which closed boxes hold no point of the object; as true as what their author says of the functions."""
         lower, upper, real = _finite_boxes(lower, upper)
         found = ((lower > self.upper) | (upper < self.lower)).any(axis=1)
         left = real & ~found
@@ -241,10 +241,10 @@ class IndicatorFunction(Combinable, Formula):
         found.margin, found._level = margin, float(np.nextafter(self.lipschitz * margin, np.inf))
         return found
 
-    # --- whether it is what is claimed -------------------------------------------------------------------------------
+    # --- whether it is what its author says --------------------------------------------------------------------------
 
     def refute(self, *, count: int = 4096, seed: int = 0) -> Counterexample | None:
-        """Look for points that contradict what is claimed of this function.
+        """Look for points that contradict what the author says of this function.
 
         Args:
             count: Random points of each kind; the time that it takes is proportional to it.

@@ -1,4 +1,4 @@
-"""The search for points that contradict what is claimed of a function: its box, its ``empty`` and its distance.
+"""The search for points that contradict what is said of a function: its box, its ``empty`` and its distance.
 
 What lies about boxes is found where it matters. Points of the object at its very border are found by bisection
 between points inside and outside; every box around such a point must not be empty, however small it is and on
@@ -38,7 +38,7 @@ class Counterexample(NamedTuple):
 
 
 class Distance(NamedTuple):
-    """What is claimed of a distance.
+    """What is said of a distance.
 
     Attributes:
         value: Of ``(N, n)`` finite points, ``(N,)``.
@@ -134,7 +134,7 @@ class _Search:
         return points, points - shares * sides, points + (1 - shares) * sides
 
     def _boxes_at_random(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points of boxes that are certified empty, in them or at their corners; whether they are in the object is asked."""
+        """Boxes that are certified empty, with points of the object that were found in them or at their corners."""
         lower = self._uniform(self.shape.sample_lower, self.shape.sample_upper)
         upper = lower + self._sizes(self.count) * self.rng.random(lower.shape)
         empty = self.shape.empty(lower, upper)

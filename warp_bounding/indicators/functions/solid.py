@@ -174,12 +174,12 @@ class Solid(Formula):
         return (self.gap(lower, upper)[1] <= 0) & _are_boxes(lower, upper)
 
     def distance(self, x: np.ndarray) -> np.ndarray:
-        """Lower bounds ``(N,)`` of the distance from points to the object, in space; 0 where the time is out of range."""
+        """Lower bounds ``(N,)`` of the distance from points to the object, in space; 0 out of its time."""
         x = np.asarray(x, dtype=np.float64)
         return self.clearance(x, x)
 
     def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Lower bounds ``(N,)`` of the distance from boxes to the object, in space; 0 where the time is out of range."""
+        """Lower bounds ``(N,)`` of the distance from boxes to the object, in space; 0 out of its time."""
         low = self.gap(lower, upper)[0]
         return np.where((low > 0) & (low < np.inf) & _are_boxes(lower, upper), low, 0.0)
 
