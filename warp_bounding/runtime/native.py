@@ -8,7 +8,7 @@ from typing import Any
 
 import warp as wp
 
-__all__ = ["identity", "named", "unique_name"]
+__all__ = ["STRICT", "identity", "named", "unique_name"]
 
 
 def _options() -> dict[str, str]:

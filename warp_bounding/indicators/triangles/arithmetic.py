@@ -17,6 +17,8 @@ Source: Akenine-Moeller, "Fast 3D triangle-box overlap testing" (2001) for the a
 
 import warp as wp
 
+from warp_bounding.runtime.native import STRICT
+
 __all__ = [
     "ROUNDING",
     "apart",
@@ -51,6 +53,11 @@ _LEAST = wp.constant(wp.float64(LEAST))
 _NEAR, _FREE, _UNDECIDED = wp.constant(0), wp.constant(1), wp.constant(2)
 
 
+@wp.func_native(STRICT + "return size;")
+def _by_ieee(size: wp.float64) -> wp.float64:  # a kernel that asks for this does not compile without IEEE arithmetic
+    ...
+
+
 @wp.func
 def largest(x: wp.vec3d) -> wp.float64:
     """The largest absolute coordinate."""
@@ -61,7 +68,7 @@ def largest(x: wp.vec3d) -> wp.float64:
 def rounding_slack(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.vec3d, margin: wp.float64) -> wp.float64:
     """A length that outweighs the rounding of ``separated`` for these numbers, each rounded once."""
     size = wp.max(wp.max(largest(a), largest(b)), wp.max(largest(c), largest(half)))
-    return _ROUNDING * wp.max(size, margin) + _LEAST
+    return _ROUNDING * wp.max(_by_ieee(size), margin) + _LEAST
 
 
 @wp.func
@@ -69,7 +76,7 @@ def separated(
     d: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.vec3d, margin: wp.float64, slack: wp.float64
 ) -> bool:
     """Is the triangle further than ``margin`` from the box |x_k| <= half_k, as axis d can tell? NaN cannot."""
-    size = wp.abs(d[0]) + wp.abs(d[1]) + wp.abs(d[2])
+    size = _by_ieee(wp.abs(d[0]) + wp.abs(d[1]) + wp.abs(d[2]))
     if not size > _SHORTEST:
         return False
     pa, pb, pc = wp.dot(d, a), wp.dot(d, b), wp.dot(d, c)
