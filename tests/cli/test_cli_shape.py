@@ -84,7 +84,7 @@ def test_yellow_in_a_terminal(capsys, monkeypatch, hole, tmp_path):
     assert "\x1b[33msurface only" in err
 
 
-def test_rates_of_a_mesh_are_those_of_its_cells(capsys, tmp_path):
+def test_rates_of_a_mesh_are_its_own_and_those_of_its_cells_are_told(capsys, tmp_path):
     trimesh.creation.box().export(tmp_path / "box.ply")
     file = tmp_path / "o.safetensors"
     options = [
@@ -101,16 +101,17 @@ def test_rates_of_a_mesh_are_those_of_its_cells(capsys, tmp_path):
     ]
     status, out, err = run(capsys, *options, "-o", file)
     assert status == 0
-    assert "0.00 % false positives" in out
-    assert "of its cells at resolution 8" in out
+    assert "of the shape itself; 0.00 % against the cells that are bounded" in out
     assert err.count("\n") == 1
     assert err.startswith(
-        "warp-bounding: margin 0.01 is under the size of a cell, 0.128: false positives are counted against"
+        "warp-bounding: margin 0.01 is under the size of a cell, 0.128: the object's cells at resolution 8 are"
     )
     status, out, err = run(capsys, "evaluate", file, tmp_path / "box.ply", "--samples", 1000)
-    assert "of its cells at resolution 8" in out
+    assert "of the shape itself; 0.00 % against the cells that are bounded" in out
     out = run(capsys, "evaluate", file, tmp_path / "box.ply", "--samples", 1000, "--json")[1]
-    assert json.loads(out)["truth"] == "of its cells at resolution 8"
+    told = json.loads(out)
+    assert told["truth"] == "of the shape itself"
+    assert told["fp_rate_cells"] == 0 < told["fp_rate"]
 
 
 def test_a_margin_larger_than_the_shape_is_forced(capsys, tmp_path):

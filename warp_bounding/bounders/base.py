@@ -63,6 +63,7 @@ class Bounder(Asking):
 
     method: ClassVar[str]
     exact_on_cells: ClassVar[bool] = True  # one pass over the cells (``least``) is the proof, without a search
+    lays_cells: ClassVar[bool] = False  # it is made of cells, also where the shape has none
     conservative: ClassVar[bool] = True  # false: kept to show what goes wrong; it never holds a certificate
     bit_fields: ClassVar[tuple[str, ...]] = ()  # tensors that are uint32
     takes_seconds: ClassVar[bool] = False  # ``fit`` has an argument ``seconds``; when they are over it ends, looser

@@ -118,6 +118,7 @@ class Voxels(Bounder):
     """
 
     method = "voxels"
+    lays_cells = True
     bit_fields = ("bits",)
 
     @classmethod

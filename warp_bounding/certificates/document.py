@@ -36,11 +36,11 @@ def document(
         threshold=float(np.float32(threshold)),
         lower_bound=float(least),
         rounding_bound=bounder.rounding_bound(),
-        delta=[] if grid is None else (base.delta / (base.scale / grid.cells_per_unit)).tolist(),
+        delta=[] if grid is None else (base.delta / (base.scale / grid.details_per_unit)).tolist(),
         boxes=int(boxes),
         seconds=round(float(seconds), 3),
         indicator="" if grid is None else grid.digest,
-        cells=0 if grid is None else len(grid.occupied),
+        cells=len(grid.occupied) if isinstance(grid, IndicatorGrid) else 0,
         counterexample=None if counterexample is None else [float(c) for c in counterexample],
         message=message if grid is None else f"{message.rstrip('.')}. {about(bounder, grid)}",
         object=None if grid is None else grid.name,
@@ -55,12 +55,14 @@ def document(
 def about(bounder: Subject, grid: IndicatorGrid) -> str:
     """What a certificate is about, in words: object, margin, length of rays, placements, and restrictions."""
     dilated = f"dilated by {float(grid.margin)}" if grid.margin else "not dilated"
-    sides = " x ".join(map(str, grid.shape))
-    fineness = "" if grid.resolution is None else f" at resolution {grid.resolution}"
+    what = "the shape itself, no cells"
+    if isinstance(grid, IndicatorGrid):
+        what = f"{len(grid.occupied):,} occupied of {' x '.join(map(str, grid.shape))} cells"
+        what += "" if grid.resolution is None else f" at resolution {grid.resolution}"
     rays = "" if bounder.domain.length is None else f" Rays have length {bounder.domain.length}."
     note = f" Note: {grid.note}." if grid.note else ""
     return (
-        f"Object: {grid.name}, {dilated}, {len(grid.occupied):,} occupied of {sides} cells{fineness}.{rays} "
+        f"Object: {grid.name}, {dilated}, {what}.{rays} "
         f"Placed by xform= and scale= where these round a query by at most {least_allowance(bounder):.2g}; "
         f"lengths are in object units.{note}"
     )

@@ -43,6 +43,6 @@ def command(
             console(False).print(other_shape(shape, rates.indicator, fitted), style="yellow")
         text = f"{bounder.method}: {rates.fp_rate:.3f} % false positives, {rates.fn} false negatives"
         console(False).print(
-            f"{text}, {rates.positives:.3f} % positives in {rates.samples:,} samples ({rates.protocol}), {rates.truth}"
+            f"{text}, {rates.positives:.3f} % positives in {rates.samples:,} samples ({rates.protocol}), {rates.truth_told}"
         )
     return 0 if rates.fn == 0 else 1

@@ -87,7 +87,7 @@ def command(
         out = console(False)
         out.print(
             f"{bounder.method}: {rates.fp_rate:.2f} % false positives, {rates.fn} false negatives in {rates.samples:,} samples, "
-            f"{rates.truth}"
+            f"{rates.truth_told}"
         )
         out.print(certificate.message if certificate else NOT_CONSERVATIVE)
         compiling = training["compile_seconds"]

@@ -17,14 +17,16 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_down, round_up
+from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, gamma, round_down, round_up
 from warp_bounding.errors import IndicatorError
-from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
 
 __all__ = ["Domain", "json_bool", "json_number"]
 
-DELTA_SHARE = 1.0 / 4096.0  # of a cell: the input error that proofs allow for where rounding needs less
-DELTA_LARGEST_SHARE = 1.0 / 16.0  # of a cell: a shape that needs more is refused
+DELTA_SHARE = (
+    1.0 / 4096.0
+)  # of a detail (of a grid, a cell): the input error that proofs allow for where rounding needs less
+DELTA_LARGEST_SHARE = 1.0 / 16.0  # of a detail: a shape that needs more is refused
 EXTENTS = (2.0**-60, 2.0**60)  # object units, of a domain: products with its scale then stay far from float32's ends
 LIMIT_LEAST, LIMIT_MOST = 0.5, 2.0  # of |v|: a domain's ends and limit lie between; all methods' rounding counts on it
 POSITIONS = 1.0 + 2.0**-20  # leaves room for the float64 rounding of cells' positions far from the origin
@@ -64,40 +66,40 @@ class Domain:
     parametric = False
 
     @classmethod
-    def of(cls, grid: IndicatorGrid, *, least_delta: np.ndarray | float = 0.0) -> "Domain":
-        """The domain of a grid.
+    def of(cls, shape: Shape, *, least_delta: np.ndarray | float = 0.0) -> "Domain":
+        """The domain of a shape.
 
         Args:
-            grid: The object.
+            shape: The object.
             least_delta: ``(n,)``, units of ``v``: ``delta`` is at least this.
 
         Raises:
-            IndicatorError: If float32 cannot resolve the grid's cells where the grid lies (the input error would
-                exceed a 16th of a cell), or the grid is too large or too small for float32 arithmetic.
+            IndicatorError: If float32 cannot resolve details of the shape where it lies (``Shape.details_per_unit``; the input error
+                would exceed a 16th of one), or the shape is too large or too small for float32 arithmetic.
         """
-        lower, upper = grid.lower, grid.upper
+        lower, upper = shape.frame
         if not ((upper - lower >= EXTENTS[0]) & (upper - lower <= EXTENTS[1])).all():
             found = ", ".join(f"{e:.3g}" for e in upper - lower)
             raise IndicatorError(
-                f"{grid.name}: expected extents from {EXTENTS[0]:.3g} to {EXTENTS[1]:.3g}, got {found}; choose other units"
+                f"{shape.name}: expected extents from {EXTENTS[0]:.3g} to {EXTENTS[1]:.3g}, got {found}; choose other units"
             )
         center = ((lower + upper) / 2).astype(np.float32)
         scale = (2 / (upper - lower)).astype(np.float32)
-        cell = scale / grid.cells_per_unit
+        detail = scale / shape.details_per_unit
         extent = np.maximum(np.abs(lower - center), np.abs(upper - center)) * scale.astype(np.float64) * GROWTH
         needed = input_rounding(center, scale, extent, lower, upper)
-        delta = np.maximum(np.maximum(DELTA_SHARE * cell, 4 * needed), least_delta)
-        if (delta > DELTA_LARGEST_SHARE * cell).any():
-            axis = int(np.argmax(delta / cell))
+        delta = np.maximum(np.maximum(DELTA_SHARE * detail, 4 * needed), least_delta)
+        if (delta > DELTA_LARGEST_SHARE * detail).any():
+            axis = int(np.argmax(delta / detail))
             raise IndicatorError(
-                f"{grid.name}: float32 cannot tell cells of {1 / grid.cells_per_unit[axis]:.3g} apart at coordinates up to "
+                f"{shape.name}: float32 cannot tell details of {1 / shape.details_per_unit[axis]:.3g} apart at coordinates up to "
                 f"{max(abs(lower[axis]), abs(upper[axis])):.3g} (axis {axis}); move the shape to its origin or use a lower resolution"
             )
         limit = round_up(extent + delta * (1 + 1e-6))
-        if grid.time:
+        if shape.time:
             inner = min(upper[0] - center[0], center[0] - lower[0]) * float(scale[0])
             limit[0] = round_down(inner - 2 * needed[0])
-        return cls(center, scale, limit, delta, grid.time, lower, upper)
+        return cls(center, scale, limit, delta, shape.time, lower, upper)
 
     def fault(self) -> str | None:
         """What is wrong with these numbers, in a few words; ``None`` if every claim of this class holds for them."""
@@ -166,6 +168,22 @@ class Domain:
         reach = self.delta * GROWTH + 1e-15 * (1 + np.abs(self.to_local(self.lower)))
         limit = self.limit.astype(np.float64)
         return np.maximum(self.to_local(lower) - reach, -limit), np.minimum(self.to_local(upper) + reach, limit)
+
+    def origins(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The boxes in object space that hold every point of which the pipeline can make a v in boxes of ``v``.
+
+        Args:
+            lower: ``(N, n)`` float64, coordinates ``v``.
+            upper: ``(N, n)`` float64.
+
+        Returns:
+            Lower and upper corners ``(N, n)`` float64; a query given in float64 counts as it is given.
+        """
+        scale, center = self.scale.astype(np.float64), self.center.astype(np.float64)
+        reach = self.delta * GROWTH
+        low, high = (lower - reach) / scale, (upper + reach) / scale
+        room = 8 * UNIT64 * (np.maximum(np.abs(low), np.abs(high)) + np.abs(center))  # of five roundings
+        return low + center - room, high + center + room
 
     def to_dict(self) -> dict:
         """JSON-ready numbers; float32 values survive the trip exactly."""

@@ -11,9 +11,10 @@ from warp_bounding.bounders.load import bounder_of
 from warp_bounding.bounders.slabs.aabb import Aabb
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import QueryError
-from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.indicators import IndicatorGrid, load_indicator
+from warp_bounding.indicators.shape import IN, OUT, UNDECIDED, Shape
 from warp_bounding.proof.prove import as_fitted
-from warp_bounding.queries import SampledOracle, oracle, sample
+from warp_bounding.queries import QUERIES, SampledOracle, decision, oracle, sample
 
 __all__ = ["PROTOCOLS", "Rates", "evaluate", "quick_rates"]
 
@@ -34,8 +35,11 @@ class Rates:
         protocol: ``"exact"`` or ``"sampled"`` (the truth from random points of a region, as in the paper; for points
             both are the same).
         seed: Seed of the samples.
-        truth: Whose truth it is, in words: that of the cells, which reach beyond a mesh by up to a cell and the margin.
-        indicator: SHA-256 of the cells that were asked about; ``bounder.info["indicator"]`` for those of the fit.
+        truth: Whose truth it is, in words: of the shape itself, or of cells, where a grid was given or where the shape
+            cannot tell for this kind of query.
+        indicator: SHA-256 of the shape or the cells that the fit bounded; equal to ``bounder.info["indicator"]``.
+        undecided: Samples whose truth could not be decided, per cent; they count as positives, but not as ``fn``.
+        fp_rate_cells: Where the fit bounded cells of a shape: the same against these cells, per cent; else ``None``.
 
     Example:
         >>> rates = wb.evaluate(bounder, grid, samples=10_000)
@@ -51,6 +55,18 @@ class Rates:
     seed: int
     truth: str = "of its cells"
     indicator: str | None = None
+    undecided: float = 0.0
+    fp_rate_cells: float | None = None
+
+    @property
+    def truth_told(self) -> str:
+        """Whose truth it is, and what stands beside the rate: that against cells, and what could not be decided."""
+        told = [self.truth]
+        if self.fp_rate_cells is not None:
+            told.append(f"{self.fp_rate_cells:.2f} % against the cells that are bounded")
+        if self.undecided:
+            told.append(f"{self.undecided:.2g} % undecided, counted as positives")
+        return "; ".join(told)
 
     def to_dict(self) -> dict:
         """JSON-ready.
@@ -71,13 +87,14 @@ def evaluate(
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Rates:
-    """Ask a bounder random queries of its kind and compare with the exact truth, that of the shape's cells.
+    """Ask a bounder random queries of its kind and compare with the exact truth, that of the shape itself.
 
     Args:
         bounder: Any bounder, or the path of its file.
         shape: The ``IndicatorGrid`` or ``IndicatorMesh`` that it bounds, or anything that ``load_indicator`` takes. A
-            mesh is voxelised as it was for the fit.
-        samples: Number of queries, drawn as in the paper (points: between the centres of the first and the last cells).
+            mesh or a function is the truth itself, also where the fit bounded its cells.
+        samples: Number of queries, drawn as in the paper (points of a grid: between the centres of the first
+            and the last cells; of other shapes: a tenth of the longest side around the box that holds the object).
         protocol: ``"exact"``, or ``"sampled"``, the paper's way to find the truth: ``any()`` over random points of the
             region. That misses thin hits, so there are fewer positives. For points both are the same.
         seed: Seed of the samples.
@@ -100,36 +117,57 @@ def evaluate(
         raise QueryError(f"samples must be a whole number of at least 1, got {samples!r}")
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise QueryError(f"seed must be a whole number of at least 0, got {seed!r}")
-    bounder = bounder_of(bounder)
-    grid = as_fitted(bounder, shape)
-    if grid.ndim != bounder.ndim:
-        raise QueryError(f"the shape is {grid.ndim}D, the bounder {bounder.ndim}D")
-    query, rng = bounder.query_kind, np.random.default_rng(seed)
-    length = bounder.domain.oracle_length
+    bounder, shape = bounder_of(bounder), load_indicator(shape)
+    fitted = as_fitted(bounder, shape)
+    if fitted.ndim != bounder.ndim:
+        raise QueryError(f"the shape is {fitted.ndim}D, the bounder {bounder.ndim}D")
+    judge = _judge(shape, fitted, bounder.query_kind, protocol)
+    source = fitted if QUERIES[bounder.query_kind].is_region else judge
+    rng, length = np.random.default_rng(seed), bounder.domain.oracle_length
     if protocol == "sampled":
-        truth_of = SampledOracle(query, grid, device=bounder.device, seed=seed, length=length)
+        truth_of = SampledOracle(bounder.query_kind, judge, device=bounder.device, seed=seed, length=length)
     else:
-        truth_of = oracle(query, grid, device=bounder.device, length=length)
-    false_positive = false_negative = positive = 0
+        truth_of = decision(bounder.query_kind, judge, bounder.device, length)
+    of_cells = None if judge is fitted else oracle(bounder.query_kind, fitted, bounder.device, length)
+    false_positive = false_negative = positive = undecided = beyond_cells = 0
     for start in range(0, samples, CHUNK):
-        x = sample(query, grid, min(CHUNK, samples - start), rng)
-        truth, maybe = truth_of(x), bounder.query(x).numpy().astype(bool)
-        false_positive += int((maybe & ~truth).sum())
-        false_negative += int((truth & ~maybe).sum())
-        positive += int(truth.sum())
+        x = sample(bounder.query_kind, source, min(CHUNK, samples - start), rng)
+        truth, maybe = np.asarray(truth_of(x), dtype=np.uint8), bounder.query(x).numpy().astype(bool)
+        false_positive += int((maybe & (truth == OUT)).sum())
+        false_negative += int(((truth == IN) & ~maybe).sum())
+        positive += int((truth != OUT).sum())
+        undecided += int((truth == UNDECIDED).sum())
+        if of_cells is not None:
+            beyond_cells += int((maybe & ~of_cells(x)).sum())
         if progress:
             progress(start + len(x), samples)
-    truth = "of its cells" + (f" at resolution {grid.resolution}" if grid.resolution else "")
-    shares = (100 * false_positive / samples, false_negative, 100 * positive / samples)
-    return Rates(*shares, int(samples), protocol, int(seed), truth, grid.digest)
+    cells = "of its cells" + (f" at resolution {fitted.resolution}" if fitted.resolution else "")
+    return Rates(
+        fp_rate=100 * false_positive / samples,
+        fn=false_negative,
+        positives=100 * positive / samples,
+        samples=int(samples),
+        protocol=protocol,
+        seed=int(seed),
+        truth=cells if isinstance(judge, IndicatorGrid) else "of the shape itself",
+        indicator=fitted.digest,
+        undecided=100 * undecided / samples,
+        fp_rate_cells=None if of_cells is None else 100 * beyond_cells / samples,
+    )
 
 
-def quick_rates(bounder: Bounder, grid: IndicatorGrid) -> dict:
-    """About how tight a bounder is, and an axis-aligned box around the same cells, by their f in float64.
+def _judge(shape, fitted: Shape, query: str, protocol: str) -> Shape:
+    """Whose truth counts: that of the shape itself where it can tell, and else of the cells that the fit bounded."""
+    known = isinstance(shape, Shape) and not isinstance(shape, IndicatorGrid) and protocol == PROTOCOLS[0]
+    return shape.dilated(fitted.margin) if known and QUERIES[query].decides(shape) else fitted
+
+
+def quick_rates(bounder: Bounder, grid: Shape) -> dict:
+    """About how tight a bounder is, and an axis-aligned box around the same object, by their f in float64.
 
     Args:
         bounder: Any bounder.
-        grid: The cells that it bounds.
+        grid: What the fit bounded.
 
     Returns:
         ``fp_rate`` and ``fp_rate_aabb``, per cent of ``samples``; JSON-ready.
@@ -140,6 +178,8 @@ def quick_rates(bounder: Bounder, grid: IndicatorGrid) -> dict:
     box = Aabb.fit(grid, domain_of(grid, query, length))
 
     def rate(b: Bounder) -> float:
-        return 100 * int((b.reference(b.domain.to_local(x)) >= float(b.threshold)).sum()) / QUICK if len(x) else 0.0
+        v = b.domain.to_local(x)
+        asked = (np.abs(v) <= b.domain.limit).all(axis=1) | (not b.domain.tested_as_point)
+        return 100 * int((asked & (b.reference(v) >= float(b.threshold))).sum()) / QUICK if len(x) else 0.0
 
     return {"fp_rate": rate(bounder), "fp_rate_aabb": rate(box), "samples": QUICK}

@@ -3,17 +3,9 @@
 import numpy as np
 
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.summed_area import summed_area
 
-__all__ = ["blocks_of", "full_blocks", "summed_area"]
-
-
-def summed_area(occupancy: np.ndarray) -> np.ndarray:
-    """The summed-area table ``(R_1 + 1, ...)`` int64: entry i counts the occupied cells before i on every axis."""
-    table = np.zeros([r + 1 for r in occupancy.shape], dtype=np.int64)
-    table[(slice(1, None),) * occupancy.ndim] = occupancy
-    for axis in range(occupancy.ndim):
-        np.cumsum(table, axis=axis, out=table)
-    return table
+__all__ = ["blocks_of", "full_blocks"]
 
 
 def full_blocks(grid: IndicatorGrid) -> tuple[np.ndarray, np.ndarray]:

@@ -18,15 +18,18 @@ from functools import cached_property
 
 import numpy as np
 
+from warp_bounding.arithmetic import UNIT64
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.dilation import dilate
-from warp_bounding.indicators.limits import MAX_CELLS, checked_margin
+from warp_bounding.indicators.limits import MAX_CELLS
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.indicators.summed_area import block_counts, summed_area
 
 __all__ = ["IndicatorGrid"]
 
 
 @dataclass(frozen=True, eq=False)
-class IndicatorGrid:
+class IndicatorGrid(Shape):
     """An n-dimensional occupancy grid, placed in object space.
 
     Attributes:
@@ -132,6 +135,14 @@ class IndicatorGrid:
         shape = np.array(self.shape)
         return self.position(np.where(shape > 1, shape - 1.0, 0.5))
 
+    @property
+    def frame(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.lower, self.upper
+
+    @property
+    def details_per_unit(self) -> np.ndarray:
+        return self.cells_per_unit
+
     def position(self, t: np.ndarray) -> np.ndarray:
         """Object coordinates of cell coordinates.
 
@@ -189,6 +200,32 @@ class IndicatorGrid:
             found |= inside & self.occupancy[tuple(index.T)]
         return found
 
+    def decide(self, x: np.ndarray) -> np.ndarray:
+        return self.contains(x).astype(np.uint8)
+
+    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        return (lower <= upper).all(axis=1) & (block_counts(self._table, *self._blocks(lower, upper)) == 0)
+
+    def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        first, end = self._blocks(lower, upper)
+        whole = (lower >= self.lower).all(axis=1) & (upper <= self.upper).all(axis=1) & (lower <= upper).all(axis=1)
+        return whole & (block_counts(self._table, first, end) == (end - first).prod(axis=1))
+
+    def _blocks(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """All cells that closed boxes ``(N, n)`` float64 may meet: first ones, and one past the last."""
+        sides = [np.asarray(side, dtype=np.float64) * self.cells_per_unit for side in (lower, upper)]
+        room = 4 * UNIT64 * (np.maximum(*np.abs(sides)) + np.abs(self.offset))  # of two roundings
+        low, high = sides[0] - self.offset - room, sides[1] - self.offset + room
+        first, end = np.ceil(low - 0.5), np.floor(high + 0.5) + 1
+        return tuple(np.clip(np.nan_to_num(side), 0, self.shape).astype(np.int64) for side in (first, end))
+
+    @cached_property
+    def _table(self) -> np.ndarray:
+        return summed_area(self.occupancy)
+
+    def landmarks(self) -> np.ndarray:
+        return self.position(self.boundary.astype(np.float64))
+
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the geometry: cells and map; the name and the way it was made do not enter."""
@@ -219,6 +256,9 @@ class IndicatorGrid:
 
     # --- what can be made of it --------------------------------------------------------------------------------------
 
+    def dilated(self, margin: float) -> "IndicatorGrid":
+        return self.to_grid(margin=margin)
+
     def to_grid(self, *, resolution: int | None = None, margin: float = 0.0) -> "IndicatorGrid":
         """This grid, dilated: every cell within ``margin`` of an occupied cell becomes occupied.
 
@@ -241,11 +281,9 @@ class IndicatorGrid:
             raise IndicatorError(
                 f"{self.name}: a grid brings its own resolution {self.shape}, got resolution={resolution}"
             )
-        margin = checked_margin(margin)
-        if margin == self.margin:
+        margin = self._new_margin(margin)
+        if margin is None:
             return self
-        if self.margin:
-            raise IndicatorError(f"{self.name}: the grid is dilated by {self.margin} already, got margin={margin}")
         with np.errstate(over="ignore"):
             radius = margin * self.cells_per_unit
         occupancy, pad = dilate(self.occupancy, radius, static_axes=(0,) if self.time else ())

@@ -183,6 +183,18 @@ class IndicatorMesh(Shape):
         """Which planes meet the object: ``(N,)`` uint8, as for boxes, for normals of any length and points ``(N, 3)``."""
         return self._dilated_solid.decide_planes(normal, point)
 
+    def points(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """``(count, 3)`` float64: points of faces, uniform by area; of a dilated mesh up to the margin away from them."""
+        corner, *others = self.vertices.astype(np.float64)[self.faces].transpose(1, 0, 2)
+        edges = [other - corner for other in others]
+        area = np.linalg.norm(np.cross(*edges), axis=1)
+        face = rng.choice(len(area), count, p=area / area.sum())
+        a, b = rng.random((2, count, 1))
+        a, b = np.where(a + b > 1, 1 - a, a), np.where(a + b > 1, 1 - b, b)
+        away = rng.normal(size=(count, 3))
+        away *= self.margin * rng.random((count, 1)) / np.linalg.norm(away, axis=1, keepdims=True)
+        return corner[face] + a * edges[0][face] + b * edges[1][face] + away
+
     def landmarks(self) -> np.ndarray:
         """``(P, 3)`` float64: the vertices of faces; of a dilated mesh, what lies over them at the margin, on either side."""
         used = np.unique(self.faces)

@@ -9,6 +9,7 @@ Whatever a shape cannot decide it counts as object; ``decide`` tells these cases
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 
 import numpy as np
 
@@ -19,7 +20,7 @@ __all__ = ["IN", "OUT", "UNDECIDED", "Shape"]
 
 OUT, IN, UNDECIDED = 0, 1, 2  # answers of ``decide``
 PADDING = 0.1  # of the longest side: by how much random queries reach beyond the box that holds the object
-GRAINS = 64  # float32 must tell apart points that are a GRAINS-th of the longest side from each other
+DETAILS = 64  # along the longest side: float32 must tell apart points that are a DETAILS-th of it from each other
 
 
 class Shape(ABC):
@@ -40,6 +41,10 @@ class Shape(ABC):
     margin: float = 0.0
     resolution: int | None = None
     certified: bool = True
+    # Truth of regions, where a shape can tell it: called with what is said in ``IndicatorMesh``, they answer as ``decide``.
+    decide_boxes: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+    decide_segments: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+    decide_planes: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
 
     # --- where it is -------------------------------------------------------------------------------------------------
 
@@ -64,6 +69,13 @@ class Shape(ABC):
         return (self.upper - self.lower)[1 if self.time else 0 :]
 
     @property
+    def frame(self) -> tuple[np.ndarray, np.ndarray]:
+        """``(n,)`` float64 each, corners of a bounder's domain: the box, no side thinner than a detail."""
+        least = 1 / self.details_per_unit
+        room = np.maximum(least - (self.upper - self.lower), 0.0) / 2
+        return self.lower - room, self.upper + room
+
+    @property
     def sample_lower(self) -> np.ndarray:
         """``(n,)`` float64, where random queries begin: a tenth of the longest side outside the box, in space."""
         return self.lower - self._padding
@@ -74,12 +86,12 @@ class Shape(ABC):
         return self.upper + self._padding
 
     @property
-    def grain(self) -> np.ndarray:
-        """``(n,)`` float64, lengths that float32 must resolve wherever the object is; see ``coordinates.domain``."""
-        size = np.full(self.ndim, self.extent.max() / GRAINS)
+    def details_per_unit(self) -> np.ndarray:
+        """``(n,)`` float64, per object unit, of what float32 must tell apart wherever the object is (a grid's cells)."""
+        size = np.full(self.ndim, self.extent.max())
         if self.time:
-            size[0] = (self.upper[0] - self.lower[0]) / GRAINS
-        return size
+            size[0] = self.upper[0] - self.lower[0]
+        return DETAILS / size
 
     @property
     def _padding(self) -> np.ndarray:
@@ -137,6 +149,32 @@ class Shape(ABC):
     def landmarks(self) -> np.ndarray:
         """``(P, n)`` float64 points, about on the object's border where it sticks out; a proof never relies on them."""
         return np.empty((0, self.ndim))
+
+    def points(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Random points of the object, up to rounding, where the shape can name some however thin it is.
+
+        Args:
+            count: How many.
+            rng: Source of randomness.
+
+        Returns:
+            ``(count, n)`` float64, or ``(0, n)`` where it cannot.
+        """
+        return np.empty((0, self.ndim))
+
+    def check(self) -> None:  # noqa: B027  (most shapes rest on nobody's word)
+        """Look for points that contradict what the shape claims of itself, where it rests on somebody's word.
+
+        Raises:
+            IndicatorError: With the counterexample.
+        """
+
+    def check_contents(self) -> None:  # noqa: B027  (meshes and grids hold something)
+        """Refuse a shape that holds nothing, or everything, as far as a search tells.
+
+        Raises:
+            IndicatorError: If no point was found in the object, or none outside.
+        """
 
     # --- what can be made of it --------------------------------------------------------------------------------------
 

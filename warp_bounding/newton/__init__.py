@@ -209,8 +209,8 @@ class ParticleCull:
             return size
         if bounder.certificate is None or not bounder.certificate.proven:
             raise BounderError(f"shape {shape}: expected a proven bounder, got {bounder!r}")
-        of_cells = [bounder.info.get(key) for key in ("indicator", "resolution", "margin")]
-        if None in of_cells or _digest(mesh, *of_cells[1:]) != of_cells[0]:
+        made_for, resolution, margin = (bounder.info.get(key) for key in ("indicator", "resolution", "margin"))
+        if made_for is None or margin is None or _digest(mesh, resolution, margin) != made_for:
             raise BounderError(f"shape {shape}: the bounder was made for another mesh, {bounder.info.get('name')}")
         scale = float(np.abs(self.model.shape_scale.numpy()[shape]).min())
         radius = float(self.model.particle_radius.numpy().max(initial=0.0))
@@ -228,17 +228,17 @@ def _gap(pipeline: newton.CollisionPipeline) -> float:
     return float(pipeline.soft_contact_gap if hasattr(pipeline, "soft_contact_gap") else pipeline.soft_contact_margin)
 
 
-def _digest(mesh: newton.Mesh, resolution: int, margin: float) -> str:
-    """Digest of the cells that a bounder of a mesh is made for."""
+def _digest(mesh: newton.Mesh, resolution: int | None, margin: float) -> str:
+    """Digest of what a bounder of a mesh is made for: its cells, or without a resolution the mesh itself."""
     vertices, indices = np.asarray(mesh.vertices, np.float32), np.asarray(mesh.indices, np.int32)
     return _digest_of(vertices.tobytes(), indices.tobytes(), resolution, margin)
 
 
 @lru_cache(maxsize=64)
-def _digest_of(vertices: bytes, indices: bytes, resolution: int, margin: float) -> str:
+def _digest_of(vertices: bytes, indices: bytes, resolution: int | None, margin: float) -> str:
     vertices, faces = np.frombuffer(vertices, np.float32), np.frombuffer(indices, np.int32)
     indicator = IndicatorMesh(vertices.reshape(-1, 3), faces.reshape(-1, 3))
-    return indicator.to_grid(resolution=resolution, margin=margin).digest
+    return indicator.digest if resolution is None else indicator.to_grid(resolution=resolution, margin=margin).digest
 
 
 @cache

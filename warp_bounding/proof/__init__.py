@@ -6,7 +6,7 @@ from warp_bounding.proof.attest.statistics import attempt_confidence, attest, fn
 from warp_bounding.proof.cascade import cascade
 from warp_bounding.proof.certify import certify
 from warp_bounding.proof.covers.base import positive_boxes
-from warp_bounding.proof.prove import charted, least_value, prove, settle
+from warp_bounding.proof.prove import charted, least_value, prove, prove_or_attest, settle
 from warp_bounding.proof.search.best_first import Search, minimum
 from warp_bounding.proof.segments import clear_segments
 
@@ -26,6 +26,7 @@ __all__ = [
     "minimum",
     "positive_boxes",
     "prove",
+    "prove_or_attest",
     "settle",
     "soak",
     "try_positives",

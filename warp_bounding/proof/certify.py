@@ -18,38 +18,26 @@ from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.document import conjunction, document
 from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.attest.statistics import CONFIDENCE, POSITIVES, fn_rate_bound, fresh_seed, try_positives
 from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.covers.monotone_box import of_points
-from warp_bounding.proof.prove import OUTSIDE, as_fitted, charted, mismatch, other_claim, outside
+from warp_bounding.proof.prove import OUTSIDE, as_fitted, charted, mismatch, other_claim, reaches_outside
 from warp_bounding.proof.search.best_first import halve, minimum
 from warp_bounding.proof.search.depth_first import ChartedPositives
+from warp_bounding.proof.shape_check import SUSPECTS, Checked, check_shape, points_outside
 from warp_bounding.queries import QUERIES, oracle
 from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["certify"]
 
 CHUNK = 16384  # boxes or cells that are taken at a time
-SUSPECTS = 1024  # low points that are tried as counterexamples
 PULL = 1e-4  # of the way to its cell's centre, by which each suspect is also tried farther inside
 NARROWEST = 1e-9  # width, in the coordinates that f takes, under which a box is not halved any more
 COARSEST = 1e-4  # of f: the least precision that the search for planes begins with
 LEAST_SECONDS = 1.0  # for positives that may refute what the proof could not decide
 DENIED = "that meets the object is answered with no"
 AROUND = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)  # distances in v from a suspect at which a true counterexample is looked for
-
-
-class _Checked(NamedTuple):
-    """What a check has found.
-
-    Suspects are points where f may lie under the target, candidates for a counterexample: ``(S, n)`` in object space
-    where f is a function of the object's points, ``(S, ndim)`` coordinates v of regions.
-    """
-
-    least: float  # least certified bound of the boxes that were looked at
-    boxes: int  # how many these were
-    suspects: np.ndarray | None = None  # ``None`` if every bound reached the target
-    complete: bool = True  # whether it ended before its time ran out
 
 
 class _Failed(NamedTuple):
@@ -135,19 +123,26 @@ def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress) ->
     started = working_seconds()
     threshold, error = float(bounder.threshold), bounder.rounding_bound()
     target = float(np.nextafter(threshold + error, np.inf))  # no less than the exact sum
-    cells, least, boxes = grid.occupied, np.inf, 0
+    least, boxes = np.inf, 0
 
     def result(status: str, message: str, bound: float, boxes: int = 0, counterexample=None) -> Certificate:
         spent = working_seconds() - started
         return document(bounder, grid, status, threshold, bound, boxes, spent, message, counterexample)
 
-    beyond = outside(bounder, grid)
-    if len(beyond):
-        point = _denied(bounder, grid, grid.position(beyond)) if not QUERIES[bounder.query_kind].is_region else None
+    if reaches_outside(bounder, grid):
+        point = None if QUERIES[bounder.query_kind].is_region else _denied(bounder, grid, points_outside(bounder, grid))
         return result("refuted" if point is not None else "undecided", OUTSIDE, threshold, 0, point)
     f = of_points(bounder)  # of boxes and a monotone network too (``covers.monotone_box``)
     if QUERIES[bounder.query_kind].is_region and f is bounder:
         return _certify_regions(bounder, grid, target, seconds, result, progress)
+    if not grid.certified:
+        return _attested(bounder, grid, seconds, result)
+    if not isinstance(grid, IndicatorGrid):
+        grid.check()
+        return _conclusion(
+            bounder, grid, check_shape(bounder, grid, target, started + seconds, progress), seconds, result
+        )
+    cells = grid.occupied
     for start in range(0, len(cells), CHUNK):
         found = _check_cells(f, grid, target, started + seconds, cells[start : start + CHUNK])
         least, boxes = min(least, found.least), boxes + found.boxes
@@ -155,6 +150,12 @@ def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress) ->
             break
         if progress:
             progress(min(start + CHUNK, len(cells)), len(cells))
+    return _conclusion(bounder, grid, found._replace(least=least, boxes=boxes), seconds, result)
+
+
+def _conclusion(bounder: Bounder, grid: Shape, found: Checked, seconds: float, result) -> Certificate:
+    """The certificate for what a check has found."""
+    least, boxes = found.least, found.boxes
     if not found.complete:
         return result("undecided", f"no decision within {seconds:.3g} s", least, boxes)
     if found.suspects is None:
@@ -212,7 +213,7 @@ def _attested(bounder: Bounder, grid: IndicatorGrid, seconds: float, result) -> 
     return replace(certificate, samples=done, fn_rate_bound=rate, confidence=CONFIDENCE, worst_margin=margin)
 
 
-def _check_best_first(bounder: Bounder, grid: IndicatorGrid, target: float, seconds: float) -> _Checked:
+def _check_best_first(bounder: Bounder, grid: IndicatorGrid, target: float, seconds: float) -> Checked:
     """Positives without a chart (planes of a network): their least f, as precisely as the target needs."""
     kind = COVERS[bounder.query_kind]
     f, lower, upper = kind.best_first(bounder, grid)
@@ -227,12 +228,12 @@ def _check_best_first(bounder: Bounder, grid: IndicatorGrid, target: float, seco
             break
     worst = search.worst[:SUSPECTS][f.reference(search.worst[:SUSPECTS]) < target]
     suspects = kind.coordinates(bounder, grid, worst) if len(worst) else None
-    return _Checked(search.lower_bound, search.boxes, suspects, search.complete)
+    return Checked(search.lower_bound, search.boxes, suspects, search.complete)
 
 
 def _check_charted(
     bounder: Bounder, grid: IndicatorGrid, cover: ChartedPositives, target: float, seconds: float, progress
-) -> _Checked:
+) -> Checked:
     """The positives of a network as boxes of a chart."""
     deadline, least, boxes = working_seconds() + seconds, np.inf, 0
     for lower, upper, done in COVERS[bounder.query_kind].anew(bounder, grid, cover):
@@ -240,12 +241,12 @@ def _check_charted(
         least, boxes = min(least, found.least), boxes + found.boxes
         if failed is not None:
             lowest = np.argsort(failed.value)[:SUSPECTS]
-            return _Checked(found.least, boxes, cover.coordinates(failed.point[lowest]))
+            return Checked(found.least, boxes, cover.coordinates(failed.point[lowest]))
         if not found.complete:
             return found._replace(boxes=boxes)
         if progress:
             progress(done, len(grid.occupied))
-    return _Checked(least, boxes)
+    return Checked(least, boxes)
 
 
 def _denied_region(bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray | None:
@@ -260,7 +261,7 @@ def _denied_region(bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.n
     return None
 
 
-def _check_cells(bounder: Bounder, grid: IndicatorGrid, target: float, deadline: float, cells: np.ndarray) -> _Checked:
+def _check_cells(bounder: Bounder, grid: IndicatorGrid, target: float, deadline: float, cells: np.ndarray) -> Checked:
     """Check ``f >= target`` over every v that the pipeline can make of the points of some cells."""
     first, last = grid.position(cells - 0.5), grid.position(cells + 0.5)
     checked, failed = _check(bounder, *bounder.domain.widened(first, last), target, deadline)
@@ -274,7 +275,7 @@ def _check_cells(bounder: Bounder, grid: IndicatorGrid, target: float, deadline:
     return checked._replace(suspects=np.concatenate([inside, inner]))
 
 
-def _check(f, lower: np.ndarray, upper: np.ndarray, target: float, deadline: float) -> tuple[_Checked, _Failed | None]:
+def _check(f, lower: np.ndarray, upper: np.ndarray, target: float, deadline: float) -> tuple[Checked, "_Failed | None"]:
     """Halve boxes until ``f >= target`` on all, a point shows that it is not, a box is too narrow, or time is over.
 
     Corners are ``(N, Z)`` float64 in the coordinates that f takes: v of a bounder or ``LeastBox``, the numbers of a
@@ -300,11 +301,11 @@ def _check(f, lower: np.ndarray, upper: np.ndarray, target: float, deadline: flo
         axis, owner, lowest = bounds.axis[low], owner[low], float(bounds.lower[low].min())
         width = np.take_along_axis(upper - lower, axis[:, None].astype(np.int64), axis=1)
         if (bounds.value[low] < target).any() or width.min() < NARROWEST:
-            return _Checked(lowest, boxes), _Failed(bounds.point[low], bounds.value[low], (lower + upper) / 2, owner)
+            return Checked(lowest, boxes), _Failed(bounds.point[low], bounds.value[low], (lower + upper) / 2, owner)
         if working_seconds() > deadline:
-            return _Checked(lowest, boxes, complete=False), None
+            return Checked(lowest, boxes, complete=False), None
         stack.append((*halve(lower, upper, axis), np.tile(owner, 2)))
-    return _Checked(least, boxes), None
+    return Checked(least, boxes), None
 
 
 def _denied(bounder: Bounder, grid: IndicatorGrid, x: np.ndarray) -> np.ndarray | None:

@@ -16,10 +16,15 @@ from warp_bounding.certificates.document import document
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.proof.attest.falsify import Walk
+from warp_bounding.proof.attest.statistics import attest
 from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.search.best_first import Search, minimum
 from warp_bounding.proof.search.depth_first import ChartedPositives, charted_minimum
+from warp_bounding.proof.search.vacancy import ShapePositives
 from warp_bounding.queries import QUERIES
+from warp_bounding.queries.boundary import border_points
 from warp_bounding.runtime.launch import working_seconds
 
 __all__ = [
@@ -31,10 +36,14 @@ __all__ = [
     "other_dimension",
     "outside",
     "prove",
+    "prove_or_attest",
+    "reaches_outside",
     "settle",
 ]
 
 OUTSIDE = "the shape reaches outside the domain that the bounder was made for"
+ROOM = 1e-4  # of f: how far under the least value that a search has found an attested threshold is set
+STARTS = 4096  # points of a shape's border that a search begins with, where it is given none
 CENTERS = 64  # about how many cells' centres a search begins with, where it is given no points
 
 
@@ -55,15 +64,21 @@ def least_value(
 ) -> Search:
     """Certified minimum of f over every v that the pipeline can make of a positive; arguments as in ``prove``.
 
-    That takes one pass over the cells, or branch and bound. Points, rays and boxes of a network are searched depth first
+    That takes one pass over the cells, or branch and bound. Of a shape without cells the whole domain is searched, less
+    what the shape certifies to be empty (``search.vacancy``). Points, rays and boxes of a network are searched depth first
     in the numbers of a chart (``charted``). Where there is no chart the search is best first: planes over their normals,
     a monotone network's boxes over the object's points (``covers``).
     """
     started = working_seconds()
+    limits = {"eps": eps, "seconds": seconds, "boxes": boxes, "progress": progress}
+    if not isinstance(grid, IndicatorGrid):
+        positives = ShapePositives(bounder, grid)
+        if points is None or not len(points):
+            points = bounder.domain.to_local(border_points(grid, STARTS, np.random.default_rng(0)))
+        return minimum(positives, *positives.boxes(), points=points, positives=positives, **limits)
     if bounder.exact_on_cells:
         least, looked_at = bounder.least(grid)
         return Search(least, least, np.empty((0, grid.ndim)), looked_at, working_seconds() - started, True)
-    limits = {"eps": eps, "seconds": seconds, "boxes": boxes, "progress": progress}
     kind, found = COVERS[bounder.query_kind], charted(bounder, grid)
     if found is None:
         return minimum(*kind.best_first(bounder, grid), points=points, **limits)
@@ -101,16 +116,34 @@ def prove(
         BounderError: If the bounder was made for another domain; if it consists of several networks whose regions are
             proven one by one (``Bounder.parts``); or if no threshold separates anything (the minimum is not finite).
     """
-    reason = mismatch(bounder, grid) or bounder.domain.fault() or (len(outside(bounder, grid)) and OUTSIDE)
+    reason = mismatch(bounder, grid) or bounder.domain.fault() or (reaches_outside(bounder, grid) and OUTSIDE)
     if reason:
         raise BounderError(f"{bounder.method}: {reason}")
     if not bounder.provable:
         raise BounderError(f"{bounder.method}: {bounder.query_kind} queries of networks like this one have no proof")
+    if not grid.certified:
+        raise BounderError(
+            f"{bounder.method}: {grid.name} certifies no box to be empty, so there is no proof; see attest"
+        )
     if len(bounder.parts) > 1 and QUERIES[bounder.query_kind].is_region:
         raise BounderError(f"{bounder.method}: {bounder.query_kind} queries are proven part by part, see Bounder.parts")
     search = least_value(bounder, grid, eps=eps, seconds=seconds, boxes=boxes, points=points, progress=progress)
     settle(bounder, grid, search)
     return search
+
+
+def prove_or_attest(bounder: Bounder, grid: Shape, *, seed: int = 0, **limits) -> Search | None:
+    """``prove``, with its limits; of a shape that certifies nothing, lower the threshold by a search and attest it.
+
+    Returns:
+        What ``prove`` does, or ``None``.
+    """
+    if grid.certified:
+        return prove(bounder, grid, **limits)
+    walk, start = Walk(bounder, grid, seed), border_points(grid, STARTS, np.random.default_rng(seed)).astype(np.float32)
+    values = walk.down(start[grid.contains(start)])[1]
+    attest(bounder, grid, least=float(values.min(initial=np.inf)), room=ROOM, seed=seed)
+    return None
 
 
 def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate:
@@ -134,11 +167,12 @@ def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate
     return certificate
 
 
-def as_fitted(bounder: Bounder, shape) -> IndicatorGrid:
-    """The cells of anything that ``load_indicator`` takes, as for the fit: with the bounder's resolution and margin."""
-    shape = load_indicator(shape)
-    resolution = None if isinstance(shape, IndicatorGrid) else bounder.info.get("resolution")
-    return shape.to_grid(resolution=resolution, margin=bounder.info.get("margin") or 0.0)
+def as_fitted(bounder: Bounder, shape) -> Shape:
+    """What the fit bounded: the shape dilated by the bounder's margin, or its cells where these were bounded."""
+    shape, margin, resolution = load_indicator(shape), bounder.info.get("margin") or 0.0, bounder.info.get("resolution")
+    if isinstance(shape, Shape) and (resolution is None or isinstance(shape, IndicatorGrid)):
+        return shape.dilated(margin)
+    return shape.to_grid(resolution=resolution, margin=margin)
 
 
 def other_claim(bounder: Bounder, expected: dict[str, str | float | None]) -> str | None:
@@ -173,6 +207,24 @@ def mismatch(bounder: Bounder, grid: IndicatorGrid) -> str | None:
         known, asked = (f"{first:.7g} to {last:.7g}" for first, last in times)
         return f"the shape is known at times from {known}, the bounder denies queries from {asked}"
     return None
+
+
+def reaches_outside(bounder: Bounder, shape: Shape) -> bool:
+    """Whether a shape may have points outside the bounder's domain."""
+    if isinstance(shape, IndicatorGrid):
+        return len(outside(bounder, shape)) > 0
+    domain = bounder.domain.base
+    for axis in range(shape.ndim):
+        for side, beyond in ((0, shape.lower < domain.lower), (1, shape.upper > domain.upper)):
+            if beyond[axis]:
+                lower, upper = shape.lower[None].copy(), shape.upper[None].copy()
+                if side:
+                    lower[0, axis] = domain.upper[axis]
+                else:
+                    upper[0, axis] = domain.lower[axis]
+                if not shape.empty(lower, upper)[0]:
+                    return True
+    return False
 
 
 def outside(bounder: Bounder, grid: IndicatorGrid) -> np.ndarray:

@@ -12,6 +12,7 @@ import warp as wp
 
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.exact import oracle_kernel
 from warp_bounding.runtime.launch import launch_blocks
 
@@ -138,6 +139,14 @@ class Query(ABC):
         Returns:
             ``(N, m)`` float64; rounding may move some off the object.
         """
+
+    def decides(self, shape: Shape) -> bool:
+        """Whether a shape without cells can tell the truth for queries of this kind."""
+        return False
+
+    def decide(self, shape: Shape, q: np.ndarray, length: float = 1.0) -> np.ndarray:
+        """``(N,)`` uint8, the truth of such a shape for float32 queries ``(N, m)``: ``OUT``, ``IN`` or ``UNDECIDED``."""
+        raise QueryError(f"{shape.name}: cannot tell the truth for {self.name} queries; give a resolution")
 
     @abstractmethod
     def nudged(self, grid: IndicatorGrid, x: np.ndarray, move: np.ndarray) -> np.ndarray:

@@ -6,8 +6,9 @@ table then counts the occupied cells of the block with 2^n look-ups (Crow 1984).
 
 import numpy as np
 
-from warp_bounding.indicators.blocks import summed_area
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import OUT, Shape
+from warp_bounding.indicators.summed_area import summed_area
 from warp_bounding.queries.base import Query
 from warp_bounding.queries.directions import NARROW
 from warp_bounding.queries.exact import any_occupied, rational_map
@@ -99,6 +100,12 @@ for (int k = 0; k < N; ++k) {  // the point, which lies inside its cell, lies in
 
     def valid(self, q: np.ndarray) -> np.ndarray:
         return super().valid(q) & (q[:, : q.shape[1] // 2] <= q[:, q.shape[1] // 2 :]).all(axis=1)
+
+    def decides(self, shape: Shape) -> bool:
+        return shape.decide_boxes is not None
+
+    def decide(self, shape: Shape, q: np.ndarray, length: float = 1.0) -> np.ndarray:
+        return np.where(self.valid(q), shape.decide_boxes(*np.split(q, 2, axis=1)), OUT).astype(np.uint8)
 
     def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
         """Min uniform in [0, 1]^n, max = min + (1 - min) U."""

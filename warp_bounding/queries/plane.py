@@ -14,6 +14,7 @@ import numpy as np
 
 from warp_bounding.geometry.hull import components
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import OUT, Shape
 from warp_bounding.queries.base import Query
 from warp_bounding.queries.directions import (
     HARD_DIRECTION,
@@ -182,6 +183,12 @@ sure &= below && above;
 
     def valid(self, q: np.ndarray) -> np.ndarray:
         return super().valid(q) & (q[:, : q.shape[1] // 2] != 0).any(axis=1)
+
+    def decides(self, shape: Shape) -> bool:
+        return shape.decide_planes is not None
+
+    def decide(self, shape: Shape, q: np.ndarray, length: float = 1.0) -> np.ndarray:
+        return np.where(self.valid(q), shape.decide_planes(*np.split(q, 2, axis=1)), OUT).astype(np.uint8)
 
     def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
         """Normal of length 1 up to rounding, by uniform spherical angles, and point uniform in [0, 1]^n."""

@@ -4,9 +4,12 @@ The oracle decides in float64, where the cell coordinate of a float32 point is e
 on the face between two cells belongs to both.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.base import Query
 from warp_bounding.queries.exact import any_occupied, rational_map
 
@@ -57,14 +60,23 @@ for (int k = 0; k < N; ++k) {
     def positive(self) -> str:
         return "point of the object"
 
-    def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Uniform points of [0, 1]^n."""
+    def sample(self, grid: Shape, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Uniform points from ``sample_lower`` to ``sample_upper``; of a grid that is [0, 1]^n, as in the paper."""
         u = rng.random((count, grid.ndim), dtype=np.float32)
         return (grid.sample_lower + u * (grid.sample_upper - grid.sample_lower)).astype(np.float32)
 
-    def truth(
-        self, grid: IndicatorGrid, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None
-    ) -> np.ndarray:
+    def oracle(self, grid: Shape, device: str | None = None, length: float = 1.0) -> Callable[[np.ndarray], np.ndarray]:
+        return super().oracle(grid, device, length) if isinstance(grid, IndicatorGrid) else grid.contains
+
+    def decides(self, shape: Shape) -> bool:
+        return True
+
+    def decide(self, shape: Shape, q: np.ndarray, length: float = 1.0) -> np.ndarray:
+        return shape.decide(q)
+
+    def truth(self, grid: Shape, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None) -> np.ndarray:
+        if not isinstance(grid, IndicatorGrid):
+            return grid.contains(q)
         truth = self.valid(q)
         for index in np.flatnonzero(truth):
             cell = rational_map(grid, q[index])

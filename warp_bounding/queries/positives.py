@@ -13,6 +13,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.queries.boundary import border_points
 from warp_bounding.queries.registry import QUERIES
 
 __all__ = ["draw_positives"]
@@ -62,8 +64,10 @@ def draw_positives(
         yield part
 
 
-def _boundary_points(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+def _boundary_points(grid: Shape, count: int, rng: np.random.Generator) -> np.ndarray:
     """``(count, n)`` float64 points of the object, object space."""
+    if not isinstance(grid, IndicatorGrid):
+        return border_points(grid, count, rng)
     cells = grid.boundary if len(grid.boundary) else grid.occupied
     cells = np.where(
         rng.random((count, 1)) < 0.9, *(c[rng.integers(len(c), size=count)] for c in (cells, grid.occupied))

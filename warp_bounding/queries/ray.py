@@ -16,6 +16,7 @@ from math import prod
 import numpy as np
 
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import OUT, Shape
 from warp_bounding.queries.base import Query
 from warp_bounding.queries.directions import (
     HARD_DIRECTION,
@@ -209,6 +210,17 @@ sure &= begin_ <= end_;
 
     def valid(self, q: np.ndarray) -> np.ndarray:
         return super().valid(q) & (q[:, q.shape[1] // 2 :] != 0).any(axis=1)
+
+    def decides(self, shape: Shape) -> bool:
+        return shape.decide_segments is not None
+
+    def decide(self, shape: Shape, q: np.ndarray, length: float = 1.0) -> np.ndarray:
+        # the end of the segment is rounded to float64
+        origin, direction = np.split(np.asarray(q, dtype=np.float64), 2, axis=1)
+        size = np.linalg.norm(direction, axis=1, keepdims=True)
+        valid = self.valid(q)
+        end = origin + length * direction / np.where(valid[:, None], size, 1.0)
+        return np.where(valid, shape.decide_segments(origin, end), OUT).astype(np.uint8)
 
     def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
         """Origin uniform in [0, 1]^n, direction of length 1 up to rounding, by uniform spherical angles."""

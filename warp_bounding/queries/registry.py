@@ -6,13 +6,14 @@ import numpy as np
 
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.base import Query
 from warp_bounding.queries.box import BOX
 from warp_bounding.queries.plane import PLANE
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.ray import RAY
 
-__all__ = ["QUERIES", "QUERY_KINDS", "check_query", "oracle", "sample"]
+__all__ = ["QUERIES", "QUERY_KINDS", "check_query", "decision", "oracle", "sample"]
 
 QUERIES: dict[str, Query] = {kind.name: kind for kind in (POINT, RAY, PLANE, BOX)}  # a new kind is one more entry
 QUERY_KINDS = QUERIES.keys()
@@ -32,6 +33,15 @@ def check_query(query: str) -> str:
 def sample(query: str, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
     """Random queries ``(count, m)`` float32 of a kind, as of ``Query.sample``; raises ``QueryError`` for no kind."""
     return QUERIES[check_query(query)].sample(grid, count, rng)
+
+
+def decision(
+    query: str, shape: Shape, device: str | None = None, length: float = 1.0
+) -> Callable[[np.ndarray], np.ndarray]:
+    """``oracle``, but of a shape without cells ``(N,)`` uint8: ``OUT``, ``IN`` or ``UNDECIDED`` (``indicators.shape``)."""
+    if isinstance(shape, IndicatorGrid):
+        return oracle(query, shape, device, length)
+    return lambda q: QUERIES[query].decide(shape, q, length)
 
 
 def oracle(

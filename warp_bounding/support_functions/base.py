@@ -14,6 +14,8 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.geometry.direction_patches import DirectionPatches
 from warp_bounding.geometry.hull import hull_points
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.queries.boundary import outline
 
 __all__ = ["CHUNK", "ObjectSupport", "RegionSupport", "corner_square"]
 
@@ -23,7 +25,7 @@ PATCHES_BEYOND = 3  # the same in more dimensions, where their number grows with
 
 
 class ObjectSupport:
-    """The support of an object widened by ``delta``, from above.
+    """The support of an object widened by ``delta``, from above; of a shape without cells that of its outline.
 
     Args:
         grid: The object.
@@ -34,8 +36,8 @@ class ObjectSupport:
         delta: ``(n,)``, the object is widened by this on every axis.
     """
 
-    def __init__(self, grid: IndicatorGrid, base: Domain):
-        corners = hull_points(grid)
+    def __init__(self, grid: Shape, base: Domain):
+        corners = hull_points(grid) if isinstance(grid, IndicatorGrid) else outline(grid)
         lower, upper = base.widened(corners, corners)
         self.points, self.delta = (lower + upper) / 2, base.delta * (1 + 1e-6) + 1e-14
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.bounders import Bounder, method_class
+from warp_bounding.bounders import METHODS, Bounder, method_class
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.options import settled
 from warp_bounding.coordinates.region_domain import SPACES, domain_of
@@ -16,7 +16,8 @@ from warp_bounding.errors import BounderError, BoundingWarning
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, IndicatorMotion, load_indicator
 from warp_bounding.indicators.limits import MAX_RESOLUTION, check_memory
-from warp_bounding.proof import cascade, prove
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.proof import cascade, prove_or_attest
 from warp_bounding.queries import QUERIES, check_query
 from warp_bounding.runtime.devices import device_of
 from warp_bounding.runtime.launch import compile_seconds
@@ -29,6 +30,9 @@ __all__ = ["fit"]
 FRONT_SHARE = 0.1  # of the rest of the budget: what each learned part of a cascade before its networks gets
 COORDINATE_BYTES = 32  # per occupied cell and axis: its index, two corners and what is computed from them
 PROOF_SECONDS = 8e-6  # per occupied cell, measured: what training leaves for a proof that is one pass over the cells
+# Of a proof without cells where nothing was trained: the gap of f, in local units, and the boxes after which it ends.
+SHAPE_EPS, SHAPE_BOXES = 1e-4, 4_000_000
+PROOF_SHARE = 0.1  # of a part's seconds: what training leaves for a proof that is a search without cells
 LEAST_SHARE = 0.05  # of the budget: what a part gets at least, however long the parts before it took
 
 
@@ -107,13 +111,7 @@ def fit(
     spent = _Stopwatch()
     shape = load_indicator(shape)
     _check_extent(shape, margin, force)
-    grid = shape.to_grid(resolution=resolution, margin=margin)
-    if not isinstance(shape, IndicatorGrid):
-        _warn_of_coarse_cells(grid)
-    occupied = int(grid.occupancy.sum())
-    check_memory(
-        occupied * grid.ndim * COORDINATE_BYTES, f"fitting {occupied:,} occupied cells", "give a coarser resolution"
-    )
+    grid = _bounded(shape, query, method, resolution, margin)
     classes = [method_class(name, query, grid.ndim, space) for name in method.split("+")]
     if len(classes) > 1:
         Cascade.check(classes)
@@ -169,15 +167,16 @@ def _fit_parts(
             seconds = left / waiting
         else:
             seconds = min(left * (FRONT_SHARE if waiting else 1.0), trainer.most_seconds)
-            seconds -= min(seconds / 2, PROOF_SECONDS * len(grid.occupied))
+            reserved = PROOF_SECONDS * len(grid.occupied) if isinstance(grid, IndicatorGrid) else PROOF_SHARE * seconds
+            seconds -= min(seconds / 2, reserved)
         part = replace(problem, front=tuple(parts), in_front=waiting > 0)
         bounder, record = trainer.train(cls, part, told[index], seconds, progress)
         if not trainer.proves:
-            prove(bounder, grid)
+            prove_or_attest(bounder, grid, seed=problem.seed, eps=SHAPE_EPS, boxes=SHAPE_BOXES)
         bounder.info = {
             "indicator": grid.digest,
             "name": grid.name,
-            "grid_shape": list(grid.shape),
+            "grid_shape": list(grid.shape) if isinstance(grid, IndicatorGrid) else None,
             "margin": grid.margin,
             "resolution": grid.resolution,
             "seed": problem.seed,
@@ -198,8 +197,27 @@ def _check_extent(shape: IndicatorGrid | IndicatorMesh | IndicatorMotion, margin
         )
 
 
+def _bounded(shape, query: str, method: str, resolution: int | None, margin: float) -> Shape:
+    """What is bounded: the dilated shape itself, or its cells where a resolution, a region or a method asks for them."""
+    laid = [METHODS[name].lays_cells for name in method.split("+") if name in METHODS]  # other names are refused later
+    own = isinstance(shape, IndicatorGrid)
+    if isinstance(shape, Shape) and not own and resolution is None and not QUERIES[query].is_region and not any(laid):
+        shape.check()
+        shape = shape.dilated(margin)
+        shape.check_contents()
+        return shape
+    grid = shape.to_grid(resolution=resolution, margin=margin)
+    if not own:
+        _warn_of_coarse_cells(grid)
+    occupied = int(grid.occupancy.sum())
+    check_memory(
+        occupied * grid.ndim * COORDINATE_BYTES, f"fitting {occupied:,} occupied cells", "give a coarser resolution"
+    )
+    return grid
+
+
 def _warn_of_coarse_cells(grid: IndicatorGrid) -> None:
-    """Warn where cells reach farther beyond the object than the margin: rates are those of the cells."""
+    """Warn where cells reach farther beyond the object than the margin: that costs false positives."""
     size = 1 / float(grid.cells_per_unit[-1])
     if 0 < grid.margin < size:
         finer = math.ceil(grid.resolution * size / grid.margin)
@@ -209,10 +227,10 @@ def _warn_of_coarse_cells(grid: IndicatorGrid) -> None:
             else "give a finer resolution"
         )
         text = (
-            f"margin {grid.margin:g} is under the size of a cell, {size:.3g}: false positives are counted against the "
-            f"object's cells at resolution {grid.resolution}, which are wider than the margin; {advice}"
+            f"margin {grid.margin:g} is under the size of a cell, {size:.3g}: the object's cells at resolution "
+            f"{grid.resolution} are bounded, and they are wider than the margin; {advice}"
         )
-        warnings.warn(text, BoundingWarning, stacklevel=3)
+        warnings.warn(text, BoundingWarning, stacklevel=4)
 
 
 def _check(query, method, budget, seed, margin, length, space) -> None:

@@ -19,7 +19,7 @@ from warp_bounding.bounders.neural.mlp import RECIPES, Mlp
 from warp_bounding.bounders.neural.mlp_early import MlpEarly, part_of
 from warp_bounding.bounders.neural.monotone_mlp import MonotoneMlp
 from warp_bounding.networks.heads import head_of
-from warp_bounding.proof import Search, conjunction, least_value, prove
+from warp_bounding.proof import Search, conjunction, least_value, prove_or_attest
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.training.engine.adversary import adversarial_minimum
 from warp_bounding.training.engine.clock import Clock, interrupts
@@ -183,6 +183,8 @@ class _Fit:
 
     def _mine_points(self, trainer: Trainer, used: float) -> None:
         """Let the prover search the network as it is; the lowest points that it finds become training samples."""
+        if not self.problem.grid.certified:
+            return
         problem, clock, budget = self.problem, self.clock, self.options.budget
         bounder = self._bounder(MonotoneMlp if self.monotone else Mlp, trainer.network.tensors())
         limit = {"seconds": MINE_POINTS_SHARE * budget} if clock.timed else {"boxes": MINE_POINTS_BOXES}
@@ -257,9 +259,12 @@ class _Fit:
 
     def _prove(self, part: Mlp, trainer: Trainer | SupportTrainer, parts_left: int) -> dict:
         self.clock.tell(1.0, "proof")
-        points = trainer.worst_points()
+        points, grid = trainer.worst_points(), self.problem.grid
         eps = PLANE_TOLERANCE if self.supports else tolerance(part, self.problem, points)
-        search = prove(part, self.problem.grid, eps=eps, points=points, **self._limit(parts_left))
+        limit = self._limit(parts_left)
+        search = prove_or_attest(part, grid, eps=eps, points=points, seed=self.problem.seed, **limit)
+        if search is None:
+            return {"gap": eps}
         return {"gap": float(search.upper_bound - search.lower_bound)}
 
     def _decide(self, part: Mlp, trainer: Trainer, parts_left: int) -> dict:

@@ -74,6 +74,7 @@ class Bvh(Bounder):
     """
 
     method = "bvh"
+    lays_cells = True
     takes_seconds = True
     options = (
         Option("leaves", None, "leaf boxes; by default as many as take a network's memory", _leaves, int),

@@ -15,8 +15,10 @@ from warp_bounding.bounders.ellipsoids.plain import PLAIN
 from warp_bounding.bounders.ellipsoids.regions import TESTS, Quadric
 from warp_bounding.bounders.volume import VolumeBounder, VolumeSource
 from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
-from warp_bounding.geometry.enclosing_ellipsoid import enclosing_ellipsoid, enclosing_of_points
+from warp_bounding.geometry.enclosing_ellipsoid import enclosing_of_points, extreme_corners
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.queries.boundary import outline
 from warp_bounding.support_functions.parametric import ParametricSupport
 
 __all__ = ["QuadricBounder", "QuadricSource"]
@@ -45,9 +47,10 @@ class QuadricBounder(VolumeBounder):
     diagonal: ClassVar[bool] = True
 
     @classmethod
-    def fit(cls, grid: IndicatorGrid, domain: AnyDomain, *, device: str | None = None) -> "QuadricBounder":
-        """The smallest member of the family around a grid's occupied cells, found in object space."""
-        matrix, center = enclosing_ellipsoid(grid, cls.family)
+    def fit(cls, grid: Shape, domain: AnyDomain, *, device: str | None = None) -> "QuadricBounder":
+        """The smallest member of the family around a grid's cells or another shape's outline, found in object space."""
+        points = extreme_corners(grid) if isinstance(grid, IndicatorGrid) else outline(grid)
+        matrix, center = enclosing_of_points(points, cls.family)
         return cls._around(domain, matrix / domain.scale.astype(np.float64), -matrix @ (center - domain.center), device)
 
     @classmethod

@@ -99,6 +99,7 @@ class ReluField(Bounder):
     """
 
     method = "relu-field"
+    lays_cells = True
     options = (STEPS,)
 
     @classmethod

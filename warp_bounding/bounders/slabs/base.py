@@ -18,6 +18,8 @@ from warp_bounding.bounders.volume import VolumeBounder, VolumeSource
 from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.queries.boundary import outline
 from warp_bounding.support_functions.parametric import ParametricSupport
 
 __all__ = ["FaceBounder", "SlabBounder", "SlabsSource"]
@@ -68,16 +70,20 @@ class SlabBounder(FaceBounder):
     diagonal = False
 
     @classmethod
-    def fit(cls, grid: IndicatorGrid, domain: AnyDomain, *, device: str | None = None, **options) -> "SlabBounder":
-        """The tightest faces around a grid's occupied cells; ``options`` are those of ``sampled_directions``."""
-        base = domain.base
-        directions = cls.sampled_directions(grid.position(grid.occupied), **options)
-        local = cls._local(directions, base.scale.astype(np.float64))
-        cells = _ends(grid.occupancy)
+    def fit(cls, grid: Shape, domain: AnyDomain, *, device: str | None = None, **options) -> "SlabBounder":
+        """The tightest faces around a grid's occupied cells, or around the outline of a shape without cells.
+
+        ``options`` are those of ``sampled_directions``.
+        """
+        base, gridded = domain.base, isinstance(grid, IndicatorGrid)
+        points = grid.position(grid.occupied) if gridded else outline(grid)
+        local = cls._local(cls.sampled_directions(points, **options), base.scale.astype(np.float64))
+        cells = _ends(grid.occupancy) if gridded else points
         low, high = np.full(len(local), np.inf), np.full(len(local), -np.inf)
         for start in range(0, len(cells), 1 << 16):
             part = cells[start : start + (1 << 16)]
-            lower, upper = base.widened(grid.position(part - 0.5), grid.position(part + 0.5))
+            corners = (grid.position(part - 0.5), grid.position(part + 0.5)) if gridded else (part, part)
+            lower, upper = base.widened(*corners)
             center, half = (lower + upper) / 2 @ local.T, (upper - lower) / 2 @ np.abs(local).T
             low, high = np.minimum(low, (center - half).min(axis=0)), np.maximum(high, (center + half).max(axis=0))
         room = 2 * SlabPoint(Slabs(local, low, high, cls.diagonal), base).error

@@ -28,6 +28,7 @@ from warp_bounding.proof.attest.statistics import fresh_seed
 from warp_bounding.proof.prove import as_fitted, other_dimension
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.hard import FORMS, HardPositives, World
+from warp_bounding.queries.hard_shape import HardShapePoints
 from warp_bounding.runtime.whole_file import check_writable, write_whole
 
 __all__ = ["CHUNK", "Soak", "random_world", "soak", "soak_grid"]
@@ -164,7 +165,10 @@ def soak(
         check_writable(state)
     started = saved = time.perf_counter()
     before = result.seconds
-    positives = HardPositives(bounder.query_kind, grid, bounder.domain.oracle_length, bounder.device)
+    if isinstance(grid, IndicatorGrid):
+        positives = HardPositives(bounder.query_kind, grid, bounder.domain.oracle_length, bounder.device)
+    else:
+        positives = HardShapePoints(bounder.query_kind, grid, bounder.device)
     try:
         while not result.complete and time.perf_counter() - started < seconds:
             _chunk(bounder, grid, positives, result)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
+from warp_bounding.proof.search.vacancy import ShapePositives
 from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["WORST", "Search", "halve", "lowest", "minimum"]
@@ -20,6 +21,7 @@ __all__ = ["WORST", "Search", "halve", "lowest", "minimum"]
 CHUNK = 32768  # boxes that are bounded at a time
 MOST_WAITING = 6_000_000  # boxes (about 0.5 GB in 4D): where more wait, the newest chunk comes first
 QUARTER = 1.7  # a box whose bound is too loose by more than this factor is quartered at once
+NEAR = 16.0  # gaps above the least value found: positives of a shape under it are kept as samples
 WORST = 2048  # low points that are kept, as samples for training
 
 
@@ -58,8 +60,9 @@ def minimum(
     boxes: float = float("inf"),
     points: np.ndarray | None = None,
     progress: Callable[[int, int, float], None] | None = None,
+    positives: ShapePositives | None = None,
 ) -> Search:
-    """Certified minimum of ``f`` over boxes.
+    """Certified minimum of ``f`` over boxes, or over those of their points that are positives of a shape.
 
     Args:
         bounder: The bounder of ``f``.
@@ -71,6 +74,7 @@ def minimum(
         boxes: Number of boxes after which it ends with what it has, the same on every machine.
         points: ``(P, n)`` concrete points in the boxes to begin with; good ones save most of the work.
         progress: Called now and then with boxes done, boxes waiting, gap.
+        positives: Tells which boxes hold no positive; every point of the boxes is one if ``None``.
 
     Returns:
         The result; sound also where it is not complete.
@@ -89,12 +93,23 @@ def minimum(
         open_ = parent < best - eps
         closed = min(closed, parent[~open_].min(initial=np.inf))
         low, high, parent = low[open_], high[open_], parent[open_]
+        if not len(low):
+            return []
         bounds = bounder.bound(low, high)
         done += len(low)
-        low_points, low_values = lowest(low_points, low_values, bounds.point, bounds.value)
-        best = min(best, float(bounds.value.min(initial=np.inf)))
         bound = np.fmax(bounds.lower, parent)  # a half is no worse than the whole, nor is one without a bound (NaN)
+        points, values = bounds.point, bounds.value
+        if positives is not None:
+            asked = np.flatnonzero(bound < best - eps)
+            bound[asked[positives.vacant(low[asked], high[asked])]] = np.inf
+            near = np.flatnonzero((bound < np.inf) & (values < best + NEAR * eps))
+            near = near[positives.holds(points[near])]
+            points, values = points[near], values[near]
+        low_points, low_values = lowest(low_points, low_values, points, values)
+        best = min(best, float(low_values.min(initial=np.inf)))
         open_ = bound < best - eps
+        if positives is not None:
+            open_ &= ~positives.too_small(low, high)
         closed = min(closed, bound[~open_].min(initial=np.inf))
         # Where the bound is much looser than it may be, its halves would only be halved again: quarter at once.
         loose = open_ & (bounds.value - bound > QUARTER * (bounds.value - best + eps))

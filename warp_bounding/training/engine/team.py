@@ -7,6 +7,7 @@ a core; threads that sleep in the operating system do not.
 import contextlib
 from collections.abc import Callable, Iterator
 from functools import partial
+from threading import local
 
 import torch
 
@@ -14,6 +15,7 @@ from warp_bounding.runtime.launch import cpu_threads, run_shares
 
 __all__ = ["Team", "single_threaded_torch"]
 
+_own = local()  # of each thread
 CHUNK = 1024  # things that a thread does at a time, such as samples that it evaluates
 
 
@@ -27,6 +29,8 @@ class Team:
         """Run a job on every thread, without autograd, and wait for all; an error in one is raised here."""
 
         def share(index: int) -> None:
+            if not hasattr(_own, "single"):  # torch keeps this number for each thread
+                _own.single = torch.set_num_threads(1)
             with torch.no_grad():
                 job(index)
 

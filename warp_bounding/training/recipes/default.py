@@ -155,7 +155,7 @@ class Trainer:
 
     def _descend(self, workers: list[Evaluator], state: torch.Tensor, moves: int) -> torch.Tensor:
         """States ``(S, N)`` after so many moves down f, which shrink from 0.4 cells on."""
-        state, samples, network = state.clone(), self.samples, self.network
+        begin, state, samples, network = state, state.clone(), self.samples, self.network
 
         def job(index: int, part: slice) -> None:
             columns = state[:, part]
@@ -166,7 +166,7 @@ class Trainer:
             state[:, part] = columns
 
         self.team.over(state.shape[1], job)
-        return state
+        return self.samples.settled(begin, state)
 
     def _gradients(self, row: int, used: float, rate: float) -> list[torch.Tensor]:
         """Gradients of the loss on the planned batch ``row``, one matrix a layer, for a step at this learning rate."""

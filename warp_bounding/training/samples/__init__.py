@@ -10,6 +10,7 @@ from warp_bounding.training.samples.base import Samples
 from warp_bounding.training.samples.box import BoxSamples
 from warp_bounding.training.samples.point import PointSamples
 from warp_bounding.training.samples.ray import RaySamples
+from warp_bounding.training.samples.shape_point import ShapePointSamples
 
 __all__ = ["SAMPLES", "samples_of"]
 
@@ -24,4 +25,5 @@ def samples_of(grid: IndicatorGrid, domain: Domain | RegionDomain, seed: int = 0
     """
     if domain.query not in SAMPLES:
         raise BounderError(f"training knows {', '.join(SAMPLES)}, got {domain.query}")
-    return SAMPLES[domain.query](grid, domain, torch.Generator().manual_seed(seed))
+    kind = SAMPLES[domain.query] if isinstance(grid, IndicatorGrid) else ShapePointSamples
+    return kind(grid, domain, torch.Generator().manual_seed(seed))

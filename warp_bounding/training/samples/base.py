@@ -55,7 +55,7 @@ class Samples:
         raise NotImplementedError
 
     def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
-        """States after one step downhill; they stay positives, and queries that a bounder is asked about.
+        """States after one step downhill; they stay positives, or ``settled`` makes them positives again.
 
         Args:
             state: ``(S, N)``.
@@ -63,6 +63,10 @@ class Samples:
             step: Length, about in cells, one number or ``(N,)``.
         """
         raise NotImplementedError
+
+    def settled(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
+        """States after several moves, as positives: those that have left the object are taken back towards ``before``."""
+        return after
 
     def locate(self, v: np.ndarray) -> torch.Tensor:
         """States of positives ``(N, ndim)`` float64 found elsewhere, but for those that rounding moved off the object."""

@@ -1,0 +1,63 @@
+"""Branch and bound over the positives of a shape without a grid: points that the shape does not certify to be absent.
+
+The search begins with the whole domain. A box matters only while its certified bound of f is too low; then the shape is
+asked whether the box is *vacant*: whether no v in it can come from a point of the object, with everything that the
+pipeline rounds. Vacant boxes are dropped, the others halved. So the shape is asked only where the bounder says *no*, or
+nearly so, and most of the domain is never refined. A box that has become ``NARROWEST`` on every axis counts as object.
+"""
+
+import numpy as np
+
+from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.indicators.shape import Shape
+
+__all__ = ["LONGEST_TO_SPLIT", "NARROWEST", "ShapePositives"]
+
+NARROWEST = 2.0**-14  # local units, in which the domain is about [-1, 1]^n: sides of boxes that are not halved any more
+# A box whose longest side is so many times that which the bound of f would halve is halved along its longest side:
+# f alone would leave flat boxes, which shapes that know a distance only can never certify.
+LONGEST_TO_SPLIT = 8.0
+
+
+class ShapePositives:
+    """P_delta of a shape, by what it certifies to be absent; with the methods that ``search.minimum`` asks for.
+
+    Args:
+        bounder: Its f is bounded; it is tested as a point of the object's space.
+        shape: The object.
+        narrowest: See ``NARROWEST``; ``certify`` takes less, so that no box decides there that the fit has halved.
+    """
+
+    def __init__(self, bounder: Bounder, shape: Shape, narrowest: float = NARROWEST):
+        self.bounder, self.shape, self.narrowest = bounder, shape, narrowest
+        self.domain = bounder.domain
+        self.asked = 0  # boxes that the shape was asked about
+
+    def boxes(self) -> tuple[np.ndarray, np.ndarray]:
+        """``(1, n)`` corners of the box that holds every v of a query that is not answered without f."""
+        limit = self.domain.limit.astype(np.float64)[None]
+        return -limit, limit
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        """F at ``(N, n)``; see ``Bounder.reference``."""
+        return self.bounder.reference(v)
+
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """See ``Bounder.bound``; flat boxes are halved along their longest side."""
+        bounds, side = self.bounder.bound(lower, upper), upper - lower
+        longest, row = side.argmax(axis=1), np.arange(len(side))
+        flat = side[row, longest] > LONGEST_TO_SPLIT * side[row, bounds.axis]
+        return bounds._replace(axis=np.where(flat, longest, bounds.axis), next_axis=None)
+
+    def vacant(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """``(N,)`` bool, certified: no v in the closed box can come from a point of the object."""
+        self.asked += len(lower)
+        return self.shape.empty(*self.domain.origins(lower, upper))
+
+    def too_small(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """``(N,)`` bool: boxes that are not halved any more."""
+        return ((upper - lower) <= self.narrowest).all(axis=1)
+
+    def holds(self, v: np.ndarray) -> np.ndarray:
+        """``(N,)`` bool: whether the exact v of a point of the object lies here."""
+        return self.shape.contains(self.domain.to_object(v))

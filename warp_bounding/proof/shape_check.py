@@ -1,0 +1,90 @@
+"""The part of ``certify`` that is about shapes without cells: a loop of its own over what they do not certify empty."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.proof.prove import outside
+from warp_bounding.proof.search.best_first import halve
+from warp_bounding.proof.search.vacancy import NARROWEST, ShapePositives
+from warp_bounding.queries.boundary import border_points
+from warp_bounding.runtime.launch import working_seconds
+
+__all__ = ["SUSPECTS", "Checked", "check_shape", "points_outside"]
+
+CHUNK = 16384  # boxes that are taken at a time
+FINER = 1 / 8  # boxes are halved so much further than in the fit's proof, whose smallest count as object
+BORDER = 65_536  # points of the border among which some outside the domain are looked for
+PARTS = 1000  # of the domain, in which progress is told
+SUSPECTS = 1024  # low points that are tried as counterexamples
+
+
+class Checked(NamedTuple):
+    """What a check has found.
+
+    Attributes:
+        least: Least certified bound of the boxes that were looked at.
+        boxes: How many these were.
+        suspects: Points where f may lie under the target, candidates for a counterexample: ``(S, n)`` in object space
+            where f is a function of the object's points, ``(S, ndim)`` coordinates v of regions; ``None`` if every
+            bound reached the target.
+        complete: False if time ran out.
+    """
+
+    least: float
+    boxes: int
+    suspects: np.ndarray | None = None
+    complete: bool = True
+
+
+def points_outside(bounder: Bounder, shape: Shape) -> np.ndarray:
+    """``(N, n)`` points in object space, of which some may be in the object and outside the bounder's domain."""
+    if isinstance(shape, IndicatorGrid):
+        return shape.position(outside(bounder, shape))
+    domain, x = bounder.domain.base, border_points(shape, BORDER, np.random.default_rng(0))
+    return x[((x < domain.lower) | (x > domain.upper)).any(axis=1)]
+
+
+def check_shape(
+    bounder: Bounder, shape: Shape, target: float, end: float, progress: Callable[[int, int], None] | None
+) -> Checked:
+    """Halve the domain's box, deepest boxes first, until every bound reaches the target or the shape is not there.
+
+    Args:
+        bounder: Its f is checked.
+        shape: The object.
+        target: What every lower bound must reach: threshold + E.
+        end: On the clock ``working_seconds``.
+        progress: Called with the share of the domain that is done, in ``PARTS``.
+    """
+    positives = ShapePositives(bounder, shape, FINER * NARROWEST)
+    waiting, least, boxes = [positives.boxes()], np.inf, 0
+    whole, done = float(np.prod(waiting[0][1] - waiting[0][0])), 0.0
+    while waiting:
+        if working_seconds() > end:
+            return Checked(least, boxes, complete=False)
+        low, high = waiting.pop()
+        bounds = positives.bound(low, high)
+        boxes += len(low)
+        below = ~(bounds.lower >= target)  # NaN is below
+        below[below] = ~positives.vacant(low[below], high[below])
+        done += float((high - low)[~below].prod(axis=1).sum())
+        least = min(least, bounds.lower[~below & (bounds.lower >= target)].min(initial=np.inf))
+        small = below & positives.too_small(low, high)
+        lowest = np.flatnonzero(below & (bounds.value < target))
+        held = lowest[positives.holds(bounds.point[lowest])]
+        if small.any() or len(held):
+            at = np.concatenate([bounds.point[held], bounds.point[small]])[:SUSPECTS]
+            worst = min(least, bounds.lower[small].min(initial=np.inf), bounds.value[held].min(initial=np.inf))
+            return Checked(worst, boxes, bounder.domain.to_object(at))
+        if progress:
+            progress(round(PARTS * done / whole), PARTS)
+        if below.any():
+            low, high = halve(low[below], high[below], bounds.axis[below])
+            for begin in range(0, len(low), CHUNK):
+                waiting.append((low[begin : begin + CHUNK], high[begin : begin + CHUNK]))
+    return Checked(least, boxes)

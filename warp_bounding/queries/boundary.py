@@ -1,0 +1,136 @@
+"""Points on the border of a shape, found by bisection between a point of the object and one outside.
+
+They lie in the object, beside a point outside: where bounders fail first.
+"""
+
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.shape import Shape
+
+__all__ = ["border_points", "held_points", "outline", "pulled", "random_points"]
+
+NEAREST = 2.0**-16  # of the shape's longest side
+DRAWN, MOST_DRAWN = 65_536, 1 << 24  # random points at a time, and until no more of the object are looked for
+RARE = 1 / 64  # share of random points: where fewer are in the object, those that the shape names join them
+HELD = 16_384  # points of the object towards which points outside are drawn
+NEAR_SHARE = 0.75  # of the pairs: one end is the nearest known point of the object, of FEW
+FEW = 16_384
+OUTLINE = 65_536  # points of the border that stand for a shape where a volume is fitted to it
+STEPS = 48  # bisections at most; no pair is further apart than 2^28 NEAREST
+
+
+def random_points(shape: Shape, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Uniform points of the box that holds the object, and which of them are in it.
+
+    Args:
+        shape: The object.
+        count: How many points.
+        rng: Source of randomness.
+
+    Returns:
+        ``(count, n)`` float64 that are float32 numbers, and ``(count,)`` bool.
+    """
+    u = rng.random((count, shape.ndim))
+    points = (shape.lower + u * (shape.upper - shape.lower)).astype(np.float32).astype(np.float64)
+    return points, shape.contains(points)
+
+
+def held_points(shape: Shape, count: int, rng: np.random.Generator, known: np.ndarray | None = None) -> np.ndarray:
+    """Points of the object: random ones of its box, or where these hardly ever hit it, those that the shape names.
+
+    Args:
+        shape: The object.
+        count: How many are enough.
+        rng: Source of randomness.
+        known: Some that are known.
+
+    Returns:
+        ``(N, n)`` float64, not always ``count`` of them.
+
+    Raises:
+        IndicatorError: Where none was found.
+    """
+    found, drawn = [] if known is None else [known], 0
+    while sum(map(len, found)) < count and drawn < MOST_DRAWN:
+        points, truth = random_points(shape, DRAWN, rng)
+        found.append(points[truth])
+        drawn += DRAWN
+        if len(found[-1]) < RARE * DRAWN and len(named := shape.points(count, rng)):
+            found.append(named)
+            break
+    held = np.concatenate(found) if found else np.empty((0, shape.ndim))
+    if not len(held):
+        raise IndicatorError(f"{shape.name}: there is nothing to bound, it holds none of {drawn:,} points of its box")
+    return held
+
+
+def pulled(shape: Shape, inner: np.ndarray, outer: np.ndarray, nearest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Both ends of segments, drawn together around a point of the border between them.
+
+    Args:
+        shape: The object.
+        inner: ``(N, n)`` float64, points of the object.
+        outer: ``(N, n)`` float64, points that are not.
+        nearest: Object units: how near both ends must come.
+
+    Returns:
+        Points of the object, and points that are not, ``(N, n)`` float64 each.
+    """
+    inner, outer = inner.copy(), outer.copy()
+    for _ in range(STEPS):
+        open_ = np.flatnonzero(np.abs(outer - inner).max(axis=1, initial=0.0) > nearest)
+        if not len(open_):
+            break
+        middle = (inner[open_] + outer[open_]) / 2
+        held = shape.contains(middle)
+        inner[open_[held]], outer[open_[~held]] = middle[held], middle[~held]
+    return inner, outer
+
+
+def border_points(
+    shape: Shape,
+    count: int,
+    rng: np.random.Generator,
+    known: np.ndarray | None = None,
+    nearest: float = NEAREST,
+) -> np.ndarray:
+    """Points of the object beside its border.
+
+    Args:
+        shape: The object.
+        count: How many.
+        rng: Source of randomness.
+        known: ``(N, n)`` points of the object, to begin with.
+        nearest: How near to the border, of the shape's longest side.
+
+    Returns:
+        ``(count, n)`` float64: points of the object, each within ``nearest`` of a point that is not in it.
+    """
+    from scipy.spatial import KDTree
+
+    held = held_points(shape, HELD, rng, known)
+    outer = shape.sample_lower + rng.random((4 * count, shape.ndim)) * (shape.sample_upper - shape.sample_lower)
+    outer = outer[~shape.contains(outer)]
+    outer = outer[rng.integers(len(outer), size=count)]
+    size = np.where(shape.upper > shape.lower, shape.upper - shape.lower, 1.0)
+    # Near pairs need few steps and find thin parts; far pairs find all sides.
+    inner = held[rng.integers(len(held), size=count)]
+    near, few = rng.random(count) < NEAR_SHARE, held[rng.integers(len(held), size=min(len(held), FEW))]
+    inner[near] = few[KDTree(few / size).query(outer[near] / size, workers=-1)[1]]
+    return pulled(shape, inner, outer, nearest * float(shape.extent.max()))[0]
+
+
+_OUTLINES: WeakKeyDictionary[Shape, np.ndarray] = WeakKeyDictionary()
+
+
+def outline(shape: Shape) -> np.ndarray:
+    """``(P, n)`` float64 points that stand for a shape where a volume is fitted to it: its landmarks and border points.
+
+    They are no bound: the volume's threshold is proven afterwards.
+    """
+    if shape not in _OUTLINES:
+        _OUTLINES[shape] = np.concatenate([shape.landmarks(), border_points(shape, OUTLINE, np.random.default_rng(0))])
+    return _OUTLINES[shape]
