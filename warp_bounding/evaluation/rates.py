@@ -128,7 +128,8 @@ def evaluate(
         truth_of = SampledOracle(bounder.query_kind, judge, device=bounder.device, seed=seed, length=length)
     else:
         truth_of = decision(bounder.query_kind, judge, bounder.device, length)
-    of_cells = None if judge is fitted else oracle(bounder.query_kind, fitted, bounder.device, length)
+    laid = isinstance(fitted, IndicatorGrid) and judge is not fitted
+    of_cells = oracle(bounder.query_kind, fitted, bounder.device, length) if laid else None
     false_positive = false_negative = positive = undecided = beyond_cells = 0
     for start in range(0, samples, CHUNK):
         x = sample(bounder.query_kind, source, min(CHUNK, samples - start), rng)

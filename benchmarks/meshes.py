@@ -1,0 +1,246 @@
+"""Every method on meshes themselves: `python benchmarks/meshes.py --out results/meshes`.
+
+Six meshes of installed packages, thin and open ones among them, dilated by a two-hundredth of their longest side. Every
+bounder is fitted, proven, certified from its file, attacked with hard points, and judged by a million random points of
+the box around the mesh (a tenth of its longest side wider on every side) against the mesh itself. One JSON row a bounder,
+written as it is known; run again after an interruption, it goes on where it stopped. The page and its picture are made at
+the end, and by ``--page`` alone.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+import warnings
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+import warp_bounding as wb
+from warp_bounding.paper.run import versions
+from warp_bounding.proof import soak
+from warp_bounding.runtime.launch import cpu_threads
+
+MESHES = {  # by name: the package that brings the file along, and where in it
+    "bunny": ("warp", "examples/assets/bunny.usd"),
+    "bear": ("warp", "examples/assets/bear.usd"),
+    "rocks": ("warp", "examples/assets/rocks.usd"),
+    "shirt": ("newton", "examples/assets/unisex_shirt.usd"),
+    "crazyflie": ("newton", "examples/assets/crazyflie.usd"),
+    "airplane": ("pyvista", "examples/airplane.ply"),
+}
+MARGIN = 0.005  # of the longest side
+METHODS = {
+    **{name: {} for name in ("aabb", "sphere", "obb", "ellipsoid", "oriented-ellipsoid", "kdop", "learned-kdop")},
+    "bvh 64": {"leaves": 64, "resolution": 192},
+    "bvh 300": {"leaves": 300, "resolution": 192},
+    "bvh 1500": {"leaves": 1500, "resolution": 192},
+    "voxels 64": {"resolution": 64},
+    "voxels 192": {"resolution": 192},
+    "relu-field 32": {"resolution": 32},
+    "mlp 16-16": {"hidden": (16, 16)},
+    "mlp 24-24": {"hidden": (24, 24)},
+    "mlp 32-32": {"hidden": (32, 32)},
+    "mlp 50-50": {"hidden": (50, 50)},
+    "mlp-early 50-50": {"hidden": (50, 50)},
+}
+SAMPLES, TIMED, ROUNDS = 1_000_000, 1_000_000, 9  # random points; points of a timed batch, and how often it is asked
+DASH = "-"
+
+
+def mesh_of(name: str) -> wb.IndicatorMesh:
+    """One of ``MESHES``; raises ``IndicatorError`` where its package is not installed."""
+    package, path = MESHES[name]
+    spec = find_spec(package)
+    if spec is None:
+        raise wb.IndicatorError(f"{name}: comes with the package {package}, which is not installed")
+    return wb.load_indicator(Path(spec.submodule_search_locations[0]) / path)
+
+
+def nanoseconds(bounder: wb.Bounder, mesh: wb.IndicatorMesh) -> float:
+    """Of one random point in a batch, the fastest of ``ROUNDS``."""
+    import warp as wp
+
+    x = np.random.default_rng(5).uniform(mesh.sample_lower, mesh.sample_upper, (TIMED, 3)).astype(np.float32)
+    queries, out, times = wp.array(x, dtype=wp.vec3, device="cpu"), wp.empty(TIMED, dtype=wp.uint8, device="cpu"), []
+    for _ in range(ROUNDS + 1):
+        start = time.perf_counter()
+        bounder.query(queries, out=out)
+        times.append(time.perf_counter() - start)
+    return 1e9 * min(times[1:]) / TIMED
+
+
+def measure(mesh: wb.IndicatorMesh, label: str, budget: float, seed: int, attacked: int) -> dict:
+    """One row."""
+    margin = MARGIN * float(mesh.extent.max())
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", wb.BoundingWarning)  # of cells that are wider than the margin: the page says so
+        method = label.split()[0]
+        fitted = wb.fit(mesh, method=method, margin=margin, budget=budget, seed=seed, device="cpu", **METHODS[label])
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "bounder.safetensors"
+        fitted.save(file)
+        bounder = wb.load(file, device="cpu")
+    rates, proof = wb.evaluate(bounder, mesh, SAMPLES), wb.certify(bounder, mesh, margin=margin)
+    attack = soak(bounder, mesh, attacked, seed=1)
+    return {
+        "label": label,
+        "bytes": bounder.nbytes,
+        "fp_rate": round(rates.fp_rate, 4),
+        "fp_rate_cells": rates.fp_rate_cells,
+        "fn": rates.fn,
+        "positives": round(rates.positives, 4),
+        "undecided": rates.undecided,
+        "attacked": attack.done,
+        "missed": attack.missed,
+        "certificate": proof.kind,
+        "nanoseconds": round(nanoseconds(bounder, mesh.dilated(margin)), 2),
+        "fit_seconds": round(fitted.info["training"]["seconds"] - fitted.info["training"]["compile_seconds"], 1),
+        "proof_seconds": fitted.certificate.seconds,
+        "certify_seconds": proof.seconds,
+        "resolution": fitted.info["resolution"],
+        "budget": budget,
+        "seed": seed,
+        "threads": cpu_threads(),
+        "versions": versions(),
+    }
+
+
+def rows_of(file: Path) -> list[dict]:
+    """The rows that are there."""
+    return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+
+
+def tightest(rows: list[dict], prefix: str, most: float) -> dict | None:
+    """The row of a method with the fewest false positives, among those of at most so many bytes."""
+    fitting = [row for row in rows if row["label"].startswith(prefix + " ") and row["bytes"] <= most]
+    return min(fitting, key=lambda row: row["fp_rate"], default=None)
+
+
+def page(rows: list[dict], folder: Path, command: str) -> str:
+    """The page, in Markdown; the picture is written beside it."""
+    lines = [
+        "# Meshes: every method against the mesh itself",
+        "",
+        f"`{command}`",
+        "",
+        f"{rows[0]['versions']}; {rows[0]['threads']} threads of a CPU. Margin: {MARGIN:g} of the longest side. Rates are per cent",
+        f"of {SAMPLES:,} uniform points of the box around the dilated mesh, a tenth of its longest side wider on every side;",
+        "the truth is the mesh's own (`IndicatorMesh.decide`). Networks and volumes are fitted and proven without cells; `bvh`,",
+        "`voxels` and `relu-field` are made of cells at the resolution that stands beside them.",
+        "",
+        "![False positives against memory, by mesh](meshes.png)",
+        "",
+        "## At the memory of a network",
+        "",
+        "The network 24-24 beside the tightest hierarchy of no more than its memory, and beside the smallest one that is as tight.",
+        "",
+        "| mesh | network 24-24 | bytes | bvh of at most its memory | bytes | smallest bvh that is as tight |",
+        "|---|---|---|---|---|---|",
+    ]
+    by_mesh = {name: [row for row in rows if row["mesh"] == name] for name in MESHES}
+    by_mesh = {name: own for name, own in by_mesh.items() if own}
+    for name, own in by_mesh.items():
+        network = next((row for row in own if row["label"] == "mlp 24-24"), None)
+        if network is None:
+            continue
+        level = tightest(own, "bvh", network["bytes"])
+        as_tight = [r for r in own if r["label"].startswith("bvh") and r["fp_rate"] <= network["fp_rate"]]
+        small = min(as_tight, key=lambda row: row["bytes"], default=None)
+        beside = f"{level['fp_rate']:.2f} % | {level['bytes']:,}" if level else f"{DASH} | {DASH}"
+        last = f"{small['bytes']:,} bytes, {small['fp_rate']:.2f} %" if small else "none measured"
+        lines.append(f"| {name} | {network['fp_rate']:.2f} % | {network['bytes']:,} | {beside} | {last} |")
+    for name, own in by_mesh.items():
+        positives = own[0]["positives"]
+        lines += ["", f"## {name}", "", f"{own[0]['shape']}; {positives:.2f} % of the points are in the object.", ""]
+        lines += [
+            "| method | bytes | FP % | FP % against its cells | FN | hard points asked, missed | proof | ns a point | fit s | proof s |",
+            "|---|---|---|---|---|---|---|---|---|---|",
+        ]
+        for row in sorted(own, key=lambda row: list(METHODS).index(row["label"])):
+            cells = DASH if row["fp_rate_cells"] is None else f"{row['fp_rate_cells']:.2f}"
+            label = f"{row['label']}, {row['resolution']} cells" if row["resolution"] else row["label"]
+            asked = f"{row['attacked'] / 1e6:.1f} million, {0 if row['missed'] is None else 1}"
+            lines.append(
+                f"| {label} | {row['bytes']:,} | {row['fp_rate']:.2f} | {cells} | {row['fn']} | {asked} | {row['certificate']} | "
+                f"{row['nanoseconds']:.1f} | {row['fit_seconds']:.1f} | {row['proof_seconds']:.1f} |"
+            )
+    draw(by_mesh, folder / "meshes.png")
+    return "\n".join(lines) + "\n"
+
+
+def draw(by_mesh: dict[str, list[dict]], file: Path) -> None:
+    """False positives against memory, one panel a mesh."""
+    from matplotlib.figure import Figure
+
+    families = {"mlp": "tab:red", "mlp-early": "tab:orange", "bvh": "tab:blue", "voxels": "tab:cyan"}
+    figure = Figure(figsize=(13, 7.5), layout="constrained")
+    for place, (name, own) in enumerate(by_mesh.items()):
+        axes = figure.add_subplot(2, 3, place + 1)
+        for family in [
+            *families,
+            *dict.fromkeys(r["label"].split()[0] for r in own if r["label"].split()[0] not in families),
+        ]:
+            points = sorted((r["bytes"], r["fp_rate"]) for r in own if r["label"].split()[0] == family)
+            if not points:
+                continue
+            color = families.get(family, "tab:gray")
+            axes.plot(
+                *zip(*points, strict=True),
+                marker="o",
+                ms=4,
+                color=color,
+                lw=1.4,
+                label=family if family in families else None,
+            )
+            if family not in families:
+                axes.annotate(family, points[0], fontsize=6, xytext=(3, 2), textcoords="offset points", color="0.35")
+        axes.set(xscale="log", yscale="log", title=name)
+        axes.grid(alpha=0.3, which="both", lw=0.4)
+        if place % 3 == 0:
+            axes.set_ylabel("false positives, % of points")
+        if place >= 3:
+            axes.set_xlabel("bytes")
+    figure.axes[0].legend(fontsize=8, loc="lower left")
+    figure.savefig(file, dpi=110)
+
+
+def main() -> int:
+    """Measure what is missing, then write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("results/meshes"))
+    parser.add_argument("--meshes", default=",".join(MESHES), help="some of them, by name")
+    parser.add_argument("--methods", default=",".join(METHODS), help="some of them, by label")
+    parser.add_argument("--budget", type=float, default=60.0, help="seconds for each learned fit")
+    parser.add_argument("--attacked", type=int, default=10_000_000, help="hard points that each bounder is asked")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--page", action="store_true", help="only make the page of the rows that are there")
+    options = parser.parse_args()
+    file = options.out / "meshes.jsonl"
+    options.out.mkdir(parents=True, exist_ok=True)
+    done = {(row["mesh"], row["label"]) for row in rows_of(file)}
+    for name in () if options.page else options.meshes.split(","):
+        mesh = mesh_of(name)
+        for label in options.methods.split(","):
+            if (name, label) in done:
+                continue
+            row = {"mesh": name, "shape": repr(mesh).strip("<>")} | measure(
+                mesh, label, options.budget, options.seed, options.attacked
+            )
+            with file.open("a") as rows:
+                rows.write(json.dumps(row) + "\n")
+            print(
+                {key: row[key] for key in ("mesh", "label", "bytes", "fp_rate", "fn", "missed", "certificate")},
+                flush=True,
+            )
+    if rows := rows_of(file):
+        (options.out / "README.md").write_text(
+            page(rows, options.out, "python benchmarks/meshes.py --out results/meshes")
+        )
+    return int(any(row["missed"] is not None or row["fn"] for row in rows_of(file)))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
