@@ -16,9 +16,10 @@ NEAREST = 2.0**-16  # of the shape's longest side
 DRAWN, MOST_DRAWN = 65_536, 1 << 24  # random points at a time, and until no more of the object are looked for
 RARE = 1 / 64  # share of random points: where fewer are in the object, those that the shape names join them
 HELD = 16_384  # points of the object towards which points outside are drawn
+FEWEST = 1024  # points around the shape that are drawn at least
 NEAR_SHARE = 0.75  # of the pairs: one end is the nearest known point of the object, of FEW
 FEW = 16_384
-OUTLINE = 65_536  # points of the border that stand for a shape where a volume is fitted to it
+OUTLINE = 16_384  # points of the border that stand for a shape where a volume is fitted to it
 STEPS = 48  # bisections at most; no pair is further apart than 2^28 NEAREST
 
 
@@ -111,8 +112,10 @@ def border_points(
     """
     from scipy.spatial import KDTree
 
-    held = held_points(shape, HELD, rng, known)
-    outer = shape.sample_lower + rng.random((4 * count, shape.ndim)) * (shape.sample_upper - shape.sample_lower)
+    held = known if known is not None and len(known) else held_points(shape, HELD, rng)
+    outer = shape.sample_lower + rng.random((2 * count + FEWEST, shape.ndim)) * (
+        shape.sample_upper - shape.sample_lower
+    )
     outer = outer[~shape.contains(outer)]
     outer = outer[rng.integers(len(outer), size=count)]
     size = np.where(shape.upper > shape.lower, shape.upper - shape.lower, 1.0)

@@ -1,6 +1,7 @@
 """Samples of points of a shape without cells: a positive is a point of the object, and stays one by being asked.
 
-Labels are drawn once, and so are points of the border, by bisection; every refresh of the training takes others of them.
+Labelled points, and points of the border, which bisection finds, are kept: their number grows with every refresh of the
+training up to a limit, so that training begins at once, and each refresh takes others of them.
 A positive that walks out of the object is taken back along its way to the last point that is known to be in it.
 """
 
@@ -14,8 +15,9 @@ from warp_bounding.training.samples.base import Samples, columns
 
 __all__ = ["ShapePointSamples"]
 
-LABELLED = 1 << 20  # random points of the domain that are labelled
-BORDER = 1 << 16  # points of the border
+LABELLED = 1 << 20  # random points of the domain that are labelled in the end
+BORDER = 1 << 17  # points of the border in the end
+PARTS = 16  # in which these are drawn, one for each of the first refreshes
 LEAST = 4096  # points of the object, at least
 BORDER_SHARE = 2 / 3  # of positives: on the border; the others anywhere in the object
 FEW = 1024  # points of the border that stand for landmarks where a shape has none
@@ -36,21 +38,34 @@ class ShapePointSamples(Samples):
 
     def __init__(self, shape: Shape, domain: Domain, generator: torch.Generator):
         self.shape, self.domain, self.generator, self.ndim = shape, domain, generator, shape.ndim
-        rng = np.random.default_rng(int(torch.randint(2**62, (1,), generator=generator)))
-        points, truth = random_points(shape, LABELLED, rng)
-        held = held_points(shape, LEAST, rng, points[truth])
-        border = border_points(shape, BORDER, rng, held, NEAREST / 4)
-        self._labelled, self._truth = columns(domain.to_local(points)), torch.from_numpy(truth)
-        self._held, self._free = columns(domain.to_local(held)), self._labelled[:, ~self._truth]
-        if not self._free.shape[1]:  # the object fills its box: other points stand for negatives, which the loss needs
-            self._free = columns(domain.to_local(shape.sample_lower)[None])
-        self._border = columns(domain.to_local(border))
+        self._rng = np.random.default_rng(int(torch.randint(2**62, (1,), generator=generator)))
+        self._truth, nothing = torch.empty(0, dtype=torch.bool), torch.empty(self.ndim, 0)
+        self._labelled = self._held = self._free = self._border = nothing
+        self._grow()
         size = torch.from_numpy((shape.upper - shape.lower).astype(np.float32))[:, None]
         if shape.time:
             size[0] = size[1:].max()
         self.detail = size / size.max()
         landmarks = columns(domain.to_local(shape.landmarks()))
         self.vertices = torch.cat([landmarks, self._border[:, :FEW]], 1)
+
+    def _grow(self) -> None:
+        """Label more random points and find more of the border, until there are as many as training can use."""
+        if len(self._truth) >= LABELLED:
+            return
+        shape, local = self.shape, self.domain.to_local
+        points, truth = random_points(shape, LABELLED // PARTS, self._rng)
+        held = held_points(shape, LEAST, self._rng, points[truth])
+        border = border_points(shape, BORDER // PARTS, self._rng, held, NEAREST / 4)
+        self._labelled = torch.cat([self._labelled, columns(local(points))], 1)
+        self._truth = torch.cat([self._truth, torch.from_numpy(truth)])
+        self._held = torch.cat([self._held, columns(local(held))], 1)
+        self._border = torch.cat([self._border, columns(local(border))], 1)
+        self._free = self._labelled[:, ~self._truth]
+        if not self._free.shape[
+            1
+        ]:  # the object fills its box: another point stands for negatives, which the loss needs
+            self._free = columns(local(shape.sample_lower)[None])
 
     def _pick(self, points: torch.Tensor, count: int) -> torch.Tensor:
         return points.index_select(1, torch.randint(points.shape[1], (count,), generator=self.generator))
@@ -60,6 +75,7 @@ class ShapePointSamples(Samples):
         return self._labelled.index_select(1, chosen), self._truth[chosen]
 
     def negatives(self, count: int) -> torch.Tensor:
+        self._grow()  # once a refresh
         return self._pick(self._free, max(round(count * self._free.shape[1] / len(self._truth)), 1))
 
     def positives(self, count: int) -> torch.Tensor:
