@@ -179,3 +179,16 @@ def test_rates_of_regions_are_those_of_the_mesh():
         assert rates.truth == "of the shape itself"
         assert rates.fn == 0
         assert rates.fp_rate_cells < rates.fp_rate
+
+
+def test_a_mesh_far_from_the_origin_is_bounded_as_well_as_float32_allows(tmp_path):
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float64)
+    faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
+    mesh = wb.IndicatorMesh(16 * vertices + 1e6, faces)
+    bounder = wb.fit(mesh, method="kdop", device="cpu", progress=False)
+    assert bounder.certificate.proven
+    assert denied_positives(bounder, mesh) == 0
+    bounder.save(tmp_path / "far.safetensors")
+    assert wb.certify(tmp_path / "far.safetensors", mesh).kind == "proven"
+    with pytest.raises(wb.IndicatorError, match="move the shape to its origin"):
+        wb.fit(wb.IndicatorMesh(vertices + 1e6, faces), method="kdop", device="cpu", progress=False)

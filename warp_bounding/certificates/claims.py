@@ -13,6 +13,7 @@ from warp_bounding.arithmetic import round_down
 from warp_bounding.certificates.certificate import Certificate, Subject, fn_rate_bound
 from warp_bounding.coordinates.domain import DELTA_LARGEST_SHARE
 from warp_bounding.errors import FileFormatError
+from warp_bounding.indicators.shape import Shape
 
 __all__ = ["check_claims"]
 
@@ -101,8 +102,9 @@ def _check_about(certificate: Certificate, document: dict[str, Any]) -> None:
 def _check_delta(bounder: Subject, certificate: Certificate, shape: Any) -> None:
     """Refuse an impossible number of cells, or an input error that is not the domain's."""
     base, delta = bounder.domain.base, np.array(certificate.delta, dtype=np.float64)
-    if delta.shape != (base.ndim,) or not ((delta >= 0) & (delta <= DELTA_LARGEST_SHARE * (1 + CLOSE))).all():
-        _refuse(f"delta must hold {base.ndim} shares of a cell up to {DELTA_LARGEST_SHARE}, got {certificate.delta}")
+    largest, of_what = (DELTA_LARGEST_SHARE, "a cell") if certificate.cells else (Shape.largest_delta, "a detail")
+    if delta.shape != (base.ndim,) or not ((delta >= 0) & (delta <= largest * (1 + CLOSE))).all():
+        _refuse(f"delta must hold {base.ndim} shares of {of_what} up to {largest}, got {certificate.delta}")
     room = certificate.placement
     if room is not None and not (
         isinstance(room, list) and len(room) == base.ndim and all(_number(r) and r >= 0 for r in room)

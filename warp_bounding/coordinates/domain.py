@@ -89,7 +89,7 @@ class Domain:
         extent = np.maximum(np.abs(lower - center), np.abs(upper - center)) * scale.astype(np.float64) * GROWTH
         needed = input_rounding(center, scale, extent, lower, upper)
         delta = np.maximum(np.maximum(DELTA_SHARE * detail, 4 * needed), least_delta)
-        if (delta > DELTA_LARGEST_SHARE * detail).any():
+        if (delta > shape.largest_delta * detail).any():
             axis = int(np.argmax(delta / detail))
             raise IndicatorError(
                 f"{shape.name}: float32 cannot tell details of {1 / shape.details_per_unit[axis]:.3g} apart at coordinates up to "

@@ -52,6 +52,8 @@ class IndicatorGrid(Shape):
         array([3.875, 3.875, 3.875])
     """
 
+    largest_delta = 1.0 / 16.0  # of a cell
+
     occupancy: np.ndarray
     cells_per_unit: np.ndarray = None
     offset: np.ndarray = None

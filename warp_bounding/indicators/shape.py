@@ -10,6 +10,7 @@ Whatever a shape cannot decide it counts as object; ``decide`` tells these cases
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 
@@ -41,6 +42,7 @@ class Shape(ABC):
     margin: float = 0.0
     resolution: int | None = None
     certified: bool = True
+    largest_delta: ClassVar[float] = 8.0  # details: where float32 blurs queries by more, the shape is refused
     # Truth of regions, where a shape can tell it: called with what is said in ``IndicatorMesh``, they answer as ``decide``.
     decide_boxes: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     decide_segments: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
