@@ -1,6 +1,6 @@
 """What every demo is made of: an ``Example``, one run of its simulation, and a ``Demo``, which runs it with and without bounders.
 
-A demo tells a ``Demo`` its shapes, its recipes, how a run begins and what is drawn. The rest is the same for all: bounders are fitted or
+A demo tells a ``Demo`` its shapes, how their bounders are fitted, how a run begins and what is drawn. The rest is the same for all: bounders are fitted or
 loaded, the runs take turns, step by step, so that whatever else the machine does slows all of them alike, each is compared with the run
 without a broad phase, to the bit, and a table, a verdict, pictures and JSON are made of it.
 """
@@ -20,7 +20,7 @@ from rich.console import Console
 
 import warp_bounding as wb
 from sims.drawing import Drawn
-from sims.prefitted import Recipe, fitted
+from sims.prefitted import FitSpec, fitted
 from sims.report import Run, bounder_rows, kept, output, result, run_table, shown, verdict
 
 __all__ = ["Demo", "Example", "command", "compare", "now", "simulate", "weakest"]
@@ -51,12 +51,21 @@ class Example(ABC):
     def render(self, folder: Path) -> list[Path]:
         """Draw what there is after the last step into a folder; returns the pictures."""
 
+    def state(self) -> bytes:
+        """All that the result consists of; a class that overrides ``identical`` needs none."""
+        raise NotImplementedError
+
     @abstractmethod
     def missed(self, reference: "Example | None" = None) -> int:
-        """How much of what a run of the same length without a broad phase finds this one lacks."""
+        """Number of contacts, or of what else ``Demo.MISSED`` names, that this run should have found and did not.
+
+        Args:
+            reference: A run of the same length without a broad phase; ``None`` will do where a class checks its own states
+                exactly and does not read it.
+        """
 
     def identical(self, reference: "Example") -> bool:
-        """Whether all of the result is another run's, to the bit: a proven bounder changes none of ``state()``."""
+        """Whether ``state()`` is the reference's, bit by bit, as a proven bounder leaves it."""
         return self.state() == reference.state()
 
     def milliseconds(self) -> tuple[float, float, float]:
@@ -94,10 +103,11 @@ def simulate(what: str, phases: Mapping[str, Any], make: Callable[[Any, bool], E
     """The same run once without a broad phase (``"none"``) and once with each, from the same state, in turns, step by step.
 
     Args:
-        what: Of the simulation, for people.
+        what: Name of the simulation, beside the progress bar.
         phases: Broad phases by name.
-        make: From a broad phase, or ``None``, to a run of it that has not begun; a small one, that only loads kernels, if told so.
-        steps: How many.
+        make: ``make(broad_phase or None, warm_up)`` returns a run that has not begun; with ``warm_up`` a small one, whose only step
+            loads the kernels.
+        steps: Number of steps.
 
     Returns:
         The runs, finished.
@@ -129,8 +139,8 @@ def compare(
     Args:
         examples: By name: of a method, with more words after a comma or not, or of two methods, joined by a plus.
         bounders: By name of the method, then of the shape.
-        rows: Of ``report.bounder_rows``; a run's rate of false positives is the mean over the shapes.
-        section: Of the table.
+        rows: What ``report.bounder_rows`` has returned; a run's rate of false positives is the mean over the shapes.
+        section: The section of the table in which the runs are shown.
     """
     reference, runs = examples["none"], []
     for name, example in examples.items():
@@ -160,12 +170,12 @@ class Demo(ABC):
         out: Folder for pictures, and for bounders that are fitted; made if there is none.
         quick: A small form.
         refit: Fit the learned bounders anew, into ``out``, rather than load them.
-        budget: Seconds for each of them, then.
+        budget: Seconds to fit each learned bounder, where ``refit``; what its spec says if ``None``.
         bounder_file: A file to take ``mlp`` from, for the shape that it was made of; the others' stay.
         seed: Of fits, and of all that is random.
         device: Warp device; the default device if ``None``.
         console: Where tables and sentences go; standard output if ``None``. Progress goes to standard error.
-        recipes: Other bounders than the demo's own.
+        specs: By name, how to fit the bounders that are compared; ``SPECS``, the demo's own, if ``None``.
     """
 
     out: Path
@@ -176,11 +186,11 @@ class Demo(ABC):
     seed: int = 0
     device: str | None = None
     console: Console | None = None
-    recipes: dict[str, Recipe] | None = None
+    specs: dict[str, FitSpec] | None = None
     notes: list[str] = field(default_factory=list, init=False)  # broken promises beside those of the runs, with markup
 
     NAME: ClassVar[str]
-    RECIPES: ClassVar[dict[str, Recipe]]
+    SPECS: ClassVar[dict[str, FitSpec]]
     SCENES: ClassVar[str] = ""  # what the names of all shapes' files begin with
     SAMPLES: ClassVar[tuple[int, int]] = (400_000, 400_000)  # random queries of a rate of false positives: full, quick
     CALLS: ClassVar[str] = "narrow calls"  # what the narrow phase is called for
@@ -200,7 +210,7 @@ class Demo(ABC):
 
     def _run(self) -> dict[str, Any]:
         self.console = self.console or output()
-        self.recipes = self.RECIPES if self.recipes is None else self.recipes
+        self.specs = self.SPECS if self.specs is None else self.specs
         cells = self.set_up()
         self.bounders = self.fit(cells)
         samples = self.SAMPLES[self.quick]
@@ -209,7 +219,8 @@ class Demo(ABC):
         self.console.print(run_table(title, runs, steps=self.steps, calls=self.CALLS, extra=columns))
         self.console.print(verdict(runs, self.MISSED))
         self.tell(runs)
-        (drawn,) = (self.draw() for _ in shown([None], "drawing"))
+        for _ in shown([None], "drawing"):  # once: the progress bar tells what takes so long
+            drawn = self.draw()
         for note in self.notes:
             self.console.print(note)
         self.console.print(drawn.lines(), markup=False)
@@ -219,7 +230,7 @@ class Demo(ABC):
     def fit(self, cells: dict[str, wb.IndicatorGrid]) -> dict[str, dict[str, wb.Bounder]]:
         """All bounders, fitted or loaded, by name of the method, then of the shape."""
         device = str(wp.get_device(self.device))
-        return fitted(cells, self.recipes, scenes=self.SCENES, file=self.bounder_file, device=device, **self.fits)
+        return fitted(cells, self.specs, scenes=self.SCENES, file=self.bounder_file, device=device, **self.fits)
 
     @property
     def fits(self) -> dict[str, Any]:
@@ -227,7 +238,7 @@ class Demo(ABC):
         return {"refit": self.refit, "budget": self.budget, "out": self.out, "seed": self.seed}
 
     def choose(self, **sizes: tuple[int, int]) -> None:
-        """Options that were not given, by what they are in full and if quick."""
+        """Set each option that was not given to the first of its two values, or to the second one if ``quick``."""
         for name, values in sizes.items():
             if getattr(self, name) is None:
                 setattr(self, name, values[self.quick])

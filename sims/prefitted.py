@@ -10,14 +10,14 @@ from pathlib import Path
 import warp_bounding as wb
 from sims.report import UNPROVEN
 
-__all__ = ["FOLDER", "Recipe", "bounder_from", "bounders_of", "check_fit", "fit", "fitted", "owner", "stored"]
+__all__ = ["FOLDER", "FitSpec", "bounder_from", "bounders_of", "check_fit", "fit", "fitted", "owner", "stored"]
 
 FOLDER = Path(__file__).parent / "bounders"
 CLOSED = ("aabb", "obb", "sphere", "ellipsoid", "oriented-ellipsoid", "kdop", "bvh", "voxels")
 
 
 @dataclass(frozen=True)
-class Recipe:
+class FitSpec:
     """How a bounder of a demo is fitted.
 
     Attributes:
@@ -46,29 +46,27 @@ def stored(scene: str, name: str, folder: Path = FOLDER) -> Path:
 
 
 def fit(
-    recipe: Recipe, grid: wb.IndicatorGrid, *, budget: float | None = None, seed: int = 0, device: str
+    spec: FitSpec, grid: wb.IndicatorGrid, *, budget: float | None = None, seed: int = 0, device: str
 ) -> wb.Bounder:
-    """Fit a bounder by its recipe; a budget (seconds) replaces the recipe's own."""
-    seconds = recipe.budget if budget is None else budget
-    options = {"query": recipe.query, "method": recipe.method, "budget": seconds, "seed": seed, **recipe.options}
+    """Fit a bounder by its spec; a budget (seconds) replaces the spec's own."""
+    seconds = spec.budget if budget is None else budget
+    options = {"query": spec.query, "method": spec.method, "budget": seconds, "seed": seed, **spec.options}
     return wb.fit(grid, **options, margin=grid.margin, resolution=grid.resolution, device=device)
 
 
-def check_fit(bounder: wb.Bounder, grid: wb.IndicatorGrid, recipe: Recipe, source: str) -> None:
+def check_fit(bounder: wb.Bounder, grid: wb.IndicatorGrid, spec: FitSpec, source: str) -> None:
     """Refuse a bounder that is not one of these cells.
 
     Raises:
         BounderError: Saying what was expected and what came, with both numbers.
     """
-    if bounder.query_kind != recipe.query or bounder.ndim != grid.ndim:
+    if bounder.query_kind != spec.query or bounder.ndim != grid.ndim:
         got = f"{bounder.query_kind} queries in {bounder.ndim}D"
-        raise wb.BounderError(
-            f"{source}: expected a bounder of {recipe.query} queries in {grid.ndim}D, got one of {got}"
-        )
-    if bounder.method != recipe.method:
-        raise wb.BounderError(f"{source}: expected a bounder of method {recipe.method}, got {bounder.method}")
-    length = recipe.options.get("length", 1.0)
-    if recipe.query == "ray" and bounder.domain.length != length:
+        raise wb.BounderError(f"{source}: expected a bounder of {spec.query} queries in {grid.ndim}D, got one of {got}")
+    if bounder.method != spec.method:
+        raise wb.BounderError(f"{source}: expected a bounder of method {spec.method}, got {bounder.method}")
+    length = spec.options.get("length", 1.0)
+    if spec.query == "ray" and bounder.domain.length != length:
         raise wb.BounderError(
             f"{source}: expected a bounder of rays of length {length:g}, got {bounder.domain.length:g}"
         )
@@ -88,7 +86,7 @@ def check_fit(bounder: wb.Bounder, grid: wb.IndicatorGrid, recipe: Recipe, sourc
         raise wb.BounderError(f"{source}: expected a bounder with a certificate, got {bounder!r}")
 
 
-def bounder_from(path: Path, grid: wb.IndicatorGrid, recipe: Recipe, *, device: str) -> wb.Bounder:
+def bounder_from(path: Path, grid: wb.IndicatorGrid, spec: FitSpec, *, device: str) -> wb.Bounder:
     """A bounder from a file, if it is one of these cells.
 
     Raises:
@@ -98,14 +96,14 @@ def bounder_from(path: Path, grid: wb.IndicatorGrid, recipe: Recipe, *, device: 
     if not path.is_file():
         raise wb.BounderError(f"{path}: there is no bounder for this shape; --refit fits one")
     bounder = wb.load(path, device=device)
-    check_fit(bounder, grid, recipe, path.name)
+    check_fit(bounder, grid, spec, path.name)
     return bounder
 
 
 def bounders_of(
     scene: str,
     grid: wb.IndicatorGrid,
-    recipes: dict[str, Recipe],
+    specs: dict[str, FitSpec],
     *,
     refit: bool = False,
     budget: float | None = None,
@@ -120,7 +118,7 @@ def bounders_of(
     Args:
         scene: Name under which its files lie.
         grid: The cells that it bounds.
-        recipes: By name; a name ``a+b`` whose parts are names before it is their cascade, and its recipe is not used.
+        specs: By name; a name ``a+b`` whose parts are names before it is their cascade, and its spec is not used.
         refit: Fit the learned ones anew, into ``out``, rather than load them.
         budget: Seconds for each of them, then.
         out: Folder for what is fitted.
@@ -133,22 +131,22 @@ def bounders_of(
         BounderError: For a file that is missing or of another shape, margin or resolution.
     """
     bounders: dict[str, wb.Bounder] = {}
-    for name, recipe in recipes.items():
+    for name, spec in specs.items():
         parts = name.split("+")
         path = stored(scene, name, Path(out) if own else FOLDER)
         if len(parts) > 1 and all(part in bounders for part in parts):
             bounders[name] = wb.cascade(*(bounders[part] for part in parts))
-        elif recipe.closed:
-            bounders[name] = fit(recipe, grid, device=device)
+        elif spec.closed:
+            bounders[name] = fit(spec, grid, device=device)
         elif name == "mlp" and file is not None:
-            bounders[name] = bounder_from(file, grid, recipe, device=device)
+            bounders[name] = bounder_from(file, grid, spec, device=device)
         elif refit or (own and not path.is_file()):
-            bounders[name] = fit(recipe, grid, budget=budget, seed=seed, device=device)
+            bounders[name] = fit(spec, grid, budget=budget, seed=seed, device=device)
             if out is not None:
                 Path(out).mkdir(parents=True, exist_ok=True)
                 bounders[name].save(stored(scene, name, Path(out)))
         else:
-            bounders[name] = bounder_from(path, grid, recipe, device=device)
+            bounders[name] = bounder_from(path, grid, spec, device=device)
     return bounders
 
 
@@ -166,7 +164,7 @@ def owner(file: Path, cells: dict[str, wb.IndicatorGrid]) -> str | None:
 
 def fitted(
     cells: dict[str, wb.IndicatorGrid],
-    recipes: dict[str, Recipe],
+    specs: dict[str, FitSpec],
     *,
     scenes: str = "",
     file: Path | None = None,
@@ -176,7 +174,7 @@ def fitted(
 
     Args:
         cells: Of the shapes, by name.
-        recipes: By name of the method.
+        specs: By name of the method.
         scenes: What the names of all shapes' files begin with.
         file: For ``mlp`` of the shape that it was made of; the first shape refuses one that is of none of them.
         options: More of what ``bounders_of`` takes.
@@ -186,7 +184,7 @@ def fitted(
     """
     whose = None if file is None else owner(file, cells) or next(iter(cells))
     found = {
-        name: bounders_of(scenes + name, grid, recipes, file=file if name == whose else None, **options)
+        name: bounders_of(scenes + name, grid, specs, file=file if name == whose else None, **options)
         for name, grid in cells.items()
     }
-    return {method: {name: found[name][method] for name in cells} for method in recipes}
+    return {method: {name: found[name][method] for name in cells} for method in specs}

@@ -14,13 +14,13 @@ from rich.console import Console
 
 import warp_bounding as wb
 from sims import DEMOS
-from sims.prefitted import FOLDER, Recipe, bounder_from, fit, stored
+from sims.prefitted import FOLDER, FitSpec, bounder_from, fit, stored
 
 __all__ = ["main", "plan"]
 
 
-def plan(names: list[str]) -> list[tuple[str, str, Recipe, wb.IndicatorGrid]]:
-    """Scene, name, recipe and cells of every file that is asked for.
+def plan(names: list[str]) -> list[tuple[str, str, FitSpec, wb.IndicatorGrid]]:
+    """Scene, name, spec and cells of every file that is asked for.
 
     Args:
         names: Scenes, or ``scene-name``; all if empty.
@@ -32,9 +32,9 @@ def plan(names: list[str]) -> list[tuple[str, str, Recipe, wb.IndicatorGrid]]:
     for demo in DEMOS:
         module = import_module(f"sims.{demo}")
         for scene, grid in module.grids().items():
-            recipes = getattr(module, "SCENE_RECIPES", {}).get(scene, module.RECIPES)
-            learned = {n: r for n, r in recipes.items() if not r.closed and "+" not in n}
-            files += [(scene, name, recipe, grid) for name, recipe in learned.items()]
+            specs = getattr(module, "SCENE_SPECS", {}).get(scene, module.SPECS)
+            learned = {n: r for n, r in specs.items() if not r.closed and "+" not in n}
+            files += [(scene, name, spec, grid) for name, spec in learned.items()]
     wanted = [f for f in files if not names or f[0] in names or f"{f[0]}-{f[1]}" in names]
     known = {f[0] for f in files} | {f"{f[0]}-{f[1]}" for f in files}
     if unknown := sorted(set(names) - known):
@@ -46,13 +46,13 @@ def main(names: list[str]) -> None:
     """Fit what is asked for, and say of each what it is."""
     console = Console(highlight=False, soft_wrap=True)
     FOLDER.mkdir(exist_ok=True)
-    for scene, name, recipe, grid in plan(names):
+    for scene, name, spec, grid in plan(names):
         path = stored(scene, name)
-        if f"{scene}-{name}" not in names and _fits(path, grid, recipe):
+        if f"{scene}-{name}" not in names and _fits(path, grid, spec):
             console.print(f"{path.name}: kept")
             continue
         begun = time.perf_counter()
-        bounder = fit(recipe, grid, device="cpu")
+        bounder = fit(spec, grid, device="cpu")
         bounder.save(path)
         rates = wb.evaluate(bounder, grid)
         kind = bounder.certificate.kind if bounder.certificate else "no certificate"
@@ -60,12 +60,12 @@ def main(names: list[str]) -> None:
         console.print(f"{path.name}: {kind}, FP {rates.fp_rate:.2f} %, FN {rates.fn}, {size:,} bytes, {seconds:.0f} s")
 
 
-def _fits(path, grid: wb.IndicatorGrid, recipe: Recipe) -> bool:
+def _fits(path, grid: wb.IndicatorGrid, spec: FitSpec) -> bool:
     try:
-        bounder = bounder_from(path, grid, recipe, device="cpu")
+        bounder = bounder_from(path, grid, spec, device="cpu")
     except wb.BoundingError:
         return False
-    hidden = recipe.options.get("hidden")
+    hidden = spec.options.get("hidden")
     return hidden is None or list(bounder.sizes.get("hidden", hidden)) == list(hidden)
 
 

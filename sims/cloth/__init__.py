@@ -11,13 +11,13 @@ import newton  # noqa: F401  first: where it is missing, the error names it
 import warp_bounding as wb
 from sims.cloth.demo import Demo
 from sims.cloth.example import Example
-from sims.cloth.field import FIELD_RECIPES, GAPS, Field
-from sims.cloth.scene import RECIPES, SHAPES, Scene, grid_of
+from sims.cloth.field import FIELD_SPECS, GAPS, Field
+from sims.cloth.scene import SHAPES, SPECS, Scene, grid_of
 
-__all__ = ["RECIPES", "SCENE_RECIPES", "Demo", "Example", "Field", "Scene", "grids", "run"]
+__all__ = ["SCENE_SPECS", "SPECS", "Demo", "Example", "Field", "Scene", "grids", "run"]
 
 run = Demo.run
-SCENE_RECIPES = {f"field-{name}": FIELD_RECIPES for name in SHAPES}  # for the scenes that do not take all of RECIPES
+SCENE_SPECS = {f"field-{name}": FIELD_SPECS for name in SHAPES}  # for the scenes that do not take all of SPECS
 
 
 def grids(device: str = "cpu") -> dict[str, wb.IndicatorGrid]:

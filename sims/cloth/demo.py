@@ -10,7 +10,7 @@ import warp_bounding as wb
 from sims import base
 from sims.cloth.example import Example, cloth_data
 from sims.cloth.field import Field, field_table, run_field, sentences
-from sims.cloth.scene import RECIPES, SHAPES, Scene, grid_of
+from sims.cloth.scene import SHAPES, SPECS, Scene, grid_of
 from sims.drawing import Drawn, draw_with
 from sims.report import UNPROVEN, Run
 
@@ -38,7 +38,7 @@ class Demo(base.Demo):
     device: str = "cpu"
 
     NAME = "cloth"
-    RECIPES = RECIPES
+    SPECS = SPECS
     SCENES = "cloth-"
     SAMPLES = (400_000, 60_000)
     CALLS = "pairs"

@@ -26,11 +26,11 @@ from rich.table import Table
 import warp_bounding as wb
 from sims.cloth.example import contact_keys, contact_records, one_thread
 from sims.cloth.scene import GAP, RADIUS, SHAPES, grid_of, newton_mesh
-from sims.prefitted import Recipe, fitted
+from sims.prefitted import FitSpec, fitted
 from sims.report import shown
 from warp_bounding.newton import ParticleCull
 
-__all__ = ["FIELD_RECIPES", "GAPS", "Field", "bounders_for", "field_table", "measure", "sentences"]
+__all__ = ["FIELD_SPECS", "GAPS", "Field", "bounders_for", "field_table", "measure", "sentences"]
 
 GAPS = (GAP, 0.05, 0.2)
 SPACING = 2.4  # from one mesh to the next, world units
@@ -41,9 +41,9 @@ ALL_CORES = "voxels"
 HIDDEN = (25, 25)
 WARM_UP = 2  # rounds that load kernels
 
-CLOSED = {"aabb": Recipe("aabb"), "kdop": Recipe("kdop"), "bvh": Recipe("bvh", options={"hidden": HIDDEN})}
-CLOSED["voxels"] = Recipe("voxels")
-FIELD_RECIPES = {"mlp": Recipe("mlp", budget=60.0, options={"hidden": HIDDEN})}
+CLOSED = {"aabb": FitSpec("aabb"), "kdop": FitSpec("kdop"), "bvh": FitSpec("bvh", options={"hidden": HIDDEN})}
+CLOSED["voxels"] = FitSpec("voxels")
+FIELD_SPECS = {"mlp": FitSpec("mlp", budget=60.0, options={"hidden": HIDDEN})}
 
 
 def bounders_for(
@@ -197,7 +197,7 @@ def run_field(field: Field, networks: dict[str, wb.Bounder], *, rounds: int, **o
         Per gap what ``measure`` returns.
     """
     cells = {name: grid_of(name, max(GAPS)) for name in SHAPES}
-    wide = fitted(cells, FIELD_RECIPES, scenes="field-", **options)["mlp"]
+    wide = fitted(cells, FIELD_SPECS, scenes="field-", **options)["mlp"]
     gaps = shown(GAPS, "many meshes")
     return [measure(field, gap, bounders_for(gap, networks, wide), rounds=rounds) for gap in gaps]
 

@@ -18,10 +18,10 @@ import warp as wp
 import warp_bounding as wb
 from sims.assets import asset_mesh, surface
 from sims.cloth.star import star
-from sims.prefitted import Recipe
+from sims.prefitted import FitSpec
 from warp_bounding.newton import margin_for
 
-__all__ = ["DT", "GAP", "RADIUS", "RECIPES", "SHAPES", "Scene", "grid_of", "newton_mesh", "shape"]
+__all__ = ["DT", "GAP", "RADIUS", "SHAPES", "SPECS", "Scene", "grid_of", "newton_mesh", "shape"]
 
 SHAPES = ("bunny", "star")
 RADIUS = 0.02  # of a particle, world units (the bunny is 1.6 of them high)
@@ -48,16 +48,16 @@ JITTER = 1.0e-4  # of the first positions: no cloth is perfectly flat
 DEEPEST = 0.5  # how far under a surface is looked; no point of the bunny is deeper than 0.43
 RAYS = 3  # that confirm an inside sign
 
-RECIPES = {
-    "aabb": Recipe("aabb"),
-    "kdop": Recipe("kdop"),
-    "bvh": Recipe("bvh", options={"hidden": HIDDEN}),
-    "voxels": Recipe("voxels"),
-    "learned-kdop": Recipe("learned-kdop", budget=8.0),
-    "mlp": Recipe("mlp", budget=40.0, options={"hidden": HIDDEN}),
-    "mlp-early": Recipe("mlp-early", budget=40.0, options={"hidden": HIDDEN}),
-    "aabb+mlp": Recipe("aabb+mlp"),
-    "occupancy": Recipe("occupancy", budget=15.0, options={"hidden": (6, 6)}),
+SPECS = {
+    "aabb": FitSpec("aabb"),
+    "kdop": FitSpec("kdop"),
+    "bvh": FitSpec("bvh", options={"hidden": HIDDEN}),
+    "voxels": FitSpec("voxels"),
+    "learned-kdop": FitSpec("learned-kdop", budget=8.0),
+    "mlp": FitSpec("mlp", budget=40.0, options={"hidden": HIDDEN}),
+    "mlp-early": FitSpec("mlp-early", budget=40.0, options={"hidden": HIDDEN}),
+    "aabb+mlp": FitSpec("aabb+mlp"),
+    "occupancy": FitSpec("occupancy", budget=15.0, options={"hidden": (6, 6)}),
 }
 
 

@@ -18,27 +18,27 @@ from sims.particles.bounds import bounds_data
 from sims.particles.broad import MovingBox, OfMotion
 from sims.particles.example import CONTACT, CONTAINMENT, Example, rain_data
 from sims.particles.scene import RESOLUTION, Scene
-from sims.prefitted import Recipe
+from sims.prefitted import FitSpec
 from sims.report import Run
 
-__all__ = ["MOVING_BOX", "RECIPES", "Demo", "grids", "simulate"]
+__all__ = ["MOVING_BOX", "SPECS", "Demo", "grids", "simulate"]
 
 SCENE = "rain"
 MOVING_BOX = "moving aabb"
 NARROW = {"containment": CONTAINMENT, "contact": CONTACT}
-RECIPES = {
-    "aabb": Recipe("aabb"),
-    "kdop": Recipe("kdop"),
-    "bvh": Recipe("bvh", options={"hidden": (50, 50)}, kept=True),  # of the network's memory
-    "voxels": Recipe("voxels"),
-    "learned-kdop": Recipe("learned-kdop", budget=20.0, options={"k": 40}),
-    "mlp": Recipe("mlp", budget=420.0, options={"hidden": (50, 50)}),
-    "mlp-early": Recipe("mlp-early", budget=300.0, options={"hidden": (50, 50)}),
-    "bvh-1500": Recipe("bvh", options={"leaves": 1500}, kept=True),  # a tenth of the memory of voxels
-    "aabb+mlp": Recipe("aabb+mlp"),
-    "mlp+bvh-1500": Recipe("mlp+bvh"),
-    "learned-kdop+mlp": Recipe("learned-kdop+mlp"),
-    "occupancy": Recipe("occupancy", budget=60.0, options={"hidden": (50, 50)}),
+SPECS = {
+    "aabb": FitSpec("aabb"),
+    "kdop": FitSpec("kdop"),
+    "bvh": FitSpec("bvh", options={"hidden": (50, 50)}, kept=True),  # of the network's memory
+    "voxels": FitSpec("voxels"),
+    "learned-kdop": FitSpec("learned-kdop", budget=20.0, options={"k": 40}),
+    "mlp": FitSpec("mlp", budget=420.0, options={"hidden": (50, 50)}),
+    "mlp-early": FitSpec("mlp-early", budget=300.0, options={"hidden": (50, 50)}),
+    "bvh-1500": FitSpec("bvh", options={"leaves": 1500}, kept=True),  # a tenth of the memory of voxels
+    "aabb+mlp": FitSpec("aabb+mlp"),
+    "mlp+bvh-1500": FitSpec("mlp+bvh"),
+    "learned-kdop+mlp": FitSpec("learned-kdop+mlp"),
+    "occupancy": FitSpec("occupancy", budget=60.0, options={"hidden": (50, 50)}),
 }
 PICTURED = ("kdop", "learned-kdop", "mlp")  # their bounds, side by side
 RAINED = ("mlp", "occupancy")  # their runs, side by side
@@ -66,7 +66,7 @@ class Demo(base.Demo):
     resolution: int = RESOLUTION
 
     NAME = "particles"
-    RECIPES = RECIPES
+    SPECS = SPECS
 
     def set_up(self) -> dict[str, wb.IndicatorGrid]:
         self.choose(particles=PARTICLES, steps=STEPS)

@@ -19,20 +19,20 @@ from sims.path.pictures import draw
 from sims.path.planner import Example
 from sims.path.report import described, price, solved
 from sims.path.worlds import World, generated, worlds_at
-from sims.prefitted import Recipe, bounders_of, owner, stored
+from sims.prefitted import FitSpec, bounders_of, owner, stored
 from sims.report import Run
 
-__all__ = ["RECIPES", "Demo", "grids", "phases", "run", "simulate"]
+__all__ = ["SPECS", "Demo", "grids", "phases", "run", "simulate"]
 
 HIDDEN = (50, 50)
-RECIPES: dict[str, Recipe] = {
-    "aabb": Recipe("aabb", query="box"),
-    "kdop": Recipe("kdop", query="box"),
-    "bvh": Recipe("bvh", query="box", options={"hidden": HIDDEN}),
-    "learned-kdop": Recipe("learned-kdop", query="box", budget=5.0),
-    "mlp": Recipe("mlp", budget=30.0, options={"hidden": HIDDEN}),
-    "mlp-early": Recipe("mlp-early", budget=30.0, options={"hidden": HIDDEN}),
-    "occupancy": Recipe("occupancy", budget=30.0, options={"hidden": HIDDEN}),
+SPECS: dict[str, FitSpec] = {
+    "aabb": FitSpec("aabb", query="box"),
+    "kdop": FitSpec("kdop", query="box"),
+    "bvh": FitSpec("bvh", query="box", options={"hidden": HIDDEN}),
+    "learned-kdop": FitSpec("learned-kdop", query="box", budget=5.0),
+    "mlp": FitSpec("mlp", budget=30.0, options={"hidden": HIDDEN}),
+    "mlp-early": FitSpec("mlp-early", budget=30.0, options={"hidden": HIDDEN}),
+    "occupancy": FitSpec("occupancy", budget=30.0, options={"hidden": HIDDEN}),
 }
 CASCADE = "aabb+mlp"  # boxes first, then a network's segments: bounders of different queries, so the planner puts them together
 USERS_BUDGET = 20.0  # seconds a network, for a user's world
@@ -64,7 +64,7 @@ class Demo(base.Demo):
     device: str = "cpu"
 
     NAME = "path"
-    RECIPES = RECIPES
+    SPECS = SPECS
     SAMPLES = (200_000, 20_000)
     CALLS = "checks"
     MISSED = "colliding states and edges"
@@ -90,16 +90,16 @@ class Demo(base.Demo):
         found, options = {}, self.fits | {"budget": self.budget or USERS_BUDGET, "own": True, "device": self.device}
         for world in self.worlds:
             file = self.bounder_file if world.scene == whose else None
-            kept = [n for n, recipe in self.recipes.items() if not recipe.closed and (n != "mlp" or file is None)]
+            kept = [n for n, spec in self.specs.items() if not spec.closed and (n != "mlp" or file is None)]
             again = [n for n in kept if stored(world.scene, n, self.out).is_file() and not self.refit]
-            found[world.scene] = bounders_of(world.scene, world.grid, self.recipes, file=file, **options)
+            found[world.scene] = bounders_of(world.scene, world.grid, self.specs, file=file, **options)
             if new := ", ".join(n for n in kept if n not in again):
                 text = f"{world.name}: fitted {new} for this world; kept in {self.out} for the next time."
                 self.console.print(text, markup=False)
             if again:
                 text = f"{world.name}: took {', '.join(again)} from {self.out}, fitted to these very cells before."
                 self.console.print(text, markup=False)
-        return {method: {scene: found[scene][method] for scene in cells} for method in self.recipes}
+        return {method: {scene: found[scene][method] for scene in cells} for method in self.specs}
 
     def simulate(self) -> tuple[list[Run], str, dict[str, str]]:
         options = {"states": self.states, "problems": self.problems, "seed": self.seed, "device": self.device}

@@ -17,26 +17,26 @@ from typing import Any
 import warp_bounding as wb
 from sims import base
 from sims.drawing import Drawn
-from sims.prefitted import Recipe
+from sims.prefitted import FitSpec
 from sims.report import UNPROVEN, Run
 from sims.shadows.example import Example
 from sims.shadows.pictures import OVERSAMPLING, draw
 from sims.shadows.scene import LENGTH, RESOLUTION, SCENES, Scene, grid_of
 
-__all__ = ["RECIPES", "Demo", "simulate"]
+__all__ = ["SPECS", "Demo", "simulate"]
 
 RAYS = {"length": LENGTH}
 NETWORK = RAYS | {"hidden": (50, 50)}
-RECIPES = {
-    "aabb": Recipe("aabb", "ray", options=RAYS),
-    "kdop": Recipe("kdop", "ray", options=RAYS),
-    "bvh": Recipe("bvh", "ray", options=NETWORK),  # as many boxes as have the memory of the network
-    "learned-kdop": Recipe("learned-kdop", "ray", budget=10.0, options=RAYS | {"k": 40}),
-    "mlp": Recipe("mlp", "ray", budget=420.0, options=NETWORK),
-    "mlp-early": Recipe("mlp-early", "ray", budget=120.0, options=NETWORK),
-    "aabb+mlp": Recipe("aabb+mlp", "ray", options=RAYS),
-    "learned-kdop+mlp": Recipe("learned-kdop+mlp", "ray", options=RAYS),
-    "occupancy": Recipe("occupancy", "ray", budget=30.0, options=NETWORK),
+SPECS = {
+    "aabb": FitSpec("aabb", "ray", options=RAYS),
+    "kdop": FitSpec("kdop", "ray", options=RAYS),
+    "bvh": FitSpec("bvh", "ray", options=NETWORK),  # as many boxes as have the memory of the network
+    "learned-kdop": FitSpec("learned-kdop", "ray", budget=10.0, options=RAYS | {"k": 40}),
+    "mlp": FitSpec("mlp", "ray", budget=420.0, options=NETWORK),
+    "mlp-early": FitSpec("mlp-early", "ray", budget=120.0, options=NETWORK),
+    "aabb+mlp": FitSpec("aabb+mlp", "ray", options=RAYS),
+    "learned-kdop+mlp": FitSpec("learned-kdop+mlp", "ray", options=RAYS),
+    "occupancy": FitSpec("occupancy", "ray", budget=30.0, options=NETWORK),
 }
 SIZES, STEPS = ((640, 480), (160, 120)), (8, 2)  # full, quick
 SHOWN = ("mlp", "learned-kdop+mlp", "learned-kdop", "kdop", "aabb")  # in the left picture: the first that is proven
@@ -57,7 +57,7 @@ class Demo(base.Demo):
     resolution: int = RESOLUTION
 
     NAME = "shadows"
-    RECIPES = RECIPES
+    SPECS = SPECS
     SCENES = SCENES
     SAMPLES = (400_000, 50_000)
     CALLS = "mesh rays"

@@ -103,7 +103,7 @@ def test_every_demo_has_its_parts(name):
     assert callable(module.run)
     assert all(callable(getattr(module.Example, part)) for part in ("step", "render", "test_final"))
     assert all(isinstance(grid, wb.IndicatorGrid) for grid in module.grids().values())
-    assert {"aabb", "mlp", "mlp-early", "learned-kdop", "occupancy"} <= set(module.RECIPES)
+    assert {"aabb", "mlp", "mlp-early", "learned-kdop", "occupancy"} <= set(module.SPECS)
 
 
 def test_a_full_disk_is_one_line(asked, capsys, tmp_path, monkeypatch):

@@ -46,8 +46,8 @@ def test_all_files_fit_the_scenes_that_they_are_for():
     pytest.importorskip("newton")
     files = planned()
     assert len(files) == len({(scene, name) for scene, name, *_ in files})
-    for scene, name, recipe, grid in files:
-        bounder = bounder_from(stored(scene, name), grid, recipe, device="cpu")
+    for scene, name, spec, grid in files:
+        bounder = bounder_from(stored(scene, name), grid, spec, device="cpu")
         assert (bounder.certificate is None) == (name == "occupancy")
         assert stored(scene, name).stat().st_size < 100_000
 
@@ -56,8 +56,8 @@ def test_all_files_fit_the_scenes_that_they_are_for():
 @pytest.mark.parametrize("file", sorted(path.stem for path in FOLDER.glob("*.safetensors")))
 def test_what_is_proven_is_proven_anew(file):
     pytest.importorskip("newton")
-    recipe, grid = next((recipe, grid) for scene, name, recipe, grid in planned() if f"{scene}-{name}" == file)
-    bounder = bounder_from(FOLDER / f"{file}.safetensors", grid, recipe, device="cpu")
+    spec, grid = next((spec, grid) for scene, name, spec, grid in planned() if f"{scene}-{name}" == file)
+    bounder = bounder_from(FOLDER / f"{file}.safetensors", grid, spec, device="cpu")
     if bounder.certificate is not None and bounder.certificate.proven:
         assert wb.certify(bounder, grid).proven
 

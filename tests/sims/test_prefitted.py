@@ -3,9 +3,9 @@ import pytest
 
 import warp_bounding as wb
 from sims import prefitted
-from sims.prefitted import Recipe, bounder_from, bounders_of, check_fit, fit, stored
+from sims.prefitted import FitSpec, bounder_from, bounders_of, check_fit, fit, stored
 
-MLP = Recipe("mlp", options={"hidden": (8,), "steps": 10})
+MLP = FitSpec("mlp", options={"hidden": (8,), "steps": 10})
 
 
 def disc(radius=0.3, resolution=16) -> wb.IndicatorGrid:
@@ -15,11 +15,11 @@ def disc(radius=0.3, resolution=16) -> wb.IndicatorGrid:
 
 def test_closed_forms_are_fitted_and_networks_loaded(tmp_path, monkeypatch):
     monkeypatch.setattr(prefitted, "FOLDER", tmp_path)
-    grid, recipes = disc(), {"aabb": Recipe("aabb"), "mlp": MLP, "aabb+mlp": Recipe("aabb+mlp")}
+    grid, specs = disc(), {"aabb": FitSpec("aabb"), "mlp": MLP, "aabb+mlp": FitSpec("aabb+mlp")}
     with pytest.raises(wb.BounderError, match="there is no bounder for this shape; --refit fits one"):
-        bounders_of("disc", grid, recipes)
-    made = bounders_of("disc", grid, recipes, refit=True, out=tmp_path)
-    assert list(made) == list(recipes)
+        bounders_of("disc", grid, specs)
+    made = bounders_of("disc", grid, specs, refit=True, out=tmp_path)
+    assert list(made) == list(specs)
     assert made["aabb+mlp"].certificate.proven
     path = stored("disc", "mlp", tmp_path)
     assert path.is_file()
@@ -35,22 +35,22 @@ def test_what_does_not_fit_is_refused_with_both_numbers(tmp_path):
     with pytest.raises(wb.BounderError, match=r"too small a margin, expected 0\.05, got 0"):
         check_fit(bounder, grid.to_grid(margin=0.05), MLP, "file")
     with pytest.raises(wb.BounderError, match="of box queries in 2D, got one of point queries in 2D"):
-        check_fit(bounder, grid, Recipe("mlp", query="box"), "file")
+        check_fit(bounder, grid, FitSpec("mlp", query="box"), "file")
     with pytest.raises(wb.BounderError, match="of method mlp-early, got mlp"):
-        check_fit(bounder, grid, Recipe("mlp-early"), "file")
-    rays = Recipe("aabb", query="ray", options={"length": 2.0})
+        check_fit(bounder, grid, FitSpec("mlp-early"), "file")
+    rays = FitSpec("aabb", query="ray", options={"length": 2.0})
     with pytest.raises(wb.BounderError, match="rays of length 1, got 2"):
-        check_fit(fit(rays, grid, device="cpu"), grid, Recipe("aabb", query="ray"), "file")
-    occupancy = fit(Recipe("occupancy", options={"hidden": (8,), "steps": 10}), grid, device="cpu")
-    check_fit(occupancy, grid, Recipe("occupancy"), "file")
+        check_fit(fit(rays, grid, device="cpu"), grid, FitSpec("aabb", query="ray"), "file")
+    occupancy = fit(FitSpec("occupancy", options={"hidden": (8,), "steps": 10}), grid, device="cpu")
+    check_fit(occupancy, grid, FitSpec("occupancy"), "file")
     bounder.certificate = None
     with pytest.raises(wb.BounderError, match="expected a bounder with a certificate"):
         check_fit(bounder, grid, MLP, "file")
 
 
-def test_a_budget_replaces_that_of_the_recipe(monkeypatch):
+def test_a_budget_replaces_that_of_the_spec(monkeypatch):
     seen = []
     monkeypatch.setattr(prefitted.wb, "fit", lambda grid, **options: seen.append(options["budget"]))
     for budget in (None, 5.0, 500.0):
-        fit(Recipe("mlp", budget=60.0), disc(), budget=budget, device="cpu")
+        fit(FitSpec("mlp", budget=60.0), disc(), budget=budget, device="cpu")
     assert seen == [60.0, 5.0, 500.0]

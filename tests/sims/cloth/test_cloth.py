@@ -22,10 +22,10 @@ from sims.cloth import demo, example, field, scene  # noqa: E402
 from sims.cloth.example import cloth_data  # noqa: E402
 from sims.cloth.star import HALF, NOTCH, POINTS, TIP, star  # noqa: E402
 from sims.drawing import Drawn  # noqa: E402
-from sims.prefitted import Recipe, fitted  # noqa: E402
+from sims.prefitted import FitSpec, fitted  # noqa: E402
 
 SIDE, STEPS = 33, 120
-CLOSED = {name: Recipe(name) for name in ("aabb", "kdop", "voxels")}
+CLOSED = {name: FitSpec(name) for name in ("aabb", "kdop", "voxels")}
 TINY = {"hidden": (8, 8), "steps": 20}
 
 
@@ -41,8 +41,8 @@ def small() -> cloth.Scene:
     return cloth.Scene(side=SIDE)
 
 
-def all_fitted(recipes, **options):
-    return fitted({name: scene.grid_of(name) for name in scene.SHAPES}, recipes, scenes="cloth-", **options)
+def all_fitted(specs, **options):
+    return fitted({name: scene.grid_of(name) for name in scene.SHAPES}, specs, scenes="cloth-", **options)
 
 
 @pytest.fixture(scope="module")
@@ -162,7 +162,7 @@ def test_a_file_of_another_margin_or_resolution_is_refused_with_both_numbers(tmp
     wb.fit(scene.shape("bunny"), method="mlp", device="cpu", **TINY, **made).save(path)
     expected = grid.margin if "margin" in change else grid.resolution
     with pytest.raises(wb.BounderError, match=f"expected.*{expected:.6g}, got {next(iter(change.values())):.6g}"):
-        cloth.run(tmp_path, quick=True, bounder_file=path, recipes={"mlp": Recipe("mlp")})
+        cloth.run(tmp_path, quick=True, bounder_file=path, specs={"mlp": FitSpec("mlp")})
 
 
 def test_a_file_of_another_shape_is_refused(tmp_path):
@@ -171,9 +171,9 @@ def test_a_file_of_another_shape_is_refused(tmp_path):
     other = wb.IndicatorMesh(scene.shape("bunny").vertices * 1.01, scene.shape("bunny").faces)
     wb.fit(other, method="mlp", margin=grid.margin, resolution=grid.resolution, device="cpu", **TINY).save(path)
     with pytest.raises(wb.BounderError, match="another shape"):
-        all_fitted({"mlp": Recipe("mlp")}, file=path)
+        all_fitted({"mlp": FitSpec("mlp")}, file=path)
     with pytest.raises(wb.BounderError, match="no such file"):
-        all_fitted({"mlp": Recipe("mlp")}, file=tmp_path / "none.safetensors")
+        all_fitted({"mlp": FitSpec("mlp")}, file=tmp_path / "none.safetensors")
 
 
 @pytest.mark.parametrize("options", [{"device": "cuda:0"}, {"steps": 0}, {"side": 1}])
@@ -250,14 +250,14 @@ def test_sentences_say_who_wins():
 @pytest.mark.slow
 def test_the_whole_demo(tmp_path, monkeypatch):
     """With networks that are fitted in a moment; contacts are kept all the same."""
-    networks = {"mlp": Recipe("mlp", options=TINY), "occupancy": Recipe("occupancy", options=TINY)}
-    monkeypatch.setattr(field, "FIELD_RECIPES", {"mlp": Recipe("aabb")})  # which needs no file
+    networks = {"mlp": FitSpec("mlp", options=TINY), "occupancy": FitSpec("occupancy", options=TINY)}
+    monkeypatch.setattr(field, "FIELD_SPECS", {"mlp": FitSpec("aabb")})  # which needs no file
     monkeypatch.setattr(demo, "QUICK_FIELD", {"rows": 2, "particles": 500})
     drawn = []
     monkeypatch.setattr(demo, "draw_with", lambda *inputs: drawn.append(inputs) or Drawn([], "none"))
     console = Console(file=io.StringIO(), record=True, width=200)
-    recipes = {"aabb": Recipe("aabb"), **networks, "aabb+mlp": Recipe("aabb+mlp")}
-    made = cloth.run(tmp_path, quick=True, refit=True, steps=100, recipes=recipes, console=console)
+    specs = {"aabb": FitSpec("aabb"), **networks, "aabb+mlp": FitSpec("aabb+mlp")}
+    made = cloth.run(tmp_path, quick=True, refit=True, steps=100, specs=specs, console=console)
     assert [run["bounder"] for run in made["runs"]] == [
         "none",
         "aabb",

@@ -13,7 +13,7 @@ from sims.particles.demo import MOVING_BOX, simulate
 from sims.particles.example import CONTACT, CONTAINMENT, Example, rain_data
 from sims.particles.kernels import RADIUS, collide
 from sims.particles.scene import PERIOD, Scene
-from sims.prefitted import FOLDER, Recipe, fit
+from sims.prefitted import FOLDER, FitSpec, fit
 
 PARTICLES, STEPS, RESOLUTION = 2000, 20, 20
 CLASSICS = ("aabb", "kdop", "voxels")
@@ -32,7 +32,7 @@ def grid(scene):
 
 @pytest.fixture(scope="module")
 def bounders(scene, grid):
-    return {name: fit(Recipe(name), grid, device=str(scene.device)) for name in CLASSICS}
+    return {name: fit(FitSpec(name), grid, device=str(scene.device)) for name in CLASSICS}
 
 
 @pytest.fixture(scope="module", params=[CONTAINMENT, CONTACT], ids=["containment", "contact"])
@@ -176,26 +176,26 @@ def within(
 
 @pytest.mark.slow
 def test_the_demo(tmp_path, capsys):
-    recipes = {name: Recipe(name) for name in ("aabb", "voxels")}
-    recipes["mlp"] = Recipe("mlp", options={"hidden": (8, 8), "steps": 20})
-    recipes["aabb+mlp"] = Recipe("aabb+mlp")
-    recipes["occupancy"] = Recipe("occupancy", options={"hidden": (8, 8), "steps": 20})
+    specs = {name: FitSpec(name) for name in ("aabb", "voxels")}
+    specs["mlp"] = FitSpec("mlp", options={"hidden": (8, 8), "steps": 20})
+    specs["aabb+mlp"] = FitSpec("aabb+mlp")
+    specs["occupancy"] = FitSpec("occupancy", options={"hidden": (8, 8), "steps": 20})
     options = {"particles": 1500, "steps": 4, "resolution": 12, "device": "cpu"}
-    result = run(tmp_path, recipes=recipes, refit=True, **options)
+    result = run(tmp_path, specs=specs, refit=True, **options)
     assert result["identical"]
     assert [(r["section"], r["bounder"]) for r in result["runs"]] == [
-        (section, name) for section in ("containment", "contact") for name in ("none", MOVING_BOX, *recipes)
+        (section, name) for section in ("containment", "contact") for name in ("none", MOVING_BOX, *specs)
     ]
     assert all(r["missed"] == 0 and r["identical"] for r in result["runs"] if r["bounder"] != "occupancy")
     assert {row["certificate"] for row in result["bounders"] if row["bounder"] != "occupancy"} == {"proven"}
     text = capsys.readouterr().out
     assert "missed none of the contacts" in text
-    again = run(tmp_path, recipes={"mlp": recipes["mlp"]}, bounder_file=tmp_path / "rain-mlp.safetensors", **options)
+    again = run(tmp_path, specs={"mlp": specs["mlp"]}, bounder_file=tmp_path / "rain-mlp.safetensors", **options)
     assert again["identical"]
     with pytest.raises(wb.BounderError, match="at resolution 13, got 12"):
         run(
             tmp_path,
-            recipes={"mlp": recipes["mlp"]},
+            specs={"mlp": specs["mlp"]},
             bounder_file=tmp_path / "rain-mlp.safetensors",
             **options | {"resolution": 13},
         )

@@ -8,10 +8,10 @@ from rich.console import Console
 
 import warp_bounding as wb
 from sims.base import compare
-from sims.path.demo import RECIPES, grids, phases, run, simulate
+from sims.path.demo import SPECS, grids, phases, run, simulate
 from sims.path.planner import Example
 from sims.path.worlds import World
-from sims.prefitted import Recipe
+from sims.prefitted import FitSpec
 
 STEPS, STATES, PROBLEMS = 60, 400, 12
 SMALL = {"hidden": (16, 16), "steps": STEPS}
@@ -19,11 +19,11 @@ PROVEN = ("aabb", "kdop", "bvh", "learned-kdop", "mlp", "mlp-early", "aabb+mlp")
 
 
 def small(name):
-    """The demo's recipe with a tiny fit."""
-    recipe = RECIPES[name]
-    if recipe.closed:
-        return recipe
-    return Recipe(recipe.method, query=recipe.query, options=told_of(recipe.method, recipe.query, **SMALL))
+    """The demo's spec with a tiny fit."""
+    spec = SPECS[name]
+    if spec.closed:
+        return spec
+    return FitSpec(spec.method, query=spec.query, options=told_of(spec.method, spec.query, **SMALL))
 
 
 def walls():
@@ -40,9 +40,9 @@ def world():
 @pytest.fixture(scope="module")
 def bounders(world):
     made = {}
-    for name in RECIPES:
-        recipe = small(name)
-        made[name] = wb.fit(world.grid, query=recipe.query, method=recipe.method, device="cpu", **recipe.options)
+    for name in SPECS:
+        spec = small(name)
+        made[name] = wb.fit(world.grid, query=spec.query, method=spec.method, device="cpu", **spec.options)
     return made
 
 
@@ -195,7 +195,7 @@ def test_the_runs_of_the_table(world, examples, bounders):
     )
 
 
-def test_recipes_and_worlds_belong_together(bounders, world):
+def test_specs_and_worlds_belong_together(bounders, world):
     assert set(grids()) == {"path-rooms", "path-maze"}
     assert list(phases(bounders, world)) == [*PROVEN, "occupancy"]
 
@@ -206,13 +206,13 @@ def test_recipes_and_worlds_belong_together(bounders, world):
 @pytest.fixture
 def tiny(tmp_path):
     """A user's world, and fits of a few steps."""
-    recipes = {name: small(name) for name in RECIPES}
+    specs = {name: small(name) for name in SPECS}
     path = tmp_path / "mine.npy"
     np.save(path, walls())
 
     def go(**options):
         console = Console(record=True, width=140, highlight=False, soft_wrap=True, file=StringIO())
-        given = {"recipes": recipes, "quick": True, "states": 300, "problems": 5, "world": path, **options}
+        given = {"specs": specs, "quick": True, "states": 300, "problems": 5, "world": path, **options}
         return run(tmp_path / "out", console=console, **given), console.export_text()
 
     return go
@@ -256,7 +256,7 @@ def test_a_users_world_is_fitted_once(tiny, tmp_path):
 
 
 def test_two_worlds_are_two_sections(tmp_path):
-    recipes = {name: small(name) for name in RECIPES}
+    specs = {name: small(name) for name in SPECS}
     np.save(tmp_path / "a.npy", walls())
     (tmp_path / "b.map").write_text(
         "type octile\nheight 9\nwidth 9\nmap\n" + "@@@@@@@@@\n" + "@.......@\n" * 7 + "@@@@@@@@@\n"
@@ -265,7 +265,7 @@ def test_two_worlds_are_two_sections(tmp_path):
         "version 1\n0\tb.map\t9\t9\t2\t2\t6\t6\t5.6\n0\tb.map\t9\t9\t0\t0\t6\t6\t5.6\n"
     )
     console = Console(quiet=True)
-    options = {"states": 150, "problems": 4, "recipes": recipes, "console": console}
+    options = {"states": 150, "problems": 4, "specs": specs, "console": console}
     found = run(tmp_path / "out", quick=True, world=tmp_path, **options)
     assert [each["section"] for each in found["runs"]] == ["a.npy"] * 9 + ["b.map"] * 9
     assert found["worlds"][1] | {"blocked": 1, "solved": 1, "problems": 2} == found["worlds"][1]

@@ -7,7 +7,7 @@ import warp as wp
 import warp_bounding as wb
 from sims import shadows
 from sims.base import compare
-from sims.prefitted import Recipe, owner, stored
+from sims.prefitted import FitSpec, owner, stored
 from sims.report import kept, verdict
 from sims.shadows import Example, Scene
 from sims.shadows.demo import simulate
@@ -240,17 +240,17 @@ def test_the_whole_demo(tmp_path, monkeypatch, capsys):
     pytest.importorskip("matplotlib")
     monkeypatch.setattr(shadows.demo, "SIZES", (SIZE, SIZE))
     network = {"length": LENGTH, "hidden": (8,), "steps": 60}
-    recipes = {name: shadows.RECIPES[name] for name in ("aabb", "kdop")}
-    recipes["learned-kdop"] = Recipe("learned-kdop", "ray", options={"length": LENGTH, "k": 16, "steps": 20})
-    recipes["aabb+learned-kdop"] = Recipe("aabb+learned-kdop", "ray", options={"length": LENGTH})
-    recipes["occupancy"] = Recipe("occupancy", "ray", options=network)
-    result = shadows.run(tmp_path, quick=True, refit=True, recipes=recipes, resolution=RESOLUTION)
+    specs = {name: shadows.SPECS[name] for name in ("aabb", "kdop")}
+    specs["learned-kdop"] = FitSpec("learned-kdop", "ray", options={"length": LENGTH, "k": 16, "steps": 20})
+    specs["aabb+learned-kdop"] = FitSpec("aabb+learned-kdop", "ray", options={"length": LENGTH})
+    specs["occupancy"] = FitSpec("occupancy", "ray", options=network)
+    result = shadows.run(tmp_path, quick=True, refit=True, specs=specs, resolution=RESOLUTION)
     assert result["identical"]
     assert result["demo"] == "shadows"
     assert result["steps"] == 2
     runs = {row["bounder"]: row for row in result["runs"]}
-    assert list(runs) == ["none", *recipes]
-    assert all(runs[name]["certificate"] == "proven" for name in recipes if name != "occupancy")
+    assert list(runs) == ["none", *specs]
+    assert all(runs[name]["certificate"] == "proven" for name in specs if name != "occupancy")
     assert runs["occupancy"]["certificate"] == ""
     assert runs["none"]["narrow_calls"] == 2 * result["rays"]
     assert all(row["fn"] == 0 for rows in result["bounders"].values() for row in rows if row["bounder"] != "occupancy")
@@ -263,7 +263,7 @@ def test_the_whole_demo(tmp_path, monkeypatch, capsys):
     again = shadows.run(
         tmp_path,
         quick=True,
-        recipes={"aabb": recipes["aabb"]},
+        specs={"aabb": specs["aabb"]},
         resolution=RESOLUTION,
         steps=1,
     )
@@ -272,6 +272,6 @@ def test_the_whole_demo(tmp_path, monkeypatch, capsys):
     for name in cells:
         assert owner(stored(f"shadows-{name}", "occupancy", tmp_path), cells) == name
     with pytest.raises(wb.BounderError, match="there is no such file"):
-        shadows.run(tmp_path, quick=True, bounder_file=tmp_path / "none.safetensors", recipes=recipes)
+        shadows.run(tmp_path, quick=True, bounder_file=tmp_path / "none.safetensors", specs=specs)
     with pytest.raises(wb.BoundingError, match="steps must be at least 1"):
         shadows.run(tmp_path, steps=0)
