@@ -117,13 +117,13 @@ def test_an_interrupt_before_the_first_step():
 
 def test_counterexamples_enter_the_training(monkeypatch):
     added = []
-    original = networks.Trainer.add
+    original = networks.NetworkTrainer.add
 
     def add(self, v):
         added.append(len(v))
         return original(self, v)
 
-    monkeypatch.setattr(networks.Trainer, "add", add)
+    monkeypatch.setattr(networks.NetworkTrainer, "add", add)
     monkeypatch.setattr(networks, "MINE_POINTS_AT", (0.0, 0.4))
     bounder = few(steps=250)
     assert len(added) == 2
@@ -298,7 +298,7 @@ def test_weights_decay_by_as_much_as_the_proof_of_rays_is_too_long(monkeypatch, 
     made, budget = [], 4.0
     ticking(0.02)
 
-    class Watched(networks.TRAINERS["default"]):
+    class Watched(networks.RECIPE_TRAINERS["default"]):
         def __init__(self, *args, **options):
             super().__init__(*args, **options)
             made.append(self)
@@ -315,7 +315,7 @@ def test_weights_decay_by_as_much_as_the_proof_of_rays_is_too_long(monkeypatch, 
 
     monkeypatch.setattr(networks, "least_value", least_value)
     monkeypatch.setattr(networks, "WORTH_PROVING", 1.0)
-    monkeypatch.setitem(networks.TRAINERS, "default", Watched)
+    monkeypatch.setitem(networks.RECIPE_TRAINERS, "default", Watched)
     few("c", query="ray", steps=None, budget=budget)
     (trainer,) = made
     most = min(share * networks.DECAY * networks.PROOF_GROWTH[0] / networks.PROOF_GROWTH[1], networks.MOST_DECAY)
@@ -326,7 +326,9 @@ def test_weights_decay_by_as_much_as_the_proof_of_rays_is_too_long(monkeypatch, 
 def test_weights_decay():
     trained = {}
     for decay in (0.0, 1.0):
-        trainer = networks.TRAINERS["default"](samples_of(shape("c"), domain_of(shape("c"), "point"), 0), HIDDEN, "sin")
+        trainer = networks.RECIPE_TRAINERS["default"](
+            samples_of(shape("c"), domain_of(shape("c"), "point"), 0), HIDDEN, "sin"
+        )
         trainer.decay = decay
         with single_threaded_torch():
             trainer.run(Clock(0.0, steps=30))
@@ -353,7 +355,7 @@ def test_a_proof_may_be_late_and_a_fit_that_gave_it_up_may_not(monkeypatch, hope
 
     class Watched(networks._Fit):
         def _decide(self, *args):  # as it is when training ends in time, on a clock that stands still
-            self.proof_worthwhile, self.last_search_seconds, self.clock = (
+            self.proof_worthwhile, self.final_search_limit, self.clock = (
                 hopeful,
                 adversary,
                 SimpleNamespace(seconds=used, timed=True, tell=lambda *_: None),

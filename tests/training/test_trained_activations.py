@@ -12,7 +12,7 @@ from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
 from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
 from warp_bounding.training.engine.trainable_network import Evaluator  # noqa: E402
 from warp_bounding.training.problem import Problem  # noqa: E402
-from warp_bounding.training.recipes.default import Trainer  # noqa: E402
+from warp_bounding.training.recipes.default import NetworkTrainer  # noqa: E402
 from warp_bounding.training.recipes.early import _ExitTrainer  # noqa: E402
 from warp_bounding.training.recipes.plane import SupportTrainer  # noqa: E402
 from warp_bounding.training.samples import samples_of  # noqa: E402
@@ -44,7 +44,7 @@ def test_an_exit_sees_the_features_of_its_network(activation):
     """What an exit's training takes for its output is what the exit will compute."""
     domain = domain_of(shape("c"), "point")
     with single_threaded_torch():
-        trainer = Trainer(samples_of(shape("c"), domain, 0), HIDDEN, activation)
+        trainer = NetworkTrainer(samples_of(shape("c"), domain, 0), HIDDEN, activation)
         trainer.network.initialise(3.0, 1.5, trainer.generator)
         own = _ExitTrainer(trainer, [trainer.network.layers[0]])
         x = own.network.encode(torch.rand(2, 300) * 2 - 1)

@@ -25,7 +25,7 @@ from warp_bounding.training.engine.adversary import adversarial_minimum
 from warp_bounding.training.engine.clock import Clock, interrupts
 from warp_bounding.training.engine.team import single_threaded_torch
 from warp_bounding.training.problem import Problem, Trained
-from warp_bounding.training.recipes.default import Trainer
+from warp_bounding.training.recipes.default import NetworkTrainer
 from warp_bounding.training.recipes.early import EXIT_SHARE, EarlyTrainer, train_exits
 from warp_bounding.training.recipes.monotone import LeastBoxSamples, MonotoneTrainer
 from warp_bounding.training.recipes.occupancy import OccupancyTrainer
@@ -34,9 +34,10 @@ from warp_bounding.training.recipes.plane import SupportTrainer
 from warp_bounding.training.samples import samples_of
 from warp_bounding.training.thresholds import Costs, decide, tolerance
 
-__all__ = ["TRAINERS", "NetworkOptions", "fit_network"]
+__all__ = ["RECIPE_TRAINERS", "NetworkOptions", "fit_network"]
 
-TRAINERS = dict(zip(RECIPES, (Trainer, PaperTrainer), strict=True))
+# By the recipe's name; exits, monotone networks, planes and occupancies have trainers of their own (``_trainer``).
+RECIPE_TRAINERS = dict(zip(RECIPES, (NetworkTrainer, PaperTrainer), strict=True))
 # Shares are of the whole budget, used fractions are of the training time. Where the budget is in steps, boxes and
 # rounds take the place of time, so that a fit is repeatable.
 
@@ -66,20 +67,20 @@ PROOF_GROWTH = (4.2, 1.35)
 # Where the proof of rays or boxes is expected to take more than the share DECAY_ABOVE, weights decay at the rate DECAY,
 # times the factor by which it is exceeded, up to MOST_DECAY: smaller weights make proofs shorter.
 DECAY_ABOVE, DECAY, MOST_DECAY = 0.3, 0.05, 0.2
-# A proof that is expected to cost more than this share of all queries in false positives is given up: training keeps
-# the time.
+# A proof ends with a gap, which lowers the threshold and makes false positives of more queries. Where these are expected
+# to be more than this share of all queries the proof is given up, and training keeps its time.
 WORTH_PROVING = 1e-2
 
-# A proof, or the last adversarial search, gets this share even if training took longer than it should.
+# A proof, or the final adversarial search, gets this share even if training took longer than it should.
 LEAST_SHARE = 0.05
 # A proof may exceed the budget by this share: ending it earlier would loosen the threshold and save little time.
 OVERTIME_SHARE = 0.1
-# The last adversarial search before a proof takes this share, but no more than these seconds.
-LAST_SEARCH_SHARE, LAST_SEARCH_SECONDS = 0.1, 20.0
+# The final adversarial search, between training and a proof, takes this share, but no more than these seconds.
+FINAL_SEARCH_SHARE, FINAL_SEARCH_SECONDS = 0.1, 20.0
 ATTEST_SECONDS = 2.5  # about the time of the million fresh positives that attest a threshold
 PLANE_TOLERANCE = 1e-3  # gap at which the proof of planes ends, in domain half-widths of a plane's offset
 # Limits where the budget is in steps: boxes of the final proof, of points and planes and of rays and boxes; rounds of
-# the last adversarial search; Newton steps of each exit.
+# the final adversarial search; steps of Newton's method for each exit.
 PROOF_BOXES, REGION_PROOF_BOXES, SEARCH_ROUNDS, EXIT_STEPS = 20_000_000, 300_000, 12, 40
 
 
@@ -112,10 +113,11 @@ class _Fit:
 
     Attributes:
         as_points: Whether f is proven over the object's points.
-        supports: Whether the network is a plane's two supports.
+        of_planes: Whether the network is a plane's two supports (``networks.heads``).
         proof_worthwhile: Of rays and boxes: whether a proof is expected to be worth its time.
-        last_search_seconds: Limit of the last adversarial search before a proof.
-        reserve: Share of the budget after training.
+        final_search_limit: Seconds that the adversary may take once training has ended, before a proof.
+        first_reserve: Share of the budget that is kept for setting the threshold until a search has told what that takes,
+            and again where a proof is given up. The user's progress counts the rest as training, whatever is kept later.
         boxes: Number of boxes that searches during training have bounded.
     """
 
@@ -124,18 +126,18 @@ class _Fit:
         self.early = issubclass(method, MlpEarly)
         self.monotone = issubclass(method, MonotoneMlp)
         self.as_points = problem.domain.tested_as_point or self.monotone
-        self.supports = head_of(problem.query).outputs > 1
-        self.reserve = POINT_RESERVE if self.as_points else REGION_RESERVE
-        self.clock = Clock(options.budget, options.steps, progress, 1 - self.reserve)
-        self.last_search_seconds = min(LAST_SEARCH_SHARE * options.budget, LAST_SEARCH_SECONDS)
+        self.of_planes = head_of(problem.query).outputs > 1
+        self.first_reserve = POINT_RESERVE if self.as_points else REGION_RESERVE
+        self.clock = Clock(options.budget, options.steps, progress, 1 - self.first_reserve)
+        self.final_search_limit = min(FINAL_SEARCH_SHARE * options.budget, FINAL_SEARCH_SECONDS)
         self.interrupted, self.boxes = False, 0
-        self.proof_worthwhile = not self.as_points and not self.supports
+        self.proof_worthwhile = not self.as_points and not self.of_planes
 
     def run(self) -> Trained:
         options, clock = self.options, self.clock
         self.exit_seconds = EXIT_SHARE * (len(options.hidden) - 1) * options.budget if self.early else 0.0
-        mined = self.proof_worthwhile and TRAINERS[options.recipe].mines
-        reserve = MINED_REGION_RESERVE if mined else self.reserve
+        mined = self.proof_worthwhile and RECIPE_TRAINERS[options.recipe].takes_positives
+        reserve = MINED_REGION_RESERVE if mined else self.first_reserve
         clock.reserved = reserve * (1 + MORE_FOR_EXITS * self.early) * options.budget + self.exit_seconds
         if not self.method.conservative:
             clock.reserved = 0.0
@@ -163,25 +165,27 @@ class _Fit:
         own = {"recipe": options.recipe, "steps": clock.count, "interrupted": self.interrupted}
         return bounder, own | {"boxes_in_training": self.boxes} | record
 
-    def _trainer(self) -> Trainer | SupportTrainer | OccupancyTrainer:
+    def _trainer(self) -> NetworkTrainer | SupportTrainer | OccupancyTrainer:
         problem, options = self.problem, self.options
         grid, domain, sizes = problem.grid, problem.domain, (options.hidden, options.activation)
         if not self.method.conservative:
             return OccupancyTrainer(problem, *sizes, options.octaves)
-        if self.supports:
+        if self.of_planes:
             return SupportTrainer(problem, *sizes)
         if self.monotone:
             return MonotoneTrainer(LeastBoxSamples(grid, domain, torch.Generator().manual_seed(problem.seed)), *sizes)
-        joint = self.early and self.as_points  # of regions too few are denied early to pay for worse layers
+        # Exits are trained together with the layers for points only: of rays and boxes an exit would deny too few to make
+        # up for layers that are worse for it.
+        exits_too = self.early and self.as_points
         samples = samples_of(grid, domain, problem.seed)
-        return (EarlyTrainer if joint else TRAINERS[options.recipe])(samples, *sizes, options.octaves)
+        return (EarlyTrainer if exits_too else RECIPE_TRAINERS[options.recipe])(samples, *sizes, options.octaves)
 
     def _bounder(self, method: type[Mlp], tensors: dict[str, np.ndarray]) -> Mlp:
         return method(self.problem.domain, tensors, self.options.stored, self.problem.device)
 
     # --- searches while it trains ------------------------------------------------------------------------------------
 
-    def _mine_points(self, trainer: Trainer, used: float) -> None:
+    def _mine_points(self, trainer: NetworkTrainer, used: float) -> None:
         """Let the prover search the network as it is; the lowest points that it finds become training samples."""
         if not self.problem.grid.certified:
             return
@@ -200,7 +204,7 @@ class _Fit:
             expected = min(max(_final_proof_seconds(search, used), LEAST_RESERVED * budget), MOST_RESERVED * budget)
             clock.reserve(expected * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds)
 
-    def _mine_regions(self, trainer: Trainer, used: float) -> None:
+    def _mine_regions(self, trainer: NetworkTrainer, used: float) -> None:
         """Let adversary and prover search the network as it is; the lowest positives that they find become samples.
 
         The prover's search tells how long a proof of the final network would take, and whether it would be worth it.
@@ -213,7 +217,7 @@ class _Fit:
         expected, self.proof_worthwhile = 0.0, bounder.provable
         if bounder.provable:
             costs, least = Costs(bounder, problem), float(bounder.reference(found.worst).min())
-            eps = costs.room(least)
+            eps = costs.cheap_gap(least)
             limit = {"seconds": MINE_REGIONS_SHARE * budget} if clock.timed else {"boxes": MINE_REGIONS_BOXES}
             search = least_value(bounder, problem.grid, eps=eps, points=found.worst, **limit)
             self.boxes += search.boxes
@@ -226,14 +230,14 @@ class _Fit:
                 if self.proof_worthwhile and longer > 1:
                     trainer.decay = max(trainer.decay, min(DECAY * longer, MOST_DECAY))
         if clock.timed:
-            longest = min(expected, MOST_REGION_PROOF * budget) + self.last_search_seconds
-            proof = longest if self.proof_worthwhile else self.reserve * budget
+            longest = min(expected, MOST_REGION_PROOF * budget) + self.final_search_limit
+            proof = longest if self.proof_worthwhile else self.first_reserve * budget
             clock.reserve(proof * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds, used)
 
     # --- thresholds --------------------------------------------------------------------------------------------------
 
     def _settled(
-        self, tensors: dict[str, np.ndarray], trainers: list[Trainer] | list[SupportTrainer]
+        self, tensors: dict[str, np.ndarray], trainers: list[NetworkTrainer] | list[SupportTrainer]
     ) -> tuple[Mlp, dict]:
         """The bounder with the threshold of each part, and the last part's record: that part is the whole network.
 
@@ -244,7 +248,7 @@ class _Fit:
         held = [part_of(tensors, sizes, depth) for depth in depths]
         parts = [cls(self.problem.domain, *each, self.problem.device) for each in held]
         for left, (part, trainer) in zip(range(len(parts), 0, -1), zip(parts, trainers, strict=True), strict=True):
-            record = (self._prove if self.as_points or self.supports else self._decide)(part, trainer, left)
+            record = (self._prove if self.as_points or self.of_planes else self._decide)(part, trainer, left)
         if not self.early:
             return parts[0], record
         bounder = MlpEarly.of(parts)
@@ -257,29 +261,33 @@ class _Fit:
         left = (1 + OVERTIME_SHARE) * self.options.budget - self.clock.seconds
         return {"seconds": max(left / parts_left, LEAST_SHARE * self.options.budget)}
 
-    def _prove(self, part: Mlp, trainer: Trainer | SupportTrainer, parts_left: int) -> dict:
+    def _prove(self, part: Mlp, trainer: NetworkTrainer | SupportTrainer, parts_left: int) -> dict:
         self.clock.tell(1.0, "proof")
         points, grid = trainer.worst_points(), self.problem.grid
-        eps = PLANE_TOLERANCE if self.supports else tolerance(part, self.problem, points)
+        eps = PLANE_TOLERANCE if self.of_planes else tolerance(part, self.problem, points)
         limit = self._limit(parts_left)
         search = prove_or_attest(part, grid, eps=eps, points=points, seed=self.problem.seed, **limit)
         if search is None:
             return {"gap": eps}
         return {"gap": float(search.upper_bound - search.lower_bound)}
 
-    def _decide(self, part: Mlp, trainer: Trainer, parts_left: int) -> dict:
+    def _decide(self, part: Mlp, trainer: NetworkTrainer, parts_left: int) -> dict:
+        """Let the adversary look for the least f, then the prover, if that is worth it or if the adversary ends early.
+
+        Without the prover (``limits`` is ``None``) fresh positives attest the threshold; the adversary has all the time.
+        """
         self.clock.tell(1.0, "adversarial search")
         budget, rounds = self.options.budget, {} if self.clock.timed else {"rounds": SEARCH_ROUNDS}
-        least = LEAST_SHARE * budget
+        at_least = LEAST_SHARE * budget
         whole = (1 + OVERTIME_SHARE * self.proof_worthwhile) * budget
-        left = (whole - self.clock.seconds) / parts_left - ATTEST_SECONDS
-        share = min(left, self.last_search_seconds) if self.proof_worthwhile else left
-        seconds = max(share, least) if self.clock.timed else float("inf")
+        left = (whole - self.clock.seconds) / parts_left - ATTEST_SECONDS  # seconds of this part
+        share = min(left, self.final_search_limit) if self.proof_worthwhile else left
+        seconds = max(share, at_least) if self.clock.timed else float("inf")
         found = adversarial_minimum(trainer.samples, trainer.network, seconds, trainer.hard, **rounds)
         limits = {"boxes": REGION_PROOF_BOXES}
         if self.clock.timed:
             left -= found.seconds
-            limits = {"seconds": max(left, least)} if self.proof_worthwhile or left > least else None
+            limits = {"seconds": max(left, at_least)} if self.proof_worthwhile or left > at_least else None
         record = decide(part, self.problem, found.worst, limits, lambda note: self.clock.tell(1.0, note))
         return record | {"search_seconds": round(found.seconds, 3), "search_complete": found.complete}
 

@@ -33,7 +33,7 @@ class Costs:
         values = bounder.values(x).numpy()[~truth & problem.asked(x)]
         self.values, self.query = np.sort(values[np.isfinite(values)]), problem.query
 
-    def room(self, least: float) -> float:
+    def cheap_gap(self, least: float) -> float:
         """How far below a value a threshold may lie before it costs ``PROOF_COST`` of all queries."""
         place, count = np.searchsorted(self.values, least), int(PROOF_COST[self.query] * SAMPLES)
         return max(least - float(self.values[place - count - 1]), FINEST) if place > count else USUAL
@@ -48,8 +48,8 @@ class Costs:
 
 
 def tolerance(bounder: Mlp, problem: Problem, worst: np.ndarray) -> float:
-    """How far below the least f of some positives ``(N, ndim)`` a threshold may lie; see ``Costs.room``."""
-    return Costs(bounder, problem).room(float(of_points(bounder).reference(worst).min()))
+    """How far below the least f of some positives ``(N, ndim)`` a threshold may lie; see ``Costs.cheap_gap``."""
+    return Costs(bounder, problem).cheap_gap(float(of_points(bounder).reference(worst).min()))
 
 
 def decide(
@@ -75,7 +75,7 @@ def decide(
     record, left = {}, None
     if limits is not None and part.provable:
         report("proof")
-        search = least_value(part, problem.grid, eps=costs.room(least), points=found, **limits)
+        search = least_value(part, problem.grid, eps=costs.cheap_gap(least), points=found, **limits)
         error = part.rounding_bound()
         cost = costs.between(search.lower_bound - error, min(least, search.upper_bound))
         record = {
@@ -88,6 +88,6 @@ def decide(
             return record
         least, left = min(least, search.upper_bound), search
     report("fresh positives")
-    room = costs.room(least)
-    attest(part, problem.grid, least=least, room=room, seed=problem.seed, search=left)
-    return {"gap": room} | {k: v for k, v in record.items() if k != "gap"}
+    gap = costs.cheap_gap(least)
+    attest(part, problem.grid, least=least, room=gap, seed=problem.seed, search=left)
+    return {"gap": gap} | {k: v for k, v in record.items() if k != "gap"}

@@ -12,7 +12,7 @@ from warp_bounding.queries import oracle, sample  # noqa: E402
 from warp_bounding.training.engine.clock import Clock  # noqa: E402
 from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
 from warp_bounding.training.problem import Problem  # noqa: E402
-from warp_bounding.training.recipes.default import Trainer  # noqa: E402
+from warp_bounding.training.recipes.default import NetworkTrainer  # noqa: E402
 from warp_bounding.training.recipes.early import EarlyTrainer, train_exits  # noqa: E402
 from warp_bounding.training.recipes.plane import SupportTrainer  # noqa: E402
 from warp_bounding.training.samples import samples_of  # noqa: E402
@@ -40,7 +40,7 @@ def assembled(tensors, exits, domain, hidden=HIDDEN) -> MlpEarly:
     return MlpEarly(domain, tensors | exits, sizes, "cpu")
 
 
-@pytest.mark.parametrize("kind", [Trainer, EarlyTrainer])
+@pytest.mark.parametrize("kind", [NetworkTrainer, EarlyTrainer])
 def test_exits_deny_negatives(kind):
     tensors, exits, trainers, domain = trained(kind, steps=150, exit_steps=24)
     first = assembled(tensors, exits, domain).parts[0]

@@ -3,6 +3,9 @@
 The figure of merit is the volume of negatives above the *least* value on the object, a worst case over a continuous
 set. Hence the loss of ``recipes.loss``, and positives from a pool of the worst ones found, which walk down f inside
 their cells. Positives that others find, such as the prover, enter the pool by ``add``.
+
+Samples are columns here: coordinates v ``(ndim, N)``, and of positives their *states* ``(S, N)``, from which v follows
+(``samples.base``: a cell and an offset in it, for instance) and which stay positive wherever they move.
 """
 
 import math
@@ -18,10 +21,10 @@ from warp_bounding.training.engine.trainable_network import Evaluator, Trainable
 from warp_bounding.training.recipes.loss import Batches, Recipe, accumulate, plan, recipe_of, summed
 from warp_bounding.training.samples.base import Samples
 
-__all__ = ["Trainer"]
+__all__ = ["NetworkTrainer"]
 
 
-class Trainer:
+class NetworkTrainer:
     """A network in training.
 
     Args:
@@ -38,10 +41,11 @@ class Trainer:
         hard: ``(S, K)``, states of the worst positives known; none before the first refresh.
         decay: In each step the hidden layers' weights shrink by this times the learning rate: smaller weights bend f
             less, which shortens its proof.
-        mines: Whether ``run`` calls ``on_refresh``, so that positives found by others can enter the training.
+        takes_positives: Whether ``run`` heeds ``on_refresh``, so that positives found by others can enter the training
+            (the paper's does not); ``fit_network`` reserves time for finding them only then.
     """
 
-    mines = True
+    takes_positives = True
 
     def __init__(
         self,
@@ -98,7 +102,7 @@ class Trainer:
         self._refresh(1.0)
 
     def add(self, v: np.ndarray) -> None:
-        """Add positives found elsewhere, ``(N, ndim)`` float64 coordinates ``v``, to the hard pool."""
+        """Add positives found elsewhere, here as rows: ``(N, ndim)`` float64 coordinates ``v``; to the hard pool."""
         self.add_states(self.samples.locate(v))
 
     def add_states(self, state: torch.Tensor) -> None:
@@ -132,14 +136,19 @@ class Trainer:
             vertices = vertices.index_select(1, pick)
         positive = network.encode(torch.cat([vertices, fresh, samples.coordinates(self.hard)], 1))
         values = self._evaluate(self.workers, torch.cat([negative, positive], 1))
-        below, above = values[: negative.shape[1]], values[negative.shape[1] :]
-        self._estimate(below, above)
-        self._batches = plan(recipe, used, self.generator, (negative, below), (positive, above))
+        f_negative, f_positive = values[: negative.shape[1]], values[negative.shape[1] :]
+        self._estimate(f_negative, f_positive)
+        self._batches = plan(recipe, used, self.generator, (negative, f_negative), (positive, f_positive))
 
-    def _estimate(self, below: torch.Tensor, above: torch.Tensor) -> None:
-        """False positives at the least value known on the object; remember the parameters with the fewest."""
-        self.false_positives = float((below >= above.min()).sum()) / self.recipe.pool
-        hard = above[-self.hard.shape[1] :]
+    def _estimate(self, f_negative: torch.Tensor, f_positive: torch.Tensor) -> None:
+        """False positives at the least value known on the object; remember the parameters with the fewest.
+
+        Args:
+            f_negative: f of the negatives.
+            f_positive: f of the positives, of which the hard pool is the last.
+        """
+        self.false_positives = float((f_negative >= f_positive.min()).sum()) / self.recipe.pool
+        hard = f_positive[-self.hard.shape[1] :]
         self.false_negatives = float((hard < 0).float().mean())
         if self.false_positives <= self._best[0]:
             self._best = (self.false_positives, self.network.flat.clone())

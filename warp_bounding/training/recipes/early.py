@@ -22,7 +22,7 @@ from torch.nn.functional import softplus
 from warp_bounding.training.engine.clock import Clock
 from warp_bounding.training.engine.soap import Soap
 from warp_bounding.training.engine.trainable_network import Evaluator, TrainableNetwork
-from warp_bounding.training.recipes.default import Trainer
+from warp_bounding.training.recipes.default import NetworkTrainer
 from warp_bounding.training.recipes.loss import Batches, accumulate, plan, schedule, summed, weights_of
 from warp_bounding.training.recipes.plane import SupportTrainer
 
@@ -44,8 +44,8 @@ HALVINGS = 6  # tries of a Newton step, each half as long, until one lowers the 
 
 
 def train_exits(
-    trainer: Trainer | SupportTrainer, tensors: dict[str, np.ndarray], seconds: float, steps: int | None = None
-) -> tuple[dict[str, np.ndarray], list[Trainer] | list[SupportTrainer]]:
+    trainer: NetworkTrainer | SupportTrainer, tensors: dict[str, np.ndarray], seconds: float, steps: int | None = None
+) -> tuple[dict[str, np.ndarray], list[NetworkTrainer] | list[SupportTrainer]]:
     """Train one exit behind each hidden layer but the last.
 
     Call it under ``single_threaded_torch``. Randomness comes from the trainer's own generator.
@@ -81,7 +81,7 @@ def train_exits(
 class _JointExit:
     """An exit in joint training: the layers are the network's, the output and the hard positives are its own."""
 
-    def __init__(self, trainer: Trainer, depth: int):
+    def __init__(self, trainer: NetworkTrainer, depth: int):
         full = trainer.network
         self.network = TrainableNetwork(full.ndim, full.hidden[:depth], full.activation, full.octaves)
         self.output = self.network.layers[-1]
@@ -96,8 +96,8 @@ class _JointExit:
         self.batches: tuple[Batches, Batches] | None = None
 
 
-class EarlyTrainer(Trainer):
-    """``Trainer`` of a network with an exit behind each hidden layer but the last; same arguments."""
+class EarlyTrainer(NetworkTrainer):
+    """``NetworkTrainer`` of a network with an exit behind each hidden layer but the last; same arguments."""
 
     def __init__(self, samples, hidden, activation, octaves=0):
         super().__init__(samples, hidden, activation, octaves)
@@ -133,7 +133,7 @@ class EarlyTrainer(Trainer):
         return summed(self.workers)
 
 
-class _ExitTrainer(Trainer):
+class _ExitTrainer(NetworkTrainer):
     """A network of which only the output is trained, some fifty weights, by damped Newton steps on all samples.
 
     Args:
@@ -142,7 +142,7 @@ class _ExitTrainer(Trainer):
         output: ``(1, H + 1)``, the output that joint training has begun; random if ``None``.
     """
 
-    def __init__(self, trainer: Trainer, layers: list[torch.Tensor], output: torch.Tensor | None = None):
+    def __init__(self, trainer: NetworkTrainer, layers: list[torch.Tensor], output: torch.Tensor | None = None):
         full, recipe = trainer.network, replace(trainer.recipe, **EXIT_RECIPE)
         super().__init__(trainer.samples, full.hidden[: len(layers)], full.activation, full.octaves, recipe)
         for own, layer in zip(self.network.layers, [*layers, *([] if output is None else [output])], strict=False):

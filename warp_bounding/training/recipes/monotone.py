@@ -19,7 +19,7 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.training.engine.soap import Soap
 from warp_bounding.training.engine.trainable_network import TrainableNetwork
-from warp_bounding.training.recipes.default import Trainer
+from warp_bounding.training.recipes.default import NetworkTrainer
 from warp_bounding.training.recipes.loss import Recipe
 from warp_bounding.training.samples.box import BoxSamples
 
@@ -53,8 +53,8 @@ class LeastBoxSamples(BoxSamples):
         return torch.cat(self.cells.locate(v)[:2])
 
 
-class MonotoneTrainer(Trainer):
-    """A monotone network in training, on samples whose positives are points; see ``Trainer``."""
+class MonotoneTrainer(NetworkTrainer):
+    """A monotone network in training, on samples whose positives are points; see ``NetworkTrainer``."""
 
     samples: LeastBoxSamples
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import torch
 
 from warp_bounding.training.engine.clock import Clock
-from warp_bounding.training.recipes.default import Trainer
+from warp_bounding.training.recipes.default import NetworkTrainer
 
 __all__ = ["PaperRecipe", "PaperTrainer"]
 
@@ -38,14 +38,14 @@ class PaperRecipe:
         return 1.0 + self.positive_step * stage
 
 
-class PaperTrainer(Trainer):
-    """A network in training by the paper's recipe; arguments are those of ``Trainer``.
+class PaperTrainer(NetworkTrainer):
+    """A network in training by the paper's recipe; arguments are those of ``NetworkTrainer``.
 
     ``paper`` holds the constants of this recipe; of ``recipe`` only those of sampling for the proof are used.
     """
 
     paper = PaperRecipe()
-    mines = False
+    takes_positives = False
 
     def run(self, clock: Clock, on_refresh=None) -> None:
         """Train until the schedule is through, the budget is used up, or an interrupt; ``on_refresh`` is not called."""
