@@ -10,7 +10,7 @@ from bounding_shapes import shape
 from warp_bounding.bounders import METHODS
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.kernels.functions import Data
-from warp_bounding.kernels.source import FRONT
+from warp_bounding.kernels.source import LABEL
 from warp_bounding.runtime.native import identity, unique_name
 
 
@@ -30,7 +30,7 @@ def test_data_that_are_too_short_are_answered_with_maybe(query, device):
         data, source = bounder.data, bounder.source
         assert (ask(bounder, remade(data, everything, everything)) == 0).all()
         assert (ask(bounder, Data()) == 1).all()
-        lengths = {0, 1, FRONT - 1, FRONT, source.start - 1, source.start, len(data.parameters) - 1}
+        lengths = {0, 1, LABEL - 1, LABEL, source.start - 1, source.start, len(data.parameters) - 1}
         for length in sorted(lengths):
             assert (ask(bounder, remade(data, slice(length), everything)) == 1).all()
         for length in {0, len(data.words) - 1}:
@@ -57,9 +57,9 @@ def test_the_front_survives_every_copy_and_tells_sources_apart():
     assert len({source.tag for source in sources}) == len({unique_name(source, "test") for source in sources})
     assert len({source.tag for source in sources}) == len(sources)
     for source in sources:
-        front = source.front(10**6, 3)
-        assert np.isfinite(front).all()  # a float that is not may change in a copy
-        assert front.view(np.uint32).tolist() == [*source.tag, 10**6, 3]
+        label = source.label(10**6, 3)
+        assert np.isfinite(label).all()  # a float that is not may change in a copy
+        assert label.view(np.uint32).tolist() == [*source.tag, 10**6, 3]
 
 
 def test_equal_sources_have_equal_names_however_they_are_written():

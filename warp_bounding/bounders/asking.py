@@ -17,7 +17,7 @@ from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import QueryError
 from warp_bounding.kernels.functions import Data, batch_kernel, point_func
 from warp_bounding.kernels.plain import plain_func, plain_kernel
-from warp_bounding.kernels.source import FRONT, Source
+from warp_bounding.kernels.source import LABEL, Source
 from warp_bounding.runtime.arrays import flat_queries, memory_of, new_output
 from warp_bounding.runtime.compaction import Compaction, compact
 from warp_bounding.runtime.launch import BLOCK, BlockLaunch
@@ -39,9 +39,9 @@ class Prepared:
         count: How many candidates there are, a 1-element int32 array; ``None`` unless they are asked for.
 
     Example:
-        >>> asked = bounder.prepare(points, candidates=True)
-        >>> indices, count = asked.launch()
-        >>> asked.out.shape, indices.shape, count.shape
+        >>> prepared = bounder.prepare(points, candidates=True)
+        >>> indices, count = prepared.launch()
+        >>> prepared.out.shape, indices.shape, count.shape
         ((100,), (100,), (1,))
     """
 
@@ -81,7 +81,7 @@ class Prepared:
             raise QueryError("x lies elsewhere than when it was prepared, or has another shape; prepare it again")
         if self._bounder.data is not self._data:
             self._record()
-        self._asking.launch()
+        self._launch.launch()
         return self.out if self._compaction is None else self._compaction.launch()
 
     def move(self, *, xform=None, scale=None) -> None:
@@ -96,9 +96,9 @@ class Prepared:
                 does not cover; the old one is kept.
 
         Example:
-            >>> asked = bounder.prepare(points, scale=1.0)
-            >>> asked.move(xform=wp.transform(wp.vec3(9.0), wp.quat_identity()))
-            >>> int(asked.launch().numpy().sum())
+            >>> prepared = bounder.prepare(points, scale=1.0)
+            >>> prepared.move(xform=wp.transform(wp.vec3(9.0), wp.quat_identity()))
+            >>> int(prepared.launch().numpy().sum())
             0
         """
         if self._place is None:
@@ -124,11 +124,11 @@ class Prepared:
 
     def _record(self) -> None:
         self._data = self._bounder.data
-        self._asking = self._bounder.batch_launch(self._queries, self._number, self._place, self.out)
+        self._launch = self._bounder.batch_launch(self._queries, self._number, self._place, self.out)
 
 
 class Asking(ABC):
-    """The half of a ``Bounder`` that queries see."""
+    """What a ``Bounder`` needs to answer queries; ``Bounder`` adds fitting, bounds and proofs."""
 
     domain: AnyDomain
     threshold: np.float32
@@ -213,9 +213,10 @@ class Asking(ABC):
             source, words = self.source, self.words()
             weights = np.asarray(self.weights(), dtype=np.float32)
             parameters = np.zeros(source.start + len(weights), dtype=np.float32)
-            header = np.concatenate([self.domain.header, [threshold], self.domain.extra])
-            parameters[:FRONT] = source.front(len(parameters), len(words))
-            parameters[FRONT : FRONT + len(header)] = header
+            # label | center scale limit threshold extra | zeros up to ``source.start`` | the method's numbers
+            head = np.concatenate([self.domain.header, [threshold], self.domain.extra])
+            parameters[:LABEL] = source.label(len(parameters), len(words))
+            parameters[LABEL : LABEL + len(head)] = head
             parameters[source.start :] = weights
             data = Data()
             data.parameters = wp.array(parameters, dtype=wp.float32, device=self.device)
@@ -304,9 +305,9 @@ class Asking(ABC):
             QueryError: As for ``query``, and for ``x`` that would have to be copied.
 
         Example:
-            >>> asked = bounder.prepare(points)
+            >>> prepared = bounder.prepare(points)
             >>> points[0] = 0.5  # a step of a simulation writes to the same memory
-            >>> int(asked.launch().numpy()[0])
+            >>> int(prepared.launch().numpy()[0])
             1
         """
         return Prepared(self, x, out=out, xform=xform, scale=scale, candidates=candidates)

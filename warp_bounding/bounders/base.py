@@ -291,7 +291,7 @@ class Bounder(Asking):
     def nbytes(self) -> int:
         """Bytes of data that one query can read: domain, threshold and the method's numbers, and the bit field.
 
-        The tag and the lengths in front of them (``Source.front``) are not counted.
+        The tag and the lengths in front of them (``Source.label``) are not counted.
         """
         header = len(self.domain.header) + 1 + len(self.domain.extra)
         return 4 * header + sum(t.nbytes for t in self.tensors.values())

@@ -122,7 +122,7 @@ class VolumeBounder(Bounder):
         positives = np.asarray(positives, dtype=np.float64)
         if positives.ndim != 2 or positives.shape[1] != domain.ndim or len(positives) == 0:
             raise BounderError(f"{cls.method}: positives must have shape (N, {domain.ndim}), got {positives.shape}")
-        return positives / domain.coordinates.units(domain)
+        return positives / domain.coordinates.v_per_unit(domain)
 
     def check_range(self) -> None:
         if self.volume is not None:

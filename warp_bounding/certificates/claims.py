@@ -28,7 +28,8 @@ def check_claims(bounder: Subject, certificate: Certificate, document: dict[str,
     Args:
         bounder: As it was read.
         certificate: As it was read.
-        document: The file's other fields, its threshold among them.
+        document: The file's other fields: ``threshold``, ``indicator``, ``name``, ``margin``, ``length``, ``resolution``,
+            and ``grid_shape``, which older files do not have.
 
     Raises:
         FileFormatError: If one is impossible; it is named.
@@ -46,7 +47,7 @@ def check_claims(bounder: Subject, certificate: Certificate, document: dict[str,
             _refuse(f"{name} must be a finite number, got {getattr(certificate, name)!r}")
     if not isinstance(certificate.message, str) or not isinstance(certificate.arithmetic, str):
         _refuse("message and arithmetic must be text")
-    if kind not in ("proven", "statistical"):
+    if kind not in ("proven", "statistical"):  # the others promise nothing
         return
     if certificate.counterexample is not None:
         _refuse(f"{kind}, and yet there is a counterexample")
@@ -99,37 +100,42 @@ def _check_about(certificate: Certificate, document: dict[str, Any]) -> None:
             _refuse(f"it is for {name} {own!r}, the file for {value!r}")
 
 
-def _check_delta(bounder: Subject, certificate: Certificate, shape: Any) -> None:
-    """Refuse an impossible number of cells, or an input error that is not the domain's."""
+def _check_delta(bounder: Subject, certificate: Certificate, grid_shape: Any) -> None:
+    """Refuse an impossible number of cells, or an input error that is not the domain's.
+
+    ``delta`` is a share of a cell, or without cells of a detail, in the certificate, and in local units in the domain.
+    """
     base, delta = bounder.domain.base, np.array(certificate.delta, dtype=np.float64)
     largest, of_what = (DELTA_LARGEST_SHARE, "a cell") if certificate.cells else (Shape.largest_delta, "a detail")
     if delta.shape != (base.ndim,) or not ((delta >= 0) & (delta <= largest * (1 + CLOSE))).all():
         _refuse(f"delta must hold {base.ndim} shares of {of_what} up to {largest}, got {certificate.delta}")
-    room = certificate.placement
-    if room is not None and not (
-        isinstance(room, list) and len(room) == base.ndim and all(_number(r) and r >= 0 for r in room)
+    allowed = certificate.placement  # object units on each axis: by how much placing the shape may round a query
+    if allowed is not None and not (
+        isinstance(allowed, list) and len(allowed) == base.ndim and all(_number(a) and a >= 0 for a in allowed)
     ):
-        _refuse(f"placement must hold {base.ndim} lengths of at least 0, got {room!r}")
-    if room is not None and not (np.array(room) * base.scale <= base.delta * (1 + CLOSE)).all():
-        _refuse(f"placements that round by {room}, delta covers less")
-    if shape is None:
+        _refuse(f"placement must hold {base.ndim} lengths of at least 0, got {allowed!r}")
+    if allowed is not None and not (np.array(allowed) * base.scale <= base.delta * (1 + CLOSE)).all():
+        _refuse(f"placements that round by {allowed}, delta covers less")
+    if grid_shape is None:
         return
-    if len(shape) != base.ndim or not 0 < certificate.cells < prod(shape):
-        _refuse(f"{certificate.cells} occupied cells of a grid of shape {shape}")
-    cells = base.delta / (base.scale.astype(np.float64) * (base.upper - base.lower) / np.array(shape))
-    if not np.allclose(delta, cells, rtol=CLOSE, atol=0.0):
-        _refuse(f"delta {certificate.delta}, the domain's is {cells.tolist()}")
+    if len(grid_shape) != base.ndim or not 0 < certificate.cells < prod(grid_shape):  # a grid is neither empty nor full
+        _refuse(f"{certificate.cells} occupied cells of a grid of shape {grid_shape}")
+    cell = base.scale.astype(np.float64) * (base.upper - base.lower) / np.array(grid_shape)  # local units
+    share = base.delta / cell
+    if not np.allclose(delta, share, rtol=CLOSE, atol=0.0):
+        _refuse(f"delta {certificate.delta}, the domain's is {share.tolist()}")
 
 
 def _check_statistics(bounder: Subject, certificate: Certificate) -> None:
     """Refuse a rate that is smaller than the samples allow; of a conjunction, the certificate holds sums."""
-    rate, confidence, margin = certificate.fn_rate_bound, certificate.confidence, certificate.worst_margin
+    rate, confidence = certificate.fn_rate_bound, certificate.confidence
+    above = certificate.worst_margin  # the least f of the samples, less the threshold
     if not (_number(rate) and _number(confidence) and rate >= 0 and 0 < confidence < 1):
         _refuse(f"a rate of {rate!r} at confidence {confidence!r}")
     if len(bounder.parts) == 1 and not rate >= fn_rate_bound(certificate.samples, confidence) * (1 - CLOSE):
         _refuse(f"a rate of {rate:.3g} is less than {certificate.samples:,} samples allow")
-    if margin is not None and not (_number(margin) and margin >= 0):
-        _refuse(f"worst margin {margin!r}: a positive was missed")
+    if above is not None and not (_number(above) and above >= 0):
+        _refuse(f"worst margin {above!r}: a positive was missed")
 
 
 def _number(value: Any) -> bool:

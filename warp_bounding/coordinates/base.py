@@ -118,7 +118,7 @@ class Coordinates(ABC):
         """float32, the kind's own part of ``extra``."""
         return np.zeros(0, np.float32)
 
-    def units(self, domain) -> np.ndarray:
+    def v_per_unit(self, domain) -> np.ndarray:
         """``v`` per unit of a query's own numbers, float64, in parametric space."""
         return self._by_part(domain.base.scale, domain.stretch).astype(np.float64)
 
@@ -155,10 +155,10 @@ class Coordinates(ABC):
         """``(n,)``: how far, per axis of local space, the computed query may pass a point of the exact one."""
 
     @abstractmethod
-    def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
+    def plain(self, n: int, time: bool, placed: bool, begin: int) -> wp.Function:
         """The twin of ``text`` in Warp's own Python: ``(parameters, place, q) -> (v, testable, inside)``.
 
-        ``center scale limit threshold extra`` begin at ``front`` in ``parameters``.
+        ``center scale limit threshold extra`` begin at ``begin`` in ``parameters``.
         """
 
     @abstractmethod

@@ -62,11 +62,11 @@ for (int k = 0; k < AXES; ++k) {
         base = domain.base
         return (at_points(base, world, input_unit) * base.scale.astype(np.float64) * (1 + 4 * UNIT32) + TINY) * GROWTH
 
-    def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
-        pair, _, _, local = plain_parts(n, front)
-        limit, extra = front + 2 * n, front + 3 * n + 1
+    def plain(self, n: int, time: bool, placed: bool, begin: int) -> wp.Function:
+        pair, _, _, local = plain_parts(n, begin)
+        limit, extra = begin + 2 * n, begin + 3 * n + 1
 
-        @named(f"wb_plain_box_{n}_{time:d}_{front}").func
+        @named(f"wb_plain_box_{n}_{time:d}_{begin}").func
         def locate(p: Numbers, place: Numbers, q: pair):
             low, _ = local(p, q, 0)
             high, _ = local(p, q, n)

@@ -89,18 +89,18 @@ def origin_rounding(base: Domain) -> np.ndarray:
 
 
 @cache
-def plain_parts(n: int, front: int) -> tuple:
+def plain_parts(n: int, begin: int) -> tuple:
     """Warp's type of 2n numbers, and the twins of ``POSSIBLE``, ``UNIT`` and ``FAR_POINT`` (``Coordinates.plain``)."""
     pair, vector = vector_type(2 * n), vector_type(n)
 
-    @named(f"wb_plain_sized_{n}_{front}").func
+    @named(f"wb_plain_sized_{n}_{begin}").func
     def sized(q: pair, first: int) -> bool:
         longest = wp.float32(0.0)
         for k in range(n):
             longest = wp.max(longest, wp.abs(q[first + k]))
         return longest >= DIRECTION_SMALLEST and longest <= DIRECTION_LARGEST
 
-    @named(f"wb_plain_unit_{n}_{front}").func
+    @named(f"wb_plain_unit_{n}_{begin}").func
     def unit(q: pair, first: int) -> vector:
         u, longest, norm = vector(), wp.float32(0.0), wp.float32(0.0)
         for k in range(n):
@@ -112,11 +112,11 @@ def plain_parts(n: int, front: int) -> tuple:
             u[k] = u[k] / wp.sqrt(norm)
         return u
 
-    @named(f"wb_plain_local_{n}_{front}").func
+    @named(f"wb_plain_local_{n}_{begin}").func
     def local(p: Numbers, q: pair, first: int):
         a, distance = vector(), wp.float32(0.0)
         for k in range(n):
-            a[k] = (q[first + k] - p[front + k]) * p[front + n + k]
+            a[k] = (q[first + k] - p[begin + k]) * p[begin + n + k]
             distance += wp.abs(a[k])
         return a, distance
 

@@ -29,7 +29,7 @@ DELTA_SHARE = (
 DELTA_LARGEST_SHARE = 1.0 / 16.0  # of a detail: a shape that needs more is refused
 EXTENTS = (2.0**-60, 2.0**60)  # object units, of a domain: products with its scale then stay far from float32's ends
 LIMIT_LEAST, LIMIT_MOST = 0.5, 2.0  # of |v|: a domain's ends and limit lie between; all methods' rounding counts on it
-POSITIONS = 1.0 + 2.0**-20  # leaves room for the float64 rounding of cells' positions far from the origin
+POSITIONS_ROUNDING = 1.0 + 2.0**-20  # leaves room for the float64 rounding of cells' positions far from the origin
 DOUBLE = ("delta", "lower", "upper")  # float64 fields of a domain; the others are float32
 GROWTH = 1.0 + 1e-9  # covers the float64 evaluation of the bounds below, whose relative error is under 1e-14
 
@@ -113,7 +113,7 @@ class Domain:
         if not ((np.minimum(low, high) >= LIMIT_LEAST) & (self.limit <= LIMIT_MOST)).all():
             return "the domain's map does not take it to about [-1, 1]"
         needed = input_rounding(self.center, self.scale, np.maximum(low, high) * GROWTH, self.lower, self.upper)
-        if not (needed * POSITIONS <= self.delta).all():
+        if not (needed * POSITIONS_ROUNDING <= self.delta).all():
             return "the domain's delta does not cover the rounding of its own map"
         covered = self.limit >= np.maximum(low, high) * (1 + 1e-12) + self.delta
         if self.time:

@@ -57,13 +57,13 @@ def locate(query: str, space: str, n: int, time: bool, placed: bool = False) -> 
 
 
 @cache
-def plain_map(query: str, space: str, n: int, time: bool, placed: bool, front: int) -> wp.Function:
+def plain_map(query: str, space: str, n: int, time: bool, placed: bool, begin: int) -> wp.Function:
     """The twin of ``locate`` in Warp's own Python, a function ``(parameters, place, q) -> (v, testable, inside)``.
 
-    The arguments are those of ``locate``; ``center scale limit threshold extra`` begin at ``front`` in ``parameters``.
+    The arguments are those of ``locate``; ``center scale limit threshold extra`` begin at ``begin`` in ``parameters``.
     """
     kind = coordinates_of(query, space)
-    locate, move, columns = kind.plain(n, time, placed, front), kind.plain_move(n), kind.columns(n)
+    locate, move, columns = kind.plain(n, time, placed, begin), kind.plain_move(n), kind.columns(n)
     numbers = vector_type(columns)
 
     @named(f"wb_plain_map_{space}_{query}_{n}_{time:d}{placed:d}").func

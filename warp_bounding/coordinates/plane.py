@@ -83,11 +83,11 @@ if (TIME) testable = testable & (size[0] <= zero + extra[AXES]);
         offset_error = float(point_error.sum() + (tau @ limit + tau.max() * farthest) / (1 - tau.max()))
         return (np.full(base.ndim, offset_error) * (1 + 4 * UNIT32) + TINY) * GROWTH
 
-    def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
-        pair, sized, unit, local = direction.plain_parts(n, front)
-        limit, extra = front + 2 * n, front + 3 * n + 1
+    def plain(self, n: int, time: bool, placed: bool, begin: int) -> wp.Function:
+        pair, sized, unit, local = direction.plain_parts(n, begin)
+        limit, extra = begin + 2 * n, begin + 3 * n + 1
 
-        @named(f"wb_plain_plane_parameters_{n}_{time:d}_{front}").func
+        @named(f"wb_plain_plane_parameters_{n}_{time:d}_{begin}").func
         def locate(p: Numbers, place: Numbers, q: pair):
             a, _ = local(p, q, n)
             u, testable, v = unit(q, 0), sized(q, 0), pair()
@@ -177,11 +177,11 @@ if (TIME) {{  // a plane of constant time, outside the range
         foot = normal * (v[:, n:] / (normal * normal).sum(axis=1, keepdims=True))
         return np.concatenate([normal * base.scale.astype(np.float64), base.to_object(foot)], axis=1)
 
-    def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
-        (pair, _, _, local), numbers, vector = direction.plain_parts(n, front), vector_type(n + 1), vector_type(n)
-        limit, extra, drift = front + 2 * n, front + 3 * n + 1, n + n * n
+    def plain(self, n: int, time: bool, placed: bool, begin: int) -> wp.Function:
+        (pair, _, _, local), numbers, vector = direction.plain_parts(n, begin), vector_type(n + 1), vector_type(n)
+        limit, extra, drift = begin + 2 * n, begin + 3 * n + 1, n + n * n
 
-        @named(f"wb_plain_plane_{n}_{time:d}{placed:d}_{front}").func
+        @named(f"wb_plain_plane_{n}_{time:d}{placed:d}_{begin}").func
         def locate(p: Numbers, place: Numbers, q: pair):
             a, distance = local(p, q, n)
             e, pivot, longest = vector(), wp.float32(0.0), wp.float32(0.0)

@@ -45,17 +45,17 @@ for (int k = 0; k < AXES; ++k) {
         moved = at_points(domain, world, input_unit) * domain.scale.astype(np.float64) * (1 + 4 * UNIT32)
         return (moved + self.rounding(domain, None) + TINY) * GROWTH
 
-    def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
+    def plain(self, n: int, time: bool, placed: bool, begin: int) -> wp.Function:
         vector = vector_type(n)
 
-        @named(f"wb_plain_point_{n}_{time:d}_{front}").func
+        @named(f"wb_plain_point_{n}_{time:d}_{begin}").func
         def locate(p: Numbers, place: Numbers, q: vector):
             v, testable, inside = vector(), wp.bool(True), wp.bool(True)
             for k in range(n):
-                v[k] = (q[k] - p[front + k]) * p[front + n + k]
-                inside = inside and v[k] <= p[front + 2 * n + k] and v[k] >= -p[front + 2 * n + k]
+                v[k] = (q[k] - p[begin + k]) * p[begin + n + k]
+                inside = inside and v[k] <= p[begin + 2 * n + k] and v[k] >= -p[begin + 2 * n + k]
             if time:  # outside its range of time the object may be anywhere
-                testable = v[0] <= p[front + 2 * n] and v[0] >= -p[front + 2 * n]
+                testable = v[0] <= p[begin + 2 * n] and v[0] >= -p[begin + 2 * n]
             return v, testable, inside
 
         return locate

@@ -106,11 +106,11 @@ if (TIME) {{
         way = min(domain.length * (1 + 4 * UNIT32), float((limit / scale).sum() + farthest / scale.min()))
         return ((point_error + scale * epsilon * (1 + epsilon) * way) * (1 + 4 * UNIT32) + TINY) * GROWTH
 
-    def plain(self, n: int, time: bool, placed: bool, front: int) -> wp.Function:
-        pair, sized, unit, local = direction.plain_parts(n, front)
-        limit, extra, drift = front + 2 * n, front + 3 * n + 1, n + n * n
+    def plain(self, n: int, time: bool, placed: bool, begin: int) -> wp.Function:
+        pair, sized, unit, local = direction.plain_parts(n, begin)
+        limit, extra, drift = begin + 2 * n, begin + 3 * n + 1, n + n * n
 
-        @named(f"wb_plain_ray_{n}_{time:d}{placed:d}_{front}").func
+        @named(f"wb_plain_ray_{n}_{time:d}{placed:d}_{begin}").func
         def locate(p: Numbers, place: Numbers, q: pair):
             a, distance = local(p, q, 0)
             u, testable = unit(q, n), sized(q, n)

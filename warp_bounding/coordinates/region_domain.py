@@ -2,7 +2,7 @@
 
 What v is, in geometric and in parametric space, is said in the file of its kind. A region counts by its part inside
 the domain, in time too; one that lies wholly outside the range of time is answered with *maybe*. So is one that is
-given from farther away than ``FAR`` and may meet the domain.
+given from farther away than ``FAR`` (``coordinates.base``) and may meet the domain.
 
 ``base`` is the domain of points, with a ``delta`` that covers what the map of regions rounds: *for every point x of
 the object in an exact region, the region that the pipeline computes with passes x within* ``base.delta`` *on every
@@ -18,7 +18,14 @@ import numpy as np
 
 from warp_bounding.arithmetic import round_down
 from warp_bounding.coordinates.base import GEOMETRIC, PARAMETRIC, Coordinates
-from warp_bounding.coordinates.domain import DELTA_LARGEST_SHARE, GROWTH, POSITIONS, Domain, json_bool, json_number
+from warp_bounding.coordinates.domain import (
+    DELTA_LARGEST_SHARE,
+    GROWTH,
+    POSITIONS_ROUNDING,
+    Domain,
+    json_bool,
+    json_number,
+)
 from warp_bounding.coordinates.maps import COORDINATES, coordinates_of
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -28,6 +35,9 @@ __all__ = ["AnyDomain", "RegionDomain", "domain_of"]
 
 SPACES = (GEOMETRIC, PARAMETRIC)
 PLACED = 2.0**-12  # local units: what delta allows for the rounding of a placement, beyond the map's own
+# Local units, a ray's displacement on each axis: the least is far above ``PARALLEL``; a ray as long as the largest rounds by
+# more than delta may be, unless a cell is half of the domain or more.
+STRETCHES = (2.0**-60, 2.0**16)
 PLACED_SHARE = 1.0 / 32.0  # of a cell: map and placement together get no more than this, unless the map alone needs it
 
 
@@ -73,21 +83,24 @@ class RegionDomain:
     @classmethod
     def of(cls, grid: IndicatorGrid, query: str, length: float = 1.0, space: str = "geometric") -> "RegionDomain":
         """See ``domain_of``."""
+        # To the base time is an axis like the others: a region counts by its part inside the domain, and what it is to the
+        # range of time its own test decides (``extra``).
         still = replace(grid, time=False)
         base = Domain.of(still)
         length = float(length) if QUERIES[query].has_length else None
         cell = base.scale / grid.cells_per_unit
         # The rounding of the map grows with the limit, and the limit with delta: take the largest that delta may reach.
-        most = DELTA_LARGEST_SHARE * cell
-        largest = replace(base, limit=(base.limit + most).astype(np.float32))
-        needed = region_rounding(largest, query, length)
+        most_delta = DELTA_LARGEST_SHARE * cell
+        widest_base = replace(base, limit=(base.limit + most_delta).astype(np.float32))
+        needed = region_rounding(widest_base, query, length)
         # Only what the length is to blame for is refused here; ``Domain.of`` refuses the rest, in its own words.
-        if length and (needed > most).any() and (region_rounding(largest, query, 0.0) <= most).all():
+        if length and (needed > most_delta).any() and (region_rounding(widest_base, query, 0.0) <= most_delta).all():
             raise BounderError(
                 f"{grid.name}: a ray of length {length:g} is so long that float32 cannot tell cells apart at its end"
             )
+        # What the map needs, as ``fault`` checks it again; and besides room for a placement, unless that would cost too much.
         with_placement = np.minimum(needed + PLACED, PLACED_SHARE * cell)
-        least_delta = np.maximum(needed * POSITIONS * GROWTH, with_placement)
+        least_delta = np.maximum(needed * POSITIONS_ROUNDING * GROWTH, with_placement)
         domain = cls(query, space, Domain.of(still, least_delta=least_delta), grid.time, length)
         fault = domain.fault()
         if fault:
@@ -104,10 +117,11 @@ class RegionDomain:
         fault = self.base.fault()
         if fault or self.base.time:
             return fault or "a region's base domain has no time of its own"
-        if not np.isfinite(self.stretch).all() or (self.stretch > 2.0**16).any() or (self.stretch < 2.0**-60).any():
+        least, most = STRETCHES
+        if not ((self.stretch >= least) & (self.stretch <= most)).all():
             return f"a ray of length {self.length} does not fit a domain of this size"
         needed = region_rounding(self.base, self.query, self.length)
-        if not (needed * POSITIONS <= self.base.delta).all():
+        if not (needed * POSITIONS_ROUNDING <= self.base.delta).all():
             return "the domain's delta does not cover the rounding of its own map"
         return None
 
@@ -121,16 +135,16 @@ class RegionDomain:
         """Whether v is one point of R^2n, which a volume contains or not; else v is tested as a region."""
         return self.space == PARAMETRIC
 
-    tested_as_point = parametric
+    tested_as_point = parametric  # ``Domain`` has this too, where it is always true
 
     @property
     def tested_as_region(self) -> bool:
-        """``v`` is a set of points of the space that is bounded: the object's."""
+        """``v`` is a set of points of the object's space, whether it is tested against a volume or by a network."""
         return not self.parametric
 
     @property
     def oracle_length(self) -> float:
-        """The length that oracles and samplers are given: of rays; others do not read it."""
+        """A ray's length, as oracles and samplers take it; for other regions 1, which they do not read."""
         return 1.0 if self.length is None else self.length
 
     @property

@@ -4,7 +4,7 @@ All CPU text may fuse products and sums (``contract``), which what is proven lea
 """
 
 from warp_bounding.coordinates.maps import locate
-from warp_bounding.kernels.source import DENIED, FRONT, Lanes, Source, fill, literal
+from warp_bounding.kernels.source import DENIED, LABEL, Lanes, Source, fill, literal
 from warp_bounding.runtime.launch import BLOCK
 
 __all__ = ["TOOLS", "batch_snippet", "point_snippet"]
@@ -23,7 +23,7 @@ auto over = [](float a, float b) { return __fdiv_rn(a, b); };
 
 # The parts of ``parameters``.
 _PARTS = """
-const float* center = parameters.data + $front;
+const float* center = parameters.data + $label;
 const float* scale = center + $n;
 const float* limit = center + 2 * $n;
 const float threshold = center[3 * $n];
@@ -207,11 +207,11 @@ _FUNCTION = """
 #endif
 $tools
 auto bits = [](float x) { union { float f; unsigned int i; } u; u.f = x; return u.i; };
-const float* front = parameters.data;
+const float* label = parameters.data;
 const unsigned int numbers = parameters.shape[0], fields = words.shape[0];
-if (numbers < $front || parameters.strides[0] != sizeof(float) || words.strides[0] != sizeof(unsigned int)) return true;
-if (bits(front[0]) != ${first}u || bits(front[1]) != ${second}u) return true;  // another function's data
-if (numbers < bits(front[2]) || fields < bits(front[3])) return true;
+if (numbers < $label || parameters.strides[0] != sizeof(float) || words.strides[0] != sizeof(unsigned int)) return true;
+if (bits(label[0]) != ${first}u || bits(label[1]) != ${second}u) return true;  // another function's data
+if (numbers < bits(label[2]) || fields < bits(label[3])) return true;
 $parts
 float v[$coordinates];
 bool asked, held;
@@ -244,7 +244,7 @@ def _shared(source: Source, placed: bool) -> dict[str, object]:
     """
     return {
         "tools": TOOLS,
-        "parts": fill(_PARTS, front=FRONT, n=source.ndim, start=source.start),
+        "parts": fill(_PARTS, label=LABEL, n=source.ndim, start=source.start),
         "columns": source.columns,
         "coordinates": source.coordinates,
         "locate": locate(source.query, source.space, source.ndim, source.time, placed),
@@ -308,4 +308,4 @@ def point_snippet(source: Source) -> str:
     numbers = f"const float q[{source.columns}] = {{{', '.join(given)}}};" if source.is_region else ""
     first, second = source.tag
     texts = _shared(source, placed=False) | {"function_body": source.function_body()}
-    return fill(_FUNCTION, **texts, front=FRONT, first=first, second=second, numbers=numbers)
+    return fill(_FUNCTION, **texts, label=LABEL, first=first, second=second, numbers=numbers)

@@ -16,7 +16,7 @@ import warp as wp
 from warp_bounding.coordinates.base import Numbers, vector_type
 from warp_bounding.coordinates.maps import plain_map
 from warp_bounding.kernels.functions import Data, Words
-from warp_bounding.kernels.source import DENIED, FRONT, Source
+from warp_bounding.kernels.source import DENIED, LABEL, Source
 from warp_bounding.runtime.native import named, unique_name
 
 __all__ = ["DENIED", "Numbers", "Words", "plain_func", "plain_kernel", "plain_value", "twin", "vector_type"]
@@ -36,7 +36,7 @@ def plain_value(source: Source) -> wp.Function:
 @cache
 def _asked(source: Source, placed: bool) -> wp.Function:
     """``(parameters, words, place, q) -> (testable, inside, f)``: f where both are true."""
-    locate = plain_map(source.query, source.space, source.ndim, source.time, placed, FRONT)
+    locate = plain_map(source.query, source.space, source.ndim, source.time, placed, LABEL)
     f, start, numbers = plain_value(source), source.start, vector_type(source.columns)
 
     @twin(source, f"asked{'_placed' * placed}")
@@ -53,14 +53,14 @@ def _asked(source: Source, placed: bool) -> wp.Function:
 @cache
 def plain_func(source: Source) -> wp.Function:
     """``test(data, q)`` or ``test(data, a, b)``, as ``point_func`` has it."""
-    asked, n, bar = _asked(source, False), source.ndim, FRONT + 3 * source.ndim
+    asked, n, bar = _asked(source, False), source.ndim, LABEL + 3 * source.ndim
     first, second = (wp.uint32(bits) for bits in source.tag)
     vector, numbers = vector_type(n), vector_type(source.columns)
 
     @twin(source, "test_numbers")
     def test_numbers(data: Data, q: numbers) -> bool:
         w = data.parameters
-        if w.shape[0] < FRONT:
+        if w.shape[0] < LABEL:
             return True
         if wp.cast(w[0], wp.uint32) != first or wp.cast(w[1], wp.uint32) != second:  # another function's data
             return True
@@ -83,7 +83,7 @@ def plain_func(source: Source) -> wp.Function:
 @cache
 def plain_kernel(source: Source, placed: bool, values: bool) -> wp.Kernel:
     """The kernel that tests many queries, arguments as of ``batch_kernel``; one query a thread."""
-    asked, columns, bar = _asked(source, placed), source.columns, FRONT + 3 * source.ndim
+    asked, columns, bar = _asked(source, placed), source.columns, LABEL + 3 * source.ndim
     numbers, out_type = vector_type(columns), wp.float32 if values else wp.uint8
 
     def batch(

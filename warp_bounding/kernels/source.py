@@ -26,10 +26,10 @@ from warp_bounding.queries import QUERIES
 from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.native import identity
 
-__all__ = ["DENIED", "FRONT", "Lanes", "Source", "fill", "literal"]
+__all__ = ["DENIED", "LABEL", "Lanes", "Source", "fill", "literal"]
 
 DENIED = -(2.0**127)  # f where an early test has said no
-FRONT = 4  # numbers at the very beginning of ``parameters``, see ``Source.front``
+LABEL = 4  # numbers at the very beginning of ``parameters``, see ``Source.label``
 FINITE = 0xBFFFFFFF  # bits of a float32 that are neither an infinity nor NaN, which a copy might change
 
 
@@ -44,7 +44,7 @@ class Lanes:
 class Source:
     """What a method's native code depends on: sizes, never values. Equal sources share one compiled function.
 
-    ``parameters`` begin with what tells whose they are (``front``), ``center[n] scale[n] limit[n] threshold`` and what
+    ``parameters`` begin with what tells whose they are (``label``), ``center[n] scale[n] limit[n] threshold`` and what
     ``locate`` needs besides; the method's numbers follow from ``start`` on.
 
     Attributes:
@@ -71,7 +71,7 @@ class Source:
     def start(self) -> int:
         """Index in ``parameters`` where the method's own numbers begin, a multiple of 16."""
         extra = coordinates_of(self.query, self.space).extra_count(self.ndim, self.time)
-        return -(-(FRONT + 3 * self.ndim + 1 + extra) // 16) * 16
+        return -(-(LABEL + 3 * self.ndim + 1 + extra) // 16) * 16
 
     @property
     def tag(self) -> tuple[int, int]:
@@ -79,8 +79,8 @@ class Source:
         bits = int(identity(self), 16)
         return bits >> 32 & FINITE, bits & FINITE
 
-    def front(self, parameters: int, words: int) -> np.ndarray:
-        """``(FRONT,)`` float32, bits of whole numbers: the tag, and how many parameters and words there are.
+    def label(self, parameters: int, words: int) -> np.ndarray:
+        """``(LABEL,)`` float32, bits of whole numbers: the tag, and how many parameters and words there are.
 
         A function compares them before it reads anything else, so the data of another source, or a part of its own, make it
         answer *maybe*.

@@ -5,12 +5,13 @@ A chart (``charts``) turns a box of numbers into the network's inputs, an affine
 each neuron is a parabola or a line (``activations``) in the linear part of its argument, plus noise. Backwards, lines
 and parabolas are weighed by the output's actual coefficients, so that those of many neurons may cancel, and only the
 bands around them count in absolute value. The arithmetic is ``(columns + 3) H^2`` multiply-adds a box for two layers
-of H neurons. Sums may be taken in any order and fused: ``Network.padding`` and ``SQUARES_ROUNDING`` bound the float64
+of H neurons: centre, noise and columns forwards, one coefficient backwards. Sums may be taken in any order and fused: ``Network.padding`` and ``SQUARES_ROUNDING`` bound the float64
 rounding of all of them, and the relaxations add what the kernel's own sine and tanh err by. ``Network.bound_plain``
 computes the same in NumPy, for boxes of the inputs themselves (``PlainChart``): it knows no other chart and no
 constraint.
 
-The C itself stands in ``bound_text``; here it is put together for the shape of a network and its chart.
+The C itself stands in ``bound_text``, which is to be read first; here it is put together for the shape of a network and
+its chart. K are the network's inputs, Z the numbers of a box, C the columns, the entries of zeta (``charts.base``).
 """
 
 from dataclasses import dataclass
@@ -23,12 +24,13 @@ from warp_bounding.networks.charts.base import Chart
 __all__ = ["BLOCK", "NetworkShape", "body", "lanes_text", "load_text", "snippet"]
 
 BLOCK = 64  # boxes that a thread of the kernel works on, on a CPU; on CUDA it is one
-# Score of a number that has been halved once, relative to its score before: a relaxation's cost falls nearly with the
-# square of a box's width, so a little more than 1/4.
+# A box's second axis to halve is chosen as if its first were halved already. The score of that number z falls by this
+# factor then: a relaxation's cost falls nearly with the square of a box's width, so a little more than 1/4.
 HALVED = 0.3
 # Relative to the sum of the absolute terms of the quadratic form: above 4000 UNIT64, for up to 4000 neurons.
 SQUARES_ROUNDING = 1e-12
-# Weight of the first layer's rates in the choice of an axis: they decide only where all layers behind it are saturated.
+# Weight of |rate| of the first layer (``bound_text.LAYER``: the generators of a neuron's argument) in the score by which
+# an axis is chosen: it decides only where all layers behind are saturated.
 FIRST_LAYER = 1e-9
 ROWS = 4  # neurons that share each input as it is loaded
 REGISTERS = 28  # sums that are kept at a time, of the 32 vector registers of AVX-512
@@ -39,7 +41,7 @@ class NetworkShape:
     """What a kernel of bounds is compiled for.
 
     Attributes:
-        ndim: Inputs K of the network.
+        ndim: Inputs K of the network, as many as the chart has: the length of v, so 2n of rays.
         layers: ``(inputs, neurons, activation's name, leading linear rows)`` of each hidden layer.
         chart: How a box becomes inputs.
     """
@@ -86,6 +88,7 @@ def body(shape: NetworkShape, tried: str = "true") -> str:
         tried: C condition under which f is evaluated where it looks lowest; else ``valid`` is 0.
     """
     chart, layers, places = shape.chart, list(enumerate(shape.layers)), [0]
+    # Where each layer begins in ``w``: its biases, its weights and their absolute values (``Network.packed``).
     for inputs, neurons, _, _ in shape.layers:
         places.append(places[-1] + neurons * (2 * inputs + 1))
     squares = [(k, m) for k in range(chart.columns) for m in range(k, chart.columns)]
@@ -190,7 +193,7 @@ y = y{index};"""
 
 def _in_blocks(body: str, neurons: int, columns: int = 1) -> str:
     """A text for blocks of R neurons whose sums fit the registers, and for the rest."""
-    rows = max(min(ROWS, REGISTERS // (columns + 2)), 1)
+    rows = max(min(ROWS, REGISTERS // (columns + 2)), 1)  # a neuron's sums: centre, noise and one for each column
     blocks = [(0, rows, neurons // rows), (neurons // rows * rows, neurons % rows, 1)]
     return "\n".join(f"{{ {constants(FIRST=f, R=r, BLOCKS=n)} {body} }}" for f, r, n in blocks if r and n)
 

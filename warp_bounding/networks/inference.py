@@ -20,8 +20,10 @@ from warp_bounding.networks.plain import plain_network
 
 __all__ = ["MlpSource", "head_numbers", "layer_numbers", "padded"]
 
-ALIGN = 8  # floats: rows of the neuron-major copy are padded to a multiple of one AVX vector
+ALIGN = 8  # floats: rows of the copy for neurons in lanes are padded to a multiple of one AVX vector
 
+# In all texts w are the method's numbers, f and other the first and the second output (``Head.outputs``), and T is V or
+# float.
 # From the coordinates v to the inputs h0: themselves, and the FEATURES sines of the positional encoding; its biases
 # stand first, then N weights of each feature.
 _ENCODE = """
@@ -36,8 +38,8 @@ for (int j = 0; j < FEATURES; ++j) {
 
 # BLOCKS blocks of J neurons, from the inputs x on: J biases, then J weights of each of K inputs stand together, so that
 # each input that is loaded serves J sums. KEEP their activations in y, and add them up to the OUTPUTS that stand at
-# HEAD and at SECOND.
-_NEURONS = """
+# OUTPUT_AT and at SECOND_AT.
+_QUERIES_IN_LANES = """
 for (int b = 0; b < BLOCKS; ++b) {
     const float* p = w + AT + b * J * (K + 1);
     V s[J];
@@ -53,15 +55,15 @@ for (int b = 0; b < BLOCKS; ++b) {
         const int j = FIRST + b * J + r;
         const V h = act(s[r]);
         if (KEEP) y[j] = h;
-        if (OUTPUTS > 0) f += h * w[HEAD + 1 + j];
-        if (OUTPUTS > 1) other += h * w[SECOND + 1 + j];
+        if (OUTPUTS > 0) f += h * w[OUTPUT_AT + 1 + j];
+        if (OUTPUTS > 1) other += h * w[SECOND_AT + 1 + j];
     }
 }
 """
 
 # One layer of one query: ROW neurons, L at a time, from K inputs x to y; a row of biases, then one of weights an input.
 # Even and odd inputs are summed apart, so that sums need not wait for each other.
-_ROWS = """
+_NEURONS_IN_LANES = """
 V a[ROW / L], b[ROW / L];
 const float* p = w + AT;
 for (int q = 0; q < ROW / L; ++q) { a[q] = *(const V*)(p + q * L); b[q] = a[q] * 0.0f; }
@@ -77,7 +79,8 @@ if (k < K) for (int q = 0; q < ROW / L; ++q) a[q] += *(const V*)(p + ROW * (k + 
 for (int q = 0; q < ROW / L; ++q) *(V*)(y + q * L) = act(a[q] + b[q]);
 """
 
-# One output of one query, from ROW activations x; those behind the last neuron are 0, and so are their weights.
+# One output of one query, from ROW activations x; those behind the last neuron are 0, and so are their weights. L is 8 here;
+# the lanes are added by halves, and the rounding bound holds for every order.
 _SUM = """
 V sum = *(const V*)x * *(const V*)(w + AT + 1);
 for (int q = 1; q < ROW / L; ++q) sum += *(const V*)(x + q * L) * *(const V*)(w + AT + 1 + q * L);
@@ -89,8 +92,9 @@ OUTPUT = ((sum[0] + sum[4]) + (sum[2] + sum[6])) + ((sum[1] + sum[5]) + (sum[3] 
 class MlpSource(Source):
     """Native code of a network, for its sizes.
 
-    Numbers: the encoding's biases and weights, then per layer the query-major copy (``_NEURONS``) and the
-    neuron-major one (``_ROWS``), and for each output its bias and its weights.
+    Numbers: the encoding's biases and weights, then per layer the copy for queries in lanes (``_QUERIES_IN_LANES``:
+    blocks of J neurons, input by input) and the one for neurons in lanes (``_NEURONS_IN_LANES``: a row of all neurons for
+    each input), and for each output its bias and its weights.
     """
 
     hidden: tuple[int, ...]
@@ -109,12 +113,12 @@ class MlpSource(Source):
 
     @property
     def raw(self) -> int:
-        """Coordinates that enter the first layer."""
+        """Coordinates of v that the network takes: all but a plane's offset, with which its outputs are compared."""
         return self.coordinates - self.head.offsets
 
     @property
     def inputs(self) -> int:
-        """Numbers that enter the first layer."""
+        """Numbers that enter the first layer: these coordinates, and the sine features of them."""
         return self.raw + self.features
 
     @property
@@ -132,7 +136,7 @@ class MlpSource(Source):
 
     @property
     def neuron_rows(self) -> list[tuple[int, int]]:
-        """Where each layer's neuron-major copy begins, and the length of its rows."""
+        """Where each layer's copy for neurons in lanes begins, and the length of its rows."""
         starts = zip(self.places, self.layers, strict=False)
         return [(place + h * (k + 1) + _filling(h, k), padded(h)) for place, (k, h) in starts]
 
@@ -148,10 +152,10 @@ class MlpSource(Source):
     def body(self, lanes: Lanes) -> str:
         return self.chain(lanes, len(self.hidden), self.places[-1])
 
-    def chain(self, lanes: Lanes, depth: int, head: int) -> str:
-        """C statements from ``v`` to ``f``: the first ``depth`` hidden layers, and the output at ``w[head]``."""
+    def chain(self, lanes: Lanes, depth: int, output_at: int) -> str:
+        """C statements from ``v`` to ``f``: the first ``depth`` hidden layers, and the output at ``w[output_at]``."""
         last = depth - 1
-        layers = (self.layer(index, head if index == last else None, keep=index < last) for index in range(depth))
+        layers = (self.layer(index, output_at if index == last else None, keep=index < last) for index in range(depth))
         return "\n".join([self.encode(lanes), *layers])
 
     def encode(self, lanes: Lanes) -> str:
@@ -159,22 +163,28 @@ class MlpSource(Source):
         act = _function("act", activation_of(self.activation), lanes)
         return "\n".join([act, "const V none = {}; V other = none;", self._inputs(lanes, "V")])
 
-    def layer(self, index: int, head: int | None, *, keep: bool) -> str:
+    def layer(self, index: int, output_at: int | None, *, keep: bool) -> str:
         """C statements of a hidden layer: ``keep`` its activations, add them up to ``f`` by an output, or both."""
-        (k, h), at, ends = self.layers[index], self.places[index], head is not None
-        outputs, head = self.head.outputs * ends, head or 0
-        second = head + 1 + padded(h)
-        lines = [f"V h{index + 1}[{h if keep else 1}];", "f = other = none;" if ends else ""]
+        (k, h), at, is_last = self.layers[index], self.places[index], output_at is not None
+        outputs, first_at = (self.head.outputs, output_at) if is_last else (0, 0)
+        second_at = first_at + 1 + padded(h)
+        lines = [f"V h{index + 1}[{h if keep else 1}];", "f = other = none;" if is_last else ""]
         lines.append(f"{{ const V* x = h{index}; V* y = h{index + 1}; (void)y;")
         j = _block(h)
         for first, size, blocks in ((0, j, h // j), (h // j * j, h % j, 1)):
             if size:
                 place = at + first * (k + 1)
                 own = constants(K=k, J=size, FIRST=first, BLOCKS=blocks, AT=place, KEEP=int(keep))
-                lines += ["{", own, constants(OUTPUTS=outputs, HEAD=head, SECOND=second), _NEURONS, "}"]
+                lines += [
+                    "{",
+                    own,
+                    constants(OUTPUTS=outputs, OUTPUT_AT=first_at, SECOND_AT=second_at),
+                    _QUERIES_IN_LANES,
+                    "}",
+                ]
         lines.append("}")
-        if ends:
-            lines += [f"f = f + w[{head}];", f"other = other + w[{second}];" * (outputs > 1), self._finish()]
+        if is_last:
+            lines += [f"f = f + w[{first_at}];", f"other = other + w[{second_at}];" * (outputs > 1), self._finish()]
         return "\n".join(lines)
 
     # --- one query on a CPU, a neuron in each lane -------------------------------------------------------------------
@@ -182,7 +192,7 @@ class MlpSource(Source):
     def function_body(self) -> str:
         last = len(self.hidden) - 1
         layers = (self.function_layer(index) for index in range(last + 1))
-        return "\n".join([self.function_encode(), *layers, self.function_head(last, self.places[-1])])
+        return "\n".join([self.function_encode(), *layers, self.function_output(last, self.places[-1])])
 
     def function_encode(self) -> str:
         """C statements from ``v`` to the inputs ``float h0[]``, with the layers' vector type and activation."""
@@ -200,13 +210,13 @@ class MlpSource(Source):
         place, row = self.neuron_rows[index]
         own = constants(K=self.layers[index][0], ROW=row, AT=place)
         names = f"const float* x = h{index}; float* y = h{index + 1};"
-        return "\n".join([f"float h{index + 1}[{row}]; {{", own, names, _ROWS, "}"])
+        return "\n".join([f"float h{index + 1}[{row}]; {{", own, names, _NEURONS_IN_LANES, "}"])
 
-    def function_head(self, index: int, head: int) -> str:
-        """``float f``, the output behind hidden layer ``index`` that stands at ``head``."""
+    def function_output(self, index: int, output_at: int) -> str:
+        """``float f``, the output behind hidden layer ``index`` that stands at ``w[output_at]``."""
         row, lines = padded(self.hidden[index]), ["float f, other = 0.0f; (void)other;"]
         for output, name in zip(range(self.head.outputs), ("f", "other"), strict=False):
-            own = constants(ROW=row, AT=head + output * (1 + row))
+            own = constants(ROW=row, AT=output_at + output * (1 + row))
             names = f"const float* x = h{index + 1}; float& OUTPUT = {name};"
             lines += ["{", own, names, _SUM, "}"]
         return "\n".join([*lines, self._finish()])
@@ -227,18 +237,18 @@ def _function(name: str, activation, lanes: Lanes, type_: str = "V") -> str:
 
 
 def padded(neurons: int) -> int:
-    """Length of a row of the neuron-major copy."""
+    """Length of a row of the copy for neurons in lanes."""
     return -(-neurons // ALIGN) * ALIGN
 
 
 def _block(neurons: int) -> int:
-    """Neurons that are summed at a time: the largest divisor up to 10, or 8 and a remainder."""
+    """Neurons that are summed at a time: the largest divisor up to 10, if it is 5 at least, or else 8, and a remainder."""
     best = max(d for d in range(1, 11) if neurons % d == 0)
     return best if best >= 5 else min(8, neurons)
 
 
 def _filling(neurons: int, inputs: int) -> int:
-    """Floats behind a layer's query-major copy that align what follows."""
+    """Floats behind a layer's copy for queries in lanes that align what follows."""
     return -(neurons * (inputs + 1)) % ALIGN
 
 

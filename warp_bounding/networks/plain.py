@@ -1,6 +1,6 @@
 """The plain twin of a network, with exits or without: layer by layer, one query, in Warp's own Python.
 
-It reads the neuron-major copy of each layer: a row of biases, then a row of weights for each input, padded.
+It reads each layer's copy for neurons in lanes: a row of biases, then a row of weights for each input, padded.
 """
 
 import warp as wp

@@ -48,7 +48,8 @@ def margin_for(mesh: newton.Mesh, reach: float, *, world: float, scale: float = 
 
     Args:
         mesh: The shape's mesh.
-        reach: Largest particle radius + shape margin + the pipeline's soft contact gap, world units.
+        reach: Largest particle radius + shape margin + the pipeline's soft contact gap, world units; not divided by the
+            scale, unlike the ``reach`` above.
         scale: The smallest scale that the mesh is used with.
         world: Largest coordinate of particles and shapes, world units; pairs farther out are not cut.
 
@@ -64,7 +65,12 @@ def margin_for(mesh: newton.Mesh, reach: float, *, world: float, scale: float = 
             f"reach and world must be at least 0 and scale not 0, got {reach:g}, {world:g} and {scale:g}"
         )
     coordinates = float(np.abs(np.asarray(mesh.vertices)).max())
-    way = reach / min(scale, 1.0)  # the pass does not divide its gap by the scale: at least this for scales up to 1
+    # In the mesh's units: gap + (margin + radius) / scale is at most reach / scale, and for scales above 1 at most reach.
+    way = reach / min(scale, 1.0)
+    # The most that ``ask_hulls`` compares with the margin (``kernels.Hull``): how far the pass looks, and what float32
+    # does in the mesh and in the world. There |x| + |y| + |z| counts, at most 3 world for the particle and, turned back
+    # into the mesh's axes, as much for the shape's place. 1e-6 is more than ``_SUM_ROUNDING``, 8 units of 2^-24, and the
+    # rounding of the margin to float32.
     in_mesh = kernels.IN_MESH * UNIT32 * (coordinates + way)
     in_world = kernels.IN_WORLD * UNIT32 * 6.0 * world / scale
     return (way + in_mesh + in_world) * (1 + 1e-6)
@@ -105,26 +111,31 @@ class ParticleCull:
         self._all = pipeline.soft_rigid_contact_pairs.contiguous()
         self.pairs = self.survivors = len(self._all)
         shape_count = self.model.shape_count
-        margins, sizes = np.full(shape_count, -np.inf, np.float32), np.zeros(shape_count, np.float32)
-        domains, numbers = np.zeros((shape_count, 2, 3), np.float32), np.full(shape_count, -1, np.int32)
+        margins, largest = np.full(shape_count, -np.inf, np.float32), np.zeros(shape_count, np.float32)
+        domains, bounder_of = np.zeros((shape_count, 2, 3), np.float32), np.full(shape_count, -1, np.int32)
         self._bounders = list({id(bounder): bounder for bounder in bounders.values()}.values())
         for shape, bounder in bounders.items():
-            sizes[shape] = self._check(shape, bounder, unproven)
+            largest[shape] = self._check(shape, bounder, unproven)
             margins[shape] = np.inf if unproven else bounder.info["margin"]
             lower, upper = bounder.domain.lower, bounder.domain.upper
             domains[shape] = (lower + upper) / 2, (upper - lower) / 2
-            numbers[shape] = next(n for n, other in enumerate(self._bounders) if other is bounder)
-        self._numbers = wp.array(numbers, dtype=wp.int32, device=self._device)
+            bounder_of[shape] = next(n for n, other in enumerate(self._bounders) if other is bounder)
+        # For each shape: the index of its bounder (-1 for none), the bounder's margin, the mesh's largest coordinate, the
+        # middle and half widths of the bounder's domain; and what ``place_shapes`` makes of them in each pass.
+        self._bounder_of = wp.array(bounder_of, dtype=wp.int32, device=self._device)
         self._margins = wp.array(margins, dtype=wp.float32, device=self._device)
-        self._sizes = wp.array(sizes, dtype=wp.float32, device=self._device)
+        self._largest = wp.array(largest, dtype=wp.float32, device=self._device)
         self._domains = wp.array(domains, dtype=wp.vec3, device=self._device)
         self._placed = wp.empty(shape_count, dtype=kernels.Placed, device=self._device)
         self._hulls = wp.empty(shape_count, dtype=kernels.Hull, device=self._device)
-        self._asked = wp.empty(self.pairs, dtype=wp.int32, device=self._device)
-        self._left = wp.empty(-(-self.pairs // kernels.block_size(self._device)), dtype=wp.int32, device=self._device)
-        self._asked_gap = _gap(pipeline)
+        # The pairs that the hulls leave to the bounders: their indices block by block, and how many each block has.
+        blocks = -(-self.pairs // kernels.block_size(self._device))
+        self._undecided = wp.empty(self.pairs, dtype=wp.int32, device=self._device)
+        self._undecided_count = wp.empty(blocks, dtype=wp.int32, device=self._device)
+        # The pairs that survive: which, compacted, and themselves; they hold for this contact gap.
+        self._candidates_gap = _gap(pipeline)
         self._keep = wp.full(self.pairs, 1, dtype=wp.uint8, device=self._device)
-        self._left_over = Compaction(self._keep)
+        self._survivors = Compaction(self._keep)
         self._kept = wp.empty(self.pairs, dtype=wp.vec2i, device=self._device)
         pipeline.__class__ = _counting(type(pipeline))
 
@@ -148,8 +159,10 @@ class ParticleCull:
         """
         gap = options.get("soft_contact_margin")
         gap = _gap(self.pipeline) if gap is None else float(gap)
-        if candidates is not None and gap != self._asked_gap:
-            raise BounderError(f"expected candidates for a contact gap of {gap:g}, got ones for {self._asked_gap:g}")
+        if candidates is not None and gap != self._candidates_gap:
+            raise BounderError(
+                f"expected candidates for a contact gap of {gap:g}, got ones for {self._candidates_gap:g}"
+            )
         kept = self.candidates(state, gap) if candidates is None else candidates
         self.survivors = len(kept)
         self.pipeline.soft_rigid_contact_pairs = kept
@@ -169,22 +182,23 @@ class ParticleCull:
             ``(K,)`` ``vec2i``, particle and shape, in the pipeline's order; valid until the next call.
         """
         model, device = self.model, self._device
-        self._asked_gap = gap = _gap(self.pipeline) if gap is None else float(gap)
+        self._candidates_gap = gap = _gap(self.pipeline) if gap is None else float(gap)
         if not self._bounders or not self.pairs or not state.particle_q:
             return self._all
         shapes = [model.shape_transform, model.shape_body, model.shape_scale, model.shape_margin]
-        inputs = [state.body_q, *shapes, self._domains, self._margins, self._sizes, gap]
+        inputs = [state.body_q, *shapes, self._domains, self._margins, self._largest, gap]
         outputs = [self._placed, self._hulls]
         wp.launch(kernels.place_shapes, dim=model.shape_count, inputs=inputs, outputs=outputs, device=device)
-        size = kernels.block_size(device)
+        block = kernels.block_size(device)
         particles = [array.contiguous() for array in (state.particle_q, model.particle_radius)]
-        inputs, found = [0, size, self.pairs, self._all, *particles, self._hulls], [self._asked, self._left]
-        launch_blocks(kernels.ask_hulls, self.pairs, inputs, [*found, self._keep], device, first_index=0, block=size)
+        inputs = [0, block, self.pairs, self._all, *particles, self._hulls]
+        found = [self._undecided, self._undecided_count]
+        launch_blocks(kernels.ask_hulls, self.pairs, inputs, [*found, self._keep], device, first_index=0, block=block)
         for number, bounder in enumerate(self._bounders):
-            inputs = [0, size, bounder.data, number, self._numbers, self._all, particles[0], self._placed, *found]
+            inputs = [0, block, bounder.data, number, self._bounder_of, self._all, particles[0], self._placed, *found]
             kernel = kernels.ask_bounders(bounder.source)
-            launch_blocks(kernel, self.pairs, inputs, [self._keep], device, first_index=0, block=size)
-        indices, total = self._left_over.launch()
+            launch_blocks(kernel, self.pairs, inputs, [self._keep], device, first_index=0, block=block)
+        indices, total = self._survivors.launch()
         count = int(total.numpy()[0])
         wp.launch(kernels.gather_pairs, dim=count, inputs=[self._all, indices], outputs=[self._kept], device=device)
         return self._kept[:count]
@@ -215,6 +229,8 @@ class ParticleCull:
         scale = float(np.abs(self.model.shape_scale.numpy()[shape]).min())
         radius = float(self.model.particle_radius.numpy().max(initial=0.0))
         reach = radius + float(self.model.shape_margin.numpy()[shape]) + _gap(self.pipeline)
+        # World 0: what the coordinates in the world add is weighed pair by pair (``kernels.Hull.per_coordinate``), and where
+        # it is too much the pair stays.
         needed, given = margin_for(mesh, reach, world=0.0, scale=scale), bounder.info["margin"]
         if not given >= needed:
             raise BounderError(

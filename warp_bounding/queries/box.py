@@ -16,18 +16,23 @@ from warp_bounding.queries.point import POINT
 
 __all__ = ["BOX"]
 
-BEYOND = 0.15  # share of the coordinates of hard boxes that lie outside the domain
+# Sides of hard boxes, as shares of the way from a point p of the object to the domain's end: 0 touches p, ``NARROW`` makes
+# the box thin, 1 reaches the end of the domain. Each is a share of all sides; about half of the others are narrow.
+TOUCHING, BEYOND = 0.3, 0.15  # sides that touch p, and sides that lie outside the domain
+FARTHEST = 10  # these are up to 2^FARTHEST times as far away as the domain's end
 
+# See ``exact.loop_snippet``. ``map`` is cells per unit, offset and number of cells, N of each; ``indices`` is the table of
+# sums, one longer than the grid on every axis.
 _BODY = """
 bool some = true;
 long long first[N], last[N];  // in the table of sums: cells first .. last - 1
 for (int k = 0; k < N; ++k) {
-    const double r = map.data[2 * N + k];
+    const double size = map.data[2 * N + k];
     const double lo = Coordinate(q[k], map.data[k], map.data[N + k]).lo;
     const double hi = Coordinate(q[N + k], map.data[k], map.data[N + k]).hi;
-    some &= q[k] <= q[N + k] && hi >= 0.0 && lo < r;
-    first[k] = lo > 0.0 ? (lo < r ? (long long)lo : 0) : 0;
-    last[k] = hi < r - 1.0 ? (hi < 0.0 ? 0 : (long long)hi + 1) : (long long)r;
+    some &= q[k] <= q[N + k] && hi >= 0.0 && lo < size;
+    first[k] = lo > 0.0 ? (lo < size ? (long long)lo : 0) : 0;
+    last[k] = hi < size - 1.0 ? (hi < 0.0 ? 0 : (long long)hi + 1) : (long long)size;
 }
 if (!some) break;
 int sum = 0;
@@ -58,16 +63,16 @@ class BoxQuery(Query):
     sampled_point = """
 for (int k = 0; k < N; ++k) y[k] = (double)q[k] + uniform() * ((double)q[N + k] - (double)q[k]);
 """
-    hard_draw = """
-const bool slab = u() < 0.5;
-for (int k = 0; k < N; ++k) for (int side = 0; side < 2; ++side) {
+    hard_draw = f"""
+const bool spanning = u() < 0.5;  // about half of its sides reach the end of the domain; NumPy's twin is ``barely``
+for (int k = 0; k < N; ++k) for (int side = 0; side < 2; ++side) {{
     const double chosen = u(), end = side ? upper[k] : lower[k];
-    double share = u() * (chosen < 0.5 ? 1e-3 : 1.0);
-    if (chosen > 0.5 && slab) share = 1.0;
-    if (chosen < 0.3) share = 0.0;
-    if (chosen > 0.85) share = 1.0 / power(10);
+    double share = u() * (chosen < 0.5 ? {NARROW} : 1.0);
+    if (chosen > 0.5 && spanning) share = 1.0;
+    if (chosen < {TOUCHING}) share = 0.0;
+    if (chosen > {1 - BEYOND}) share = 1.0 / power({FARTHEST});
     (side ? b : a)[k] = share == 0.0 ? p[k] : p[k] + share * (end - p[k]);
-}
+}}
 """
     hard_to_world = """
 // a box of the world around the point: its sides reach as far as the box of the object does
@@ -110,12 +115,12 @@ for (int k = 0; k < N; ++k) {  // the point, which lies inside its cell, lies in
     def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
         """Min uniform in [0, 1]^n, max = min + (1 - min) U."""
         u = rng.random((count, 2 * grid.ndim), dtype=np.float32)
-        lower, upper = u[:, : grid.ndim], u[:, grid.ndim :]
+        lower, upper = u[:, : grid.ndim], u[:, grid.ndim :]  # views: u is what is returned
         upper *= 1 - lower
         upper += lower
         size = grid.sample_upper - grid.sample_lower
         lower[:] = grid.sample_lower + lower * size
-        upper[:] = grid.sample_upper.astype(np.float32) if not size.any() else grid.sample_lower + upper * size
+        upper[:] = grid.sample_lower + upper * size
         np.maximum(lower, upper, out=upper)
         return u
 
@@ -133,14 +138,14 @@ for (int k = 0; k < N; ++k) {  // the point, which lies inside its cell, lies in
     def barely(
         self, grid: IndicatorGrid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool
     ) -> np.ndarray:
-        corners, slab = [], rng.random((len(p), 1)) < 0.5  # half reach the domain's border along most axes
+        corners, spanning = [], rng.random((len(p), 1)) < 0.5  # about half of these boxes' sides reach the domain's end
         for end in (grid.lower, grid.upper):
             chosen = rng.random(p.shape)
             share = rng.random(p.shape) * np.where(chosen < 0.5, NARROW, 1.0)
-            share = np.where((chosen > 0.5) & slab, 1.0, share)
-            share = np.where(chosen < 0.3, 0.0, share)
+            share = np.where((chosen > 0.5) & spanning, 1.0, share)
+            share = np.where(chosen < TOUCHING, 0.0, share)
             if outside:
-                share = np.where(chosen > 1 - BEYOND, np.exp2(rng.uniform(0, 10, p.shape)), share)
+                share = np.where(chosen > 1 - BEYOND, np.exp2(rng.uniform(0, FARTHEST, p.shape)), share)
             corners.append(p + share * (end - p))
         return np.concatenate(corners, axis=1)
 

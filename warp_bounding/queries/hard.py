@@ -10,8 +10,8 @@ and marked if that does not help: it does not count. No other cell is looked at,
 makes it share nothing with a bounder.
 
 Queries in float64 (a caller's numbers, which bounders round) and queries in the world (of a shape that is placed
-there) are checked in float64 with an absolute error of ``SLACK`` roundings; their points lie a billionth of a cell
-inside the cells.
+there) are checked in float64: every quantity has an absolute error of ``DOUBLE_ERROR`` times the sum of the sizes of
+all that it is made of. Their points lie ``INSIDE``, a billionth of a cell, inside the cells.
 
 The numbers depend on the seed and the number of the query alone: not on device, threads or how the work is divided.
 """
@@ -33,7 +33,7 @@ __all__ = ["FORMS", "HardPositives", "World"]
 
 FORMS = ("float32", "float64", "placed")
 TRIES = 12  # draws of one query before it is given up
-SLACK = 2.0**-44  # relative, 256 roundings of float64: no quantity here goes through more than 100
+DOUBLE_ERROR = 2.0**-44  # relative, 512 roundings of float64 (2^-53 each): no quantity here goes through more than 100
 INSIDE = 2.0**-30  # of a cell: how far inside its faces the points of float64 and of placed queries lie
 
 
@@ -61,7 +61,7 @@ auto power = [&](int most) {  // 2^0 to 2^-most
 """
 
 _POINT = """
-const int among = u() < 0.9 ? boundary : all;
+const int among = u() < 0.9 ? boundary : occupied;
 const int chosen = (among == boundary ? 0 : boundary) + (int)(u() * among);
 int cell[N];
 double p[N];  // object space
@@ -127,17 +127,22 @@ auto normal_error = [&](int from, int k) {{
 """
 
 
+# One query: ``_POINT`` chooses a cell and a point p of it; ``Query.hard_draw`` makes of it the two halves a and b of a
+# query in object space, with random numbers u() and power(most) and the domain's lower and upper corners, its diagonal
+# ``across`` and the largest of its cells per unit, ``fastest``. From a and b the query's numbers q are made, in the world
+# or not, and x is q rounded as the form says. ``Query.hard_certain`` then clears ``sure`` unless x meets the cell for
+# certain. ``map`` is cells per unit, offset and number of cells on each axis.
 def _snippet(kind: Query, ndim: int, form: str) -> str:
     placed, columns = form == "placed", kind.columns(ndim)
     number = "double" if form == "float64" else "float"
-    to_world = (
+    numbers = (  # from a and b to q
         kind.hard_to_world if placed else "for (int k = 0; k < N; ++k) { q[k] = a[k]; if (M > N) q[M - N + k] = b[k]; }"
     )
     read = {"float32": _OBJECT_FLOAT, "float64": _OBJECT_DOUBLE, "placed": _OBJECT_PLACED}[form]
     certain = (placed and kind.hard_certain_placed) or read + kind.hard_certain
     return f"""
 constexpr int N = {ndim}, M = {columns};
-constexpr double rho = {RELATIVE_ERROR.hex()}, slack = {SLACK.hex()}, inset = {(0.0 if form == "float32" else INSIDE).hex()};
+constexpr double rho = {RELATIVE_ERROR.hex()}, slack = {DOUBLE_ERROR.hex()}, inset = {(0.0 if form == "float32" else INSIDE).hex()};
 {COORDINATE}
 #if defined(__CUDA_ARCH__)
 const int begin = block; const int end = block < count ? block + 1 : count;
@@ -166,7 +171,7 @@ for (int i = begin; i < end; ++i) {{
         double a[N], b[N], q[2 * N];
         {_POINT}
         {kind.hard_draw}
-        {to_world}
+        {numbers}
         for (int k = 0; k < M; ++k) x[k] = ({number})q[k];
         sure = true;
         {{ {certain} }}
@@ -188,7 +193,7 @@ def _kernel(kind: Query, ndim: int, form: str) -> wp.Kernel:
         block: int,
         cells: wp.array(dtype=wp.int32),
         boundary: int,
-        all: int,
+        occupied: int,
         map: wp.array(dtype=wp.float64),
         components: int,
         groups: wp.array(dtype=wp.int32),
@@ -217,7 +222,9 @@ class HardPositives:
         self.kind = QUERIES[query]
         self.columns = self.kind.columns(grid.ndim)
         boundary = grid.boundary if len(grid.boundary) else grid.occupied
-        self._boundary, self._all = len(boundary), len(grid.occupied)
+        self._boundary, self._occupied = len(boundary), len(grid.occupied)
+        # Boundary cells, then all occupied ones; cells per unit, offset and number of cells on each axis; and of each
+        # component of the object the rows of ``Query.hulls``, with the number of the row at which each begins.
         self._cells = self._array(np.concatenate([boundary, grid.occupied]), wp.int32)
         self._map = self._array(np.concatenate([grid.cells_per_unit, grid.offset, np.array(grid.shape)]), wp.float64)
         parts = self.kind.hulls(grid)
@@ -253,7 +260,7 @@ class HardPositives:
         out = wp.empty(count * self.columns, dtype=number, device=self.device)
         certain = wp.empty(count, dtype=wp.uint8, device=self.device)
         inputs = [
-            *(wp.uint64(seed), wp.uint64(first), count, 0, self._cells, self._boundary, self._all, self._map),
+            *(wp.uint64(seed), wp.uint64(first), count, 0, self._cells, self._boundary, self._occupied, self._map),
             *(self._components, self._groups, self._corners, place, wp.float64(self.length)),
         ]
         kernel = _kernel(self.kind, n, form)

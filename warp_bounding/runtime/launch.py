@@ -5,6 +5,8 @@ where launches are recorded. The threads sleep between launches. Whoever is awak
 never waits for a thread that has not woken: the caller then does everything itself. What a kernel's block took the last
 time tells whether waking anybody pays.
 
+A *block* is what one item of a CPU launch (one ``wp.tid()``) handles; *threads* are those of the operating system.
+
 A kernel is compiled, or loaded from Warp's cache, before its first launch. That takes seconds of which a budget should
 know nothing: ``working_seconds`` is a clock that stands still meanwhile.
 """
@@ -31,7 +33,7 @@ __all__ = [
     "working_seconds",
 ]
 
-BLOCK = 512  # queries that one CPU thread of a batch kernel handles; on CUDA one
+BLOCK = 512  # queries of a block of a batch kernel; on CUDA one
 SMALLEST_SHARE = 16  # blocks: with fewer of them per thread, waking a thread costs more than it saves
 WORTH_WAKING = 30e-6  # seconds: with less work per thread no thread is woken, because that takes 10 to 30 us
 
@@ -53,13 +55,13 @@ class _Job:
         self.error: BaseException | None = None
         self._open = list(shares)
         self._joined: list[None] = []  # one of each helper; appending is atomic
-        self._left: list[None] = []
-        self._news: SimpleQueue[None] = SimpleQueue()  # somebody has left
+        self._gone: list[None] = []  # one of each helper that has ended
+        self._news: SimpleQueue[None] = SimpleQueue()  # a helper has ended
 
     @property
     def over(self) -> bool:
         """Whether no share is open, and none that a helper has taken is still running."""
-        return not self._open and len(self._left) >= len(self._joined)
+        return not self._open and len(self._gone) >= len(self._joined)
 
     def work(self) -> None:
         """Do shares until there are none left; popping from a list is atomic."""
@@ -77,7 +79,7 @@ class _Job:
         """``work``, by a thread that ``finish`` waits for."""
         self._joined.append(None)
         self.work()
-        self._left.append(None)
+        self._gone.append(None)
         self._news.put(None)
 
     def finish(self) -> None:
@@ -237,7 +239,11 @@ class BlockLaunch:
             _crew.run(shares)
 
     def launch_once(self) -> None:
-        """Run a launch that is needed once; a single thread's is not recorded, which would take half as long again."""
+        """Run a launch that is needed once.
+
+        One thread launches directly: to record it first would take half as long again as the launch alone. For several
+        threads it is recorded, since only this one may ask Warp.
+        """
         if self._most == 1 and self._blocks:
             self._ask_warp(0, self._blocks)
         else:

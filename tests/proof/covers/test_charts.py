@@ -9,7 +9,7 @@ import warp_bounding as wb
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import certify, charted, least_value, prove
-from warp_bounding.proof.covers.ray import single_faces
+from warp_bounding.proof.covers.ray import single_cells
 from warp_bounding.proof.search.depth_first import charted_minimum, prove_target
 from warp_bounding.queries import oracle
 from warp_bounding.queries.positives import draw_positives
@@ -109,12 +109,12 @@ def test_a_proven_network_is_certified_and_a_raised_threshold_is_refuted(query, 
     assert oracle(query, grid, "cpu", bounder.domain.oracle_length)(query_found)[0]
 
 
-def test_single_faces_are_the_same_rays():
+def test_single_cells_are_the_same_rays():
     for name in ("c", "small"):
         grid = grid_of(name)
         bounder = random_network("ray", grid, 2, gain=1.0)
         cover = charted(bounder, grid)
-        lower, upper = (np.concatenate(side) for side in zip(*single_faces(bounder, grid), strict=True))
+        lower, upper = (np.concatenate(side) for side in zip(*single_cells(bounder, grid), strict=True))
         sizes = (cover.upper - cover.lower, upper - lower)
         assert np.isclose(*(np.prod(np.where(size > 0, size, 1.0), axis=1).sum() for size in sizes))
         single = type(cover)(cover.network, cover.chart, lower, upper, cover.numbers, cover.limit)

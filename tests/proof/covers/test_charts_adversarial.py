@@ -14,7 +14,7 @@ from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import certify, charted, prove
 from warp_bounding.proof.covers.plane import SupportGap
-from warp_bounding.proof.covers.ray import single_faces
+from warp_bounding.proof.covers.ray import single_cells
 from warp_bounding.proof.search.best_first import minimum
 from warp_bounding.proof.search.depth_first import STACK, _fill, charted_minimum, prove_target
 from warp_bounding.queries import oracle
@@ -120,7 +120,7 @@ def test_every_ray_lies_in_a_box_where_it_first_enters(sizes, way):
     cover = charted(bounder, grid)
     lower, upper = cover.lower, cover.upper
     if way == "single":
-        lower, upper = (np.concatenate(side) for side in zip(*single_faces(bounder, grid), strict=True))
+        lower, upper = (np.concatenate(side) for side in zip(*single_cells(bounder, grid), strict=True))
     origin = rng.integers(-4, 2 * np.array(sizes) + 5, (3000, n)) / 2 + grid.lower
     origin += rng.choice([0.0, 0.25], origin.shape, p=[0.7, 0.3])
     d = rng.choice([-2.0, -1.0, 0.0, 1.0, 2.0], origin.shape)

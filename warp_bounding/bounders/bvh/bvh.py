@@ -1,9 +1,11 @@
 """``bvh``: a hierarchy of axis-aligned boxes over the object's cells (the paper's BVH), built by ``bvh.build``.
 
 Nodes lie in depth-first order, each with the index behind its subtree: a query that misses a box goes on there, one that
-hits it goes on with the next node, and no stack is needed (Smits 1998). Lanes walk together and wait where they
-have nothing to ask. Points and boxes are only compared, so they cannot round; a ray is clipped by each box (Kay and Kajiya
-1986), a plane is compared with the box's two supports, both with room for their rounding. f is 0 where a leaf is hit, else -1.
+hits it goes on with the next node, and no stack is needed (Smits 1998). The lanes of a vector share one walk; a lane that has
+skipped a subtree waits until the walk leaves it. Queries of points and boxes are only compared with a node, which cannot
+round; a ray is clipped by each node's box (Kay and Kajiya 1986), a plane is compared with the box's two supports, both with room
+for their rounding. The boxes are moved out by twice ``ROOM`` for rays that run along a face, and for all other queries alike. f is
+0 where a leaf is hit, else -1.
 """
 
 import math
@@ -33,14 +35,21 @@ from warp_bounding.queries.plane import PLANE
 
 __all__ = ["Bvh", "BvhSource", "leaves_for_bytes"]
 
-LEAVES = 64
+LEAVES = 64  # of ``Bvh.fit`` where it is called directly, as in tests; ``fit`` always passes the option's value
+LARGEST = (
+    2.0**40
+)  # local units, of a node's corners: divided by ``PARALLEL``, as rays may be clipped, it stays under 2^127
 _leaves = whole("leaves", 1)
-FRONT = 2  # numbers before the nodes: how many there are, and a plane's room
+LEADING = 2  # of the method's numbers, before the nodes: how many nodes there are, and the room of a plane
 
 
 def leaves_for_bytes(nbytes: int, ndim: int) -> int:
-    """The most leaves of a hierarchy in n dimensions whose ``Bounder.nbytes`` are at most so many; at least 1."""
-    nodes = max((nbytes // 4 - (4 * ndim + 1 + FRONT)) // (2 * ndim + 1), 1)
+    """The most leaves of a hierarchy in n dimensions whose ``Bounder.nbytes`` are at most so many; at least 1.
+
+    Of rays and planes about a moving object these are 4 bytes more.
+    """
+    before = 3 * ndim + 1 + ndim + LEADING  # header and threshold; ``extra``, where it is longest; the method's own
+    nodes = max((nbytes // 4 - before) // (2 * ndim + 1), 1)
     return nodes - -(-(nodes - 1) // ARITY)  # with their ``inner_nodes``, they are just so many nodes or one less
 
 
@@ -61,10 +70,10 @@ class BvhSource(Source):
     def body(self, lanes: Lanes) -> str:
         prepare, touches = TOUCHES[self.query](self.ndim)
         walk = TOGETHER if lanes.vector else ALONE
-        return fill(walk, prepare=prepare, touches=touches, front=FRONT, n=self.ndim)
+        return fill(walk, prepare=prepare, touches=touches, leading=LEADING, n=self.ndim)
 
     def plain(self) -> wp.Function:
-        return plain_walk(self, FRONT)
+        return plain_walk(self, LEADING)
 
 
 class Bvh(Bounder):
@@ -126,7 +135,7 @@ class Bvh(Bounder):
         low, high = self.tensors["low"], self.tensors["high"]
         if (low < low[parent]).any() or (high > high[parent]).any() or (low > high).any():
             raise BounderError("bvh: a box does not hold its children")
-        if not max(np.abs(low).max(), np.abs(high).max()) < 2.0**40:
+        if not max(np.abs(low).max(), np.abs(high).max()) < LARGEST:
             raise BounderError("bvh: numbers are so large that float32 products may overflow")
 
     def _parents(self) -> np.ndarray:
@@ -162,7 +171,9 @@ class Bvh(Bounder):
     def weights(self) -> np.ndarray:
         low, high, n, room = self.tensors["low"], self.tensors["high"], self.ndim, 0.0
         if QUERIES[self.query_kind] is PLANE:
-            # Products and sums of 2 n numbers, one more sum; entries of m are at most 1.
+            # A plane m . y = c, no entry of m above 1. A support is 2 n products and their sums, and c -+ room one sum more:
+            # 2 n + 1 roundings, 2 n + 4 to be safe. Under 16 (n + 1) results and
+            # factors, each times at most 1 + size, may be set to zero.
             corner = np.maximum(np.abs(low), np.abs(high)).astype(np.float64)
             size = corner.sum(axis=1).max() + float(self.domain.limit[-1])
             room = float(round_up(gamma(2 * n + 4) * size * (1 + 1e-9) + 16 * (n + 1) * (1 + size) * TINY))
@@ -171,7 +182,7 @@ class Bvh(Bounder):
 
     @property
     def nbytes(self) -> int:
-        return super().nbytes + 4 * FRONT
+        return super().nbytes + 4 * LEADING  # which are in no tensor
 
     def _in_leaf(self, count: int, meets: Callable[[int, np.ndarray], np.ndarray]) -> np.ndarray:
         """0 for which of ``count`` rows meet a leaf and all nodes above it, else -1; ``meets`` tells which rows meet a node."""

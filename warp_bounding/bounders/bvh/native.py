@@ -6,7 +6,7 @@ from warp_bounding.coordinates.base import GUARD
 __all__ = ["ALONE", "TOGETHER", "TOUCHES"]
 
 _NODE = """
-        const float* b = w + $front + i * (2 * N + 1);  // low, high, past
+        const float* b = w + $leading + i * (2 * N + 1);  // low, high, past
         const int past = (int)b[2 * N];
         $touches
 """

@@ -10,7 +10,7 @@ from warp_bounding.kernels.source import Source
 __all__ = ["plain_walk"]
 
 
-def plain_walk(source: Source, front: int) -> wp.Function:
+def plain_walk(source: Source, leading: int) -> wp.Function:
     """0 where a leaf is met, else -1: after a node that is met the next one, after others the one behind the subtree."""
     size, vector, touches = 2 * source.ndim + 1, vector_type(source.coordinates), _TOUCHES[source.query](source)
 
@@ -18,7 +18,7 @@ def plain_walk(source: Source, front: int) -> wp.Function:
     def f(w: Numbers, words: Words, at: int, v: vector) -> float:
         count, i, value = int(w[at]), wp.int32(0), wp.float32(-1.0)
         while i < count:
-            node = at + front + i * size
+            node = at + leading + i * size
             past = int(w[node + size - 1])
             if touches(w, at, node, v):
                 i += 1

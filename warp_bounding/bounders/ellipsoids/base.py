@@ -59,7 +59,7 @@ class QuadricBounder(VolumeBounder):
     ) -> "QuadricBounder":
         """See ``Bounder``; the threshold is the radius."""
         matrix, center = enclosing_of_points(cls.samples_of(domain, positives), cls.family)
-        return cls._around(domain, matrix / domain.coordinates.units(domain), -matrix @ center, device)
+        return cls._around(domain, matrix / domain.coordinates.v_per_unit(domain), -matrix @ center, device)
 
     @classmethod
     def _around(cls, domain: AnyDomain, matrix: np.ndarray, offset: np.ndarray, device) -> "QuadricBounder":

@@ -67,9 +67,9 @@ class MlpEarlySource(MlpSource):
         lines = [f"float answer = {literal(DENIED)}; do {{", self.function_encode()]
         for index, place in enumerate(self.exits):
             lines.append(self.function_layer(index))
-            lines += ["{", self.function_head(index, place + 1), f"if (f < w[{place}]) break; }}"]
+            lines += ["{", self.function_output(index, place + 1), f"if (f < w[{place}]) break; }}"]
         last = len(self.hidden) - 1
-        lines += [self.function_layer(last), self.function_head(last, self.places[-1])]
+        lines += [self.function_layer(last), self.function_output(last, self.places[-1])]
         return "\n".join([*lines, "answer = f; } while (false); const float f = answer;"])
 
 

@@ -1,8 +1,8 @@
 """``learned-kdop``: a k-DOP whose k half-spaces are free and learned by gradient descent (the paper's OurkDOP).
 
 As many half-spaces as ``kdop`` has, but each with a normal of its own instead of pairs on given axes. Learned are the normals
-only (``training.learned_kdop``): every face is set to the exact support of what is bounded, so any normals make a conservative
-volume, and any step of training can be the last. For regions there are two kinds, as for the classics: a polytope in object space
+only (``training.learned_kdop``): every face is set to a certified upper bound of the support of what is bounded, so any normals
+make a conservative volume, and any step of training can be the last. f is ``min_k (offset_k - normal_k . v)``. For regions there are two kinds, as for the classics: a polytope in object space
 that rays, planes and boxes are tested against (k = 4 n, ``half_spaces``), and one in the space of a region's own 2n numbers
 (k = 8 n, ``ParametricSupport``).
 """
@@ -30,8 +30,8 @@ Support = ObjectSupport | ParametricSupport
 
 def classic_normals(domain: AnyDomain, k: int | None = None) -> np.ndarray:
     """``kdop``'s half-spaces, where training starts from: ``(k, m)`` float64 normals in the coordinates of what is bounded."""
-    scale = domain.coordinates.units(domain) if domain.parametric else domain.scale.astype(np.float64)
-    directions = kdop_directions(len(scale), k) / scale
+    scale = domain.coordinates.v_per_unit(domain) if domain.parametric else domain.scale.astype(np.float64)
+    directions = kdop_directions(len(scale), k) / scale  # because v = (x - center) scale
     return np.concatenate([directions, -directions])
 
 
@@ -49,7 +49,9 @@ class LearnedKdop(FaceBounder):
     method = "learned-kdop"
     tests = TESTS
     options = (
-        Option("k", None, "half-spaces, as many as kdop's by default, 40 before a network; 128 at most", parse=int),
+        Option(
+            "k", None, "half-spaces, 128 at most; by default as many as kdop's, or 40 in front of a network", parse=int
+        ),
         STEPS,
     )
 
@@ -62,7 +64,7 @@ class LearnedKdop(FaceBounder):
     def fit(
         cls, grid: IndicatorGrid, domain: AnyDomain, *, k: int | None = None, device: str | None = None
     ) -> "LearnedKdop":
-        """Where training starts: the half-spaces of ``kdop``, each on its own."""
+        """Where training starts: the half-spaces of ``kdop``, each on its own; ``k`` as ``kdop`` offers it."""
         return cls.of_normals(grid, domain, classic_normals(domain, k), device=device)
 
     @classmethod
@@ -84,7 +86,8 @@ class LearnedKdop(FaceBounder):
         reach = (support or support_of(grid, domain))(normals.astype(np.float64))
         tested_domain = domain.base if domain.tested_as_region else domain
         tight = cls(tested_domain, {"normals": normals, "offsets": round_up(reach)}, {}, device)
-        offsets = round_up(reach + 2 * tight.rounding_bound())  # so that the threshold comes out at about zero
+        # The least f is about 2 E then, and the threshold, which lies E below it, at zero or a little above.
+        offsets = round_up(reach + 2 * tight.rounding_bound())
         return cls(domain, {"normals": normals, "offsets": offsets}, {}, device)
 
     def check_tensors(self) -> None:

@@ -44,7 +44,10 @@ class FaceBounder(VolumeBounder):
     shape: Slabs
 
     def least(self, grid: IndicatorGrid) -> tuple[float, int]:
-        """See ``Bounder``; 0 for regions. Raises ``BounderError`` if the volume does not hold all of the object."""
+        """See ``Bounder``; 0 for regions. Raises ``BounderError`` if the volume does not hold all of the object.
+
+        A region that meets the object meets a volume that holds it, and the tests of regions are 0 or more there.
+        """
         least, count = super().least(grid)
         if self.volume is None:
             return least, count
@@ -95,7 +98,7 @@ class SlabBounder(FaceBounder):
     ) -> "SlabBounder":
         """See ``Bounder``; ``options`` are those of ``sampled_directions``."""
         samples = cls.samples_of(domain, positives)
-        local = cls._local(cls.sampled_directions(samples, **options), domain.coordinates.units(domain))
+        local = cls._local(cls.sampled_directions(samples, **options), domain.coordinates.v_per_unit(domain))
         support = ParametricSupport(grid, domain)(np.concatenate([local, -local]))
         low, high = -support[len(local) :], support[: len(local)]
         tight = cls._of_faces(domain, local, low, high, device)

@@ -34,7 +34,7 @@ __all__ = [
 ]
 
 SHORTEST = 2.0**-400  # axes shorter than this are not used: the squares of their components may underflow
-PROJECTIONS = 16  # alternating projections until a box that is neither proven near nor far counts as near
+PROJECTIONS = 16  # alternating projections; a box that is neither near nor proven far by then is left to the 13 axes
 # Relative to the largest absolute coordinate M of corners and box and to the margin: with u = 2^-53, for an axis d with
 # the sum |d| of its absolute components, float64 errs by less than
 #   a corner relative to the centre (one rounding)                              u M |d|

@@ -1,9 +1,12 @@
 """Rays that meet an object, as boxes of the chart ``networks.charts.ray``, by where a ray first enters the object.
 
-z = (p, t, m), 2n + 1 numbers. Two have no width in each box: an entry of p, or t, and an entry of m.
+z = (p, t, m), 2n + 1 numbers: a point p of the object that the ray ``a + t w`` passes, its parameter 0 <= t <= 1 there
+(w is the whole displacement, ``stretch`` times a unit vector), and a direction m of any length on the cube's surface.
+Of m one entry has no width in each box. Besides, t has none where the ray begins in the object, and else the entry of p
+across the exposed face.
 
-Let a ray ``a + t w`` meet the object. Either its origin lies in the object: these are the boxes with p anywhere in the
-object, t = 0 and every direction. Or it first enters at a point p, and exposed faces with inward directions cover it:
+Let a ray meet the object. Either its origin lies in the object: these are the boxes with p anywhere in the object,
+t = 0 and every direction. Or it first enters at a point p, and exposed faces with inward directions cover it:
 
 1. Let A be an occupied cell that holds p, and D a cell that holds the ray just before p: it is empty, or outside the
    grid. On an axis on which the ray stands still choose D as A is; it holds the ray there, too.
@@ -26,16 +29,19 @@ from warp_bounding.networks.charts.ray import RayChart
 from warp_bounding.proof.covers.base import Cover
 from warp_bounding.proof.search.depth_first import ChartedPositives
 
-__all__ = ["RayCover", "single_faces"]
+__all__ = ["RayCover", "single_cells"]
 
-CELLS = 256  # cells that ``single_faces`` takes at a time
+CELLS = 256  # cells that ``single_cells`` takes at a time
 
 
-def single_faces(bounder: Mlp, grid: IndicatorGrid) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """The same positives in other boxes, cell by cell and face by face: ``certify`` must not share the search's.
+def single_cells(bounder: Mlp, grid: IndicatorGrid) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """The positives of ``RayCover.charted`` in boxes of one cell (t = 0) and of one exposed face each.
+
+    They are found without ``blocks_of`` and ``_exposed``: ``certify`` must not rest on the code of the search.
 
     Yields:
-        Lower and upper corners ``(N, 2 n + 1)`` of some.
+        Lower and upper corners ``(N, 2 n + 1)`` for up to ``CELLS`` cells: of these cells, then of their faces on each of
+        the 2n sides.
     """
     n, domain = grid.ndim, bounder.domain
     occupied = {tuple(cell) for cell in grid.occupied.tolist()}
@@ -110,7 +116,9 @@ class RayCover(Cover):
         lower, upper = (np.concatenate(side) for side in zip(*boxes, strict=True))
         stretch, base = domain.stretch.astype(np.float64), domain.base
         limit = base.limit.astype(np.float64)
-        slop = gamma(128, UNIT64) * (limit + 2 * stretch)  # of a = p - t w in the chart: far more than it rounds
+        # What the chart rounds in ``a = p - t w``: an entry goes through some 2 n + 12 roundings, of which the length of m
+        # takes most.
+        slop = gamma(128, UNIT64) * (limit + 2 * stretch)
         # in the order in which ``RayChart`` reads them
         numbers = [stretch, limit, local(grid.lower), local(grid.upper), *np.split(domain.delta, 2), slop]
         # The largest inputs in a box before it is cut to ``|a| <= limit``, generously: a - w and the noise of w.
@@ -121,10 +129,11 @@ class RayCover(Cover):
         self, bounder: Mlp, grid: IndicatorGrid, cover: ChartedPositives
     ) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
         sets = 1 + 2 * grid.ndim  # the cells of a part, and their faces on each side
-        for index, (lower, upper) in enumerate(single_faces(bounder, grid)):
+        for index, (lower, upper) in enumerate(single_cells(bounder, grid)):
             yield lower, upper, min((index + 1) * CELLS // sets, len(grid.occupied))
 
     def at_points(self, p: np.ndarray, bounder: Bounder) -> np.ndarray:
+        # the ray that begins at p, along the axes in turn
         n = p.shape[1]
         return np.concatenate([p, np.eye(n)[np.arange(len(p)) % n] * bounder.domain.stretch.astype(np.float64)], axis=1)
 

@@ -1,13 +1,14 @@
 """Depth-first search over charted boxes: it proves ``f >= target``, or the highest target that time allows.
 
-A box is *closed* when it is not halved any more: its bound reaches the target, or it is too narrow to be halved, or the
-target is ``CLOSE_ALL``. The target is proven when no box waits and the least bound of a closed box reaches it.
+A box is *closed* when it is not halved any more: because its bound reaches the target (``CLOSE_ALL``, minus infinity, is
+reached by any), or because it is too narrow to be halved. It is never opened again. The target is proven when no box waits
+and the least bound of a closed box reaches it.
 
 Which boxes must be halved depends on the target alone, not on the order, so a depth-first search with a few boxes a
 thread does the same work as one that keeps them all in order, and needs no memory. The initial boxes come in random
 order, so that the share of them that is done tells early what the rest will take. A search for the minimum goes for the
-best target; where that is expected to take too long, it goes on with a lower one, which all closed boxes reach already.
-The least bound of a closed box is what is proven in the end.
+best target; where that is expected to take too long, it goes on with a lower one. No target above the least bound of a
+closed box can be proven any more, so it is lowered to that bound too (``Pace.reach``), which is what is proven in the end.
 """
 
 from collections.abc import Callable
@@ -147,7 +148,7 @@ def prove_target(
     Args:
         cover: The positives.
         target: Value of f, or ``CLOSE_ALL``.
-        boxes: Number of boxes after which the search ends.
+        boxes: Limit: the number of boxes after which the search ends.
         device: Warp device.
     """
     descent = Descent(cover, device)
@@ -159,10 +160,10 @@ def prove_target(
 
 
 def _fill(stacks: np.ndarray, heights: np.ndarray, initial: np.ndarray, reserve: np.ndarray) -> int:
-    """Give empty blocks boxes of the reserve's end, or else the lower half of the highest stack, its largest boxes.
+    """Give empty blocks boxes of the reserve's end, or else the bottom half of the fullest stack, its largest boxes.
 
-    Of each stack ``(STACK, 2, Z)`` the ``initial`` lowest boxes are initial ones. Returns how many boxes were taken from
-    the reserve ``(N, 2, Z)``, the initial boxes that no block has taken.
+    So many boxes as ``initial`` says, at the bottom of each stack ``(STACK, 2, Z)``, are initial ones, which nobody has
+    halved yet. Returns how many boxes were taken from the reserve ``(N, 2, Z)``, the initial boxes that no block has taken.
     """
     taken, empty = 0, np.flatnonzero(heights == 0)
     for place, block in enumerate(empty):
@@ -200,20 +201,21 @@ def charted_minimum(
     Args:
         cover: The positives.
         eps: Gap between bound and found value at which the search ends.
-        upper: f of a positive that is known.
+        upper: A value of f that is not below the minimum, such as f of a positive that is known.
         seconds: Time after which the search ends with what it has. Compiling the kernels of a network's shape does not
             count.
-        boxes: Number of boxes after which it ends with what it has, the same on every machine.
+        boxes: Limit: the number of boxes after which it ends with what it has, the same on every machine.
         progress: Called with boxes done, the fraction of the initial boxes that are done or begun, and the gap that is
             aimed at.
         device: Warp device.
     """
     started = working_seconds()
     cover = _divided(cover, INITIAL, device)
+    # Each initial box is bounded once: that tells how many there is time for, and finds low positives to begin with.
     survey = prove_target(cover, CLOSE_ALL, device=device)
     affordable = min(boxes, seconds * survey.boxes / (working_seconds() - started))
-    many = min(INITIAL_SHARE * affordable, MOST_INITIAL) if np.isfinite(affordable) else INITIAL
-    descent = Descent(_divided(cover, many, device), device)
+    initial = min(INITIAL_SHARE * affordable, MOST_INITIAL) if np.isfinite(affordable) else INITIAL
+    descent = Descent(_divided(cover, initial, device), device)  # no fewer boxes than there are by now
     best = min(upper, float(survey.values.min(initial=np.inf)))
 
     def done() -> int:
@@ -248,7 +250,7 @@ def _divided(cover: ChartedPositives, count: float, device: str) -> ChartedPosit
         if len(lower) >= count:
             break
         bounds = cover.bound(lower, upper, device)
-        some = ~np.isposinf(bounds.lower)
+        some = ~np.isposinf(bounds.lower)  # infinity is the bound of a box without positives
         boxes, axis, row = bounds.boxes[some], bounds.axis[some], np.arange(np.count_nonzero(some))
         (lower, upper), middle = boxes.swapaxes(0, 1), cover.chart.middle(boxes[row, 0, axis], boxes[row, 1, axis])
         less, more = upper.copy(), lower.copy()
