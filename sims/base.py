@@ -1,8 +1,9 @@
 """What every demo is made of: an ``Example``, one run of its simulation, and a ``Demo``, which runs it with and without bounders.
 
-A demo tells a ``Demo`` its shapes, how their bounders are fitted, how a run begins and what is drawn. The rest is the same for all: bounders are fitted or
-loaded, the runs take turns, step by step, so that whatever else the machine does slows all of them alike, each is compared with the run
-without a broad phase, to the bit, and a table, a verdict, pictures and JSON are made of it.
+A demo tells a ``Demo`` its shapes, how their bounders are fitted, how a run begins and what is drawn. The rest is the
+same for all: bounders are fitted or loaded, the runs take turns, step by step, so that whatever else the machine does
+slows all of them alike, each is compared with the run without a broad phase, to the bit, and a table, a verdict,
+pictures and JSON are made of it.
 """
 
 import runpy
@@ -60,8 +61,8 @@ class Example(ABC):
         """Number of contacts, or of what else ``Demo.MISSED`` names, that this run should have found and did not.
 
         Args:
-            reference: A run of the same length without a broad phase; ``None`` will do where a class checks its own states
-                exactly and does not read it.
+            reference: A run of the same length without a broad phase; ``None`` will do where a class checks its own
+                states exactly and does not read it.
         """
 
     def identical(self, reference: "Example") -> bool:
@@ -105,8 +106,8 @@ def simulate(what: str, phases: Mapping[str, Any], make: Callable[[Any, bool], E
     Args:
         what: Name of the simulation, beside the progress bar.
         phases: Broad phases by name.
-        make: ``make(broad_phase or None, warm_up)`` returns a run that has not begun; with ``warm_up`` a small one, whose only step
-            loads the kernels.
+        make: ``make(broad_phase or None, warm_up)`` returns a run that has not begun; with ``warm_up`` a small one,
+            whose only step loads the kernels.
         steps: Number of steps.
 
     Returns:

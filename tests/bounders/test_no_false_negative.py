@@ -13,7 +13,7 @@ from warp_bounding.proof.search.best_first import minimum
 
 
 def low_points(bounder, grid) -> np.ndarray:
-    """What a search finds lowest on the object, in object space, as float32 points of it, also nudged up or down on all axes."""
+    """What a search finds lowest on the object, in object space, as float32 points of it; also nudged on all axes."""
     lower, upper = positive_boxes(bounder, grid)
     search = minimum(bounder, lower, upper, eps=1e-2, boxes=100_000)
     x = bounder.domain.to_object(search.worst).astype(np.float32)
@@ -67,10 +67,10 @@ def test_random_networks_are_proven_too(hidden, activation, octaves, rng):
 
 @pytest.mark.parametrize("name", ["c", "blob", "half", "mesh", "five"])
 def test_closed_forms_are_tight(name):
-    """The aabb ends within a thousandth of a cell of the object's own box; other volumes are hardly looser than they may be.
+    """The aabb ends within a thousandth of a cell of the object's own box; other volumes are hardly looser than others.
 
-    kdop is not looser than aabb, and the oriented ellipsoid than the ellipsoid but for 2 % and the noise of samples, since
-    both are found by iteration; voxels differ from the truth by their widening alone.
+    kdop is not looser than aabb, and the oriented ellipsoid than the ellipsoid but for 2 % and the noise of samples,
+    since both are found by iteration; voxels differ from the truth by their widening alone.
     """
     grid = shape(name)
     low, high = grid.position(grid.occupied - 0.5).min(axis=0), grid.position(grid.occupied + 0.5).max(axis=0)

@@ -28,8 +28,8 @@ def check_claims(bounder: Subject, certificate: Certificate, document: dict[str,
     Args:
         bounder: As it was read.
         certificate: As it was read.
-        document: The file's other fields: ``threshold``, ``indicator``, ``name``, ``margin``, ``length``, ``resolution``,
-            and ``grid_shape``, which older files do not have.
+        document: The file's other fields: ``threshold``, ``indicator``, ``name``, ``margin``, ``length``,
+            ``resolution``, and ``grid_shape``, which older files do not have.
 
     Raises:
         FileFormatError: If one is impossible; it is named.

@@ -35,8 +35,8 @@ __all__ = ["AnyDomain", "RegionDomain", "domain_of"]
 
 SPACES = (GEOMETRIC, PARAMETRIC)
 PLACED = 2.0**-12  # local units: what delta allows for the rounding of a placement, beyond the map's own
-# Local units, a ray's displacement on each axis: the least is far above ``PARALLEL``; a ray as long as the largest rounds by
-# more than delta may be, unless a cell is half of the domain or more.
+# Local units, a ray's displacement on each axis: the least is far above ``PARALLEL``; a ray as long as the largest
+# rounds by more than delta may be, unless a cell is half of the domain or more.
 STRETCHES = (2.0**-60, 2.0**16)
 PLACED_SHARE = 1.0 / 32.0  # of a cell: map and placement together get no more than this, unless the map alone needs it
 
@@ -83,8 +83,8 @@ class RegionDomain:
     @classmethod
     def of(cls, grid: IndicatorGrid, query: str, length: float = 1.0, space: str = "geometric") -> "RegionDomain":
         """See ``domain_of``."""
-        # To the base time is an axis like the others: a region counts by its part inside the domain, and what it is to the
-        # range of time its own test decides (``extra``).
+        # To the base time is an axis like the others: a region counts by its part inside the domain, and what it is to
+        # the range of time its own test decides (``extra``).
         still = replace(grid, time=False)
         base = Domain.of(still)
         length = float(length) if QUERIES[query].has_length else None
@@ -98,7 +98,8 @@ class RegionDomain:
             raise BounderError(
                 f"{grid.name}: a ray of length {length:g} is so long that float32 cannot tell cells apart at its end"
             )
-        # What the map needs, as ``fault`` checks it again; and besides room for a placement, unless that would cost too much.
+        # What the map needs, as ``fault`` checks it again; and besides room for a placement, unless that would cost too
+        # much.
         with_placement = np.minimum(needed + PLACED, PLACED_SHARE * cell)
         least_delta = np.maximum(needed * POSITIONS_ROUNDING * GROWTH, with_placement)
         domain = cls(query, space, Domain.of(still, least_delta=least_delta), grid.time, length)

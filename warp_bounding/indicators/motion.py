@@ -38,10 +38,11 @@ DEFAULT_TIMES, MAX_TIMES = 32, 1024  # cells of time
 SPARE = 4  # so many more cells of time than asked for are made where these fit the range better
 LEFT = 0.01  # of a cell of time: as much may be left out at the ends of the range before other cells are tried
 # In cells: half of the longest way of a vertex within a piece. No vertex goes farther than the grid's diagonal, at most
-# sqrt(3) 1024 cells, so there are at most 3,600 pieces between two *knots*, the keyframes and the ends of a cell of time.
+# sqrt(3) 1024 cells, so there are at most 3,600 pieces between two *knots*, the keyframes and the ends of a cell of
+# time.
 WAY = 0.25
-# Of the largest coordinate: rounding a vertex to float32 (``vertices_at``) moves each of its coordinates by half of this at
-# most, and the vertex by sqrt(3) as much.
+# Of the largest coordinate: rounding a vertex to float32 (``vertices_at``) moves each of its coordinates by half of
+# this at most, and the vertex by sqrt(3) as much.
 EVALUATION = 2.0**-23
 
 
@@ -250,15 +251,16 @@ def time_axis(start: float, end: float, count: int, name: str) -> tuple[float, f
     Raises:
         IndicatorError: If float32 cells cannot divide the range.
     """
-    # Rates of at most SCALE_BITS significant bits, as ``cells_per_unit`` are (``indicators.mesh``): float32 times then have
-    # exact cell coordinates. Rates are whole numbers of steps, in ascending order.
+    # Rates of at most SCALE_BITS significant bits, as ``cells_per_unit`` are (``indicators.mesh``): float32 times then
+    # have exact cell coordinates. Rates are whole numbers of steps, in ascending order.
     step = math.ldexp(1.0, math.frexp(cells_per_unit(end - start, count, name))[1] - SCALE_BITS)
     few, many = (n / (end - start) / step for n in (count, count + SPARE))
     mantissa = np.arange(np.ceil(few), np.floor(many) + 1)
     rate = step * mantissa[mantissa % 2.0 ** np.maximum(np.frexp(mantissa)[1] - SCALE_BITS, 0) == 0]
     begin = np.ceil(2 * start * rate) / 2  # exact, as the products are: 24 + 16 bits
     cells = np.floor(end * rate - begin)
-    # One cell less where the difference was rounded up (an end much nearer to 0 than the start), so none passes the range.
+    # One cell less where the difference was rounded up (an end much nearer to 0 than the start), so none passes the
+    # range.
     cells -= begin + cells > end * rate
     left = (end - start) * rate - cells
     best = int(np.argmin(np.maximum(left, LEFT)))

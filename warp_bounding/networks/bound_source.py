@@ -5,10 +5,10 @@ A chart (``charts``) turns a box of numbers into the network's inputs, an affine
 each neuron is a parabola or a line (``activations``) in the linear part of its argument, plus noise. Backwards, lines
 and parabolas are weighed by the output's actual coefficients, so that those of many neurons may cancel, and only the
 bands around them count in absolute value. The arithmetic is ``(columns + 3) H^2`` multiply-adds a box for two layers
-of H neurons: centre, noise and columns forwards, one coefficient backwards. Sums may be taken in any order and fused: ``Network.padding`` and ``SQUARES_ROUNDING`` bound the float64
-rounding of all of them, and the relaxations add what the kernel's own sine and tanh err by. ``Network.bound_plain``
-computes the same in NumPy, for boxes of the inputs themselves (``PlainChart``): it knows no other chart and no
-constraint.
+of H neurons: centre, noise and columns forwards, one coefficient backwards. Sums may be taken in any order and fused:
+``Network.padding`` and ``SQUARES_ROUNDING`` bound the float64 rounding of all of them, and the relaxations add what the
+kernel's own sine and tanh err by. ``Network.bound_plain`` computes the same in NumPy, for boxes of the inputs
+themselves (``PlainChart``): it knows no other chart and no constraint.
 
 The C itself stands in ``bound_text``, which is to be read first; here it is put together for the shape of a network and
 its chart. K are the network's inputs, Z the numbers of a box, C the columns, the entries of zeta (``charts.base``).
@@ -29,8 +29,8 @@ BLOCK = 64  # boxes that a thread of the kernel works on, on a CPU; on CUDA it i
 HALVED = 0.3
 # Relative to the sum of the absolute terms of the quadratic form: above 4000 UNIT64, for up to 4000 neurons.
 SQUARES_ROUNDING = 1e-12
-# Weight of |rate| of the first layer (``bound_text.LAYER``: the generators of a neuron's argument) in the score by which
-# an axis is chosen: it decides only where all layers behind are saturated.
+# Weight of |rate| of the first layer (``bound_text.LAYER``: the generators of a neuron's argument) in the score by
+# which an axis is chosen: it decides only where all layers behind are saturated.
 FIRST_LAYER = 1e-9
 ROWS = 4  # neurons that share each input as it is loaded
 REGISTERS = 28  # sums that are kept at a time, of the 32 vector registers of AVX-512

@@ -79,8 +79,8 @@ if (k < K) for (int q = 0; q < ROW / L; ++q) a[q] += *(const V*)(p + ROW * (k + 
 for (int q = 0; q < ROW / L; ++q) *(V*)(y + q * L) = act(a[q] + b[q]);
 """
 
-# One output of one query, from ROW activations x; those behind the last neuron are 0, and so are their weights. L is 8 here;
-# the lanes are added by halves, and the rounding bound holds for every order.
+# One output of one query, from ROW activations x; those behind the last neuron are 0, and so are their weights. L is 8
+# here; the lanes are added by halves, and the rounding bound holds for every order.
 _SUM = """
 V sum = *(const V*)x * *(const V*)(w + AT + 1);
 for (int q = 1; q < ROW / L; ++q) sum += *(const V*)(x + q * L) * *(const V*)(w + AT + 1 + q * L);
@@ -93,8 +93,8 @@ class MlpSource(Source):
     """Native code of a network, for its sizes.
 
     Numbers: the encoding's biases and weights, then per layer the copy for queries in lanes (``_QUERIES_IN_LANES``:
-    blocks of J neurons, input by input) and the one for neurons in lanes (``_NEURONS_IN_LANES``: a row of all neurons for
-    each input), and for each output its bias and its weights.
+    blocks of J neurons, input by input) and the one for neurons in lanes (``_NEURONS_IN_LANES``: a row of all neurons
+    for each input), and for each output its bias and its weights.
     """
 
     hidden: tuple[int, ...]
@@ -242,7 +242,7 @@ def padded(neurons: int) -> int:
 
 
 def _block(neurons: int) -> int:
-    """Neurons that are summed at a time: the largest divisor up to 10, if it is 5 at least, or else 8, and a remainder."""
+    """Neurons that are summed at a time: the largest divisor up to 10 if that is 5 at least, else 8 and a remainder."""
     best = max(d for d in range(1, 11) if neurons % d == 0)
     return best if best >= 5 else min(8, neurons)
 

@@ -38,8 +38,8 @@ class Network:
         padding: Bounds of what each layer's float64 arithmetic in ``bound`` rounds, the output's last.
         rounding: E, a bound of the error of any float32 evaluation.
         largest: Bound of ``|f|``.
-        packed: As ``bound_boxes`` reads them: of each hidden layer the biases, the weights row by row and their absolute
-            values, then the output's bias and weights.
+        packed: As ``bound_boxes`` reads them: of each hidden layer the biases, the weights row by row and their
+            absolute values, then the output's bias and weights.
 
     Raises:
         BounderError: If an argument can leave the range in which the kernels' activation is certified.

@@ -65,12 +65,13 @@ def margin_for(mesh: newton.Mesh, reach: float, *, world: float, scale: float = 
             f"reach and world must be at least 0 and scale not 0, got {reach:g}, {world:g} and {scale:g}"
         )
     coordinates = float(np.abs(np.asarray(mesh.vertices)).max())
-    # In the mesh's units: gap + (margin + radius) / scale is at most reach / scale, and for scales above 1 at most reach.
+    # In the mesh's units: gap + (margin + radius) / scale is at most reach / scale, and for scales above 1 at most
+    # reach.
     way = reach / min(scale, 1.0)
     # The most that ``ask_hulls`` compares with the margin (``kernels.Hull``): how far the pass looks, and what float32
     # does in the mesh and in the world. There |x| + |y| + |z| counts, at most 3 world for the particle and, turned back
-    # into the mesh's axes, as much for the shape's place. 1e-6 is more than ``_SUM_ROUNDING``, 8 units of 2^-24, and the
-    # rounding of the margin to float32.
+    # into the mesh's axes, as much for the shape's place. 1e-6 is more than ``_SUM_ROUNDING``, 8 units of 2^-24, and
+    # the rounding of the margin to float32.
     in_mesh = kernels.IN_MESH * UNIT32 * (coordinates + way)
     in_world = kernels.IN_WORLD * UNIT32 * 6.0 * world / scale
     return (way + in_mesh + in_world) * (1 + 1e-6)
@@ -120,8 +121,8 @@ class ParticleCull:
             lower, upper = bounder.domain.lower, bounder.domain.upper
             domains[shape] = (lower + upper) / 2, (upper - lower) / 2
             bounder_of[shape] = next(n for n, other in enumerate(self._bounders) if other is bounder)
-        # For each shape: the index of its bounder (-1 for none), the bounder's margin, the mesh's largest coordinate, the
-        # middle and half widths of the bounder's domain; and what ``place_shapes`` makes of them in each pass.
+        # For each shape: the index of its bounder (-1 for none), the bounder's margin, the mesh's largest coordinate,
+        # the middle and half widths of the bounder's domain; and what ``place_shapes`` makes of them in each pass.
         self._bounder_of = wp.array(bounder_of, dtype=wp.int32, device=self._device)
         self._margins = wp.array(margins, dtype=wp.float32, device=self._device)
         self._largest = wp.array(largest, dtype=wp.float32, device=self._device)
@@ -229,8 +230,8 @@ class ParticleCull:
         scale = float(np.abs(self.model.shape_scale.numpy()[shape]).min())
         radius = float(self.model.particle_radius.numpy().max(initial=0.0))
         reach = radius + float(self.model.shape_margin.numpy()[shape]) + _gap(self.pipeline)
-        # World 0: what the coordinates in the world add is weighed pair by pair (``kernels.Hull.per_coordinate``), and where
-        # it is too much the pair stays.
+        # World 0: what the coordinates in the world add is weighed pair by pair (``kernels.Hull.per_coordinate``), and
+        # where it is too much the pair stays.
         needed, given = margin_for(mesh, reach, world=0.0, scale=scale), bounder.info["margin"]
         if not given >= needed:
             raise BounderError(

@@ -16,13 +16,13 @@ from warp_bounding.queries.point import POINT
 
 __all__ = ["BOX"]
 
-# Sides of hard boxes, as shares of the way from a point p of the object to the domain's end: 0 touches p, ``NARROW`` makes
-# the box thin, 1 reaches the end of the domain. Each is a share of all sides; about half of the others are narrow.
-TOUCHING, BEYOND = 0.3, 0.15  # sides that touch p, and sides that lie outside the domain
+# Sides of hard boxes, as shares of the way from a point p of the object to the domain's end: 0 touches p, ``NARROW``
+# makes the box thin, 1 reaches the end of the domain. Half of all sides touch p or are narrow.
+TOUCHING, BEYOND = 0.3, 0.15  # shares of all sides: those that touch p, and those outside the domain
 FARTHEST = 10  # these are up to 2^FARTHEST times as far away as the domain's end
 
-# See ``exact.loop_snippet``. ``map`` is cells per unit, offset and number of cells, N of each; ``indices`` is the table of
-# sums, one longer than the grid on every axis.
+# See ``exact.loop_snippet``. ``map`` is cells per unit, offset and number of cells, N of each; ``indices`` is the table
+# of sums, one longer than the grid on every axis.
 _BODY = """
 bool some = true;
 long long first[N], last[N];  // in the table of sums: cells first .. last - 1

@@ -129,9 +129,9 @@ auto normal_error = [&](int from, int k) {{
 
 # One query: ``_POINT`` chooses a cell and a point p of it; ``Query.hard_draw`` makes of it the two halves a and b of a
 # query in object space, with random numbers u() and power(most) and the domain's lower and upper corners, its diagonal
-# ``across`` and the largest of its cells per unit, ``fastest``. From a and b the query's numbers q are made, in the world
-# or not, and x is q rounded as the form says. ``Query.hard_certain`` then clears ``sure`` unless x meets the cell for
-# certain. ``map`` is cells per unit, offset and number of cells on each axis.
+# ``across`` and the largest of its cells per unit, ``fastest``. From a and b the query's numbers q are made, in the
+# world or not, and x is q rounded as the form says. ``Query.hard_certain`` then clears ``sure`` unless x meets the cell
+# for certain. ``map`` is cells per unit, offset and number of cells on each axis.
 def _snippet(kind: Query, ndim: int, form: str) -> str:
     placed, columns = form == "placed", kind.columns(ndim)
     number = "double" if form == "float64" else "float"
@@ -142,7 +142,8 @@ def _snippet(kind: Query, ndim: int, form: str) -> str:
     certain = (placed and kind.hard_certain_placed) or read + kind.hard_certain
     return f"""
 constexpr int N = {ndim}, M = {columns};
-constexpr double rho = {RELATIVE_ERROR.hex()}, slack = {DOUBLE_ERROR.hex()}, inset = {(0.0 if form == "float32" else INSIDE).hex()};
+constexpr double rho = {RELATIVE_ERROR.hex()}, slack = {DOUBLE_ERROR.hex()};
+constexpr double inset = {(0.0 if form == "float32" else INSIDE).hex()};
 {COORDINATE}
 #if defined(__CUDA_ARCH__)
 const int begin = block; const int end = block < count ? block + 1 : count;

@@ -67,8 +67,8 @@ PROOF_GROWTH = (4.2, 1.35)
 # Where the proof of rays or boxes is expected to take more than the share DECAY_ABOVE, weights decay at the rate DECAY,
 # times the factor by which it is exceeded, up to MOST_DECAY: smaller weights make proofs shorter.
 DECAY_ABOVE, DECAY, MOST_DECAY = 0.3, 0.05, 0.2
-# A proof ends with a gap, which lowers the threshold and makes false positives of more queries. Where these are expected
-# to be more than this share of all queries the proof is given up, and training keeps its time.
+# A proof ends with a gap, which lowers the threshold and makes false positives of more queries. Where these are
+# expected to be more than this share of all queries the proof is given up, and training keeps its time.
 WORTH_PROVING = 1e-2
 
 # A proof, or the final adversarial search, gets this share even if training took longer than it should.
@@ -116,8 +116,9 @@ class _Fit:
         of_planes: Whether the network is a plane's two supports (``networks.heads``).
         proof_worthwhile: Of rays and boxes: whether a proof is expected to be worth its time.
         final_search_limit: Seconds that the adversary may take once training has ended, before a proof.
-        first_reserve: Share of the budget that is kept for setting the threshold until a search has told what that takes,
-            and again where a proof is given up. The user's progress counts the rest as training, whatever is kept later.
+        first_reserve: Share of the budget that is kept for setting the threshold until a search has told what that
+            takes, and again where a proof is given up. The user's progress counts the rest as training, whatever is
+            kept later.
         boxes: Number of boxes that searches during training have bounded.
     """
 
@@ -174,8 +175,8 @@ class _Fit:
             return SupportTrainer(problem, *sizes)
         if self.monotone:
             return MonotoneTrainer(LeastBoxSamples(grid, domain, torch.Generator().manual_seed(problem.seed)), *sizes)
-        # Exits are trained together with the layers for points only: of rays and boxes an exit would deny too few to make
-        # up for layers that are worse for it.
+        # Exits are trained together with the layers for points only: of rays and boxes an exit would deny too few to
+        # make up for layers that are worse for it.
         exits_too = self.early and self.as_points
         samples = samples_of(grid, domain, problem.seed)
         return (EarlyTrainer if exits_too else RECIPE_TRAINERS[options.recipe])(samples, *sizes, options.octaves)
@@ -274,7 +275,8 @@ class _Fit:
     def _decide(self, part: Mlp, trainer: NetworkTrainer, parts_left: int) -> dict:
         """Let the adversary look for the least f, then the prover, if that is worth it or if the adversary ends early.
 
-        Without the prover (``limits`` is ``None``) fresh positives attest the threshold; the adversary has all the time.
+        Without the prover (``limits`` is ``None``) fresh positives attest the threshold; the adversary has all the
+        time.
         """
         self.clock.tell(1.0, "adversarial search")
         budget, rounds = self.options.budget, {} if self.clock.timed else {"rounds": SEARCH_ROUNDS}

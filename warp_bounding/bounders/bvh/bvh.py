@@ -1,11 +1,11 @@
 """``bvh``: a hierarchy of axis-aligned boxes over the object's cells (the paper's BVH), built by ``bvh.build``.
 
 Nodes lie in depth-first order, each with the index behind its subtree: a query that misses a box goes on there, one that
-hits it goes on with the next node, and no stack is needed (Smits 1998). The lanes of a vector share one walk; a lane that has
-skipped a subtree waits until the walk leaves it. Queries of points and boxes are only compared with a node, which cannot
-round; a ray is clipped by each node's box (Kay and Kajiya 1986), a plane is compared with the box's two supports, both with room
-for their rounding. The boxes are moved out by twice ``ROOM`` for rays that run along a face, and for all other queries alike. f is
-0 where a leaf is hit, else -1.
+hits it goes on with the next node, and no stack is needed (Smits 1998). The lanes of a vector share one walk; a lane
+that has skipped a subtree waits until the walk leaves it. Queries of points and boxes are only compared with a node,
+which cannot round; a ray is clipped by each node's box (Kay and Kajiya 1986), a plane is compared with the box's two
+supports, both with room for their rounding. The boxes are moved out by twice ``ROOM`` for rays that run along a face,
+and for all other queries alike. f is 0 where a leaf is hit, else -1.
 """
 
 import math
@@ -171,9 +171,9 @@ class Bvh(Bounder):
     def weights(self) -> np.ndarray:
         low, high, n, room = self.tensors["low"], self.tensors["high"], self.ndim, 0.0
         if QUERIES[self.query_kind] is PLANE:
-            # A plane m . y = c, no entry of m above 1. A support is 2 n products and their sums, and c -+ room one sum more:
-            # 2 n + 1 roundings, 2 n + 4 to be safe. Under 16 (n + 1) results and
-            # factors, each times at most 1 + size, may be set to zero.
+            # A plane m . y = c, no entry of m above 1. A support is 2 n products and their sums, and c -+ room one sum
+            # more: 2 n + 1 roundings, 2 n + 4 to be safe. Under 16 (n + 1) results and factors, each times at most 1 +
+            # size, may be set to zero.
             corner = np.maximum(np.abs(low), np.abs(high)).astype(np.float64)
             size = corner.sum(axis=1).max() + float(self.domain.limit[-1])
             room = float(round_up(gamma(2 * n + 4) * size * (1 + 1e-9) + 16 * (n + 1) * (1 + size) * TINY))

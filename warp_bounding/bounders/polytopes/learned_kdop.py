@@ -1,10 +1,10 @@
 """``learned-kdop``: a k-DOP whose k half-spaces are free and learned by gradient descent (the paper's OurkDOP).
 
 As many half-spaces as ``kdop`` has, but each with a normal of its own instead of pairs on given axes. Learned are the normals
-only (``training.learned_kdop``): every face is set to a certified upper bound of the support of what is bounded, so any normals
-make a conservative volume, and any step of training can be the last. f is ``min_k (offset_k - normal_k . v)``. For regions there are two kinds, as for the classics: a polytope in object space
-that rays, planes and boxes are tested against (k = 4 n, ``half_spaces``), and one in the space of a region's own 2n numbers
-(k = 8 n, ``ParametricSupport``).
+only (``training.learned_kdop``): every face is set to a certified upper bound of the support of what is bounded, so any
+normals make a conservative volume, and any step of training can be the last. f is ``min_k (offset_k - normal_k . v)``.
+For regions there are two kinds, as for the classics: a polytope in object space that rays, planes and boxes are tested
+against (k = 4 n, ``half_spaces``), and one in the space of a region's own 2n numbers (k = 8 n, ``ParametricSupport``).
 """
 
 import numpy as np

@@ -58,8 +58,8 @@ class SlabPoint(VolumeTest):
         self.slabs, self.weights = slabs, slabs.numbers(slabs.low, slabs.high)
         self.sizes = np.abs(slabs.low) + np.abs(slabs.high)
         # |d . v| is at most ``reach``. Its n products and sums (none if diagonal) round by gamma(n + 1) reach, the
-        # subtraction of a face by gamma(2) of all that enters. Each of 2 n + 2 results may be set to zero, which takes up to
-        # TINY; so may a factor, which takes up to TINY times the other factor, an entry of d or of the limit.
+        # subtraction of a face by gamma(2) of all that enters. Each of 2 n + 2 results may be set to zero, which takes
+        # up to TINY; so may a factor, which takes up to TINY times the other factor, an entry of d or of the limit.
         n, limit, size = domain.ndim, domain.limit.astype(np.float64), np.abs(slabs.directions)
         reach = size @ limit
         product = 0.0 if slabs.diagonal else gamma(n + 1) * reach

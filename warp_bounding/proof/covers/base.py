@@ -44,7 +44,7 @@ class Cover:
         yield cover.lower, cover.upper, len(grid.occupied)
 
     def at_points(self, p: np.ndarray, bounder: Bounder) -> np.ndarray:
-        """V of queries that pass points ``(N, n)`` of the object, both in local space; where v is corners, in any space."""
+        """V of queries that pass points ``(N, n)`` of the object, both in local space (of points and boxes in any)."""
         raise NotImplementedError(bounder.query_kind)
 
     def coordinates(self, bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray:

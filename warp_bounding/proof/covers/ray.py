@@ -40,8 +40,8 @@ def single_cells(bounder: Mlp, grid: IndicatorGrid) -> Iterator[tuple[np.ndarray
     They are found without ``blocks_of`` and ``_exposed``: ``certify`` must not rest on the code of the search.
 
     Yields:
-        Lower and upper corners ``(N, 2 n + 1)`` for up to ``CELLS`` cells: of these cells, then of their faces on each of
-        the 2n sides.
+        Lower and upper corners ``(N, 2 n + 1)`` for up to ``CELLS`` cells: of these cells, then of their faces on each
+        of the 2n sides.
     """
     n, domain = grid.ndim, bounder.domain
     occupied = {tuple(cell) for cell in grid.occupied.tolist()}
@@ -116,8 +116,8 @@ class RayCover(Cover):
         lower, upper = (np.concatenate(side) for side in zip(*boxes, strict=True))
         stretch, base = domain.stretch.astype(np.float64), domain.base
         limit = base.limit.astype(np.float64)
-        # What the chart rounds in ``a = p - t w``: an entry goes through some 2 n + 12 roundings, of which the length of m
-        # takes most.
+        # What the chart rounds in ``a = p - t w``: an entry goes through some 2 n + 12 roundings, of which the length
+        # of m takes most.
         slop = gamma(128, UNIT64) * (limit + 2 * stretch)
         # in the order in which ``RayChart`` reads them
         numbers = [stretch, limit, local(grid.lower), local(grid.upper), *np.split(domain.delta, 2), slop]

@@ -1,14 +1,15 @@
 """Depth-first search over charted boxes: it proves ``f >= target``, or the highest target that time allows.
 
-A box is *closed* when it is not halved any more: because its bound reaches the target (``CLOSE_ALL``, minus infinity, is
-reached by any), or because it is too narrow to be halved. It is never opened again. The target is proven when no box waits
-and the least bound of a closed box reaches it.
+A box is *closed* when it is not halved any more: because its bound reaches the target (``CLOSE_ALL``, minus infinity,
+is reached by any), or because it is too narrow to be halved. It is never opened again. The target is proven when no box
+waits and the least bound of a closed box reaches it.
 
 Which boxes must be halved depends on the target alone, not on the order, so a depth-first search with a few boxes a
 thread does the same work as one that keeps them all in order, and needs no memory. The initial boxes come in random
 order, so that the share of them that is done tells early what the rest will take. A search for the minimum goes for the
 best target; where that is expected to take too long, it goes on with a lower one. No target above the least bound of a
-closed box can be proven any more, so it is lowered to that bound too (``Pace.reach``), which is what is proven in the end.
+closed box can be proven any more, so it is lowered to that bound too (``Pace.reach``), which is what is proven in the
+end.
 """
 
 from collections.abc import Callable
@@ -163,7 +164,8 @@ def _fill(stacks: np.ndarray, heights: np.ndarray, initial: np.ndarray, reserve:
     """Give empty blocks boxes of the reserve's end, or else the bottom half of the fullest stack, its largest boxes.
 
     So many boxes as ``initial`` says, at the bottom of each stack ``(STACK, 2, Z)``, are initial ones, which nobody has
-    halved yet. Returns how many boxes were taken from the reserve ``(N, 2, Z)``, the initial boxes that no block has taken.
+    halved yet. Returns how many boxes were taken from the reserve ``(N, 2, Z)``, the initial boxes that no block has
+    taken.
     """
     taken, empty = 0, np.flatnonzero(heights == 0)
     for place, block in enumerate(empty):
