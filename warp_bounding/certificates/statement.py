@@ -8,6 +8,7 @@ from collections.abc import Iterable
 
 from warp_bounding.certificates.certificate import Certificate, Subject
 from warp_bounding.certificates.document import least_allowance
+from warp_bounding.indicators.shape import DETAILS
 from warp_bounding.queries import QUERIES
 
 __all__ = ["NOT_CONSERVATIVE", "statement"]
@@ -34,6 +35,9 @@ def _queries(bounder: Subject) -> str:
 def _object(bounder: Subject, certificate: Certificate | None) -> str:
     info = bounder.info
     margin, shape = info.get("margin") or 0.0, info.get("grid_shape")
+    if _without_cells(bounder):
+        dilated = f"dilated by {margin} (object units)" if margin else "not dilated"
+        return f"{info.get('name') or 'a shape'}: the shape itself, no cells, {dilated}; SHA-256 {str(info.get('indicator'))[:16]}"
     grid = " x ".join(map(str, shape)) if shape else "an unknown number of"
     cells = f"{certificate.cells:,} occupied of {grid} closed cells" if certificate else f"a grid of {grid} cells"
     fineness = f" at resolution {info['resolution']}" if info.get("resolution") else ""
@@ -42,16 +46,27 @@ def _object(bounder: Subject, certificate: Certificate | None) -> str:
     return f"{info.get('name') or 'a shape'}: {cells}{fineness}{dilated}; SHA-256 {digest[:16]}"
 
 
+def _detail(bounder: Subject) -> str:
+    return f"1/{DETAILS} of the longest side" if _without_cells(bounder) else "a cell"
+
+
+def _without_cells(bounder: Subject) -> bool:
+    """Whether the bounder is of a shape itself; what was made without ``fit`` says nothing of it."""
+    return "grid_shape" in bounder.info and bounder.info["grid_shape"] is None
+
+
 def _not_proven(bounder: Subject) -> Iterable[str]:
     info = bounder.info
     if info.get("resolution"):
         yield "anything of the mesh beyond its cells' cover of it (every cell within the margin of it is occupied)"
+    elif _without_cells(bounder):
+        yield "what a function's author says of it; a mesh is the one with the float32 vertices that were read"
     else:
         yield "anything of what the cells were made from"
     yield "other shapes, or this one dilated by more"
     if bounder.domain.time:
         yield "queries outside the range of time (answered with maybe)"
-        if not info.get("resolution"):
+        if not info.get("resolution") and not _without_cells(bounder):
             yield "motion between the frames of the array"
     yield "how many false positives there are (evaluate)"
 
@@ -77,7 +92,7 @@ def statement(bounder: Subject) -> dict[str, str]:
         "certificate": "proven",
         "what is proven": f"No {QUERIES[bounder.query_kind].positive} is ever answered with no.",
         **about,
-        "input error": f"up to {max(certificate.delta, default=0.0):.2g} of a cell on each axis: the rounding of float64 queries, of the "
+        "input error": f"up to {max(certificate.delta, default=0.0):.2g} of {_detail(bounder)} on each axis: the rounding of float64 queries, of the "
         "map, and of xform= and scale=",
         "placement": placement,
         "arithmetic": f"{certificate.arithmetic}; CPU or CUDA",

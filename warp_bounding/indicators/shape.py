@@ -17,7 +17,7 @@ import numpy as np
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.limits import checked_margin
 
-__all__ = ["IN", "OUT", "UNDECIDED", "Shape"]
+__all__ = ["DETAILS", "IN", "OUT", "UNDECIDED", "Shape"]
 
 OUT, IN, UNDECIDED = 0, 1, 2  # answers of ``decide``
 PADDING = 0.1  # of the longest side: by how much random queries reach beyond the box that holds the object

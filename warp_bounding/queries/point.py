@@ -45,7 +45,7 @@ class PointQuery(Query):
     name = "point"
     is_region = False
     every = "every point of the domain"
-    hard_positives = "points of its cells, mostly on faces, edges and corners of boundary cells"
+    hard_positives = "points of the object, mostly on its border (of cells: on faces, edges and corners)"
     oracle_body = _BODY
     hard_draw = "for (int k = 0; k < N; ++k) a[k] = p[k];"
     hard_to_world = "for (int k = 0; k < N; ++k) q[k] = moved(a, k) + place.data[k];"
