@@ -303,8 +303,10 @@ class Bounder(Asking):
         if not rates:
             return ""
         resolution = self.info.get("resolution")
-        cells = "its cells" + (f" at resolution {resolution}" if resolution else "")
-        text = f"{rates['fp_rate']:.2f} % false positives of {cells} ({rates['samples']:,} samples)"
+        judge = "of its cells" + (f" at resolution {resolution}" if resolution else "")
+        if "grid_shape" in self.info and self.info["grid_shape"] is None:
+            judge = "against the shape itself"
+        text = f"{rates['fp_rate']:.2f} % false positives {judge} ({rates['samples']:,} samples)"
         looser = rates["fp_rate"] > rates["fp_rate_aabb"]
         return f"{text}, looser than a box ({rates['fp_rate_aabb']:.2f} %)" if looser else text
 
