@@ -8,7 +8,7 @@ from warp_bounding.indicators import IndicatorMesh
 
 
 def _fractions(x) -> list[Fraction]:
-    return [Fraction(float(v)) for v in x]
+    return [v if isinstance(v, Fraction) else Fraction(float(v)) for v in x]
 
 
 def _minus(a, b):

@@ -1,22 +1,30 @@
 """The indicator of a triangle mesh that moves: keyframes, and vertices that go straight from one to the next.
 
-Its grid has four coordinates, time first. A cell of time is cut at the keyframes, and between them into pieces in
-which no vertex goes far. In a piece, every point of a triangle stays within the largest half way of its three vertices
+At each time from the first to the last keyframe the object is that of a mesh at rest (``mesh.py``): every point within
+the margin of a face, and what a flood from outside does not reach, then, through the faces of closed parts. Answers
+hold for two meshes at once: that of the straight ways, and that of ``vertices_at``, which rounds it to float32. So a
+point is undecided where these differ, and a box is empty only where no face comes within the margin and ``EVALUATION``
+of it (``moving/``).
+
+A grid that is made of it has four coordinates, time first. A cell of time is cut at the keyframes, and between them
+into pieces in which no vertex goes far. In a piece, every point of a triangle stays within the largest half way of its three vertices
 of where it is in the piece's middle; so the triangle there, dilated by that and by the margin, holds all that it is
 and comes near to in the piece, and its cells are found as for a mesh at rest (``voxelization``). Nothing is sampled.
 Where the surface is closed, a flood from outside through the empty cells of a piece meets the surface at no time in
 it, so what it does not reach holds the inside.
 
-Before its first and after its last keyframe nothing is known of the motion. So the cells of time lie between these
-two, however time is divided, and outside the cells bounders say *maybe*. They rarely meet both keyframes exactly:
-``time_axis`` chooses cells that leave little of the range out.
+Before its first and after its last keyframe nothing is known of the motion: the shape has no points there, and
+bounders say *maybe*. So the cells of time lie between these two, however time is divided. They rarely meet both
+exactly: ``time_axis`` chooses cells that leave little out.
 """
 
+import copy
 import hashlib
 import math
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,12 +32,12 @@ from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.closed_parts import Surface, surface_of
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.limits import checked_margin, checked_resolution
-from warp_bounding.indicators.mesh import (
-    SCALE_BITS,
-    cells_around,
-    cells_per_unit,
-    check_faces,
-)
+from warp_bounding.indicators.mesh import SCALE_BITS, cells_around, cells_per_unit, check_faces
+from warp_bounding.indicators.moving.places import corner_places, random_places
+from warp_bounding.indicators.shape import OUT, Shape
+
+if TYPE_CHECKING:
+    from warp_bounding.indicators.moving.solid import DilatedMovingSolid, MovingSolid
 
 __all__ = ["IndicatorMotion"]
 
@@ -38,17 +46,17 @@ DEFAULT_TIMES, MAX_TIMES = 32, 1024  # cells of time
 SPARE = 4  # so many more cells of time than asked for are made where these fit the range better
 LEFT = 0.01  # of a cell of time: as much may be left out at the ends of the range before other cells are tried
 # In cells: half of the longest way of a vertex within a piece. No vertex goes farther than the grid's diagonal, at most
-# sqrt(3) 1024 cells, so there are at most 3,600 pieces between two *knots*, the keyframes and the ends of a cell of
-# time.
+# sqrt(3) 1024 cells, so there are at most 3,600 pieces between two *knots*: keyframes, and ends of a cell of time.
 WAY = 0.25
-# Of the largest coordinate: rounding a vertex to float32 (``vertices_at``) moves each of its coordinates by half of
-# this at most, and the vertex by sqrt(3) as much.
+LANDMARK = 0.9  # of the margin: landmarks that are nearer to a face lie in the object
+# Of the largest coordinate: rounding to float32 (``vertices_at``) moves each coordinate of a vertex by half of this at
+# most, and the vertex by sqrt(3) as much: 7/8 of this. The rest outweighs all that float64 rounds.
 EVALUATION = 2.0**-23
 
 
 @dataclass(frozen=True, eq=False)
-class IndicatorMotion:
-    """A moving triangle mesh in object space.
+class IndicatorMotion(Shape):
+    """A moving triangle mesh in object space, and at each time all points within a margin of it.
 
     Attributes:
         frames: ``(K, V, 3)`` float32, read-only, object units: the vertices at each keyframe; at least two.
@@ -57,9 +65,10 @@ class IndicatorMotion:
         time_cells: Cells that ``to_grid`` divides the range of time into; up to 4 more where they fit it better.
         name: What it was made from, for messages and files.
         note: A restriction that a user should know.
+        margin: By how much the mesh is dilated in space, at each time; object units.
 
     Raises:
-        IndicatorError: For what is no mesh, fewer than two keyframes, or times that do not ascend.
+        IndicatorError: For what is no mesh, fewer than two keyframes, times that do not ascend, or an impossible margin.
 
     Example:
         >>> motion = wb.IndicatorMotion([mesh.vertices, mesh.vertices + 0.5], mesh.faces, times=[0.0, 2.0])
@@ -73,6 +82,9 @@ class IndicatorMotion:
     time_cells: int = DEFAULT_TIMES
     name: str = "motion"
     note: str = ""
+    margin: float = 0.0
+
+    time = True
 
     def __post_init__(self) -> None:
         frames, faces = np.asarray(self.frames), np.asarray(self.faces)
@@ -96,12 +108,14 @@ class IndicatorMotion:
         for key, value in (("frames", frames), ("faces", faces), ("times", times)):
             value.setflags(write=False)
             object.__setattr__(self, key, value)
+        object.__setattr__(self, "margin", checked_margin(self.margin))
 
     def __repr__(self) -> str:
-        sides = " x ".join(f"{side:.4g}" for side in self.extent)
+        sides = " x ".join(f"{side:.4g}" for side in self.bounds[1] - self.bounds[0])
         counts = f"{len(self.frames)} keyframes of {self.frames.shape[1]:,} vertices, {len(self.faces):,} faces"
         times = f"times {self.times[0]:g} to {self.times[-1]:g} in {self.time_cells} cells"
-        notes = filter(None, [self.note, "closed" if self.watertight else self.surface.note])
+        margin = f"margin {self.margin:g}" if self.margin else ""
+        notes = filter(None, [margin, self.note, "closed" if self.watertight else self.surface.note])
         return f"<IndicatorMotion {self.name}: 4D, {counts}, extent {sides}, {times}, {', '.join(notes)}>"
 
     @property
@@ -115,10 +129,17 @@ class IndicatorMotion:
         used = self.frames[:, np.unique(self.faces)].reshape(-1, 3)
         return np.stack([used.min(axis=0), used.max(axis=0)]).astype(np.float64)
 
-    @property
-    def extent(self) -> np.ndarray:
-        """``(3,)`` float64, sides of the box around the faces over all times, object units."""
-        return self.bounds[1] - self.bounds[0]
+    @cached_property
+    def lower(self) -> np.ndarray:
+        """``(4,)`` float64: the first time, and the lower corner of a box that holds the faces and the margin."""
+        corner = np.nextafter(self.bounds[0] - self.margin, -np.inf) if self.margin else self.bounds[0]
+        return np.insert(corner, 0, self.times[0])
+
+    @cached_property
+    def upper(self) -> np.ndarray:
+        """``(4,)`` float64: the last time, and the upper corner of that box."""
+        corner = np.nextafter(self.bounds[1] + self.margin, np.inf) if self.margin else self.bounds[1]
+        return np.insert(corner, 0, self.times[-1])
 
     @cached_property
     def surface(self) -> Surface:
@@ -139,6 +160,64 @@ class IndicatorMotion:
         sha.update(self.times.astype("<f4").tobytes() + self.frames.astype("<f4").tobytes())
         sha.update(self.faces.astype("<i4").tobytes())
         return sha.hexdigest()
+
+    @property
+    def _rounding(self) -> float:
+        return EVALUATION * float(np.abs(self.bounds).max())
+
+    @cached_property
+    def _solid(self) -> "MovingSolid":
+        from warp_bounding.indicators.moving.solid import MovingSolid
+
+        return MovingSolid(self.times, self.frames, self.faces, self.surface.closed, self._rounding)
+
+    @cached_property
+    def _dilated_solid(self) -> "DilatedMovingSolid":
+        from warp_bounding.indicators.moving.solid import DilatedMovingSolid
+
+        return DilatedMovingSolid(self._solid, self.lower, self.upper, self.margin)
+
+    def decide(self, x: np.ndarray) -> np.ndarray:
+        """``(N,)`` uint8 for points ``(N, 4)``, time first: ``OUT`` or ``IN`` for certain, else ``UNDECIDED``.
+
+        Outside the range of times a point is ``OUT``. Undecided are points whose answer hangs on the rounding of
+        vertices, and those in gaps that are much narrower than a cell of ``moving/sides.py``.
+        """
+        return self._dilated_solid.decide(x)
+
+    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Certified: which closed boxes of time and space hold no point of the object; see ``Shape``."""
+        return self._dilated_solid.empty(lower, upper)
+
+    def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Certified: which closed boxes of time and space lie in the object whole; see ``Shape``."""
+        return self._dilated_solid.inside(lower, upper)
+
+    def points(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """``(count, 4)`` float64: points of faces at random times; of a dilated motion up to the margin away from them."""
+        return random_places(self.times, self.frames, self.faces, self.margin, count, rng)
+
+    def landmarks(self) -> np.ndarray:
+        """``(P, 4)`` float64: the vertices of faces at keyframes; of a dilated motion, what lies over them at the margin."""
+        points = corner_places(self.times, self.frames, self.faces, self.margin)
+        if not self.margin:
+            return points
+        nearer = copy.copy(self)._with_margin(LANDMARK * self.margin)
+        return points[nearer.decide(points) == OUT]
+
+    def dilated(self, margin: float) -> "IndicatorMotion":
+        """The motion, and at each time all points within ``margin`` of it; what was built to ask the triangles is shared."""
+        margin = self._new_margin(margin)
+        if margin is None:
+            return self
+        _ = self._solid  # before the copy, so that both have it
+        return copy.copy(self)._with_margin(margin)
+
+    def _with_margin(self, margin: float) -> "IndicatorMotion":
+        for key in ("lower", "upper", "_dilated_solid"):
+            vars(self).pop(key, None)
+        object.__setattr__(self, "margin", margin)
+        return self
 
     def vertices_at(self, time: float) -> np.ndarray:
         """The vertices at a time, as a simulation should use them: what ``to_grid`` bounds holds for these very numbers.
@@ -165,7 +244,7 @@ class IndicatorMotion:
 
         Args:
             resolution: Cells along the longest axis of the dilated object, over all times, 2 to 1024; 32 by default.
-            margin: Object units, at least 0.
+            margin: Object units, at least 0. The motion's own, if it has one.
 
         Returns:
             The grid, time first, the same on every machine.
@@ -179,8 +258,11 @@ class IndicatorMotion:
         """
         resolution = DEFAULT_RESOLUTION if resolution is None else resolution
         resolution, margin = checked_resolution(resolution), checked_margin(margin)
-        rounding = EVALUATION * float(np.abs(self.bounds).max())
-        extent = float(self.extent.max()) + 2 * margin
+        if self.margin:
+            self._new_margin(margin or self.margin)
+            margin = self.margin
+        rounding = self._rounding
+        extent = float((self.bounds[1] - self.bounds[0]).max()) + 2 * margin
         scale = cells_per_unit(extent, resolution, self.name)
         reach = (margin + rounding) * scale
         first, last = cells_around(*(self.bounds * scale), reach + 2 * WAY, self.name)

@@ -16,10 +16,13 @@ __all__ = [
     "Triangles",
     "build",
     "corner",
+    "float_above",
     "floats_above",
     "floats_below",
     "near_leaf",
     "next_leaf",
+    "nodes_of",
+    "sorted_order",
     "squared_reach",
     "wide",
 ]
@@ -170,10 +173,9 @@ def build(corners: np.ndarray, cycles: np.ndarray | None = None) -> Hierarchy:
         nothing = np.zeros((0, 3), dtype=np.float32)
         empty = {"lower": nothing, "upper": nothing, "links": nothing.astype(np.int32), "corners": nothing}
         return Hierarchy(np.zeros(0, dtype=np.int64), {**empty, "cycles": cycles})
-    depth = max(0, int(np.ceil(np.log2(count / LEAF))))
-    order = _sorted_order(corners, depth)
+    order = sorted_order(corners.min(axis=1) / np.float32(2) + corners.max(axis=1) / np.float32(2))
     corners = corners[order]
-    lower, upper, links = _nodes(corners.min(axis=1), corners.max(axis=1), depth)
+    lower, upper, links = nodes_of(corners.min(axis=1), corners.max(axis=1))
     arrays = {
         "lower": lower,
         "upper": upper,
@@ -184,16 +186,20 @@ def build(corners: np.ndarray, cycles: np.ndarray | None = None) -> Hierarchy:
     return Hierarchy(order, arrays)
 
 
+def _depth(count: int) -> int:
+    """Levels below the root, of a hierarchy of so many triangles."""
+    return max(0, int(np.ceil(np.log2(count / LEAF))))
+
+
 def _edges(count: int, level: int) -> np.ndarray:
     """Where the stretches of a level's nodes begin, and the end."""
     return (np.arange(2**level + 1) * count) >> level
 
 
-def _sorted_order(corners: np.ndarray, depth: int) -> np.ndarray:
-    """``(F,)`` int64: level by level, each node's stretch is sorted along the longest side of its centres' box."""
-    centres = corners.min(axis=1) / np.float32(2) + corners.max(axis=1) / np.float32(2)
+def sorted_order(centres: np.ndarray) -> np.ndarray:
+    """``(F,)`` int64: level by level, each node's stretch is sorted along the longest side of the box of its centres ``(F, n)``."""
     order = np.arange(len(centres))
-    for level in range(depth):
+    for level in range(_depth(len(centres))):
         first = _edges(len(order), level)
         node = np.repeat(np.arange(2**level), np.diff(first))
         there = centres[order]
@@ -203,8 +209,9 @@ def _sorted_order(corners: np.ndarray, depth: int) -> np.ndarray:
     return order
 
 
-def _nodes(low: np.ndarray, high: np.ndarray, depth: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Boxes and links of all nodes, in the order of a walk."""
+def nodes_of(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Boxes and links of all nodes, in the order of a walk, for the boxes ``(F, 3)`` of sorted triangles."""
+    depth = _depth(len(low))
     total = 2 ** (depth + 1) - 1
     lower, upper = np.zeros((total, 3), dtype=np.float32), np.zeros((total, 3), dtype=np.float32)
     links = np.zeros((total, 3), dtype=np.int32)

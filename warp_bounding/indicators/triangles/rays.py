@@ -15,11 +15,13 @@ from warp_bounding.indicators.triangles.hierarchy import (
     squared_reach,
 )
 
-__all__ = ["is_enclosed"]
+__all__ = ["crossing", "is_enclosed"]
 
 # With u = 2^-53. A difference of two products of coordinates, each rounded once, errs by less than 4 u (|left| +
 # |right|). A determinant n a, where n is the product of two edges as computed from coordinates up to M, errs by less than
-# 80 u M^2 (|e| + |f|), where |e| and |f| are the edges' largest components.
+# 80 u M^2 (|e| + |f|), where |e| and |f| are the edges' largest components. Of coordinates that are known up to a length
+# L only, the difference errs by another L (sum of their absolute values + 2 L), and the determinant, the edges of which
+# err by 2 L, by less than 18 L (M + L) (|e| + |f| + 8 L). What is added for that is more than 3 times as much.
 TURN = 2.0**-50
 HEIGHT = 2.0**-46
 UNDERFLOW = 2.0**-1000  # outweighs products that are subnormal
@@ -27,14 +29,16 @@ UNDERFLOW = 2.0**-1000  # outweighs products that are subnormal
 _TURN = wp.constant(wp.float64(TURN))
 _HEIGHT = wp.constant(wp.float64(HEIGHT))
 _UNDERFLOW = wp.constant(wp.float64(UNDERFLOW))
+_MORE, _LOOSE = wp.constant(wp.float64(8.0)), wp.constant(wp.float64(64.0))
 _INFINITY = wp.constant(float("inf"))
 
 
 @wp.func
-def _turn(ax: wp.float64, ay: wp.float64, bx: wp.float64, by: wp.float64) -> int:
+def _turn(ax: wp.float64, ay: wp.float64, bx: wp.float64, by: wp.float64, loose: wp.float64) -> int:
     """On which side of the line from a to b is 0: 1, -1, or 0 where rounding could have decided?"""
     left, right = ax * by, ay * bx
-    room = _TURN * (wp.abs(left) + wp.abs(right)) + _UNDERFLOW
+    size = wp.abs(ax) + wp.abs(ay) + wp.abs(bx) + wp.abs(by)
+    room = _TURN * (wp.abs(left) + wp.abs(right)) + _MORE * loose * (size + _MORE * loose) + _UNDERFLOW
     if left - right > room:
         return 1
     if left - right < -room:
@@ -43,16 +47,17 @@ def _turn(ax: wp.float64, ay: wp.float64, bx: wp.float64, by: wp.float64) -> int
 
 
 @wp.func
-def _above(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, axis: int, turn: int) -> int:
+def _above(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, axis: int, turn: int, loose: wp.float64) -> int:
     """Where a line through 0 along an axis crosses a triangle of this turn: above 0 (1), below it (-1), or unknown (0)?"""
-    if wp.min(a[axis], wp.min(b[axis], c[axis])) > wp.float64(0.0):
+    if wp.min(a[axis], wp.min(b[axis], c[axis])) > loose:
         return 1
-    if wp.max(a[axis], wp.max(b[axis], c[axis])) < wp.float64(0.0):
+    if wp.max(a[axis], wp.max(b[axis], c[axis])) < -loose:
         return -1
     e, f = b - a, c - a
     height = wp.dot(wp.cross(e, f), a)  # the plane's height over 0, times the triangle's turn
-    size = wp.max(largest(a), wp.max(largest(b), largest(c)))
-    room = _HEIGHT * size * size * (largest(e) + largest(f)) + _UNDERFLOW
+    size = wp.max(largest(a), wp.max(largest(b), largest(c))) + loose
+    edges = largest(e) + largest(f)
+    room = _HEIGHT * size * size * edges + _LOOSE * loose * size * (edges + _MORE * loose) + _UNDERFLOW
     if height > room:
         return turn
     if height < -room:
@@ -61,18 +66,26 @@ def _above(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, axis: int, turn: int) -> int:
 
 
 @wp.func
-def _crossing(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, axis: int) -> int:
-    """Does the ray from 0 along an axis cross the triangle in its inside (1), does it miss it (0), or unknown (-1)?"""
+def crossing(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, axis: int, loose: wp.float64) -> int:
+    """Does the ray from 0 along an axis cross the triangle in its inside (1), does it miss it (0), or unknown (-1)?
+
+    Args:
+        a: A corner, each coordinate rounded once.
+        b: Another one.
+        c: Another one.
+        axis: 0, 1 or 2; the ray goes upwards.
+        loose: By how much each coordinate may be wrong beyond that; the answer holds for all that they may be.
+    """
     i, j = (axis + 1) % 3, (axis + 2) % 3
-    ab = _turn(a[i], a[j], b[i], b[j])
-    bc = _turn(b[i], b[j], c[i], c[j])
-    ca = _turn(c[i], c[j], a[i], a[j])
+    ab = _turn(a[i], a[j], b[i], b[j], loose)
+    bc = _turn(b[i], b[j], c[i], c[j], loose)
+    ca = _turn(c[i], c[j], a[i], a[j], loose)
     least, most = wp.min(ab, wp.min(bc, ca)), wp.max(ab, wp.max(bc, ca))
     if least < 0 and most > 0:
         return 0
     if least == 0 or most == 0:
         return -1
-    side = _above(a, b, c, axis, ab)
+    side = _above(a, b, c, axis, ab, loose)
     if side == 0:
         return -1
     return wp.max(side, 0)
@@ -89,10 +102,11 @@ def _crossed_cycles(t: Triangles, x: wp.vec3d, axis: int) -> wp.uint64:
         link = t.links[leaf]
         for i in range(link[0], link[1]):
             if t.cycles[i] != wp.uint64(0):
-                crossing = _crossing(corner(t, i, 0, x), corner(t, i, 1, x), corner(t, i, 2, x), axis)
-                if crossing < 0:
+                a, b, c = corner(t, i, 0, x), corner(t, i, 1, x), corner(t, i, 2, x)
+                crosses = crossing(a, b, c, axis, wp.float64(0.0))
+                if crosses < 0:
                     return wp.uint64(0)
-                if crossing > 0:
+                if crosses > 0:
                     crossed = crossed ^ t.cycles[i]
         leaf = next_leaf(t, leaf + 1, lower, upper, reach)
     return crossed

@@ -1,0 +1,113 @@
+"""The faces of a motion, and the inside of its closed parts, as kernels ask for them; built when they are first needed.
+
+A motion and its dilated copies share one of these: the margin is told with each question.
+"""
+
+from functools import cached_property
+
+import numpy as np
+import warp as wp
+
+from warp_bounding.indicators.moving.answers import Motion, decide_moments, find_empty_spans, find_inside_spans
+from warp_bounding.indicators.moving.hierarchy import MovingTriangles
+from warp_bounding.indicators.moving.sides import MovingSides
+from warp_bounding.indicators.triangles.cycles import cycles_of
+from warp_bounding.runtime.launch import launch_on_cores
+
+__all__ = ["DilatedMovingSolid", "MovingSolid"]
+
+
+class MovingSolid:
+    """Triangles that move, and the side of each point, without a margin.
+
+    Args:
+        times: ``(K,)`` float32.
+        frames: ``(K, V, 3)`` float32.
+        faces: ``(F, 3)`` integers.
+        closed: ``(F,)`` bool, the faces of closed parts.
+        rounding: By which vertices may be elsewhere: more than what float64 makes of an interpolation.
+    """
+
+    def __init__(self, times: np.ndarray, frames: np.ndarray, faces: np.ndarray, closed: np.ndarray, rounding: float):
+        self.times, self.rounding = times.astype(np.float64), rounding
+        self._frames, self._faces, self._closed_faces = frames, faces, closed
+
+    @cached_property
+    def all(self) -> MovingTriangles:
+        """The hierarchy of all faces."""
+        if self._closed_faces.all():
+            return self.closed
+        return MovingTriangles(self.times, self._frames, self._faces)
+
+    @cached_property
+    def closed(self) -> MovingTriangles:
+        """The hierarchy of closed parts' faces."""
+        paths = np.ascontiguousarray(self._frames.transpose(1, 0, 2)).reshape(self._frames.shape[1], -1)
+        cycles = cycles_of(paths, self._faces, self._closed_faces)
+        kept = self._closed_faces
+        return MovingTriangles(self.times, self._frames, self._faces[kept], cycles[kept])
+
+    @cached_property
+    def sides(self) -> MovingSides:
+        """The grids of closed parts."""
+        return MovingSides(self.closed, self._frames, self._faces[self._closed_faces], self.rounding)
+
+
+class DilatedMovingSolid:
+    """A solid that moves, and its margin.
+
+    Args:
+        solid: Without a margin.
+        lower: ``(4,)``, corner of a box that holds the dilated object, time first.
+        upper: ``(4,)``, the other corner.
+        margin: Object units.
+    """
+
+    def __init__(self, solid: MovingSolid, lower: np.ndarray, upper: np.ndarray, margin: float):
+        self._solid = solid
+        motion = Motion()
+        motion.lower, motion.upper = wp.vec4d(*lower), wp.vec4d(*upper)
+        motion.rounding = wp.float64(solid.rounding)
+        motion.reach = wp.float64(np.nextafter(margin + solid.rounding, np.inf))
+        motion.hold = wp.float64(np.nextafter(margin - solid.rounding, -np.inf))
+        motion.faces, motion.closed, motion.pieces = solid.all.ways, solid.closed.ways, solid.sides.pieces
+        self._motion = motion
+
+    def decide(self, x: np.ndarray) -> np.ndarray:
+        """``OUT``, ``IN`` or ``UNDECIDED`` for points; see ``Shape.decide``."""
+        return self._answer(decide_moments, x)
+
+    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Which closed boxes hold no point of the object; see ``Shape.empty``."""
+        return self._answer(find_empty_spans, lower, upper).view(bool)
+
+    def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Which closed boxes lie in the object whole; see ``Shape.inside``."""
+        return self._answer(find_inside_spans, lower, upper).view(bool)
+
+    def _answer(self, kernel: wp.Kernel, *queries: np.ndarray) -> np.ndarray:
+        """``(N,)`` uint8, what a kernel answers to queries, arrays ``(N, 4)``."""
+        rows = [np.ascontiguousarray(q, dtype=np.float64) for q in queries]
+        out = np.empty(len(rows[0]), dtype=np.uint8)
+        if len(out):
+            self._know(rows[0], rows[-1])
+            inputs = [self._motion, *(wp.array(q, dtype=wp.vec4d, device="cpu", copy=False) for q in rows)]
+            answers = wp.array(out, dtype=wp.uint8, device="cpu", copy=False)
+            launch_on_cores(kernel, len(out), inputs, [answers], "cpu")
+        return out
+
+    def _know(self, lower: np.ndarray, upper: np.ndarray) -> None:
+        """Make what is needed for the times of queries that meet the box around the object."""
+        low, high = np.array(self._motion.lower), np.array(self._motion.upper)
+        asked = ((lower <= upper) & (lower <= high) & (upper >= low)).all(axis=1)
+        if not asked.any():
+            return
+        times = self._solid.times
+        spans = np.clip(np.stack([lower[asked, 0], upper[asked, 0]], axis=1), times[0], times[-1])
+        key = np.clip(np.searchsorted(times, spans, side="right") - 1, 0, len(times) - 2)
+        places = key + (spans - times[key]) / (times[key + 1] - times[key])
+        begun, ended = np.bincount(key[:, 0], minlength=len(times)), np.bincount(key[:, 1] + 2, minlength=len(times))
+        keys = np.flatnonzero(np.cumsum(begun - ended[: len(times)]) > 0)
+        for triangles in (self._solid.all, self._solid.closed):
+            triangles.know(keys)
+        self._solid.sides.know(places)
