@@ -51,7 +51,7 @@ def test_closed_forms(path):
         rates[method] = result.fp_rate
         if isinstance(bounder, QuadricBounder):
             radius = math.log(-float(bounder.threshold)) / 2
-            sizes[method] = grid.ndim * radius - np.linalg.slogdet(bounder.matrix)[1]
+            sizes[method] = grid.ndim * radius - np.linalg.slogdet(bounder.shape.matrix)[1]
     assert rates["kdop"] <= rates["aabb"] + 1e-6
     # Each is of least volume in its family, which the next holds; how much of it the domain cuts off is another matter.
     assert sizes["oriented-ellipsoid"] <= sizes["ellipsoid"] + grid.ndim * GAP
