@@ -84,9 +84,12 @@ class Network:
             h[:, : layer.linear] = z[:, : layer.linear]
         return (h @ self.output.weight.T + self.output.bias)[:, 0]
 
-    def padding_for(self, limit: np.ndarray) -> np.ndarray:
-        """``padding`` of bounds over inputs ``|v| <= limit``, ``(n,)``; raises as the class does."""
-        return np.array(measure([*self.hidden, self.output], limit).padding)
+    def padding_for(self, limit: np.ndarray, terms: np.ndarray | None = None) -> np.ndarray:
+        """``padding`` of bounds over boxes with centres ``|v| <= limit``, ``(n,)``, of ``terms``; see ``measure``.
+
+        Raises as the class does.
+        """
+        return np.array(measure([*self.hidden, self.output], limit, terms).padding)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """Lower bounds of f over boxes of its inputs, ``(N, n)`` float64 corners, by the fused kernel."""

@@ -48,7 +48,7 @@ class Rounding(NamedTuple):
     largest: float
 
 
-def measure(layers: list[Layer], limit: np.ndarray) -> Rounding:
+def measure(layers: list[Layer], limit: np.ndarray, terms: np.ndarray | None = None) -> Rounding:
     """Walk through the layers once.
 
     Of a layer, ``largest`` bounds the exact |z|, ``computed`` the sum of the absolute terms that float32 adds up, and
@@ -61,13 +61,15 @@ def measure(layers: list[Layer], limit: np.ndarray) -> Rounding:
     Args:
         layers: The output last.
         limit: ``(n,)``, largest size of the inputs, which are exact.
+        terms: ``(n,)``, bound of the sum of the absolute terms of which a chart makes an input over a box: its centre,
+            linear and quadratic parts and noise; ``limit`` if ``None``.
 
     Raises:
         BounderError: If float32 sums may overflow, or an argument can leave the range in which its activation is
             certified.
     """
     size, error = limit.copy(), np.zeros_like(limit)  # of h: largest absolute value; error of the computed h
-    padding, operations, chain = [], 16, limit.copy()
+    padding, operations, chain = [], 16, (limit if terms is None else terms).copy()
     for index, layer in enumerate(layers):
         terms, weight = layer.weight.shape[1], np.abs(layer.weight)
         largest = weight @ size + np.abs(layer.bias)

@@ -121,9 +121,15 @@ class RayCover(Cover):
         slop = gamma(128, UNIT64) * (limit + 2 * stretch)
         # in the order in which ``RayChart`` reads them
         numbers = [stretch, limit, local(grid.lower), local(grid.upper), *np.split(domain.delta, 2), slop]
-        # The largest inputs in a box before it is cut to ``|a| <= limit``, generously: a - w and the noise of w.
-        largest = np.concatenate([limit + 2 * stretch, stretch * (1 + 1e-3)])
-        return ChartedPositives(bounder.network, RayChart(2 * n), lower, upper, np.concatenate(numbers), largest)
+        # The centres of a box are ``p - t w`` and w. An input's absolute terms are most where the box is a whole face of
+        # the cube, |m| >= 1 and half widths of 1: w its length 1, n - 1 linear parts, a rest of 0.71 (n - 1)^1.5, n - 1
+        # squares of at most 2 each, (n - 1)(n - 2) / 2 products of at most 3.5 each, and n - 1 with t, all times
+        # ``stretch``; together under 2 n^2. In a they come with t <= 1, and with p.
+        size, terms = limit + 2 * stretch, 2 * n * n * stretch
+        size, terms = np.concatenate([size, stretch * (1 + 1e-3)]), np.concatenate([size + terms, limit + terms])
+        return ChartedPositives(
+            bounder.network, RayChart(2 * n), lower, upper, np.concatenate(numbers), size, terms=terms
+        )
 
     def anew(
         self, bounder: Mlp, grid: IndicatorGrid, cover: ChartedPositives

@@ -51,11 +51,17 @@ class ChartedPositives:
     numbers: np.ndarray  # float64 parameters of the chart
     limit: np.ndarray  # ``(K,)``, largest inputs of the network that boxes reach, noise included
     table: np.ndarray = field(default_factory=lambda: np.zeros(1, np.int32))  # int32 parameters of the chart
+    terms: np.ndarray | None = None  # ``(K,)``, of the sum of an input's absolute terms over a box; ``None``: limit
 
     def bound(self, lower: np.ndarray, upper: np.ndarray, device="cpu") -> BoxBounds:
         """Certified bounds over boxes of z."""
-        shape, padding = self.network.kernel_shape(self.chart), self.network.padding_for(self.limit)
+        shape, padding = self.network.kernel_shape(self.chart), self.padding
         return bound_boxes(shape, self.network.packed, padding, lower, upper, self.numbers, self.table, device)
+
+    @property
+    def padding(self) -> np.ndarray:
+        """What float64 rounds in bounds over boxes, layer by layer."""
+        return self.network.padding_for(self.limit, self.terms)
 
     def coordinates(self, z: np.ndarray) -> np.ndarray:
         """Coordinates ``v`` of a query for numbers of the chart."""
@@ -85,7 +91,7 @@ class Descent:
         self._values, self._points = np.full((blocks, KEPT), np.inf), np.zeros((blocks, KEPT, size))
         order = np.random.default_rng(0).permutation(len(cover.lower))
         self._reserve, self._left = np.stack([cover.lower, cover.upper], axis=1)[order], len(order)
-        held = [cover.network.packed, cover.network.padding_for(cover.limit), cover.numbers]
+        held = [cover.network.packed, cover.padding, cover.numbers]
         self._parameters_host = [np.ascontiguousarray(a, dtype=np.float64) for a in held]
         self._parameters = [double_array(a, dev) for a in self._parameters_host]
         self._parameters.append(wp.array(cover.table, dtype=wp.int32, device=dev))
