@@ -143,6 +143,14 @@ class Bounder(Asking):
             other fields of ``BoxBounds`` are for networks.
         """
 
+    def cut(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Boxes ``(N, n)`` of v cut where f jumps, so that halving them closes in on f; by default nothing is cut.
+
+        Returns:
+            Corners of the pieces, ``(K, n)`` each, and which box each one is a piece of.
+        """
+        return lower, upper, np.arange(len(lower))
+
     @abstractmethod
     def rounding_bound(self) -> float:
         """``E``: bound of the error of ``f`` as any device computes it, for ``|v| <= domain.limit``.

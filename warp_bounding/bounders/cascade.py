@@ -15,8 +15,9 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.bounders.local.local import Local
 from warp_bounding.bounders.neural.mlp_early import MlpEarly, bounds_of_all, denied_early
-from warp_bounding.bounders.registry import METHODS
+from warp_bounding.bounders.registry import class_named, composed
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.plain import Numbers, Words, plain_value, twin, vector_type
 from warp_bounding.kernels.source import DENIED, Lanes, Source, literal
@@ -106,6 +107,7 @@ def _at(place: int, code: str) -> str:
     return f"{{ const float* const whole_ = w; {{ const float* w = whole_ + {place}; (void)w; {code} }} }}"
 
 
+@composed
 class Cascade(Bounder):
     """A conjunction of bounders; made by ``warp_bounding.cascade``.
 
@@ -115,7 +117,7 @@ class Cascade(Bounder):
 
     method = "cascade"
     exact_on_cells = False
-    bit_fields = tuple(f"{i}.bits" for i in range(MOST_PARTS))
+    bit_fields = tuple(f"{i}.{name}" for i in range(MOST_PARTS) for name in ("bits", "levels"))
 
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
@@ -128,8 +130,8 @@ class Cascade(Bounder):
             raise BounderError(f"{cls.method}: expected 2 to {MOST_PARTS} bounders, got {len(classes)}")
         if wrong := [part.method for part in classes if not part.conservative]:
             raise BounderError(f"{cls.method}: {wrong[0]} is not conservative")
-        if any(issubclass(part, (MlpEarly, Cascade)) for part in classes[:-1]):
-            raise BounderError(f"{cls.method}: only the last part may have exits")
+        if any(issubclass(part, (MlpEarly, Local, Cascade)) for part in classes[:-1]):
+            raise BounderError(f"{cls.method}: only the last part may have exits or thresholds of its own")
         if sum(bool(part.bit_fields) for part in classes) > 1:
             raise BounderError(f"{cls.method}: only one part may have a bit field")
 
@@ -160,7 +162,7 @@ class Cascade(Bounder):
             raise BounderError(f"{self.method}: expected a list of parts, got {entries!r}")
         known = {"thresholds"}
         for i, entry in enumerate(entries):
-            method = METHODS.get(entry.get("method")) if isinstance(entry, dict) else None
+            method = class_named(entry.get("method")) if isinstance(entry, dict) else None
             if method is None:
                 raise BounderError(f"{self.method}: part {i} is no bounder: {entry!r}")
             own = {name.removeprefix(f"{i}."): t for name, t in self.tensors.items() if name.startswith(f"{i}.")}

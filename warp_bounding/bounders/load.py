@@ -5,9 +5,8 @@ import os
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.file_format import INFO_FIELDS, read
-from warp_bounding.bounders.registry import METHODS
+from warp_bounding.bounders.registry import METHODS, class_named
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.claims import check_claims
 from warp_bounding.coordinates.domain import json_number
@@ -40,7 +39,7 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
     tensors, document = read(path)
     try:
         name = document["method"]
-        method = Cascade if name == Cascade.method else METHODS.get(name)
+        method = class_named(name)
         if method is None:
             raise FileFormatError(f"method {name!r} is not among those that are known here: {', '.join(METHODS)}")
         bounder = method(RegionDomain.from_dict(document["domain"]), tensors, document["sizes"], device)

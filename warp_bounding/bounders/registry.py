@@ -7,12 +7,12 @@ from typing import TypeVar
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.errors import BounderError
 
-__all__ = ["METHODS", "method_class", "register", "supports", "unregister"]
+__all__ = ["METHODS", "class_named", "composed", "method_class", "register", "supports", "unregister"]
 
 _registered: dict[str, type[Bounder]] = {}
 METHODS: Mapping[str, type[Bounder]] = MappingProxyType(_registered)  # in the order in which they were registered
 Kind = TypeVar("Kind", bound=Bounder)
-RESERVED = "cascade"  # what files call a conjunction of methods
+_composed: dict[str, type[Bounder]] = {}  # classes of bounders that are made of others
 
 
 def register(kind: type[Kind]) -> type[Kind]:
@@ -30,11 +30,23 @@ def register(kind: type[Kind]) -> type[Kind]:
     if not (isinstance(kind, type) and issubclass(kind, Bounder)):
         raise BounderError(f"expected a class of bounders, got {kind!r}")
     name = getattr(kind, "method", None)
-    if not isinstance(name, str) or not name or "+" in name or name == RESERVED:
-        raise BounderError(f"{kind.__name__}.method must be a name without +, other than {RESERVED}, got {name!r}")
+    if not isinstance(name, str) or not name or "+" in name or name in _composed:
+        others = ", ".join(_composed)
+        raise BounderError(f"{kind.__name__}.method must be a name without +, none of {others}, got {name!r}")
     if _registered.setdefault(name, kind) is not kind:
         raise BounderError(f"method {name} is {_registered[name].__name__} already, got {kind.__name__}")
     return kind
+
+
+def composed(kind: type[Kind]) -> type[Kind]:
+    """Make a class known whose bounders are made of others: files name it, ``fit`` does not take it. A decorator of a class."""
+    _composed[kind.method] = kind
+    return kind
+
+
+def class_named(name: str) -> type[Bounder] | None:
+    """The class that a file calls by a name, a method's or one of bounders made of others; ``None`` for unknown names."""
+    return _registered.get(name) or _composed.get(name)
 
 
 def unregister(kind: type[Bounder]) -> None:

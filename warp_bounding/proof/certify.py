@@ -264,7 +264,9 @@ def _denied_region(bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.n
 def _check_cells(bounder: Bounder, grid: IndicatorGrid, target: float, deadline: float, cells: np.ndarray) -> Checked:
     """Check ``f >= target`` over every v that the pipeline can make of the points of some cells."""
     first, last = grid.position(cells - 0.5), grid.position(cells + 0.5)
-    checked, failed = _check(bounder, *bounder.domain.widened(first, last), target, deadline)
+    lower, upper, owner = bounder.cut(*bounder.domain.widened(first, last))
+    first, last = first[owner], last[owner]
+    checked, failed = _check(bounder, lower, upper, target, deadline)
     if failed is None:
         return checked
     suspects, cell = np.concatenate([failed.point, failed.center]), np.tile(failed.owner, 2)

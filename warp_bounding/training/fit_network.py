@@ -15,11 +15,13 @@ from typing import Any
 import numpy as np
 import torch
 
+from warp_bounding.bounders.local.local import Local
 from warp_bounding.bounders.neural.mlp import RECIPES, Mlp
 from warp_bounding.bounders.neural.mlp_early import MlpEarly, part_of
 from warp_bounding.bounders.neural.monotone_mlp import MonotoneMlp
 from warp_bounding.networks.heads import head_of
 from warp_bounding.proof import Search, conjunction, least_value, prove_or_attest
+from warp_bounding.proof.local import prove_local
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.training.engine.adversary import adversarial_minimum
 from warp_bounding.training.engine.clock import Clock, interrupts
@@ -27,12 +29,13 @@ from warp_bounding.training.engine.team import single_threaded_torch
 from warp_bounding.training.problem import Problem, Trained
 from warp_bounding.training.recipes.default import NetworkTrainer
 from warp_bounding.training.recipes.early import EXIT_SHARE, EarlyTrainer, train_exits
+from warp_bounding.training.recipes.local import LocalTrainer
 from warp_bounding.training.recipes.monotone import LeastBoxSamples, MonotoneTrainer
 from warp_bounding.training.recipes.occupancy import OccupancyTrainer
 from warp_bounding.training.recipes.paper import PaperTrainer
 from warp_bounding.training.recipes.plane import SupportTrainer
 from warp_bounding.training.samples import samples_of
-from warp_bounding.training.thresholds import Costs, decide, tolerance
+from warp_bounding.training.thresholds import Costs, decide, lattice_of, negatives_of, tolerance
 
 __all__ = ["RECIPE_TRAINERS", "NetworkOptions", "fit_network"]
 
@@ -94,6 +97,7 @@ class NetworkOptions:
     steps: int | None = None
     octaves: int = 0
     recipe: str = RECIPES[0]
+    thresholds: int = 1
 
     @property
     def stored(self) -> dict:
@@ -128,6 +132,7 @@ class _Fit:
         self.monotone = issubclass(method, MonotoneMlp)
         self.as_points = problem.domain.tested_as_point or self.monotone
         self.of_planes = head_of(problem.query).outputs > 1
+        self.lattice = lattice_of(problem, options.thresholds) if options.thresholds > 1 else None
         self.first_reserve = POINT_RESERVE if self.as_points else REGION_RESERVE
         self.clock = Clock(options.budget, options.steps, progress, 1 - self.first_reserve)
         self.final_search_limit = min(FINAL_SEARCH_SHARE * options.budget, FINAL_SEARCH_SECONDS)
@@ -179,6 +184,8 @@ class _Fit:
         # make up for layers that are worse for it.
         exits_too = self.early and self.as_points
         samples = samples_of(grid, domain, problem.seed)
+        if self.lattice is not None:
+            return LocalTrainer(samples, *sizes, options.octaves, lattice=self.lattice)
         return (EarlyTrainer if exits_too else RECIPE_TRAINERS[options.recipe])(samples, *sizes, options.octaves)
 
     def _bounder(self, method: type[Mlp], tensors: dict[str, np.ndarray]) -> Mlp:
@@ -197,6 +204,7 @@ class _Fit:
         if self.monotone:  # often, and cheaply: where f is steep, samples alone make a network look better than it is
             eps, limit = MONOTONE_EPS, {"boxes": MONOTONE_BOXES}
         else:
+            bounder = bounder if self.lattice is None else trainer.bounder(bounder)
             eps = tolerance(bounder, problem, points)
         search = least_value(bounder, problem.grid, eps=eps, points=points, **limit)
         self.boxes += search.boxes
@@ -248,6 +256,8 @@ class _Fit:
         depths = range(depth - len(trainers) + 1, depth + 1)
         held = [part_of(tensors, sizes, depth) for depth in depths]
         parts = [cls(self.problem.domain, *each, self.problem.device) for each in held]
+        if self.lattice is not None:
+            return self._prove_local(parts[0], trainers[0])
         for left, (part, trainer) in zip(range(len(parts), 0, -1), zip(parts, trainers, strict=True), strict=True):
             record = (self._prove if self.as_points or self.of_planes else self._decide)(part, trainer, left)
         if not self.early:
@@ -271,6 +281,14 @@ class _Fit:
         if search is None:
             return {"gap": eps}
         return {"gap": float(search.upper_bound - search.lower_bound)}
+
+    def _prove_local(self, member: Mlp, trainer: LocalTrainer) -> tuple[Local, dict]:
+        self.clock.tell(1.0, "proof of every part")
+        grid, points = self.problem.grid, trainer.worst_points()
+        eps = tolerance(member, self.problem, points)
+        negatives = negatives_of(self.problem)
+        bounder, search = prove_local(member, self.lattice, grid, negatives, points=points, eps=eps, **self._limit(1))
+        return bounder, {"gap": eps, "thresholds": self.lattice.count, "complete": search.complete}
 
     def _decide(self, part: Mlp, trainer: NetworkTrainer, parts_left: int) -> dict:
         """Let the adversary look for the least f, then the prover, if that is worth it or if the adversary ends early.

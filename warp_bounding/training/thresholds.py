@@ -7,14 +7,16 @@ costs too much, the adversary's value sets the threshold, and fresh positives at
 
 import numpy as np
 
+from warp_bounding.bounders.local.local import Lattice
 from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof import attest, least_value, settle
 from warp_bounding.proof.covers.monotone_box import of_points
 from warp_bounding.proof.search.pace import GROWTH
 from warp_bounding.queries import oracle, sample
 from warp_bounding.training.problem import Problem
 
-__all__ = ["PROOF_COST", "Costs", "decide"]
+__all__ = ["PROOF_COST", "Costs", "decide", "lattice_of", "negatives_of", "tolerance"]
 
 # Share of all queries that may become false positives by the gap that a complete search leaves.
 PROOF_COST = {"point": 1e-4, "ray": 1e-3, "plane": 1e-4, "box": 1e-3}
@@ -45,6 +47,32 @@ class Costs:
     def of_proof(self, least: float, eps: float, needed: float, seconds: float) -> float:
         """Share of queries that a proof in ``seconds`` should cost, where a gap ``eps`` takes ``needed`` seconds."""
         return self.between(least - eps * max(needed / seconds, 1.0) ** (1 / GROWTH), least)
+
+
+def lattice_of(problem: Problem, count: int) -> Lattice:
+    """About so many parts, no more, of the domain of points: cubes, as nearly as whole counts along each axis allow."""
+    shape, domain = problem.grid, problem.domain
+    lower, upper = shape.lower, shape.upper
+    if isinstance(shape, IndicatorGrid):
+        cells = shape.occupied
+        lower, upper = shape.position(cells.min(axis=0) - 0.5), shape.position(cells.max(axis=0) + 0.5)
+    low, high = domain.to_local(lower), domain.to_local(upper)
+    counts = np.ones(len(low), dtype=int)
+    while True:  # one more along the axis with the longest parts, as long as there are no more than ``count``
+        longest = np.argsort(-(high - low) / counts)
+        grown = [counts + (np.arange(len(counts)) == axis) for axis in longest]
+        fitting = next((g for g in grown if g.prod() <= count), None)
+        if fitting is None:
+            return Lattice.of(low, high, tuple(int(c) for c in counts))
+        counts = fitting
+
+
+def negatives_of(problem: Problem) -> np.ndarray:
+    """``(N, ndim)`` coordinates v of random queries that are certainly no positives, and that reach the bounder."""
+    x = sample(problem.query, problem.grid, SAMPLES, np.random.default_rng(0))
+    truth = oracle(problem.query, problem.grid, "cpu", problem.domain.oracle_length)(x)
+    v = problem.domain.to_local(x[~truth & problem.asked(x)])
+    return v[(np.abs(v) <= problem.domain.limit).all(axis=1)]
 
 
 def tolerance(bounder: Mlp, problem: Problem, worst: np.ndarray) -> float:

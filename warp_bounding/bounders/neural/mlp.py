@@ -73,6 +73,14 @@ OCTAVES = Option("octaves", 0, "of positional encoding, 0 for none", check_octav
 RECIPE = Option(
     "recipe", RECIPES[0], "default, or paper for the paper's schedule", one_of("recipe", RECIPES), queries=_NOT_PLANES
 )
+THRESHOLDS = Option(
+    "thresholds",
+    1,
+    "parts of the domain, each with a threshold of its own",
+    whole("thresholds", 1, 65_536),
+    int,
+    ("point",),
+)
 
 
 class Mlp(Bounder):
@@ -85,7 +93,7 @@ class Mlp(Bounder):
 
     method = "mlp"
     exact_on_cells = False
-    options = (HIDDEN, ACTIVATION, OCTAVES, RECIPE, STEPS)
+    options = (HIDDEN, ACTIVATION, OCTAVES, RECIPE, THRESHOLDS, STEPS)
     source_kind: ClassVar[type[MlpSource]] = MlpSource
 
     @classmethod

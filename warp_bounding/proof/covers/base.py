@@ -31,7 +31,7 @@ class Cover:
     def best_first(self, bounder: Bounder, grid: IndicatorGrid) -> tuple:
         """What ``minimum`` searches without a chart: an f with ``bound`` and ``reference``, and corners of boxes."""
         f = of_points(bounder)
-        return f, *positive_boxes(f, grid)
+        return f, *f.cut(*positive_boxes(f, grid))[:2]
 
     def anew(
         self, bounder: Mlp, grid: IndicatorGrid, cover: ChartedPositives

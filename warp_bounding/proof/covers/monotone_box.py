@@ -28,6 +28,10 @@ class LeastBox:
         """The values of g at points ``(N, n)`` float64, local space, ``(N,)`` float64."""
         return self.network(p)
 
+    def cut(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """See ``Bounder.cut``: g does not jump."""
+        return lower, upper, np.arange(len(lower))
+
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """Certified lower bounds over boxes of p."""
         return self.network.bound(lower, upper)

@@ -38,6 +38,7 @@ class Search:
         complete: Whether the two bounds agree within ``eps``, or as nearly as float64 can tell.
         needed: Seconds that a complete search is expected to take; infinity where that is not known.
         numbers: ``(K, Z)``, the lowest points as numbers of a chart, where there is one.
+        by_group: ``(G,)``, the same as ``lower_bound`` of each group of boxes by itself.
     """
 
     lower_bound: float
@@ -48,6 +49,7 @@ class Search:
     complete: bool
     needed: float = np.inf
     numbers: np.ndarray | None = None
+    by_group: np.ndarray | None = None
 
 
 def minimum(
@@ -55,26 +57,35 @@ def minimum(
     lower: np.ndarray,
     upper: np.ndarray,
     *,
-    eps: float,
+    eps: float | np.ndarray,
     seconds: float = float("inf"),
     boxes: float = float("inf"),
     points: np.ndarray | None = None,
     progress: Callable[[int, int, float], None] | None = None,
     positives: ShapePositives | None = None,
+    groups: np.ndarray | None = None,
+    group_of: Callable[[np.ndarray], np.ndarray] | None = None,
+    group_count: int = 1,
 ) -> Search:
     """Certified minimum of ``f`` over boxes, or over those of their points that are positives of a shape.
+
+    Boxes may be told apart by groups, each with a minimum of its own: one is not searched for less than itself, and a
+    search that runs out of time is loose in the groups only that are not done.
 
     Args:
         bounder: The bounder of ``f``.
         lower: ``(N, n)`` float64 lower corners, coordinates ``v``.
         upper: ``(N, n)`` float64 upper corners.
         eps: Gap between bound and found value at which a box is closed; at least 0. It is not taken smaller than what
-            the bounds of single points resolve, or the search would not end.
+            the bounds of single points resolve, or the search would not end. Of groups there may be one for each.
         seconds: Time after which the search ends with what it has; the given boxes are bounded once in any case.
         boxes: Number of boxes after which it ends with what it has, the same on every machine.
         points: ``(P, n)`` concrete points in the boxes to begin with; good ones save most of the work.
         progress: Called now and then with boxes done, boxes waiting, gap.
         positives: Tells which boxes hold no positive; every point of the boxes is one if ``None``.
+        groups: ``(N,)`` int, the group of each box, from 0 on; all are one group if ``None``.
+        group_of: The groups of ``points``; needed where there are groups.
+        group_count: How many groups there are, those without a box among them.
 
     Returns:
         The result; sound also where it is not complete.
@@ -82,64 +93,73 @@ def minimum(
     started = working_seconds()
     low_points = np.empty((0, lower.shape[1])) if points is None else np.asarray(points, dtype=np.float64)
     low_values = bounder.reference(low_points) if len(low_points) else np.empty(0)
-    best = float(low_values.min(initial=np.inf))
-    closed, done = np.inf, 0
+    groups = np.zeros(len(lower), np.int64) if groups is None else np.asarray(groups)
+    best, closed, done = np.full(group_count, np.inf), np.full(group_count, np.inf), 0
+    np.minimum.at(best, np.zeros(len(low_points), np.int64) if group_of is None else group_of(low_points), low_values)
     probe = (lower[:CHUNK] + upper[:CHUNK]) / 2
-    eps = max(eps, 4 * float((bounder.reference(probe) - bounder.bound(probe, probe).lower).max()))
+    resolved = 4 * float((bounder.reference(probe) - bounder.bound(probe, probe).lower).max())
+    eps = np.broadcast_to(np.maximum(eps, resolved), best.shape)
 
-    def advance(low: np.ndarray, high: np.ndarray, parent: np.ndarray) -> list[tuple]:
+    def advance(low: np.ndarray, high: np.ndarray, parent: np.ndarray, group: np.ndarray) -> list[tuple]:
         """Bound a chunk; its halves that stay open, in chunks."""
-        nonlocal closed, done, best, low_points, low_values
-        open_ = parent < best - eps
-        closed = min(closed, parent[~open_].min(initial=np.inf))
-        low, high, parent = low[open_], high[open_], parent[open_]
+        nonlocal done, low_points, low_values
+        open_ = parent < (best - eps)[group]
+        np.minimum.at(closed, group[~open_], parent[~open_])
+        low, high, parent, group = low[open_], high[open_], parent[open_], group[open_]
         if not len(low):
             return []
         bounds = bounder.bound(low, high)
         done += len(low)
         bound = np.fmax(bounds.lower, parent)  # a half is no worse than the whole, nor is one without a bound (NaN)
-        points, values = bounds.point, bounds.value
+        points, values, of_points = bounds.point, bounds.value, group
         if positives is not None:
-            asked = np.flatnonzero(bound < best - eps)
+            asked = np.flatnonzero(bound < (best - eps)[group])
             bound[asked[positives.vacant(low[asked], high[asked])]] = np.inf
-            near = np.flatnonzero((bound < np.inf) & (values < best + NEAR * eps))
+            near = np.flatnonzero((bound < np.inf) & (values < (best + NEAR * eps)[group]))
             near = near[positives.holds(points[near])]
-            points, values = points[near], values[near]
+            points, values, of_points = points[near], values[near], group[near]
         low_points, low_values = lowest(low_points, low_values, points, values)
-        best = min(best, float(low_values.min(initial=np.inf)))
-        open_ = bound < best - eps
+        np.minimum.at(best, of_points, values)
+        open_ = bound < (best - eps)[group]
         if positives is not None:
             open_ &= ~positives.too_small(low, high)
-        closed = min(closed, bound[~open_].min(initial=np.inf))
+        np.minimum.at(closed, group[~open_], bound[~open_])
         # Where the bound is much looser than it may be, its halves would only be halved again: quarter at once.
-        loose = open_ & (bounds.value - bound > QUARTER * (bounds.value - best + eps))
+        loose = open_ & (bounds.value - bound > QUARTER * (bounds.value - (best - eps)[group]))
         loose &= bounds.next_axis is not None
         once, parts = open_ & ~loose, []
         if once.any():
-            parts.append((*halve(low[once], high[once], bounds.axis[once]), np.tile(bound[once], 2)))
+            halves = halve(low[once], high[once], bounds.axis[once])
+            parts.append((*halves, np.tile(bound[once], 2), np.tile(group[once], 2)))
         if loose.any():
             halves = halve(low[loose], high[loose], bounds.axis[loose])
-            parts.append((*halve(*halves, np.tile(bounds.next_axis[loose], 2)), np.tile(bound[loose], 4)))
+            halves = halve(*halves, np.tile(bounds.next_axis[loose], 2))
+            parts.append((*halves, np.tile(bound[loose], 4), np.tile(group[loose], 4)))
         return _chunks(*(np.concatenate(part) for part in zip(*parts, strict=True))) if parts else []
 
-    def least() -> float:
-        return min([closed, *(bound[0] for _, _, bound in waiting)])
+    def least() -> np.ndarray:
+        found = closed.copy()
+        for _, _, bound, group in waiting:
+            np.minimum.at(found, group, bound)
+        return found
 
-    waiting = [rest for chunk in _chunks(lower, upper, np.full(len(lower), -np.inf)) for rest in advance(*chunk)]
+    start = _chunks(lower, upper, np.full(len(lower), -np.inf), groups)
+    waiting = [rest for chunk in start for rest in advance(*chunk)]
     while waiting and done < boxes and working_seconds() - started < seconds:
-        crowded = sum(len(bound) for _, _, bound in waiting) > MOST_WAITING
+        crowded = sum(len(chunk[2]) for chunk in waiting) > MOST_WAITING
         chunk = waiting.pop(-1 if crowded else min(range(len(waiting)), key=lambda i: waiting[i][2][0]))
         waiting += advance(*chunk)
         if progress:
-            progress(done, sum(len(bound) for _, _, bound in waiting), best - least())
-    return Search(least(), best, low_points, done, working_seconds() - started, complete=not waiting)
+            progress(done, sum(len(chunk[2]) for chunk in waiting), float(best.min() - least().min()))
+    found, spent = least(), working_seconds() - started
+    return Search(float(found.min()), float(best.min()), low_points, done, spent, complete=not waiting, by_group=found)
 
 
-def _chunks(low: np.ndarray, high: np.ndarray, bound: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def _chunks(low: np.ndarray, high: np.ndarray, bound: np.ndarray, group: np.ndarray) -> list[tuple[np.ndarray, ...]]:
     """Boxes in chunks of ``CHUNK``, lowest bounds first."""
     order = np.argsort(bound, kind="stable")
-    low, high, bound = low[order], high[order], bound[order]
-    return [(low[i : i + CHUNK], high[i : i + CHUNK], bound[i : i + CHUNK]) for i in range(0, len(low), CHUNK)]
+    held = [each[order] for each in (low, high, bound, group)]
+    return [tuple(each[i : i + CHUNK] for each in held) for i in range(0, len(low), CHUNK)]
 
 
 def halve(low: np.ndarray, high: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

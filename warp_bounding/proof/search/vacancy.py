@@ -34,9 +34,9 @@ class ShapePositives:
         self.asked = 0  # boxes that the shape was asked about
 
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
-        """``(1, n)`` corners of the box that holds every v of a query that is not answered without f."""
+        """``(N, n)`` corners of boxes that hold every v of a query that is not answered without f: one, or ``cut`` in pieces."""
         limit = self.domain.limit.astype(np.float64)[None]
-        return -limit, limit
+        return self.bounder.cut(-limit, limit)[:2]
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         """F at ``(N, n)``; see ``Bounder.reference``."""

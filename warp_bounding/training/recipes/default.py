@@ -10,6 +10,7 @@ Samples are columns here: coordinates v ``(ndim, N)``, and of positives their *s
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -127,7 +128,8 @@ class NetworkTrainer:
         fresh = samples.coordinates(state)
         walked = self._descend(self.workers, samples.positives(recipe.explore), recipe.explore_moves)
         state = torch.cat([walked, self.hard, state], 1)
-        values = self._evaluate(self.workers, network.encode(samples.coordinates(state)))
+        x = network.encode(samples.coordinates(state))
+        values = self._relative(x, self._evaluate(self.workers, x))
         worst = values.topk(min(recipe.hard, len(values)), largest=False)[1]
         self.hard = self._descend(self.workers, state[:, worst], recipe.moves)
         vertices = samples.vertices
@@ -137,21 +139,31 @@ class NetworkTrainer:
         positive = network.encode(torch.cat([vertices, fresh, samples.coordinates(self.hard)], 1))
         values = self._evaluate(self.workers, torch.cat([negative, positive], 1))
         f_negative, f_positive = values[: negative.shape[1]], values[negative.shape[1] :]
-        self._estimate(f_negative, f_positive)
-        self._batches = plan(recipe, used, self.generator, (negative, f_negative), (positive, f_positive))
-
-    def _estimate(self, f_negative: torch.Tensor, f_positive: torch.Tensor) -> None:
-        """False positives at the least value known on the object; remember the parameters with the fewest.
-
-        Args:
-            f_negative: f of the negatives.
-            f_positive: f of the positives, of which the hard pool is the last.
-        """
-        self.false_positives = float((f_negative >= f_positive.min()).sum()) / self.recipe.pool
-        hard = f_positive[-self.hard.shape[1] :]
-        self.false_negatives = float((hard < 0).float().mean())
+        self.level(positive, f_positive, used)
+        self.false_positives = self.judge(negative, f_negative, positive, f_positive)
+        self.false_negatives = float((f_positive[-self.hard.shape[1] :] < 0).float().mean())
         if self.false_positives <= self._best[0]:
             self._best = (self.false_positives, self.network.flat.clone())
+        f_negative, f_positive = self._relative(negative, f_negative), self._relative(positive, f_positive)
+        planned = plan(recipe, used, self.generator, (negative, f_negative), (positive, f_positive))
+        self._batches = tuple(replace(batches, offset=self.offset(batches.x)) for batches in planned)
+
+    def level(self, positive: torch.Tensor, f: torch.Tensor, used: float) -> None:
+        """Learn from f of encoded positives what samples are judged by, beside f itself; here nothing."""
+
+    def offset(self, x: torch.Tensor) -> torch.Tensor | None:
+        """``(N,)``, what f of encoded samples is taken relative to; ``None`` for 0."""
+        return None
+
+    def judge(
+        self, negative: torch.Tensor, f_negative: torch.Tensor, positive: torch.Tensor, f_positive: torch.Tensor
+    ) -> float:
+        """False positives, of all uniform samples, at the least value known on the object."""
+        return float((f_negative >= f_positive.min()).sum()) / self.recipe.pool
+
+    def _relative(self, x: torch.Tensor, f: torch.Tensor) -> torch.Tensor:
+        offset = self.offset(x)
+        return f if offset is None else f - offset
 
     def _evaluate(self, workers: list[Evaluator], x: torch.Tensor) -> torch.Tensor:
         values = torch.empty(x.shape[1])

@@ -81,6 +81,11 @@ class Batches:
     rows: torch.Tensor  # ``(refresh, batch)`` indices into them
     weight: torch.Tensor  # ``(batch,)``
     boost: torch.Tensor | None = None  # ``(N,)``, of the worst positives' weights; 1 of others
+    offset: torch.Tensor | None = None  # ``(N,)``, what f is taken relative to; ``None`` for 0
+
+    def relative(self, f: torch.Tensor, columns: torch.Tensor) -> torch.Tensor:
+        """F of some columns, in place, less their offset."""
+        return f if self.offset is None else f.sub_(self.offset.index_select(0, columns))
 
 
 def plan(
@@ -120,15 +125,16 @@ def accumulate(
 
     def job(index: int, part: slice) -> None:
         worker = workers[index]
-        x = negatives.x.index_select(1, negatives.rows[row, part])
-        f = worker.forward(x, keep=True)
+        columns = negatives.rows[row, part]
+        x = negatives.x.index_select(1, columns)
+        f = negatives.relative(worker.forward(x, keep=True), columns)
         signal = torch.sigmoid(f)
         if ramp < 30:
             signal -= torch.sigmoid(f - ramp)
         worker.backward(x, signal.mul_(negatives.weight[part]).mul_(weight**-0.5))
         columns = positives.rows[row, part]
         x = positives.x.index_select(1, columns)
-        f = worker.forward(x, keep=True)
+        f = positives.relative(worker.forward(x, keep=True), columns)
         signal = torch.sigmoid(f.div_(-width)).mul_(positives.weight[part]).mul_(positives.boost[columns])
         worker.backward(x, signal.mul_(-(weight**0.5)))
 

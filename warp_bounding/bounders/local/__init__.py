@@ -1,0 +1,1 @@
+"""Networks with a threshold for each part of the domain."""

@@ -1,0 +1,201 @@
+"""``local``: a network with a threshold of its own in each part of the domain, so that its worst place sets one price.
+
+The coordinates v are cut along each axis at *edges*, into a lattice of parts. Each part has a *level*, one byte: the
+threshold that f must reach there; or that no positive lies in the part at all, or hardly anything else, and the network
+is not even asked. f less the threshold of v's part is the f of this class; it jumps at the edges, and so proofs cut their boxes there (``cut``).
+"""
+
+from functools import cached_property
+from math import prod
+
+import numpy as np
+
+from warp_bounding.arithmetic import TINY, UNIT32, gamma
+from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.bounders.local.source import CERTAIN, EVERYWHERE, NOWHERE, PER_WORD, LocalSource
+from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.registry import composed
+from warp_bounding.errors import BounderError
+from warp_bounding.kernels.source import DENIED
+
+__all__ = ["MOST_PARTS", "Lattice", "Local"]
+
+MOST_PARTS = 65_536  # parts of a domain
+LEVELS = EVERYWHERE  # how many levels are thresholds
+MOST_NUMBER = 2.0**22  # of the first level: sums with a level stay whole numbers that float32 holds
+# Edges keep this far from 0, so that a device that takes tiny v for 0 finds the same part.
+NEAREST_TO_ZERO = 2.0**-64
+
+
+class Lattice:
+    """The domain cut at edges.
+
+    Args:
+        edges: For each axis of v, its inner edges in ascending order, float32.
+    """
+
+    def __init__(self, edges: list[np.ndarray]):
+        self.edges = [np.array(axis, dtype=np.float32) for axis in edges]
+        for axis in self.edges:
+            axis[np.abs(axis) < NEAREST_TO_ZERO] = NEAREST_TO_ZERO
+        self.shape = tuple(len(axis) + 1 for axis in self.edges)
+
+    @classmethod
+    def of(cls, lower: np.ndarray, upper: np.ndarray, shape: tuple[int, ...]) -> "Lattice":
+        """Parts of equal size between two corners ``(n,)``; the outer ones go on to the end of the domain."""
+        ends = zip(lower, upper, shape, strict=True)
+        return cls([np.linspace(low, high, count + 1)[1:-1].astype(np.float32) for low, high, count in ends])
+
+    @property
+    def count(self) -> int:
+        """Number of parts."""
+        return prod(self.shape)
+
+    def place(self, v: np.ndarray) -> np.ndarray:
+        """``(N,)`` int64: index of the part that holds each v ``(N, n)``."""
+        along = [np.searchsorted(axis, v[:, k], side="right") for k, axis in enumerate(self.edges)]
+        return np.ravel_multi_index(along, self.shape) if along else np.zeros(len(v), np.int64)
+
+    def cut(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Boxes ``(N, n)`` cut at the edges, so that each piece lies in the closure of one part, with its lower corner in it.
+
+        A box that ends on an edge has a piece without width beyond it.
+
+        Returns:
+            Corners of the pieces, ``(K, n)`` float64 each, and which box each one is a piece of.
+        """
+        owner = np.arange(len(lower))
+        for k, axis in enumerate(self.edges):
+            first = np.searchsorted(axis, lower[:, k], side="right")
+            last = np.searchsorted(axis, upper[:, k], side="right")
+            times = last - first + 1
+            row = np.repeat(np.arange(len(lower)), times)
+            step = np.arange(len(row)) - np.repeat(np.cumsum(times) - times, times)
+            ends = np.concatenate([[-np.inf], axis.astype(np.float64), [np.inf]])
+            lower, upper, owner = lower[row], upper[row], owner[row]
+            lower[:, k] = np.maximum(lower[:, k], ends[first[row] + step])
+            upper[:, k] = np.minimum(upper[:, k], ends[first[row] + step + 1])
+        return lower, upper, owner
+
+    def ranges(self, lower: np.ndarray, upper: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """For each axis the first and the last part that the box's inside meets, of pieces the one that they lie in."""
+        pairs = []
+        for k, axis in enumerate(self.edges):
+            first = np.searchsorted(axis, lower[:, k], side="right")
+            pairs.append((first, np.maximum(first, np.searchsorted(axis, upper[:, k], side="left"))))
+        return pairs
+
+
+@composed
+class Local(Bounder):
+    """A network at thresholds of the parts of its domain.
+
+    Tensors: the network's, each under ``0.`` and its role there; ``edges``, the inner edges of each axis in turn;
+    ``levels`` ``(ceil(parts / 4),)`` uint32, a byte for each part, which can be ``NOWHERE`` or ``EVERYWHERE``; ``scale``
+    ``(2,)``, the whole number of the first level, and the step, a power of two. Sizes: ``parts``, the network's ``method`` and
+    ``sizes``; ``shape``.
+    """
+
+    method = "local"
+    exact_on_cells = False
+    bit_fields = ("levels",)
+
+    @classmethod
+    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
+        return Mlp.supports(query, ndim, space) and super().supports(query, ndim, space)
+
+    @classmethod
+    def of(cls, member: Mlp, lattice: Lattice, thresholds: np.ndarray, step: float) -> "Local":
+        """A network at thresholds ``(parts,)``, each rounded down to a level.
+
+        Args:
+            member: The network; its own threshold is not used.
+            lattice: The parts.
+            thresholds: In array order of the parts; infinity where no positive lies, minus infinity where no query is
+                to be denied.
+            step: Between two levels, a power of two. The highest level stands for all thresholds above it.
+
+        Raises:
+            BounderError: If the thresholds cannot be told apart by float32 in such steps.
+        """
+        some = np.isfinite(thresholds)
+        first = np.floor(thresholds[some].min(initial=np.inf) / step) if some.any() else 0.0
+        levels = np.where(thresholds > 0, NOWHERE, EVERYWHERE).astype(np.uint8)
+        levels[some] = np.clip(np.floor(thresholds[some] / step) - first, 0, LEVELS - 1)
+        words = np.pad(levels, (0, -len(levels) % PER_WORD)).view("<u4").astype(np.uint32)
+        tensors = {f"0.{name}": value for name, value in member.tensors.items()}
+        tensors |= {
+            "edges": np.concatenate(lattice.edges),
+            "levels": words,
+            "scale": np.array([first, step], np.float32),
+        }
+        sizes = {"parts": [{"method": member.method, "sizes": member.sizes}], "shape": list(lattice.shape)}
+        return cls(member.domain, tensors, sizes, member._device)
+
+    def check_tensors(self) -> None:
+        entries, shape = self.sizes.get("parts"), self.sizes.get("shape")
+        if not isinstance(entries, list) or len(entries) != 1 or entries[0].get("method") != Mlp.method:
+            raise BounderError(f"{self.method}: expected one {Mlp.method}, got {entries!r}")
+        whole = isinstance(shape, list) and all(type(count) is int and count >= 1 for count in shape)
+        if not whole or len(shape) != self.domain.ndim or prod(shape) > MOST_PARTS:
+            raise BounderError(
+                f"{self.method}: expected {self.domain.ndim} counts, at most {MOST_PARTS} parts, got {shape!r}"
+            )
+        own = {name.removeprefix("0."): t for name, t in self.tensors.items() if name.startswith("0.")}
+        self.member = Mlp(self.domain, own, entries[0]["sizes"], self._device)
+        expected = {"edges": (sum(shape) - len(shape),), "levels": (-(-prod(shape) // PER_WORD),), "scale": (2,)}
+        self.expect_shapes({f"0.{name}": t.shape for name, t in own.items()} | expected)
+        ends = np.cumsum([count - 1 for count in shape])[:-1]
+        self.lattice = Lattice(np.split(self.tensors["edges"], ends))
+        edges = self.tensors["edges"]
+        if not (
+            all((np.diff(axis) > 0).all() for axis in self.lattice.edges) and (np.abs(edges) >= NEAREST_TO_ZERO).all()
+        ):
+            raise BounderError(f"{self.method}: edges must ascend, none of them 0")
+        first, step = (float(x) for x in self.tensors["scale"])
+        if not (step > 0 and np.frexp(step)[0] == 0.5 and first == np.floor(first) and abs(first) <= MOST_NUMBER):
+            raise BounderError(f"{self.method}: expected a whole number and a power of two, got {first} and {step}")
+
+    @cached_property
+    def thresholds(self) -> np.ndarray:
+        """``(parts,)`` float64, exact; infinity where every query is denied, minus infinity where none is."""
+        levels = self.tensors["levels"].astype("<u4").view(np.uint8)[: self.lattice.count].astype(np.float64)
+        first, step = self.tensors["scale"].astype(np.float64)
+        named = {NOWHERE: np.inf, EVERYWHERE: -np.inf}
+        return np.select([levels == level for level in named], list(named.values()), (levels + first) * step)
+
+    @property
+    def source(self) -> LocalSource:
+        return self.source_of(LocalSource, self.member.source, len(self.member.weights()), self.lattice.shape)
+
+    def weights(self) -> np.ndarray:
+        return np.concatenate([self.member.weights(), self.tensors["edges"], self.tensors["scale"]])
+
+    def words(self) -> np.ndarray:
+        return self.tensors["levels"]
+
+    def cut(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return self.lattice.cut(lower, upper)
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        v = np.asarray(v, dtype=np.float64)
+        return np.clip(self.member.reference(v) - self.thresholds[self.lattice.place(v)], DENIED, CERTAIN)
+
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """See ``Bounder``. A box inside one part has the part's threshold everywhere, on its upper sides too."""
+        bounds, ranges = self.member.bound(lower, upper), self.lattice.ranges(lower, upper)
+        single = np.all([first == last for first, last in ranges], axis=0)
+        place = np.ravel_multi_index([first for first, _ in ranges], self.lattice.shape)
+        most = self.thresholds[place]
+        for row in np.flatnonzero(~single):
+            inside = tuple(slice(first[row], last[row] + 1) for first, last in ranges)
+            most[row] = self.thresholds.reshape(self.lattice.shape)[inside].max()
+        least = np.clip(np.nextafter(bounds.lower - most, -np.inf), DENIED, CERTAIN)
+        value = np.where(single, np.clip(bounds.value - most, DENIED, CERTAIN), self.reference(bounds.point))
+        return bounds._replace(lower=least, value=value)
+
+    def rounding_bound(self) -> float:
+        network, some = self.member.network, self.thresholds[np.isfinite(self.thresholds)]
+        error = self.member.rounding_bound()
+        size = network.largest + error + np.abs(some).max(initial=0.0)  # of f less a threshold, which rounds once
+        return (error + gamma(2) * size + 2 * TINY) * (1 + 4 * UNIT32)

@@ -1,0 +1,100 @@
+"""Thresholds of the parts of a domain: the certified least f of the positives in each, found in one search."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from warp_bounding.bounders.local.local import Lattice, Local
+from warp_bounding.bounders.local.source import EVERYWHERE
+from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.proof.covers import COVERS
+from warp_bounding.proof.prove import settle
+from warp_bounding.proof.search.best_first import Search, minimum
+from warp_bounding.proof.search.vacancy import ShapePositives
+
+__all__ = ["prove_local"]
+
+STEPS = 8  # sizes of steps that are tried, each half of the one before; the first one reaches the highest threshold
+COST = 0.1  # negatives, in the mean: what a part's gap may make a false positive
+FINEST = 2.0**-10  # of the thresholds: a largest step that is not worth less
+
+
+def prove_local(
+    member: Mlp,
+    lattice: Lattice,
+    shape: Shape,
+    negatives: np.ndarray,
+    *,
+    points: np.ndarray,
+    eps: float,
+    seconds: float = float("inf"),
+    boxes: float = float("inf"),
+    progress: Callable[[int, float, float], None] | None = None,
+) -> tuple[Local, Search]:
+    """A network at proven thresholds of the parts of its domain, with its certificate.
+
+    Args:
+        member: The network, of points; its own threshold is not used.
+        lattice: The parts.
+        shape: The object.
+        negatives: ``(N, n)`` coordinates v that are no positives: they tell which step between levels denies most.
+        points: As of ``prove``.
+        eps: Largest gap, in f, of a part where a larger one would deny fewer of the negatives.
+        seconds: As of ``prove``; parts whose search has not ended are looser, the others are not.
+        boxes: As of ``prove``.
+        progress: As of ``prove``.
+
+    Raises:
+        BounderError: If no positive was found anywhere, or the thresholds are beyond what levels can tell.
+    """
+    limits = {
+        "eps": _worthwhile(member, lattice, negatives, points, eps),
+        "seconds": seconds,
+        "boxes": boxes,
+        "progress": progress,
+    }
+    if isinstance(shape, IndicatorGrid):
+        f, *corners = COVERS[member.query_kind].best_first(member, shape)
+        positives = None
+    else:
+        f = positives = ShapePositives(member, shape)
+        corners = positives.boxes()
+    lower, upper, _ = lattice.cut(*corners)
+    kinds = {"groups": lattice.place(lower), "group_of": lattice.place, "group_count": lattice.count}
+    search = minimum(f, lower, upper, points=points, positives=positives, **kinds, **limits)
+    least = search.by_group
+    values, place = member.reference(negatives), lattice.place(negatives)
+    denied = np.bincount(place[values < least[place]], minlength=lattice.count)
+    least[(denied == 0) & (least < np.inf)] = -np.inf
+    bounder = _finest(member, lattice, least, values, place)
+    some = np.isfinite(least)
+    if not some.any():
+        raise BounderError(f"{bounder.method}: the proof found no minimum at which the network denies anything")
+    proven = float(np.nextafter((least[some] - bounder.thresholds[some]).min(), -np.inf))
+    settle(bounder, shape, replace(search, lower_bound=proven))
+    return bounder, search
+
+
+def _worthwhile(member: Mlp, lattice: Lattice, negatives: np.ndarray, points: np.ndarray, eps: float) -> np.ndarray:
+    """``(parts,)``, the gap in each part that would make about ``COST`` more negatives a false positive, at least ``eps``."""
+    least = np.full(lattice.count, np.inf)
+    np.minimum.at(least, lattice.place(points), member.reference(points))
+    values, place = member.reference(negatives), lattice.place(negatives)
+    below = values < least[place]
+    nearest = np.full(lattice.count, -np.inf)
+    np.maximum.at(nearest, place[below], values[below])
+    gap = np.where(np.isfinite(least), COST * (least - nearest), eps)  # infinite where nothing is there to be denied
+    return np.maximum(np.minimum(gap, np.ptp(values)), eps)
+
+
+def _finest(member: Mlp, lattice: Lattice, least: np.ndarray, values: np.ndarray, place: np.ndarray) -> Local:
+    """The bounder with the step that denies most of some negatives, given by f and their parts."""
+    some = least[np.isfinite(least)]
+    reach = float(np.ptp(some) if len(some) else 0.0) / (EVERYWHERE - 2)
+    largest = 2.0 ** np.ceil(np.log2(max(reach, FINEST * float(np.abs(some).max(initial=0.0)), FINEST)))
+    tried = [Local.of(member, lattice, least, largest * 0.5**halved) for halved in range(STEPS)]
+    return max(tried, key=lambda bounder: int((values < bounder.thresholds[place]).sum()))
