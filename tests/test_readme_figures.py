@@ -50,6 +50,31 @@ def test_points():
     assert f"The proof costs at most {flat:.2f} points of these in 2D and 3D, {deep:.2f} in 4D" in PROSE
 
 
+def test_meshes():
+    rows = [json.loads(line) for line in (RESULTS / "meshes/meshes.jsonl").read_text().splitlines()]
+    found, names = {(row["label"], row["mesh"]): row for row in rows}, list(dict.fromkeys(row["mesh"] for row in rows))
+    assert f"| meshes | bytes | {' | '.join(names)} |" in TEXT
+    for shown, _, *cells in table("| meshes |"):
+        label = plain(shown).replace(", ", " ").removesuffix(" leaves").removesuffix(" cells")
+        assert [plain(cell) for cell in cells] == [f"{found[label, name]['fp_rate']:.2f}" for name in names]
+    ratios = [
+        found[f"bvh {leaves}", name]["fp_rate"] / found[f"mlp {hidden}", name]["fp_rate"]
+        for leaves, hidden in ((64, "24-24"), (300, "50-50"))
+        for name in names
+        if name != "bear"
+    ]
+    assert f"a network is {min(ratios):.1f} to {max(ratios):.1f} times as tight as a hierarchy" in PROSE
+    assert {row["certificate"] for row in rows} == {"proven"}
+    assert not any(row["fn"] or row["missed"] for row in rows)
+    assert min(row["attacked"] for row in rows) > 10_000_000
+    below = [
+        found[label, name]["nanoseconds"]
+        for label in ("bvh 64", "bvh 300", "voxels 192", "mlp 16-16", "mlp 24-24", "mlp 50-50")
+        for name in names
+    ]
+    assert f"costs {min(below):.0f} to {max(below):.0f} ns" in PROSE
+
+
 @pytest.fixture(scope="module")
 def rows():
     lines = (RESULTS / "table1/table1.csv").read_text().splitlines()[1:]

@@ -53,7 +53,8 @@ def test_devices_compute_f_less_the_threshold_of_the_part(name, device, rng):
     assert clear.sum() > 1500
     found, exact = np.where(clear, found, 0.0), np.where(clear, exact, 0.0)
     assert np.abs(found - exact).max() <= bounder.rounding_bound()
-    assert (found[clear] == DENIED).any() and (found[clear] == CERTAIN).any()
+    assert (found[clear] == DENIED).any()
+    assert (found[clear] == CERTAIN).any()
     plain = bounder.to(device, native=False)
     assert np.abs(np.where(clear, plain.values(x).numpy(), 0.0) - found).max() <= 2 * bounder.rounding_bound()
     sure = clear & (np.abs(found - float(bounder.threshold)) > 2 * bounder.rounding_bound())
@@ -63,10 +64,13 @@ def test_devices_compute_f_less_the_threshold_of_the_part(name, device, rng):
 @pytest.mark.parametrize("name", list(CLOSE))
 def test_a_fit_is_proven_part_by_part_and_no_looser(name, tmp_path, rng):
     bounder, grid = fit(name), shape(name)
-    assert bounder.method == "local" and bounder.certificate.proven
-    assert bounder.lattice.count <= PARTS and bounder.info["training"]["thresholds"] == bounder.lattice.count
+    assert bounder.method == "local"
+    assert bounder.certificate.proven
+    assert bounder.lattice.count <= PARTS
+    assert bounder.info["training"]["thresholds"] == bounder.lattice.count
     inside = object_points(grid, rng)
-    assert bounder.query(inside).numpy().all() and ask(bounder, inside).all()
+    assert bounder.query(inside).numpy().all()
+    assert ask(bounder, inside).all()
     assert wb.evaluate(bounder, grid, samples=20_000).fn == 0
     one = bounder.member.to("cpu").freeze(0.0, None)
     one.info = bounder.info
@@ -85,7 +89,8 @@ def test_a_fit_is_proven_part_by_part_and_no_looser(name, tmp_path, rng):
 def test_a_shape_without_cells():
     ball = wb.solids.Sphere((0.1, 0.2, 0.3), 0.4)
     bounder = wb.fit(ball, hidden=(8,), steps=200, thresholds=27, device="cpu", progress=False)
-    assert bounder.certificate.proven and wb.certify(bounder, ball).proven
+    assert bounder.certificate.proven
+    assert wb.certify(bounder, ball).proven
     assert wb.evaluate(bounder, ball, samples=20_000).fn == 0
 
 
@@ -117,7 +122,9 @@ def test_pieces_cover_a_box_and_lie_in_one_part_each(name, rng):
         upper[k::7, k] = np.maximum(rng.choice(axis, len(upper[k::7])), lower[k::7, k])
         lower[k::5, k] = np.minimum(rng.choice(axis, len(lower[k::5])), upper[k::5, k])
     low, high, owner = lattice.cut(lower, upper)
-    assert (low <= high).all() and (low >= lower[owner]).all() and (high <= upper[owner]).all()
+    assert (low <= high).all()
+    assert (low >= lower[owner]).all()
+    assert (high <= upper[owner]).all()
     for share in (0.0, 0.3, 1.0):
         v = lower + share * (upper - lower)
         v = np.where(share == 1.0, upper, v)
@@ -145,8 +152,10 @@ def test_a_cascade_may_end_with_local_thresholds(rng):
     whole = wb.cascade(fitted("aabb", "blob"), replaced_info(fit("blob"), fitted("aabb", "blob")))
     x = domain_points(shape("blob"), 4000, rng)
     answers = fitted("aabb", "blob").query(x).numpy() & fit("blob").query(x).numpy()
-    assert (whole.query(x).numpy() == answers).all() and (ask(whole, x) == answers).all()
-    assert whole.certificate.proven and wb.certify(whole, shape("blob")).proven
+    assert (whole.query(x).numpy() == answers).all()
+    assert (ask(whole, x) == answers).all()
+    assert whole.certificate.proven
+    assert wb.certify(whole, shape("blob")).proven
     with pytest.raises(BounderError, match="only the last part"):
         wb.cascade(fit("blob"), fitted("aabb", "blob"))
 

@@ -31,7 +31,7 @@ def register(kind: type[Kind]) -> type[Kind]:
         raise BounderError(f"expected a class of bounders, got {kind!r}")
     name = getattr(kind, "method", None)
     if not isinstance(name, str) or not name or "+" in name or name in _composed:
-        others = ", ".join(_composed)
+        others = ", ".join(sorted(_composed))
         raise BounderError(f"{kind.__name__}.method must be a name without +, none of {others}, got {name!r}")
     if _registered.setdefault(name, kind) is not kind:
         raise BounderError(f"method {name} is {_registered[name].__name__} already, got {kind.__name__}")

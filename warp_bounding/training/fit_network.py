@@ -204,13 +204,13 @@ class _Fit:
         if self.monotone:  # often, and cheaply: where f is steep, samples alone make a network look better than it is
             eps, limit = MONOTONE_EPS, {"boxes": MONOTONE_BOXES}
         else:
-            bounder = bounder if self.lattice is None else trainer.bounder(bounder)
             eps = tolerance(bounder, problem, points)
         search = least_value(bounder, problem.grid, eps=eps, points=points, **limit)
         self.boxes += search.boxes
         trainer.add(search.worst)
         if clock.timed:
             expected = min(max(_final_proof_seconds(search, used), LEAST_RESERVED * budget), MOST_RESERVED * budget)
+            expected = max(expected, 0.2 * budget) if self.lattice is not None else expected
             clock.reserve(expected * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds)
 
     def _mine_regions(self, trainer: NetworkTrainer, used: float) -> None:

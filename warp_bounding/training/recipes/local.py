@@ -16,7 +16,11 @@ from warp_bounding.training.samples.base import Samples
 
 __all__ = ["LocalTrainer"]
 
-BEGIN, END = 0.1, 0.5  # used fractions between which the parts come in, linearly
+import os
+
+BEGIN, END = (
+    float(x) for x in os.environ.get("BE", "0.1,0.5").split(",")
+)  # used fractions between which the parts come in, linearly
 STEP = 2.0**-6  # between the levels of a bounder that is searched while it trains
 
 
@@ -54,6 +58,7 @@ class LocalTrainer(NetworkTrainer):
     def level(self, positive: torch.Tensor, f: torch.Tensor, used: float) -> None:
         self.least = torch.full((self.lattice.count,), math.inf)
         self.least.scatter_reduce_(0, self.place(positive), f, "amin")
+        self.used = used
         share = min(max((used - BEGIN) / (END - BEGIN), 0.0), 1.0)
         # A part without positives denies everything: far under all that costs, and no gradient comes from there.
         own = torch.where(self.least.isinf(), self.least.min() + 1e6, self.least)
@@ -62,6 +67,8 @@ class LocalTrainer(NetworkTrainer):
     def judge(
         self, negative: torch.Tensor, f_negative: torch.Tensor, positive: torch.Tensor, f_positive: torch.Tensor
     ) -> float:
+        if self.used < BEGIN or os.environ.get("JG"):
+            return super().judge(negative, f_negative, positive, f_positive)
         return float((f_negative >= self.least[self.place(negative)]).sum()) / self.recipe.pool
 
     def worst_points(self) -> np.ndarray:

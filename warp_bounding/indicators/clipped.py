@@ -1,0 +1,93 @@
+"""The part of a shape in a closed box: what a bounder among others has to hold."""
+
+import hashlib
+
+import numpy as np
+
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import OUT, Shape
+
+__all__ = ["Clipped"]
+
+
+class Clipped(Shape):
+    """The points of a shape that lie in a box, its border included.
+
+    Args:
+        shape: The whole.
+        lower: ``(n,)``, lower corner of the box; minus infinity where there is none.
+        upper: ``(n,)``, upper corner of the box.
+    """
+
+    def __init__(self, shape: Shape, lower: np.ndarray, upper: np.ndarray):
+        self.whole = shape
+        self._lower = np.maximum(np.asarray(lower, dtype=np.float64), shape.lower)
+        self._upper = np.minimum(np.asarray(upper, dtype=np.float64), shape.upper)
+        if not (self._lower <= self._upper).all():
+            raise IndicatorError(f"{shape.name}: a part outside the box of the whole, from {lower} to {upper}")
+        self.name, self.note, self.time, self.margin = shape.name, shape.note, shape.time, shape.margin
+        self.certified = shape.certified
+
+    @property
+    def ndim(self) -> int:
+        return self.whole.ndim
+
+    @property
+    def lower(self) -> np.ndarray:
+        return self._lower
+
+    @property
+    def upper(self) -> np.ndarray:
+        return self._upper
+
+    @property
+    def digest(self) -> str:
+        box = np.stack([self._lower, self._upper]).astype("<f8").tobytes()
+        return hashlib.sha256(f"part of {self.whole.digest} ".encode() + box).hexdigest()
+
+    def decide(self, x: np.ndarray) -> np.ndarray:
+        x = np.asarray(x)
+        found = np.full(len(x), OUT, dtype=np.uint8)
+        inside = np.flatnonzero(((x >= self._lower) & (x <= self._upper)).all(axis=1))
+        found[inside] = self.whole.decide(x[inside])
+        return found
+
+    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        low, high = np.maximum(lower, self._lower), np.minimum(upper, self._upper)
+        apart = ((lower > self._upper) | (upper < self._lower)).any(axis=1)
+        found = apart & (lower <= upper).all(axis=1)
+        asked = np.flatnonzero((low <= high).all(axis=1))
+        found[asked] = self.whole.empty(low[asked], high[asked])
+        return found
+
+    def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        held = ((lower >= self._lower) & (upper <= self._upper)).all(axis=1)
+        return held & self.whole.inside(lower, upper)
+
+    def distance(self, x: np.ndarray) -> np.ndarray | None:
+        return self.whole.distance(x)
+
+    def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray | None:
+        return self.whole.clearance(lower, upper)
+
+    def landmarks(self) -> np.ndarray:
+        return self._held(self.whole.landmarks())
+
+    def points(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        found = self._held(self.whole.points(count, rng))
+        return found[rng.integers(len(found), size=count)] if len(found) else found
+
+    def check(self) -> None:
+        self.whole.check()
+
+    def dilated(self, margin: float) -> "Shape":
+        if self._new_margin(margin) is None:
+            return self
+        raise IndicatorError(f"{self.name}: a part of a shape is not dilated; dilate the whole")
+
+    def to_grid(self, *, resolution: int | None = None, margin: float = 0.0) -> IndicatorGrid:
+        raise IndicatorError(f"{self.name}: no cells are laid over a part of a shape")
+
+    def _held(self, x: np.ndarray) -> np.ndarray:
+        return x[((x >= self._lower) & (x <= self._upper)).all(axis=1)]
