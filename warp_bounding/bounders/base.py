@@ -29,6 +29,7 @@ from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
 from warp_bounding.networks.box_bounds import BoxBounds
 from warp_bounding.queries import QUERIES
 from warp_bounding.runtime.devices import device_of
@@ -63,6 +64,7 @@ class Bounder(Asking):
 
     method: ClassVar[str]
     exact_on_cells: ClassVar[bool] = True  # one pass over the cells (``least``) is the proof, without a search
+    composed: ClassVar[bool] = False  # of bounders by *and* and *or*, with an f and a threshold of its own
     lays_cells: ClassVar[bool] = False  # it is made of cells, also where the shape has none
     conservative: ClassVar[bool] = True  # false: kept to show what goes wrong; it never holds a certificate
     bit_fields: ClassVar[tuple[str, ...]] = ()  # tensors that are uint32
@@ -168,6 +170,14 @@ class Bounder(Asking):
     def parts(self) -> "list[Bounder]":
         """The bounders whose conjunction this is, each at its threshold; they are proven one by one."""
         return [self]
+
+    def obligations(self, shape: Shape) -> "list[tuple[Bounder, Shape]]":
+        """What has to be proven one by one, so that all of this is proven for a shape: parts, and what each must hold.
+
+        Raises:
+            BounderError: If that would not prove it.
+        """
+        return [(part, shape) for part in self.parts]
 
     @property
     def volume(self) -> "Bounder | None":
@@ -317,6 +327,24 @@ class Bounder(Asking):
         text = f"{rates['fp_rate']:.2f} % false positives {judge} ({rates['samples']:,} samples)"
         looser = rates["fp_rate"] > rates["fp_rate_aabb"]
         return f"{text}, looser than a box ({rates['fp_rate_aabb']:.2f} %)" if looser else text
+
+    # --- put together ------------------------------------------------------------------------------------------------
+
+    def __and__(self, other: "Bounder") -> "Bounder":
+        """``a & b``: *maybe* iff both say so, a asked first; see ``warp_bounding.cascade``."""
+        if not isinstance(other, Bounder):
+            return NotImplemented
+        from warp_bounding.proof import both, cascade  # (proofs are made of bounders)
+
+        return both(self, other) if self.composed or other.composed else cascade(self, other)
+
+    def __or__(self, other: "Bounder") -> "Bounder":
+        """``a | b``: *maybe* iff one of them says so, a asked first; see ``warp_bounding.proof.either``."""
+        if not isinstance(other, Bounder):
+            return NotImplemented
+        from warp_bounding.proof import either
+
+        return either(self, other)
 
     # --- keeping it --------------------------------------------------------------------------------------------------
 

@@ -134,6 +134,7 @@ class Subject(Protocol):
 
     method: str
     conservative: bool
+    composed: bool
     domain: Domain | RegionDomain
     tensors: dict[str, np.ndarray]
     sizes: dict[str, Any]

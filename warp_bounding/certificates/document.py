@@ -8,7 +8,9 @@ from warp_bounding.certificates.certificate import Certificate, Subject
 from warp_bounding.coordinates.placement import placement_allowance
 from warp_bounding.indicators.grid import IndicatorGrid
 
-__all__ = ["conjunction", "document", "least_allowance"]
+__all__ = ["COMPOSED", "conjunction", "document", "least_allowance", "together"]
+
+COMPOSED = 1.0  # f of a composition where it says *maybe*
 
 
 def document(
@@ -96,4 +98,25 @@ def conjunction(certificates: list[Certificate]) -> Certificate:
         samples=min(c.samples for c in certificates) if statistical else last.samples,
         fn_rate_bound=sum(c.fn_rate_bound or 0.0 for c in certificates) if statistical else None,
         confidence=1 - sum(1 - (c.confidence or 1.0) for c in certificates) if statistical else None,
+    )
+
+
+def together(bounder: Subject, certificates: list[Certificate], indicator: str) -> Certificate:
+    """What is known of a bounder whose ``obligations`` for the object of this digest these certificates are about.
+
+    A chain of tests has the threshold of its last part; a composition by *and* and *or* has one of its own.
+    """
+    known = conjunction(certificates)
+    if not bounder.composed:
+        return known
+    if known.kind not in ("proven", "statistical"):
+        return replace(known, threshold=float(bounder.threshold))
+    told = f"{len(certificates)} tests put together by *and* and *or*, each by itself, and they cover the object; the last: "
+    return replace(
+        known,
+        threshold=float(bounder.threshold),
+        lower_bound=COMPOSED,
+        rounding_bound=bounder.rounding_bound(),
+        indicator=indicator,
+        message=told + certificates[-1].message,
     )

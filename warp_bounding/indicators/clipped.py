@@ -22,8 +22,8 @@ class Clipped(Shape):
 
     def __init__(self, shape: Shape, lower: np.ndarray, upper: np.ndarray):
         self.whole = shape
-        self._lower = np.maximum(np.asarray(lower, dtype=np.float64), shape.lower)
-        self._upper = np.minimum(np.asarray(upper, dtype=np.float64), shape.upper)
+        self.box = (np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64))
+        self._lower, self._upper = np.maximum(self.box[0], shape.lower), np.minimum(self.box[1], shape.upper)
         if not (self._lower <= self._upper).all():
             raise IndicatorError(f"{shape.name}: a part outside the box of the whole, from {lower} to {upper}")
         self.name, self.note, self.time, self.margin = shape.name, shape.note, shape.time, shape.margin
@@ -40,6 +40,15 @@ class Clipped(Shape):
     @property
     def upper(self) -> np.ndarray:
         return self._upper
+
+    @property
+    def frame(self) -> tuple[np.ndarray, np.ndarray]:
+        """See ``Shape``: the whole's, so that bounders of parts can be put together."""
+        return self.whole.frame
+
+    @property
+    def details_per_unit(self) -> np.ndarray:
+        return self.whole.details_per_unit
 
     @property
     def digest(self) -> str:
@@ -82,9 +91,8 @@ class Clipped(Shape):
         self.whole.check()
 
     def dilated(self, margin: float) -> "Shape":
-        if self._new_margin(margin) is None:
-            return self
-        raise IndicatorError(f"{self.name}: a part of a shape is not dilated; dilate the whole")
+        """The part of the dilated whole in the same box."""
+        return self if self._new_margin(margin) is None else Clipped(self.whole.dilated(margin), *self.box)
 
     def to_grid(self, *, resolution: int | None = None, margin: float = 0.0) -> IndicatorGrid:
         raise IndicatorError(f"{self.name}: no cells are laid over a part of a shape")

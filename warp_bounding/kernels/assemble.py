@@ -123,6 +123,10 @@ auto end_of_held = [&]() {  // lanes behind the last one ask something finite
     for (int l = kept; l < kept + L; ++l) for (int k = 0; k < M; ++k) held[k][l] = 0.0f;
 };
 end_of_held();
+$ask
+"""
+
+_TOGETHER = """
 $early
 for (int g = 0; g < kept; g += L) {
     V v[M];
@@ -294,7 +298,8 @@ def batch_snippet(source: Source, placed: bool, values: bool) -> str:
         denied = f"for (int l = 0; l < m; ++l) if (!passes[l]) out.data[where[g + l]] = {literal(DENIED)};" * values
         early = "\n".join(fill(_EARLY, test=test, bar=bar, denied=denied) for test, bar in source.early())
         decision = "f[l]" if values else "!(f[l] < threshold)"
-        loop = fill(_GATHERED, **texts, unasked=_UNASKED[values], early=early, lane_decision=decision)
+        ask = source.ask(values) or fill(_TOGETHER, **texts, early=early, lane_decision=decision)
+        loop = fill(_GATHERED, **texts, unasked=_UNASKED[values], ask=ask)
     else:
         loop = fill(_ALL, **texts, store=_STORE[values])
     yes, no, decision = ("INFINITY", "-INFINITY", "f") if values else ("1", "0", "!(f < threshold)")

@@ -129,6 +129,14 @@ class Source:
         """
         return []
 
+    def ask(self, values: bool) -> str | None:
+        """C statements of the CPU batch path that answer the gathered queries, in place of ``early`` and ``body``.
+
+        They read ``held[k][g]``, ``kept`` and ``where[g]`` (``assemble``) and write ``out.data``: f where ``values``, else
+        0 and 1. ``None``, as for most sources: lanes of queries go through ``early`` and ``body`` together.
+        """
+        return None
+
     def function_body(self) -> str:
         """C statements that declare and compute ``float f`` for one query on a CPU, from ``float v[]``."""
         return "typedef float V; V f;\n" + self.body(Lanes(vector=False))

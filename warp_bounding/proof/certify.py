@@ -15,7 +15,7 @@ import numpy as np
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.load import bounder_of
 from warp_bounding.certificates.certificate import Certificate
-from warp_bounding.certificates.document import conjunction, document
+from warp_bounding.certificates.document import document, together
 from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
@@ -100,13 +100,17 @@ def certify(
         reason = f"{bounder.method} is not conservative"
     if reason:
         return _inapplicable(bounder, grid, reason)
+    try:
+        owed = bounder.obligations(grid)
+    except BounderError as error:
+        return document(bounder, grid, "undecided", float(bounder.threshold), 0.0, 0, 0.0, str(error))
     certificates = []
-    for part in bounder.parts:
+    for part, own in owed:
         left = seconds - (working_seconds() - started)
-        certificates.append(_certify(part, grid, max(left, 0.0), progress))
+        certificates.append(_certify(part, own, max(left, 0.0), progress))
         if certificates[-1].kind not in ("proven", "statistical"):
             break
-    return conjunction(certificates)
+    return together(bounder, certificates, grid.digest)
 
 
 def _exactly(name: str, value: float | None) -> float | None:

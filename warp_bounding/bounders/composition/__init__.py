@@ -1,0 +1,1 @@
+"""Bounders made of bounders by *and* and *or*."""

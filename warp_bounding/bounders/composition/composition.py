@@ -1,0 +1,251 @@
+"""``composition``: bounders put together by *and* and *or*, nested freely.
+
+*And* of two conservative tests is conservative for what both are; *or* is for what either is. So each part is proven by
+itself, for the object or for the part of it that lies in the part's *region*, a box, and what is left to show is that
+the regions cover the object (``cover``).
+
+f is 1 where the answer is *maybe*, else ``DENIED``.
+"""
+
+from collections.abc import Iterator
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.bounders.composition.cover import Region, check_cover
+from warp_bounding.bounders.composition.source import ALIGN, ROW, CompositionSource
+from warp_bounding.bounders.registry import class_named, composed
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators.clipped import Clipped
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.kernels.source import DENIED
+
+__all__ = ["AND", "OR", "Composition", "Tree"]
+
+AND, OR = "and", "or"
+MOST_PARTS = 1024
+MOST_NESTED = 32
+Tree = int | list  # the number of a part; or a list, AND or OR first, then trees
+
+
+@composed
+class Composition(Bounder):
+    """Bounders of the same queries and domain, put together; made by ``a & b``, ``a | b`` and ``warp_bounding.hierarchy``.
+
+    Tensors: those of part i, each under ``i.`` and its role there; ``thresholds`` ``(parts,)``; ``regions`` ``(parts, 2,
+    n)``, the box, object space, of what each part is proven for, largest float32 numbers where it has no end. Sizes:
+    ``parts``, a list of ``method`` and ``sizes``; ``tree``.
+    """
+
+    method = "composition"
+    composed = True
+    exact_on_cells = False
+    bit_fields = tuple(f"{i}.{name}" for i in range(MOST_PARTS) for name in ("bits", "levels"))
+
+    @classmethod
+    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
+        return True  # whatever its parts support
+
+    @classmethod
+    def of(cls, tree: Tree, parts: list[Bounder], regions: list[Region | None] | None = None) -> "Composition":
+        """Parts at their own thresholds, without a certificate.
+
+        Args:
+            tree: How they are put together; each part stands in it once, in the order of ``parts``.
+            parts: The bounders.
+            regions: For each part the box that it is proven in; ``None`` where that is everywhere.
+
+        Raises:
+            BounderError: If they are bounders of other queries or domains, or cannot be put together.
+        """
+        for part in parts:
+            if not isinstance(part, Bounder):
+                raise BounderError(f"{cls.method}: expected bounders, got {type(part).__name__}")
+            if not part.conservative:
+                raise BounderError(f"{cls.method}: {part.method} is not conservative")
+            if part.domain.to_dict() != parts[0].domain.to_dict():
+                raise BounderError(
+                    f"{cls.method}: expected bounders of the same queries and domain, got {parts[0]!r} and {part!r}"
+                )
+        domain, most = parts[0].domain, float(np.finfo(np.float32).max)
+        boxes = np.tile(np.array([[-most], [most]], np.float32), (len(parts), 1, domain.space_ndim))
+        for box, region in zip(boxes, regions or [None] * len(parts), strict=True):
+            if region is not None:
+                box[:] = np.clip(region, -most, most)
+        tensors = {f"{i}.{name}": value for i, part in enumerate(parts) for name, value in part.tensors.items()}
+        tensors |= {"thresholds": np.array([part.threshold for part in parts], np.float32), "regions": boxes}
+        sizes = {"parts": [{"method": part.method, "sizes": part.sizes} for part in parts], "tree": tree}
+        return cls(domain, tensors, sizes, parts[0]._device)
+
+    def check_tensors(self) -> None:
+        entries, tree = self.sizes.get("parts"), self.sizes.get("tree")
+        if not isinstance(entries, list) or not 1 <= len(entries) <= MOST_PARTS:
+            raise BounderError(f"{self.method}: expected 1 to {MOST_PARTS} parts, got {_told(entries)}")
+        if list(_parts_of(tree)) != list(range(len(entries))):
+            raise BounderError(
+                f"{self.method}: expected a tree with each of {len(entries)} parts once, in order, got {tree!r}"
+            )
+        own: list[dict[str, np.ndarray]] = [{} for _ in entries]
+        for name, value in self.tensors.items():
+            number, _, role = name.partition(".")
+            if role and number.isdecimal() and int(number) < len(own) and str(int(number)) == number:
+                own[int(number)][role] = value
+        self.members: list[Bounder] = []
+        for i, (entry, tensors) in enumerate(zip(entries, own, strict=True)):
+            kind = class_named(entry.get("method")) if isinstance(entry, dict) else None
+            if kind is None or kind is Composition:
+                raise BounderError(f"{self.method}: part {i} is no bounder that can be a part: {entry!r}")
+            self.members.append(kind(self.domain, tensors, entry["sizes"], self._device))
+        if wrong := [part.method for part in self.members if not part.conservative]:
+            raise BounderError(f"{self.method}: {wrong[0]} is not conservative")
+        if sum(bool(part.bit_fields and part.words().any()) for part in self.members) > 1:
+            raise BounderError(f"{self.method}: only one part may have a bit field")
+        expected = {f"{i}.{role}": t.shape for i, tensors in enumerate(own) for role, t in tensors.items()}
+        n = self.domain.space_ndim
+        self.expect_shapes(expected | {"thresholds": (len(entries),), "regions": (len(entries), 2, n)})
+        for part, threshold in zip(self.members, self.tensors["thresholds"], strict=True):
+            part.freeze(threshold, None)
+
+    @property
+    def tree(self) -> Tree:
+        """How the parts are put together."""
+        return self.sizes["tree"]
+
+    @cached_property
+    def regions(self) -> list[Region]:
+        """The box of each part, object space, float64; infinite where it has no end."""
+        boxes = self.tensors["regions"].astype(np.float64)
+        boxes[np.abs(boxes) >= np.finfo(np.float32).max] *= np.inf
+        return [(low, high) for low, high in boxes]
+
+    @property
+    def parts(self) -> list[Bounder]:
+        """See ``Bounder``: copies of the members; they are proven one by one, each in its region."""
+        return [part.to(self._device) for part in self.members]
+
+    def obligations(self, shape: Shape) -> list[tuple[Bounder, Shape]]:
+        """See ``Bounder``: each part, for what its region holds of the object; regions without any are not looked at.
+
+        Raises:
+            BounderError: If the regions do not cover the object; the message names a point.
+        """
+        check_cover(shape, self.covered(self.tree))
+        owed: list[tuple[Bounder, Shape]] = []
+        for part, (low, high) in zip(self.parts, self.regions, strict=True):
+            if np.isinf(low).all() and np.isinf(high).all():
+                owed.append((part, shape))
+            elif (low <= shape.upper).all() and (high >= shape.lower).all():
+                owed.append((part, Clipped(shape, low, high)))
+        return owed
+
+    def covered(self, tree: Tree) -> list[Region]:
+        """Boxes, object space: where this part of the tree is conservative, if each bounder in it is so in its region."""
+        if isinstance(tree, int):
+            return [self.regions[tree]]
+        held = [self.covered(child) for child in tree[1:]]
+        if tree[0] == OR:
+            return [region for regions in held for region in regions]
+        common = held[0]
+        for regions in held[1:]:
+            pairs = [(np.maximum(a, c), np.minimum(b, d)) for a, b in common for c, d in regions]
+            common = [(low, high) for low, high in pairs if (low <= high).all()]
+        return common
+
+    @property
+    def provable(self) -> bool:
+        return all(part.provable for part in self.members)
+
+    @cached_property
+    def _codes(self) -> list[Any]:
+        return list(dict.fromkeys(part.source for part in self.members))
+
+    @property
+    def source(self) -> CompositionSource:
+        return self.source_of(CompositionSource, tuple(self._codes), len(self.members))
+
+    def weights(self) -> np.ndarray:
+        """See ``Bounder``; the layout is described in ``bounders.composition.source``."""
+        numbers, place = [part.weights() for part in self.members], -(-ROW * len(self.members) // ALIGN) * ALIGN
+        rows, ways = np.zeros((len(numbers), ROW), np.float32), _ways(self.tree, len(numbers), len(numbers) + 1)
+        held = [np.zeros(place, np.float32)]
+        for i, own in enumerate(numbers):
+            rows[i] = [self._codes.index(self.members[i].source), place, *ways[i], self.members[i].threshold]
+            held.append(np.pad(own, (0, -len(own) % ALIGN)).astype(np.float32))
+            place += len(held[-1])
+        if place >= 2**24:
+            raise BounderError(f"{self.method}: {place} numbers are more than float32 can count")
+        held[0][: rows.size] = rows.reshape(-1)
+        return np.concatenate(held)
+
+    def words(self) -> np.ndarray:
+        held = [part.words() for part in self.members if part.bit_fields]
+        return held[0] if held else super().words()
+
+    @property
+    def nbytes(self) -> int:
+        """See ``Bounder``: domain, rows and the parts' numbers; the regions are the proof's."""
+        header = 4 * (len(self.domain.header) + 1 + len(self.domain.extra))
+        return 4 * ROW * len(self.members) + header + sum(part.nbytes - header for part in self.members)
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        v = np.asarray(v, dtype=np.float64)
+        return np.where(self._decide(self.tree, v), 1.0, DENIED)
+
+    def _decide(self, tree: Tree, v: np.ndarray) -> np.ndarray:
+        if isinstance(tree, int):
+            return self.members[tree].reference(v) >= float(self.members[tree].threshold)
+        found = np.full(len(v), tree[0] == AND)
+        for child in tree[1:]:
+            open_ = np.flatnonzero(found == (tree[0] == AND))
+            found[open_] = self._decide(child, v[open_])
+        return found
+
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """See ``Bounder``: 1 where the parts' own bounds, less their rounding, decide for *maybe* on the whole box."""
+        center = (lower + upper) / 2
+        sure = self._sure(self.tree, lower, upper)
+        return BoxBounds(np.where(sure, 1.0, DENIED), np.argmax(upper - lower, axis=1), center, self.reference(center))
+
+    def _sure(self, tree: Tree, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        if isinstance(tree, int):
+            part = self.members[tree]
+            low, high, owner = part.cut(lower, upper)
+            sure = np.ones(len(lower), dtype=bool)
+            np.logical_and.at(sure, owner, part.bound(low, high).lower >= float(part.threshold) + part.rounding_bound())
+            return sure
+        held = [self._sure(child, lower, upper) for child in tree[1:]]
+        return np.all(held, axis=0) if tree[0] == AND else np.any(held, axis=0)
+
+    def rounding_bound(self) -> float:
+        return 0.0  # ``bound`` is about what devices compute
+
+
+def _parts_of(tree: Any, depth: int = 0) -> Iterator[int]:
+    """The numbers of the parts of a tree, in order; -1 where something is no tree."""
+    if type(tree) is int:
+        yield tree
+    elif isinstance(tree, list) and len(tree) > 1 and tree[0] in (AND, OR) and depth < MOST_NESTED:
+        for child in tree[1:]:
+            yield from _parts_of(child, depth + 1)
+    else:
+        yield -1
+
+
+def _ways(tree: Tree, yes: int, no: int) -> list[tuple[int, int]]:
+    """For each part the one to ask next after *maybe*, and after *no*; both behind it."""
+    if isinstance(tree, int):
+        return [(yes, no)]
+    ways: list[tuple[int, int]] = []
+    starts = [next(_parts_of(child)) for child in tree[1:]]
+    for child, then in zip(tree[1:], [*starts[1:], None], strict=True):
+        if tree[0] == AND:
+            ways += _ways(child, yes if then is None else then, no)
+        else:
+            ways += _ways(child, yes, no if then is None else then)
+    return ways
+
+
+def _told(entries: Any) -> str:
+    return str(len(entries)) if isinstance(entries, list) else repr(entries)

@@ -1,0 +1,160 @@
+"""Native code of a composition: parts asked one after the other, each with the part to ask next after a *maybe* and a *no*.
+
+In memory a row for each part comes first (``ROW`` numbers: which code it has, where its own numbers begin, the next part
+after a *maybe* and after a *no*, its threshold), then the numbers of the parts, each at a multiple of ``ALIGN``. The next
+part always stands behind; beyond the last one are the two answers. All of this is data: the code depends on how many
+parts there are and on the different sources among them, not on how they are put together.
+
+On a CPU the batch path keeps, for each part, a list of the queries of its block that wait for it, and asks them in full
+lanes; so a query costs the parts on its own way only.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import warp as wp
+
+from warp_bounding.kernels.plain import DENIED, Numbers, Words, plain_value, twin, vector_type
+from warp_bounding.kernels.source import Lanes, Source, fill, literal
+from warp_bounding.runtime.launch import BLOCK
+
+__all__ = ["ALIGN", "ROW", "CompositionSource"]
+
+ROW = 5  # numbers of a part's row: code, where its numbers begin, next after maybe, next after no, threshold
+ALIGN = 16  # floats: a part's numbers begin at a multiple of this, as those of a bounder by itself do
+
+_BATCH = """
+const float* const rows_ = w;
+int waits_[$parts + 2], next_[$block];  // lists: the first query that waits for each part, and the one behind each
+for (int p = 0; p < $parts + 2; ++p) waits_[p] = -1;
+for (int g = 0; g < kept; ++g) next_[g] = g + 1 < kept ? g + 1 : -1;
+waits_[0] = kept ? 0 : -1;
+for (int p = 0; p < $parts; ++p) {
+    const float* const row_ = rows_ + $row * p;
+    const float* const w = rows_ + (int)row_[1];
+    const int code_ = row_[0], yes_ = row_[2], no_ = row_[3];
+    int at_ = waits_[p];
+    while (at_ >= 0) {
+        int pick_[L], m_ = 0;
+        for (; m_ < L && at_ >= 0; ++m_) { pick_[m_] = at_; at_ = next_[at_]; }
+        for (int l = m_; l < L; ++l) pick_[l] = pick_[0];
+        V v[M];
+#pragma unroll
+        for (int k = 0; k < M; ++k) {
+            float lanes_[L];
+            for (int l = 0; l < L; ++l) lanes_[l] = held[k][pick_[l]];
+            v[k] = *(const V*)lanes_;
+        }
+        V f;
+        switch (code_) {
+            $cases
+        }
+        int fails_[L];  // in memory: lanes of a vector are dear one by one
+        *(J*)fails_ = f < row_[4];
+        for (int l = 0; l < m_; ++l) {
+            const int to_ = fails_[l] ? no_ : yes_;
+            next_[pick_[l]] = waits_[to_];
+            waits_[to_] = pick_[l];
+        }
+    }
+}
+for (int g = waits_[$parts]; g >= 0; g = next_[g]) out.data[where[g]] = $yes;
+for (int g = waits_[$parts + 1]; g >= 0; g = next_[g]) out.data[where[g]] = $no;
+"""
+_ONE = """
+int part_ = 0;
+const float* const rows_ = w;
+while (part_ < $parts) {
+    const float* const row_ = rows_ + $row * part_;
+    const float* const w = rows_ + (int)row_[1];
+    float value_ = 0.0f;
+    switch ((int)row_[0]) {
+        $cases
+    }
+    part_ = (int)(value_ < row_[4] ? row_[3] : row_[2]);
+}
+"""
+
+
+@dataclass(frozen=True)
+class CompositionSource(Source):
+    """Native code of a composition. f is 1 where the answer is *maybe*, else ``DENIED``."""
+
+    codes: tuple[Source, ...]  # the different sources of the parts
+    parts: int  # how many parts there are
+
+    packed: ClassVar[bool] = True
+
+    @property
+    def width(self) -> dict[str, int]:
+        """See ``Source``: that of the costliest code."""
+        return {device: max(code.width[device] for code in self.codes) for device in self.codes[0].width}
+
+    def ask(self, values: bool) -> str:
+        """See ``Source.ask``."""
+        lanes, cases = Lanes(vector=True), []
+        for index, code in enumerate(self.codes):
+            lines = ["I denied_ = {};"]
+            lines += [f"{{ {test} denied_ |= f < {bar}; }}" for test, bar in code.early()]
+            lines += [f"{{ {code.body(lanes)} }}", f"f = denied_ ? V{{}} + {literal(DENIED)} : f;"]
+            cases.append(f"case {index}: {{ {' '.join(lines)} }} break;")
+        yes, no = ("1.0f", literal(DENIED)) if values else ("1", "0")
+        texts = {"block": BLOCK, "parts": self.parts, "row": ROW, "cases": "\n".join(cases), "yes": yes, "no": no}
+        return fill(_BATCH, **texts)
+
+    def _one(self, cases: list[str]) -> str:
+        text = fill(_ONE, parts=self.parts, row=ROW, cases="\n".join(cases))
+        return f"float whole_; {{ {text} whole_ = part_ == {self.parts} ? 1.0f : {literal(DENIED)}; }}"
+
+    def body(self, lanes: Lanes) -> str:
+        if lanes.vector:  # ``ask`` takes its place
+            return ""
+        cases = [
+            f"case {index}: {{ V f; {code.body(lanes)} value_ = f; }} break;" for index, code in enumerate(self.codes)
+        ]
+        return f"{self._one(cases)} f = whole_;"
+
+    def function_body(self) -> str:
+        cases = [
+            f"case {index}: {{ {code.function_body()} value_ = f; }} break;" for index, code in enumerate(self.codes)
+        ]
+        return f"{self._one(cases)} const float f = whole_;"
+
+    def plain(self) -> wp.Function:
+        value, vector, parts, row = _of_code(self, 0), vector_type(self.coordinates), self.parts, ROW
+
+        @twin(self)
+        def f(w: Numbers, words: Words, at: int, v: vector) -> float:
+            part = wp.int32(0)
+            while part < parts:
+                here = at + row * part
+                found = value(w, words, at + int(w[here + 1]), v, int(w[here]))
+                part = int(wp.where(found < w[here + 4], w[here + 3], w[here + 2]))
+            return wp.where(part == parts, 1.0, DENIED)
+
+        return f
+
+
+def _of_code(source: CompositionSource, index: int) -> wp.Function:
+    """The plain f of a part, by the number of its code, from ``index`` on."""
+    own, vector, last = (
+        plain_value(source.codes[index]),
+        vector_type(source.coordinates),
+        index + 1 == len(source.codes),
+    )
+    if last:
+
+        @twin(source, f"code_{index}")
+        def only(w: Numbers, words: Words, at: int, v: vector, code: int) -> float:
+            return own(w, words, at, v)
+
+        return only
+    others = _of_code(source, index + 1)
+
+    @twin(source, f"code_{index}")
+    def either(w: Numbers, words: Words, at: int, v: vector, code: int) -> float:
+        if code == index:
+            return own(w, words, at, v)
+        return others(w, words, at, v, code)
+
+    return either

@@ -1,0 +1,98 @@
+"""Bounders put together by *and* and *or*, with what is proven of them."""
+
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.cascade import Cascade
+from warp_bounding.bounders.composition.composition import AND, OR, Composition, Tree
+from warp_bounding.certificates.document import together
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.proof.cascade import SAME
+
+__all__ = ["both", "compose", "either"]
+
+
+def either(*bounders: Bounder) -> Composition:
+    """A bounder that says *maybe* iff one of these does, asked in this order: ``a | b``.
+
+    Args:
+        bounders: Bounders of the same queries and domain, of the same object; of compositions and cascades, the parts.
+
+    Returns:
+        The composition. It is proven if all parts are, statistical if one of them is, and without a certificate if one has
+        none.
+
+    Raises:
+        BounderError: If they were made for different objects, margins, queries or domains.
+
+    Example:
+        >>> loose = wb.fit(ball, method="sphere", device="cpu") | bounder
+        >>> loose.certificate.proven
+        True
+    """
+    return _joined(OR, list(bounders))
+
+
+def both(*bounders: Bounder) -> Composition:
+    """``either``, for a bounder that says *maybe* iff all of these do: ``a & b`` of what ``cascade`` does not take."""
+    return _joined(AND, list(bounders))
+
+
+def compose(tree: Tree, parts: list[Bounder], regions: list, shape: Shape) -> Composition:
+    """Bounders put together, each proven for what its region holds of a shape.
+
+    Args:
+        tree: As of ``Composition.of``.
+        parts: With certificates, each of a ``Clipped`` shape, or of all of it where there is no region.
+        regions: As of ``Composition.of``.
+        shape: The object.
+
+    Raises:
+        BounderError: If the regions do not cover the object, or a part has no certificate.
+    """
+    whole = Composition.of(tree, parts, regions)
+    owed = {part.digest for _, part in whole.obligations(shape)}
+    certificates = [part.certificate for part in parts if part.certificate and part.certificate.indicator in owed]
+    if len({certificate.indicator for certificate in certificates}) < len(owed):
+        raise BounderError(f"{whole.method}: a part has no certificate for its region")
+    return whole.freeze(0.0, together(whole, certificates, shape.digest))
+
+
+def _joined(kind: str, bounders: list[Bounder]) -> Composition:
+    if len(bounders) < 2:
+        raise BounderError(f"expected at least 2 bounders, got {len(bounders)}")
+    tree: list = [kind]
+    parts: list[Bounder] = []
+    regions: list = []
+    for bounder in bounders:
+        if not isinstance(bounder, Bounder):
+            raise BounderError(f"expected bounders, got {type(bounder).__name__}")
+        own_tree, own = _taken_apart(bounder)
+        tree.append(_shifted(own_tree, len(parts)))
+        parts += own
+        regions += bounder.regions if isinstance(bounder, Composition) else [None] * len(own)
+        for key in SAME:
+            if bounder.info.get(key) != bounders[0].info.get(key):
+                got = f"{bounders[0].info.get(key)} and {bounder.info.get(key)}"
+                raise BounderError(f"expected bounders of the same object, got {key} {got}")
+    whole = Composition.of(tree, parts, regions).freeze(0.0, None)
+    whole.info = {key: bounders[0].info.get(key) for key in (*SAME, "name", "grid_shape", "seed", "note")}
+    whole.info["training"] = {"parts": [bounder.info.get("training") for bounder in bounders]}
+    certificates = [bounder.certificate for bounder in bounders]
+    if all(certificates):
+        if len({certificate.indicator for certificate in certificates}) > 1:
+            raise BounderError("expected certificates of the same object")
+        whole.freeze(0.0, together(whole, certificates, certificates[0].indicator))
+    return whole
+
+
+def _taken_apart(bounder: Bounder) -> tuple[Tree, list[Bounder]]:
+    """A composition's tree and parts; a cascade is one of *and*."""
+    if isinstance(bounder, Composition):
+        return bounder.tree, bounder.parts
+    if isinstance(bounder, Cascade):
+        return [AND, *range(len(bounder.parts))], bounder.parts
+    return 0, [bounder]
+
+
+def _shifted(tree: Tree, by: int) -> Tree:
+    return tree + by if isinstance(tree, int) else [tree[0], *(_shifted(child, by) for child in tree[1:])]
