@@ -44,6 +44,7 @@ __all__ = [
     "device_of",
     "evaluate",
     "fit",
+    "hierarchy",
     "launch_on_cores",
     "load",
     "load_indicator",
@@ -70,7 +71,7 @@ _HOMES = {
     "warp_bounding.networks.indicator_network": ("IndicatorNetwork",),
     "warp_bounding.proof": ("cascade", "certify", "clear_segments"),
     "warp_bounding.evaluation": ("Rates", "evaluate"),
-    "warp_bounding.training": ("fit",),
+    "warp_bounding.training": ("fit", "hierarchy"),
     "warp_bounding.runtime.devices": ("device_of",),
     "warp_bounding.runtime.launch": ("launch_on_cores",),
 }

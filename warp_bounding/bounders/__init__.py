@@ -4,6 +4,7 @@ from warp_bounding.bounders import methods  # noqa: F401 (registers them)
 from warp_bounding.bounders.asking import Prepared
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.cascade import Cascade
+from warp_bounding.bounders.composition.composition import Composition
 from warp_bounding.bounders.file_format import save
 from warp_bounding.bounders.load import bounder_of, load
 from warp_bounding.bounders.registry import METHODS, method_class, register, supports, unregister
@@ -16,6 +17,7 @@ __all__ = [
     "Bounder",
     "Cascade",
     "Certificate",
+    "Composition",
     "Data",
     "Prepared",
     "bounder_of",

@@ -8,7 +8,7 @@ from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import OUT, Shape
 
-__all__ = ["Clipped"]
+__all__ = ["Clipped", "part_of"]
 
 
 class Clipped(Shape):
@@ -40,15 +40,6 @@ class Clipped(Shape):
     @property
     def upper(self) -> np.ndarray:
         return self._upper
-
-    @property
-    def frame(self) -> tuple[np.ndarray, np.ndarray]:
-        """See ``Shape``: the whole's, so that bounders of parts can be put together."""
-        return self.whole.frame
-
-    @property
-    def details_per_unit(self) -> np.ndarray:
-        return self.whole.details_per_unit
 
     @property
     def digest(self) -> str:
@@ -99,3 +90,8 @@ class Clipped(Shape):
 
     def _held(self, x: np.ndarray) -> np.ndarray:
         return x[((x >= self._lower) & (x <= self._upper)).all(axis=1)]
+
+
+def part_of(shape: Shape, box: tuple[np.ndarray, np.ndarray]) -> Shape:
+    """The part of a shape in a box; the shape itself where the box has no end."""
+    return shape if np.isinf(box).all() else Clipped(shape, *box)

@@ -8,5 +8,6 @@ except ImportError as error:
     raise BounderError("fitting needs torch: pip install 'warp-bounding[train]'") from error
 
 from warp_bounding.training.fit import fit
+from warp_bounding.training.hierarchy import hierarchy
 
-__all__ = ["fit"]
+__all__ = ["fit", "hierarchy"]

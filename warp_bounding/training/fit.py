@@ -25,7 +25,7 @@ from warp_bounding.runtime.progress import Progress, reported
 from warp_bounding.training.problem import Problem
 from warp_bounding.training.trainers import trainer_of
 
-__all__ = ["fit"]
+__all__ = ["SHAPE_BOXES", "SHAPE_EPS", "Stopwatch", "fit"]
 
 FRONT_SHARE = 0.1  # of the rest of the budget: what each learned part of a cascade before its networks gets
 COORDINATE_BYTES = 32  # per occupied cell and axis: its index, two corners and what is computed from them
@@ -108,7 +108,7 @@ def fit(
     _check(query, method, budget, seed, margin, length, space)
     length, space = length or 1.0, space or SPACES[0]
     device_of(device, BounderError)
-    spent = _Stopwatch()
+    spent = Stopwatch()
     shape = load_indicator(shape)
     _check_extent(shape, margin, force)
     grid = _bounded(shape, query, method, resolution, margin)
@@ -131,7 +131,7 @@ def fit(
     return bounder
 
 
-class _Stopwatch:
+class Stopwatch:
     """What a fit has taken: ``seconds``, and among them ``compile_seconds`` for kernels, which no budget counts."""
 
     def __init__(self):
@@ -154,13 +154,13 @@ def _fit_parts(
     classes: list[type[Bounder]],
     told: list[dict[str, Any]],
     budget: float,
-    spent: _Stopwatch,
+    spent: Stopwatch,
     progress: Progress | None,
 ) -> list[Bounder]:
     """Bounders of the ``wanted`` classes, the first ones of ``classes``, among all of which the budget is shared."""
     trainers, parts, grid = [trainer_of(cls) for cls in classes], [], problem.grid
     for index, cls in enumerate(wanted):
-        trainer, own = trainers[index], spent if index == 0 else _Stopwatch()
+        trainer, own = trainers[index], spent if index == 0 else Stopwatch()
         left = max(budget - spent.working, LEAST_SHARE * budget) if parts else budget
         waiting = sum(each.proves for each in trainers[index:])
         if trainer.proves:

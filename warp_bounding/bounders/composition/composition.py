@@ -18,7 +18,7 @@ from warp_bounding.bounders.composition.cover import Region, check_cover
 from warp_bounding.bounders.composition.source import ALIGN, ROW, CompositionSource
 from warp_bounding.bounders.registry import class_named, composed
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.clipped import Clipped
+from warp_bounding.indicators.clipped import part_of
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.kernels.source import DENIED
 
@@ -134,10 +134,8 @@ class Composition(Bounder):
         check_cover(shape, self.covered(self.tree))
         owed: list[tuple[Bounder, Shape]] = []
         for part, (low, high) in zip(self.parts, self.regions, strict=True):
-            if np.isinf(low).all() and np.isinf(high).all():
-                owed.append((part, shape))
-            elif (low <= shape.upper).all() and (high >= shape.lower).all():
-                owed.append((part, Clipped(shape, low, high)))
+            if (low <= shape.upper).all() and (high >= shape.lower).all():
+                owed.append((part, part_of(shape, (low, high))))
         return owed
 
     def covered(self, tree: Tree) -> list[Region]:

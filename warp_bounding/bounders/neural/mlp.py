@@ -12,6 +12,7 @@ import numpy as np
 from warp_bounding.activations import ACTIVATIONS, DEFAULT, activation_of
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.options import STEPS, Option, one_of, whole
+from warp_bounding.coordinates.domain import Domain
 from warp_bounding.errors import BounderError
 from warp_bounding.networks.heads import head_of
 from warp_bounding.networks.inference import MlpSource, head_numbers, layer_numbers
@@ -128,6 +129,31 @@ class Mlp(Bounder):
         names = [f"layers.{i}" for i in range(len(self.hidden) + 1)]
         *layers, (weight, bias) = [(self.tensors[f"{name}.weight"], self.tensors[f"{name}.bias"]) for name in names]
         return [*layers, (weight[output : output + 1], bias[output : output + 1])]
+
+    def rebased(self, domain: Domain) -> "Mlp":
+        """The same network of points for another domain: the first layer takes the map between the two, rounded to float32.
+
+        It is not proven: its threshold is this one's, and it has no certificate.
+
+        Args:
+            domain: The domain that the new network is asked in.
+
+        Raises:
+            BounderError: For networks of regions, and those with an encoding of this domain's coordinates.
+        """
+        if not self.domain.tested_as_point or self.features:
+            raise BounderError(
+                f"{self.method}: only a network of points without an encoding can be asked in another domain"
+            )
+        own, scale = self.domain, self.domain.scale.astype(np.float64)
+        weight, bias = (self.tensors[f"layers.0.{name}"].astype(np.float64) for name in ("weight", "bias"))
+        shift = (domain.center.astype(np.float64) - own.center) * scale
+        first = {
+            "layers.0.weight": weight * (scale / domain.scale.astype(np.float64)),
+            "layers.0.bias": bias + weight @ shift,
+        }
+        tensors = self.tensors | {name: value.astype(np.float32) for name, value in first.items()}
+        return type(self)(domain, tensors, self.sizes, self._device).freeze(float(self.threshold), None)
 
     @property
     def network(self) -> Network:

@@ -1,0 +1,213 @@
+"""Bounders by *and* and *or* answer as these words say, on every path; they are proven part by part, and a lie is found out."""
+
+import numpy as np
+import pytest
+import warp as wp
+from asking import ask, check_compiles
+from bounding_shapes import domain_points, fitted, object_points, shape
+
+import warp_bounding as wb
+from warp_bounding.bounders.composition.composition import Composition
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators.clipped import Clipped
+from warp_bounding.kernels.functions import batch_kernel
+from warp_bounding.kernels.source import DENIED
+from warp_bounding.proof import compose, prove
+
+FORMS = {
+    "(a&b)|(c&d)": lambda a, b, c, d: (a & b) | (c & d),
+    "a&(b|c)&d": lambda a, b, c, d: a & (b | c) & d,
+    "(a|b)&(c|d)": lambda a, b, c, d: (a | b) & (c | d),
+    "a|b|c|d": lambda a, b, c, d: a | b | c | d,
+    "a&(b|(c&d))": lambda a, b, c, d: a & (b | (c & d)),
+}
+METHODS = ("aabb", "mlp", "kdop", "mlp-early")
+
+
+def raised(method: str, name: str, share: float, x: np.ndarray) -> wb.Bounder:
+    """A bounder that denies a share of some points, so that every part has something to do."""
+    bounder = fitted(method, name)
+    values = bounder.values(x).numpy()
+    return bounder.to("cpu").freeze(float(np.quantile(values[np.isfinite(values)], share)), None)
+
+
+@pytest.mark.parametrize("name", ["blob", pytest.param("animated", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("form", FORMS)
+def test_answers_are_those_of_the_words(form, name, device, rng):
+    x = domain_points(shape(name), 5000, rng)
+    parts = [raised(method, name, 0.3 + 0.1 * i, x) for i, method in enumerate(METHODS)]
+    whole = FORMS[form](*parts).to(device)
+    assert isinstance(whole, Composition)
+    near = [np.abs(p.values(x).numpy() - float(p.threshold)) <= 2 * p.rounding_bound() for p in parts]
+    x = x[~np.any(near, axis=0)]  # kernels may differ within rounding of a threshold
+    assert len(x) > 4000
+    expected = FORMS[form](*(part.to(device).query(x).numpy().astype(bool) for part in parts))
+    assert 0.05 < expected.mean() < 0.95
+    assert (whole.query(x).numpy() == expected).all()
+    assert (ask(whole, x) == expected).all()
+    assert (whole.to(device, native=False).query(x).numpy() == expected).all()
+    values = whole.values(x).numpy()
+    assert (values[expected] == 1.0).all()
+    assert (values[~expected] <= DENIED).all()
+    for count in (1, 17, 300):  # the ends of blocks
+        assert (whole.query(x[:count]).numpy() == expected[:count]).all()
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_what_is_proven_of_the_parts_is_proven_of_all(form, tmp_path, rng):
+    grid, whole = shape("blob"), FORMS[form](*(fitted(method, "blob") for method in METHODS))
+    assert whole.certificate.proven
+    inside = object_points(grid, rng)
+    assert whole.query(inside).numpy().all()
+    assert ask(whole, inside).all()
+    whole.save(tmp_path / "c.safetensors")
+    again = wb.load(tmp_path / "c.safetensors", device="cpu")
+    assert again.certificate == whole.certificate
+    x = domain_points(grid, 3000, rng)
+    assert (again.query(x).numpy() == whole.query(x).numpy()).all()
+    assert wb.certify(again, grid).proven
+    assert wb.evaluate(again, grid, samples=20_000).fn == 0
+
+
+def test_bounds_hold_over_boxes_of_any_size(rng):
+    parts = [fitted(method, "blob") for method in METHODS]
+    whole = (parts[0] & parts[1]) | parts[2]
+    low = rng.uniform(-1, 1, (500, 3))
+    high = low + 10 ** rng.uniform(-4, 0, (500, 1))
+    bounds = whole.bound(low, high)
+    assert (bounds.lower > 0).any()
+    for t in rng.random((20, 1, 1)):
+        assert (whole.reference(low + t[0] * (high - low)) >= bounds.lower).all()
+
+
+def in_two(ball: wb.solids.Sphere, cut: float, first_end: float | None = None) -> tuple[list, list, list]:
+    """Two boxes around both halves of a ball: tree, parts and regions; the first may end before the cut."""
+    ends = np.float32(cut if first_end is None else first_end), np.float32(cut)
+    regions = [([-np.inf] * 3, [ends[0], np.inf, np.inf]), ([ends[1], -np.inf, -np.inf], [np.inf] * 3)]
+    domain, parts = fitted_ball(ball).domain, []
+    for region in regions:
+        own = Clipped(ball, *region)
+        parts.append(wb.METHODS["aabb"].fit(own, domain, device="cpu"))
+        prove(parts[-1], own, eps=1e-2, boxes=50_000)
+    return ["or", 0, 1], parts, regions
+
+
+def fitted_ball(ball: wb.solids.Sphere) -> wb.Bounder:
+    return wb.fit(ball, method="aabb", device="cpu", progress=False)
+
+
+def test_parts_of_an_object_hold_all_of_it_together(rng):
+    ball = wb.solids.Sphere((0.2, 0.1, 0.0), 0.7)
+    whole = compose(*in_two(ball, 0.25), ball)
+    assert whole.certificate.proven
+    assert wb.certify(whole, ball).proven
+    x = rng.uniform(-1, 1, (20_000, 3)).astype(np.float32)
+    assert whole.query(x[ball.contains(x)]).numpy().all()
+    part = whole.parts[0]
+    assert not part.query(x[ball.contains(x)]).numpy().all()
+    assert wb.certify(part.freeze(part.threshold, None), ball).kind == "refuted"
+
+
+def test_parts_that_do_not_cover_the_object_are_refused_with_a_point():
+    ball = wb.solids.Sphere((0.2, 0.1, 0.0), 0.7)
+    tree, parts, regions = in_two(ball, 0.25, first_end=0.2)
+    with pytest.raises(BounderError, match=r"do not cover the object, which is at \(0\.2"):
+        compose(tree, parts, regions, ball)
+    whole = Composition.of(tree, parts, regions).freeze(0.0, None)
+    certificate = wb.certify(whole, ball)
+    assert certificate.kind == "undecided"
+    assert "do not cover" in certificate.message
+
+
+def test_both_must_hold_a_part_that_stands_under_and():
+    ball = wb.solids.Sphere((0.2, 0.1, 0.0), 0.7)
+    _, parts, regions = in_two(ball, 0.25)
+    with pytest.raises(BounderError, match="do not cover"):
+        compose(["and", 0, 1], parts, regions, ball)
+
+
+def test_a_part_that_denies_a_part_of_the_object_is_found_out(rng):
+    x = object_points(shape("blob"), rng)
+    wrong = raised("kdop", "blob", 0.5, x)
+    whole = (wrong & fitted("mlp", "blob")) | wrong
+    assert whole.certificate is None
+    certificate = wb.certify(whole, shape("blob"))
+    assert certificate.kind == "refuted"
+
+
+def test_a_hierarchy_is_proven_and_tighter_than_its_boxes(tmp_path, rng):
+    ball = wb.solids.Torus((0.0, 0.0, 0.0), 0.7, 0.2)
+    tree = wb.hierarchy(ball, method="kdop", levels=3, device="cpu", progress=False)
+    assert tree.certificate.proven
+    tree.save(tmp_path / "t.safetensors")
+    again = wb.load(tmp_path / "t.safetensors", device="cpu")
+    assert wb.certify(again, ball).proven
+    rates, single = wb.evaluate(again, ball, 50_000), wb.evaluate(fitted_ball(ball), ball, 50_000)
+    assert rates.fn == 0
+    assert rates.fp_rate < 0.8 * single.fp_rate
+    x = rng.uniform(-1, 1, (20_000, 3)).astype(np.float32)
+    assert again.query(x[ball.contains(x)]).numpy().all()
+
+
+def test_a_hierarchy_of_networks_is_proven():
+    ball = wb.solids.Sphere((0.2, 0.1), 0.7)
+    tree = wb.hierarchy(ball, levels=1, hidden=(8,), steps=100, device="cpu", progress=False)
+    assert tree.certificate.proven
+    assert wb.certify(tree, ball).proven
+    assert wb.evaluate(tree, ball, 50_000).fn == 0
+
+
+@pytest.mark.parametrize(
+    ("told", "message"),
+    [
+        ({"query": "ray"}, "point queries"),
+        ({"levels": 0}, "levels"),
+        ({"levels": 2.0}, "levels"),
+        ({"levels": 20}, "levels"),
+        ({"method": "voxels"}, "cannot be a leaf"),
+        ({"method": "occupancy"}, "cannot be a leaf"),
+        ({"method": "mlb"}, "method must be one of"),
+        ({"budget": -1.0}, "budget"),
+        ({"leaves": 3}, "takes"),
+    ],
+)
+def test_what_a_hierarchy_refuses(told, message):
+    with pytest.raises(wb.BoundingError, match=message):
+        wb.hierarchy(wb.solids.Sphere((0.0, 0.0), 1.0), **told, device="cpu", progress=False)
+
+
+def test_what_cannot_be_put_together():
+    a, other = fitted("aabb", "blob"), fitted("aabb", "c")
+    with pytest.raises(BounderError, match="same"):
+        a | other
+    with pytest.raises(BounderError, match="not conservative"):
+        a | fitted("occupancy", "blob")
+    with pytest.raises(TypeError):
+        a | 3
+    voxels = fitted("voxels", "blob")
+    with pytest.raises(BounderError, match="bit field"):
+        voxels | (a & voxels)
+
+
+@pytest.mark.parametrize(
+    "tree",
+    [["or", 0, 0], ["or", 1, 0], ["or", 0], ["xor", 0, 1], ["or", 0, [1]], "or", 0, ["or", 0, 2], ["or", 0, True]],
+)
+def test_trees_that_are_none_are_refused(tree):
+    whole = fitted("aabb", "blob") | fitted("kdop", "blob")
+    with pytest.raises(BounderError, match="expected a tree"):
+        Composition(whole.domain, whole.tensors, whole.sizes | {"tree": tree}, "cpu")
+
+
+def test_a_composition_cannot_hold_itself():
+    whole = fitted("aabb", "blob") | fitted("kdop", "blob")
+    sizes = whole.sizes | {"parts": [{"method": "composition", "sizes": whole.sizes}, *whole.sizes["parts"][1:]]}
+    with pytest.raises(BounderError, match="no bounder that can be a part"):
+        Composition(whole.domain, whole.tensors, sizes, "cpu")
+
+
+def test_cuda_source_compiles(tmp_path):
+    if not hasattr(wp, "compile_aot_module"):
+        pytest.skip("this Warp cannot compile ahead of time")
+    whole = (fitted("aabb", "blob") & fitted("mlp", "blob")) | fitted("kdop", "blob")
+    check_compiles(batch_kernel(whole.source, False, False), tmp_path)

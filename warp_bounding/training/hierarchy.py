@@ -1,0 +1,213 @@
+"""A tree of bounders: boxes that halve the object again and again, and a small bounder of its part in each leaf.
+
+A node says *maybe* where its box does and one of its children; a leaf where its box and its own bounder do. A child
+bounds what the object has in its region and nothing else, and the regions of two children are the halves of their
+parent's, so together they hold all of it. A query is asked by the few nodes whose boxes hold it, so a tree of 2^levels
+small networks costs about as much as one of them.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from warp_bounding.bounders import Bounder, method_class
+from warp_bounding.bounders.composition.composition import AND, OR, Composition, Tree
+from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.options import settled
+from warp_bounding.bounders.slabs.aabb import Aabb
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.region_domain import domain_of
+from warp_bounding.errors import BounderError, IndicatorError
+from warp_bounding.evaluation import quick_rates
+from warp_bounding.indicators import load_indicator
+from warp_bounding.indicators.clipped import part_of
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.proof import compose, prove
+from warp_bounding.queries.boundary import border_points
+from warp_bounding.runtime.devices import device_of
+from warp_bounding.runtime.progress import Progress, reported
+from warp_bounding.training.fit import SHAPE_BOXES, SHAPE_EPS, Stopwatch
+from warp_bounding.training.problem import Problem
+from warp_bounding.training.trainers import trainer_of
+
+__all__ = ["hierarchy"]
+
+MOST_LEVELS = 8
+BORDER = 65_536  # points of the border that tell where to halve
+BOX_EPS, BOX_BOXES = (
+    1e-3,
+    200_000,
+)  # of a node's box: the gap of its proof, in local units, and the boxes after which it ends
+AGAIN_SHARE = 0.1  # of a leaf's seconds, kept for the proof in the domain of the whole
+
+
+@dataclass(frozen=True)
+class _Node:
+    """A region, object space, float32 numbers, and the two that it is halved into; none of a leaf."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+    border: np.ndarray  # points of the object's border in it
+    children: tuple["_Node", ...] = ()
+
+    def leaves(self) -> Iterator["_Node"]:
+        if not self.children:
+            yield self
+        for child in self.children:
+            yield from child.leaves()
+
+
+def hierarchy(
+    shape,
+    query: str = "point",
+    method: str = "mlp",
+    *,
+    levels: int = 3,
+    budget: float = 60.0,
+    seed: int = 0,
+    margin: float = 0.0,
+    device: str | None = None,
+    progress: Progress | bool | None = None,
+    **options,
+) -> Composition:
+    """Fit a tree of 2^levels bounders to a shape, and prove it part by part.
+
+    Args:
+        shape: As of ``fit``; no cells are laid over it.
+        query: ``"point"``.
+        method: Of the leaves, a name in ``METHODS``; the nodes above them are boxes.
+        levels: How often the object is halved, 1 to 8.
+        budget: Seconds for all leaves together.
+        seed: Seed of everything random.
+        margin: The object is dilated by this length first, object units.
+        device: Warp device; the default device if ``None``.
+        progress: As of ``fit``.
+        **options: The method's own, of each leaf, such as ``hidden=(16, 16)``.
+
+    Returns:
+        The composition, with ``certificate`` and ``info``.
+
+    Raises:
+        IndicatorError: If the shape cannot be read or bounded.
+        BounderError: For a kind of query, method or option that a leaf does not take, or a shape that certifies nothing.
+
+    Example:
+        >>> tree = wb.hierarchy(ball, method="kdop", levels=1, device="cpu", progress=False)
+        >>> tree.certificate.proven, len(tree.parts)
+        (True, 6)
+    """
+    if query != "point":
+        raise BounderError(f"a hierarchy bounds point queries, got {query!r}")
+    if isinstance(levels, bool) or not isinstance(levels, (int, np.integer)) or not 1 <= levels <= MOST_LEVELS:
+        raise BounderError(f"levels must be a whole number from 1 to {MOST_LEVELS}, got {levels!r}")
+    if not isinstance(budget, (int, float)) or isinstance(budget, bool) or not 0 < budget < np.inf:
+        raise BounderError(f"budget must be a positive number of seconds, got {budget!r}")
+    device_of(device, BounderError)
+    spent, shape = Stopwatch(), load_indicator(shape)
+    shape = shape.dilated(margin) if isinstance(shape, Shape) else shape.to_grid(margin=margin)
+    cls = method_class(method, query, shape.ndim)
+    if not cls.conservative or cls.lays_cells:
+        raise BounderError(f"{method}: cannot be a leaf of a hierarchy")
+    (told,) = settled([cls], query, options)
+    shape.check()
+    shape.check_contents()
+    if not shape.certified:
+        raise BounderError(f"{shape.name} certifies no box to be empty, so the parts of a hierarchy have no proof")
+    root, domain = _halved(shape, levels, seed), domain_of(shape, query)
+    builder = _Builder(shape, domain, cls, told, seed, device)
+    leaves = list(root.leaves())
+    with reported(progress, f"hierarchy of {len(leaves)} {method}") as update:
+        tree = builder.build(root, budget, len(leaves), spent, update)
+    whole = compose(tree, builder.parts, builder.regions, shape)
+    whole.info = {
+        "indicator": shape.digest,
+        "name": shape.name,
+        "grid_shape": list(shape.shape) if isinstance(shape, IndicatorGrid) else None,
+        "margin": shape.margin,
+        "resolution": shape.resolution,
+        "seed": int(seed),
+        "note": shape.note,
+        "training": {"levels": int(levels), "leaves": builder.records} | spent.seconds(),
+    }
+    whole.info["rates"] = quick_rates(whole, shape)
+    return whole
+
+
+def _halved(shape: Shape, levels: int, seed: int) -> _Node:
+    """Regions that share the border out evenly; each is halved across the axis that leaves its halves the smallest boxes."""
+    points = border_points(shape, BORDER, np.random.default_rng(seed))
+
+    def halve(lower: np.ndarray, upper: np.ndarray, border: np.ndarray, level: int) -> _Node:
+        tried = [_cut(border, axis) for axis in range(shape.ndim)] if level and len(border) > 1 else []
+        tried = [each for each in tried if each is not None]
+        if not tried:
+            return _Node(lower, upper, border)
+        _, axis, place, below = min(tried, key=lambda each: each[0])
+        first, last = upper.copy(), lower.copy()
+        first[axis] = last[axis] = place
+        halves = (lower, first, border[below]), (last, upper, border[~below])
+        return _Node(lower, upper, border, tuple(halve(*half, level - 1) for half in halves))
+
+    least = np.full(shape.ndim, -np.inf)
+    return halve(least, -least, points, levels)
+
+
+def _cut(border: np.ndarray, axis: int) -> tuple[float, int, float, np.ndarray] | None:
+    """What halving costs (the halves' boxes, by the border in them), axis, place and which points lie below; ``None`` if none do."""
+    place = float(np.float32(np.median(border[:, axis])))
+    below = border[:, axis] <= place
+    if below.all() or not below.any():
+        return None
+    halves = border[below], border[~below]
+    side = [np.ptp(half, axis=0) + 1e-3 * np.ptp(border, axis=0) for half in halves]
+    return sum(len(half) * float(np.prod(s)) for half, s in zip(halves, side, strict=True)), axis, place, below
+
+
+class _Builder:
+    """Parts and regions of the composition, in the order in which they are asked."""
+
+    def __init__(self, shape: Shape, domain: Domain, cls: type[Bounder], told: dict[str, Any], seed: int, device):
+        self.shape, self.domain, self.cls, self.told = shape, domain, cls, told
+        self.seed, self.device = int(seed), device
+        self.parts: list[Bounder] = []
+        self.regions: list[tuple[np.ndarray, np.ndarray]] = []
+        self.records: list[dict[str, Any]] = []
+
+    def build(self, node: _Node, budget: float, leaves: int, spent: Stopwatch, progress: Progress | None) -> Tree:
+        """The tree of a node; what is left of the budget is shared by the leaves that are left."""
+        own = part_of(self.shape, (node.lower, node.upper))
+        box = Aabb.fit(own, self.domain, device=self.device)
+        prove(box, own, eps=BOX_EPS, boxes=BOX_BOXES)
+        guard = self._add(box, node)
+        if node.children:
+            return [AND, guard, [OR, *(self.build(child, budget, leaves, spent, progress) for child in node.children)]]
+        left = leaves - len(self.records)
+        seconds = max(budget - spent.working, 0.05 * budget) / left
+        if progress:
+            progress(len(self.records), leaves, f"leaf {len(self.records) + 1} of {leaves}")
+        return [AND, guard, self._add(self._leaf(own, seconds), node)]
+
+    def _leaf(self, own: Shape, seconds: float) -> Bounder:
+        network = issubclass(self.cls, Mlp)
+        domain = domain_of(own, "point") if network else self.domain  # a network learns best in a domain of its own
+        problem = Problem(own, domain, "point", self.seed, self.device)
+        share = seconds * (1 - AGAIN_SHARE) if network else seconds
+        bounder, record = trainer_of(self.cls).train(self.cls, problem, self.told, share, None)
+        self.records.append(record)
+        if not network:
+            prove(bounder, own, eps=SHAPE_EPS, boxes=SHAPE_BOXES)
+            return bounder
+        try:
+            moved = bounder.rebased(self.domain)
+        except IndicatorError as error:
+            raise BounderError(str(error)) from error
+        prove(moved, own, eps=max(record.get("gap", 0.0), 1e-4), seconds=max(2 * AGAIN_SHARE * seconds, 1.0))
+        return moved
+
+    def _add(self, part: Bounder, node: _Node) -> int:
+        self.parts.append(part)
+        self.regions.append((node.lower, node.upper))
+        return len(self.parts) - 1
