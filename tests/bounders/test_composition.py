@@ -7,7 +7,7 @@ from asking import ask, check_compiles
 from bounding_shapes import domain_points, fitted, object_points, shape
 
 import warp_bounding as wb
-from warp_bounding.bounders.composition.composition import Composition
+from warp_bounding.bounders.composition.composition import Composition, split_regions
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.clipped import Clipped
 from warp_bounding.kernels.functions import batch_kernel
@@ -51,6 +51,49 @@ def test_answers_are_those_of_the_words(form, name, device, rng):
     assert (values[~expected] <= DENIED).all()
     for count in (1, 17, 300):  # the ends of blocks
         assert (whole.query(x[:count]).numpy() == expected[:count]).all()
+
+
+@pytest.mark.parametrize("name", ["blob", "c"])
+def test_a_split_sends_each_point_one_way(name, device, rng):
+    x = domain_points(shape(name), 5000, rng)
+    parts = [raised(method, name, 0.3 + 0.1 * i, x) for i, method in enumerate(METHODS)]
+    tree = ["split", 0, 0.25, ["and", 0, ["split", 1, -0.5, 1, 2]], 3]
+    whole = Composition.of(tree, parts).freeze(0.0, None).to(device)
+    near = [np.abs(p.values(x).numpy() - float(p.threshold)) <= 2 * p.rounding_bound() for p in parts]
+    v = whole.domain.to_local(x)
+    near += [np.abs(v[:, 0] - 0.25) < 1e-5, np.abs(v[:, 1] + 0.5) < 1e-5]
+    x, v = x[~np.any(near, axis=0)], v[~np.any(near, axis=0)]
+    a, b, c, d = (part.to(device).query(x).numpy().astype(bool) for part in parts)
+    expected = np.where(v[:, 0] < 0.25, a & np.where(v[:, 1] < -0.5, b, c), d)
+    assert (whole.query(x).numpy() == expected).all()
+    assert (ask(whole, x) == expected).all()
+    assert (whole.to(device, native=False).query(x).numpy() == expected).all()
+    low = rng.uniform(-1, 1, (500, v.shape[1]))
+    high = low + 10 ** rng.uniform(-4, 0, (500, 1))
+    bounds = whole.bound(low, high)
+    for t in rng.random((20, 1, 1)):
+        assert (whole.reference(low + t[0] * (high - low)) >= bounds.lower).all()
+
+
+def test_halves_of_a_split_must_hold_what_may_come_to_them():
+    ball = wb.solids.Sphere((0.2, 0.1, 0.0), 0.7)
+    domain, place = fitted_ball(ball).domain, 0.125
+    below, above = split_regions(domain, 0, place)
+    assert below[1][0] > above[0][0]  # they overlap by what may be rounded
+    for room, covers in ((0.0, True), (1e-6, False)):
+        regions = [(below[0], below[1] - [room, 0, 0]), above]
+        parts = []
+        for region in regions:
+            own = Clipped(ball, *(np.float32(corner).astype(np.float64) for corner in region))
+            parts.append(wb.METHODS["aabb"].fit(own, domain, device="cpu"))
+            prove(parts[-1], own, eps=1e-2, boxes=50_000)
+        if covers:
+            whole = compose(["split", 0, place, 0, 1], parts, regions, ball)
+            assert whole.certificate.proven
+            assert wb.certify(whole, ball).proven
+        else:
+            with pytest.raises(BounderError, match="do not cover"):
+                compose(["split", 0, place, 0, 1], parts, regions, ball)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -191,7 +234,22 @@ def test_what_cannot_be_put_together():
 
 @pytest.mark.parametrize(
     "tree",
-    [["or", 0, 0], ["or", 1, 0], ["or", 0], ["xor", 0, 1], ["or", 0, [1]], "or", 0, ["or", 0, 2], ["or", 0, True]],
+    [
+        ["or", 0, 0],
+        ["or", 1, 0],
+        ["or", 0],
+        ["xor", 0, 1],
+        ["or", 0, [1]],
+        "or",
+        0,
+        ["or", 0, 2],
+        ["or", 0, True],
+        ["split", 0, 0.5, 0],
+        ["split", 3, 0.5, 0, 1],
+        ["split", 0, 0.0, 0, 1],
+        ["split", 0, 0.1, 0, 1],
+        ["split", "x", 0.5, 0, 1],
+    ],
 )
 def test_trees_that_are_none_are_refused(tree):
     whole = fitted("aabb", "blob") | fitted("kdop", "blob")

@@ -256,6 +256,8 @@ class _Fit:
         depths = range(depth - len(trainers) + 1, depth + 1)
         held = [part_of(tensors, sizes, depth) for depth in depths]
         parts = [cls(self.problem.domain, *each, self.problem.device) for each in held]
+        if self.problem.target is not None:
+            parts = [part.rebased(self.problem.target) for part in parts]
         if self.lattice is not None:
             return self._prove_local(parts[0], trainers[0])
         for left, (part, trainer) in zip(range(len(parts), 0, -1), zip(parts, trainers, strict=True), strict=True):
@@ -275,6 +277,8 @@ class _Fit:
     def _prove(self, part: Mlp, trainer: NetworkTrainer | SupportTrainer, parts_left: int) -> dict:
         self.clock.tell(1.0, "proof")
         points, grid = trainer.worst_points(), self.problem.grid
+        if self.problem.target is not None:
+            points = self.problem.target.to_local(self.problem.domain.to_object(points))
         eps = PLANE_TOLERANCE if self.of_planes else tolerance(part, self.problem, points)
         limit = self._limit(parts_left)
         search = prove_or_attest(part, grid, eps=eps, points=points, seed=self.problem.seed, **limit)

@@ -1,9 +1,9 @@
-"""A tree of bounders: boxes that halve the object again and again, and a small bounder of its part in each leaf.
+"""A tree of bounders: the domain is halved again and again, and a small bounder holds its part of the object in each leaf.
 
-A node says *maybe* where its box does and one of its children; a leaf where its box and its own bounder do. A child
-bounds what the object has in its region and nothing else, and the regions of two children are the halves of their
-parent's, so together they hold all of it. A query is asked by the few nodes whose boxes hold it, so a tree of 2^levels
-small networks costs about as much as one of them.
+A point goes down to one leaf, by comparisons, and is asked by the box around the leaf's part of the object and by the
+leaf's own bounder; so a tree of 2^levels small networks costs about as much as one of them. A leaf bounds what the
+object has in its region and nothing else. The regions of two halves overlap by what is rounded on the way to a leaf, so
+together they hold all that their parent's holds.
 """
 
 from collections.abc import Iterator
@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 
 from warp_bounding.bounders import Bounder, method_class
-from warp_bounding.bounders.composition.composition import AND, OR, Composition, Tree
+from warp_bounding.bounders.composition.composition import AND, SPLIT, Composition, Tree, split_regions
+from warp_bounding.bounders.local.local import NEAREST_TO_ZERO
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.options import settled
 from warp_bounding.bounders.slabs.aabb import Aabb
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import domain_of
-from warp_bounding.errors import BounderError, IndicatorError
+from warp_bounding.errors import BounderError
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.clipped import part_of
@@ -41,16 +42,16 @@ BOX_EPS, BOX_BOXES = (
     1e-3,
     200_000,
 )  # of a node's box: the gap of its proof, in local units, and the boxes after which it ends
-AGAIN_SHARE = 0.1  # of a leaf's seconds, kept for the proof in the domain of the whole
 
 
 @dataclass(frozen=True)
 class _Node:
-    """A region, object space, float32 numbers, and the two that it is halved into; none of a leaf."""
+    """A region, object space, float32 numbers; and the axis, the place in v and the halves where it is split, no leaf."""
 
     lower: np.ndarray
     upper: np.ndarray
-    border: np.ndarray  # points of the object's border in it
+    axis: int = 0
+    place: float = 0.0
     children: tuple["_Node", ...] = ()
 
     def leaves(self) -> Iterator["_Node"]:
@@ -78,7 +79,7 @@ def hierarchy(
     Args:
         shape: As of ``fit``; no cells are laid over it.
         query: ``"point"``.
-        method: Of the leaves, a name in ``METHODS``; the nodes above them are boxes.
+        method: Of the leaves, a name in ``METHODS``.
         levels: How often the object is halved, 1 to 8.
         budget: Seconds for all leaves together.
         seed: Seed of everything random.
@@ -97,7 +98,7 @@ def hierarchy(
     Example:
         >>> tree = wb.hierarchy(ball, method="kdop", levels=1, device="cpu", progress=False)
         >>> tree.certificate.proven, len(tree.parts)
-        (True, 6)
+        (True, 4)
     """
     if query != "point":
         raise BounderError(f"a hierarchy bounds point queries, got {query!r}")
@@ -116,7 +117,8 @@ def hierarchy(
     shape.check_contents()
     if not shape.certified:
         raise BounderError(f"{shape.name} certifies no box to be empty, so the parts of a hierarchy have no proof")
-    root, domain = _halved(shape, levels, seed), domain_of(shape, query)
+    domain = domain_of(shape, query)
+    root = _halved(shape, domain, levels, seed)
     builder = _Builder(shape, domain, cls, told, seed, device)
     leaves = list(root.leaves())
     with reported(progress, f"hierarchy of {len(leaves)} {method}") as update:
@@ -136,7 +138,7 @@ def hierarchy(
     return whole
 
 
-def _halved(shape: Shape, levels: int, seed: int) -> _Node:
+def _halved(shape: Shape, domain: Domain, levels: int, seed: int) -> _Node:
     """Regions that share the border out evenly; each is halved across the axis that leaves its halves the smallest boxes."""
     points = border_points(shape, BORDER, np.random.default_rng(seed))
 
@@ -144,12 +146,16 @@ def _halved(shape: Shape, levels: int, seed: int) -> _Node:
         tried = [_cut(border, axis) for axis in range(shape.ndim)] if level and len(border) > 1 else []
         tried = [each for each in tried if each is not None]
         if not tried:
-            return _Node(lower, upper, border)
-        _, axis, place, below = min(tried, key=lambda each: each[0])
-        first, last = upper.copy(), lower.copy()
-        first[axis] = last[axis] = place
-        halves = (lower, first, border[below]), (last, upper, border[~below])
-        return _Node(lower, upper, border, tuple(halve(*half, level - 1) for half in halves))
+            return _Node(lower, upper)
+        _, axis, middle, below = min(tried, key=lambda each: each[0])
+        place = np.float32(domain.to_local(np.full(domain.ndim, middle))[axis])
+        place = float(place if abs(place) >= NEAREST_TO_ZERO else np.float32(NEAREST_TO_ZERO))
+        (_, first), (last, _) = split_regions(domain, axis, place)
+        halves = (
+            halve(lower, np.minimum(upper, first), border[below], level - 1),
+            halve(np.maximum(lower, last), upper, border[~below], level - 1),
+        )
+        return _Node(lower, upper, axis, place, halves)
 
     least = np.full(shape.ndim, -np.inf)
     return halve(least, -least, points, levels)
@@ -157,7 +163,7 @@ def _halved(shape: Shape, levels: int, seed: int) -> _Node:
 
 def _cut(border: np.ndarray, axis: int) -> tuple[float, int, float, np.ndarray] | None:
     """What halving costs (the halves' boxes, by the border in them), axis, place and which points lie below; ``None`` if none do."""
-    place = float(np.float32(np.median(border[:, axis])))
+    place = float(np.median(border[:, axis]))
     below = border[:, axis] <= place
     if below.all() or not below.any():
         return None
@@ -178,12 +184,13 @@ class _Builder:
 
     def build(self, node: _Node, budget: float, leaves: int, spent: Stopwatch, progress: Progress | None) -> Tree:
         """The tree of a node; what is left of the budget is shared by the leaves that are left."""
+        if node.children:
+            halves = [self.build(child, budget, leaves, spent, progress) for child in node.children]
+            return [SPLIT, node.axis, node.place, *halves]
         own = part_of(self.shape, (node.lower, node.upper))
         box = Aabb.fit(own, self.domain, device=self.device)
         prove(box, own, eps=BOX_EPS, boxes=BOX_BOXES)
         guard = self._add(box, node)
-        if node.children:
-            return [AND, guard, [OR, *(self.build(child, budget, leaves, spent, progress) for child in node.children)]]
         left = leaves - len(self.records)
         seconds = max(budget - spent.working, 0.05 * budget) / left
         if progress:
@@ -193,19 +200,13 @@ class _Builder:
     def _leaf(self, own: Shape, seconds: float) -> Bounder:
         network = issubclass(self.cls, Mlp)
         domain = domain_of(own, "point") if network else self.domain  # a network learns best in a domain of its own
-        problem = Problem(own, domain, "point", self.seed, self.device)
-        share = seconds * (1 - AGAIN_SHARE) if network else seconds
-        bounder, record = trainer_of(self.cls).train(self.cls, problem, self.told, share, None)
+        target = self.domain if network else None
+        problem = Problem(own, domain, "point", self.seed, self.device, target=target)
+        bounder, record = trainer_of(self.cls).train(self.cls, problem, self.told, seconds, None)
         self.records.append(record)
         if not network:
             prove(bounder, own, eps=SHAPE_EPS, boxes=SHAPE_BOXES)
-            return bounder
-        try:
-            moved = bounder.rebased(self.domain)
-        except IndicatorError as error:
-            raise BounderError(str(error)) from error
-        prove(moved, own, eps=max(record.get("gap", 0.0), 1e-4), seconds=max(2 * AGAIN_SHARE * seconds, 1.0))
-        return moved
+        return bounder
 
     def _add(self, part: Bounder, node: _Node) -> int:
         self.parts.append(part)

@@ -31,6 +31,7 @@ class Problem:
     device: str | None  # Warp device of the bounder
     front: tuple[Bounder, ...] = ()
     in_front: bool = False  # whether the bounder stands before a network in a cascade
+    target: Domain | None = None  # where a network of points is asked, if it is trained in another domain, its own
     repeatable: bool = False  # whether the result is to be the same on every run, so that no clock may enter
 
     def asked(self, x: np.ndarray) -> np.ndarray:

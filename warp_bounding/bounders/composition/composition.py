@@ -8,26 +8,33 @@ f is 1 where the answer is *maybe*, else ``DENIED``.
 """
 
 from collections.abc import Iterator
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
 
+from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.composition.cover import Region, check_cover
 from warp_bounding.bounders.composition.source import ALIGN, ROW, CompositionSource
+from warp_bounding.bounders.composition.source import SPLIT as SPLIT_CODE
+from warp_bounding.bounders.local.local import NEAREST_TO_ZERO
 from warp_bounding.bounders.registry import class_named, composed
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.clipped import part_of
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.kernels.source import DENIED
 
-__all__ = ["AND", "OR", "Composition", "Tree"]
+__all__ = ["AND", "OR", "SPLIT", "Composition", "Tree", "split_regions"]
 
-AND, OR = "and", "or"
+AND, OR, SPLIT = "and", "or", "split"
 MOST_PARTS = 1024
 MOST_NESTED = 32
-Tree = int | list  # the number of a part; or a list, AND or OR first, then trees
+# The number of a part; or a list, AND or OR first, then trees; or SPLIT, an axis, a place along it, the tree for v below
+# the place and the one for others.
+Tree = int | list
 
 
 @composed
@@ -35,7 +42,8 @@ class Composition(Bounder):
     """Bounders of the same queries and domain, put together; made by ``a & b``, ``a | b`` and ``warp_bounding.hierarchy``.
 
     Tensors: those of part i, each under ``i.`` and its role there; ``thresholds`` ``(parts,)``; ``regions`` ``(parts, 2,
-    n)``, the box, object space, of what each part is proven for, largest float32 numbers where it has no end. Sizes:
+    n)``, the box, object space, of what each part is proven for, largest float32 numbers where it has no end. A split
+    sends a point to one of two trees, by one of its coordinates v. Sizes:
     ``parts``, a list of ``method`` and ``sizes``; ``tree``.
     """
 
@@ -83,7 +91,7 @@ class Composition(Bounder):
         entries, tree = self.sizes.get("parts"), self.sizes.get("tree")
         if not isinstance(entries, list) or not 1 <= len(entries) <= MOST_PARTS:
             raise BounderError(f"{self.method}: expected 1 to {MOST_PARTS} parts, got {_told(entries)}")
-        if list(_parts_of(tree)) != list(range(len(entries))):
+        if list(_parts_of(tree, self.domain)) != list(range(len(entries))):
             raise BounderError(
                 f"{self.method}: expected a tree with each of {len(entries)} parts once, in order, got {tree!r}"
             )
@@ -142,14 +150,15 @@ class Composition(Bounder):
         """Boxes, object space: where this part of the tree is conservative, if each bounder in it is so in its region."""
         if isinstance(tree, int):
             return [self.regions[tree]]
+        if tree[0] == SPLIT:  # all that can be below must be held by one child, all that can be above by the other
+            (below, above), axis = (self.covered(child) for child in tree[3:]), tree[1]
+            (first, most), (least, last) = split_regions(self.domain, axis, tree[2])
+            most[axis], least[axis] = np.nextafter(least[axis], -np.inf), np.nextafter(most[axis], np.inf)
+            return _common(below, [(first, most)]) + _common(above, [(least, last)]) + _common(below, above)
         held = [self.covered(child) for child in tree[1:]]
         if tree[0] == OR:
             return [region for regions in held for region in regions]
-        common = held[0]
-        for regions in held[1:]:
-            pairs = [(np.maximum(a, c), np.minimum(b, d)) for a, b in common for c, d in regions]
-            common = [(low, high) for low, high in pairs if (low <= high).all()]
-        return common
+        return reduce(_common, held)
 
     @property
     def provable(self) -> bool:
@@ -161,15 +170,20 @@ class Composition(Bounder):
 
     @property
     def source(self) -> CompositionSource:
-        return self.source_of(CompositionSource, tuple(self._codes), len(self.members))
+        return self.source_of(CompositionSource, tuple(self._codes), _rows_of(self.tree))
 
     def weights(self) -> np.ndarray:
         """See ``Bounder``; the layout is described in ``bounders.composition.source``."""
-        numbers, place = [part.weights() for part in self.members], -(-ROW * len(self.members) // ALIGN) * ALIGN
-        rows, ways = np.zeros((len(numbers), ROW), np.float32), _ways(self.tree, len(numbers), len(numbers) + 1)
+        count = _rows_of(self.tree)
+        place, rows = -(-ROW * count // ALIGN) * ALIGN, np.zeros((count, ROW), np.float32)
         held = [np.zeros(place, np.float32)]
-        for i, own in enumerate(numbers):
-            rows[i] = [self._codes.index(self.members[i].source), place, *ways[i], self.members[i].threshold]
+        for i, (step, yes, no) in enumerate(_steps(self.tree, 0, count, count + 1)):
+            if isinstance(step, tuple):
+                rows[i] = [SPLIT_CODE, step[0], yes, no, step[1]]
+                continue
+            part = self.members[step]
+            own = part.weights()
+            rows[i] = [self._codes.index(part.source), place, yes, no, part.threshold]
             held.append(np.pad(own, (0, -len(own) % ALIGN)).astype(np.float32))
             place += len(held[-1])
         if place >= 2**24:
@@ -185,7 +199,7 @@ class Composition(Bounder):
     def nbytes(self) -> int:
         """See ``Bounder``: domain, rows and the parts' numbers; the regions are the proof's."""
         header = 4 * (len(self.domain.header) + 1 + len(self.domain.extra))
-        return 4 * ROW * len(self.members) + header + sum(part.nbytes - header for part in self.members)
+        return 4 * ROW * _rows_of(self.tree) + header + sum(part.nbytes - header for part in self.members)
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         v = np.asarray(v, dtype=np.float64)
@@ -194,6 +208,11 @@ class Composition(Bounder):
     def _decide(self, tree: Tree, v: np.ndarray) -> np.ndarray:
         if isinstance(tree, int):
             return self.members[tree].reference(v) >= float(self.members[tree].threshold)
+        if tree[0] == SPLIT:
+            found, below = np.zeros(len(v), dtype=bool), v[:, tree[1]] < np.float32(tree[2])
+            for child, side in zip(tree[3:], (below, ~below), strict=True):
+                found[side] = self._decide(child, v[side])
+            return found
         found = np.full(len(v), tree[0] == AND)
         for child in tree[1:]:
             open_ = np.flatnonzero(found == (tree[0] == AND))
@@ -213,6 +232,10 @@ class Composition(Bounder):
             sure = np.ones(len(lower), dtype=bool)
             np.logical_and.at(sure, owner, part.bound(low, high).lower >= float(part.threshold) + part.rounding_bound())
             return sure
+        if tree[0] == SPLIT:
+            place = np.float32(tree[2])
+            below, above = (self._sure(child, lower, upper) for child in tree[3:])
+            return (below | (lower[:, tree[1]] >= place)) & (above | (upper[:, tree[1]] < place))
         held = [self._sure(child, lower, upper) for child in tree[1:]]
         return np.all(held, axis=0) if tree[0] == AND else np.any(held, axis=0)
 
@@ -220,29 +243,71 @@ class Composition(Bounder):
         return 0.0  # ``bound`` is about what devices compute
 
 
-def _parts_of(tree: Any, depth: int = 0) -> Iterator[int]:
+def split_regions(domain: Domain, axis: int, place: float) -> tuple[Region, Region]:
+    """What the children of a split must hold: boxes, object space, infinite but for one side each, float32 numbers.
+
+    The first has all points whose computed v may lie below a place along an axis, the second those at it or above.
+    """
+    at = np.full((1, domain.ndim), float(np.float32(place)))
+    least, most = domain.origins(at, at)
+    end = np.full(domain.ndim, np.inf)
+    below, above = (-end, end.copy()), (-end, end.copy())
+    below[1][axis], above[0][axis] = round_up(most[0, axis]), round_down(least[0, axis])
+    return below, above
+
+
+def _common(one: list[Region], other: list[Region]) -> list[Region]:
+    """The boxes that are in a box of both."""
+    pairs = [(np.maximum(a, c), np.minimum(b, d)) for a, b in one for c, d in other]
+    return [(low, high) for low, high in pairs if (low <= high).all()]
+
+
+def _rows_of(tree: Tree) -> int:
+    """How many parts and splits a tree has."""
+    if isinstance(tree, int):
+        return 1
+    split = tree[0] == SPLIT
+    return split + sum(_rows_of(child) for child in tree[3 if split else 1 :])
+
+
+def _is_split(tree: list, domain: AnyDomain) -> bool:
+    """Whether a tree that calls itself a split is one for points of a domain."""
+    if len(tree) != 5 or not domain.tested_as_point or type(tree[1]) is not int or not 0 <= tree[1] < domain.ndim:
+        return False
+    return type(tree[2]) is float and abs(tree[2]) >= NEAREST_TO_ZERO and float(np.float32(tree[2])) == tree[2]
+
+
+def _parts_of(tree: Any, domain: AnyDomain, depth: int = 0) -> Iterator[int]:
     """The numbers of the parts of a tree, in order; -1 where something is no tree."""
     if type(tree) is int:
         yield tree
+    elif isinstance(tree, list) and tree and tree[0] == SPLIT and depth < MOST_NESTED and _is_split(tree, domain):
+        for child in tree[3:]:
+            yield from _parts_of(child, domain, depth + 1)
     elif isinstance(tree, list) and len(tree) > 1 and tree[0] in (AND, OR) and depth < MOST_NESTED:
         for child in tree[1:]:
-            yield from _parts_of(child, depth + 1)
+            yield from _parts_of(child, domain, depth + 1)
     else:
         yield -1
 
 
-def _ways(tree: Tree, yes: int, no: int) -> list[tuple[int, int]]:
-    """For each part the one to ask next after *maybe*, and after *no*; both behind it."""
+def _steps(tree: Tree, at: int, yes: int, no: int) -> Iterator[tuple[int | tuple[int, float], int, int]]:
+    """The rows of a tree that begin at row ``at``: a part, or axis and place of a split; and the rows to go to from it."""
     if isinstance(tree, int):
-        return [(yes, no)]
-    ways: list[tuple[int, int]] = []
-    starts = [next(_parts_of(child)) for child in tree[1:]]
-    for child, then in zip(tree[1:], [*starts[1:], None], strict=True):
-        if tree[0] == AND:
-            ways += _ways(child, yes if then is None else then, no)
-        else:
-            ways += _ways(child, yes, no if then is None else then)
-    return ways
+        yield tree, yes, no
+    elif tree[0] == SPLIT:
+        below = at + 1
+        above = below + _rows_of(tree[3])
+        yield (tree[1], tree[2]), above, below
+        yield from _steps(tree[3], below, yes, no)
+        yield from _steps(tree[4], above, yes, no)
+    else:
+        for child in tree[1:]:
+            then = at + _rows_of(child)
+            last = child is tree[-1]
+            on = (yes if last else then, no) if tree[0] == AND else (yes, no if last else then)
+            yield from _steps(child, at, *on)
+            at = then
 
 
 def _told(entries: Any) -> str:

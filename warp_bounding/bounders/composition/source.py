@@ -1,12 +1,13 @@
 """Native code of a composition: parts asked one after the other, each with the part to ask next after a *maybe* and a *no*.
 
 In memory a row for each part comes first (``ROW`` numbers: which code it has, where its own numbers begin, the next part
-after a *maybe* and after a *no*, its threshold), then the numbers of the parts, each at a multiple of ``ALIGN``. The next
+after a *maybe* and after a *no*, its threshold), or for each split (``SPLIT``, the axis, the next row where v is at least
+the place along it, and where it is less, the place), then the numbers of the parts, each at a multiple of ``ALIGN``. The next
 part always stands behind; beyond the last one are the two answers. All of this is data: the code depends on how many
 parts there are and on the different sources among them, not on how they are put together.
 
 On a CPU the batch path keeps, for each part, a list of the queries of its block that wait for it, and asks them in full
-lanes; so a query costs the parts on its own way only.
+lanes; so a query costs the parts on its own way only. Splits are passed one query at a time, on the way to a list.
 """
 
 from dataclasses import dataclass
@@ -18,19 +19,26 @@ from warp_bounding.kernels.plain import DENIED, Numbers, Words, plain_value, twi
 from warp_bounding.kernels.source import Lanes, Source, fill, literal
 from warp_bounding.runtime.launch import BLOCK
 
-__all__ = ["ALIGN", "ROW", "CompositionSource"]
+__all__ = ["ALIGN", "ROW", "SPLIT", "CompositionSource"]
 
 ROW = 5  # numbers of a part's row: code, where its numbers begin, next after maybe, next after no, threshold
+SPLIT = -1  # in place of a part's code
 ALIGN = 16  # floats: a part's numbers begin at a multiple of this, as those of a bounder by itself do
 
 _BATCH = """
 const float* const rows_ = w;
 int waits_[$parts + 2], next_[$block];  // lists: the first query that waits for each part, and the one behind each
 for (int p = 0; p < $parts + 2; ++p) waits_[p] = -1;
-for (int g = 0; g < kept; ++g) next_[g] = g + 1 < kept ? g + 1 : -1;
-waits_[0] = kept ? 0 : -1;
+const auto send_ = [&](int g, int to) {
+    for (const float* r = rows_ + $row * to; to < $parts && r[0] < 0.0f; r = rows_ + $row * to)
+        to = (int)(held[(int)r[1]][g] < r[4] ? r[3] : r[2]);
+    next_[g] = waits_[to];
+    waits_[to] = g;
+};
+for (int g = kept - 1; g >= 0; --g) send_(g, 0);
 for (int p = 0; p < $parts; ++p) {
     const float* const row_ = rows_ + $row * p;
+    if (waits_[p] < 0) continue;
     const float* const w = rows_ + (int)row_[1];
     const int code_ = row_[0], yes_ = row_[2], no_ = row_[3];
     int at_ = waits_[p];
@@ -51,11 +59,7 @@ for (int p = 0; p < $parts; ++p) {
         }
         int fails_[L];  // in memory: lanes of a vector are dear one by one
         *(J*)fails_ = f < row_[4];
-        for (int l = 0; l < m_; ++l) {
-            const int to_ = fails_[l] ? no_ : yes_;
-            next_[pick_[l]] = waits_[to_];
-            waits_[to_] = pick_[l];
-        }
+        for (int l = 0; l < m_; ++l) send_(pick_[l], fails_[l] ? no_ : yes_);
     }
 }
 for (int g = waits_[$parts]; g >= 0; g = next_[g]) out.data[where[g]] = $yes;
@@ -66,6 +70,10 @@ int part_ = 0;
 const float* const rows_ = w;
 while (part_ < $parts) {
     const float* const row_ = rows_ + $row * part_;
+    if (row_[0] < 0.0f) {
+        part_ = (int)(v[(int)row_[1]] < row_[4] ? row_[3] : row_[2]);
+        continue;
+    }
     const float* const w = rows_ + (int)row_[1];
     float value_ = 0.0f;
     switch ((int)row_[0]) {
@@ -81,7 +89,7 @@ class CompositionSource(Source):
     """Native code of a composition. f is 1 where the answer is *maybe*, else ``DENIED``."""
 
     codes: tuple[Source, ...]  # the different sources of the parts
-    parts: int  # how many parts there are
+    parts: int  # how many rows there are: parts and splits
 
     packed: ClassVar[bool] = True
 
@@ -128,6 +136,9 @@ class CompositionSource(Source):
             part = wp.int32(0)
             while part < parts:
                 here = at + row * part
+                if w[here] < 0.0:
+                    part = int(wp.where(v[int(w[here + 1])] < w[here + 4], w[here + 3], w[here + 2]))
+                    continue
                 found = value(w, words, at + int(w[here + 1]), v, int(w[here]))
                 part = int(wp.where(found < w[here + 4], w[here + 3], w[here + 2]))
             return wp.where(part == parts, 1.0, DENIED)
