@@ -20,7 +20,7 @@ from warp_bounding.kernels.plain import plain_func, plain_kernel
 from warp_bounding.kernels.source import LABEL, Source
 from warp_bounding.runtime.arrays import flat_queries, memory_of, new_output
 from warp_bounding.runtime.compaction import Compaction, compact
-from warp_bounding.runtime.launch import BLOCK, BlockLaunch
+from warp_bounding.runtime.launch import BlockLaunch
 
 __all__ = ["Asking", "Prepared"]
 
@@ -338,6 +338,6 @@ class Asking(ABC):
         data = self.data
         place_or_any = data.parameters if place is None else place  # kernels may not be given null pointers
         inputs = [queries, count, 0, data.parameters, data.words, place_or_any]
-        kernel_of, block = (batch_kernel, BLOCK) if self.native else (plain_kernel, 1)
+        kernel_of, block = (batch_kernel, self.source.block) if self.native else (plain_kernel, 1)
         kernel = kernel_of(self.source, place is not None, values)
         return BlockLaunch(kernel, count, inputs, [out], self.device, first_index=2, block=block)

@@ -5,7 +5,6 @@ All CPU text may fuse products and sums (``contract``), which what is proven lea
 
 from warp_bounding.coordinates.maps import locate
 from warp_bounding.kernels.source import DENIED, LABEL, Lanes, Source, fill, literal
-from warp_bounding.runtime.launch import BLOCK
 
 __all__ = ["TOOLS", "batch_snippet", "point_snippet"]
 
@@ -290,7 +289,7 @@ def _shuffles(columns: int, lanes: int) -> str:
 def batch_snippet(source: Source, placed: bool, values: bool) -> str:
     """The body of a ``batch_kernel``: one block of queries on a CPU, one query on CUDA."""
     texts = _shared(source, placed) | {
-        "block": BLOCK,
+        "block": source.block,
         "read": fill(_READ, **{name: _shuffles(source.columns, lanes) for name, lanes in source.width.items()}),
         "body": source.body(Lanes(vector=True)),
     }

@@ -24,6 +24,7 @@ from warp_bounding.coordinates.base import PARAMETRIC, literal
 from warp_bounding.coordinates.maps import coordinates_of
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.point import POINT
+from warp_bounding.runtime.launch import BLOCK
 from warp_bounding.runtime.native import identity
 
 __all__ = ["DENIED", "LABEL", "Lanes", "Source", "fill", "literal"]
@@ -59,6 +60,7 @@ class Source:
     query: str = field(default="point", kw_only=True)
     space: str = field(default="geometric", kw_only=True)
 
+    block: ClassVar[int] = BLOCK  # queries of a block of the CPU batch path
     packed: ClassVar[bool] = False  # gather the queries inside the domain first: pays for costly bodies
     width: ClassVar[dict[str, int]] = {"avx512": 16, "other": 8}  # float lanes of the batch path
 

@@ -210,7 +210,8 @@ class _Fit:
         trainer.add(search.worst)
         if clock.timed:
             expected = min(max(_final_proof_seconds(search, used), LEAST_RESERVED * budget), MOST_RESERVED * budget)
-            expected = max(expected, 0.2 * budget) if self.lattice is not None else expected
+            if self.lattice is not None:
+                expected = MOST_RESERVED * budget
             clock.reserve(expected * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds)
 
     def _mine_regions(self, trainer: NetworkTrainer, used: float) -> None:

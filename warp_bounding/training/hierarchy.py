@@ -12,8 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.bounders import Bounder, method_class
 from warp_bounding.bounders.composition.composition import AND, SPLIT, Composition, Tree, split_regions
+from warp_bounding.bounders.composition.cover import Region, check_cover
 from warp_bounding.bounders.local.local import NEAREST_TO_ZERO
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.options import settled
@@ -37,6 +39,9 @@ from warp_bounding.training.trainers import trainer_of
 __all__ = ["hierarchy"]
 
 MOST_LEVELS = 8
+# By how much a leaf's region reaches beyond the points of the border that are known, of the longest side: the first that
+# the shape certifies to hold all is taken.
+TIGHT = (2.0**-9, 2.0**-7, 2.0**-5, 2.0**-3)
 BORDER = 65_536  # points of the border that tell where to halve
 BOX_EPS, BOX_BOXES = (
     1e-3,
@@ -50,6 +55,7 @@ class _Node:
 
     lower: np.ndarray
     upper: np.ndarray
+    border: np.ndarray  # points of the object's border in it
     axis: int = 0
     place: float = 0.0
     children: tuple["_Node", ...] = ()
@@ -146,7 +152,7 @@ def _halved(shape: Shape, domain: Domain, levels: int, seed: int) -> _Node:
         tried = [_cut(border, axis) for axis in range(shape.ndim)] if level and len(border) > 1 else []
         tried = [each for each in tried if each is not None]
         if not tried:
-            return _Node(lower, upper)
+            return _Node(lower, upper, border)
         _, axis, middle, below = min(tried, key=lambda each: each[0])
         place = np.float32(domain.to_local(np.full(domain.ndim, middle))[axis])
         place = float(place if abs(place) >= NEAREST_TO_ZERO else np.float32(NEAREST_TO_ZERO))
@@ -155,7 +161,7 @@ def _halved(shape: Shape, domain: Domain, levels: int, seed: int) -> _Node:
             halve(lower, np.minimum(upper, first), border[below], level - 1),
             halve(np.maximum(lower, last), upper, border[~below], level - 1),
         )
-        return _Node(lower, upper, axis, place, halves)
+        return _Node(lower, upper, border, axis, place, halves)
 
     least = np.full(shape.ndim, -np.inf)
     return halve(least, -least, points, levels)
@@ -179,7 +185,7 @@ class _Builder:
         self.shape, self.domain, self.cls, self.told = shape, domain, cls, told
         self.seed, self.device = int(seed), device
         self.parts: list[Bounder] = []
-        self.regions: list[tuple[np.ndarray, np.ndarray]] = []
+        self.regions: list[Region] = []
         self.records: list[dict[str, Any]] = []
 
     def build(self, node: _Node, budget: float, leaves: int, spent: Stopwatch, progress: Progress | None) -> Tree:
@@ -187,15 +193,34 @@ class _Builder:
         if node.children:
             halves = [self.build(child, budget, leaves, spent, progress) for child in node.children]
             return [SPLIT, node.axis, node.place, *halves]
-        own = part_of(self.shape, (node.lower, node.upper))
+        region = self._tightened(node)
+        own = part_of(self.shape, region)
         box = Aabb.fit(own, self.domain, device=self.device)
         prove(box, own, eps=BOX_EPS, boxes=BOX_BOXES)
-        guard = self._add(box, node)
+        guard = self._add(box, region)
         left = leaves - len(self.records)
         seconds = max(budget - spent.working, 0.05 * budget) / left
         if progress:
             progress(len(self.records), leaves, f"leaf {len(self.records) + 1} of {leaves}")
-        return [AND, guard, self._add(self._leaf(own, seconds), node)]
+        return [AND, guard, self._add(self._leaf(own, seconds), region)]
+
+    def _tightened(self, node: _Node) -> Region:
+        """The smallest box around the node's part of the object that the shape certifies to hold it, about."""
+        whole, size = part_of(self.shape, (node.lower, node.upper)), float(self.shape.extent.max())
+        if not len(node.border):
+            return node.lower, node.upper
+        for room in TIGHT:
+            low, high = (
+                round_down(node.border.min(axis=0) - room * size),
+                round_up(node.border.max(axis=0) + room * size),
+            )
+            region = np.maximum(low, node.lower), np.minimum(high, node.upper)
+            try:
+                check_cover(whole, [region])
+            except BounderError:
+                continue
+            return region
+        return node.lower, node.upper
 
     def _leaf(self, own: Shape, seconds: float) -> Bounder:
         network = issubclass(self.cls, Mlp)
@@ -208,7 +233,7 @@ class _Builder:
             prove(bounder, own, eps=SHAPE_EPS, boxes=SHAPE_BOXES)
         return bounder
 
-    def _add(self, part: Bounder, node: _Node) -> int:
+    def _add(self, part: Bounder, region: Region) -> int:
         self.parts.append(part)
-        self.regions.append((node.lower, node.upper))
+        self.regions.append(region)
         return len(self.parts) - 1

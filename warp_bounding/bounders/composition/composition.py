@@ -175,7 +175,7 @@ class Composition(Bounder):
     def weights(self) -> np.ndarray:
         """See ``Bounder``; the layout is described in ``bounders.composition.source``."""
         count = _rows_of(self.tree)
-        place, rows = -(-ROW * count // ALIGN) * ALIGN, np.zeros((count, ROW), np.float32)
+        place, rows = -(-ROW * (count + 2) // ALIGN) * ALIGN, np.zeros((count + 2, ROW), np.float32)
         held = [np.zeros(place, np.float32)]
         for i, (step, yes, no) in enumerate(_steps(self.tree, 0, count, count + 1)):
             if isinstance(step, tuple):

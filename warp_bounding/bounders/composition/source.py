@@ -2,7 +2,7 @@
 
 In memory a row for each part comes first (``ROW`` numbers: which code it has, where its own numbers begin, the next part
 after a *maybe* and after a *no*, its threshold), or for each split (``SPLIT``, the axis, the next row where v is at least
-the place along it, and where it is less, the place), then the numbers of the parts, each at a multiple of ``ALIGN``. The next
+the place along it, and where it is less, the place), two rows for the answers, then the numbers of the parts, each at a multiple of ``ALIGN``. The next
 part always stands behind; beyond the last one are the two answers. All of this is data: the code depends on how many
 parts there are and on the different sources among them, not on how they are put together.
 
@@ -17,7 +17,6 @@ import warp as wp
 
 from warp_bounding.kernels.plain import DENIED, Numbers, Words, plain_value, twin, vector_type
 from warp_bounding.kernels.source import Lanes, Source, fill, literal
-from warp_bounding.runtime.launch import BLOCK
 
 __all__ = ["ALIGN", "ROW", "SPLIT", "CompositionSource"]
 
@@ -29,9 +28,9 @@ _BATCH = """
 const float* const rows_ = w;
 int waits_[$parts + 2], next_[$block];  // lists: the first query that waits for each part, and the one behind each
 for (int p = 0; p < $parts + 2; ++p) waits_[p] = -1;
-const auto send_ = [&](int g, int to) {
-    for (const float* r = rows_ + $row * to; to < $parts && r[0] < 0.0f; r = rows_ + $row * to)
-        to = (int)(held[(int)r[1]][g] < r[4] ? r[3] : r[2]);
+const auto send_ = [&](int g, int to) {  // without branches that depend on the query, which would be guessed wrongly
+    for (const float* r = rows_ + $row * to; r[0] < 0.0f; r = rows_ + $row * to)
+        to = (int)r[2 + (held[(int)r[1]][g] < r[4])];
     next_[g] = waits_[to];
     waits_[to] = g;
 };
@@ -40,7 +39,7 @@ for (int p = 0; p < $parts; ++p) {
     const float* const row_ = rows_ + $row * p;
     if (waits_[p] < 0) continue;
     const float* const w = rows_ + (int)row_[1];
-    const int code_ = row_[0], yes_ = row_[2], no_ = row_[3];
+    const int code_ = row_[0], ways_[2] = {(int)row_[2], (int)row_[3]};
     int at_ = waits_[p];
     while (at_ >= 0) {
         int pick_[L], m_ = 0;
@@ -59,7 +58,7 @@ for (int p = 0; p < $parts; ++p) {
         }
         int fails_[L];  // in memory: lanes of a vector are dear one by one
         *(J*)fails_ = f < row_[4];
-        for (int l = 0; l < m_; ++l) send_(pick_[l], fails_[l] ? no_ : yes_);
+        for (int l = 0; l < m_; ++l) send_(pick_[l], ways_[fails_[l] & 1]);
     }
 }
 for (int g = waits_[$parts]; g >= 0; g = next_[g]) out.data[where[g]] = $yes;
@@ -91,6 +90,7 @@ class CompositionSource(Source):
     codes: tuple[Source, ...]  # the different sources of the parts
     parts: int  # how many rows there are: parts and splits
 
+    block: ClassVar[int] = 4096  # so that a part of many finds enough queries for its lanes
     packed: ClassVar[bool] = True
 
     @property
@@ -107,7 +107,7 @@ class CompositionSource(Source):
             lines += [f"{{ {code.body(lanes)} }}", f"f = denied_ ? V{{}} + {literal(DENIED)} : f;"]
             cases.append(f"case {index}: {{ {' '.join(lines)} }} break;")
         yes, no = ("1.0f", literal(DENIED)) if values else ("1", "0")
-        texts = {"block": BLOCK, "parts": self.parts, "row": ROW, "cases": "\n".join(cases), "yes": yes, "no": no}
+        texts = {"block": self.block, "parts": self.parts, "row": ROW, "cases": "\n".join(cases), "yes": yes, "no": no}
         return fill(_BATCH, **texts)
 
     def _one(self, cases: list[str]) -> str:

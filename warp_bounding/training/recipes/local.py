@@ -1,7 +1,7 @@
 """Training for local thresholds: each part of the domain is judged by the worst positive in it, not by the worst of all.
 
-f is taken relative to its part: less the least f of the positives known there, and more the least of all. A part where
-the network fails then asks nothing of the others. The parts come in slowly, while the network finds its form.
+Towards the end f is taken relative to its part: less the least f of the positives known there, and more the least of
+all. A part where the network fails then asks nothing of the others.
 """
 
 import math
@@ -9,19 +9,15 @@ import math
 import numpy as np
 import torch
 
-from warp_bounding.bounders.local.local import Lattice, Local
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.local.local import Lattice
 from warp_bounding.training.recipes.default import NetworkTrainer
 from warp_bounding.training.samples.base import Samples
 
 __all__ = ["LocalTrainer"]
 
-import os
-
-BEGIN, END = (
-    float(x) for x in os.environ.get("BE", "0.1,0.5").split(",")
-)  # used fractions between which the parts come in, linearly
-STEP = 2.0**-6  # between the levels of a bounder that is searched while it trains
+# Used fractions between which the parts come in, linearly. Earlier they do harm: a part in which the network fails is let
+# go before it has been learned.
+BEGIN, END = 0.7, 0.9
 
 
 class LocalTrainer(NetworkTrainer):
@@ -38,7 +34,7 @@ class LocalTrainer(NetworkTrainer):
         self.lattice = lattice
         self._edges = [torch.from_numpy(axis) for axis in lattice.edges]
         self.least = torch.full((lattice.count,), math.inf)
-        self._offsets = torch.zeros(lattice.count)
+        self._offsets, self._used = torch.zeros(lattice.count), 0.0
         super().__init__(samples, hidden, activation, octaves)
 
     def place(self, x: torch.Tensor) -> torch.Tensor:
@@ -48,17 +44,13 @@ class LocalTrainer(NetworkTrainer):
             place = place * (len(edges) + 1) + torch.bucketize(row, edges, right=True)
         return place
 
-    def bounder(self, member: Mlp) -> Local:
-        """A bounder of this network at the thresholds as they are known."""
-        return Local.of(member, self.lattice, self.least.double().numpy(), STEP)
-
     def offset(self, x: torch.Tensor) -> torch.Tensor:
         return self._offsets[self.place(x)]
 
     def level(self, positive: torch.Tensor, f: torch.Tensor, used: float) -> None:
         self.least = torch.full((self.lattice.count,), math.inf)
         self.least.scatter_reduce_(0, self.place(positive), f, "amin")
-        self.used = used
+        self._used = used
         share = min(max((used - BEGIN) / (END - BEGIN), 0.0), 1.0)
         # A part without positives denies everything: far under all that costs, and no gradient comes from there.
         own = torch.where(self.least.isinf(), self.least.min() + 1e6, self.least)
@@ -67,7 +59,7 @@ class LocalTrainer(NetworkTrainer):
     def judge(
         self, negative: torch.Tensor, f_negative: torch.Tensor, positive: torch.Tensor, f_positive: torch.Tensor
     ) -> float:
-        if self.used < BEGIN or os.environ.get("JG"):
+        if self._used < BEGIN:
             return super().judge(negative, f_negative, positive, f_positive)
         return float((f_negative >= self.least[self.place(negative)]).sum()) / self.recipe.pool
 
