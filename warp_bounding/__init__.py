@@ -60,7 +60,7 @@ _HOMES = {
         "IndicatorError",
         "QueryError",
     ),
-    "warp_bounding.bounders": ("Bounder", "Certificate", "Data", "METHODS", "Prepared", "compact", "load"),
+    "warp_bounding.bounders": ("Bounder", "Certificate", "Data", "METHODS", "Prepared", "cascade", "compact", "load"),
     "warp_bounding.indicators": (
         "IndicatorFunction",
         "IndicatorGrid",
@@ -69,7 +69,7 @@ _HOMES = {
         "load_indicator",
     ),
     "warp_bounding.networks.indicator_network": ("IndicatorNetwork",),
-    "warp_bounding.proof": ("cascade", "certify", "clear_segments"),
+    "warp_bounding.proof": ("certify", "clear_segments"),
     "warp_bounding.evaluation": ("Rates", "evaluate"),
     "warp_bounding.training": ("fit", "hierarchy"),
     "warp_bounding.runtime.devices": ("device_of",),

@@ -7,12 +7,13 @@ from asking import ask, check_compiles
 from bounding_shapes import domain_points, fitted, object_points, shape
 
 import warp_bounding as wb
+from warp_bounding.bounders import compose
 from warp_bounding.bounders.composition.composition import Composition, split_regions
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.clipped import Clipped
 from warp_bounding.kernels.functions import batch_kernel
 from warp_bounding.kernels.source import DENIED
-from warp_bounding.proof import compose, prove
+from warp_bounding.proof import prove
 
 FORMS = {
     "(a&b)|(c&d)": lambda a, b, c, d: (a & b) | (c & d),

@@ -6,6 +6,7 @@ from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.composition.composition import Composition
 from warp_bounding.bounders.file_format import save
+from warp_bounding.bounders.joining import both, cascade, compose, either
 from warp_bounding.bounders.load import bounder_of, load
 from warp_bounding.bounders.registry import METHODS, method_class, register, supports, unregister
 from warp_bounding.certificates.certificate import Certificate
@@ -20,8 +21,12 @@ __all__ = [
     "Composition",
     "Data",
     "Prepared",
+    "both",
     "bounder_of",
+    "cascade",
     "compact",
+    "compose",
+    "either",
     "load",
     "method_class",
     "register",

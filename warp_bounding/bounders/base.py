@@ -24,6 +24,7 @@ import numpy as np
 from warp_bounding.arithmetic import UNIT32
 from warp_bounding.bounders.asking import Asking
 from warp_bounding.bounders.file_format import save
+from warp_bounding.bounders.operators import Operators
 from warp_bounding.bounders.options import Option
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
@@ -39,7 +40,7 @@ __all__ = ["Bounder", "BoxBounds"]
 CELLS_AT_A_TIME = 16384  # cells whose boxes are bounded in one call, so that memory stays small
 
 
-class Bounder(Asking):
+class Bounder(Operators, Asking):
     """A conservative test: *maybe* (1) or certainly *no* (0). Never *no* where the truth is *yes*.
 
     Attributes:
@@ -146,11 +147,7 @@ class Bounder(Asking):
         """
 
     def cut(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Boxes ``(N, n)`` of v cut where f jumps, so that halving them closes in on f; by default nothing is cut.
-
-        Returns:
-            Corners of the pieces, ``(K, n)`` each, and which box each one is a piece of.
-        """
+        """Boxes ``(N, n)`` of v cut where f jumps: corners of the pieces, and which box each is a piece of. Here nothing is."""
         return lower, upper, np.arange(len(lower))
 
     @abstractmethod
@@ -172,11 +169,7 @@ class Bounder(Asking):
         return [self]
 
     def obligations(self, shape: Shape) -> "list[tuple[Bounder, Shape]]":
-        """What has to be proven one by one, so that all of this is proven for a shape: parts, and what each must hold.
-
-        Raises:
-            BounderError: If that would not prove it.
-        """
+        """Parts, and what each must be proven for so that this is proven for a shape; or ``BounderError``: it never would."""
         return [(part, shape) for part in self.parts]
 
     @property
@@ -327,24 +320,6 @@ class Bounder(Asking):
         text = f"{rates['fp_rate']:.2f} % false positives {judge} ({rates['samples']:,} samples)"
         looser = rates["fp_rate"] > rates["fp_rate_aabb"]
         return f"{text}, looser than a box ({rates['fp_rate_aabb']:.2f} %)" if looser else text
-
-    # --- put together ------------------------------------------------------------------------------------------------
-
-    def __and__(self, other: "Bounder") -> "Bounder":
-        """``a & b``: *maybe* iff both say so, a asked first; see ``warp_bounding.cascade``."""
-        if not isinstance(other, Bounder):
-            return NotImplemented
-        from warp_bounding.proof import both, cascade  # (proofs are made of bounders)
-
-        return both(self, other) if self.composed or other.composed else cascade(self, other)
-
-    def __or__(self, other: "Bounder") -> "Bounder":
-        """``a | b``: *maybe* iff one of them says so, a asked first; see ``warp_bounding.proof.either``."""
-        if not isinstance(other, Bounder):
-            return NotImplemented
-        from warp_bounding.proof import either
-
-        return either(self, other)
 
     # --- keeping it --------------------------------------------------------------------------------------------------
 

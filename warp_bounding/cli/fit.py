@@ -33,7 +33,12 @@ def command(
     spacing: Spacing = None,
     origin: Origin = None,
     force: Annotated[bool, typer.Option("--force", help="Take a margin that is larger than the object, too.")] = False,
-    resolution: Annotated[int | None, typer.Option(help="Cells along a mesh's longest axis (64).")] = None,
+    resolution: Annotated[
+        int | None,
+        typer.Option(
+            help="Cells along a mesh's longest axis, where cells are laid (64; 128 for rays, planes and boxes)."
+        ),
+    ] = None,
     length: Annotated[
         float | None, typer.Option(help="Length of a ray, object units; other queries have none (default: 1)")
     ] = None,

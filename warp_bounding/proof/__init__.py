@@ -3,9 +3,7 @@
 from warp_bounding.certificates.document import conjunction
 from warp_bounding.proof.attest.soak import Soak, soak
 from warp_bounding.proof.attest.statistics import attempt_confidence, attest, fn_rate_bound, fresh_seed, try_positives
-from warp_bounding.proof.cascade import cascade
 from warp_bounding.proof.certify import certify
-from warp_bounding.proof.compose import both, compose, either
 from warp_bounding.proof.covers.base import positive_boxes
 from warp_bounding.proof.prove import charted, least_value, prove, prove_or_attest, settle
 from warp_bounding.proof.search.best_first import Search, minimum
@@ -16,14 +14,10 @@ __all__ = [
     "Soak",
     "attempt_confidence",
     "attest",
-    "both",
-    "cascade",
     "certify",
     "charted",
     "clear_segments",
-    "compose",
     "conjunction",
-    "either",
     "fn_rate_bound",
     "fresh_seed",
     "least_value",

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.bounders import METHODS, Bounder, method_class
+from warp_bounding.bounders import METHODS, Bounder, cascade, method_class
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.options import settled
 from warp_bounding.coordinates.region_domain import SPACES, domain_of
@@ -17,7 +17,7 @@ from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, IndicatorMotion, load_indicator
 from warp_bounding.indicators.limits import MAX_RESOLUTION, check_memory
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.proof import cascade, prove_or_attest
+from warp_bounding.proof import prove_or_attest
 from warp_bounding.queries import QUERIES, check_query
 from warp_bounding.runtime.devices import device_of
 from warp_bounding.runtime.launch import compile_seconds
@@ -143,6 +143,7 @@ class Stopwatch:
         self._started, self._compiled = time.perf_counter(), compile_seconds()
 
     def seconds(self) -> dict[str, float]:
+        """What was taken so far, by name."""
         taken = {"seconds": time.perf_counter() - self._started, "compile_seconds": compile_seconds() - self._compiled}
         return {key: round(value, 3) for key, value in taken.items()}
 

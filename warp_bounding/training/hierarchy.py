@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from warp_bounding.arithmetic import round_down, round_up
-from warp_bounding.bounders import Bounder, method_class
+from warp_bounding.bounders import Bounder, compose, method_class
 from warp_bounding.bounders.composition.composition import AND, SPLIT, Composition, Tree, split_regions
 from warp_bounding.bounders.composition.cover import Region, check_cover
 from warp_bounding.bounders.local.local import NEAREST_TO_ZERO
@@ -28,8 +28,9 @@ from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.clipped import part_of
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.proof import compose, prove
+from warp_bounding.proof import prove
 from warp_bounding.queries.boundary import border_points
+from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.devices import device_of
 from warp_bounding.runtime.progress import Progress, reported
 from warp_bounding.training.fit import SHAPE_BOXES, SHAPE_EPS, Stopwatch
@@ -106,7 +107,7 @@ def hierarchy(
         >>> tree.certificate.proven, len(tree.parts)
         (True, 4)
     """
-    if query != "point":
+    if query != POINT.name:
         raise BounderError(f"a hierarchy bounds point queries, got {query!r}")
     if isinstance(levels, bool) or not isinstance(levels, (int, np.integer)) or not 1 <= levels <= MOST_LEVELS:
         raise BounderError(f"levels must be a whole number from 1 to {MOST_LEVELS}, got {levels!r}")
@@ -224,9 +225,9 @@ class _Builder:
 
     def _leaf(self, own: Shape, seconds: float) -> Bounder:
         network = issubclass(self.cls, Mlp)
-        domain = domain_of(own, "point") if network else self.domain  # a network learns best in a domain of its own
+        domain = domain_of(own, POINT.name) if network else self.domain  # a network learns best in a domain of its own
         target = self.domain if network else None
-        problem = Problem(own, domain, "point", self.seed, self.device, target=target)
+        problem = Problem(own, domain, POINT.name, self.seed, self.device, target=target)
         bounder, record = trainer_of(self.cls).train(self.cls, problem, self.told, seconds, None)
         self.records.append(record)
         if not network:

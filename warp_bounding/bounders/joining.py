@@ -1,14 +1,55 @@
-"""Bounders put together by *and* and *or*, with what is proven of them."""
+"""Bounders of one object as one bounder, by *and* and *or*, with what is proven of them."""
 
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.composition.composition import AND, OR, Composition, Tree
-from warp_bounding.certificates.document import together
+from warp_bounding.bounders.composition.cover import Region
+from warp_bounding.bounders.operators import JOINED
+from warp_bounding.certificates.document import conjunction, together
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.proof.cascade import SAME
 
-__all__ = ["both", "compose", "either"]
+__all__ = ["both", "cascade", "compose", "either"]
+
+SAME = ("indicator", "margin", "resolution")  # entries of ``info`` that all parts must share
+
+
+def cascade(*bounders: Bounder) -> Cascade:
+    """A bounder that says *maybe* iff all of these do, asked in this order.
+
+    Args:
+        bounders: Bounders of the same queries of the same object, such as an ``aabb`` and an ``mlp``. A query costs no
+            more than the bounders up to the first one that denies it.
+
+    Returns:
+        The cascade. It is proven if all parts are, statistical if one of them is, and without a certificate if one has
+        none.
+
+    Raises:
+        BounderError: If they were made for different objects, margins, queries or domains, or cannot be put together
+            (``Cascade.of``).
+
+    Example:
+        >>> both = wb.cascade(wb.fit(ball, method="sphere", device="cpu"), bounder)
+        >>> both.method, both.certificate.proven
+        ('cascade', True)
+    """
+    whole = Cascade.of(list(bounders))
+    last = bounders[-1]
+    for bounder in bounders:
+        for key in SAME:
+            if bounder.info.get(key) != last.info.get(key):
+                got = f"{bounder.info.get(key)} and {last.info.get(key)}"
+                raise BounderError(f"cascade: expected bounders of the same object, got {key} {got}")
+    whole.info = {key: last.info.get(key) for key in (*SAME, "name", "grid_shape", "seed", "note")}
+    whole.info["training"] = {"parts": [bounder.info.get("training") for bounder in bounders]}
+    certificates = [bounder.certificate for bounder in bounders]
+    if all(certificates):
+        about = sorted({certificate.indicator for certificate in certificates})
+        if len(about) > 1:
+            raise BounderError(f"cascade: expected certificates of the same object, got {' and '.join(about)}")
+        whole.freeze(float(whole.threshold), conjunction(certificates))
+    return whole
 
 
 def either(*bounders: Bounder) -> Composition:
@@ -37,7 +78,7 @@ def both(*bounders: Bounder) -> Composition:
     return _joined(AND, list(bounders))
 
 
-def compose(tree: Tree, parts: list[Bounder], regions: list, shape: Shape) -> Composition:
+def compose(tree: Tree, parts: list[Bounder], regions: list[Region | None], shape: Shape) -> Composition:
     """Bounders put together, each proven for what its region holds of a shape.
 
     Args:
@@ -62,7 +103,7 @@ def _joined(kind: str, bounders: list[Bounder]) -> Composition:
         raise BounderError(f"expected at least 2 bounders, got {len(bounders)}")
     tree: list = [kind]
     parts: list[Bounder] = []
-    regions: list = []
+    regions: list[Region | None] = []
     for bounder in bounders:
         if not isinstance(bounder, Bounder):
             raise BounderError(f"expected bounders, got {type(bounder).__name__}")
@@ -96,3 +137,10 @@ def _taken_apart(bounder: Bounder) -> tuple[Tree, list[Bounder]]:
 
 def _shifted(tree: Tree, by: int) -> Tree:
     return tree + by if isinstance(tree, int) else [tree[0], *(_shifted(child, by) for child in tree[1:])]
+
+
+def _and(one: Bounder, other: Bounder) -> Bounder:
+    return both(one, other) if one.composed or other.composed else cascade(one, other)
+
+
+JOINED["&"], JOINED["|"] = _and, either
