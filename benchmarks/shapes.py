@@ -1,4 +1,4 @@
-"""What a mesh answers without a grid, in millions a second: `python benchmarks/shapes.py [--mesh FILE] [--margin 0.012]`.
+"""What a mesh answers without a grid, in millions a second: `python benchmarks/shapes.py [--mesh FILE] [--moving]`.
 
 Points and boxes lie near the border of the dilated mesh, where a branch and bound asks; segments, planes and large
 boxes are drawn from all of the domain. Seconds are those of the processor, so a busy machine does not matter; rates are
@@ -14,26 +14,31 @@ import numpy as np
 import warp as wp
 
 import warp_bounding as wb
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.queries.boundary import border_points
 
 COUNT = 200_000  # queries of a kind
 NEAR = 0.01  # of the extent: how far queries lie from the border, and how large boxes are
 
 
-def near_border(shape: wb.IndicatorMesh, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Boxes near the border of the dilated mesh."""
+def near_border(shape: Shape, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes near the border of the dilated mesh, at rest or at some time of its motion."""
     size = NEAR * float(shape.extent.max())
-    corners = shape.vertices.astype(np.float64)[shape.faces[rng.integers(len(shape.faces), size=COUNT)]]
-    way = rng.normal(size=(COUNT, 3))
-    way *= (shape.margin + size * rng.uniform(-2, 4, (COUNT, 1))) / np.linalg.norm(way, axis=1, keepdims=True)
-    middle, half = corners.mean(axis=1) + way, size * rng.uniform(0.1, 0.5, (COUNT, 1))
+    middle = border_points(shape, COUNT // 8, rng)[rng.integers(COUNT // 8, size=COUNT)]
+    space = slice(int(shape.time), None)
+    middle[:, space] += size * rng.normal(size=(COUNT, shape.ndim))[:, space]
+    half = np.zeros_like(middle)
+    half[:, space] = size * rng.uniform(0.1, 0.5, (COUNT, 1))
+    if shape.time:
+        half[:, 0] = NEAR * (shape.upper[0] - shape.lower[0]) * rng.uniform(0.1, 0.5, COUNT)
     return middle - half, middle + half
 
 
-def measure(shape: wb.IndicatorMesh) -> dict[str, dict]:
+def measure(shape: Shape) -> dict[str, dict]:
     """Of each question its rate, and the share of answers that are certain or positive."""
     rng = np.random.default_rng(0)
     low, high = near_border(shape, rng)
-    x, y = rng.uniform(shape.sample_lower, shape.sample_upper, (2, COUNT, 3))
+    x, y = rng.uniform(shape.sample_lower, shape.sample_upper, (2, COUNT, shape.ndim))
     asked = {
         "decide": (low,),
         "empty": (low, high),
@@ -47,6 +52,8 @@ def measure(shape: wb.IndicatorMesh) -> dict[str, dict]:
     rows = {}
     for name, queries in asked.items():
         ask = getattr(shape, name)
+        if ask is None or ask(*(q[:1] for q in queries)) is None:  # what this shape does not tell
+            continue
         ask(*(q[:10] for q in queries))
         start = time.process_time()
         answers = ask(*queries)
@@ -61,6 +68,9 @@ def main() -> None:
     bunny = Path(wp.__file__).parent / "examples" / "assets" / "bunny.usd"
     parser.add_argument("--mesh", type=Path, default=bunny, help="any mesh file; Warp's bunny by default")
     parser.add_argument("--margin", type=float, default=0.012, help="share of the longest side")
+    parser.add_argument(
+        "--moving", action="store_true", help="the mesh turns, twists and swells, as in the particles demo"
+    )
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     wp.config.quiet = True
@@ -70,6 +80,10 @@ def main() -> None:
     start = time.process_time()
     mesh.decide(mesh.bounds[:1])
     built = round(time.process_time() - start, 2)
+    if arguments.moving:
+        from sims.particles.scene import moving
+
+        mesh = moving(mesh)
     shape = mesh.dilated(arguments.margin * float(mesh.extent.max()))
     result = {"mesh": repr(shape), "build_seconds": built, "questions": measure(shape)}
     if arguments.json:

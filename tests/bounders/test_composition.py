@@ -258,6 +258,19 @@ def test_trees_that_are_none_are_refused(tree):
         Composition(whole.domain, whole.tensors, whole.sizes | {"tree": tree}, "cpu")
 
 
+def test_a_composition_has_no_threshold_of_its_own():
+    whole = fitted("aabb", "blob") | fitted("kdop", "blob")
+    with pytest.raises(BounderError, match="its parts have thresholds"):
+        whole.freeze(2.0, None)
+
+
+def test_each_part_needs_a_certificate_for_its_own_region():
+    ball = wb.solids.Sphere((0.2, 0.1, 0.0), 0.7)
+    tree, parts, regions = in_two(ball, 0.25)
+    with pytest.raises(BounderError, match="part 0 has no certificate for its region"):
+        compose(tree, parts[::-1], regions, ball)
+
+
 def test_a_composition_cannot_hold_itself():
     whole = fitted("aabb", "blob") | fitted("kdop", "blob")
     sizes = whole.sizes | {"parts": [{"method": "composition", "sizes": whole.sizes}, *whole.sizes["parts"][1:]]}

@@ -3,7 +3,7 @@
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.composition.composition import AND, OR, Composition, Tree
-from warp_bounding.bounders.composition.cover import Region
+from warp_bounding.bounders.composition.cover import Region, check_cover
 from warp_bounding.bounders.operators import JOINED
 from warp_bounding.certificates.document import conjunction, together
 from warp_bounding.errors import BounderError
@@ -91,10 +91,14 @@ def compose(tree: Tree, parts: list[Bounder], regions: list[Region | None], shap
         BounderError: If the regions do not cover the object, or a part has no certificate.
     """
     whole = Composition.of(tree, parts, regions)
-    owed = {part.digest for _, part in whole.obligations(shape)}
-    certificates = [part.certificate for part in parts if part.certificate and part.certificate.indicator in owed]
-    if len({certificate.indicator for certificate in certificates}) < len(owed):
-        raise BounderError(f"{whole.method}: a part has no certificate for its region")
+    check_cover(shape, whole.covered(tree))
+    certificates = []
+    for number, (part, own) in enumerate(zip(parts, whole.owed(shape), strict=True)):
+        if own is None:  # nothing of the object is there
+            continue
+        if part.certificate is None or part.certificate.indicator != own.digest:
+            raise BounderError(f"{whole.method}: part {number} has no certificate for its region")
+        certificates.append(part.certificate)
     return whole.freeze(0.0, together(whole, certificates, shape.digest))
 
 

@@ -20,6 +20,7 @@ from warp_bounding.bounders.composition.source import ALIGN, ROW, CompositionSou
 from warp_bounding.bounders.composition.source import SPLIT as SPLIT_CODE
 from warp_bounding.bounders.local.local import NEAREST_TO_ZERO
 from warp_bounding.bounders.registry import class_named, composed
+from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
@@ -108,7 +109,7 @@ class Composition(Bounder):
             self.members.append(kind(self.domain, tensors, entry["sizes"], self._device))
         if wrong := [part.method for part in self.members if not part.conservative]:
             raise BounderError(f"{self.method}: {wrong[0]} is not conservative")
-        if sum(bool(part.bit_fields and part.words().any()) for part in self.members) > 1:
+        if len(self._with_words) > 1:
             raise BounderError(f"{self.method}: only one part may have a bit field")
         expected = {f"{i}.{role}": t.shape for i, tensors in enumerate(own) for role, t in tensors.items()}
         n = self.domain.space_ndim
@@ -140,11 +141,13 @@ class Composition(Bounder):
             BounderError: If the regions do not cover the object; the message names a point.
         """
         check_cover(shape, self.covered(self.tree))
-        owed: list[tuple[Bounder, Shape]] = []
-        for part, (low, high) in zip(self.parts, self.regions, strict=True):
-            if (low <= shape.upper).all() and (high >= shape.lower).all():
-                owed.append((part, part_of(shape, (low, high))))
-        return owed
+        pairs = zip(self.parts, self.owed(shape), strict=True)
+        return [(part, own) for part, own in pairs if own is not None]
+
+    def owed(self, shape: Shape) -> list[Shape | None]:
+        """What each part must hold of a shape: what is in its region; ``None`` where the shape does not reach there."""
+        reached = [(low <= shape.upper).all() and (high >= shape.lower).all() for low, high in self.regions]
+        return [part_of(shape, box) if here else None for here, box in zip(reached, self.regions, strict=True)]
 
     def covered(self, tree: Tree) -> list[Region]:
         """Boxes, object space: where this part of the tree is conservative, if each bounder in it is so in its region."""
@@ -192,8 +195,12 @@ class Composition(Bounder):
         return np.concatenate(held)
 
     def words(self) -> np.ndarray:
-        held = [part.words() for part in self.members if part.bit_fields]
-        return held[0] if held else super().words()
+        held = self._with_words
+        return held[0].words() if held else super().words()
+
+    @property
+    def _with_words(self) -> list[Bounder]:
+        return [part for part in self.members if any(name in part.tensors for name in part.bit_fields)]
 
     @property
     def nbytes(self) -> int:
@@ -238,6 +245,12 @@ class Composition(Bounder):
             return (below | (lower[:, tree[1]] >= place)) & (above | (upper[:, tree[1]] < place))
         held = [self._sure(child, lower, upper) for child in tree[1:]]
         return np.all(held, axis=0) if tree[0] == AND else np.any(held, axis=0)
+
+    def freeze(self, threshold: float, certificate: Certificate | None) -> "Composition":
+        """See ``Bounder``; the threshold is 0, its parts have theirs. Raises ``BounderError`` for another one."""
+        if threshold != 0:
+            raise BounderError(f"{self.method}: its parts have thresholds, its own is 0, got {threshold!r}")
+        return super().freeze(threshold, certificate)
 
     def rounding_bound(self) -> float:
         return 0.0  # ``bound`` is about what devices compute
