@@ -10,7 +10,7 @@ import warp_bounding as wb
 from warp_bounding.bounders import compose
 from warp_bounding.bounders.composition.composition import Composition, split_regions
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.clipped import Clipped
+from warp_bounding.indicators.clipped import part_of
 from warp_bounding.kernels.functions import batch_kernel
 from warp_bounding.kernels.source import DENIED
 from warp_bounding.proof import prove
@@ -85,7 +85,7 @@ def test_halves_of_a_split_must_hold_what_may_come_to_them():
         regions = [(below[0], below[1] - [room, 0, 0]), above]
         parts = []
         for region in regions:
-            own = Clipped(ball, *(np.float32(corner).astype(np.float64) for corner in region))
+            own = part_of(ball, np.float32(region).astype(np.float64))
             parts.append(wb.METHODS["aabb"].fit(own, domain, device="cpu"))
             prove(parts[-1], own, eps=1e-2, boxes=50_000)
         if covers:
@@ -130,7 +130,7 @@ def in_two(ball: wb.solids.Sphere, cut: float, first_end: float | None = None) -
     regions = [([-np.inf] * 3, [ends[0], np.inf, np.inf]), ([ends[1], -np.inf, -np.inf], [np.inf] * 3)]
     domain, parts = fitted_ball(ball).domain, []
     for region in regions:
-        own = Clipped(ball, *region)
+        own = part_of(ball, np.array(region))
         parts.append(wb.METHODS["aabb"].fit(own, domain, device="cpu"))
         prove(parts[-1], own, eps=1e-2, boxes=50_000)
     return ["or", 0, 1], parts, regions
@@ -269,6 +269,54 @@ def test_each_part_needs_a_certificate_for_its_own_region():
     tree, parts, regions = in_two(ball, 0.25)
     with pytest.raises(BounderError, match="part 0 has no certificate for its region"):
         compose(tree, parts[::-1], regions, ball)
+
+
+def test_exits_of_a_part_are_proven_too():
+    grid = shape("c")
+    early = wb.fit(grid, "plane", "mlp-early", hidden=(6, 5), steps=3, device="cpu", progress=False)
+    exits = early.tensors | {"exits.thresholds": np.float32([1e5])}
+    lying = type(early)(early.domain, exits, early.sizes, "cpu").freeze(early.threshold, None)
+    whole = Composition.of(["or", 0], [lying]).freeze(0.0, None)
+    whole.info = early.info
+    assert wb.certify(whole, grid).kind == "refuted"
+    honest = Composition.of(["or", 0], [early]).freeze(0.0, None)
+    honest.info = early.info
+    assert wb.certify(honest, grid).proven
+
+
+def test_hierarchies_can_be_put_together_and_are_no_part_of_a_cascade(rng):
+    ball = wb.solids.Sphere((0.2, 0.1), 0.7)
+    tree, box = wb.hierarchy(ball, method="kdop", levels=2, device="cpu", progress=False), fitted_ball(ball)
+    x = rng.uniform(-1, 1, (5000, 2)).astype(np.float32)
+    a, b = tree.query(x).numpy(), box.query(x).numpy()
+    for whole, expected in ((tree | box, a | b), (box & tree, a & b), (box | tree, a | b)):
+        assert (whole.query(x).numpy() == expected).all()
+        assert whole.certificate.proven
+        assert wb.certify(whole, ball).proven
+    for parts in ((box, tree), (tree, box)):
+        with pytest.raises(BounderError, match="no part of a cascade"):
+            wb.cascade(*parts)
+
+
+def test_certificates_of_different_margins_are_not_joined():
+    ball = wb.solids.Sphere((0.2, 0.1), 0.7)
+    wide = ball.dilated(0.5)
+    domain, parts = wb.fit(ball, method="aabb", margin=0.5, device="cpu", progress=False).domain, []
+    for own in (ball, wide):
+        parts.append(wb.METHODS["aabb"].fit(own, domain, device="cpu"))
+        prove(parts[-1], own, eps=1e-2)
+    for join in (lambda: parts[0] | parts[1], lambda: wb.cascade(*parts)):
+        with pytest.raises(BounderError, match="margin"):
+            join()
+    with pytest.raises(BounderError, match="part 0 has no certificate"):
+        compose(["and", 0, 1], parts, [None, None], wide)
+
+
+def test_regions_upside_down_are_refused():
+    whole = fitted("aabb", "blob") | fitted("kdop", "blob")
+    turned = {"regions": whole.tensors["regions"][:, ::-1].copy()}
+    with pytest.raises(BounderError, match="lower corner"):
+        Composition(whole.domain, whole.tensors | turned, whole.sizes, "cpu")
 
 
 def test_a_composition_cannot_hold_itself():

@@ -112,6 +112,14 @@ def test_a_part_that_denies_a_part_of_the_object_is_found_out(name):
             assert grid.contains(np.float64([certificate.counterexample])).all()
 
 
+def test_what_a_level_denies_is_denied_at_any_threshold():
+    bounder, grid = fit("c"), shape("c")
+    nowhere = np.full_like(bounder.tensors["levels"], 0xFFFFFFFF)
+    lying = Local(bounder.domain, bounder.tensors | {"levels": nowhere}, bounder.sizes, "cpu")
+    lying.freeze(-(2.0**127.5), None).info = bounder.info
+    assert wb.certify(lying, grid).kind != "proven"
+
+
 @pytest.mark.parametrize("name", list(CLOSE))
 def test_pieces_cover_a_box_and_lie_in_one_part_each(name, rng):
     lattice = some_local(name).lattice
@@ -175,6 +183,8 @@ def replaced_info(bounder: wb.Bounder, like: wb.Bounder) -> wb.Bounder:
         ({"scale": lambda s: np.array([0.5, 0.25], np.float32)}, "whole number"),
         ({"scale": lambda s: np.array([0.0, 0.3], np.float32)}, "power of two"),
         ({"scale": lambda s: np.array([2.0**23, 0.25], np.float32)}, "whole number"),
+        ({"scale": lambda s: np.array([4.0, 2.0**112], np.float32)}, "whole number"),
+        ({"scale": lambda s: np.array([4.0, 2.0**-130], np.float32)}, "whole number"),
         ({"levels": lambda t: t[:-1].copy()}, "expected tensors"),
     ],
 )

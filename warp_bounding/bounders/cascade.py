@@ -130,6 +130,8 @@ class Cascade(Bounder):
             raise BounderError(f"{cls.method}: expected 2 to {MOST_PARTS} bounders, got {len(classes)}")
         if wrong := [part.method for part in classes if not part.conservative]:
             raise BounderError(f"{cls.method}: {wrong[0]} is not conservative")
+        if any(part.composed for part in classes):
+            raise BounderError(f"{cls.method}: a composition is put together by & and |, it is no part of a cascade")
         if any(issubclass(part, (MlpEarly, Local, Cascade)) for part in classes[:-1]):
             raise BounderError(f"{cls.method}: only the last part may have exits or thresholds of its own")
         if sum(bool(part.bit_fields) for part in classes) > 1:

@@ -2,9 +2,10 @@
 
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.cascade import Cascade
-from warp_bounding.bounders.composition.composition import AND, OR, Composition, Tree
+from warp_bounding.bounders.composition.composition import AND, OR, SPLIT, Composition, Tree
 from warp_bounding.bounders.composition.cover import Region, check_cover
 from warp_bounding.bounders.operators import JOINED
+from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.document import conjunction, together
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.shape import Shape
@@ -45,9 +46,7 @@ def cascade(*bounders: Bounder) -> Cascade:
     whole.info["training"] = {"parts": [bounder.info.get("training") for bounder in bounders]}
     certificates = [bounder.certificate for bounder in bounders]
     if all(certificates):
-        about = sorted({certificate.indicator for certificate in certificates})
-        if len(about) > 1:
-            raise BounderError(f"cascade: expected certificates of the same object, got {' and '.join(about)}")
+        _check_objects(certificates)
         whole.freeze(float(whole.threshold), conjunction(certificates))
     return whole
 
@@ -96,9 +95,10 @@ def compose(tree: Tree, parts: list[Bounder], regions: list[Region | None], shap
     for number, (part, own) in enumerate(zip(parts, whole.owed(shape), strict=True)):
         if own is None:  # nothing of the object is there
             continue
-        if part.certificate is None or part.certificate.indicator != own.digest:
+        known = part.certificate
+        if known is None or (known.indicator, known.margin) != (own.digest, own.margin):
             raise BounderError(f"{whole.method}: part {number} has no certificate for its region")
-        certificates.append(part.certificate)
+        certificates.append(known)
     return whole.freeze(0.0, together(whole, certificates, shape.digest))
 
 
@@ -124,8 +124,7 @@ def _joined(kind: str, bounders: list[Bounder]) -> Composition:
     whole.info["training"] = {"parts": [bounder.info.get("training") for bounder in bounders]}
     certificates = [bounder.certificate for bounder in bounders]
     if all(certificates):
-        if len({certificate.indicator for certificate in certificates}) > 1:
-            raise BounderError("expected certificates of the same object")
+        _check_objects(certificates)
         whole.freeze(0.0, together(whole, certificates, certificates[0].indicator))
     return whole
 
@@ -140,7 +139,19 @@ def _taken_apart(bounder: Bounder) -> tuple[Tree, list[Bounder]]:
 
 
 def _shifted(tree: Tree, by: int) -> Tree:
-    return tree + by if isinstance(tree, int) else [tree[0], *(_shifted(child, by) for child in tree[1:])]
+    if isinstance(tree, int):
+        return tree + by
+    told = 3 if tree[0] == SPLIT else 1  # what stands before the children
+    return [*tree[:told], *(_shifted(child, by) for child in tree[told:])]
+
+
+def _check_objects(certificates: list[Certificate]) -> None:
+    """Refuse certificates of different objects, margins, lengths of rays, or cells."""
+    for certificate in certificates:
+        for name in ("indicator", "margin", "length", "resolution"):
+            one, other = getattr(certificates[0], name), getattr(certificate, name)
+            if one != other:
+                raise BounderError(f"expected certificates of the same object, got {name} {one} and {other}")
 
 
 def _and(one: Bounder, other: Bounder) -> Bounder:

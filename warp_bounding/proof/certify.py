@@ -102,7 +102,7 @@ def certify(
         return _inapplicable(bounder, grid, reason)
     try:
         owed = bounder.obligations(grid)
-    except BounderError as error:
+    except BoundingError as error:
         return document(bounder, grid, "undecided", float(bounder.threshold), 0.0, 0, 0.0, str(error))
     certificates = []
     for part, own in owed:
@@ -133,6 +133,8 @@ def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress) ->
         spent = working_seconds() - started
         return document(bounder, grid, status, threshold, bound, boxes, spent, message, counterexample)
 
+    if len(bounder.parts) > 1:  # its parts are proven one by one (``Bounder.obligations``), never as a whole
+        return result("undecided", f"{bounder.method}: a part of several tests", threshold)
     if reaches_outside(bounder, grid):
         point = None if QUERIES[bounder.query_kind].is_region else _denied(bounder, grid, points_outside(bounder, grid))
         return result("refuted" if point is not None else "undecided", OUTSIDE, threshold, 0, point)

@@ -104,7 +104,7 @@ class Composition(Bounder):
         self.members: list[Bounder] = []
         for i, (entry, tensors) in enumerate(zip(entries, own, strict=True)):
             kind = class_named(entry.get("method")) if isinstance(entry, dict) else None
-            if kind is None or kind is Composition:
+            if kind is None or kind.composed:
                 raise BounderError(f"{self.method}: part {i} is no bounder that can be a part: {entry!r}")
             self.members.append(kind(self.domain, tensors, entry["sizes"], self._device))
         if wrong := [part.method for part in self.members if not part.conservative]:
@@ -114,6 +114,8 @@ class Composition(Bounder):
         expected = {f"{i}.{role}": t.shape for i, tensors in enumerate(own) for role, t in tensors.items()}
         n = self.domain.space_ndim
         self.expect_shapes(expected | {"thresholds": (len(entries),), "regions": (len(entries), 2, n)})
+        if not (self.tensors["regions"][:, 0] <= self.tensors["regions"][:, 1]).all():
+            raise BounderError(f"{self.method}: a region's lower corner is above its upper one")
         for part, threshold in zip(self.members, self.tensors["thresholds"], strict=True):
             part.freeze(threshold, None)
 
@@ -142,7 +144,8 @@ class Composition(Bounder):
         """
         check_cover(shape, self.covered(self.tree))
         pairs = zip(self.parts, self.owed(shape), strict=True)
-        return [(part, own) for part, own in pairs if own is not None]
+        # A part may be several tests that must all pass, such as a network with exits.
+        return [(each, own) for part, own in pairs if own is not None for each in part.parts]
 
     def owed(self, shape: Shape) -> list[Shape | None]:
         """What each part must hold of a shape: what is in its region; ``None`` where the shape does not reach there."""
@@ -285,7 +288,13 @@ def _rows_of(tree: Tree) -> int:
 
 def _is_split(tree: list, domain: AnyDomain) -> bool:
     """Whether a tree that calls itself a split is one for points of a domain."""
-    if len(tree) != 5 or not domain.tested_as_point or type(tree[1]) is not int or not 0 <= tree[1] < domain.ndim:
+    if (
+        len(tree) != 5
+        or not domain.tested_as_point
+        or domain.parametric
+        or type(tree[1]) is not int
+        or not 0 <= tree[1] < domain.ndim
+    ):
         return False
     return type(tree[2]) is float and abs(tree[2]) >= NEAREST_TO_ZERO and float(np.float32(tree[2])) == tree[2]
 

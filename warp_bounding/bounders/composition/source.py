@@ -115,8 +115,8 @@ class CompositionSource(Source):
         return f"float whole_; {{ {text} whole_ = part_ == {self.parts} ? 1.0f : {literal(DENIED)}; }}"
 
     def body(self, lanes: Lanes) -> str:
-        if lanes.vector:  # ``ask`` takes its place
-            return ""
+        if lanes.vector:
+            return ""  # never asked: ``ask`` takes its place, and a cascade holds no composition
         cases = [
             f"case {index}: {{ V f; {code.body(lanes)} value_ = f; }} break;" for index, code in enumerate(self.codes)
         ]

@@ -22,6 +22,7 @@ __all__ = ["MOST_PARTS", "Lattice", "Local"]
 
 MOST_PARTS = 65_536  # parts of a domain
 LEVELS = EVERYWHERE  # how many levels are thresholds
+STEPS = (2.0**-60, 2.0**30)  # between two levels
 MOST_NUMBER = 2.0**22  # of the first level: sums with a level stay whole numbers that float32 holds
 # Edges keep this far from 0, so that a device that takes tiny v for 0 finds the same part.
 NEAREST_TO_ZERO = 2.0**-64
@@ -134,7 +135,8 @@ class Local(Bounder):
 
     def check_tensors(self) -> None:
         entries, shape = self.sizes.get("parts"), self.sizes.get("shape")
-        if not isinstance(entries, list) or len(entries) != 1 or entries[0].get("method") != Mlp.method:
+        one = isinstance(entries, list) and len(entries) == 1 and isinstance(entries[0], dict)
+        if not one or entries[0].get("method") != Mlp.method:
             raise BounderError(f"{self.method}: expected one {Mlp.method}, got {entries!r}")
         whole = isinstance(shape, list) and all(type(count) is int and count >= 1 for count in shape)
         if not whole or len(shape) != self.domain.ndim or prod(shape) > MOST_PARTS:
@@ -153,8 +155,14 @@ class Local(Bounder):
         ):
             raise BounderError(f"{self.method}: edges must ascend, none of them 0")
         first, step = (float(x) for x in self.tensors["scale"])
-        if not (step > 0 and np.frexp(step)[0] == 0.5 and first == np.floor(first) and abs(first) <= MOST_NUMBER):
+        if not (
+            STEPS[0] <= step <= STEPS[1]
+            and np.frexp(step)[0] == 0.5
+            and first == np.floor(first)
+            and abs(first) <= MOST_NUMBER
+        ):
             raise BounderError(f"{self.method}: expected a whole number and a power of two, got {first} and {step}")
+        self.check_range()
 
     @cached_property
     def thresholds(self) -> np.ndarray:
@@ -190,7 +198,8 @@ class Local(Bounder):
         for row in np.flatnonzero(~single):
             inside = tuple(slice(first[row], last[row] + 1) for first, last in ranges)
             most[row] = self.thresholds.reshape(self.lattice.shape)[inside].max()
-        least = np.clip(np.nextafter(bounds.lower - most, -np.inf), DENIED, CERTAIN)
+        # Not cut at DENIED: a part that is denied by its level is, whatever the threshold.
+        least = np.minimum(np.nextafter(bounds.lower - most, -np.inf), CERTAIN)
         value = np.where(single, np.clip(bounds.value - most, DENIED, CERTAIN), self.reference(bounds.point))
         return bounds._replace(lower=least, value=value)
 
