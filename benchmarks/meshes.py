@@ -45,6 +45,7 @@ METHODS = {
     "mlp 32-32": {"hidden": (32, 32)},
     "mlp 50-50": {"hidden": (50, 50)},
     "mlp-early 50-50": {"hidden": (50, 50)},
+    "hierarchy 8 x 16-16": {"hidden": (16, 16), "levels": 3},  # ``wb.hierarchy``: eight networks, each of its part
 }
 SAMPLES, TIMED, ROUNDS = 1_000_000, 1_000_000, 9  # random points; points of a timed batch, and how often it is asked
 DASH = "-"
@@ -86,7 +87,8 @@ def measure(mesh: wb.IndicatorMesh, label: str, budget: float, seed: int, attack
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", wb.BoundingWarning)  # of cells that are wider than the margin: the page says so
         method = label.split()[0]
-        fitted = wb.fit(mesh, method=method, margin=margin, budget=budget, seed=seed, device="cpu", **METHODS[label])
+        told = {"margin": margin, "budget": budget, "seed": seed, "device": "cpu", **METHODS[label]}
+        fitted = wb.fit(mesh, method=method, **told) if method in wb.METHODS else wb.hierarchy(mesh, **told)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "bounder.safetensors"
         fitted.save(file)
@@ -194,7 +196,13 @@ def draw(by_mesh: dict[str, list[dict]], file: Path) -> None:
     from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 
-    families = {"mlp": "tab:red", "mlp-early": "tab:orange", "bvh": "tab:blue", "voxels": "tab:cyan"}
+    families = {
+        "mlp": "tab:red",
+        "mlp-early": "tab:orange",
+        "hierarchy": "tab:purple",
+        "bvh": "tab:blue",
+        "voxels": "tab:cyan",
+    }
     figure = Figure(figsize=(13, 7.5), layout="constrained")
     for place, (name, own) in enumerate(by_mesh.items()):
         axes = figure.add_subplot(2, 3, place + 1)
