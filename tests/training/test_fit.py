@@ -205,13 +205,13 @@ TAKEN = {
     ("learned-kdop", "plane"): {"k", "steps", "space"},
     ("relu-field", "point"): {"steps"},
     ("bvh", "point"): {"leaves", "hidden"},
-    ("mlp", "point"): {"hidden", "activation", "octaves", "recipe", "steps"},
+    ("mlp", "point"): {"hidden", "activation", "octaves", "recipe", "thresholds", "steps"},
     ("mlp", "plane"): {"hidden", "activation", "steps", "space"},
     ("mlp-early", "point"): {"hidden", "activation", "octaves", "steps"},
     ("mlp-early", "ray"): {"hidden", "activation", "octaves", "recipe", "steps", "length", "space"},
     ("monotone-mlp", "box"): {"hidden", "activation", "steps", "space"},
     ("occupancy", "point"): {"hidden", "activation", "octaves", "steps"},
-    ("kdop+mlp", "point"): {"k", "hidden", "activation", "octaves", "recipe", "steps"},
+    ("kdop+mlp", "point"): {"k", "hidden", "activation", "octaves", "recipe", "thresholds", "steps"},
 }
 
 
@@ -249,7 +249,8 @@ def test_every_method_states_its_options_and_a_cascade_hands_each_part_its_own()
         assert all(option.default is None or option.check(option.default) == option.default for option in kind.options)
     told = settled([METHODS["kdop"], METHODS["mlp"]], "point", {"k": 14, "octaves": 2})
     assert told[0] == {"k": 14}
-    assert told[1] == {"hidden": (50, 50), "activation": "sin", "octaves": 2, "recipe": "default", "steps": None}
+    own = {"hidden": (50, 50), "activation": "sin", "octaves": 2, "recipe": "default", "thresholds": 1, "steps": None}
+    assert told[1] == own
     assert settled([METHODS["bvh"]], "point", {"leaves": None}) == [{"leaves": None, "hidden": (50, 50)}]
 
 

@@ -212,7 +212,13 @@ def _bounded(shape, query: str, method: str, resolution: int | None, margin: flo
         shape = shape.dilated(margin)
         shape.check_contents()
         return shape
-    if resolution is None and not own and QUERIES[query].is_region and shape.ndim == REGION_NDIM:
+    if (
+        resolution is None
+        and isinstance(shape, Shape)
+        and not own
+        and QUERIES[query].is_region
+        and shape.ndim == REGION_NDIM
+    ):
         resolution = REGION_RESOLUTION
     grid = shape.to_grid(resolution=resolution, margin=margin)
     if not own:
