@@ -48,7 +48,7 @@ def test_answers_are_those_of_the_words(form, name, device, rng):
     assert (ask(whole, x) == expected).all()
     assert (whole.to(device, native=False).query(x).numpy() == expected).all()
     values = whole.values(x).numpy()
-    assert (values[expected] == 1.0).all()
+    assert (values[expected] >= 1.0).all()  # infinite where the time is outside the range
     assert (values[~expected] <= DENIED).all()
     for count in (1, 17, 300):  # the ends of blocks
         assert (whole.query(x[:count]).numpy() == expected[:count]).all()
