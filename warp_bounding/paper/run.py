@@ -30,7 +30,7 @@ from warp_bounding.paper.shapes import Shape
 from warp_bounding.runtime.launch import cpu_threads
 from warp_bounding.version import __version__
 
-__all__ = ["Outcome", "Run", "TableRun", "versions"]
+__all__ = ["Outcome", "Run", "TableRun", "interruptions", "reason_of", "versions"]
 
 DIGEST = 16  # characters of the SHA-256 of an object's cells
 
@@ -101,7 +101,7 @@ class Run(ABC):
         self.reporter.begin(self)
         if self.jobs:
             self.folder.remember(command)
-        with _interruptions(self._interrupted):
+        with interruptions(self._interrupted):
             try:
                 for job in self.jobs:
                     self.reporter.start(job)
@@ -116,7 +116,7 @@ class Run(ABC):
         except FileFormatError:
             raise
         except Exception as error:  # whatever ends one cell of a long run is reported, and the others go on
-            self.fail(job, _reason(error))
+            self.fail(job, reason_of(error))
 
     def add(self, job: Job, bounder: Any, **measured: Any) -> None:
         """Write a row: what was measured, and what the job, the bounder and the settings say."""
@@ -179,7 +179,7 @@ class Run(ABC):
 
 
 @contextlib.contextmanager
-def _interruptions(event: threading.Event) -> Iterator[None]:
+def interruptions(event: threading.Event) -> Iterator[None]:
     """Ctrl-C sets an event, besides raising ``KeyboardInterrupt``."""
     unheard = signal.getsignal(signal.SIGINT) == signal.SIG_IGN  # as in a shell's background jobs
     if unheard or threading.current_thread() is not threading.main_thread():
@@ -197,7 +197,7 @@ def _interruptions(event: threading.Event) -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def _reason(error: BaseException) -> str:
+def reason_of(error: BaseException) -> str:
     """A failure in one line; of what is no error of ours, also its type and where it was raised."""
     reason = " ".join(str(error).split()) or type(error).__name__
     if isinstance(error, BoundingError):
