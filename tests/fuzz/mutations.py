@@ -47,7 +47,7 @@ def tighten(file: File, bounder: Bounder, grid: IndicatorGrid, rng: np.random.Ge
         grid: The object.
         rng: Whether to choose the voxels.
     """
-    tests = [bounder, *getattr(bounder, "_members", [])]
+    tests = [bounder, *getattr(bounder, "members", [])]
     for index, part in enumerate(tests):
         if isinstance(part, Voxels) and rng.random() < 0.7:
             name = "bits" if index == 0 else f"{index - 1}.bits"

@@ -68,7 +68,7 @@ class Bounder(Operators, Asking):
     composed: ClassVar[bool] = False  # of bounders by *and* and *or*, with an f and a threshold of its own
     lays_cells: ClassVar[bool] = False  # it is made of cells, also where the shape has none
     conservative: ClassVar[bool] = True  # false: kept to show what goes wrong; it never holds a certificate
-    bit_fields: ClassVar[tuple[str, ...]] = ()  # tensors that are uint32
+    bit_fields: ClassVar[tuple[str, ...]] = ()  # tensors, of members too, that are uint32: the end of their names
     takes_seconds: ClassVar[bool] = False  # ``fit`` has an argument ``seconds``; when they are over it ends, looser
     options: ClassVar[tuple[Option, ...]] = ()  # what ``fit`` and the command line can tell the method
 
@@ -101,7 +101,7 @@ class Bounder(Operators, Asking):
         self.sizes = dict(sizes)
         self.tensors = {name: np.array(value, order="C") for name, value in tensors.items()}
         for name, value in self.tensors.items():
-            expected = np.uint32 if name in self.bit_fields else np.float32
+            expected = np.uint32 if name.rpartition(".")[2] in self.bit_fields else np.float32
             if value.dtype != expected:
                 raise BounderError(f"tensor {name} must be {expected.__name__}, got {value.dtype}")
             if value.dtype == np.float32 and not np.isfinite(value).all():

@@ -16,16 +16,16 @@ import warp as wp
 
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.local.local import Local
+from warp_bounding.bounders.members import BIT_FIELDS, check_kinds, check_members, holding, members_of, words_of
 from warp_bounding.bounders.neural.mlp_early import MlpEarly, bounds_of_all, denied_early
-from warp_bounding.bounders.registry import class_named, composed
+from warp_bounding.bounders.registry import composed
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.plain import Numbers, Words, plain_value, twin, vector_type
-from warp_bounding.kernels.source import DENIED, Lanes, Source, literal
+from warp_bounding.kernels.source import DENIED, Lanes, Source, aligned, literal
 
 __all__ = ["Cascade", "CascadeSource"]
 
 MOST_PARTS = 8
-ALIGN = 16  # floats: a part's numbers begin at a multiple of this, as those of a bounder by itself do
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,8 @@ class CascadeSource(Source):
     """Native code of a cascade.
 
     In memory the last part's numbers come first, because with lanes its body runs alone and reads ``w`` from there;
-    then those of each other part, at a multiple of ``ALIGN``; and at last the thresholds of the others.
+    then those of each other part, at a multiple of
+    ``kernels.source.ALIGN``; and at last the thresholds of the others.
     """
 
     sources: tuple[Source, ...]  # of the parts, in the order in which they are asked
@@ -50,7 +51,7 @@ class CascadeSource(Source):
     def places(self) -> list[int]:
         """Index in ``w`` of each part's first number, in the order of ``sources``; at last, that of the thresholds."""
         order = (self.counts[-1], *self.counts[:-1])
-        places = list(accumulate((-(-count // ALIGN) * ALIGN for count in order), initial=0))
+        places = list(accumulate(map(aligned, order), initial=0))
         return [*places[1:-1], 0, places[-1]]
 
     def early(self) -> list[tuple[str, str]]:
@@ -117,7 +118,7 @@ class Cascade(Bounder):
 
     method = "cascade"
     exact_on_cells = False
-    bit_fields = tuple(f"{i}.{name}" for i in range(MOST_PARTS) for name in ("bits", "levels"))
+    bit_fields = BIT_FIELDS
 
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
@@ -128,13 +129,12 @@ class Cascade(Bounder):
         """Refuse bounders that cannot be put together, with ``BounderError``."""
         if not 2 <= len(classes) <= MOST_PARTS:
             raise BounderError(f"{cls.method}: expected 2 to {MOST_PARTS} bounders, got {len(classes)}")
-        if wrong := [part.method for part in classes if not part.conservative]:
-            raise BounderError(f"{cls.method}: {wrong[0]} is not conservative")
+        check_kinds(cls.method, classes)
         if any(part.composed for part in classes):
             raise BounderError(f"{cls.method}: a composition is put together by & and |, it is no part of a cascade")
         if any(issubclass(part, (MlpEarly, Local, Cascade)) for part in classes[:-1]):
             raise BounderError(f"{cls.method}: only the last part may have exits or thresholds of its own")
-        if sum(bool(part.bit_fields) for part in classes) > 1:
+        if sum(bool(part.bit_fields) and not issubclass(part, Cascade) for part in classes) > 1:
             raise BounderError(f"{cls.method}: only one part may have a bit field")
 
     @classmethod
@@ -144,75 +144,54 @@ class Cascade(Bounder):
         Raises:
             BounderError: If they are bounders of other queries or domains, or cannot be put together (``check``).
         """
-        kinds = [type(part) for part in parts]
-        if wrong := [kind for kind in kinds if not issubclass(kind, Bounder)]:
-            raise BounderError(f"{cls.method}: expected bounders, got {wrong[0].__name__}")
-        cls.check(kinds)
-        last = parts[-1]
-        for part in parts:
-            if part.domain.to_dict() != last.domain.to_dict():
-                got = f"got {part!r} and {last!r}"
-                raise BounderError(f"{cls.method}: expected bounders of the same queries and domain, {got}")
-        tensors = {f"{i}.{name}": value for i, part in enumerate(parts) for name, value in part.tensors.items()}
+        check_members(cls.method, parts)
+        cls.check([type(part) for part in parts])
+        (tensors, sizes), last = holding(parts), parts[-1]
         tensors["thresholds"] = np.array([part.threshold for part in parts[:-1]], dtype=np.float32)
-        sizes = {"parts": [{"method": part.method, "sizes": part.sizes} for part in parts]}
         return cls(last.domain, tensors, sizes, last._device).freeze(last.threshold, None)
 
     def check_tensors(self) -> None:
-        entries, self._members = self.sizes.get("parts"), []
-        if not isinstance(entries, list) or not entries:
-            raise BounderError(f"{self.method}: expected a list of parts, got {entries!r}")
-        known = {"thresholds"}
-        for i, entry in enumerate(entries):
-            method = class_named(entry.get("method")) if isinstance(entry, dict) else None
-            if method is None:
-                raise BounderError(f"{self.method}: part {i} is no bounder: {entry!r}")
-            own = {name.removeprefix(f"{i}."): t for name, t in self.tensors.items() if name.startswith(f"{i}.")}
-            known |= {f"{i}.{name}" for name in own}
-            self._members.append(method(self.domain, own, entry["sizes"], self._device))
-        self.check([type(part) for part in self._members])
-        thresholds = self.tensors.get("thresholds")
-        if set(self.tensors) != known or thresholds is None or thresholds.shape != (len(entries) - 1,):
-            got = sorted(self.tensors)
-            raise BounderError(f"{self.method}: expected the tensors of {len(entries)} parts, got {got}")
-        for part, threshold in zip(self._members[:-1], thresholds, strict=True):
+        self.members, shapes = members_of(self, 2, MOST_PARTS)
+        self.check([type(part) for part in self.members])
+        self.expect_shapes(shapes | {"thresholds": (len(self.members) - 1,)})
+        for part, threshold in zip(self.members[:-1], self.tensors["thresholds"], strict=True):
             part.freeze(threshold, None)
 
     @property
     def parts(self) -> list[Bounder]:
         """See ``Bounder``: copies of the members, in order; a last member with exits counts as its own parts."""
-        *firsts, last = (part.to(self._device) for part in self._members)
+        *firsts, last = (part.to(self._device) for part in self.members)
         return [*firsts, *last.freeze(self.threshold, None).parts]
 
     @property
     def provable(self) -> bool:
-        return all(part.provable for part in self._members)
+        return all(part.provable for part in self.members)
 
     @cached_property
     def source(self) -> CascadeSource:
-        sources = tuple(part.source for part in self._members)
-        return self.source_of(CascadeSource, sources, tuple(len(part.weights()) for part in self._members))
+        sources = tuple(part.source for part in self.members)
+        return self.source_of(CascadeSource, sources, tuple(len(part.weights()) for part in self.members))
 
     def weights(self) -> np.ndarray:
         """See ``Bounder``; the layout is described in ``CascadeSource``."""
         *places, thresholds_at = self.source.places
-        numbers = np.zeros(thresholds_at + len(self._members) - 1, np.float32)
-        for place, part in zip(places, self._members, strict=True):
+        numbers = np.zeros(thresholds_at + len(self.members) - 1, np.float32)
+        for place, part in zip(places, self.members, strict=True):
             own = part.weights()
             numbers[place : place + len(own)] = own
         numbers[thresholds_at:] = self.tensors["thresholds"]
         return numbers
 
     def words(self) -> np.ndarray:
-        held = [part.words() for part in self._members if part.bit_fields]
-        return held[0] if held else super().words()
+        words = words_of(self.members)
+        return super().words() if words is None else words
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        return denied_early(self._members[:-1], v, self._members[-1].reference(v))
+        return denied_early(self.members[:-1], v, self.members[-1].reference(v))
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        last = BoxBounds(*self._members[-1].bound(lower, upper)[:4])
-        return bounds_of_all(self._members[:-1], last, lower, upper, self.reference)
+        last = BoxBounds(*self.members[-1].bound(lower, upper)[:4])
+        return bounds_of_all(self.members[:-1], last, lower, upper, self.reference)
 
     def rounding_bound(self) -> float:
-        return self._members[-1].rounding_bound()  # that of the others is in ``bound``
+        return self.members[-1].rounding_bound()  # that of the others is in ``bound``

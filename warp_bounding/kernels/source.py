@@ -27,9 +27,10 @@ from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.launch import BLOCK
 from warp_bounding.runtime.native import identity
 
-__all__ = ["DENIED", "LABEL", "Lanes", "Source", "fill", "literal"]
+__all__ = ["ALIGN", "DENIED", "LABEL", "Lanes", "Source", "aligned", "fill", "literal"]
 
 DENIED = -(2.0**127)  # f where an early test has said no
+ALIGN = 16  # floats: the numbers of a bounder, or of one of its members, begin at a multiple of this
 LABEL = 4  # numbers at the very beginning of ``parameters``, see ``Source.label``
 FINITE = 0xBFFFFFFF  # bits of a float32 that are neither an infinity nor NaN, which a copy might change
 
@@ -71,9 +72,9 @@ class Source:
 
     @property
     def start(self) -> int:
-        """Index in ``parameters`` where the method's own numbers begin, a multiple of 16."""
+        """Index in ``parameters`` where the method's own numbers begin, a multiple of ``ALIGN``."""
         extra = coordinates_of(self.query, self.space).extra_count(self.ndim, self.time)
-        return -(-(LABEL + 3 * self.ndim + 1 + extra) // 16) * 16
+        return aligned(LABEL + 3 * self.ndim + 1 + extra)
 
     @property
     def tag(self) -> tuple[int, int]:
@@ -146,6 +147,11 @@ class Source:
     def plain(self) -> wp.Function:
         """The twin of ``body`` in Warp's own Python, ``f(w, words, at, v) -> float32``: the method's numbers begin at ``w[at]``."""
         raise TypeError(f"{type(self).__name__} does not define plain")
+
+
+def aligned(count: int) -> int:
+    """The first multiple of ``ALIGN`` that is not below a count."""
+    return -(-count // ALIGN) * ALIGN
 
 
 def fill(text: str, **values: object) -> str:

@@ -16,17 +16,18 @@ import numpy as np
 from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.composition.cover import Region, check_cover
-from warp_bounding.bounders.composition.source import ALIGN, ROW, CompositionSource
+from warp_bounding.bounders.composition.source import ROW, CompositionSource
 from warp_bounding.bounders.composition.source import SPLIT as SPLIT_CODE
 from warp_bounding.bounders.local.local import NEAREST_TO_ZERO
-from warp_bounding.bounders.registry import class_named, composed
+from warp_bounding.bounders.members import BIT_FIELDS, check_members, holding, members_of, words_of
+from warp_bounding.bounders.registry import composed
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.clipped import part_of
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.kernels.source import DENIED
+from warp_bounding.kernels.source import ALIGN, DENIED, aligned
 
 __all__ = ["AND", "OR", "SPLIT", "Composition", "Tree", "split_regions"]
 
@@ -51,7 +52,7 @@ class Composition(Bounder):
     method = "composition"
     composed = True
     exact_on_cells = False
-    bit_fields = tuple(f"{i}.{name}" for i in range(MOST_PARTS) for name in ("bits", "levels"))
+    bit_fields = BIT_FIELDS
 
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
@@ -69,51 +70,24 @@ class Composition(Bounder):
         Raises:
             BounderError: If they are bounders of other queries or domains, or cannot be put together.
         """
-        for part in parts:
-            if not isinstance(part, Bounder):
-                raise BounderError(f"{cls.method}: expected bounders, got {type(part).__name__}")
-            if not part.conservative:
-                raise BounderError(f"{cls.method}: {part.method} is not conservative")
-            if part.domain.to_dict() != parts[0].domain.to_dict():
-                raise BounderError(
-                    f"{cls.method}: expected bounders of the same queries and domain, got {parts[0]!r} and {part!r}"
-                )
+        check_members(cls.method, parts)
         domain, most = parts[0].domain, float(np.finfo(np.float32).max)
         boxes = np.tile(np.array([[-most], [most]], np.float32), (len(parts), 1, domain.space_ndim))
         for box, region in zip(boxes, regions or [None] * len(parts), strict=True):
             if region is not None:
                 box[:] = np.clip(region, -most, most)
-        tensors = {f"{i}.{name}": value for i, part in enumerate(parts) for name, value in part.tensors.items()}
+        tensors, sizes = holding(parts)
         tensors |= {"thresholds": np.array([part.threshold for part in parts], np.float32), "regions": boxes}
-        sizes = {"parts": [{"method": part.method, "sizes": part.sizes} for part in parts], "tree": tree}
-        return cls(domain, tensors, sizes, parts[0]._device)
+        return cls(domain, tensors, sizes | {"tree": tree}, parts[0]._device)
 
     def check_tensors(self) -> None:
-        entries, tree = self.sizes.get("parts"), self.sizes.get("tree")
-        if not isinstance(entries, list) or not 1 <= len(entries) <= MOST_PARTS:
-            raise BounderError(f"{self.method}: expected 1 to {MOST_PARTS} parts, got {_told(entries)}")
-        if list(_parts_of(tree, self.domain)) != list(range(len(entries))):
+        self.members, shapes = members_of(self, 1, MOST_PARTS, lambda kind: not kind.composed)
+        count, tree = len(self.members), self.sizes.get("tree")
+        if list(_parts_of(tree, self.domain)) != list(range(count)):
             raise BounderError(
-                f"{self.method}: expected a tree with each of {len(entries)} parts once, in order, got {tree!r}"
+                f"{self.method}: expected a tree with each of {count} parts once, in order, got {tree!r}"
             )
-        own: list[dict[str, np.ndarray]] = [{} for _ in entries]
-        for name, value in self.tensors.items():
-            number, _, role = name.partition(".")
-            if role and number.isdecimal() and int(number) < len(own) and str(int(number)) == number:
-                own[int(number)][role] = value
-        self.members: list[Bounder] = []
-        for i, (entry, tensors) in enumerate(zip(entries, own, strict=True)):
-            kind = class_named(entry.get("method")) if isinstance(entry, dict) else None
-            if kind is None or kind.composed:
-                raise BounderError(f"{self.method}: part {i} is no bounder that can be a part: {entry!r}")
-            self.members.append(kind(self.domain, tensors, entry["sizes"], self._device))
-        if wrong := [part.method for part in self.members if not part.conservative]:
-            raise BounderError(f"{self.method}: {wrong[0]} is not conservative")
-        if len(self._with_words) > 1:
-            raise BounderError(f"{self.method}: only one part may have a bit field")
-        expected = {f"{i}.{role}": t.shape for i, tensors in enumerate(own) for role, t in tensors.items()}
-        n = self.domain.space_ndim
-        self.expect_shapes(expected | {"thresholds": (len(entries),), "regions": (len(entries), 2, n)})
+        self.expect_shapes(shapes | {"thresholds": (count,), "regions": (count, 2, self.domain.space_ndim)})
         if not (self.tensors["regions"][:, 0] <= self.tensors["regions"][:, 1]).all():
             raise BounderError(f"{self.method}: a region's lower corner is above its upper one")
         for part, threshold in zip(self.members, self.tensors["thresholds"], strict=True):
@@ -181,7 +155,7 @@ class Composition(Bounder):
     def weights(self) -> np.ndarray:
         """See ``Bounder``; the layout is described in ``bounders.composition.source``."""
         count = _rows_of(self.tree)
-        place, rows = -(-ROW * (count + 2) // ALIGN) * ALIGN, np.zeros((count + 2, ROW), np.float32)
+        place, rows = aligned(ROW * (count + 2)), np.zeros((count + 2, ROW), np.float32)
         held = [np.zeros(place, np.float32)]
         for i, (step, yes, no) in enumerate(_steps(self.tree, 0, count, count + 1)):
             if isinstance(step, tuple):
@@ -198,12 +172,8 @@ class Composition(Bounder):
         return np.concatenate(held)
 
     def words(self) -> np.ndarray:
-        held = self._with_words
-        return held[0].words() if held else super().words()
-
-    @property
-    def _with_words(self) -> list[Bounder]:
-        return [part for part in self.members if any(name in part.tensors for name in part.bit_fields)]
+        words = words_of(self.members)
+        return super().words() if words is None else words
 
     @property
     def nbytes(self) -> int:
@@ -330,7 +300,3 @@ def _steps(tree: Tree, at: int, yes: int, no: int) -> Iterator[tuple[int | tuple
             on = (yes if last else then, no) if tree[0] == AND else (yes, no if last else then)
             yield from _steps(child, at, *on)
             at = then
-
-
-def _told(entries: Any) -> str:
-    return str(len(entries)) if isinstance(entries, list) else repr(entries)

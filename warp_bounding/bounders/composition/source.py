@@ -2,7 +2,7 @@
 
 In memory a row for each part comes first (``ROW`` numbers: which code it has, where its own numbers begin, the next part
 after a *maybe* and after a *no*, its threshold), or for each split (``SPLIT``, the axis, the next row where v is at least
-the place along it, and where it is less, the place), two rows for the answers, then the numbers of the parts, each at a multiple of ``ALIGN``. The next
+the place along it, and where it is less, the place), two rows for the answers, then the numbers of the parts, each at a multiple of ``kernels.source.ALIGN``. The next
 part always stands behind; beyond the last one are the two answers. All of this is data: the code depends on how many
 parts there are and on the different sources among them, not on how they are put together.
 
@@ -18,11 +18,10 @@ import warp as wp
 from warp_bounding.kernels.plain import DENIED, Numbers, Words, plain_value, twin, vector_type
 from warp_bounding.kernels.source import Lanes, Source, fill, literal
 
-__all__ = ["ALIGN", "ROW", "SPLIT", "CompositionSource"]
+__all__ = ["ROW", "SPLIT", "CompositionSource"]
 
 ROW = 5  # numbers of a part's row: code, where its numbers begin, next after maybe, next after no, threshold
 SPLIT = -1  # in place of a part's code
-ALIGN = 16  # floats: a part's numbers begin at a multiple of this, as those of a bounder by itself do
 
 _BATCH = """
 const float* const rows_ = w;

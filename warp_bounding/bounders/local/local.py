@@ -13,6 +13,7 @@ import numpy as np
 from warp_bounding.arithmetic import TINY, UNIT32, gamma
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.local.source import CERTAIN, EVERYWHERE, NOWHERE, PER_WORD, LocalSource
+from warp_bounding.bounders.members import holding, members_of
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.registry import composed
 from warp_bounding.errors import BounderError
@@ -124,29 +125,22 @@ class Local(Bounder):
         levels = np.where(thresholds > 0, NOWHERE, EVERYWHERE).astype(np.uint8)
         levels[some] = np.clip(np.floor(thresholds[some] / step) - first, 0, LEVELS - 1)
         words = np.pad(levels, (0, -len(levels) % PER_WORD)).view("<u4").astype(np.uint32)
-        tensors = {f"0.{name}": value for name, value in member.tensors.items()}
-        tensors |= {
-            "edges": np.concatenate(lattice.edges),
-            "levels": words,
-            "scale": np.array([first, step], np.float32),
-        }
-        sizes = {"parts": [{"method": member.method, "sizes": member.sizes}], "shape": list(lattice.shape)}
-        return cls(member.domain, tensors, sizes, member._device)
+        tensors, sizes = holding([member])
+        scale = np.array([first, step], np.float32)
+        tensors |= {"edges": np.concatenate(lattice.edges), "levels": words, "scale": scale}
+        return cls(member.domain, tensors, sizes | {"shape": list(lattice.shape)}, member._device)
 
     def check_tensors(self) -> None:
-        entries, shape = self.sizes.get("parts"), self.sizes.get("shape")
-        one = isinstance(entries, list) and len(entries) == 1 and isinstance(entries[0], dict)
-        if not one or entries[0].get("method") != Mlp.method:
-            raise BounderError(f"{self.method}: expected one {Mlp.method}, got {entries!r}")
+        shape = self.sizes.get("shape")
         whole = isinstance(shape, list) and all(type(count) is int and count >= 1 for count in shape)
         if not whole or len(shape) != self.domain.ndim or prod(shape) > MOST_PARTS:
             raise BounderError(
                 f"{self.method}: expected {self.domain.ndim} counts, at most {MOST_PARTS} parts, got {shape!r}"
             )
-        own = {name.removeprefix("0."): t for name, t in self.tensors.items() if name.startswith("0.")}
-        self.member = Mlp(self.domain, own, entries[0]["sizes"], self._device)
+        self.members, shapes = members_of(self, 1, 1, lambda kind: kind is Mlp)
+        (self.member,) = self.members
         expected = {"edges": (sum(shape) - len(shape),), "levels": (-(-prod(shape) // PER_WORD),), "scale": (2,)}
-        self.expect_shapes({f"0.{name}": t.shape for name, t in own.items()} | expected)
+        self.expect_shapes(shapes | expected)
         ends = np.cumsum([count - 1 for count in shape])[:-1]
         self.lattice = Lattice(np.split(self.tensors["edges"], ends))
         edges = self.tensors["edges"]
