@@ -104,6 +104,21 @@ def test_bounds_are_those_of_the_conjunction(rng):
         assert (whole.reference(low + t * (high - low)) >= bounds.lower).all()
 
 
+def test_a_cascade_within_a_cascade(tmp_path, rng):
+    parts = [fitted(method, "blob") for method in ("sphere", "aabb", "voxels", "kdop")]
+    whole = wb.cascade(parts[0], wb.cascade(parts[1], wb.cascade(*parts[2:])))
+    whole.save(tmp_path / "c.safetensors")
+    again, x = wb.load(tmp_path / "c.safetensors", device="cpu"), domain_points(shape("blob"), 3000, rng)
+    answers = wb.cascade(*parts).query(x).numpy()
+    assert 0 < answers.sum() < len(x)
+    for each in (whole, again, whole.to("cpu", native=False)):
+        assert (each.query(x).numpy() == answers).all()
+    assert (ask(whole, x) == answers).all()
+    assert wb.certify(again, shape("blob")).proven
+    with pytest.raises(BounderError, match="bit field"):
+        wb.cascade(parts[2], wb.cascade(*parts[2:]))
+
+
 def test_cuda_source_compiles(tmp_path):
     if not hasattr(wp, "compile_aot_module"):
         pytest.skip("this Warp cannot compile ahead of time")

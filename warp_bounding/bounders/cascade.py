@@ -54,6 +54,12 @@ class CascadeSource(Source):
         places = list(accumulate(map(aligned, order), initial=0))
         return [*places[1:-1], 0, places[-1]]
 
+    @property
+    def depth(self) -> int:
+        """How many cascades are in each other. Each has names of its own, as the innermost of two alike would hide the other."""
+        last = self.sources[-1]
+        return 1 + last.depth if isinstance(last, CascadeSource) else 1
+
     def early(self) -> list[tuple[str, str]]:
         lanes = Lanes(vector=True)
         own = [(_at(place, source.body(lanes)), threshold) for place, source, threshold in self._before_last()]
@@ -70,11 +76,12 @@ class CascadeSource(Source):
         return "\n".join([*lines, _at(0, last), "}" * (len(self.sources) - 1)])
 
     def function_body(self) -> str:
-        lines = [f"float part_f_, answer_ = {literal(DENIED)}; do {{ /* runs once; break: denied */"]
+        part, answer = f"part_f_{self.depth}_", f"answer_{self.depth}_"
+        lines = [f"float {part}, {answer} = {literal(DENIED)}; do {{ /* runs once; break: denied */"]
         for place, source, threshold in self._before_last():
-            lines += [_at(place, source.function_body() + " part_f_ = f;"), f"if (part_f_ < {threshold}) break;"]
-        lines += [_at(0, self.sources[-1].function_body() + " answer_ = f;")]
-        return "\n".join([*lines, "} while (false); const float f = answer_;"])
+            lines += [_at(place, f"{source.function_body()} {part} = f;"), f"if ({part} < {threshold}) break;"]
+        lines += [_at(0, f"{self.sources[-1].function_body()} {answer} = f;")]
+        return "\n".join([*lines, f"}} while (false); const float f = {answer};"])
 
     def _before_last(self) -> list[tuple[int, Source, str]]:
         """Of all parts but the last: where its numbers begin, its source, and the C text of its threshold."""
