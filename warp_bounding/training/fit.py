@@ -25,7 +25,7 @@ from warp_bounding.runtime.progress import Progress, reported
 from warp_bounding.training.problem import Problem
 from warp_bounding.training.trainers import trainer_of
 
-__all__ = ["SHAPE_BOXES", "SHAPE_EPS", "Stopwatch", "fit"]
+__all__ = ["LEAST_SHARE", "SHAPE_BOXES", "SHAPE_EPS", "Stopwatch", "check_numbers", "described", "fit"]
 
 FRONT_SHARE = 0.1  # of the rest of the budget: what each learned part of a cascade before its networks gets
 COORDINATE_BYTES = 32  # per occupied cell and axis: its index, two corners and what is computed from them
@@ -110,7 +110,8 @@ def fit(
         >>> rays = wb.fit(ball, "ray", "kdop", length=0.5, k=26, device="cpu")
     """
     check_query(query)
-    _check(query, method, budget, seed, margin, length, space)
+    _check(query, method, length, space)
+    check_numbers(budget, seed, margin)
     length, space = length or 1.0, space or SPACES[0]
     device_of(device, BounderError)
     spent = Stopwatch()
@@ -179,18 +180,43 @@ def _fit_parts(
         bounder, record = trainer.train(cls, part, told[index], seconds, progress)
         if not trainer.proves:
             prove_or_attest(bounder, grid, seed=problem.seed, eps=SHAPE_EPS, boxes=SHAPE_BOXES)
-        bounder.info = {
-            "indicator": grid.digest,
-            "name": grid.name,
-            "grid_shape": list(grid.shape) if isinstance(grid, IndicatorGrid) else None,
-            "margin": grid.margin,
-            "resolution": grid.resolution,
-            "seed": problem.seed,
-            "note": grid.note,
-            "training": record | own.seconds(),
-        }
+        bounder.info = described(grid, problem.seed, record | own.seconds())
         parts.append(bounder)
     return parts
+
+
+def described(shape: Shape, seed: int, record: dict[str, Any]) -> dict[str, Any]:
+    """``info`` of a bounder that was fitted to a shape, but for its ``rates``.
+
+    Args:
+        shape: What is bounded, its margin included.
+        seed: Of everything random.
+        record: Of the training, with its seconds.
+    """
+    return {
+        "indicator": shape.digest,
+        "name": shape.name,
+        "grid_shape": list(shape.shape) if isinstance(shape, IndicatorGrid) else None,
+        "margin": shape.margin,
+        "resolution": shape.resolution,
+        "seed": int(seed),
+        "note": shape.note,
+        "training": record,
+    }
+
+
+def check_numbers(budget: float, seed: int, margin: float) -> None:
+    """Refuse a budget, a seed or a margin that makes no sense, with ``BounderError``."""
+    if not _is_number(budget) or budget <= 0:
+        raise BounderError(f"budget must be a positive number of seconds, got {budget!r}")
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**63:
+        raise BounderError(f"seed must be a whole number from 0 to 2^63 - 1, got {seed!r}")
+    if not _is_number(margin) or margin < 0:
+        raise BounderError(f"margin must be a length of at least 0, got {margin!r}")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
 def _check_extent(shape: IndicatorGrid | IndicatorMesh | IndicatorMotion, margin: float, force: bool) -> None:
@@ -247,21 +273,12 @@ def _warn_of_coarse_cells(grid: IndicatorGrid) -> None:
         warnings.warn(text, BoundingWarning, stacklevel=4)
 
 
-def _check(query, method, budget, seed, margin, length, space) -> None:
-    def number(value) -> bool:
-        return isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and np.isfinite(value)
-
+def _check(query: str, method: str, length: float | None, space: str | None) -> None:
     if not isinstance(method, str):
         raise BounderError(f"method must be a name, or several joined by +, got {method!r}")
-    if not number(budget) or budget <= 0:
-        raise BounderError(f"budget must be a positive number of seconds, got {budget!r}")
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**63:
-        raise BounderError(f"seed must be a whole number from 0 to 2^63 - 1, got {seed!r}")
-    if not number(margin) or margin < 0:
-        raise BounderError(f"margin must be a length of at least 0, got {margin!r}")
     if length is not None and not QUERIES[query].has_length:
         raise BounderError(f"length is for ray queries, got length={length} for {query} queries")
-    if length is not None and (not number(length) or length <= 0):
+    if length is not None and (not _is_number(length) or length <= 0):
         raise BounderError(f"length must be a positive number, got {length!r}")
     if space is not None and not QUERIES[query].is_region:
         raise BounderError(f"space is for ray, plane and box queries, got space={space} for point queries")

@@ -26,14 +26,13 @@ from warp_bounding.errors import BounderError
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.clipped import part_of
-from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof import prove
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.devices import device_of
 from warp_bounding.runtime.progress import Progress, reported
-from warp_bounding.training.fit import SHAPE_BOXES, SHAPE_EPS, Stopwatch
+from warp_bounding.training.fit import LEAST_SHARE, SHAPE_BOXES, SHAPE_EPS, Stopwatch, check_numbers, described
 from warp_bounding.training.problem import Problem
 from warp_bounding.training.trainers import trainer_of
 
@@ -44,10 +43,8 @@ MOST_LEVELS = 8
 # the shape certifies to hold all is taken.
 TIGHT = (2.0**-9, 2.0**-7, 2.0**-5, 2.0**-3)
 BORDER = 65_536  # points of the border that tell where to halve
-BOX_EPS, BOX_BOXES = (
-    1e-3,
-    200_000,
-)  # of a node's box: the gap of its proof, in local units, and the boxes after which it ends
+# Of the proof of a node's box: the gap of f, in local units, and the boxes after which it ends.
+BOX_EPS, BOX_BOXES = 1e-3, 200_000
 
 
 @dataclass(frozen=True)
@@ -111,8 +108,7 @@ def hierarchy(
         raise BounderError(f"a hierarchy bounds point queries, got {query!r}")
     if isinstance(levels, bool) or not isinstance(levels, (int, np.integer)) or not 1 <= levels <= MOST_LEVELS:
         raise BounderError(f"levels must be a whole number from 1 to {MOST_LEVELS}, got {levels!r}")
-    if not isinstance(budget, (int, float)) or isinstance(budget, bool) or not 0 < budget < np.inf:
-        raise BounderError(f"budget must be a positive number of seconds, got {budget!r}")
+    check_numbers(budget, seed, margin)
     device_of(device, BounderError)
     spent, shape = Stopwatch(), load_indicator(shape)
     shape = shape.dilated(margin) if isinstance(shape, Shape) else shape.to_grid(margin=margin)
@@ -131,16 +127,7 @@ def hierarchy(
     with reported(progress, f"hierarchy of {len(leaves)} {method}") as update:
         tree = builder.build(root, budget, len(leaves), spent, update)
     whole = compose(tree, builder.parts, builder.regions, shape)
-    whole.info = {
-        "indicator": shape.digest,
-        "name": shape.name,
-        "grid_shape": list(shape.shape) if isinstance(shape, IndicatorGrid) else None,
-        "margin": shape.margin,
-        "resolution": shape.resolution,
-        "seed": int(seed),
-        "note": shape.note,
-        "training": {"levels": int(levels), "leaves": builder.records} | spent.seconds(),
-    }
+    whole.info = described(shape, seed, {"levels": int(levels), "leaves": builder.records} | spent.seconds())
     whole.info["rates"] = quick_rates(whole, shape)
     return whole
 
@@ -200,7 +187,7 @@ class _Builder:
         prove(box, own, eps=BOX_EPS, boxes=BOX_BOXES)
         guard = self._add(box, region)
         left = leaves - len(self.records)
-        seconds = max(budget - spent.working, 0.05 * budget) / left
+        seconds = max(budget - spent.working, LEAST_SHARE * budget) / left
         if progress:
             progress(len(self.records), leaves, f"leaf {len(self.records) + 1} of {leaves}")
         return [AND, guard, self._add(self._leaf(own, seconds), region)]
