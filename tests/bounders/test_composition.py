@@ -12,7 +12,7 @@ from warp_bounding.bounders.composition.composition import Composition, split_re
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.clipped import part_of
 from warp_bounding.kernels.functions import batch_kernel
-from warp_bounding.kernels.source import DENIED
+from warp_bounding.kernels.source import DENIED, Lanes
 from warp_bounding.proof import prove
 
 FORMS = {
@@ -212,6 +212,9 @@ def test_a_hierarchy_of_networks_is_proven():
         ({"method": "occupancy"}, "cannot be a leaf"),
         ({"method": "mlb"}, "method must be one of"),
         ({"budget": -1.0}, "budget"),
+        ({"budget": None}, "budget"),
+        ({"seed": -1}, "seed"),
+        ({"margin": float("nan")}, "margin"),
         ({"leaves": 3}, "takes"),
     ],
 )
@@ -324,6 +327,12 @@ def test_a_composition_cannot_hold_itself():
     sizes = whole.sizes | {"parts": [{"method": "composition", "sizes": whole.sizes}, *whole.sizes["parts"][1:]]}
     with pytest.raises(BounderError, match="no bounder that can be a part"):
         Composition(whole.domain, whole.tensors, sizes, "cpu")
+
+
+def test_a_composition_is_asked_about_lanes_by_a_way_of_its_own():
+    whole = fitted("aabb", "blob") | fitted("kdop", "blob")
+    with pytest.raises(TypeError, match="ask"):
+        whole.source.body(Lanes(vector=True))
 
 
 def test_cuda_source_compiles(tmp_path):

@@ -291,19 +291,23 @@ def batch_snippet(source: Source, placed: bool, values: bool) -> str:
     texts = _shared(source, placed) | {
         "block": source.block,
         "read": fill(_READ, **{name: _shuffles(source.columns, lanes) for name, lanes in source.width.items()}),
-        "body": source.body(Lanes(vector=True)),
     }
     if source.packed:
-        denied = f"for (int l = 0; l < m; ++l) if (!passes[l]) out.data[where[g + l]] = {literal(DENIED)};" * values
-        early = "\n".join(fill(_EARLY, test=test, bar=bar, denied=denied) for test, bar in source.early())
-        decision = "f[l]" if values else "!(f[l] < threshold)"
-        ask = source.ask(values) or fill(_TOGETHER, **texts, early=early, lane_decision=decision)
-        loop = fill(_GATHERED, **texts, unasked=_UNASKED[values], ask=ask)
+        ask = source.ask(values)
+        loop = fill(_GATHERED, **texts, unasked=_UNASKED[values], ask=_together(source, values) if ask is None else ask)
     else:
-        loop = fill(_ALL, **texts, store=_STORE[values])
+        loop = fill(_ALL, **texts, body=source.body(Lanes(vector=True)), store=_STORE[values])
     yes, no, decision = ("INFINITY", "-INFINITY", "f") if values else ("1", "0", "!(f < threshold)")
     place = "const float* place = placement.data;" if placed else ""
     return fill(_BATCH, **source.width, **texts, place=place, loop=loop, yes=yes, no=no, decision=decision)
+
+
+def _together(source: Source, values: bool) -> str:
+    """C statements that answer the gathered queries by the source's ``early`` and ``body``."""
+    denied = f"for (int l = 0; l < m; ++l) if (!passes[l]) out.data[where[g + l]] = {literal(DENIED)};" * values
+    early = "\n".join(fill(_EARLY, test=test, bar=bar, denied=denied) for test, bar in source.early())
+    decision = "f[l]" if values else "!(f[l] < threshold)"
+    return fill(_TOGETHER, body=source.body(Lanes(vector=True)), early=early, lane_decision=decision)
 
 
 def point_snippet(source: Source) -> str:

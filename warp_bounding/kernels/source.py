@@ -121,7 +121,10 @@ class Source:
         return QUERIES[self.query].is_region
 
     def body(self, lanes: Lanes) -> str:
-        """C statements that compute ``V f`` from ``V v[]``, ``const float* w`` (parameters + start) and ``words``."""
+        """C statements that compute ``V f`` from ``V v[]``, ``const float* w`` (parameters + start) and ``words``.
+
+        A source with an ``ask`` needs none for lanes.
+        """
         raise TypeError(f"{type(self).__name__} does not define body")
 
     def early(self) -> list[tuple[str, str]]:

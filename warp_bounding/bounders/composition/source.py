@@ -115,7 +115,7 @@ class CompositionSource(Source):
 
     def body(self, lanes: Lanes) -> str:
         if lanes.vector:
-            return ""  # never asked: ``ask`` takes its place, and a cascade holds no composition
+            raise TypeError("a composition has no body for lanes of queries: ``ask`` takes its place")
         cases = [
             f"case {index}: {{ V f; {code.body(lanes)} value_ = f; }} break;" for index, code in enumerate(self.codes)
         ]
