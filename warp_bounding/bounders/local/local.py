@@ -14,14 +14,13 @@ from warp_bounding.arithmetic import TINY, UNIT32, gamma
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.local.source import CERTAIN, EVERYWHERE, NOWHERE, PER_WORD, LocalSource
 from warp_bounding.bounders.members import holding, members_of
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.neural.mlp import MOST_THRESHOLDS, Mlp
 from warp_bounding.bounders.registry import composed
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import DENIED
 
-__all__ = ["MOST_PARTS", "Lattice", "Local"]
+__all__ = ["Lattice", "Local"]
 
-MOST_PARTS = 65_536  # parts of a domain
 LEVELS = EVERYWHERE  # how many levels are thresholds
 STEPS = (2.0**-60, 2.0**30)  # between two levels
 MOST_NUMBER = 2.0**22  # of the first level: sums with a level stay whole numbers that float32 holds
@@ -133,9 +132,9 @@ class Local(Bounder):
     def check_tensors(self) -> None:
         shape = self.sizes.get("shape")
         whole = isinstance(shape, list) and all(type(count) is int and count >= 1 for count in shape)
-        if not whole or len(shape) != self.domain.ndim or prod(shape) > MOST_PARTS:
+        if not whole or len(shape) != self.domain.ndim or prod(shape) > MOST_THRESHOLDS:
             raise BounderError(
-                f"{self.method}: expected {self.domain.ndim} counts, at most {MOST_PARTS} parts, got {shape!r}"
+                f"{self.method}: expected {self.domain.ndim} counts, at most {MOST_THRESHOLDS} parts, got {shape!r}"
             )
         self.members, shapes = members_of(self, 1, 1, lambda kind: kind is Mlp)
         (self.member,) = self.members

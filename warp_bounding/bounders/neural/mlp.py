@@ -19,7 +19,7 @@ from warp_bounding.networks.inference import MlpSource, head_numbers, layer_numb
 from warp_bounding.networks.network import Network
 from warp_bounding.queries import QUERIES
 
-__all__ = ["ACTIVATION", "HIDDEN", "OCTAVES", "RECIPE", "RECIPES", "Mlp", "encoding_tensors"]
+__all__ = ["ACTIVATION", "HIDDEN", "MOST_THRESHOLDS", "OCTAVES", "RECIPE", "RECIPES", "Mlp", "encoding_tensors"]
 
 LARGEST_WIDTH = 1024  # neurons of a hidden layer
 MOST_LAYERS = 8  # hidden layers
@@ -67,6 +67,7 @@ def _widths(text: str) -> tuple[int, ...]:
 check_octaves = whole("octaves", 0, MOST_OCTAVES)
 _HELP = f"of the hidden layers: {', '.join(ACTIVATIONS)}"
 _NOT_PLANES = ("point", "ray", "box")  # networks of planes have neither an encoding nor the paper's recipe
+MOST_THRESHOLDS = 65_536  # parts of a domain that have one each (``bounders.local``)
 
 HIDDEN = Option("hidden", (50, 50), "widths of the hidden layers", check_hidden, _widths)
 ACTIVATION = Option("activation", DEFAULT.name, _HELP, one_of("activation", ACTIVATIONS))
@@ -78,7 +79,7 @@ THRESHOLDS = Option(
     "thresholds",
     1,
     "parts of the domain, each with a threshold of its own",
-    whole("thresholds", 1, 65_536),
+    whole("thresholds", 1, MOST_THRESHOLDS),
     int,
     ("point",),
 )
