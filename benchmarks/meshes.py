@@ -49,6 +49,21 @@ METHODS = {
 }
 SAMPLES, TIMED, ROUNDS = 1_000_000, 1_000_000, 9  # random points; points of a timed batch, and how often it is asked
 DASH = "-"
+MARKS = {  # of the picture: marker and colour by the first word of a label; those of one size stand by their marker alone
+    "mlp": ("o", "tab:red"),
+    "mlp-early": ("o", "tab:orange"),
+    "hierarchy": ("o", "tab:purple"),
+    "bvh": ("o", "tab:blue"),
+    "voxels": ("o", "tab:cyan"),
+    "relu-field": ("X", "tab:brown"),
+    "aabb": ("s", "0.3"),
+    "obb": ("D", "0.3"),
+    "sphere": ("^", "tab:green"),
+    "ellipsoid": ("v", "tab:green"),
+    "oriented-ellipsoid": (">", "tab:green"),
+    "kdop": ("P", "0.55"),
+    "learned-kdop": ("*", "0.55"),
+}
 
 
 def mesh_of(name: str) -> wb.IndicatorMesh:
@@ -196,28 +211,17 @@ def draw(by_mesh: dict[str, list[dict]], file: Path) -> None:
     from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 
-    families = {
-        "mlp": "tab:red",
-        "mlp-early": "tab:orange",
-        "hierarchy": "tab:purple",
-        "bvh": "tab:blue",
-        "voxels": "tab:cyan",
-    }
-    figure = Figure(figsize=(13, 7.5), layout="constrained")
+    figure, handles = Figure(figsize=(13, 8), layout="constrained"), {}
     for place, (name, own) in enumerate(by_mesh.items()):
         axes = figure.add_subplot(2, 3, place + 1)
-        for family in dict.fromkeys([*families, *(row["label"].split()[0] for row in own)]):
+        for family, (marker, color) in MARKS.items():
             points = sorted((r["bytes"], r["fp_rate"]) for r in own if r["label"].split()[0] == family)
-            if not points:
-                continue
-            color = families.get(family, "tab:gray")
-            label = family if family in families else None
-            axes.plot(*zip(*points, strict=True), marker="o", ms=4, color=color, lw=1.4, label=label)
-            if family not in families:
-                axes.annotate(family, points[0], fontsize=6, xytext=(3, 2), textcoords="offset points", color="0.35")
+            if points:
+                style = {"marker": marker, "color": color, "ms": 5.5, "alpha": 0.85, "lw": 1.4 * (len(points) > 1)}
+                (handles[family],) = axes.plot(*zip(*points, strict=True), **style)
         axes.set(xscale="log", yscale="log", title=name)
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_formatter("{x:g}")
+        for axis, text in ((axes.xaxis, "{x:,.0f}"), (axes.yaxis, "{x:g}")):
+            axis.set_major_formatter(text)
             axis.set_minor_formatter(NullFormatter())
         axes.set_yticks(
             [t for t in (0.2, 0.5, 1, 2, 5, 10, 20, 50, 100) if axes.get_ylim()[0] <= t <= axes.get_ylim()[1]]
@@ -227,7 +231,7 @@ def draw(by_mesh: dict[str, list[dict]], file: Path) -> None:
             axes.set_ylabel("false positives, % of points")
         if place >= 3:
             axes.set_xlabel("bytes")
-    figure.axes[0].legend(fontsize=8, loc="lower left")
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=6, fontsize=9, frameon=False)
     figure.savefig(file, dpi=110)
 
 
