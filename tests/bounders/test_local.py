@@ -1,6 +1,7 @@
 """Thresholds of the parts of a domain: every device finds the same part, each part is proven, and a part that lies is found out."""
 
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
@@ -43,20 +44,19 @@ def test_devices_compute_f_less_the_threshold_of_the_part(name, device, rng):
     for k, axis in enumerate(bounder.lattice.edges):
         v[on_edges[:, k], k] = rng.choice(axis, int(on_edges[:, k].sum()))
     x = bounder.domain.to_object(v).astype(np.float32)
-    exact, found = bounder.reference(bounder.domain.to_local(x)), bounder.values(x).numpy().astype(np.float64)
-    inside = (np.abs(bounder.domain.to_local(x)) <= bounder.domain.limit * (1 - 1e-6)).all(axis=1)
     v = bounder.domain.to_local(x)
-    apart = np.min(
-        [np.abs(v[:, k, None] - axis).min(axis=1, initial=1) for k, axis in enumerate(bounder.lattice.edges)], 0
-    )
-    clear = inside & (apart > 1e-5)  # elsewhere the computed v may lie in the next part
+    x, v = (each[(np.abs(v) <= bounder.domain.limit * (1 - 1e-6)).all(axis=1)] for each in (x, v))
+    around = [bounder.lattice.place(v + 1e-5 * np.array(way)) for way in product((-1, 1), repeat=v.shape[1])]
+    f = bounder.member.reference(v)
+    allowed = np.stack([np.clip(f - bounder.thresholds[place], DENIED, CERTAIN) for place in around])
+    clear = np.ptp(around, axis=0) == 0  # elsewhere the computed v may lie in a part beside
+    assert (allowed[0, clear] == bounder.reference(v)[clear]).all()
     assert clear.sum() > 1500
-    found, exact = np.where(clear, found, 0.0), np.where(clear, exact, 0.0)
-    assert np.abs(found - exact).max() <= bounder.rounding_bound()
-    assert (found[clear] == DENIED).any()
-    assert (found[clear] == CERTAIN).any()
-    plain = bounder.to(device, native=False)
-    assert np.abs(np.where(clear, plain.values(x).numpy(), 0.0) - found).max() <= 2 * bounder.rounding_bound()
+    assert (np.ptp(allowed, axis=0) > 2 * bounder.rounding_bound()).sum() > 100
+    for each in (bounder, bounder.to(device, native=False)):
+        found = each.values(x).numpy().astype(np.float64)
+        assert np.abs(allowed - found).min(axis=0).max() <= bounder.rounding_bound()
+        assert {DENIED, CERTAIN} <= set(found[clear])
     sure = clear & (np.abs(found - float(bounder.threshold)) > 2 * bounder.rounding_bound())
     assert (ask(bounder, x)[sure] == bounder.query(x).numpy()[sure]).all()
 
@@ -100,16 +100,19 @@ def test_a_part_that_denies_a_part_of_the_object_is_found_out(name):
     levels = bounder.tensors["levels"].view(np.uint8)[: bounder.lattice.count]
     cells = grid.position(grid.occupied.astype(np.float64))
     places = np.bincount(bounder.lattice.place(bounder.domain.to_local(cells)), minlength=bounder.lattice.count)
-    for wrong in (NOWHERE, EVERYWHERE - 1):
+    told = (places > 0) & (levels < EVERYWHERE)  # parts with positives and a threshold
+    lowest = np.argmin(np.where(told, levels, NOWHERE))
+    for part, wrong in ((np.argmax(places), NOWHERE), (lowest, NOWHERE), (lowest, EVERYWHERE - 1)):
+        assert levels[part] != wrong
         changed = levels.copy()
-        changed[np.argmax(places)] = wrong
+        changed[part] = wrong
         words = np.pad(changed, (0, -len(changed) % 4)).view(np.uint32)
         lying = Local(bounder.domain, bounder.tensors | {"levels": words}, bounder.sizes, "cpu")
         lying.freeze(bounder.threshold, None).info = bounder.info
-        if wrong == NOWHERE or lying.thresholds[np.argmax(places)] > bounder.thresholds[np.argmax(places)] + 1:
-            certificate = wb.certify(lying, grid)
-            assert certificate.kind == "refuted"
-            assert grid.contains(np.float64([certificate.counterexample])).all()
+        assert lying.thresholds[part] > bounder.thresholds[part] + 0.1
+        certificate = wb.certify(lying, grid)
+        assert certificate.kind == "refuted"
+        assert grid.contains(np.float64([certificate.counterexample])).all()
 
 
 def test_what_a_level_denies_is_denied_at_any_threshold():
