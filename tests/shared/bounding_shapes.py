@@ -93,6 +93,12 @@ def told_of(method: str, query: str = "point", **options) -> dict:
     return {name: value for name, value in options.items() if name in known}
 
 
+def few(name="blob", method="mlp", query="point", **options):
+    """A fit of few steps; what a test does not name itself is told to the methods that take it."""
+    small = told_of(method, query, hidden=HIDDEN, steps=3) if method in tuple(wb.METHODS) else {}
+    return wb.fit(shape(name), query, method, **({"device": "cpu"} | small | options))
+
+
 def random_mlp(grid, hidden=HIDDEN, activation="sin", octaves=0, seed=0, device="cpu", gain=4.0) -> Mlp:
     """A network with random weights, steep enough to be hard to bound; not proven."""
     rng, domain = np.random.default_rng(seed), Domain.of(grid)

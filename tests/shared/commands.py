@@ -1,8 +1,17 @@
 """The command line in this process, and what a mistake of a user's must look like."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
+from bounding_shapes import HIDDEN
 
 from warp_bounding.cli import main
+
+ROOT = Path(__file__).parents[2]
+WIDTHS = ",".join(map(str, HIDDEN))  # of a small network
 
 
 def run(capsys, *arguments):
@@ -20,3 +29,21 @@ def check_bad(status, out, err):
     assert len(err.strip().splitlines()) == 1, err
     assert err.startswith("warp-bounding: ")
     assert "Traceback" not in err
+
+
+def command(*arguments):
+    """A command in a process of its own."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "200"}
+    return subprocess.run(
+        [sys.executable, "-m", "warp_bounding", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        env=environment,
+        check=False,
+    )
+
+
+def fit(capsys, files, *options, name="b", source="c.npy", method="aabb"):
+    """The path of the bounder that ``fit`` writes, and what ``run`` returns of it."""
+    path = files / f"{name}.safetensors"
+    return path, run(capsys, "fit", files / source, "-o", path, "--method", method, "--samples", 20_000, *options)

@@ -1,18 +1,16 @@
-"""``fit``: the loop runs, is repeatable, keeps its budget, survives Ctrl-C, and says clearly what it does not take."""
+"""``fit``: the loop runs, is repeatable, keeps its budget and survives Ctrl-C."""
 
 from dataclasses import replace
-from importlib import import_module
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bounding_shapes import HIDDEN, object_points, shape, told_of
+from bounding_shapes import HIDDEN, few, object_points, shape
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
 
 import warp_bounding as wb  # noqa: E402
 from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
-from warp_bounding.errors import BounderError, BoundingError, IndicatorError, QueryError  # noqa: E402
 from warp_bounding.proof import Search  # noqa: E402
 from warp_bounding.training import fit_network as networks  # noqa: E402
 from warp_bounding.training.engine.clock import Clock  # noqa: E402
@@ -27,12 +25,6 @@ def _short_proofs(monkeypatch):
     """Three layers of sines that are hardly trained can keep a proof busy for long; it holds wherever it ends."""
     monkeypatch.setattr(networks, "MINE_POINTS_BOXES", 100_000)
     monkeypatch.setattr(networks, "PROOF_BOXES", 100_000)
-
-
-def few(name="blob", method="mlp", query="point", **options):
-    """A fit of few steps; what a test does not name itself is told to the methods that take it."""
-    small = told_of(method, query, hidden=HIDDEN, steps=3) if method in tuple(wb.METHODS) else {}
-    return wb.fit(shape(name), query, method, **({"device": "cpu"} | small | options))
 
 
 def same(a, b) -> bool:
@@ -154,123 +146,6 @@ def test_almost_full_and_almost_empty_shapes():
     empty = np.zeros((40, 40, 40), bool)
     empty[5, 6, 7] = True
     assert wb.fit(empty, hidden=HIDDEN, steps=2).certificate.proven
-
-
-WRONG = {
-    "query": "cone",
-    "method": ["magic", None, 5],
-    "hidden": [0, (0,), (), (8, 0), (8, -1), (2.5,), (True,), (1025,), "eight", (8,) * 9, (1024,) * 3, None],
-    "activation": ["softplus", "", None],
-    "budget": [0, -1, float("nan"), float("inf"), "long", None, True],
-    "seed": [-1, 1.5, 2**63, "a", None, True],
-    "margin": [-1, float("nan"), float("inf"), "wide", None],
-    "length": [0, -1, float("nan"), "long"],
-    "space": ["flat", 3],
-    "octaves": [-1, 11, 1.5, "many", None, True],
-    "steps": [0, -1, 1.5, "many", True],
-    "recipe": ["soup", None],
-    "device": ["cuda:99", "nowhere"],
-    "resolution": [7, "fine"],
-    "progress": [5, True],
-}
-
-
-@pytest.mark.parametrize(
-    ("option", "value"), [(k, v) for k, vs in WRONG.items() for v in (vs if isinstance(vs, list) else [vs])]
-)
-def test_wrong_options(option, value):
-    with pytest.raises(BoundingError) as error:
-        few(**{option: value})
-    assert isinstance(error.value, BounderError | QueryError | IndicatorError)
-    assert "\n" not in str(error.value)
-    assert str(error.value).count("got") == 1
-
-
-TOLD = {
-    "hidden": (8,),
-    "activation": "relu",
-    "octaves": 2,
-    "recipe": "paper",
-    "k": 12,
-    "leaves": 7,
-    "steps": 3,
-    "length": 0.5,
-    "space": "geometric",
-}
-TAKEN = {
-    ("aabb", "point"): set(),
-    ("voxels", "point"): set(),
-    ("kdop", "point"): {"k"},
-    ("kdop", "ray"): {"k", "length", "space"},
-    ("learned-kdop", "plane"): {"k", "steps", "space"},
-    ("relu-field", "point"): {"steps"},
-    ("bvh", "point"): {"leaves", "hidden"},
-    ("mlp", "point"): {"hidden", "activation", "octaves", "recipe", "thresholds", "steps"},
-    ("mlp", "plane"): {"hidden", "activation", "steps", "space"},
-    ("mlp-early", "point"): {"hidden", "activation", "octaves", "steps"},
-    ("mlp-early", "ray"): {"hidden", "activation", "octaves", "recipe", "steps", "length", "space"},
-    ("monotone-mlp", "box"): {"hidden", "activation", "steps", "space"},
-    ("occupancy", "point"): {"hidden", "activation", "octaves", "steps"},
-    ("kdop+mlp", "point"): {"k", "hidden", "activation", "octaves", "recipe", "thresholds", "steps"},
-}
-
-
-@pytest.mark.parametrize(("method", "query"), TAKEN)
-def test_options_that_a_method_does_not_take_are_refused(method, query, monkeypatch):
-    """Every option, with a value that makes sense: refused before anything is fitted, or on its way to the fit."""
-
-    class BegunError(Exception):
-        """The options were taken."""
-
-    def begin(*_, **__):
-        raise BegunError
-
-    monkeypatch.setattr(import_module("warp_bounding.training.fit"), "Problem", begin)
-    for option, value in {**TOLD, "speed": 9}.items():
-        told = {option: value}
-        expected = BegunError if option in TAKEN[method, query] else BounderError
-        with pytest.raises(expected) as error:
-            wb.fit(shape("blob"), query, method, device="cpu", **told)
-        if expected is BounderError:
-            assert f"got {option}" in str(error.value)
-            if option not in ("length", "space"):
-                assert str(error.value).startswith(f"{method} takes ")
-                assert all(name in str(error.value) for name in TAKEN[method, query] - {"length", "space"})
-
-
-def test_every_method_states_its_options_and_a_cascade_hands_each_part_its_own():
-    from warp_bounding.bounders import METHODS
-    from warp_bounding.bounders.options import settled
-
-    for kind in METHODS.values():
-        names = [option.name for option in kind.options]
-        assert len(set(names)) == len(names)
-        assert all(option.help for option in kind.options)
-        assert all(option.default is None or option.check(option.default) == option.default for option in kind.options)
-    told = settled([METHODS["kdop"], METHODS["mlp"]], "point", {"k": 14, "octaves": 2})
-    assert told[0] == {"k": 14}
-    own = {"hidden": (50, 50), "activation": "sin", "octaves": 2, "recipe": "default", "thresholds": 1, "steps": None}
-    assert told[1] == own
-    assert settled([METHODS["bvh"]], "point", {"leaves": None}) == [{"leaves": None, "hidden": (50, 50)}]
-
-
-@pytest.mark.parametrize("k", [0, 7, -1, 2.5, "many"])
-def test_wrong_k(k):
-    with pytest.raises(BounderError, match="kdop offers"):
-        few(method="kdop", k=k)
-
-
-@pytest.mark.parametrize("k", [None, 6, 12, 14, 18, 26])
-def test_right_k(k):
-    assert few(method="kdop", k=k).directions.shape == ((k or 12) // 2, 3)
-
-
-@pytest.mark.parametrize(
-    "source", ["nowhere.npy", None, 5, np.zeros((3, 3)), np.ones((3, 3)), np.zeros(0), np.array(["a"])], ids=str
-)
-def test_what_is_no_shape(source):
-    with pytest.raises(IndicatorError):
-        wb.fit(source, method="aabb")
 
 
 def test_the_last_proof_is_expected_to_take_longer_than_the_looks_at_earlier_networks(monkeypatch, ticking):
