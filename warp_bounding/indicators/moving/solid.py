@@ -11,8 +11,8 @@ import warp as wp
 from warp_bounding.indicators.moving.answers import Motion, decide_moments, find_empty_spans, find_inside_spans
 from warp_bounding.indicators.moving.hierarchy import MovingTriangles
 from warp_bounding.indicators.moving.sides import MovingSides
+from warp_bounding.indicators.triangles.asked import AskedSolid
 from warp_bounding.indicators.triangles.cycles import cycles_of
-from warp_bounding.runtime.launch import launch_on_cores
 
 __all__ = ["DilatedMovingSolid", "MovingSolid"]
 
@@ -53,7 +53,7 @@ class MovingSolid:
         return MovingSides(self.closed, self._frames, self._faces[self._closed_faces], self.rounding)
 
 
-class DilatedMovingSolid:
+class DilatedMovingSolid(AskedSolid):
     """A solid that moves, and its margin.
 
     Args:
@@ -63,6 +63,9 @@ class DilatedMovingSolid:
         margin: Object units.
     """
 
+    point = wp.vec4d
+    kernels = (decide_moments, find_empty_spans, find_inside_spans)
+
     def __init__(self, solid: MovingSolid, lower: np.ndarray, upper: np.ndarray, margin: float):
         self._solid = solid
         motion = Motion()
@@ -71,34 +74,11 @@ class DilatedMovingSolid:
         motion.reach = wp.float64(np.nextafter(margin + solid.rounding, np.inf))
         motion.hold = wp.float64(np.nextafter(margin - solid.rounding, -np.inf))
         motion.faces, motion.closed, motion.pieces = solid.all.ways, solid.closed.ways, solid.sides.pieces
-        self._motion = motion
-
-    def decide(self, x: np.ndarray) -> np.ndarray:
-        """``OUT``, ``IN`` or ``UNDECIDED`` for points; see ``Shape.decide``."""
-        return self._answer(decide_moments, x)
-
-    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Which closed boxes hold no point of the object; see ``Shape.empty``."""
-        return self._answer(find_empty_spans, lower, upper).view(bool)
-
-    def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Which closed boxes lie in the object whole; see ``Shape.inside``."""
-        return self._answer(find_inside_spans, lower, upper).view(bool)
-
-    def _answer(self, kernel: wp.Kernel, *queries: np.ndarray) -> np.ndarray:
-        """``(N,)`` uint8, what a kernel answers to queries, arrays ``(N, 4)``."""
-        rows = [np.ascontiguousarray(q, dtype=np.float64) for q in queries]
-        out = np.empty(len(rows[0]), dtype=np.uint8)
-        if len(out):
-            self._know(rows[0], rows[-1])
-            inputs = [self._motion, *(wp.array(q, dtype=wp.vec4d, device="cpu", copy=False) for q in rows)]
-            answers = wp.array(out, dtype=wp.uint8, device="cpu", copy=False)
-            launch_on_cores(kernel, len(out), inputs, [answers], "cpu")
-        return out
+        super().__init__(motion)
 
     def _know(self, lower: np.ndarray, upper: np.ndarray) -> None:
         """Make what is needed for the times of queries that meet the box around the object."""
-        low, high = np.array(self._motion.lower), np.array(self._motion.upper)
+        low, high = np.array(self._struct.lower), np.array(self._struct.upper)
         asked = ((lower <= upper) & (lower <= high) & (upper >= low)).all(axis=1)
         if not asked.any():
             return

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.indicators.triangles.answers import Mesh, decide_points, find_empty, find_inside
+from warp_bounding.indicators.triangles.asked import AskedSolid
 from warp_bounding.indicators.triangles.box import decide_boxes
 from warp_bounding.indicators.triangles.cycles import cycles_of
 from warp_bounding.indicators.triangles.distances import find_clearances
@@ -16,7 +17,6 @@ from warp_bounding.indicators.triangles.hierarchy import Triangles, build
 from warp_bounding.indicators.triangles.plane import decide_planes
 from warp_bounding.indicators.triangles.segment import decide_segments
 from warp_bounding.indicators.triangles.sides import Sides, build_sides
-from warp_bounding.runtime.launch import launch_on_cores
 
 __all__ = ["DilatedSolid", "Solid"]
 
@@ -56,23 +56,11 @@ class Solid:
         return DilatedSolid(mesh)
 
 
-class DilatedSolid:
+class DilatedSolid(AskedSolid):
     """A solid and its margin."""
 
-    def __init__(self, mesh: Mesh):
-        self._mesh = mesh
-
-    def decide(self, x: np.ndarray) -> np.ndarray:
-        """``OUT``, ``IN`` or ``UNDECIDED`` for points; see ``Shape.decide``."""
-        return self._answer(decide_points, x)
-
-    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Which closed boxes hold no point of the object; see ``Shape.empty``."""
-        return self._answer(find_empty, lower, upper).view(bool)
-
-    def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Which closed boxes lie in the object whole; see ``Shape.inside``."""
-        return self._answer(find_inside, lower, upper).view(bool)
+    point = wp.vec3d
+    kernels = (decide_points, find_empty, find_inside)
 
     def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Lower bounds of the distance from closed boxes to the object; see ``Shape.clearance``."""
@@ -89,12 +77,3 @@ class DilatedSolid:
     def decide_planes(self, normal: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Whether planes meet the object."""
         return self._answer(decide_planes, normal, point)
-
-    def _answer(self, kernel: wp.Kernel, *queries: np.ndarray, dtype: type = wp.uint8) -> np.ndarray:
-        """``(N,)``, what a kernel answers to queries, arrays ``(N, 3)``."""
-        rows = [np.ascontiguousarray(q, dtype=np.float64) for q in queries]
-        out = np.empty(len(rows[0]), dtype=wp.dtype_to_numpy(dtype))
-        if len(out):
-            inputs = [self._mesh, *(wp.array(q, dtype=wp.vec3d, device="cpu", copy=False) for q in rows)]
-            launch_on_cores(kernel, len(out), inputs, [wp.array(out, dtype=dtype, device="cpu", copy=False)], "cpu")
-        return out
