@@ -32,7 +32,7 @@ from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.closed_parts import Surface, surface_of
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.limits import checked_margin, checked_resolution
-from warp_bounding.indicators.mesh import SCALE_BITS, cells_around, cells_per_unit, check_faces
+from warp_bounding.indicators.mesh import LANDMARK, SCALE_BITS, cells_around, cells_per_unit, check_faces
 from warp_bounding.indicators.moving.places import corner_places, random_places
 from warp_bounding.indicators.shape import OUT, Shape
 
@@ -48,7 +48,6 @@ LEFT = 0.01  # of a cell of time: as much may be left out at the ends of the ran
 # In cells: half of the longest way of a vertex within a piece. No vertex goes farther than the grid's diagonal, at most
 # sqrt(3) 1024 cells, so there are at most 3,600 pieces between two *knots*: keyframes, and ends of a cell of time.
 WAY = 0.25
-LANDMARK = 0.9  # of the margin: landmarks that are nearer to a face lie in the object
 # Of the largest coordinate: rounding to float32 (``vertices_at``) moves each coordinate of a vertex by half of this at
 # most, and the vertex by sqrt(3) as much: 7/8 of this. The rest outweighs all that float64 rounds.
 EVALUATION = 2.0**-23

@@ -25,13 +25,12 @@ from warp_bounding.proof.covers.monotone_box import of_points
 from warp_bounding.proof.prove import OUTSIDE, as_fitted, charted, mismatch, other_claim, reaches_outside
 from warp_bounding.proof.search.best_first import halve, minimum
 from warp_bounding.proof.search.depth_first import ChartedPositives
-from warp_bounding.proof.shape_check import SUSPECTS, Checked, check_shape, points_outside
+from warp_bounding.proof.shape_check import CHUNK, SUSPECTS, Checked, check_shape, points_outside
 from warp_bounding.queries import QUERIES, oracle
 from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["certify"]
 
-CHUNK = 16384  # boxes or cells that are taken at a time
 PULL = 1e-4  # of the way to its cell's centre, by which each suspect is also tried farther inside
 NARROWEST = 1e-9  # width, in the coordinates that f takes, under which a box is not halved any more
 COARSEST = 1e-4  # of f: the least precision that the search for planes begins with

@@ -14,9 +14,9 @@ from warp_bounding.proof.search.vacancy import NARROWEST, ShapePositives
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.runtime.launch import working_seconds
 
-__all__ = ["SUSPECTS", "Checked", "check_shape", "points_outside"]
+__all__ = ["CHUNK", "SUSPECTS", "Checked", "check_shape", "points_outside"]
 
-CHUNK = 16384  # boxes that are taken at a time
+CHUNK = 16384  # boxes or cells that are taken at a time
 FINER = 1 / 8  # boxes are halved so much further than in the fit's proof, whose smallest count as object
 BORDER = 65_536  # points of the border among which some outside the domain are looked for
 PARTS = 1000  # of the domain, in which progress is told

@@ -17,8 +17,9 @@ from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.boundary import outline
 
-__all__ = ["CHUNK", "ObjectSupport", "RegionSupport", "corner_square"]
+__all__ = ["CHUNK", "TOLERANCE", "ObjectSupport", "RegionSupport", "corner_square"]
 
+TOLERANCE = 2e-3  # relative to the functional's size: a patch whose bound is this near to a value in reach is not split
 CHUNK = 1 << 22  # float64 numbers in an intermediate array: 32 MiB
 PATCHES = {1: 1, 2: 16, 3: 8, 4: 6}  # of directions, along an edge of a cube's face, by n
 PATCHES_BEYOND = 3  # the same in more dimensions, where their number grows with the power n - 1

@@ -11,11 +11,10 @@ import numpy as np
 
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.geometry.direction_patches import DirectionPatches
-from warp_bounding.support_functions.base import ObjectSupport, RegionSupport, corner_square
+from warp_bounding.support_functions.base import TOLERANCE, ObjectSupport, RegionSupport, corner_square
 
 __all__ = ["PlaneSupport"]
 
-TOLERANCE = 2e-3  # relative to the functional's size: a patch this near to the highest value found is not split
 AT_ONCE = 64  # patches that are split in a step
 STEPS = 60  # of splitting, at most
 

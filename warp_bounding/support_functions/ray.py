@@ -15,14 +15,13 @@ import numpy as np
 
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.geometry.direction_patches import DirectionPatches
-from warp_bounding.support_functions.base import CHUNK, ObjectSupport, RegionSupport, corner_square
+from warp_bounding.support_functions.base import CHUNK, TOLERANCE, ObjectSupport, RegionSupport, corner_square
 
 __all__ = ["RaySupport"]
 
 EDGE = {1: 1, 2: 8, 3: 4, 4: 3}  # by n: patches along an edge of a cube's face, to begin with
 AT_ONCE = 24  # patches that are worked on in a step
 STEPS = 200  # of splitting, at most
-TOLERANCE = 2e-3  # relative to the functional's size: a patch this near to the value at its centre is not split
 ROUNDS = 9  # of the search for m; its step halves in each
 FEWER_POINTS = 160  # points of the object that the search for m looks at
 

@@ -24,6 +24,8 @@ from warp_bounding.support_functions.parametric import ParametricSupport
 
 __all__ = ["FaceBounder", "SlabBounder", "SlabsSource"]
 
+AT_ONCE = 1 << 16  # cells or points whose boxes are projected at a time, so that memory stays small
+
 
 @dataclass(frozen=True)
 class SlabsSource(VolumeSource):
@@ -83,8 +85,8 @@ class SlabBounder(FaceBounder):
         local = cls._local(cls.sampled_directions(points, **options), base.scale.astype(np.float64))
         cells = _ends(grid.occupancy) if gridded else points
         low, high = np.full(len(local), np.inf), np.full(len(local), -np.inf)
-        for start in range(0, len(cells), 1 << 16):
-            part = cells[start : start + (1 << 16)]
+        for start in range(0, len(cells), AT_ONCE):
+            part = cells[start : start + AT_ONCE]
             corners = (grid.position(part - 0.5), grid.position(part + 0.5)) if gridded else (part, part)
             lower, upper = base.widened(*corners)
             center, half = (lower + upper) / 2 @ local.T, (upper - lower) / 2 @ np.abs(local).T

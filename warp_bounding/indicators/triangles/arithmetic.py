@@ -20,7 +20,10 @@ import warp as wp
 from warp_bounding.runtime.native import STRICT
 
 __all__ = [
+    "PROJECTIONS",
     "ROUNDING",
+    "SHORTEST",
+    "SMALLEST",
     "apart",
     "closest_on_segment",
     "closest_on_triangle",
@@ -34,7 +37,7 @@ __all__ = [
 ]
 
 SHORTEST = 2.0**-400  # axes shorter than this are not used: the squares of their components may underflow
-PROJECTIONS = 16  # alternating projections; a box that is neither near nor proven far by then is left to the 13 axes
+PROJECTIONS = 16  # alternating projections; what is neither near nor proven far by then is left to the axes
 # Relative to the largest absolute coordinate M of corners and box and to the margin: with u = 2^-53, for an axis d with
 # the sum |d| of its absolute components, float64 errs by less than
 #   a corner relative to the centre (one rounding)                              u M |d|
@@ -43,6 +46,8 @@ PROJECTIONS = 16  # alternating projections; a box that is neither near nor prov
 # together less than 2^-49 M |d|; this is 4 times that.
 ROUNDING = 2.0**-47
 SHORTER = 1.0 - 2.0**-50  # outweighs the rounding of a length and of a division by it, four units
+# Largest coordinate under which its cube might underflow: that a triangle crosses a box or a segment is not certain there.
+SMALLEST = 2.0**-300
 LEAST = 2.0**-500  # slack that outweighs underflow: times an axis of SHORTEST it is far above 2^-1074
 
 _SHORTEST = wp.constant(wp.float64(SHORTEST))

@@ -5,7 +5,9 @@ import warp as wp
 from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
 from warp_bounding.indicators.triangles.answers import Mesh, half_of, is_box
 from warp_bounding.indicators.triangles.arithmetic import (
+    PROJECTIONS,
     ROUNDING,
+    SMALLEST,
     apart,
     closest_on_triangle,
     largest,
@@ -25,13 +27,11 @@ from warp_bounding.indicators.triangles.walks import FAR, NEAR, UNSURE
 
 __all__ = ["decide_boxes"]
 
-PROJECTIONS = 16  # alternating projections, for a margin
 # Of an axis that is computed from rounded corners, relative to the largest coordinate M: with u = 2^-53, the product of an
 # edge and a side of the box errs by less than 3 u M, the triangle's normal by less than 36 u M^2, so all products with
 # them and the rounding of ``separated`` err by less than 400 u M^2 and 1100 u M^3.
 EDGE_ROOM = 2.0**-44
 NORMAL_ROOM = 2.0**-42
-SMALLEST = 2.0**-300  # M under which the cube of M might underflow: nothing is certain there
 
 _PROJECTIONS = wp.constant(PROJECTIONS)
 _EDGE_ROOM = wp.constant(wp.float64(EDGE_ROOM))

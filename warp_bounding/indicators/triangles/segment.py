@@ -5,7 +5,9 @@ import warp as wp
 from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
 from warp_bounding.indicators.triangles.answers import LIMIT, Mesh
 from warp_bounding.indicators.triangles.arithmetic import (
+    PROJECTIONS,
     ROUNDING,
+    SMALLEST,
     closest_on_segment,
     closest_on_triangle,
     largest,
@@ -19,10 +21,8 @@ from warp_bounding.indicators.triangles.walks import FAR, NEAR, UNSURE
 
 __all__ = ["decide_segments"]
 
-PROJECTIONS = 16  # alternating projections, for a margin
 VOLUME_ROOM = 2.0**-44  # relative to M^3: a determinant of three rounded vectors up to 2 M errs by less than 400 u M^3
 NODE_ROOM = 2.0**-40  # relative: far more than the rounding of a node's axes, which may be careless
-SMALLEST = 2.0**-300  # M under which its cube might underflow: no crossing is certain there
 
 _PROJECTIONS = wp.constant(PROJECTIONS)
 _VOLUME_ROOM = wp.constant(wp.float64(VOLUME_ROOM))

@@ -22,6 +22,7 @@ from warp_bounding.training.problem import Problem
 
 __all__ = ["SupportTrainer"]
 
+AT_ONCE = 4096  # normals that are multiplied with all points at a time, so that memory stays small
 POOL = 16384  # normals distributed as those of queries, renewed every REFRESH steps
 REFRESH = 100  # steps
 # Normals of a step: from the pool; uniform on the cube's faces; and the worst ones known.
@@ -64,9 +65,9 @@ class SupportTrainer:
     def _supports(self, m: torch.Tensor) -> torch.Tensor:
         """``h(m)`` and ``h(-m)``, ``(N, 2)``."""
         out = torch.empty(len(m), 2)
-        for start in range(0, len(m), 4096):
-            low, high = torch.aminmax(m[start : start + 4096] @ self._corners.T, dim=1)
-            out[start : start + 4096, 0], out[start : start + 4096, 1] = high, -low
+        for start in range(0, len(m), AT_ONCE):
+            low, high = torch.aminmax(m[start : start + AT_ONCE] @ self._corners.T, dim=1)
+            out[start : start + AT_ONCE, 0], out[start : start + AT_ONCE, 1] = high, -low
         return out
 
     def _faces(self, count: int) -> torch.Tensor:
@@ -85,8 +86,8 @@ class SupportTrainer:
         last = self.domain.base.to_local(self.grid.sample_upper)
         points = torch.from_numpy(self._rng.uniform(first, last, (DENSITY_POINTS, self.ndim)).astype(np.float32))
         supports, density = self._supports(m), torch.empty(count, 2)
-        for start in range(0, count, 4096):
-            part = slice(start, start + 4096)
+        for start in range(0, count, AT_ONCE):
+            part = slice(start, start + AT_ONCE)
             offset = m[part] @ points.T
             for side, sign in ((0, 1.0), (1, -1.0)):
                 near = (sign * offset - supports[part, side, None]).abs() < DENSITY_WIDTH

@@ -14,9 +14,10 @@ from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import oracle, sample
 from warp_bounding.training.samples.cell_points import CellPoints, columns
 
-__all__ = ["RegionSamples", "Samples"]
+__all__ = ["FEWEST_NEGATIVES", "LEAST", "RegionSamples", "Samples"]
 
-FEWEST_NEGATIVES = 64  # samples that stand for negatives where there are none
+FEWEST_NEGATIVES = 64  # samples that stand for negatives where uniform samples gave none
+LEAST = 1e-12  # local units: added below divisors
 APART = 2.0  # cells: edge of the boxes of v of which ``spread`` keeps one state each
 ATTEMPTS = 20  # batches in which a negative is looked for
 

@@ -8,7 +8,7 @@ p is on a cell's face, they reach away from it only. They are most of the positi
 import numpy as np
 import torch
 
-from warp_bounding.training.samples.base import RegionSamples
+from warp_bounding.training.samples.base import LEAST, RegionSamples
 from warp_bounding.training.samples.cell_points import columns
 
 __all__ = ["BoxSamples"]
@@ -20,7 +20,6 @@ FULL_SHARES = (0.1, 0.6)  # of the reaches e: 1, up to the domain's border; and 
 SLABS = 0.3  # of the positives: boxes that reach the domain's border on most sides
 REACH_POWERS = (1.0, 4.0)  # the other reaches e are a uniform number to a power between these
 REACH = 3.0  # low and high move by so many cells where p moves by one
-LEAST = 1e-12  # local units: added below divisors
 
 
 class BoxSamples(RegionSamples):

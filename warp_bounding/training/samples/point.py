@@ -5,12 +5,10 @@ import torch
 
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.training.samples.base import Samples
+from warp_bounding.training.samples.base import FEWEST_NEGATIVES, Samples
 from warp_bounding.training.samples.cell_points import CellPoints, columns
 
 __all__ = ["PointSamples"]
-
-FEWEST_NEGATIVES = 64  # that are drawn in empty cells where uniform samples gave none
 
 
 class PointSamples(Samples):

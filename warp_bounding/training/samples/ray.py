@@ -14,7 +14,7 @@ import torch
 
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.training.samples.base import RegionSamples
+from warp_bounding.training.samples.base import LEAST, RegionSamples
 from warp_bounding.training.samples.cell_points import columns
 
 __all__ = ["RaySamples"]
@@ -27,7 +27,6 @@ END_SHARES = (0.2, 0.5)  # of the other rays: up to the first share begin at p, 
 REACH = 3.0  # t and the direction move by so many cells where p moves by one
 ON_BORDER = 1e-5  # of t: an origin this near to the domain's border is on it
 SLOWEST = 0.05  # local units: least |w| across a border in its gradient; along the border a slide would be endless
-LEAST = 1e-12  # added below divisors
 ASIDE = 1e-4  # of a cell: how far beside a point of a face its cell is looked for
 
 
