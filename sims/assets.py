@@ -10,9 +10,10 @@ import warp as wp
 
 import warp_bounding as wb
 
-__all__ = ["MESHES", "asset_mesh", "obj", "surface"]
+__all__ = ["MESHES", "Shape", "asset_mesh", "obj", "surface"]
 
 MESHES = ("bunny", "bear", "rocks")  # by the names of warp-lang's files
+Shape = wb.IndicatorMesh | wb.IndicatorMotion | wb.IndicatorGrid  # what a scene is made of, margin included
 
 
 def asset_mesh(name: str) -> wb.IndicatorMesh:

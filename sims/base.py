@@ -20,6 +20,7 @@ import warp as wp
 from rich.console import Console
 
 import warp_bounding as wb
+from sims.assets import Shape
 from sims.drawing import Drawn
 from sims.prefitted import FitSpec, fitted
 from sims.report import Run, bounder_rows, kept, output, result, run_table, shown, verdict
@@ -147,20 +148,27 @@ def compare(
     for name, example in examples.items():
         method = name.split(",")[0]
         parts = [method] if method in bounders else method.split("+")
-        rates = [row["fp_rate"] for row in rows if row["bounder"] == method]
+        own = [row for row in rows if row["bounder"] == method]
         run = Run(
             name,
             sum(example.calls),
             *example.milliseconds(),
             missed=example.missed(reference),
             identical=example.identical(reference),
-            fp_rate=sum(rates) / len(rates) if rates else None,
+            fp_rate=_mean(row["fp_rate"] for row in own),
+            fp_rate_cells=_mean(row.get("fp_rate_cells") for row in own),
             certificate=example.certificate or weakest(b for p in parts for b in bounders.get(p, {}).values()),
             section=section,
             extra=example.extra(reference),
         )
         runs.append(run)
     return runs
+
+
+def _mean(rates: Iterable[float | None]) -> float | None:
+    """``None`` where a rate is missing, and for none."""
+    rates = list(rates)
+    return sum(rates) / len(rates) if rates and None not in rates else None
 
 
 @dataclass
@@ -212,10 +220,10 @@ class Demo(ABC):
     def _run(self) -> dict[str, Any]:
         self.console = self.console or output()
         self.specs = self.SPECS if self.specs is None else self.specs
-        cells = self.set_up()
-        self.bounders = self.fit(cells)
+        shapes = self.set_up()
+        self.bounders = self.fit(shapes)
         samples = self.SAMPLES[self.quick]
-        self.rows = {name: bounder_rows(self.of_shape(name), grid, samples) for name, grid in cells.items()}
+        self.rows = {name: bounder_rows(self.of_shape(name), shape, samples) for name, shape in shapes.items()}
         runs, title, columns = self.simulate()
         self.console.print(run_table(title, runs, steps=self.steps, calls=self.CALLS, extra=columns))
         self.console.print(verdict(runs, self.MISSED))
@@ -228,10 +236,10 @@ class Demo(ABC):
         told = result(self.NAME, self.shape, self.steps, runs, drawn.paths, **self.more())
         return told | {"identical": kept(runs) and not self.notes}
 
-    def fit(self, cells: dict[str, wb.IndicatorGrid]) -> dict[str, dict[str, wb.Bounder]]:
+    def fit(self, shapes: dict[str, Shape]) -> dict[str, dict[str, wb.Bounder]]:
         """All bounders, fitted or loaded, by name of the method, then of the shape."""
         device = str(wp.get_device(self.device))
-        return fitted(cells, self.specs, scenes=self.SCENES, file=self.bounder_file, device=device, **self.fits)
+        return fitted(shapes, self.specs, scenes=self.SCENES, file=self.bounder_file, device=device, **self.fits)
 
     @property
     def fits(self) -> dict[str, Any]:
@@ -249,8 +257,12 @@ class Demo(ABC):
         return {method: found[name] for method, found in self.bounders.items()}
 
     @abstractmethod
-    def set_up(self) -> dict[str, wb.IndicatorGrid]:
-        """Check the options, set ``steps`` and ``shape`` (its name), make what runs share; returns cells by name of the shape."""
+    def set_up(self) -> dict[str, Shape]:
+        """Check the options, set ``steps`` and ``shape`` (its name), make what runs share.
+
+        Returns:
+            What is bounded, by name: the shapes themselves, margins included.
+        """
 
     @abstractmethod
     def simulate(self) -> tuple[list[Run], str, dict[str, str]]:

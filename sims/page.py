@@ -40,8 +40,10 @@ def page(folder: Path) -> str:
     parts += [
         f"`warp-bounding demo NAME --json > results/demos/NAME.json`, then `python -m sims.page results/demos`. {machines}.",
         "Milliseconds are medians, and noisy; compare within a table. *Missed*: contacts, shadow pixels, colliding",
-        "states and edges that the run without a broad phase has and this one lacks. *FP %*: false positives of the shape's",
-        "cells, which cover a mesh by up to a cell and its margin. A `statistical` certificate is no proof.",
+        "states and edges that the run without a broad phase has and this one lacks. *FP %*: false positives among random",
+        "queries, against the shape itself, dilated by what the narrow phase needs: the mesh, the moving mesh, or the world's",
+        "grid. *Of cells*: the same against the cells of a mesh, for bounders that bound these. A `statistical` certificate is",
+        "no proof.",
     ]
     for answer in answers:
         parts += ["", *_demo(answer)]
@@ -64,32 +66,29 @@ def _demo(answer: dict) -> list[str]:
     for section, runs in groupby(answer["runs"], key=lambda run: run["section"]):
         runs = list(runs)
         extra = [key for key in ("deepest", "collisions") if key in runs[0]]
-        heads = [f"{CALLS[name]} a {STEP[name]}", "broad ms", "narrow ms", f"{STEP[name]} ms", *extra, "missed", "FP %"]
+        cells = any(run["fp_rate_cells"] is not None for run in runs)
+        heads = [f"{CALLS[name]} a {STEP[name]}", "broad ms", "narrow ms", f"{STEP[name]} ms", *extra]
+        heads += ["missed", "FP %", *(["of cells"] if cells else [])]
         lines += [f"*{section}*", ""] if section else []
         lines += ["| broad phase | " + " | ".join(heads) + " | certificate | result |", "|---" * (len(heads) + 3) + "|"]
-        lines += [_row(run, answer["steps"], extra, run is runs[0]) for run in runs]
+        lines += [_row(run, answer["steps"], extra, cells, run is runs[0]) for run in runs]
         lines.append("")
     if "field" in answer:
         lines += _field(answer["field"])
     return lines[:-1] if not lines[-1] else lines
 
 
-def _row(run: dict, steps: int, extra: list[str], first: bool) -> str:
+def _row(run: dict, steps: int, extra: list[str], cells_too: bool, first: bool) -> str:
     cells = [f"`{run['bounder']}`" if not first else run["bounder"], f"{run['narrow_calls'] / steps:,.0f}"]
     cells += [f"{run[key]:.2f}" for key in ("ms_broad", "ms_narrow", "ms_step")]
     cells += [f"{run[key]:.3f}" if isinstance(run[key], float) else f"{run[key]}" for key in extra]
-    cells += (
-        ["", "", "", ""]
-        if first
-        else [
-            f"{run['missed']:,}",
-            "" if run["fp_rate"] is None else f"{run['fp_rate']:.2f}",
-            run["certificate"] or "none",
-            "identical" if run["identical"] else "differs",
-        ]
-    )
-    if run["bounder"] in UNPROVEN:
-        cells[-4] = f"**{cells[-4]}**"
+    if first:
+        return "| " + " | ".join([*cells, *[""] * (4 + cells_too)]) + " |"
+    missed = f"{run['missed']:,}"
+    rates = [run["fp_rate"], run["fp_rate_cells"]][: 1 + cells_too]
+    cells += [f"**{missed}**" if run["bounder"] in UNPROVEN else missed]
+    cells += ["" if rate is None else f"{rate:.2f}" for rate in rates]
+    cells += [run["certificate"] or "none", "identical" if run["identical"] else "differs"]
     return "| " + " | ".join(cells) + " |"
 
 

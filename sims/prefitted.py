@@ -1,16 +1,30 @@
 """The bounders of a demo: closed forms fitted at once, networks from files that come with the demos, or fitted anew.
 
 Files lie in ``sims/bounders``; ``python -m sims.refit`` makes them from the shapes inside installed packages. Each holds its certificate.
-A file is used only for the very cells that it was proven for: the demo makes its grid and compares.
+What a scene has is the shape itself: a mesh, a motion or a grid. A spec with a resolution bounds cells of it, as methods that are made of
+cells, and rays, must; the others bound the shape. A file is used only for the very shape, or the very cells, that it was proven for.
 """
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 import warp_bounding as wb
+from sims.assets import Shape
 from sims.report import UNPROVEN
 
-__all__ = ["FOLDER", "FitSpec", "bounder_from", "bounders_of", "check_fit", "fit", "fitted", "owner", "stored"]
+__all__ = [
+    "FOLDER",
+    "FitSpec",
+    "bounded",
+    "bounder_from",
+    "bounders_of",
+    "check_fit",
+    "fit",
+    "fitted",
+    "owner",
+    "stored",
+]
 
 FOLDER = Path(__file__).parent / "bounders"
 CLOSED = ("aabb", "obb", "sphere", "ellipsoid", "oriented-ellipsoid", "kdop", "bvh", "voxels")
@@ -25,6 +39,7 @@ class FitSpec:
         query: Kind of query.
         budget: Seconds, where it is learned.
         options: More of what ``fit`` takes.
+        resolution: Cells along the longest side, where cells of a mesh or a motion are bounded; ``None``: the shape itself.
         kept: Stored like what is learned, although it is a closed form, since a fit takes seconds.
     """
 
@@ -32,6 +47,7 @@ class FitSpec:
     query: str = "point"
     budget: float = 60.0
     options: dict = field(default_factory=dict)
+    resolution: int | None = None
     kept: bool = False
 
     @property
@@ -45,24 +61,36 @@ def stored(scene: str, name: str, folder: Path = FOLDER) -> Path:
     return folder / f"{scene}-{name}.safetensors"
 
 
-def fit(
-    spec: FitSpec, grid: wb.IndicatorGrid, *, budget: float | None = None, seed: int = 0, device: str
-) -> wb.Bounder:
-    """Fit a bounder by its spec; a budget (seconds) replaces the spec's own."""
-    seconds = spec.budget if budget is None else budget
+@lru_cache(maxsize=16)
+def _cells(shape: Shape, resolution: int) -> wb.IndicatorGrid:
+    """Cells of a shape that knows its margin; several bounders are made of the same."""
+    return shape.to_grid(resolution=resolution)
+
+
+def bounded(spec: FitSpec, shape: Shape) -> Shape:
+    """What a bounder of this spec bounds: the shape itself, or cells of it; a grid is its own cells."""
+    if spec.resolution is None or isinstance(shape, wb.IndicatorGrid):
+        return shape
+    return _cells(shape, spec.resolution)
+
+
+def fit(spec: FitSpec, shape: Shape, *, budget: float | None = None, seed: int = 0, device: str) -> wb.Bounder:
+    """Fit a bounder to a shape, which knows its margin, by its spec; a budget (seconds) replaces the spec's own."""
+    seconds, own = spec.budget if budget is None else budget, bounded(spec, shape)
     options = {"query": spec.query, "method": spec.method, "budget": seconds, "seed": seed, **spec.options}
-    return wb.fit(grid, **options, margin=grid.margin, resolution=grid.resolution, device=device)
+    return wb.fit(own, **options, margin=own.margin, resolution=own.resolution, device=device)
 
 
-def check_fit(bounder: wb.Bounder, grid: wb.IndicatorGrid, spec: FitSpec, source: str) -> None:
-    """Refuse a bounder that is not one of these cells.
+def check_fit(bounder: wb.Bounder, shape: Shape, spec: FitSpec, source: str) -> None:
+    """Refuse a bounder that is not one of this shape, or of the cells of it that its spec asks for.
 
     Raises:
         BounderError: Saying what was expected and what came, with both numbers.
     """
-    if bounder.query_kind != spec.query or bounder.ndim != grid.ndim:
+    if bounder.query_kind != spec.query or bounder.ndim != shape.ndim:
         got = f"{bounder.query_kind} queries in {bounder.ndim}D"
-        raise wb.BounderError(f"{source}: expected a bounder of {spec.query} queries in {grid.ndim}D, got one of {got}")
+        expected = f"{spec.query} queries in {shape.ndim}D"
+        raise wb.BounderError(f"{source}: expected a bounder of {expected}, got one of {got}")
     if bounder.method != spec.method:
         raise wb.BounderError(f"{source}: expected a bounder of method {spec.method}, got {bounder.method}")
     length = spec.options.get("length", 1.0)
@@ -71,23 +99,27 @@ def check_fit(bounder: wb.Bounder, grid: wb.IndicatorGrid, spec: FitSpec, source
             f"{source}: expected a bounder of rays of length {length:g}, got {bounder.domain.length:g}"
         )
     margin = bounder.info.get("margin") or 0.0
-    if margin != grid.margin:
-        why = "too small a margin" if margin < grid.margin else "another margin"
-        raise wb.BounderError(f"{source}: {why}, expected {grid.margin:.6g}, got {margin:.6g}")
-    if bounder.info.get("resolution") != grid.resolution:
-        got = bounder.info.get("resolution")
-        raise wb.BounderError(f"{source}: expected a bounder at resolution {grid.resolution}, got {got}")
-    if bounder.info.get("indicator") != grid.digest:
-        made, here = str(bounder.info.get("indicator"))[:12], grid.digest[:12]
+    if margin != shape.margin:
+        why = "too small a margin" if margin < shape.margin else "another margin"
+        raise wb.BounderError(f"{source}: {why}, expected {shape.margin:.6g}, got {margin:.6g}")
+    own = bounded(spec, shape)
+    if bounder.info.get("resolution") != own.resolution:
+        expected, got = (
+            "the shape itself" if cells is None else f"its cells at resolution {cells}"
+            for cells in (own.resolution, bounder.info.get("resolution"))
+        )
+        raise wb.BounderError(f"{source}: expected a bounder of {expected}, got one of {got}")
+    if bounder.info.get("indicator") != own.digest:
+        made, here = str(bounder.info.get("indicator"))[:12], own.digest[:12]
         name = bounder.info.get("name")
-        raise wb.BounderError(f"{source}: a bounder of another shape, {name}; expected cells {here}, got {made}")
+        raise wb.BounderError(f"{source}: a bounder of another shape, {name}; expected {here}, got {made}")
     proven = bounder.certificate is not None and bounder.certificate.kind in ("proven", "statistical")
     if not proven and bounder.method not in UNPROVEN:
         raise wb.BounderError(f"{source}: expected a bounder with a certificate, got {bounder!r}")
 
 
-def bounder_from(path: Path, grid: wb.IndicatorGrid, spec: FitSpec, *, device: str) -> wb.Bounder:
-    """A bounder from a file, if it is one of these cells.
+def bounder_from(path: Path, shape: Shape, spec: FitSpec, *, device: str) -> wb.Bounder:
+    """A bounder from a file, if it is one of this shape.
 
     Raises:
         BounderError: If it is not, or there is no such file.
@@ -96,13 +128,13 @@ def bounder_from(path: Path, grid: wb.IndicatorGrid, spec: FitSpec, *, device: s
     if not path.is_file():
         raise wb.BounderError(f"{path}: there is no bounder for this shape; --refit fits one")
     bounder = wb.load(path, device=device)
-    check_fit(bounder, grid, spec, path.name)
+    check_fit(bounder, shape, spec, path.name)
     return bounder
 
 
 def bounders_of(
     scene: str,
-    grid: wb.IndicatorGrid,
+    shape: Shape,
     specs: dict[str, FitSpec],
     *,
     refit: bool = False,
@@ -117,7 +149,7 @@ def bounders_of(
 
     Args:
         scene: Name under which its files lie.
-        grid: The cells that it bounds.
+        shape: What is bounded, margin included.
         specs: By name; a name ``a+b`` whose parts are names before it is their cascade, and its spec is not used.
         refit: Fit the learned ones anew, into ``out``, rather than load them.
         budget: Seconds for each of them, then.
@@ -137,21 +169,26 @@ def bounders_of(
         if len(parts) > 1 and all(part in bounders for part in parts):
             bounders[name] = wb.cascade(*(bounders[part] for part in parts))
         elif spec.closed:
-            bounders[name] = fit(spec, grid, device=device)
+            bounders[name] = fit(spec, shape, device=device)
         elif name == "mlp" and file is not None:
-            bounders[name] = bounder_from(file, grid, spec, device=device)
+            bounders[name] = bounder_from(file, shape, spec, device=device)
         elif refit or (own and not path.is_file()):
-            bounders[name] = fit(spec, grid, budget=budget, seed=seed, device=device)
+            bounders[name] = fit(spec, shape, budget=budget, seed=seed, device=device)
             if out is not None:
                 Path(out).mkdir(parents=True, exist_ok=True)
                 bounders[name].save(stored(scene, name, Path(out)))
         else:
-            bounders[name] = bounder_from(path, grid, spec, device=device)
+            bounders[name] = bounder_from(path, shape, spec, device=device)
     return bounders
 
 
-def owner(file: Path, cells: dict[str, wb.IndicatorGrid]) -> str | None:
-    """Whose bounder a file holds: the name of the very cells that it was fitted to, if they are among these.
+def owner(file: Path, shapes: dict[str, Shape], spec: FitSpec) -> str | None:
+    """Whose bounder a file holds: the name of the shape that it was fitted to, itself or its cells, if it is among these.
+
+    Args:
+        file: Of a bounder.
+        shapes: By name.
+        spec: Of the bounder: which cells of the shapes are bounded, if any.
 
     Raises:
         BounderError: If there is no such file.
@@ -159,11 +196,11 @@ def owner(file: Path, cells: dict[str, wb.IndicatorGrid]) -> str | None:
     if not Path(file).is_file():
         raise wb.BounderError(f"{file}: there is no such file")
     made = wb.load(file, device="cpu").info.get("indicator")
-    return next((name for name, grid in cells.items() if grid.digest == made), None)
+    return next((name for name, shape in shapes.items() if bounded(spec, shape).digest == made), None)
 
 
 def fitted(
-    cells: dict[str, wb.IndicatorGrid],
+    shapes: dict[str, Shape],
     specs: dict[str, FitSpec],
     *,
     scenes: str = "",
@@ -173,7 +210,7 @@ def fitted(
     """All bounders of some shapes, by name of the method, then of the shape.
 
     Args:
-        cells: Of the shapes, by name.
+        shapes: What is bounded, by name.
         specs: By name of the method.
         scenes: What the names of all shapes' files begin with.
         file: For ``mlp`` of the shape that it was made of; the first shape refuses one that is of none of them.
@@ -182,9 +219,11 @@ def fitted(
     Raises:
         BounderError: For a bounder that is missing or does not fit.
     """
-    whose = None if file is None else owner(file, cells) or next(iter(cells))
+    whose = None
+    if file is not None:
+        whose = owner(file, shapes, specs.get("mlp", FitSpec("mlp"))) or next(iter(shapes))
     found = {
-        name: bounders_of(scenes + name, grid, specs, file=file if name == whose else None, **options)
-        for name, grid in cells.items()
+        name: bounders_of(scenes + name, shape, specs, file=file if name == whose else None, **options)
+        for name, shape in shapes.items()
     }
-    return {method: {name: found[name][method] for name in cells} for method in specs}
+    return {method: {name: found[name][method] for name in shapes} for method in specs}

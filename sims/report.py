@@ -15,6 +15,7 @@ from rich.progress import track
 from rich.table import Table
 
 import warp_bounding as wb
+from sims.assets import Shape
 
 __all__ = ["UNPROVEN", "Run", "bounder_rows", "kept", "output", "result", "run_table", "shown", "verdict"]
 
@@ -39,7 +40,8 @@ class Run:
     ms_step: float  # a whole step
     missed: int  # contacts (or hits, or collisions) that the reference has and this run lacks
     identical: bool  # whether the result is the reference's, to the bit
-    fp_rate: float | None = None  # of the bounder, per cent of random queries in its domain; ``None`` for the reference
+    fp_rate: float | None = None  # against the shape itself, per cent of random queries; ``None`` for the reference
+    fp_rate_cells: float | None = None  # the same against the cells that are bounded, where a shape's cells are
     certificate: str = (
         ""  # its kind; empty where it has none; ``"by construction"`` of what is no bounder, and needs none
     )
@@ -71,17 +73,20 @@ def shown(items: Iterable[T], description: str) -> Iterator[T]:
     return track(items, description, console=err, transient=True, disable=not err.is_terminal)
 
 
-def bounder_rows(bounders: dict[str, wb.Bounder], grid: wb.IndicatorGrid, samples: int = SAMPLES) -> list[dict]:
-    """How tight each bounder of a grid is.
+def bounder_rows(bounders: dict[str, wb.Bounder], shape: Shape, samples: int = SAMPLES) -> list[dict]:
+    """How tight each bounder of a shape is: its false positives against the shape itself.
 
     Returns:
-        Per bounder: ``bounder``, ``query``, ``fp_rate`` (per cent of random queries), ``fn`` (a count), ``bytes``, ``certificate`` (its kind).
+        Per bounder: ``bounder``, ``query``, ``fp_rate`` (per cent of random queries), ``fp_rate_cells`` (the same against
+        the cells that it bounds; ``None`` where it bounds the shape), ``undecided`` (per cent; counted as positives),
+        ``fn`` (a count), ``bytes``, ``certificate`` (its kind).
     """
     rows = []
     for name, bounder in shown(bounders.items(), "measuring bounders"):
-        rates = wb.evaluate(bounder, grid, samples=samples)
+        rates = wb.evaluate(bounder, shape, samples=samples)
+        row = {"bounder": name, "query": bounder.query_kind, "fp_rate": rates.fp_rate}
+        row |= {"fp_rate_cells": rates.fp_rate_cells, "undecided": rates.undecided, "fn": rates.fn}
         kind = bounder.certificate.kind if bounder.certificate else "none"
-        row = {"bounder": name, "query": bounder.query_kind, "fp_rate": rates.fp_rate, "fn": rates.fn}
         rows.append(row | {"bytes": bounder.nbytes, "certificate": kind})
     return rows
 
@@ -101,7 +106,8 @@ def run_table(
     extra = extra or {}
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column("broad phase", no_wrap=True)
-    for head in (calls, "broad ms", "narrow ms", "step ms", *extra.values(), "missed", "FP %"):
+    cells = ["of cells"] if any(run.fp_rate_cells is not None for run in runs) else []
+    for head in (calls, "broad ms", "narrow ms", "step ms", *extra.values(), "missed", "FP %", *cells):
         table.add_column(head, justify="right", no_wrap=True)
     table.add_column("certificate", no_wrap=True)
     table.add_column("result", no_wrap=True)
@@ -114,9 +120,12 @@ def run_table(
             missed = "" if not place else f"[bold red]{run.missed:,}[/]" if run.missed else "0"
             times = (f"{ms:.2f}" for ms in (run.ms_broad, run.ms_narrow, run.ms_step))
             more = [_cell(run.extra.get(key)) for key in extra]
-            rate = "" if run.fp_rate is None else f"{run.fp_rate:.2f}"
+            known = (run.fp_rate, run.fp_rate_cells)[: 1 + len(cells)]
+            rates = ["" if rate is None else f"{rate:.2f}" for rate in known]
             proof = "" if not place else run.certificate or "[red]none[/]"
-            table.add_row(run.bounder, f"{run.narrow_calls / steps:,.0f}", *times, *more, missed, rate, proof, outcome)
+            table.add_row(
+                run.bounder, f"{run.narrow_calls / steps:,.0f}", *times, *more, missed, *rates, proof, outcome
+            )
     return table
 
 

@@ -12,15 +12,15 @@ import warp_bounding as wb
 from sims.cloth.demo import Demo
 from sims.cloth.example import Example
 from sims.cloth.field import FIELD_SPECS, GAPS, Field
-from sims.cloth.scene import SHAPES, SPECS, Scene, grid_of
+from sims.cloth.scene import SHAPES, SPECS, Scene, dilated
 
-__all__ = ["SCENE_SPECS", "SPECS", "Demo", "Example", "Field", "Scene", "grids", "run"]
+__all__ = ["SCENE_SPECS", "SPECS", "Demo", "Example", "Field", "Scene", "run", "shapes"]
 
 run = Demo.run
 SCENE_SPECS = {f"field-{name}": FIELD_SPECS for name in SHAPES}  # for the scenes that do not take all of SPECS
 
 
-def grids(device: str = "cpu") -> dict[str, wb.IndicatorGrid]:
-    """By scene, that is the name under which bounders are stored, the cells that they are fitted to."""
-    of_cloth = {f"cloth-{name}": grid_of(name) for name in SHAPES}
-    return of_cloth | {f"field-{name}": grid_of(name, max(GAPS)) for name in SHAPES}
+def shapes(device: str = "cpu") -> dict[str, wb.IndicatorMesh]:
+    """By scene, that is the name under which bounders are stored, the shape that they are fitted to."""
+    of_cloth = {f"cloth-{name}": dilated(name) for name in SHAPES}
+    return of_cloth | {f"field-{name}": dilated(name, max(GAPS)) for name in SHAPES}

@@ -8,9 +8,10 @@ import warp as wp
 
 import warp_bounding as wb
 from sims import base
+from sims.assets import Shape
 from sims.cloth.example import Example, cloth_data
 from sims.cloth.field import Field, field_table, run_field, sentences
-from sims.cloth.scene import SHAPES, SPECS, Scene, grid_of
+from sims.cloth.scene import SHAPES, SPECS, Scene, dilated
 from sims.drawing import Drawn, draw_with
 from sims.report import UNPROVEN, Run
 
@@ -43,7 +44,7 @@ class Demo(base.Demo):
     SAMPLES = (400_000, 60_000)
     CALLS = "pairs"
 
-    def set_up(self) -> dict[str, wb.IndicatorGrid]:
+    def set_up(self) -> dict[str, Shape]:
         if self.device != "cpu":
             raise wb.BoundingError(
                 f"cloth runs on the cpu, where Newton's contacts are the same each time; got device {self.device!r}"
@@ -53,7 +54,7 @@ class Demo(base.Demo):
             raise wb.BoundingError(f"steps must be at least 1, got {self.steps}")
         self.scene = Scene(side=self.side, seed=self.seed)
         self.shape = " and ".join(SHAPES)
-        return {name: grid_of(name) for name in SHAPES}
+        return {name: dilated(name) for name in SHAPES}
 
     def simulate(self) -> tuple[list[Run], str, dict[str, str]]:
         if not compiled():

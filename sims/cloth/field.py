@@ -25,7 +25,7 @@ from rich.table import Table
 
 import warp_bounding as wb
 from sims.cloth.example import contact_keys, contact_records, one_thread
-from sims.cloth.scene import GAP, RADIUS, SHAPES, grid_of, newton_mesh
+from sims.cloth.scene import CELLS, GAP, RADIUS, SHAPES, dilated, newton_mesh
 from sims.prefitted import FitSpec, fitted
 from sims.report import shown
 from warp_bounding.newton import ParticleCull
@@ -41,9 +41,9 @@ ALL_CORES = "voxels"
 HIDDEN = (25, 25)
 WARM_UP = 2  # rounds that load kernels
 
-CLOSED = {"aabb": FitSpec("aabb"), "kdop": FitSpec("kdop"), "bvh": FitSpec("bvh", options={"hidden": HIDDEN})}
-CLOSED["voxels"] = FitSpec("voxels")
-FIELD_SPECS = {"mlp": FitSpec("mlp", budget=60.0, options={"hidden": HIDDEN})}
+CLOSED = {"aabb": FitSpec("aabb"), "kdop": FitSpec("kdop"), "bvh": FitSpec("bvh", options={"hidden": HIDDEN}, **CELLS)}
+CLOSED["voxels"] = FitSpec("voxels", **CELLS)
+FIELD_SPECS = {"mlp": FitSpec("mlp", budget=90.0, options={"hidden": HIDDEN})}
 
 
 def bounders_for(
@@ -59,7 +59,7 @@ def bounders_for(
     Returns:
         By name of the method, then by name of the shape.
     """
-    closed = fitted({name: grid_of(name, gap) for name in SHAPES}, CLOSED)
+    closed = fitted({name: dilated(name, gap) for name in SHAPES}, CLOSED)
     return closed | {"mlp": networks if gap <= GAP else wide}
 
 
@@ -196,8 +196,8 @@ def run_field(field: Field, networks: dict[str, wb.Bounder], *, rounds: int, **o
     Returns:
         Per gap what ``measure`` returns.
     """
-    cells = {name: grid_of(name, max(GAPS)) for name in SHAPES}
-    wide = fitted(cells, FIELD_SPECS, scenes="field-", **options)["mlp"]
+    shapes = {name: dilated(name, max(GAPS)) for name in SHAPES}
+    wide = fitted(shapes, FIELD_SPECS, scenes="field-", **options)["mlp"]
     gaps = shown(GAPS, "many meshes")
     return [measure(field, gap, bounders_for(gap, networks, wide), rounds=rounds) for gap in gaps]
 

@@ -21,16 +21,20 @@ from sims.cloth.star import star
 from sims.prefitted import FitSpec
 from warp_bounding.newton import margin_for
 
-__all__ = ["DT", "GAP", "RADIUS", "SHAPES", "SPECS", "Scene", "grid_of", "newton_mesh", "shape"]
+__all__ = ["DT", "GAP", "RADIUS", "SHAPES", "SPECS", "Scene", "dilated", "newton_mesh", "shape"]
 
 SHAPES = ("bunny", "star")
 RADIUS = 0.02  # of a particle, world units (the bunny is 1.6 of them high)
 GAP = 0.01  # soft contact gap: contacts are made this far ahead
 DT = 1.0 / 480.0
-RESOLUTION = 64
+CELLS = {"resolution": 64}  # of methods that are made of cells; the others bound the meshes themselves
 WORLD = 20.0  # largest coordinate of a particle or shape, in this scene and in the field
 ROUNDED = 1.0e4  # margins are rounded up to a multiple of its inverse
-HIDDEN = (8, 8)  # of all networks but `occupancy`, which is a little smaller; `bvh` has their memory, half a kilobyte
+HIDDEN = (16, 16)  # of all networks but `occupancy`; `bvh` has their memory, a kilobyte and a half
+SMALLER = (
+    8,
+    8,
+)  # of `occupancy`: what it misses can be seen; of 16-16 it misses contacts, too, but the cloth shows little of it
 
 WIDTH, DROP, FALLING = 3.1, 0.04, 1.0  # of the cloth; its height over the bunny's ears and its speed
 MASS = 0.01  # of a particle, of a cloth of 65 x 65
@@ -51,13 +55,13 @@ RAYS = 3  # that confirm an inside sign
 SPECS = {
     "aabb": FitSpec("aabb"),
     "kdop": FitSpec("kdop"),
-    "bvh": FitSpec("bvh", options={"hidden": HIDDEN}),
-    "voxels": FitSpec("voxels"),
-    "learned-kdop": FitSpec("learned-kdop", budget=8.0),
-    "mlp": FitSpec("mlp", budget=40.0, options={"hidden": HIDDEN}),
-    "mlp-early": FitSpec("mlp-early", budget=40.0, options={"hidden": HIDDEN}),
+    "bvh": FitSpec("bvh", options={"hidden": HIDDEN}, **CELLS),
+    "voxels": FitSpec("voxels", **CELLS),
+    "learned-kdop": FitSpec("learned-kdop", budget=20.0),
+    "mlp": FitSpec("mlp", budget=90.0, options={"hidden": HIDDEN}),
+    "mlp-early": FitSpec("mlp-early", budget=90.0, options={"hidden": HIDDEN}),
     "aabb+mlp": FitSpec("aabb+mlp"),
-    "occupancy": FitSpec("occupancy", budget=15.0, options={"hidden": (6, 6)}),
+    "occupancy": FitSpec("occupancy", budget=30.0, options={"hidden": SMALLER}),
 }
 
 
@@ -85,9 +89,9 @@ def margin(name: str, gap: float = GAP) -> float:
 
 
 @cache
-def grid_of(name: str, gap: float = GAP) -> wb.IndicatorGrid:
-    """The cells that a bounder of a shape is made for."""
-    return shape(name).to_grid(resolution=RESOLUTION, margin=margin(name, gap))
+def dilated(name: str, gap: float = GAP) -> wb.IndicatorMesh:
+    """What a bounder of a shape must hold: the mesh, dilated by its margin."""
+    return shape(name).dilated(margin(name, gap))
 
 
 def places() -> dict[str, wp.transform]:

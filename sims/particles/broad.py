@@ -45,18 +45,18 @@ class MovingBox:
         wb.launch_on_cores(box_mask, count, inputs, [self._mask], self.device)
         return wb.compact(self._mask)
 
-    def fp_rate(self, motion: wb.IndicatorMotion, grid: wb.IndicatorGrid, times: int = 50, seed: int = 1) -> float:
-        """False positives in per cent of random points of the grid's domain and time, as ``evaluate`` has them for bounders."""
+    def fp_rate(self, shape: wb.IndicatorMotion, times: int = 50, seed: int = 1) -> float:
+        """False positives in per cent of random points and times around the dilated motion, as ``evaluate`` has them for bounders."""
         rng, each, false = np.random.default_rng(seed), 8000, 0
-        lower, upper = grid.sample_lower, grid.sample_upper
+        lower, upper = shape.sample_lower, shape.sample_upper
         for share in rng.random(times):
             x = lower + rng.random((each, 4)) * (upper - lower)
             x[:, 0] = lower[0] + share * (upper[0] - lower[0])
             x = x.astype(np.float32)
-            vertices = motion.vertices_at(x[0, 0])[np.unique(motion.faces)]
+            vertices = shape.vertices_at(x[0, 0])[np.unique(shape.faces)]
             low, high = vertices.min(axis=0) - self.margin, vertices.max(axis=0) + self.margin
             inside = ((x[:, 1:] >= low) & (x[:, 1:] <= high)).all(axis=1)
-            false += int((inside & ~grid.contains(x)).sum())
+            false += int((inside & ~shape.contains(x)).sum())
         return 100.0 * false / (times * each)
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import warp_bounding as wb
 from sims import base
+from sims.assets import Shape
 from sims.drawing import Drawn, draw_with
 from sims.particles.bounds import bounds_data
 from sims.particles.broad import MovingBox, OfMotion
@@ -21,24 +22,24 @@ from sims.particles.scene import RESOLUTION, Scene
 from sims.prefitted import FitSpec
 from sims.report import Run
 
-__all__ = ["MOVING_BOX", "SPECS", "Demo", "grids", "simulate"]
+__all__ = ["MOVING_BOX", "SPECS", "Demo", "shapes", "simulate"]
 
 SCENE = "rain"
 MOVING_BOX = "moving aabb"
+CELLS = {"resolution": RESOLUTION}  # of methods that are made of cells; the others bound the moving mesh itself
 NARROW = {"containment": CONTAINMENT, "contact": CONTACT}
 SPECS = {
-    "aabb": FitSpec("aabb"),
-    "kdop": FitSpec("kdop"),
-    "bvh": FitSpec("bvh", options={"hidden": (50, 50)}, kept=True),  # of the network's memory
-    "voxels": FitSpec("voxels"),
+    "aabb": FitSpec("aabb", kept=True),
+    "kdop": FitSpec("kdop", kept=True),
+    "bvh": FitSpec("bvh", options={"hidden": (50, 50)}, **CELLS, kept=True),  # of the network's memory
+    "voxels": FitSpec("voxels", **CELLS),
     "learned-kdop": FitSpec("learned-kdop", budget=20.0, options={"k": 40}),
-    "mlp": FitSpec("mlp", budget=420.0, options={"hidden": (50, 50)}),
-    "mlp-early": FitSpec("mlp-early", budget=300.0, options={"hidden": (50, 50)}),
-    "bvh-1500": FitSpec("bvh", options={"leaves": 1500}, kept=True),  # a tenth of the memory of voxels
+    "mlp": FitSpec("mlp", budget=900.0, options={"hidden": (50, 50)}),
+    "mlp-early": FitSpec("mlp-early", budget=600.0, options={"hidden": (50, 50)}),
+    "bvh-1500": FitSpec("bvh", budget=120.0, options={"leaves": 1500}, **CELLS, kept=True),  # a tenth of voxels
     "aabb+mlp": FitSpec("aabb+mlp"),
-    "mlp+bvh-1500": FitSpec("mlp+bvh"),
     "learned-kdop+mlp": FitSpec("learned-kdop+mlp"),
-    "occupancy": FitSpec("occupancy", budget=60.0, options={"hidden": (50, 50)}),
+    "occupancy": FitSpec("occupancy", budget=120.0, options={"hidden": (50, 50)}),
 }
 PICTURED = ("kdop", "learned-kdop", "mlp")  # their bounds, side by side
 RAINED = ("mlp", "occupancy")  # their runs, side by side
@@ -46,9 +47,9 @@ WARM_UP = 4096  # particles of the run that loads kernels outside the timed part
 PARTICLES, STEPS = (100_000, 10_000), (150, 24)  # full, quick
 
 
-def grids(device: str = "cpu") -> dict[str, wb.IndicatorGrid]:
-    """The cells whose learned bounders are stored, by the name of the scene."""
-    return {SCENE: Scene.bunny(device).grid()}
+def shapes(device: str = "cpu") -> dict[str, Shape]:
+    """The shape whose learned bounders are stored, by the name of the scene."""
+    return {SCENE: Scene.bunny(device).shape}
 
 
 @dataclass
@@ -58,28 +59,25 @@ class Demo(base.Demo):
     Attributes:
         particles: How many; 100,000, or 10,000 if quick.
         steps: Simulation steps; 150, or 24 if quick.
-        resolution: Cells along the moving bunny's longest side.
     """
 
     particles: int | None = None
     steps: int | None = None
-    resolution: int = RESOLUTION
 
     NAME = "particles"
     SPECS = SPECS
 
-    def set_up(self) -> dict[str, wb.IndicatorGrid]:
+    def set_up(self) -> dict[str, Shape]:
         self.choose(particles=PARTICLES, steps=STEPS)
         if self.particles < 1 or self.steps < 1:
             raise wb.BoundingError(f"particles and steps must be at least 1, got {self.particles} and {self.steps}")
         self.scene = Scene.bunny(self.device)
         self.shape = self.scene.motion.name
-        return {SCENE: self.scene.grid(self.resolution)}
+        return {SCENE: self.scene.shape}
 
     def simulate(self) -> tuple[list[Run], str, dict[str, str]]:
         bounders, box = self.of_shape(SCENE), MovingBox(self.scene)
-        rate = box.fp_rate(self.scene.motion, self.scene.grid(self.resolution))
-        rows = [*self.rows[SCENE], {"bounder": MOVING_BOX, "fp_rate": rate}]
+        rows = [*self.rows[SCENE], {"bounder": MOVING_BOX, "fp_rate": box.fp_rate(self.scene.shape)}]
         broad = {MOVING_BOX: box} | {name: OfMotion(bounder, self.scene) for name, bounder in bounders.items()}
         options = {"particles": self.particles, "steps": self.steps, "seed": self.seed}
         examples = {section: simulate(self.scene, broad, reach=reach, **options) for section, reach in NARROW.items()}

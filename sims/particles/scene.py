@@ -1,16 +1,16 @@
-"""The bunny that turns, twists and swells, the rain around it, and the cells of space and time that bounders are made for.
+"""The bunny that turns, twists and swells, the rain around it, and the shape of space and time that bounders are made for.
 
 Why a run with a proven bounder ends as the one without, *to the bit*. The narrow phase writes to a particle only where it finds a contact
 (``kernels``), and a particle with a contact is never left out:
 
 * An *outside* sign: the closest point that the narrow phase computes lies on some face, up to rounding, so a computed distance under the
   contact distance means a true one under contact distance + rounding. The bounder is proven for the object dilated by just that
-  (``Scene.margin``), inside and all, at every time: cells hold all that the motion comes near to within their time, not samples of it,
-  with vertices as the simulation rounds them (``IndicatorMotion.vertices_at``).
+  (``Scene.margin``), inside and all, at every time, not at samples of it, and with vertices as the simulation rounds them
+  (``IndicatorMotion.vertices_at``).
 * An *inside* sign: the particle is in the solid, which is a part of what the bounder is proven for, if the sign is right.
   ``mesh_query_point_sign_normal``, which Warp's example takes, is not always: where several faces are equally close it can name the
   wrong side. Of 8 million random points around the bunny at rest it called one *inside* that was 0.21 away from it, and a run asks 15 million
-  times. ``mesh_query_point_sign_parity`` called none of them inside that was outside the bounded cells. It costs a tenth more; and where
+  times. ``mesh_query_point_sign_parity`` called none of them inside that was not in the dilated object. It costs a tenth more; and where
   its one ray says *inside*, three vote. That is evidence, not a proof: so every run's contacts are compared with the reference's, step by step.
 
 What this does not do: particles do not meet each other.
@@ -33,6 +33,7 @@ PERIOD = 1.25  # seconds: the bunny's motion repeats
 KEYFRAMES = 51
 TURN, TWIST = np.radians(35.0), np.radians(15.0)  # of the whole, and of its head against its feet
 SWELL = 0.1  # of its height, at constant volume
+GRAIN = 2.0**16  # vertices lie on multiples of 1 / GRAIN, so that they are the same wherever sines are computed
 RESOLUTION, TIME_CELLS = 48, 50
 AROUND = 0.45  # of the rain, around the bunny
 FALL = 0.9  # from the top of the rain to the bunny's
@@ -53,9 +54,8 @@ def moving(mesh: wb.IndicatorMesh) -> wb.IndicatorMotion:
         turned = [np.cos(angle) * x + np.sin(angle) * z, y, np.cos(angle) * z - np.sin(angle) * x]
         frames.append(np.stack(turned, axis=1) + foot)
     times = np.linspace(0.0, PERIOD, KEYFRAMES)
-    return wb.IndicatorMotion(
-        np.array(frames), mesh.faces, times, TIME_CELLS, name=f"moving {os.path.basename(mesh.name)}"
-    )
+    name = f"moving {os.path.basename(mesh.name)}"
+    return wb.IndicatorMotion(np.rint(np.array(frames) * GRAIN) / GRAIN, mesh.faces, times, TIME_CELLS, name=name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +89,14 @@ class Scene:
         """
         return RADIUS + ROUNDING * float(np.abs(self.motion.bounds).max())
 
+    @cached_property
+    def shape(self) -> wb.IndicatorMotion:
+        """What bounders must hold: the motion, dilated by the margin at every time."""
+        return self.motion.dilated(self.margin)
+
     def grid(self, resolution: int = RESOLUTION) -> wb.IndicatorGrid:
-        """The cells of time and space that the dilated motion meets."""
-        return self.motion.to_grid(resolution=resolution, margin=self.margin)
+        """The cells of time and space that ``shape`` meets, for methods that are made of cells."""
+        return self.shape.to_grid(resolution=resolution)
 
     def time(self, step: int) -> float:
         """Time within the period, a float32 number, in the middle of a step: never on the range's ends, where bounders say *maybe*."""

@@ -7,7 +7,7 @@ bounder; what the bounder clears is never checked again. With proven bounders th
 fraction of the exact checks; with a network that is only *mostly* conservative it plans through walls.
 """
 
-from sims.path.demo import SPECS, Demo, grids, run
+from sims.path.demo import SPECS, Demo, run, shapes
 from sims.path.planner import Example
 
-__all__ = ["SPECS", "Demo", "Example", "grids", "run"]
+__all__ = ["SPECS", "Demo", "Example", "run", "shapes"]

@@ -22,7 +22,7 @@ from sims.path.worlds import World, generated, worlds_at
 from sims.prefitted import FitSpec, bounders_of, owner, stored
 from sims.report import Run
 
-__all__ = ["SPECS", "Demo", "grids", "phases", "run", "simulate"]
+__all__ = ["SPECS", "Demo", "phases", "run", "shapes", "simulate"]
 
 HIDDEN = (50, 50)
 SPECS: dict[str, FitSpec] = {
@@ -43,7 +43,7 @@ WIDE = 116  # columns of a terminal, where the table has room for more than all 
 COLUMNS = {"fewer": "fewer", "solved": "solved", "collisions": "collide"}
 
 
-def grids(device: str = "cpu") -> dict[str, wb.IndicatorGrid]:
+def shapes(device: str = "cpu") -> dict[str, wb.IndicatorGrid]:
     """The worlds whose bounders come with the demo, by the name under which these lie."""
     return {world.scene: world.grid for world in generated()}
 
@@ -79,14 +79,14 @@ class Demo(base.Demo):
         self.steps, self.shape = 1, ", ".join(world.name for world in self.worlds)
         return {world.scene: world.grid for world in self.worlds}
 
-    def fit(self, cells: dict[str, wb.IndicatorGrid]) -> dict[str, dict[str, wb.Bounder]]:
-        whose = None if self.bounder_file is None else owner(self.bounder_file, cells)
+    def fit(self, shapes: dict[str, wb.IndicatorGrid]) -> dict[str, dict[str, wb.Bounder]]:
+        whose = None if self.bounder_file is None else owner(self.bounder_file, shapes, self.specs["mlp"])
         if self.bounder_file is not None and whose is None:
             expected = ", ".join(f"{world.name} ({world.grid.digest[:12]})" for world in self.worlds)
             made = str(wb.load(self.bounder_file, device="cpu").info.get("indicator"))[:12]
             raise wb.BounderError(f"{self.bounder_file}: expected a bounder of one of {expected}, got one of {made}")
         if self.world is None:
-            return super().fit(cells)
+            return super().fit(shapes)
         found, options = {}, self.fits | {"budget": self.budget or USERS_BUDGET, "own": True, "device": self.device}
         for world in self.worlds:
             file = self.bounder_file if world.scene == whose else None
@@ -99,7 +99,7 @@ class Demo(base.Demo):
             if again:
                 text = f"{world.name}: took {', '.join(again)} from {self.out}, fitted to these very cells before."
                 self.console.print(text, markup=False)
-        return {method: {scene: found[scene][method] for scene in cells} for method in self.specs}
+        return {method: {scene: found[scene][method] for scene in shapes} for method in self.specs}
 
     def simulate(self) -> tuple[list[Run], str, dict[str, str]]:
         options = {"states": self.states, "problems": self.problems, "seed": self.seed, "device": self.device}

@@ -2,8 +2,8 @@
 
 from sims.shadows.demo import SPECS, Demo
 from sims.shadows.example import Example
-from sims.shadows.scene import Scene, grids
+from sims.shadows.scene import Scene, shapes
 
-__all__ = ["SPECS", "Demo", "Example", "Scene", "grids", "run"]
+__all__ = ["SPECS", "Demo", "Example", "Scene", "run", "shapes"]
 
 run = Demo.run

@@ -16,27 +16,35 @@ from typing import Any
 
 import warp_bounding as wb
 from sims import base
+from sims.assets import Shape
 from sims.drawing import Drawn
 from sims.prefitted import FitSpec
 from sims.report import UNPROVEN, Run
 from sims.shadows.example import Example
 from sims.shadows.pictures import OVERSAMPLING, draw
-from sims.shadows.scene import LENGTH, RESOLUTION, SCENES, Scene, grid_of
+from sims.shadows.scene import LENGTH, RESOLUTION, SCENES, Scene, margin_of
 
 __all__ = ["SPECS", "Demo", "simulate"]
 
 RAYS = {"length": LENGTH}
-NETWORK = RAYS | {"hidden": (50, 50)}
+HIDDEN = (50, 50)
+
+
+def _rays(method: str, budget: float = 60.0, **options) -> FitSpec:
+    """Rays are proven for cells of a mesh."""
+    return FitSpec(method, "ray", budget, RAYS | options, RESOLUTION)
+
+
 SPECS = {
-    "aabb": FitSpec("aabb", "ray", options=RAYS),
-    "kdop": FitSpec("kdop", "ray", options=RAYS),
-    "bvh": FitSpec("bvh", "ray", options=NETWORK),  # as many boxes as have the memory of the network
-    "learned-kdop": FitSpec("learned-kdop", "ray", budget=10.0, options=RAYS | {"k": 40}),
-    "mlp": FitSpec("mlp", "ray", budget=420.0, options=NETWORK),
-    "mlp-early": FitSpec("mlp-early", "ray", budget=120.0, options=NETWORK),
-    "aabb+mlp": FitSpec("aabb+mlp", "ray", options=RAYS),
-    "learned-kdop+mlp": FitSpec("learned-kdop+mlp", "ray", options=RAYS),
-    "occupancy": FitSpec("occupancy", "ray", budget=30.0, options=NETWORK),
+    "aabb": _rays("aabb"),
+    "kdop": _rays("kdop"),
+    "bvh": _rays("bvh", hidden=HIDDEN),  # as many boxes as have the memory of the network
+    "learned-kdop": _rays("learned-kdop", 10.0, k=40),
+    "mlp": _rays("mlp", 420.0, hidden=HIDDEN),
+    "mlp-early": _rays("mlp-early", 120.0, hidden=HIDDEN),
+    "aabb+mlp": _rays("aabb+mlp"),
+    "learned-kdop+mlp": _rays("learned-kdop+mlp"),
+    "occupancy": _rays("occupancy", 30.0, hidden=HIDDEN),
 }
 SIZES, STEPS = ((640, 480), (160, 120)), (8, 2)  # full, quick
 SHOWN = ("mlp", "learned-kdop+mlp", "learned-kdop", "kdop", "aabb")  # in the left picture: the first that is proven
@@ -50,11 +58,9 @@ class Demo(base.Demo):
 
     Attributes:
         steps: Pictures: places of the sun; 8, or 2 if quick.
-        resolution: Cells along an object's longest side.
     """
 
     steps: int | None = None
-    resolution: int = RESOLUTION
 
     NAME = "shadows"
     SPECS = SPECS
@@ -63,13 +69,13 @@ class Demo(base.Demo):
     CALLS = "mesh rays"
     MISSED = "shadow pixels"
 
-    def set_up(self) -> dict[str, wb.IndicatorGrid]:
+    def set_up(self) -> dict[str, Shape]:
         self.choose(steps=STEPS)
         if self.steps < 1:
             raise wb.BoundingError(f"steps must be at least 1, got {self.steps}")
         self.scene = Scene.still_life(*SIZES[self.quick], self.device)
         self.shape = " and ".join(self.scene.shapes)
-        return {name: grid_of(shape, self.resolution) for name, shape in self.scene.shapes.items()}
+        return {name: shape.dilated(margin_of(shape)) for name, shape in self.scene.shapes.items()}
 
     def simulate(self) -> tuple[list[Run], str, dict[str, str]]:
         self.examples = simulate(self.scene, self.bounders, steps=self.steps)

@@ -32,7 +32,19 @@ from sims.assets import asset_mesh, surface
 from sims.shadows.chair import chair
 from sims.shadows.kernels import Camera, see_floor, see_mesh
 
-__all__ = ["LENGTH", "LIFT", "REACH", "RESOLUTION", "SCENES", "TOLERANCE", "Scene", "Seen", "grid_of", "grids", "look"]
+__all__ = [
+    "LENGTH",
+    "LIFT",
+    "REACH",
+    "RESOLUTION",
+    "SCENES",
+    "TOLERANCE",
+    "Scene",
+    "Seen",
+    "look",
+    "margin_of",
+    "shapes",
+]
 
 LENGTH = 3.0  # of the shadow rays that bounders are proven for, world units
 REACH = 0.999 * LENGTH  # of the narrow phase
@@ -42,7 +54,7 @@ MORNING, EVENING = np.deg2rad(-40.0), np.deg2rad(80.0)  # where the sun stands, 
 LIFT = 1e-3  # of a shadow ray's origin off its surface, world units: so that a surface does not shade itself
 TOLERANCE = 1e-4  # world units: how far a ray may pass from a point that it is said to hit
 ROUNDING = 32 * 2.0**-24  # of that distance, relative to coordinates and length
-RESOLUTION = 48  # cells along the longest side of an object
+RESOLUTION = 48  # cells along the longest side of an object: rays are proven for cells
 FARTHEST = 40.0  # that the floor is seen, world units
 CREASE = np.cos(np.deg2rad(40.0))  # faces that meet at more than that are not shaded as one surface
 SCENES = "shadows-"  # what the files of bounders begin with
@@ -172,14 +184,9 @@ def margin_of(shape: wb.IndicatorMesh) -> float:
     return TOLERANCE + ROUNDING * (float(np.abs(shape.bounds).max()) + LENGTH)
 
 
-def grids(device: str = "cpu") -> dict[str, wb.IndicatorGrid]:
-    """The cells of each object that bounders are proven for, by the name that their files begin with."""
-    return {SCENES + name: grid_of(shape) for name, shape in objects().items()}
-
-
-def grid_of(shape: wb.IndicatorMesh, resolution: int = RESOLUTION) -> wb.IndicatorGrid:
-    """The cells of one object, dilated."""
-    return shape.to_grid(resolution=resolution, margin=margin_of(shape))
+def shapes(device: str = "cpu") -> dict[str, wb.IndicatorMesh]:
+    """The objects, dilated, by the name that the files of their bounders begin with."""
+    return {SCENES + name: shape.dilated(margin_of(shape)) for name, shape in objects().items()}
 
 
 def look(eye, at, angle: float, width: int, height: int) -> Camera:

@@ -102,7 +102,9 @@ def test_every_demo_has_its_parts(name):
     module = import_module(f"sims.{name}")
     assert callable(module.run)
     assert all(callable(getattr(module.Example, part)) for part in ("step", "render", "test_final"))
-    assert all(isinstance(grid, wb.IndicatorGrid) for grid in module.grids().values())
+    kind = {"path": wb.IndicatorGrid, "particles": wb.IndicatorMotion}.get(name, wb.IndicatorMesh)
+    assert all(isinstance(shape, kind) for shape in module.shapes().values())
+    assert name == "path" or all(shape.margin > 0 for shape in module.shapes().values())
     assert {"aabb", "mlp", "mlp-early", "learned-kdop", "occupancy"} <= set(module.SPECS)
 
 

@@ -10,7 +10,18 @@ from sims import DEMOS
 from sims.prefitted import FOLDER, bounder_from, stored
 from sims.refit import plan
 
-KEYS = {"bounder", "narrow_calls", "ms_broad", "ms_narrow", "ms_step", "missed", "identical", "fp_rate", "certificate"}
+KEYS = {
+    "bounder",
+    "narrow_calls",
+    "ms_broad",
+    "ms_narrow",
+    "ms_step",
+    "missed",
+    "identical",
+    "fp_rate",
+    "fp_rate_cells",
+    "certificate",
+}
 
 
 SLOW = ("cloth", "particles")  # half a minute each
@@ -24,6 +35,8 @@ def test_the_small_form_keeps_its_promise(name, tmp_path, capsys):
     assert answer["identical"]
     assert {"shape", "steps", "runs", "pictures"} <= answer.keys()
     assert all(run.keys() >= KEYS for run in answer["runs"])
+    of_cells = [run for run in answer["runs"] if run["fp_rate_cells"] is not None]
+    assert bool(of_cells) == (name != "path")  # there the grid is the shape
     for run in answer["runs"]:
         if run["bounder"] != "occupancy":
             assert run["missed"] == 0
@@ -38,7 +51,7 @@ def test_the_small_form_keeps_its_promise(name, tmp_path, capsys):
 
 @cache
 def planned() -> list:
-    """What the scenes need; laying their cells takes seconds."""
+    """What the scenes need; making their shapes takes seconds."""
     return plan([])
 
 
@@ -46,8 +59,8 @@ def test_all_files_fit_the_scenes_that_they_are_for():
     pytest.importorskip("newton")
     files = planned()
     assert len(files) == len({(scene, name) for scene, name, *_ in files})
-    for scene, name, spec, grid in files:
-        bounder = bounder_from(stored(scene, name), grid, spec, device="cpu")
+    for scene, name, spec, shape in files:
+        bounder = bounder_from(stored(scene, name), shape, spec, device="cpu")
         assert (bounder.certificate is None) == (name == "occupancy")
         assert stored(scene, name).stat().st_size < 100_000
 
@@ -56,10 +69,10 @@ def test_all_files_fit_the_scenes_that_they_are_for():
 @pytest.mark.parametrize("file", sorted(path.stem for path in FOLDER.glob("*.safetensors")))
 def test_what_is_proven_is_proven_anew(file):
     pytest.importorskip("newton")
-    spec, grid = next((spec, grid) for scene, name, spec, grid in planned() if f"{scene}-{name}" == file)
-    bounder = bounder_from(FOLDER / f"{file}.safetensors", grid, spec, device="cpu")
+    spec, shape = next((spec, shape) for scene, name, spec, shape in planned() if f"{scene}-{name}" == file)
+    bounder = bounder_from(FOLDER / f"{file}.safetensors", shape, spec, device="cpu")
     if bounder.certificate is not None and bounder.certificate.proven:
-        assert wb.certify(bounder, grid).proven
+        assert wb.certify(bounder, shape).proven
 
 
 def test_a_scene_that_there_is_not():

@@ -30,10 +30,20 @@ def test_what_does_not_fit_is_refused_with_both_numbers(tmp_path):
     grid = disc()
     bounder = fit(MLP, grid, device="cpu")
     check_fit(bounder, grid, MLP, "file")
-    with pytest.raises(wb.BounderError, match="another shape, array; expected cells"):
+    with pytest.raises(wb.BounderError, match="another shape, array; expected"):
         check_fit(bounder, disc(0.35), MLP, "file")
     with pytest.raises(wb.BounderError, match=r"too small a margin, expected 0\.05, got 0"):
         check_fit(bounder, grid.to_grid(margin=0.05), MLP, "file")
+    cells = FitSpec("aabb", resolution=8)
+    mesh = wb.IndicatorMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    for own, other, got in (
+        (cells, FitSpec("aabb"), "itself, got one of its cells at resolution 8"),
+        (FitSpec("aabb"), cells, "cells at resolution 8, got one of the shape itself"),
+    ):
+        made = fit(own, mesh, device="cpu")
+        check_fit(made, mesh, own, "file")
+        with pytest.raises(wb.BounderError, match=got):
+            check_fit(made, mesh, other, "file")
     with pytest.raises(wb.BounderError, match="of box queries in 2D, got one of point queries in 2D"):
         check_fit(bounder, grid, FitSpec("mlp", query="box"), "file")
     with pytest.raises(wb.BounderError, match="of method mlp-early, got mlp"):

@@ -11,8 +11,8 @@ from sims.report import Run, kept, result, run_table, verdict
 NONE = Run("none", 100, 0.0, 2.0, 3.0, 0, True)
 
 
-def of(name, certificate, missed=0, identical=True, section=""):
-    return Run(name, 40, 0.5, 1.0, 2.0, missed, identical, 5.0, certificate, section)
+def of(name, certificate, missed=0, identical=True, section="", cells=None):
+    return Run(name, 40, 0.5, 1.0, 2.0, missed, identical, 5.0, cells, certificate, section)
 
 
 def test_what_is_proven_must_be_kept():
@@ -45,6 +45,19 @@ def test_a_table_has_a_reference_in_each_section():
     assert "1,234" in lines
     assert "differs" in lines
     assert lines.count("identical") == 1
+
+
+def test_rates_against_cells_stand_beside_those_against_the_shape(tmp_path):
+    runs = [NONE, of("mlp", "proven"), of("bvh", "proven", cells=3.25)]
+    text = StringIO()
+    Console(file=text, width=140).print(run_table("runs", runs, steps=10))
+    assert "of cells" in text.getvalue()
+    assert text.getvalue().count("3.25") == 1
+    (tmp_path / "path.json").write_text(json.dumps(result("path", "rooms", 1, runs, [])))
+    lines = page(tmp_path)
+    assert "| FP % | of cells | certificate |" in lines
+    assert "| 0 | 5.00 | 3.25 | proven | identical |" in lines
+    assert "| 0 | 5.00 |  | proven | identical |" in lines
 
 
 def test_a_page_of_what_a_demo_printed(tmp_path):

@@ -25,7 +25,7 @@ from sims.drawing import Drawn  # noqa: E402
 from sims.prefitted import FitSpec, fitted  # noqa: E402
 
 SIDE, STEPS = 33, 120
-CLOSED = {name: FitSpec(name) for name in ("aabb", "kdop", "voxels")}
+CLOSED = {"aabb": FitSpec("aabb"), "kdop": FitSpec("kdop"), "voxels": FitSpec("voxels", resolution=64)}
 TINY = {"hidden": (8, 8), "steps": 20}
 
 
@@ -42,7 +42,7 @@ def small() -> cloth.Scene:
 
 
 def all_fitted(specs, **options):
-    return fitted({name: scene.grid_of(name) for name in scene.SHAPES}, specs, scenes="cloth-", **options)
+    return fitted({name: scene.dilated(name) for name in scene.SHAPES}, specs, scenes="cloth-", **options)
 
 
 @pytest.fixture(scope="module")
@@ -155,21 +155,21 @@ def test_one_thread_is_taken_back(monkeypatch):
 
 
 @pytest.mark.parametrize("change", [{"margin": 0.01}, {"resolution": 32}])
-def test_a_file_of_another_margin_or_resolution_is_refused_with_both_numbers(tmp_path, change):
-    grid = scene.grid_of("bunny")
-    made = {"margin": grid.margin, "resolution": grid.resolution} | change
+def test_a_file_of_another_margin_or_of_cells_is_refused_with_what_it_is(tmp_path, change):
+    margin = scene.dilated("bunny").margin
     path = tmp_path / "other.safetensors"
-    wb.fit(scene.shape("bunny"), method="mlp", device="cpu", **TINY, **made).save(path)
-    expected = grid.margin if "margin" in change else grid.resolution
-    with pytest.raises(wb.BounderError, match=f"expected.*{expected:.6g}, got {next(iter(change.values())):.6g}"):
+    wb.fit(scene.shape("bunny"), method="mlp", device="cpu", **TINY, **{"margin": margin} | change).save(path)
+    expected = (
+        f"expected {margin:.6g}, got 0.01" if "margin" in change else "itself, got one of its cells at resolution 32"
+    )
+    with pytest.raises(wb.BounderError, match=expected):
         cloth.run(tmp_path, quick=True, bounder_file=path, specs={"mlp": FitSpec("mlp")})
 
 
 def test_a_file_of_another_shape_is_refused(tmp_path):
-    grid = scene.grid_of("bunny")
     path = tmp_path / "other.safetensors"
     other = wb.IndicatorMesh(scene.shape("bunny").vertices * 1.01, scene.shape("bunny").faces)
-    wb.fit(other, method="mlp", margin=grid.margin, resolution=grid.resolution, device="cpu", **TINY).save(path)
+    wb.fit(other, method="mlp", margin=scene.dilated("bunny").margin, device="cpu", **TINY).save(path)
     with pytest.raises(wb.BounderError, match="another shape"):
         all_fitted({"mlp": FitSpec("mlp")}, file=path)
     with pytest.raises(wb.BounderError, match="no such file"):

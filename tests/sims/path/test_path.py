@@ -8,7 +8,7 @@ from rich.console import Console
 
 import warp_bounding as wb
 from sims.base import compare
-from sims.path.demo import SPECS, grids, phases, run, simulate
+from sims.path.demo import SPECS, phases, run, shapes, simulate
 from sims.path.planner import Example
 from sims.path.worlds import World
 from sims.prefitted import FitSpec
@@ -196,7 +196,7 @@ def test_the_runs_of_the_table(world, examples, bounders):
 
 
 def test_specs_and_worlds_belong_together(bounders, world):
-    assert set(grids()) == {"path-rooms", "path-maze"}
+    assert set(shapes()) == {"path-rooms", "path-maze"}
     assert list(phases(bounders, world)) == [*PROVEN, "occupancy"]
 
 
