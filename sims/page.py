@@ -39,7 +39,8 @@ def page(folder: Path) -> str:
     parts = ["# What the demos measured", ""]
     parts += [
         f"`warp-bounding demo NAME --json > results/demos/NAME.json`, then `python -m sims.page results/demos`. {machines}.",
-        "Milliseconds are medians, and noisy; compare within a table. *Missed*: contacts, shadow pixels, colliding",
+        "Milliseconds are medians, on a machine that had other work too: only compare them within a table.",
+        "*Missed*: contacts, shadow pixels, colliding",
         "states and edges that the run without a broad phase has and this one lacks. *FP %*: false positives among random",
         "queries, against the shape itself, dilated by what the narrow phase needs: the mesh, the moving mesh, or the world's",
         "grid. *Of cells*: the same against the cells of a mesh, for bounders that bound these. A `statistical` certificate is",
