@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.half_spaces import HalfSpaces
 from warp_bounding.indicators.limits import checked_margin
 
 __all__ = ["DETAILS", "IN", "OUT", "UNDECIDED", "Shape"]
@@ -139,6 +140,10 @@ class Shape(ABC):
     def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Certified: which closed boxes lie in the object whole; ``(N,)`` bool, False proves nothing."""
         return np.zeros(len(lower), dtype=bool)
+
+    def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces | None:
+        """Half-spaces that hold the object's points in closed boxes, ``(N, n)`` finite corners; ``None`` where none are known."""
+        return None
 
     def distance(self, x: np.ndarray) -> np.ndarray | None:
         """Lower bounds ``(N,)`` of the distance from points to the object (0 in it); ``None`` where none is known."""

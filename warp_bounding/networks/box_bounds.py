@@ -31,3 +31,7 @@ class BoxBounds(NamedTuple):
     slope: np.ndarray | None = None
     level: np.ndarray | None = None
     boxes: np.ndarray | None = None
+
+    def part(self, rows: np.ndarray) -> "BoxBounds":
+        """The same of some of the boxes."""
+        return BoxBounds(*(each if each is None else each[rows] for each in self))

@@ -14,6 +14,7 @@ from warp_bounding.errors import BounderError, IndicatorError
 from warp_bounding.indicators.functions.combination import Combinable
 from warp_bounding.indicators.functions.parameters import checked_corners, checked_number
 from warp_bounding.indicators.functions.solid import Formula
+from warp_bounding.indicators.half_spaces import HalfSpaces
 from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
 from warp_bounding.networks.modules import layers_of
 from warp_bounding.networks.network import Network
@@ -116,6 +117,11 @@ class IndicatorNetwork(Combinable, Formula):
     def upper(self) -> np.ndarray:
         return self._bounds[1].copy()
 
+    @property
+    def rounding(self) -> float:
+        """By how much any float32 evaluation of the network may differ from its exact value, activations of kernels included."""
+        return self._networks[0].rounding
+
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the box, the level and the weights."""
@@ -145,6 +151,18 @@ class IndicatorNetwork(Combinable, Formula):
         left = real & ~found
         found[left] = self._least(1, low[left], high[left]) > -self.level
         return found
+
+    def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces:
+        lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
+        low, high = np.maximum(lower, self._bounds[0]), np.minimum(upper, self._bounds[1])
+        outside = (low > high).any(axis=1)
+        low[outside], high[outside] = self._bounds
+        # The bound of the negative, least + slope . (x - center), is at most -level where the value reaches the level.
+        bounds = self._networks[1].bound(low, high)
+        loss = bounds.value - bounds.lower
+        level = np.nextafter(-bounds.level - self.level, np.inf)
+        empty = outside | (bounds.lower > -self.level)
+        return HalfSpaces(empty, (low + high) / 2, level, -bounds.slope, bounds.axis, loss)
 
     def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)

@@ -71,10 +71,16 @@ def check_shape(
         bounds = positives.bound(low, high)
         boxes += len(low)
         below = ~(bounds.lower >= target)  # NaN is below
-        below[below] = ~positives.vacant(low[below], high[below])
-        done += float((high - low)[~below].prod(axis=1).sum())
-        least = min(least, bounds.lower[~below & (bounds.lower >= target)].min(initial=np.inf))
-        small = below & positives.too_small(low, high)
+        asked, volume = np.flatnonzero(below), (high - low).prod(axis=1)
+        small = positives.too_small(low, high)  # before anything is cut off: the bounds are of whole boxes
+        found = positives.held(low[asked], high[asked], bounds.part(asked), np.full(len(asked), target))
+        low[asked], high[asked] = found.corners
+        below[asked], bounds.axis[asked] = ~(found.lower >= target), found.axis
+        volume[below] -= (high - low)[below].prod(axis=1)
+        done += float(volume.sum())
+        reached = np.concatenate([bounds.lower[bounds.lower >= target], found.lower])
+        least = min(least, reached[reached >= target].min(initial=target if found.cut.any() else np.inf))
+        small &= below
         lowest = np.flatnonzero(below & (bounds.value < target))
         held = lowest[positives.holds(bounds.point[lowest])]
         if small.any() or len(held):

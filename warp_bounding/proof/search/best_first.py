@@ -111,10 +111,15 @@ def minimum(
         bounds = bounder.bound(low, high)
         done += len(low)
         bound = np.fmax(bounds.lower, parent)  # a half is no worse than the whole, nor is one without a bound (NaN)
-        points, values, of_points = bounds.point, bounds.value, group
+        points, values, of_points, axis = bounds.point, bounds.value, group, bounds.axis.copy()
         if positives is not None:
+            small = positives.too_small(low, high)  # before anything is cut off: the bounds are of whole boxes
             asked = np.flatnonzero(bound < (best - eps)[group])
-            bound[asked[positives.vacant(low[asked], high[asked])]] = np.inf
+            goal = (best - eps)[group[asked]]
+            held = positives.held(low[asked], high[asked], bounds.part(asked), goal)
+            bound[asked], axis[asked] = np.fmax(held.lower, bound[asked]), held.axis
+            low[asked], high[asked] = held.corners
+            np.minimum.at(closed, group[asked[held.cut]], goal[held.cut])
             near = np.flatnonzero((bound < np.inf) & (values < (best + NEAR * eps)[group]))
             near = near[positives.holds(points[near])]
             points, values, of_points = points[near], values[near], group[near]
@@ -122,17 +127,17 @@ def minimum(
         np.minimum.at(best, of_points, values)
         open_ = bound < (best - eps)[group]
         if positives is not None:
-            open_ &= ~positives.too_small(low, high)
+            open_ &= ~small
         np.minimum.at(closed, group[~open_], bound[~open_])
         # Where the bound is much looser than it may be, its halves would only be halved again: quarter at once.
         loose = open_ & (bounds.value - bound > QUARTER * (bounds.value - (best - eps)[group]))
         loose &= bounds.next_axis is not None
         once, parts = open_ & ~loose, []
         if once.any():
-            halves = halve(low[once], high[once], bounds.axis[once])
+            halves = halve(low[once], high[once], axis[once])
             parts.append((*halves, np.tile(bound[once], 2), np.tile(group[once], 2)))
         if loose.any():
-            halves = halve(low[loose], high[loose], bounds.axis[loose])
+            halves = halve(low[loose], high[loose], axis[loose])
             halves = halve(*halves, np.tile(bounds.next_axis[loose], 2))
             parts.append((*halves, np.tile(bound[loose], 4), np.tile(group[loose], 4)))
         return _chunks(*(np.concatenate(part) for part in zip(*parts, strict=True))) if parts else []

@@ -3,13 +3,15 @@
 The search begins with the whole domain. A box matters only while its certified bound of f is too low; then the shape is
 asked whether the box is *vacant*: whether no v in it can come from a point of the object, with everything that the
 pipeline rounds. Vacant boxes are dropped, the others halved. So the shape is asked only where the bounder says *no*, or
-nearly so, and most of the domain is never refined. A box that has become ``NARROWEST`` on every axis counts as object.
+nearly so, and most of the domain is never refined. A shape that knows half-spaces of its part in a box
+(``Shape.half_spaces``) closes many boxes that are neither vacant nor high enough in f (``search.half_space``). A box that has become ``NARROWEST`` on every axis counts as object.
 """
 
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.indicators.shape import Shape
+from warp_bounding.proof.search.half_space import HeldBounds, bound_in_half_spaces
 
 __all__ = ["LONGEST_TO_SPLIT", "NARROWEST", "ShapePositives"]
 
@@ -53,6 +55,22 @@ class ShapePositives:
         """``(N,)`` bool, certified: no v in the closed box can come from a point of the object."""
         self.asked += len(lower)
         return self.shape.empty(*self.domain.origins(lower, upper))
+
+    def held(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> HeldBounds:
+        """What is known of f over the v of boxes that come from points of the object.
+
+        Args:
+            lower: ``(N, n)`` float64 corners, coordinates v.
+            upper: ``(N, n)`` float64.
+            bounds: What ``bound`` has told of these boxes.
+            target: ``(N,)``, f that is of no interest any more.
+        """
+        known = None if bounds.slope is None else self.shape.half_spaces(*self.domain.origins(lower, upper))
+        if known is None:
+            least = np.where(self.vacant(lower, upper), np.inf, bounds.lower)
+            return HeldBounds(least, bounds.axis, (lower, upper), np.zeros(len(lower), dtype=bool))
+        self.asked += len(lower)
+        return bound_in_half_spaces(self.domain, lower, upper, bounds, known, target)
 
     def too_small(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """``(N,)`` bool: boxes that are not halved any more."""

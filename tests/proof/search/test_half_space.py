@@ -1,0 +1,89 @@
+"""Half-spaces that hold a shape in boxes: what they tell is true, and proofs are shorter by it."""
+
+import numpy as np
+import pytest
+
+import warp_bounding as wb
+from warp_bounding.proof.prove import least_value
+from warp_bounding.proof.search.vacancy import ShapePositives
+
+torch = pytest.importorskip("torch", reason="torch is not installed")
+nn = torch.nn
+
+
+class Sine(nn.Module):
+    def forward(self, z):
+        return torch.sin(z)
+
+
+def shape_of(activation=Sine, seed=0, n=3):
+    torch.manual_seed(seed)
+    network = nn.Sequential(nn.Linear(n, 12), activation(), nn.Linear(12, 12), activation(), nn.Linear(12, 1))
+    network.requires_grad_(False)
+    network[0].weight.mul_(3.0)
+    network[-1].weight.mul_(5.0)
+    lower, upper = [-1.0] * (n - 1) + [0.0], [1.0] * n
+    level = network(
+        torch.tensor(np.random.default_rng(0).uniform(lower, upper, (999, n)), dtype=torch.float32)
+    ).median()
+    return wb.IndicatorNetwork(network, lower, upper, level=float(level))
+
+
+def random_boxes(lower, upper, count, rng):
+    size = (upper - lower) * 10.0 ** rng.uniform(-3, 0.2, (count, 1)) * rng.random((count, len(lower)))
+    low = rng.uniform(lower - size / 2, upper - size / 2)
+    return low, low + size
+
+
+@pytest.mark.parametrize("activation", [Sine, nn.ReLU, nn.Tanh])
+def test_half_spaces_hold_the_points_of_the_object(activation, rng):
+    shape = shape_of(activation)
+    low, high = random_boxes(shape.lower, shape.upper, 2000, rng)
+    known = shape.half_spaces(low, high)
+    x = low[:, None] + rng.choice([0.0, 0.5, 1.0, 0.3], (2000, 40, 3)) * (high - low)[:, None]
+    held = shape.contains(x.reshape(-1, 3)).reshape(2000, 40)
+    value = known.level[:, None] + ((x - known.center[:, None]) * known.slope[:, None]).sum(axis=2)
+    assert held.any()
+    assert (~held).any()
+    assert not held[known.empty].any()
+    assert (value >= -1e-12)[held & ~known.empty[:, None]].all()
+    assert (known.empty == shape.empty(low, high)).all()
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_what_is_held_bounds_f_and_what_is_cut_off_does_not_matter(seed, rng):
+    shape = shape_of(seed=seed)
+    bounder = wb.fit(shape, hidden=(12, 12), steps=10, device="cpu", progress=False)
+    positives = ShapePositives(bounder, shape)
+    limit = bounder.domain.limit.astype(float)
+    low, high = random_boxes(-limit, limit, 4000, rng)
+    low, high = np.maximum(low, -limit), np.minimum(high, limit)
+    bounds = positives.bound(low, high)
+    target = bounds.lower + rng.uniform(-1, 3, 4000)
+    found = positives.held(low, high, bounds, target)
+    inside, outside = found.corners
+    v = low[:, None] + rng.choice([0.0, 1.0, 0.5, 0.2, 0.7], (4000, 40, 3)) * (high - low)[:, None]
+    holds = positives.holds(v.reshape(-1, 3)).reshape(4000, 40)
+    f = bounder.reference(v.reshape(-1, 3)).reshape(4000, 40)
+    assert (f >= found.lower[:, None])[holds].all()
+    kept = ((v >= inside[:, None]) & (v <= outside[:, None])).all(axis=2)
+    assert (f >= target[:, None])[holds & ~kept].all()
+    assert (inside >= low).all()
+    assert (outside <= high).all()
+    assert (holds & ~kept).any()
+    assert ((found.lower > bounds.lower) & (found.lower < np.inf)).any()
+    assert (found.cut == ((inside > low) | (outside < high)).any(axis=1)).all()
+
+
+def test_proofs_take_fewer_boxes(monkeypatch):
+    shape = shape_of()
+    bounder = wb.fit(shape, hidden=(12, 12), steps=300, device="cpu", progress=False)
+    with_them = least_value(bounder, shape, eps=1e-3)
+    assert wb.certify(bounder, shape).kind == "proven"
+    monkeypatch.setattr(wb.IndicatorNetwork, "half_spaces", lambda self, lower, upper: None)
+    without = least_value(bounder, shape, eps=1e-3)
+    assert with_them.complete
+    assert without.complete
+    assert with_them.boxes < 0.9 * without.boxes
+    assert abs(with_them.lower_bound - without.lower_bound) <= 2e-3
+    assert wb.certify(bounder, shape).kind == "proven"
