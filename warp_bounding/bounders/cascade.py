@@ -21,7 +21,7 @@ from warp_bounding.bounders.neural.mlp_early import MlpEarly, bounds_of_all, den
 from warp_bounding.bounders.registry import composed
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.plain import Numbers, Words, plain_value, twin, vector_type
-from warp_bounding.kernels.source import DENIED, Lanes, Source, aligned, literal
+from warp_bounding.kernels.source import DENIED, Early, Lanes, Source, aligned, literal
 
 __all__ = ["Cascade", "CascadeSource"]
 
@@ -60,9 +60,9 @@ class CascadeSource(Source):
         last = self.sources[-1]
         return 1 + last.depth if isinstance(last, CascadeSource) else 1
 
-    def early(self) -> list[tuple[str, str]]:
+    def early(self) -> list[Early]:
         lanes = Lanes(vector=True)
-        own = [(_at(place, source.body(lanes)), threshold) for place, source, threshold in self._before_last()]
+        own = [Early(_at(place, source.body(lanes)), threshold) for place, source, threshold in self._before_last()]
         return [*own, *self.sources[-1].early()]
 
     def body(self, lanes: Lanes) -> str:

@@ -4,7 +4,7 @@ All CPU text may fuse products and sums (``contract``), which what is proven lea
 """
 
 from warp_bounding.coordinates.maps import locate
-from warp_bounding.kernels.source import DENIED, LABEL, Lanes, Source, fill, literal
+from warp_bounding.kernels.source import DENIED, GRANTED, LABEL, Early, Lanes, Source, fill, literal
 
 __all__ = ["TOOLS", "batch_snippet", "point_snippet"]
 
@@ -93,7 +93,7 @@ _STORE = {
 }
 
 # Those inside the domain are held together first, ``held[k]`` their coordinates and ``where`` their places; early tests then take
-# away what they deny, and the body is asked of the rest.
+# away what they decide, and the body is asked of the rest.
 _GATHERED = """
 float held[M][$block + L];
 int where[$block + L], kept = 0;
@@ -163,10 +163,11 @@ _EARLY = """
         V f;
         $test
         const I no = f < $bar;
+        $grant
         const int m = kept - g < L ? kept - g : L;
         int passes[L], pick[L], n = 0;  // in memory: lanes of a vector are dear one by one
-        *(J*)passes = no + 1;
-        $denied
+        *(J*)passes = $decided + 1;
+        $answer
         for (int l = 0; l < m; ++l) { pick[n] = g + l; n += passes[l]; }
         for (int l = 0; l < n; ++l) {
             const int from = pick[l];
@@ -286,6 +287,21 @@ def _shuffles(columns: int, lanes: int) -> str:
     return "\n".join(lines)
 
 
+def _early(test: Early, values: bool) -> str:
+    """The C text of an early test; a denied query's answer is there already, unless its value is asked for."""
+    grants = test.sure_bar is not None
+    grant = answer = ""
+    if grants:
+        grant = f"const I yes = (sure > {test.sure_bar}) & ~no; int granted[L]; *(J*)granted = yes;"
+    if values:
+        decided = f"granted[l] ? {literal(GRANTED)} : {literal(DENIED)}" if grants else literal(DENIED)
+        answer = f"for (int l = 0; l < m; ++l) if (!passes[l]) out.data[where[g + l]] = {decided};"
+    elif grants:
+        answer = "for (int l = 0; l < m; ++l) out.data[where[g + l]] = granted[l] & 1;"
+    masks = "(no | yes)" if grants else "no"
+    return fill(_EARLY, test=test.code, bar=test.bar, grant=grant, decided=masks, answer=answer)
+
+
 def batch_snippet(source: Source, placed: bool, values: bool) -> str:
     """The body of a ``batch_kernel``: one block of queries on a CPU, one query on CUDA."""
     texts = _shared(source, placed) | {
@@ -304,8 +320,7 @@ def batch_snippet(source: Source, placed: bool, values: bool) -> str:
 
 def _together(source: Source, values: bool) -> str:
     """C statements that answer the gathered queries by the source's ``early`` and ``body``."""
-    denied = f"for (int l = 0; l < m; ++l) if (!passes[l]) out.data[where[g + l]] = {literal(DENIED)};" * values
-    early = "\n".join(fill(_EARLY, test=test, bar=bar, denied=denied) for test, bar in source.early())
+    early = "\n".join(_early(test, values) for test in source.early())
     decision = "f[l]" if values else "!(f[l] < threshold)"
     return fill(_TOGETHER, body=source.body(Lanes(vector=True)), early=early, lane_decision=decision)
 

@@ -16,10 +16,10 @@ import warp as wp
 from warp_bounding.coordinates.base import Numbers, vector_type
 from warp_bounding.coordinates.maps import plain_map
 from warp_bounding.kernels.functions import Data, Words
-from warp_bounding.kernels.source import DENIED, LABEL, Source
+from warp_bounding.kernels.source import DENIED, GRANTED, LABEL, Source
 from warp_bounding.runtime.native import named, unique_name
 
-__all__ = ["DENIED", "Numbers", "Words", "plain_func", "plain_kernel", "plain_value", "twin", "vector_type"]
+__all__ = ["DENIED", "GRANTED", "Numbers", "Words", "plain_func", "plain_kernel", "plain_value", "twin", "vector_type"]
 
 
 def twin(source: Source, role: str = "value"):

@@ -15,7 +15,7 @@ Nothing here decides what is conservative: the bodies' rounding is bounded in th
 
 from dataclasses import dataclass, field
 from string import Template
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -27,9 +27,10 @@ from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.launch import BLOCK
 from warp_bounding.runtime.native import identity
 
-__all__ = ["ALIGN", "DENIED", "LABEL", "Lanes", "Source", "aligned", "fill", "literal"]
+__all__ = ["ALIGN", "DENIED", "GRANTED", "LABEL", "Early", "Lanes", "Source", "aligned", "fill", "literal"]
 
 DENIED = -(2.0**127)  # f where an early test has said no
+GRANTED = -DENIED / 2  # f where an early test has said maybe; so that the difference of both is finite in float32
 ALIGN = 16  # floats: the numbers of a bounder, or of one of its members, begin at a multiple of this
 LABEL = 4  # numbers at the very beginning of ``parameters``, see ``Source.label``
 FINITE = 0xBFFFFFFF  # bits of a float32 that are neither an infinity nor NaN, which a copy might change
@@ -40,6 +41,14 @@ class Lanes:
     """Whether ``V`` is a vector of lanes or a single float: the few things that a body writes differently."""
 
     vector: bool
+
+
+class Early(NamedTuple):
+    """A test that the CPU batch path asks before ``body``: it may deny a query, or grant it, which is to say *maybe*."""
+
+    code: str  # C statements that compute ``V f``, and ``V sure`` if it grants
+    bar: str  # C text of a float: f below it denies
+    sure_bar: str | None = None  # C text of a float: ``sure`` above it grants; ``None`` for a test that only denies
 
 
 @dataclass(frozen=True)
@@ -127,12 +136,8 @@ class Source:
         """
         raise TypeError(f"{type(self).__name__} does not define body")
 
-    def early(self) -> list[tuple[str, str]]:
-        """Cheaper tests that the CPU batch path (a ``packed`` one) asks before ``body``, which then sees their survivors only.
-
-        Returns:
-            For each, C statements that compute ``V f``, and the float that it must not fall short of.
-        """
+    def early(self) -> list[Early]:
+        """Cheaper tests that the CPU batch path (a ``packed`` one) asks before ``body``, which then sees the undecided only."""
         return []
 
     def ask(self, values: bool) -> str | None:

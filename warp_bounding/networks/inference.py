@@ -38,7 +38,7 @@ for (int j = 0; j < FEATURES; ++j) {
 
 # BLOCKS blocks of J neurons, from the inputs x on: J biases, then J weights of each of K inputs stand together, so that
 # each input that is loaded serves J sums. KEEP their activations in y, and add them up to the OUTPUTS that stand at
-# OUTPUT_AT and at SECOND_AT.
+# OUTPUT_AT and at SECOND_AT, and to those that stand at SURE_AT and at SURER_AT.
 _QUERIES_IN_LANES = """
 for (int b = 0; b < BLOCKS; ++b) {
     const float* p = w + AT + b * J * (K + 1);
@@ -57,6 +57,8 @@ for (int b = 0; b < BLOCKS; ++b) {
         if (KEEP) y[j] = h;
         if (OUTPUTS > 0) f += h * w[OUTPUT_AT + 1 + j];
         if (OUTPUTS > 1) other += h * w[SECOND_AT + 1 + j];
+        if (SURES > 0) sure += h * w[SURE_AT + 1 + j];
+        if (SURES > 1) surer += h * w[SURER_AT + 1 + j];
     }
 }
 """
@@ -152,23 +154,32 @@ class MlpSource(Source):
     def body(self, lanes: Lanes) -> str:
         return self.chain(lanes, len(self.hidden), self.places[-1])
 
-    def chain(self, lanes: Lanes, depth: int, output_at: int) -> str:
-        """C statements from ``v`` to ``f``: the first ``depth`` hidden layers, and the output at ``w[output_at]``."""
+    def chain(self, lanes: Lanes, depth: int, output_at: int, sure_at: int | None = None) -> str:
+        """C statements from ``v`` to ``f``: the first ``depth`` hidden layers, and the output at ``w[output_at]``.
+
+        Where another output stands at ``w[sure_at]``, they compute ``sure`` by it as well.
+        """
         last = depth - 1
-        layers = (self.layer(index, output_at if index == last else None, keep=index < last) for index in range(depth))
+        layers = [self.layer(index, None, keep=True) for index in range(last)]
+        layers.append(self.layer(last, output_at, keep=False, sure_at=sure_at))
         return "\n".join([self.encode(lanes), *layers])
 
     def encode(self, lanes: Lanes) -> str:
         """C statements from ``v`` to the inputs ``h0``, and the activation that the layers behind call."""
         act = _function("act", activation_of(self.activation), lanes)
-        return "\n".join([act, "const V none = {}; V other = none;", self._inputs(lanes, "V")])
+        return "\n".join([act, "const V none = {}; V other = none, sure, surer;", self._inputs(lanes, "V")])
 
-    def layer(self, index: int, output_at: int | None, *, keep: bool) -> str:
-        """C statements of a hidden layer: ``keep`` its activations, add them up to ``f`` by an output, or both."""
-        (k, h), at, is_last = self.layers[index], self.places[index], output_at is not None
-        outputs, first_at = (self.head.outputs, output_at) if is_last else (0, 0)
-        second_at = first_at + 1 + padded(h)
-        lines = [f"V h{index + 1}[{h if keep else 1}];", "f = other = none;" if is_last else ""]
+    def layer(self, index: int, output_at: int | None, *, keep: bool, sure_at: int | None = None) -> str:
+        """C statements of a hidden layer: ``keep`` its activations, add them up to ``f`` by an output, or both.
+
+        Where an output stands at ``sure_at``, they add them up to ``sure`` as well.
+        """
+        (k, h), at, row = self.layers[index], self.places[index], 1 + padded(self.layers[index][1])
+        heads = {"OUTPUT": output_at, "SURE": sure_at}
+        counts = {f"{name}S": self.head.outputs if place is not None else 0 for name, place in heads.items()}
+        places = {"OUTPUT_AT": output_at or 0, "SECOND_AT": (output_at or 0) + row}
+        places |= {"SURE_AT": sure_at or 0, "SURER_AT": (sure_at or 0) + row}
+        lines = [f"V h{index + 1}[{h if keep else 1}];", "f = other = sure = surer = none;"]
         lines.append(f"{{ const V* x = h{index}; V* y = h{index + 1}; (void)y;")
         j = _block(h)
         for first, size, blocks in ((0, j, h // j), (h // j * j, h % j, 1)):
@@ -178,13 +189,16 @@ class MlpSource(Source):
                 lines += [
                     "{",
                     own,
-                    constants(OUTPUTS=outputs, OUTPUT_AT=first_at, SECOND_AT=second_at),
+                    constants(**counts, **places),
                     _QUERIES_IN_LANES,
                     "}",
                 ]
         lines.append("}")
-        if is_last:
-            lines += [f"f = f + w[{first_at}];", f"other = other + w[{second_at}];" * (outputs > 1), self._finish()]
+        for place, names in ((output_at, ("f", "other")), (sure_at, ("sure", "surer"))):
+            if place is not None:
+                both = zip(names, (place, place + row), strict=True)
+                biases = [f"{name} = {name} + w[{at}];" for name, at in both][: self.head.outputs]
+                lines += [*biases, self._finish(*names)]
         return "\n".join(lines)
 
     # --- one query on a CPU, a neuron in each lane -------------------------------------------------------------------
@@ -213,7 +227,7 @@ class MlpSource(Source):
         return "\n".join([f"float h{index + 1}[{row}]; {{", own, names, _NEURONS_IN_LANES, "}"])
 
     def function_output(self, index: int, output_at: int) -> str:
-        """``float f``, the output behind hidden layer ``index`` that stands at ``w[output_at]``."""
+        """``float f``, the output behind hidden layer ``index`` that stands at ``w[output_at]``; in a block of its own."""
         row, lines = padded(self.hidden[index]), ["float f, other = 0.0f; (void)other;"]
         for output, name in zip(range(self.head.outputs), ("f", "other"), strict=False):
             own = constants(ROW=row, AT=output_at + output * (1 + row))
@@ -226,8 +240,12 @@ class MlpSource(Source):
         sine = _function("sine", SINE, lanes, type_) if self.features else f"auto sine = []({type_} z) {{ return z; }};"
         return "\n".join([f"{type_} h0[{self.inputs}]; {{ typedef {type_} T;", sizes, sine, _ENCODE, "}"])
 
-    def _finish(self) -> str:
-        return f"{{ {constants(OFFSET=self.coordinates - 1)} {self.head.finish} }}" if self.head.finish else ""
+    def _finish(self, first: str = "f", second: str = "other") -> str:
+        """C statements that make of two outputs, under these names, the first."""
+        if not self.head.finish:
+            return ""
+        names = "" if first == "f" else f"V& f = {first}; V& other = {second};"
+        return f"{{ {constants(OFFSET=self.coordinates - 1)} {names} {self.head.finish} }}"
 
 
 def _function(name: str, activation, lanes: Lanes, type_: str = "V") -> str:

@@ -77,12 +77,16 @@ class Network:
 
     def __call__(self, v: np.ndarray) -> np.ndarray:
         """``f`` of ``(N, n)`` float64 coordinates, ``(N,)`` float64."""
+        return (self.activations(v) @ self.output.weight.T + self.output.bias)[:, 0]
+
+    def activations(self, v: np.ndarray) -> np.ndarray:
+        """``(N, H)`` float64, of the last hidden layer."""
         h = np.asarray(v, dtype=np.float64)
         for layer in self.hidden:
             z = h @ layer.weight.T + layer.bias
             h = layer.activation.value(z)
             h[:, : layer.linear] = z[:, : layer.linear]
-        return (h @ self.output.weight.T + self.output.bias)[:, 0]
+        return h
 
     def padding_for(self, limit: np.ndarray, terms: np.ndarray | None = None) -> np.ndarray:
         """``padding`` of bounds over boxes with centres ``|v| <= limit``, ``(n,)``, of ``terms``; see ``measure``.

@@ -6,7 +6,7 @@ It reads each layer's copy for neurons in lanes: a row of biases, then a row of 
 import warp as wp
 
 from warp_bounding.activations import ACTIVATIONS, SINE
-from warp_bounding.kernels.plain import DENIED, Numbers, Words, twin, vector_type
+from warp_bounding.kernels.plain import DENIED, GRANTED, Numbers, Words, twin, vector_type
 from warp_bounding.kernels.source import Source
 
 __all__ = ["plain_network"]
@@ -84,7 +84,7 @@ def _output(source: Source, index: int) -> wp.Function:
 
 
 def _onwards(source: Source, index: int) -> wp.Function:
-    """From the inputs of hidden layer ``index`` to f; DENIED where an exit behind it is under its threshold."""
+    """From the inputs of hidden layer ``index`` to f; DENIED or GRANTED where an exit behind it decides."""
     vector, below = vector_type(source.coordinates), vector_type(source.layers[index][0])
     layer, output, last = _layer(source, index), _output(source, index), source.places[-1]
 
@@ -95,14 +95,16 @@ def _onwards(source: Source, index: int) -> wp.Function:
     if index == len(source.hidden) - 1:
         return finish
     onwards, exits = _onwards(source, index + 1), len(source.exits) > 0
-    door = source.exits[index] if exits else 0
+    door, grant = (source.exits[index], source.grants[index]) if exits else (0, 0)
 
     @twin(source, f"onwards_{index}")
     def go_on(w: Numbers, at: int, v: vector, h: below) -> float:
         y = layer(w, at, h)
-        if exits:  # noqa: SIM102 (decided when it is compiled)
+        if exits:
             if output(w, at + door + 1, v, y) < w[at + door]:
                 return DENIED
+            if output(w, at + grant + 1, v, y) > w[at + grant]:
+                return GRANTED
         return onwards(w, at, v, y)
 
     return go_on

@@ -29,6 +29,7 @@ from warp_bounding.training.engine.team import single_threaded_torch
 from warp_bounding.training.problem import Problem, Trained
 from warp_bounding.training.recipes.default import NetworkTrainer
 from warp_bounding.training.recipes.early import EXIT_SHARE, EarlyTrainer, train_exits
+from warp_bounding.training.recipes.grants import granted
 from warp_bounding.training.recipes.local import LocalTrainer
 from warp_bounding.training.recipes.monotone import LeastBoxSamples, MonotoneTrainer
 from warp_bounding.training.recipes.occupancy import OccupancyTrainer
@@ -64,6 +65,7 @@ POINT_RESERVE, REGION_RESERVE, MINED_REGION_RESERVE = 0.03, 0.15, 0.4
 LEAST_RESERVED, MOST_RESERVED = 0.01, 0.2
 MOST_REGION_PROOF = 0.6  # largest share that is reserved for the proof of rays or boxes
 MORE_FOR_EXITS = 0.4  # mlp-early: a reserve for proofs is larger by this share of itself
+GRANT_SECONDS = 1.0  # mlp-early: about what fitting a grant takes
 # The proof of the final network takes this many times as long as that of one at used fraction 0 and at 1, and in
 # between a number linear in the used fraction: f gets steeper while it trains. Both are empirical.
 PROOF_GROWTH = (4.2, 1.35)
@@ -141,10 +143,13 @@ class _Fit:
 
     def run(self) -> Trained:
         options, clock = self.options, self.clock
-        self.exit_seconds = EXIT_SHARE * (len(options.hidden) - 1) * options.budget if self.early else 0.0
+        exits = (len(options.hidden) - 1) * self.early
+        self.exit_seconds = EXIT_SHARE * exits * options.budget
+        self.grant_seconds = min(GRANT_SECONDS * exits, EXIT_SHARE * options.budget)
+        for_exits = self.exit_seconds + self.grant_seconds
         mined = self.proof_worthwhile and RECIPE_TRAINERS[options.recipe].takes_positives
         reserve = MINED_REGION_RESERVE if mined else self.first_reserve
-        clock.reserved = reserve * (1 + MORE_FOR_EXITS * self.early) * options.budget + self.exit_seconds
+        clock.reserved = reserve * (1 + MORE_FOR_EXITS * self.early) * options.budget + for_exits
         if not self.method.conservative:
             clock.reserved = 0.0
         trainer, exits, exit_trainers = self._trainer(), {}, []
@@ -212,7 +217,7 @@ class _Fit:
             expected = min(max(_final_proof_seconds(search, used), LEAST_RESERVED * budget), MOST_RESERVED * budget)
             if self.lattice is not None:
                 expected = MOST_RESERVED * budget
-            clock.reserve(expected * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds)
+            clock.reserve(expected * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds + self.grant_seconds)
 
     def _mine_regions(self, trainer: NetworkTrainer, used: float) -> None:
         """Let adversary and prover search the network as it is; the lowest positives that they find become samples.
@@ -242,7 +247,7 @@ class _Fit:
         if clock.timed:
             longest = min(expected, MOST_REGION_PROOF * budget) + self.final_search_limit
             proof = longest if self.proof_worthwhile else self.first_reserve * budget
-            clock.reserve(proof * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds, used)
+            clock.reserve(proof * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds + self.grant_seconds, used)
 
     # --- thresholds --------------------------------------------------------------------------------------------------
 
@@ -266,13 +271,16 @@ class _Fit:
         if not self.early:
             return parts[0], record
         bounder = MlpEarly.of(parts)
-        return bounder.freeze(float(bounder.threshold), conjunction([part.certificate for part in parts])), record
+        bounder.freeze(float(bounder.threshold), conjunction([part.certificate for part in parts]))
+        self.clock.tell(1.0, "grants")
+        with single_threaded_torch():
+            return granted(bounder, self.problem), record
 
     def _limit(self, parts_left: int) -> dict[str, float]:
         """Limit of the next part's proof: seconds, or boxes."""
         if not self.clock.timed:
             return {"boxes": PROOF_BOXES}
-        left = (1 + OVERTIME_SHARE) * self.options.budget - self.clock.seconds
+        left = (1 + OVERTIME_SHARE) * self.options.budget - self.clock.seconds - self.grant_seconds
         return {"seconds": max(left / parts_left, LEAST_SHARE * self.options.budget)}
 
     def _prove(self, part: Mlp, trainer: NetworkTrainer | SupportTrainer, parts_left: int) -> dict:
@@ -305,7 +313,7 @@ class _Fit:
         budget, rounds = self.options.budget, {} if self.clock.timed else {"rounds": SEARCH_ROUNDS}
         at_least = LEAST_SHARE * budget
         whole = (1 + OVERTIME_SHARE * self.proof_worthwhile) * budget
-        left = (whole - self.clock.seconds) / parts_left - ATTEST_SECONDS  # seconds of this part
+        left = (whole - self.clock.seconds - self.grant_seconds) / parts_left - ATTEST_SECONDS  # seconds of this part
         share = min(left, self.final_search_limit) if self.proof_worthwhile else left
         seconds = max(share, at_least) if self.clock.timed else float("inf")
         found = adversarial_minimum(trainer.samples, trainer.network, seconds, trainer.hard, **rounds)

@@ -11,15 +11,16 @@ import warp as wp
 from bounding_shapes import shape
 
 import warp_bounding as wb
+from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.bounders.neural.mlp_early import MlpEarly
+from warp_bounding.bounders.neural.mlp_early import MlpEarly, grant_of
 from warp_bounding.bounders.neural.occupancy import Occupancy
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.coordinates.base import vector_type
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.functions import Data
-from warp_bounding.kernels.source import DENIED
+from warp_bounding.kernels.source import DENIED, GRANTED
 from warp_bounding.queries import sample
 
 CASES = {  # shape, query, hidden, activation: 2D to 4D, animated, one exit and two
@@ -159,6 +160,80 @@ def test_bounds_hold(case, rng):
         v = rng.uniform(lower, upper)
         v = np.where(rng.random(v.shape) < 0.3, np.where(rng.random(v.shape) < 0.5, lower, upper), v)
         assert (bounds.lower <= bounder.reference(v)).all()
+
+
+@cache
+def granting(case: str, device: str) -> MlpEarly:
+    """The same with random grants, each of which grants a fifth of all queries."""
+    bounder, x = early(case, device)
+    rng, outputs = np.random.default_rng(3), bounder.head.outputs
+    grants = [(rng.normal(size=(outputs, width)), np.zeros(outputs)) for width in bounder.hidden[:-1]]
+    untold = bounder.granting(grants, [GRANTED] * len(grants))
+    values = [grant_part(untold, i).values(x).numpy() for i in range(len(grants))]
+    return bounder.granting(grants, [np.quantile(f[np.isfinite(f)], 0.8) for f in values])
+
+
+def grant_part(bounder: MlpEarly, index: int) -> Mlp:
+    return Mlp(bounder.domain, *grant_of(bounder.tensors, bounder.sizes, index), bounder._device)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_grants_are_told_in_turn_on_every_path(case, device):
+    (without, x), bounder = early(case, device), granting(case, device)
+    answers, values = bounder.query(x).numpy(), bounder.values(x).numpy()
+    last = without.parts[-1].values(x).numpy()
+    asked = np.isfinite(last)
+    open_, expected = asked.copy(), last.copy()
+    for i, part in enumerate(without.parts[:-1]):
+        f, sure = part.values(x).numpy(), grant_part(bounder, i).values(x).numpy()
+        denied = open_ & (f < part.threshold)
+        granted = open_ & ~denied & (sure > bounder.grant_thresholds[i])
+        assert denied.any()
+        assert granted.any()
+        expected[denied], expected[granted] = DENIED, GRANTED
+        open_ &= ~denied & ~granted
+    assert (values == expected).all()
+    assert (answers == ~(expected < bounder.threshold)).all()
+    assert (answers >= without.query(x).numpy()).all()  # a grant takes no answer back
+    assert (answers > without.query(x).numpy()).any()
+    near = np.zeros(len(x), bool)
+    for i, part in enumerate(without.parts):
+        tests = [(part, part.threshold)]
+        tests += [(grant_part(bounder, i), bounder.grant_thresholds[i])] if i + 1 < len(without.parts) else []
+        for own, bar in tests:
+            near |= np.abs(own.values(x).numpy().astype(np.float64) - float(bar)) <= 2 * own.rounding_bound()
+    assert near.mean() < 0.1
+    assert (ask(bounder, x) == answers)[~near].all()
+    assert (bounder.to(native=False).query(x).numpy() == answers)[~near].all()
+
+
+@pytest.mark.parametrize("case", ["points", "points-2d"])
+def test_grants_lower_f_nowhere(case, rng):
+    (without, _), bounder = early(case, "cpu"), granting(case, "cpu")
+    limit = bounder.domain.limit.astype(np.float64)
+    v = rng.uniform(-limit, limit, (5000, len(limit)))
+    f, before = bounder.reference(v), without.reference(v)
+    assert (f >= before).all()
+    assert (f == GRANTED).any()
+    lower, upper = np.maximum(v - 1e-3, -limit), np.minimum(v + 1e-3, limit)
+    bounds = bounder.bound(lower, upper)
+    assert (bounds.lower <= f).all()
+    assert (bounds.value == bounder.reference(bounds.point)).all()
+
+
+def test_grants_in_compositions_and_cascades(device):
+    (without, x), bounder = early("points", device), granting("points", device)
+    ball = METHODS["sphere"].fit(shape("blob"), bounder.domain, device=device)
+    f = ball.values(x).numpy()
+    ball.freeze(float(np.quantile(f[np.isfinite(f)], 0.5)), None)
+    own, other, before = (each.query(x).numpy() for each in (bounder, ball, without))
+    for whole, expected, differs in (
+        (wb.cascade(ball, bounder), own & other, before & other),
+        (bounder | ball, own | other, before | other),
+    ):
+        assert (expected != differs).any()
+        assert (whole.query(x).numpy() == expected).all()
+        assert (ask(whole, x) == expected).mean() > 0.99
 
 
 @pytest.mark.parametrize("case", ["points", "rays", "planes"])

@@ -15,8 +15,8 @@ from typing import ClassVar
 
 import warp as wp
 
-from warp_bounding.kernels.plain import DENIED, Numbers, Words, plain_value, twin, vector_type
-from warp_bounding.kernels.source import Lanes, Source, fill, literal
+from warp_bounding.kernels.plain import DENIED, GRANTED, Numbers, Words, plain_value, twin, vector_type
+from warp_bounding.kernels.source import Early, Lanes, Source, fill, literal
 
 __all__ = ["ROW", "SPLIT", "CompositionSource"]
 
@@ -101,9 +101,10 @@ class CompositionSource(Source):
         """See ``Source.ask``."""
         lanes, cases = Lanes(vector=True), []
         for index, code in enumerate(self.codes):
-            lines = ["I denied_ = {};"]
-            lines += [f"{{ {test} denied_ |= f < {bar}; }}" for test, bar in code.early()]
+            lines = ["I denied_ = {}, granted_ = {};"]
+            lines += [_decided(test) for test in code.early()]
             lines += [f"{{ {code.body(lanes)} }}", f"f = denied_ ? V{{}} + {literal(DENIED)} : f;"]
+            lines += [f"f = granted_ ? V{{}} + {literal(GRANTED)} : f;"]
             cases.append(f"case {index}: {{ {' '.join(lines)} }} break;")
         yes, no = ("1.0f", literal(DENIED)) if values else ("1", "0")
         texts = {"block": self.block, "parts": self.parts, "row": ROW, "cases": "\n".join(cases), "yes": yes, "no": no}
@@ -143,6 +144,12 @@ class CompositionSource(Source):
             return wp.where(part == parts, 1.0, DENIED)
 
         return f
+
+
+def _decided(test: Early) -> str:
+    """C statements of an early test, of the queries that no test before it has decided."""
+    grant = f"granted_ |= (sure > {test.sure_bar}) & ~denied_;" if test.sure_bar is not None else ""
+    return f"{{ {test.code} denied_ |= (f < {test.bar}) & ~granted_; {grant} }}"
 
 
 def _of_code(source: CompositionSource, index: int) -> wp.Function:

@@ -11,7 +11,7 @@ from math import prod
 import warp as wp
 
 from warp_bounding.kernels.plain import DENIED, Numbers, Words, plain_value, twin, vector_type
-from warp_bounding.kernels.source import Lanes, Source, fill, literal
+from warp_bounding.kernels.source import Early, Lanes, Source, fill, literal
 
 __all__ = ["CERTAIN", "EVERYWHERE", "NOWHERE", "PER_WORD", "LocalSource"]
 
@@ -80,9 +80,9 @@ class LocalSource(Source):
         """C text of the threshold."""
         return f"(level_ + w[{self.scale_at}]) * w[{self.scale_at + 1}]"
 
-    def early(self) -> list[tuple[str, str]]:
+    def early(self) -> list[Early]:
         empty = f"f = {NOWHERE - 0.5}f - level_;"
-        return [(self._level(vector=True) + empty, "0.0f"), *self.member.early()]
+        return [Early(self._level(vector=True) + empty, "0.0f"), *self.member.early()]
 
     def body(self, lanes: Lanes) -> str:
         if lanes.vector:  # ``early`` has denied the queries of parts without positives

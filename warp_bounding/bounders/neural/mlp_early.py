@@ -1,18 +1,23 @@
 """``mlp-early``: an ``mlp`` with exits (the paper's OurNNEarly, section *Neural Early-out*).
 
-Behind each hidden layer but the last stands an *exit*, a linear output on that layer's activations with a threshold
-of its own. It may only say *no* early: the answer is *maybe* iff every exit passes and the network's own output does.
-A conjunction of conservative tests is conservative, and an exit is a shorter network whose layers are shared: so
-every part is proven by itself, as an ordinary ``Mlp`` (``parts``, ``of``).
+Behind each hidden layer but the last stands an *exit*, two linear outputs on that layer's activations with a
+threshold each. Where the first is below its threshold the answer is *no*, which is proven: an exit that denies is a
+shorter network whose layers are shared, and every part is proven by itself, as an ordinary ``Mlp`` (``parts``, ``of``).
+Where else the second, the *grant*, is above its threshold the answer is *maybe*, and no more is asked. That needs no
+proof, because *maybe* is never wrong; it may cost false positives, of which its threshold allows a few
+(``training.recipes.grants``). Without grants an exit would pay only where most queries are denied: where they mostly
+meet the object, as rays, planes and boxes do, it is the *maybe* that can be told early.
 
-``f`` is the output where all exits pass, and ``DENIED``, a very low number, elsewhere.
+``f`` is the output where no exit decides, ``DENIED``, a very low number, where the first to decide denies, and
+``GRANTED``, a very high one, where it grants. Whatever is certified of the parts together holds: f is lower than
+without grants nowhere.
 
-On a CPU the batch path asks an exit for a block of queries, then moves the survivors together and begins the next part
+On a CPU the batch path asks an exit for a block of queries, then moves the undecided together and begins the next part
 with their coordinates; it computes the shared layers again rather than carry their activations along. Other code
 (CUDA, the function for other kernels) asks one query and goes on from the layer where it is.
 
-Limits: one hidden layer has no exit. The gain is what the exits deny: 3D points of a bunny take 1.6 to 1.75 times
-less time than without exits; rays, most of which meet it or nearly do, take a little more.
+Limits: one hidden layer has no exit. The gain is what exits decide, less what they cost, a fifth to a third of the
+network (``warp-bounding speed`` measures it).
 """
 
 from collections.abc import Sequence
@@ -25,59 +30,71 @@ from warp_bounding.bounders.neural.mlp import ACTIVATION, HIDDEN, OCTAVES, RECIP
 from warp_bounding.bounders.options import STEPS
 from warp_bounding.coordinates.domain import GROWTH
 from warp_bounding.errors import BounderError
-from warp_bounding.kernels.source import DENIED, Lanes, literal
+from warp_bounding.kernels.source import DENIED, GRANTED, Early, Lanes, literal
 from warp_bounding.networks.inference import MlpSource, head_numbers
 
-__all__ = ["MlpEarly", "MlpEarlySource", "bounds_of_all", "denied_early"]
+__all__ = ["MlpEarly", "MlpEarlySource", "bounds_of_all", "denied_early", "grant_of"]
 
 
 @dataclass(frozen=True)
 class MlpEarlySource(MlpSource):
     """Native code of a network with exits, for its sizes.
 
-    Numbers: those of ``MlpSource``, then per exit its threshold and its output, written like the network's own.
+    Numbers: those of ``MlpSource``, then per exit its threshold and its output, written like the network's own, then
+    those of its grant.
     """
 
     @property
     def exits(self) -> list[int]:
         """Where in the numbers each exit's threshold stands; its output follows."""
-        places, at = [], self.places[-1]
-        for index in (-1, *range(len(self.hidden) - 1)):
-            at += self.head_size(index)
+        places, at = [], self.places[-1] + self.head_size(-1)
+        for index in range(len(self.hidden) - 1):
             places.append(at)
-            at += 1
-        return places[:-1]
+            at += 2 * (1 + self.head_size(index))
+        return places
 
-    def early(self) -> list[tuple[str, str]]:
-        lanes = Lanes(vector=True)
-        return [(self.chain(lanes, index + 1, place + 1), f"w[{place}]") for index, place in enumerate(self.exits)]
+    @property
+    def grants(self) -> list[int]:
+        """Where in the numbers each grant's threshold stands; its output follows."""
+        return [place + 1 + self.head_size(index) for index, place in enumerate(self.exits)]
+
+    def early(self) -> list[Early]:
+        lanes, tests = Lanes(vector=True), []
+        for index, (place, grant) in enumerate(zip(self.exits, self.grants, strict=True)):
+            code = self.chain(lanes, index + 1, place + 1, grant + 1)
+            tests.append(Early(code, f"w[{place}]", f"w[{grant}]"))
+        return tests
 
     def body(self, lanes: Lanes) -> str:
         """The single query goes through the exits here; lanes have been through them by ``early``."""
         if lanes.vector:
             return super().body(lanes)
         lines = [self.encode(lanes)]
-        for index, place in enumerate(self.exits):
-            lines.append(self.layer(index, place + 1, keep=True))
-            lines.append(f"if (f < w[{place}]) {{ f = {literal(DENIED)}; }} else {{")
+        for index, (place, grant) in enumerate(zip(self.exits, self.grants, strict=True)):
+            lines.append(self.layer(index, place + 1, keep=True, sure_at=grant + 1))
+            lines.append(f"if (f < w[{place}]) {{ f = {literal(DENIED)}; }}")
+            lines.append(f"else if (sure > w[{grant}]) {{ f = {literal(GRANTED)}; }} else {{")
         lines.append(self.layer(len(self.hidden) - 1, self.places[-1], keep=False))
         return "\n".join([*lines, "}" * len(self.exits)])
 
     def function_body(self) -> str:
         lines = [f"float answer = {literal(DENIED)}; do {{", self.function_encode()]
-        for index, place in enumerate(self.exits):
+        for index, (place, grant) in enumerate(zip(self.exits, self.grants, strict=True)):
             lines.append(self.function_layer(index))
             lines += ["{", self.function_output(index, place + 1), f"if (f < w[{place}]) break; }}"]
+            granted = f"if (f > w[{grant}]) {{ answer = {literal(GRANTED)}; break; }} }}"
+            lines += ["{", self.function_output(index, grant + 1), granted]
         last = len(self.hidden) - 1
         lines += [self.function_layer(last), self.function_output(last, self.places[-1])]
         return "\n".join([*lines, "answer = f; } while (false); const float f = answer;"])
 
 
 class MlpEarly(Mlp):
-    """A network with exits; *maybe* where every exit and the network's output reach their thresholds.
+    """A network with exits: each in turn may deny or grant a query, and the network's output decides the rest.
 
     Tensors: those of ``Mlp``; ``exits.i.weight`` ``(1, H_i)`` and ``exits.i.bias`` ``(1,)``, 2 rows for planes, for
-    every hidden layer i but the last; ``exits.thresholds`` ``(exits,)``. Sizes: those of ``Mlp``.
+    every hidden layer i but the last; ``exits.thresholds`` ``(exits,)``; ``grants.i.weight``, ``grants.i.bias`` and
+    ``grants.thresholds`` of the same shapes, which older files do not have. Sizes: those of ``Mlp``.
     """
 
     method = "mlp-early"
@@ -85,10 +102,15 @@ class MlpEarly(Mlp):
     source_kind = MlpEarlySource
 
     def __init__(self, domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
-        """Arguments and errors of ``Mlp``. Without ``exits.thresholds`` all exits let everything pass."""
+        """Arguments and errors of ``Mlp``. Exits without ``exits.thresholds`` deny nothing; without grants none is granted."""
+        exits = [name for name in tensors if name.startswith("exits.") and not name.endswith("thresholds")]
         if "exits.thresholds" not in tensors:
-            count = sum(name.endswith(".weight") and name.startswith("exits.") for name in tensors)
-            tensors = tensors | {"exits.thresholds": np.full(count, DENIED, np.float32)}
+            tensors = tensors | {"exits.thresholds": np.full(len(exits) // 2, DENIED, np.float32)}
+        if not any(name.startswith("grants.") for name in tensors):
+            tensors = tensors | {
+                f"grants.{name.removeprefix('exits.')}": np.zeros_like(tensors[name]) for name in exits
+            }
+            tensors["grants.thresholds"] = np.full(len(exits) // 2, GRANTED, np.float32)
         super().__init__(domain, tensors, sizes, device)
 
     def check_tensors(self) -> None:
@@ -97,6 +119,9 @@ class MlpEarly(Mlp):
         self._parts = [Mlp(self.domain, *own, self._device) for own in made_of]
         for part, threshold in zip(self._parts, self.exit_thresholds, strict=False):
             part.freeze(threshold, None)
+        self._grants = [
+            Mlp(self.domain, *grant_of(self.tensors, self.sizes, i), self._device) for i in range(len(self._parts) - 1)
+        ]
 
     @classmethod
     def of(cls, parts: list[Mlp]) -> "MlpEarly":
@@ -129,21 +154,49 @@ class MlpEarly(Mlp):
         parts[-1].freeze(self.threshold, None)
         return parts
 
+    @property
+    def grant_thresholds(self) -> np.ndarray:
+        """``(exits,)`` float32; a query that no exit denies before is granted where a grant's output is more."""
+        return self.tensors["grants.thresholds"]
+
+    def granting(self, grants: Sequence[tuple[np.ndarray, np.ndarray]], thresholds: Sequence[float]) -> "MlpEarly":
+        """This bounder with other grants, at its own thresholds and with its certificate, which they do not touch.
+
+        Args:
+            grants: Weight and bias of each, shapes as of the exits.
+            thresholds: Of each.
+        """
+        tensors = dict(self.tensors)
+        for index, grant in enumerate(grants):
+            for name, value in zip(("weight", "bias"), grant, strict=True):
+                tensors[f"grants.{index}.{name}"] = np.asarray(value, np.float32)
+        tensors["grants.thresholds"] = np.asarray(thresholds, np.float32)
+        other = type(self)(self.domain, tensors, self.sizes, self._device)
+        return other.freeze(float(self.threshold), self.certificate)
+
     def _shapes(self) -> dict[str, tuple[int, ...]]:
-        shapes = super()._shapes()
-        for index, width in enumerate(self.hidden[:-1]):
-            shapes |= {f"exits.{index}.weight": (self.head.outputs, width), f"exits.{index}.bias": (self.head.outputs,)}
-        return shapes | {"exits.thresholds": (len(self.hidden) - 1,)}
+        shapes, outputs = super()._shapes(), self.head.outputs
+        for role in ("exits", "grants"):
+            for index, width in enumerate(self.hidden[:-1]):
+                shapes |= {f"{role}.{index}.weight": (outputs, width), f"{role}.{index}.bias": (outputs,)}
+            shapes[f"{role}.thresholds"] = (len(self.hidden) - 1,)
+        return shapes
 
     def weights(self) -> np.ndarray:
         numbers = [super().weights()]
-        for index, threshold in enumerate(self.exit_thresholds):
-            head = head_numbers(self.tensors[f"exits.{index}.weight"], self.tensors[f"exits.{index}.bias"])
-            numbers += [[threshold], head]
+        for index in range(len(self.hidden) - 1):
+            for role in ("exits", "grants"):
+                head = head_numbers(self.tensors[f"{role}.{index}.weight"], self.tensors[f"{role}.{index}.bias"])
+                numbers += [[self.tensors[f"{role}.thresholds"][index]], head]
         return np.concatenate(numbers).astype(np.float32)
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        return denied_early(self._parts[:-1], v, super().reference(v))
+        f = super().reference(v)
+        exits = zip(self._parts[:-1], self._grants, self.grant_thresholds, strict=True)
+        for part, grant, sure in reversed(list(exits)):  # the first to decide has the last word
+            f = np.where(grant.reference(v) > float(sure), GRANTED, f)
+            f = denied_early([part], v, f)
+        return f
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         return bounds_of_all(self._parts[:-1], super().bound(lower, upper), lower, upper, self.reference)
@@ -173,13 +226,24 @@ def bounds_of_all(firsts: Sequence[Bounder], bounds: BoxBounds, lower, upper, re
 
 def part_of(tensors: dict[str, np.ndarray], sizes: dict, depth: int) -> tuple[dict[str, np.ndarray], dict]:
     """Tensors and sizes of the ``Mlp`` of the first ``depth`` hidden layers and the output behind them."""
-    held = {name: value for name, value in tensors.items() if not name.startswith(("layers.", "exits."))}
-    hidden = list(sizes["hidden"])
+    held, hidden = _shared(tensors), list(sizes["hidden"])
     for index in range(depth + 1):
         role = f"exits.{depth - 1}" if index == depth < len(hidden) else f"layers.{index}"
         for name in ("weight", "bias"):
             held[f"layers.{index}.{name}"] = tensors[f"{role}.{name}"]
     return held, sizes | {"hidden": hidden[:depth]}
+
+
+def grant_of(tensors: dict[str, np.ndarray], sizes: dict, index: int) -> tuple[dict[str, np.ndarray], dict]:
+    """Tensors and sizes of the ``Mlp`` of the hidden layers up to ``index`` and the grant behind them."""
+    held, own = part_of(tensors, sizes, index + 1)
+    grant = {f"layers.{index + 1}.{name}": tensors[f"grants.{index}.{name}"] for name in ("weight", "bias")}
+    return held | grant, own
+
+
+def _shared(tensors: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The tensors that belong to no layer, exit or grant: those of the encoding."""
+    return {name: value for name, value in tensors.items() if not name.startswith(("layers.", "exits.", "grants."))}
 
 
 def _same(a: Mlp, b: Mlp) -> bool:
