@@ -8,7 +8,7 @@ import typer
 
 from warp_bounding.cli.output import console
 
-__all__ = ["Columns", "Objects", "Reporter", "command_line", "selected"]
+__all__ = ["Columns", "Objects", "Reporter", "command_line", "selected", "words_of"]
 
 Columns = Annotated[
     str | None, typer.Option(help="Such as 2d-point,3d-ray; or 2d, or ray, for all of these (default: all)")
@@ -28,22 +28,25 @@ def selected(data: str, columns: str | None, methods: str | None, objects: str |
     from warp_bounding.paper.plan import Selection, plan
     from warp_bounding.paper.shapes import find_shapes, select_shapes
 
-    def words(text: str | None) -> list[str] | None:
-        return None if text is None else [word.strip() for word in text.split(",")]
-
-    wanted, variants = select_columns(words(columns)), select_methods(words(methods), **among)
+    wanted, variants = select_columns(words_of(columns)), select_methods(words_of(methods), **among)
     found = find_shapes(Path(data), dict.fromkeys(c.ndim for c in wanted))
-    selection = Selection(wanted, variants, select_shapes(found, words(objects)), protocols)
+    selection = Selection(wanted, variants, select_shapes(found, words_of(objects)), protocols)
     plan(selection)  # before a folder is made
     return selection
 
 
-def command_line(command: str, options: dict[str, Any]) -> str:
+def words_of(text: str | None) -> list[str] | None:
+    """Words between commas; ``None`` for no text."""
+    return None if text is None else [word.strip() for word in text.split(",")]
+
+
+def command_line(command: str, options: dict[str, Any], **flags: bool) -> str:
     """The command line that does the same on another machine: without the paths of this one."""
     paths = {name: Path(str(options[name])) for name in ("table", "out") if name in options}
-    options = options | {"data": "DIR"} | {n: path.name if path.is_absolute() else path for n, path in paths.items()}
+    data = {"data": "DIR"} if "data" in options else {}
+    options = options | data | {n: path.name if path.is_absolute() else path for n, path in paths.items()}
     words = [word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))]
-    return shlex.join(["warp-bounding", command, *words])
+    return shlex.join(["warp-bounding", command, *words, *(f"--{name}" for name, given in flags.items() if given)])
 
 
 class Reporter:

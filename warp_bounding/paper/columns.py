@@ -162,12 +162,14 @@ class Variant(NamedTuple):
 
     def paper(self, column: Column) -> float | None:
         """The paper's figure that belongs beside this row: a volume's beside the parametric one, where there is one."""
+        return PAPER[self.method][COLUMNS.index(column)] if self.is_papers(column) else None
+
+    def is_papers(self, column: Column) -> bool:
+        """Whether the paper's figures of a column belong beside this row."""
         if self.method not in PAPER or self.leaves is not None:
-            return None
+            return False
         parametric = column.kind.is_region and self._supports(column, "parametric")
-        if self.in_both_spaces and self.parametric != parametric:
-            return None
-        return PAPER[self.method][COLUMNS.index(column)]
+        return not self.in_both_spaces or self.parametric == parametric
 
 
 VARIANTS = tuple(
