@@ -172,6 +172,7 @@ class MlpEarly(Mlp):
                 tensors[f"grants.{index}.{name}"] = np.asarray(value, np.float32)
         tensors["grants.thresholds"] = np.asarray(thresholds, np.float32)
         other = type(self)(self.domain, tensors, self.sizes, self._device)
+        other.info = dict(self.info)
         return other.freeze(float(self.threshold), self.certificate)
 
     def _shapes(self) -> dict[str, tuple[int, ...]]:
