@@ -42,8 +42,8 @@ FLOORS = (
 FLOOR = {name: floor for floor, names in enumerate(FLOORS) for name in names.split()}
 MOST_FILES = 16  # of a folder
 MOST_LINES = 350  # of a file
-# A command of the command line starts the demos; nothing else imports upwards, and it does so when it is called.
-LAZY = {"warp_bounding/cli/demo.py": "sims"}
+# Two commands of the command line start the demos and draw as they do; nothing else imports upwards, and they do so when called.
+LAZY = {"warp_bounding/cli/demo.py": "sims", "warp_bounding/cli/figures.py": "sims"}
 
 
 def parsed(folder: str) -> dict[str, ast.Module]:

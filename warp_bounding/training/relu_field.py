@@ -53,7 +53,7 @@ def train_relu_field(
     Ctrl-C ends training; the field as it is is then repaired.
     """
     clock = Clock(seconds, options["steps"], progress)
-    trainer = _Trainer(problem.grid, problem.domain, problem.seed)
+    trainer = _Trainer(problem.grid, problem.domain, problem.seed, options.get("nodes"))
     clock.reserved = min(REPAIR_SHARE * seconds + clock.seconds, 0.8 * seconds)
     with single_threaded_torch():
         interrupted = interrupts(lambda: trainer.run(clock))
@@ -63,8 +63,8 @@ def train_relu_field(
 
 
 class _Trainer:
-    def __init__(self, grid: IndicatorGrid, domain: Domain | RegionDomain, seed: int):
-        self.grid, self.domain, self.field = grid, domain, FieldMap.of(grid, domain)
+    def __init__(self, grid: IndicatorGrid, domain: Domain | RegionDomain, seed: int, nodes: int | None):
+        self.grid, self.domain, self.field = grid, domain, FieldMap.of(grid, domain, nodes)
         self.rng, self.generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
         self.oracle = oracle(domain.query, grid, "cpu", domain.oracle_length)
         boxes = [[self.field.coordinates(side) for side in pair] for pair in positive_boxes(grid, domain, self.field)]

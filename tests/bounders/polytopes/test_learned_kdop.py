@@ -8,10 +8,12 @@ from bounding_shapes import object_points, shape
 
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.polytopes.learned_kdop import LearnedKdop, classic_normals
+from warp_bounding.bounders.slabs.kdop import kdop_directions
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import sample
 from warp_bounding.queries.positives import draw_positives
+from warp_bounding.training import fit
 from warp_bounding.training.learned_kdop.train import train_learned_kdop
 from warp_bounding.training.problem import Problem
 
@@ -115,3 +117,14 @@ def test_errors():
         classic_normals(domain, 5)
     assert len(classic_normals(domain_of(grid, "ray", space="parametric"))) == 16
     assert not LearnedKdop.supports("ray", 1)
+
+
+@pytest.mark.parametrize("method", ["kdop", "learned-kdop"])
+def test_six_half_spaces_in_2d(method):
+    grid = shape("c")
+    bounder = fit(grid, method=method, k=6, budget=1.0, device="cpu", progress=False)
+    assert len(kdop_directions(2, 6)) == 3
+    assert bounder.certificate.proven
+    assert bounder.query(object_points(grid, np.random.default_rng(0)).astype(np.float32)).numpy().all()
+    with pytest.raises(BounderError, match="8 and 6"):
+        kdop_directions(2, 5)

@@ -133,3 +133,20 @@ def test_what_it_supports():
         ReluField(domain, trained("c", "point").tensors, {"nodes": [12, 1]})
     with pytest.raises(BounderError, match="expected tensors"):
         ReluField(domain, trained("c", "point").tensors, {"nodes": [12, 13]})
+
+
+@pytest.mark.parametrize(("name", "nodes"), [("c", 2), ("c", 5), ("blob", 7), ("animated", 3), ("c", 20)])
+def test_fields_of_another_resolution_have_no_false_negative(name, nodes):
+    grid = shape(name)
+    bounder = wb.fit(grid, method="relu-field", nodes=nodes, steps=20, device="cpu", progress=False)
+    assert bounder.field.nodes == (nodes,) * grid.ndim
+    assert bounder.certificate.proven
+    assert bounder.query(positives(name, "point").astype(np.float32)).numpy().all()
+
+
+def test_a_resolution_that_makes_no_sense_is_refused():
+    for nodes, query in ((1, "point"), (2000, "point"), (8, "box")):
+        with pytest.raises(BounderError, match="nodes"):
+            wb.fit(shape("c"), query, "relu-field", nodes=nodes, device="cpu")
+    with pytest.raises(BounderError, match="too fine for the object's cells"):
+        wb.fit(shape("c"), method="relu-field", nodes=200, device="cpu")

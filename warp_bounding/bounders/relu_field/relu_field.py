@@ -17,7 +17,7 @@ import warp as wp
 
 from warp_bounding.arithmetic import TINY, UNIT64, gamma
 from warp_bounding.bounders.base import Bounder, BoxBounds
-from warp_bounding.bounders.options import STEPS
+from warp_bounding.bounders.options import STEPS, Option, whole
 from warp_bounding.bounders.relu_field.cover import positive_boxes, positive_cells
 from warp_bounding.bounders.relu_field.native import ALONE, TEXT, TOGETHER
 from warp_bounding.bounders.relu_field.plain import plain_field
@@ -33,6 +33,7 @@ PLACES = {"ray": 1, "plane": 0, "box": 2}  # how many of a region's numbers are 
 REGION_NODES = 32  # along each number of a region
 MOST_NODES = 1 << 24
 LARGEST_COORDINATE = 2.0**60  # of a node: kernels cut them at the grid's ends, which they could not do with infinity
+MOST_POINT_NODES = 1024  # along each axis of a field of points
 MOST_BREAKS = 4  # of the field along one axis of a box whose bound is taken exactly
 SNAP = 1e-3  # nodes: an end of a box this near to a node is moved there, and its slope paid for
 AT_ONCE = 4096  # boxes
@@ -48,12 +49,15 @@ class FieldMap:
     nodes: tuple[int, ...]
 
     @classmethod
-    def of(cls, grid: IndicatorGrid, domain: AnyDomain) -> "FieldMap":
-        """Nodes at the cells' centres for coordinates of points, corners and origins; even over all of the other numbers."""
+    def of(cls, grid: IndicatorGrid, domain: AnyDomain, along: int | None = None) -> "FieldMap":
+        """Nodes at the cells' centres for coordinates of points, corners and origins; even over all of the other numbers.
+
+        Of points, there may be ``along`` nodes along each axis instead, even from the first to the last cell's centre.
+        """
         base, shape = domain.base, np.array(grid.shape)
         first = base.to_local(grid.position(np.where(shape > 1, 0.0, -0.5)))
         last = base.to_local(grid.position(np.where(shape > 1, shape - 1.0, 0.5)))
-        nodes = np.maximum(shape, 2)
+        nodes = np.maximum(shape, 2) if along is None else np.full(len(shape), along)
         if domain.tested_as_region:
             places = PLACES[domain.query]
             limit = domain.limit.astype(np.float64)[places * base.ndim :]
@@ -100,7 +104,17 @@ class ReluField(Bounder):
 
     method = "relu-field"
     lays_cells = True
-    options = (STEPS,)
+    options = (
+        Option(
+            "nodes",
+            None,
+            "along each axis of a field of points; by default as many as the object has cells",
+            whole("nodes", 2, MOST_POINT_NODES),
+            int,
+            ("point",),
+        ),
+        STEPS,
+    )
 
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
@@ -109,9 +123,11 @@ class ReluField(Bounder):
         return super().supports(query, ndim, space) and 1 <= ndim <= 4
 
     @classmethod
-    def fit(cls, grid: IndicatorGrid, domain: AnyDomain, *, device: str | None = None) -> "ReluField":
-        """Where training starts: 1 at the nodes of field cells that may hold a positive, else 0."""
-        field = FieldMap.of(grid, domain)
+    def fit(
+        cls, grid: IndicatorGrid, domain: AnyDomain, *, nodes: int | None = None, device: str | None = None
+    ) -> "ReluField":
+        """Where training starts: 1 at the nodes of field cells that may hold a positive, else 0; ``nodes`` along each axis."""
+        field = FieldMap.of(grid, domain, nodes)
         return cls.of_values(domain, field, positive_cells(grid, domain, field).astype(np.float32), device)
 
     @classmethod
