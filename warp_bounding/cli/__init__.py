@@ -18,11 +18,7 @@ __all__ = ["app", "main"]
 def _app():
     import typer
 
-<<<<<<< HEAD
-    from warp_bounding.cli import certify, demo, evaluate, fit, info, proofs, query, soak, speed, table1
-=======
-    from warp_bounding.cli import certify, demo, evaluate, figures, fit, info, proofs, query, soak, table1
->>>>>>> 0e9cb4a (Figures of the paper: one file each, computed part by part, drawn from JSON; six half-spaces in 2D, fields of any resolution)
+    from warp_bounding.cli import certify, demo, evaluate, figures, fit, info, proofs, query, soak, speed, table1
 
     app = typer.Typer(
         name="warp-bounding",
@@ -32,11 +28,7 @@ def _app():
         pretty_exceptions_enable=False,
     )
     fit.state_options()
-<<<<<<< HEAD
-    for module in (fit, query, certify, soak, evaluate, info, table1, speed, proofs, demo):
-=======
-    for module in (fit, query, certify, soak, evaluate, info, table1, proofs, figures, demo):
->>>>>>> 0e9cb4a (Figures of the paper: one file each, computed part by part, drawn from JSON; six half-spaces in 2D, fields of any resolution)
+    for module in (fit, query, certify, soak, evaluate, info, table1, speed, proofs, figures, demo):
         name, command = module.__name__.rpartition(".")[2], module.command
         app.command(name=name, cls=getattr(module, "Help", None), help=_paragraphs(command.__doc__))(command)
 

@@ -53,7 +53,7 @@ def command(
     work = Work(FigureSettings.of(given), None if data is None else Path(data), tools)
     chosen, skipped = selected(name, FIGURES, work)
     told = {"data": data, "out": out, "effort": effort, "samples": samples, "seed": seed}
-    line = command_line("figures", told).replace("figures", f"figures {name}{' --quick' if quick else ''}", 1)
+    line = command_line("figures", told, quick=quick).replace("figures", f"figures {name}", 1)
     with open_figures(Path(out), given, tuple(figure.name for figure in FIGURES)) as folder:
         work.settings = folder.settings
         with _Reporter() as reporter:

@@ -43,13 +43,8 @@ def words_of(text: str | None) -> list[str] | None:
 def command_line(command: str, options: dict[str, Any], **flags: bool) -> str:
     """The command line that does the same on another machine: without the paths of this one."""
     paths = {name: Path(str(options[name])) for name in ("table", "out") if name in options}
-<<<<<<< HEAD
-    data = {"data": "DIR"} if "data" in options else {}
+    data = {"data": "DIR"} if options.get("data") is not None else {}
     options = options | data | {n: path.name if path.is_absolute() else path for n, path in paths.items()}
-=======
-    given = {"data": "DIR"} if options.get("data") is not None else {}
-    options = options | given | {n: path.name if path.is_absolute() else path for n, path in paths.items()}
->>>>>>> 0e9cb4a (Figures of the paper: one file each, computed part by part, drawn from JSON; six half-spaces in 2D, fields of any resolution)
     words = [word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))]
     return shlex.join(["warp-bounding", command, *words, *(f"--{name}" for name, given in flags.items() if given)])
 
