@@ -32,7 +32,7 @@ class Convergence(Figure):
 
     def parts(self, work):
         def trained(grid, loss: str) -> dict[str, Any]:
-            from warp_bounding.paper.drawing.loss_record import record
+            from warp_bounding.training.comparisons.loss_record import record
 
             full, quick = STEPS[grid.ndim]
             steps = max(STAGES, round(work.choose(full, quick) * work.settings.effort))

@@ -55,7 +55,7 @@ class ReluFields(Figure):
             return measured(ask)
 
         def plain() -> dict[str, Any]:
-            from warp_bounding.paper.drawing.plain_field import plain_field
+            from warp_bounding.training.comparisons.plain_field import plain_field
 
             return measured(plain_field(grid, NODES, work.settings.seed, STEPS, BATCH, RATE))
 

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from warp_bounding.coordinates.region_domain import domain_of
+from warp_bounding.queries.point import POINT
 from warp_bounding.training.engine.clock import Clock
 from warp_bounding.training.engine.team import single_threaded_torch
 from warp_bounding.training.recipes.paper import PaperRecipe, PaperTrainer
@@ -77,7 +78,7 @@ def record(
         ``step``, ``fp`` and ``fn``: lists, rates in per cent of points.
     """
     paper = (_Common if common else PaperRecipe)(batch=batch, stage=stage, stable=steps, rate=RATE)
-    samples = samples_of(grid, domain_of(grid, "point"), seed)
+    samples = samples_of(grid, domain_of(grid, POINT.name), seed)
     with single_threaded_torch(), torch.no_grad():
         trainer = _Recorded(samples, hidden, activation, paper, every, note)
         trainer.run(Clock(np.inf, steps))
