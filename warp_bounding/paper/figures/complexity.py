@@ -12,7 +12,8 @@ __all__ = ["Complexity"]
 # Widths of both hidden layers by dimension, the paper's as far as two cores train and prove them in the time; and of the quick form.
 WIDTHS = {2: (10, 16, 25, 50, 75, 125), 3: (16, 25, 50, 75, 125), 4: (25, 50, 75, 125)}
 QUICK = {2: (10, 25), 3: (16, 32), 4: (16, 32)}
-SECONDS = {2: (10, 1.5), 3: (30, 2.5), 4: (60, 4)}
+SECONDS = {2: (10, 2), 3: (30, 5), 4: (60, 8)}
+WIDE = 50  # neurons a layer from which the seconds grow with the width
 BASELINES = {"obb": "-", "sphere": "--"}
 
 
@@ -51,17 +52,18 @@ class Complexity(Figure):
                 parts[f"{thing.label} {method}"] = partial(measured, grid, 60.0, method=method)
             for width in work.choose(WIDTHS, QUICK)[ndim]:
                 own = {"method": "mlp", "hidden": (width, width)}
-                parts[f"{thing.label} mlp {width}"] = partial(measured, grid, work.choose(*SECONDS[ndim]), **own)
+                seconds = work.choose(*SECONDS[ndim]) * max(1.0, width / WIDE)
+                parts[f"{thing.label} mlp {width}"] = partial(measured, grid, seconds, **own)
         return parts
 
     def draw(self, parts, tools):
         def fill(figure) -> None:
-            figure.set_size_inches(9.2, 3.0)
+            figure.set_size_inches(9.2, 3.3)
             panels = figure.subplots(
                 1,
                 3,
                 sharey=True,
-                gridspec_kw={"left": 0.07, "right": 0.99, "top": 0.87, "bottom": 0.17, "wspace": 0.08},
+                gridspec_kw={"left": 0.07, "right": 0.99, "top": 0.87, "bottom": 0.24, "wspace": 0.08},
             )
             for axes, ndim in zip(panels, WIDTHS, strict=True):
                 self._panel(axes, {n: p for n, p in parts.items() if n.startswith(f"{ndim}d")})
@@ -86,6 +88,7 @@ class Complexity(Figure):
         axes.set_xscale("log")
         axes.set_yscale("log")
         axes.set_yticks([0.1, 0.3, 1, 3, 10, 30, 100], ["0.1", "0.3", "1", "3", "10", "30", "100"])
+        axes.set_xticks(size, [f"{number:,}" for number in size], rotation=30)
         axes.minorticks_off()
         axes.set_xlabel("parameters", fontsize=9)
         axes.grid(axis="y", color=PALE, linewidth=0.8)

@@ -13,8 +13,7 @@ __all__ = ["Gallery"]
 
 PIXELS = 80  # of a raster's side
 COLUMNS = ("aabb", "kdop", "learned-kdop", "occupancy", "mlp")
-FREE = ("aabb", "kdop")  # closed forms
-SECONDS = {"learned-kdop": (10, 2), "occupancy": (15, 3), "mlp": (60, 6)}  # full, quick
+SECONDS = {"learned-kdop": (10, 4), "occupancy": (15, 6), "mlp": (60, 10)}  # full, quick
 
 
 class Gallery(Figure):
@@ -86,7 +85,7 @@ class Gallery(Figure):
             return scene(layer(inside, SOLID), up=up)
         maybe = parts[name]["maybe"]
         denied = pack(unpack(inside) & ~unpack(maybe))
-        bound = layer(maybe, METHODS[method], smooth=method not in FREE)
+        bound = layer(maybe, METHODS[method], smooth=True)
         return scene(bound, layer(denied, DENIED), up=up)
 
     def facts(self, parts):
