@@ -18,7 +18,7 @@ __all__ = ["app", "main"]
 def _app():
     import typer
 
-    from warp_bounding.cli import certify, demo, evaluate, figures, fit, info, proofs, query, soak, speed, table1
+    from warp_bounding.cli import certify, demo, evaluate, figures, fit, info, proofs, query, recipes, soak, speed, table1
 
     app = typer.Typer(
         name="warp-bounding",
@@ -28,7 +28,7 @@ def _app():
         pretty_exceptions_enable=False,
     )
     fit.state_options()
-    for module in (fit, query, certify, soak, evaluate, info, table1, speed, proofs, figures, demo):
+    for module in (fit, query, certify, soak, evaluate, info, table1, recipes, speed, proofs, figures, demo):
         name, command = module.__name__.rpartition(".")[2], module.command
         app.command(name=name, cls=getattr(module, "Help", None), help=_paragraphs(command.__doc__))(command)
 

@@ -1,6 +1,6 @@
 """What shows a run of ``table1``, made from the table alone: Table 1 as Markdown, ours beside the paper's, and the rank plot."""
 
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
 from warp_bounding.activations import activation_of
 from warp_bounding.errors import BoundingError
@@ -8,11 +8,14 @@ from warp_bounding.paper.columns import CLASSIC, COLUMNS, EXACT, Column, Variant
 from warp_bounding.paper.folder import Folder
 from warp_bounding.paper.pages.means import Mean, Means
 from warp_bounding.paper.pages.rank_plot import rank_plot
+from warp_bounding.paper.pages.table import table
+from warp_bounding.paper.recipes.page import section
+from warp_bounding.paper.recipes.rows import read_rows
 from warp_bounding.paper.rows import PROTOCOLS, Row
 from warp_bounding.paper.settings import Settings
 from warp_bounding.runtime.whole_file import write_whole
 
-__all__ = ["against_the_paper", "page", "table", "write_outputs", "write_page"]
+__all__ = ["NOT_YET", "NO_METHOD", "against_the_paper", "page", "write_outputs", "write_page"]
 
 PICTURE = "rank"
 
@@ -28,15 +31,6 @@ HEADLINES = {
     "sampled": "Truth as the paper finds it: a query counts if one of some hundred random samples of it hits the object. Thin hits are missed, "
     "so more queries count as *no*, and false positives are more.",
 }
-
-
-def table(heads: Sequence[str | None], lines: Iterable[Sequence[str | None]], left: Container[int] = (0,)) -> list[str]:
-    """Lines of a Markdown table; the columns ``left`` are aligned to the left, others to the right; ``None`` is no cell."""
-    rule = "".join("---|" if i in left else "---:|" for i in range(len(heads)))
-    first, *rest = (
-        "|" + "".join(" |" if cell is None else f" {cell} |" for cell in cells) for cells in (heads, *lines)
-    )
-    return [first, f"|{rule}", *rest]
 
 
 def write_page(folder: Folder, failed: Sequence[str] = ()) -> None:
@@ -98,6 +92,8 @@ def page(folder: Folder, failed: Sequence[str] = (), picture: str | None = None)
             "have those around the object and the lower ones those around query parameters, against the same networks. Lines of methods that exist for fewer queries "
             "are shorter; `bvh-16` and the like, `occupancy` and `voxels` are not drawn. Also as [SVG](rank.svg)."
         ]
+    if recipes := section(read_rows(folder.path)):
+        lines += ["", *recipes]
     lines += ["", "## Details", "", "False positives in per cent by object; memory and seconds are means over objects."]
     for means in tables:
         for column in means.objects:

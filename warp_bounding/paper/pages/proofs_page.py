@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from warp_bounding.paper.columns import COLUMNS
 from warp_bounding.paper.folder import Folder
-from warp_bounding.paper.pages.markdown import table
+from warp_bounding.paper.pages.table import table
 from warp_bounding.paper.proofs import PROOF_COST
 from warp_bounding.paper.rows import ProofRow
 from warp_bounding.runtime.whole_file import write_whole

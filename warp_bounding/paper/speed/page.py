@@ -8,7 +8,8 @@ from typing import Any
 from warp_bounding.errors import BoundingError
 from warp_bounding.paper.columns import Column, Variant
 from warp_bounding.paper.folder import Folder
-from warp_bounding.paper.pages.markdown import NO_METHOD, NOT_YET, table
+from warp_bounding.paper.pages.markdown import NO_METHOD, NOT_YET
+from warp_bounding.paper.pages.table import table
 from warp_bounding.paper.speed.early_plot import early_plot
 from warp_bounding.paper.speed.figures import (
     PAPER_DEVICE,
