@@ -18,7 +18,20 @@ __all__ = ["app", "main"]
 def _app():
     import typer
 
-    from warp_bounding.cli import certify, demo, evaluate, figures, fit, info, proofs, query, recipes, soak, speed, table1
+    from warp_bounding.cli import (
+        certify,
+        demo,
+        evaluate,
+        figures,
+        fit,
+        info,
+        proofs,
+        query,
+        recipes,
+        soak,
+        speed,
+        table1,
+    )
 
     app = typer.Typer(
         name="warp-bounding",
