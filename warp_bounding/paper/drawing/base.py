@@ -108,13 +108,13 @@ class Work:
         from warp_bounding.training import fit
 
         about = {"query": query, "budget": seconds * self.settings.effort, "seed": self.settings.seed}
-
-        def tell(done: float, total: float = 1.0, text: str = "") -> None:
-            self.note(text)
-
-        bounder = fit(shape, device="cpu", progress=tell, **about, **options)
+        bounder = fit(shape, device="cpu", progress=self.tell, **about, **options)
         self.heed()
         return bounder
+
+    def tell(self, done: float, total: float = 1.0, text: str = "") -> None:
+        """What a fit takes as ``progress``."""
+        self.note(text)
 
     def rates(self, bounder, shape) -> dict[str, Any]:
         """False positives, in per cent of random queries, false negatives, a count, and what the bounder is."""

@@ -1,5 +1,6 @@
 """*Hierarchy*: a school of fish in three levels of networks."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,11 @@ __all__ = ["Hierarchy", "school"]
 CELLS, PIXELS, SCALE = 160, 400, 1.25  # cells a side; of a raster's side; what the lengths below are multiplied by
 LEVELS = {"root": "#5b9bd5", "children": "#f2c230", "leaves": "#e77fb3"}  # colours as in the paper
 TITLES = {"root": "one network", "children": "two children", "leaves": "four leaves", "together": "together"}
-HIDDEN = {"root": (24, 24), "children": (16, 16), "leaves": (12, 12)}
+HIDDEN = {"root": (16, 16), "children": (12, 12), "leaves": (10, 10)}
+STEPS = (
+    4000,
+    500,
+)  # of training, for each network: full, quick; a time would be shared by more networks from level to level
 # Centres, lengths and angles of the fish, of which the upper ones swim a little downwards.
 SCHOOL = (
     (0.14, 0.83, 0.17, -0.25), (0.33, 0.9, 0.15, -0.15), (0.29, 0.74, 0.19, -0.3), (0.49, 0.79, 0.16, -0.1),
@@ -50,19 +55,21 @@ class Hierarchy(Figure):
 
     def parts(self, work):
         def levels() -> dict[str, Any]:
-            from warp_bounding.training import hierarchy
+            from warp_bounding.training import fit, hierarchy
 
             grid = school()
-            points, effort = raster(grid, PIXELS), work.settings.effort
+            points, steps = raster(grid, PIXELS), max(1, round(work.choose(*STEPS) * work.settings.effort))
             about = {
+                "method": "mlp",
+                "steps": steps,
                 "seed": work.settings.seed,
                 "device": "cpu",
-                "progress": lambda done, total=1.0, text="": work.note(text),
+                "progress": work.tell,
             }
-            bounders = {"root": work.fit(grid, work.choose(40, 6), method="mlp", hidden=HIDDEN["root"])}
-            for depth, (level, seconds) in enumerate({"children": (80, 15), "leaves": (120, 20)}.items(), start=1):
-                own = {"levels": depth, "hidden": HIDDEN[level], "budget": work.choose(*seconds) * effort}
-                bounders[level] = hierarchy(grid, method="mlp", **own, **about)
+            bounders = {}
+            for depth, (level, hidden) in enumerate(HIDDEN.items()):
+                make = partial(hierarchy, levels=depth) if depth else fit
+                bounders[level] = make(grid, hidden=hidden, **about)
                 work.heed()
             bounders["together"] = bounders["root"] & bounders["children"] & bounders["leaves"]
             found = {name: {**work.rates(b, grid), "maybe": packed(b, points)} for name, b in bounders.items()}
