@@ -20,7 +20,7 @@ TESTS = Path(__file__).parents[1]
 class Line(Figure):
     """Two numbers, kept in a file how often they are computed."""
 
-    name, title, paper, caption = "line", "A line", "Fig. 0", "Nothing to see."
+    name, title, paper, caption = "line", "A line", "the one", "Nothing to see."
     objects = objects_named("2d/star1=2d/star")
     log: list = []  # noqa: RUF012
     fails = ""

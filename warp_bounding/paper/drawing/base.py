@@ -146,7 +146,7 @@ class Figure(ABC):
         name: As the command line takes it, and its files are called.
         title: Its heading.
         caption: A paragraph below it: what is seen.
-        paper: Where the paper shows this, in words.
+        paper: What of the paper this is, in words: its numbers of figures differ between text and supplement.
         objects: Which objects of the paper's data it shows.
         few: How many of them in the quick form; ``None`` for all.
     """

@@ -19,19 +19,22 @@ def write_page(folder: FigureFolder, figures: Sequence[Figure]) -> None:
     lines = ["# The figures of *Neural Bounding*, made with warp-bounding", ""]
     lines += _made_with(folder)
     for figure in figures:
-        pictures, parts = folder.pictures(figure.name), folder.read(figure.name)["parts"]
+        pictures, found = folder.pictures(figure.name), folder.read(figure.name)
+        parts = found["parts"]
         if not pictures or not parts:
             continue
         shown = pictures.get("png") or next(iter(pictures.values()))
         also = f" Also as [SVG]({figure.name}.svg)." if "svg" in pictures and shown.suffix != ".svg" else ""
         lines += ["", f"## {figure.title}", "", f"![{figure.title}]({shown.name})", ""]
-        lines += [f"**{figure.name}** ({figure.paper} of the paper). {figure.caption}{also}"]
+        lines += [f"`{figure.name}`: {figure.paper}. {figure.caption}{also}"]
         try:
             facts = figure.facts(parts)
         except KeyError:  # parts of a run that has not ended
             facts = []
         seconds = sum(part.get("seconds", 0.0) for part in parts.values())
-        facts += [f"Computed in {seconds:,.0f} s; the numbers are in [{figure.name}.json]({figure.name}.json)."]
+        facts += [
+            f"Computed in {seconds:,.0f} s by {'; '.join(found['versions'])}; numbers: [{figure.name}.json]({figure.name}.json)."
+        ]
         lines += ["", *(f"- {fact}" for fact in facts)]
     write_whole(folder.path / PAGE, ("\n".join(lines) + "\n").encode())
 

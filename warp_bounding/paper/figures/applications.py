@@ -31,7 +31,7 @@ class Applications(Figure):
 
     name = "applications"
     title = "Simulations, with a proof and without"
-    paper = "Fig. 3"
+    paper = "the paper's figure of applications"
     caption = (
         "Four simulations whose broad phase is a network, in the quick form of `warp-bounding demo`; left in each picture with a proof "
         "(`mlp`), right without (`occupancy`). Planned paths collide where the network denies a piece of a wall (red rings); cloth sinks "

@@ -22,7 +22,7 @@ class Complexity(Figure):
 
     name = "complexity"
     title = "What a larger network buys, by dimension"
-    paper = "Suppl. Fig. 2"
+    paper = "the supplement's plot of complexity"
     caption = (
         "False positives, in per cent of random points (logarithmic), against the number of parameters, a panel a dimension. "
         "The band is from the best to the worst object, the line their mean. Oriented box and sphere have one size, and get "

@@ -21,7 +21,7 @@ class Convergence(Figure):
 
     name = "convergence"
     title = "Both errors over training"
-    paper = "Fig. 10"
+    paper = "the paper's convergence plots"
     caption = (
         "False negatives (solid) and false positives (dotted), in per cent of points, over training steps, for two objects. With the "
         "asymmetric loss (blue; the paper's schedule in small, whose weights change at the vertical lines) false negatives fall to zero and false positives pay "

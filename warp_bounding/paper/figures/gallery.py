@@ -21,7 +21,7 @@ class Gallery(Figure):
 
     name = "gallery"
     title = "3D shapes by methods"
-    paper = "Fig. 8"
+    paper = "the paper's comparison of methods in 3D"
     caption = (
         "Each row is an object of 32 cells a side, each column what a method makes of it: where its bound says *maybe*. Box "
         "and k-DOPs are convex, and learned half-spaces are tighter than fixed ones of the same number. `occupancy`, the "

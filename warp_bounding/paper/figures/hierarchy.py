@@ -45,7 +45,7 @@ class Hierarchy(Figure):
 
     name = "hierarchy"
     title = "A hierarchy of networks around a school of fish"
-    paper = "Fig. 7"
+    paper = "the paper's figure of a hierarchy"
     caption = (
         "A school of fish, drawn by code, in three levels: one network around all (blue), one for each half of the school (yellow), and one for "
         "each quarter (pink). What a level answers *no* is not asked further, so together (right) only what all three levels let "

@@ -18,7 +18,7 @@ class Kdop(Figure):
 
     name = "kdop"
     title = "Six half-spaces, fixed and learned"
-    paper = "Fig. 6"
+    paper = "the paper's figure of a learned k-DOP"
     caption = (
         "Both rows have six half-spaces, each pushed against the object by the same closed form, so both are as tight as their "
         "normals allow, and both are proven. Above, the normals are those of a hexagon; below, they were learned by gradient "

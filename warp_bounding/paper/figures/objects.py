@@ -20,7 +20,7 @@ class Objects(Figure):
 
     name = "objects"
     title = "All objects"
-    paper = "Suppl. Fig. 1"
+    paper = "the supplement's figure of all objects"
     caption = (
         "The objects of all tables, as they are bounded: 2D images of 32 x 32 cells, 3D voxels of 32 x 32 x 32, and animated "
         "ones of 10 steps of time, each shown at three of them, turning about an axis."

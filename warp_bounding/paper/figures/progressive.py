@@ -27,7 +27,7 @@ class Progressive(Figure):
 
     name = "progressive"
     title = "A star, by networks of growing width"
-    paper = "Fig. 11"
+    paper = "the paper's figure of growing networks"
     caption = (
         "The dark star is the object (its 32 x 32 cells); orange is what the bound adds to it. From left to right the "
         "networks grow. All have no false negative, proven over every point of the star, whatever their size; what a larger "

@@ -20,7 +20,7 @@ class ReluFields(Figure):
 
     name = "relu-fields"
     title = f"Fields of {NODES} x {NODES} numbers"
-    paper = "Fig. 13"
+    paper = "the paper's figure of ReLU fields"
     caption = (
         f"The same {NODES * NODES} numbers in three ways. Left, pixels: a pixel is marked if the object touches it. Middle, a field: "
         "numbers at nodes, interpolated between them, and trained as a classifier; it follows the outline and cuts pieces off (red). Right, ours: "

@@ -29,7 +29,7 @@ class Teaser(Figure):
 
     name = "teaser"
     title = "Tight, and never too tight"
-    paper = "Fig. 1, and its idea in 3D and 4D"
+    paper = "the paper's teaser, and its idea in 3D and 4D"
     caption = (
         "First row: a box, an ellipsoid and a k-DOP hold the object (dark) but add much empty space (coloured). A network "
         "that is trained as a classifier fits closely and cuts pieces off (red); ours is as close, and a proof says that nothing is "
