@@ -232,6 +232,11 @@ class Bounder(Operators, Asking):
     # --- where it runs -----------------------------------------------------------------------------------------------
 
     @classmethod
+    def takes_shapes(cls, query: str, space: str = "geometric") -> bool:
+        """Whether it bounds a shape without cells, for a kind of query; else cells are laid over the shape."""
+        return not cls.lays_cells and not QUERIES[query].is_region
+
+    @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
         """Whether the method bounds a kind of query of an n-dimensional object, in a space; by default only points."""
         return query in QUERIES and not QUERIES[query].is_region
@@ -288,11 +293,7 @@ class Bounder(Operators, Asking):
         return self
 
     def check_range(self) -> None:
-        """Refuse numbers whose sums could overflow float32.
-
-        Raises:
-            BounderError: If they could.
-        """
+        """Refuse numbers whose sums could overflow float32, with ``BounderError``."""
         # The rounding bound is at least UNIT32 times the largest sum. float32 ends at 2^128, so that under 2^60 even
         # products of two sums are finite.
         if not self.rounding_bound() < UNIT32 * 2.0**60:

@@ -17,11 +17,15 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.bounders.base import Bounder, BoxBounds
+from warp_bounding.coordinates.base import GEOMETRIC
 from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
 from warp_bounding.kernels.source import Lanes, Source, fill
+from warp_bounding.queries import QUERIES
 from warp_bounding.queries.point import POINT
+from warp_bounding.support_functions.base import ObjectSupport
 from warp_bounding.support_functions.parametric import ParametricSupport
 
 __all__ = ["VolumeBounder", "VolumeSource", "VolumeTest"]
@@ -68,6 +72,10 @@ class VolumeBounder(Bounder):
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
         return super().supports(query, ndim, space) or (query in cls.tests and ndim >= 2)
 
+    @classmethod
+    def takes_shapes(cls, query: str, space: str = GEOMETRIC) -> bool:
+        return not cls.lays_cells and (space == GEOMETRIC or not QUERIES[query].is_region)
+
     @property
     @abstractmethod
     def shape(self) -> Any:
@@ -105,14 +113,20 @@ class VolumeBounder(Bounder):
     def rounding_bound(self) -> float:
         return self.test.error
 
-    def least(self, grid: IndicatorGrid) -> tuple[float, int]:
+    def least(self, grid: Shape) -> tuple[float, int]:
+        """See ``Bounder``; of a shape without cells, for regions, over the hull of the object (``geometry.hull``)."""
+        if self.volume is not None and not isinstance(grid, IndicatorGrid):
+            support = ObjectSupport(grid, self.volume_domain)
+            if not support.certified:
+                raise BounderError(f"{self.method}: {grid.name} has no known convex hull; give a resolution")
+            return self.volume.hull_least(support)
         if self.domain.parametric:
-            return self.parametric_least(ParametricSupport(grid, self.domain))
+            return self.hull_least(ParametricSupport(grid, self.domain))
         return super().least(grid)
 
     @abstractmethod
-    def parametric_least(self, support: ParametricSupport) -> tuple[float, int]:
-        """``least`` over all positives in parametric space."""
+    def hull_least(self, support: ObjectSupport | ParametricSupport) -> tuple[float, int]:
+        """``least`` over the convex hull of all positives: of the object's points, or of regions in parametric space."""
 
     @classmethod
     def samples_of(cls, domain: RegionDomain, positives: np.ndarray) -> np.ndarray:

@@ -29,6 +29,7 @@ from warp_bounding.coordinates.domain import (
 from warp_bounding.coordinates.maps import COORDINATES, coordinates_of
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries import QUERIES
 
 __all__ = ["AnyDomain", "RegionDomain", "domain_of"]
@@ -81,14 +82,14 @@ class RegionDomain:
     length: float | None = None
 
     @classmethod
-    def of(cls, grid: IndicatorGrid, query: str, length: float = 1.0, space: str = "geometric") -> "RegionDomain":
+    def of(cls, grid: Shape, query: str, length: float = 1.0, space: str = "geometric") -> "RegionDomain":
         """See ``domain_of``."""
         # To the base time is an axis like the others: a region counts by its part inside the domain, and what it is to
         # the range of time its own test decides (``extra``).
-        still = replace(grid, time=False)
+        still = replace(grid, time=False) if isinstance(grid, IndicatorGrid) else grid
         base = Domain.of(still)
         length = float(length) if QUERIES[query].has_length else None
-        cell = base.scale / grid.cells_per_unit
+        cell = base.scale / grid.details_per_unit
         # The rounding of the map grows with the limit, and the limit with delta: take the largest that delta may reach.
         most_delta = DELTA_LARGEST_SHARE * cell
         widest_base = replace(base, limit=(base.limit + most_delta).astype(np.float32))

@@ -93,8 +93,8 @@ def evaluate(
         bounder: Any bounder, or the path of its file.
         shape: The ``IndicatorGrid`` or ``IndicatorMesh`` that it bounds, or anything that ``load_indicator`` takes. A
             mesh or a function is the truth itself, also where the fit bounded its cells.
-        samples: Number of queries, drawn as in the paper (points of a grid: between the centres of the first
-            and the last cells; of other shapes: a tenth of the longest side around the box that holds the object).
+        samples: Number of queries, drawn as in the paper (about a grid: between the centres of the first and
+            the last cells; other shapes: a tenth of the longest side around the box that holds the object).
         protocol: ``"exact"``, or ``"sampled"``, the paper's way to find the truth: ``any()`` over random points of the
             region. That misses thin hits, so there are fewer positives. For points both are the same.
         seed: Seed of the samples.
@@ -122,7 +122,6 @@ def evaluate(
     if fitted.ndim != bounder.ndim:
         raise QueryError(f"the shape is {fitted.ndim}D, the bounder {bounder.ndim}D")
     judge = _judge(shape, fitted, bounder.query_kind, protocol)
-    source = fitted if QUERIES[bounder.query_kind].is_region else judge
     rng, length = np.random.default_rng(seed), bounder.domain.oracle_length
     if protocol == "sampled":
         truth_of = SampledOracle(bounder.query_kind, judge, device=bounder.device, seed=seed, length=length)
@@ -132,7 +131,7 @@ def evaluate(
     of_cells = oracle(bounder.query_kind, fitted, bounder.device, length) if laid else None
     false_positive = false_negative = positive = undecided = beyond_cells = 0
     for start in range(0, samples, CHUNK):
-        x = sample(bounder.query_kind, source, min(CHUNK, samples - start), rng)
+        x = sample(bounder.query_kind, judge, min(CHUNK, samples - start), rng)
         truth, maybe = np.asarray(truth_of(x), dtype=np.uint8), bounder.query(x).numpy().astype(bool)
         false_positive += int((maybe & (truth == OUT)).sum())
         false_negative += int(((truth == IN) & ~maybe).sum())

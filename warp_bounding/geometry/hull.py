@@ -3,21 +3,35 @@
 Closed cells are connected through corners too (3^n - 1 neighbours). The hull of a component is the hull of its cells'
 corners, which are integers. Dropped are corners strictly between two others on an axis-parallel line, and those that
 Qhull (Barber, Dobkin, Huhdanpaa 1996) finds inside: each of the latter only after *integer* arithmetic has found it in
-a simplex of corners that stay, so no rounding in Qhull can lose an extreme corner.
+a simplex of corners that stay, so no rounding in Qhull can lose an extreme corner. Of a mesh's vertices, which are no
+integers, those that are dropped lie so near to a convex sum of others that the hull is widened by what they miss.
 """
 
 from dataclasses import dataclass
 from math import factorial
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
 
-__all__ = ["Component", "components", "connected_labels", "hull_corners", "hull_points", "line_ends"]
+__all__ = ["Component", "Hull", "components", "connected_labels", "hull_corners", "hull_of", "hull_points", "line_ends"]
 
 FEW_CORNERS = 48  # of so many corners or fewer all are kept: to find their hull takes longer than it saves
 WALKS = 8  # searches for one corner, from as many facets: flat facets of Qhull's triangulation end some of them
 LONGEST_WALK = 200  # facets that the search for one corner visits before the corner is kept for lack of a proof
+MISSED = 1e-9  # of the size: a point that is farther from the convex sum that was found for it is kept
+AT_A_TIME = 1 << 22  # numbers in an intermediate array
+
+
+class Hull(NamedTuple):
+    """A convex set that holds an object: the convex hull of points, dilated."""
+
+    points: np.ndarray  # (P, n) float64, object space
+    radius: float  # object units, Euclidean in space
 
 
 @dataclass(frozen=True)
@@ -134,3 +148,59 @@ def components(occupancy: np.ndarray) -> list[Component]:
         box = len(group) == np.prod(upper - lower + 1)
         found.append(Component(lower, upper, lower + sides * (upper - lower + 1) if box else hull_corners(group)))
     return found
+
+
+_HULLS: WeakKeyDictionary[Shape, Hull] = WeakKeyDictionary()
+
+
+def hull_of(shape: Shape) -> Hull | None:
+    """A convex set that holds a shape and is about its convex hull, rounding included; ``None`` where none is known."""
+    if shape not in _HULLS:
+        if isinstance(shape, IndicatorGrid):
+            _HULLS[shape] = Hull(hull_points(shape), 0.0)
+        else:
+            corners = shape.corners()
+            if corners is None:
+                return None
+            points, missed = few_points(corners)
+            _HULLS[shape] = Hull(points, float(np.nextafter(shape.margin + missed, np.inf)))
+    return _HULLS[shape]
+
+
+def few_points(points: np.ndarray) -> tuple[np.ndarray, float]:
+    """Points ``(P, n)`` with about the same convex hull as those given, and by how much it may be too small."""
+    n, size = points.shape[1], float(np.ptp(points, axis=0).max())
+    if len(points) <= FEW_CORNERS:
+        return points, 0.0
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        hull = ConvexHull(points)
+    except QhullError:
+        return points, 0.0
+    kept = np.zeros(len(points), dtype=bool)
+    kept[hull.vertices] = True
+    apex, missed = points[kept].mean(axis=0), np.zeros(len(points))
+    facets = points[hull.simplices] - apex  # (F, n, n)
+    reach = -(hull.equations[:, :n] @ apex + hull.equations[:, n])
+    ahead = hull.equations[:, :n] / np.maximum(reach, np.finfo(float).tiny)[:, None]
+    dropped, step = np.flatnonzero(~kept), max(1, AT_A_TIME // len(ahead))
+    for start in range(0, len(dropped), step):
+        part = dropped[start : start + step]
+        d = points[part] - apex
+        corners = facets[np.argmax(d @ ahead.T, axis=1)]  # of the facet that the ray from the apex leaves through
+        weights = np.linalg.solve(corners.swapaxes(1, 2) + _singular(corners), d[..., None])[..., 0]
+        weights = np.maximum(np.concatenate([weights, 1 - weights.sum(axis=1, keepdims=True)], axis=1), 0)
+        weights /= weights.sum(axis=1, keepdims=True)
+        found = np.einsum("pi,pik->pk", weights[:, :n], corners)
+        missed[part] = np.linalg.norm(d - found, axis=1)
+    kept |= ~(missed <= MISSED * size)  # NaN is kept
+    # The apex is a mean of P points, and each sum has n + 1 terms.
+    rounding = gamma(len(points) + 16 * n, UNIT64) * float(np.abs(points).max()) * n
+    return points[kept], float(missed[~kept].max(initial=0.0)) * (1 + 1e-9) + rounding
+
+
+def _singular(corners: np.ndarray) -> np.ndarray:
+    """What makes the matrices of flat simplices invertible: then the sum that is found misses the point, which is kept."""
+    flat = ~(np.abs(np.linalg.det(corners)) > 0)
+    return flat[:, None, None] * np.eye(corners.shape[-1])

@@ -195,6 +195,10 @@ class IndicatorMesh(Shape):
         away *= self.margin * rng.random((count, 1)) / np.linalg.norm(away, axis=1, keepdims=True)
         return corner[face] + a * edges[0][face] + b * edges[1][face] + away
 
+    def corners(self) -> np.ndarray:
+        """``(P, 3)`` float64, the vertices of faces; see ``Shape``."""
+        return self.vertices[np.unique(self.faces)].astype(np.float64)
+
     def landmarks(self) -> np.ndarray:
         """``(P, 3)`` float64: the vertices of faces; of a dilated mesh, what lies over them at the margin, on either side."""
         used = np.unique(self.faces)

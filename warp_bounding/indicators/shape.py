@@ -157,6 +157,10 @@ class Shape(ABC):
         """``(P, n)`` float64 points, about on the object's border where it sticks out; a proof never relies on them."""
         return np.empty((0, self.ndim))
 
+    def corners(self) -> np.ndarray | None:
+        """``(P, n)`` float64 points whose convex hull, dilated by ``margin`` in space, holds the object; ``None`` if unknown."""
+        return None
+
     def points(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Random points of the object, up to rounding, where the shape can name some however thin it is.
 

@@ -18,7 +18,7 @@ from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.document import document, together
 from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.shape import Shape
+from warp_bounding.indicators.shape import IN, Shape
 from warp_bounding.proof.attest.statistics import CONFIDENCE, POSITIVES, fn_rate_bound, fresh_seed, try_positives
 from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.covers.monotone_box import of_points
@@ -26,7 +26,7 @@ from warp_bounding.proof.prove import OUTSIDE, as_fitted, charted, mismatch, oth
 from warp_bounding.proof.search.best_first import halve, minimum
 from warp_bounding.proof.search.depth_first import ChartedPositives
 from warp_bounding.proof.shape_check import CHUNK, SUSPECTS, Checked, check_shape, points_outside
-from warp_bounding.queries import QUERIES, oracle
+from warp_bounding.queries import QUERIES, decision
 from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["certify"]
@@ -144,9 +144,7 @@ def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress) ->
         return _attested(bounder, grid, seconds, result)
     if not isinstance(grid, IndicatorGrid):
         grid.check()
-        return _conclusion(
-            bounder, grid, check_shape(bounder, grid, target, started + seconds, progress), seconds, result
-        )
+        return _conclusion(bounder, grid, check_shape(f, grid, target, started + seconds, progress), seconds, result)
     cells = grid.occupied
     for start in range(0, len(cells), CHUNK):
         found = _check_cells(f, grid, target, started + seconds, cells[start : start + CHUNK])
@@ -256,11 +254,11 @@ def _check_charted(
 
 def _denied_region(bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray | None:
     """A float32 query at or close to coordinates ``v`` that meets the object and that the deployed bounder denies."""
-    truth = oracle(bounder.query_kind, grid, bounder.device, bounder.domain.oracle_length)
+    truth = decision(bounder.query_kind, grid, bounder.device, bounder.domain.oracle_length)
     rng = np.random.default_rng(0)
     for step in AROUND:
         x = bounder.domain.to_object(v + step * rng.uniform(-1, 1, v.shape)).astype(np.float32)
-        missed = np.flatnonzero((bounder.query(x).numpy() == 0) & truth(x))
+        missed = np.flatnonzero((bounder.query(x).numpy() == 0) & (truth(x) == IN))
         if len(missed):
             return x[missed[0]]
     return None

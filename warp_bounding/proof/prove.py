@@ -20,6 +20,7 @@ from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.attest.falsify import Walk
 from warp_bounding.proof.attest.statistics import attest
 from warp_bounding.proof.covers import COVERS
+from warp_bounding.proof.covers.monotone_box import of_points
 from warp_bounding.proof.search.best_first import Search, minimum
 from warp_bounding.proof.search.depth_first import ChartedPositives, charted_minimum
 from warp_bounding.proof.search.vacancy import ShapePositives
@@ -65,16 +66,18 @@ def least_value(
     """Certified minimum of f over every v that the pipeline can make of a positive; arguments as in ``prove``.
 
     That takes one pass over the cells, or branch and bound. Of a shape without cells the whole domain is searched, less
-    what the shape certifies to be empty (``search.vacancy``). Points, rays and boxes of a network are searched depth first
+    what the shape certifies to be empty (``search.vacancy``), for points and for a monotone network's boxes; volumes that
+    regions are tested against, and planes, need its convex hull alone. Points, rays and boxes of a network are searched depth first
     in the numbers of a chart (``charted``). Where there is no chart the search is best first: planes over their normals,
     a monotone network's boxes over the object's points (``covers``).
     """
     started = working_seconds()
     limits = {"eps": eps, "seconds": seconds, "boxes": boxes, "progress": progress}
-    if not isinstance(grid, IndicatorGrid):
-        positives = ShapePositives(bounder, grid)
+    f, region = of_points(bounder), QUERIES[bounder.query_kind].is_region
+    if not isinstance(grid, IndicatorGrid) and (not region or f is not bounder):
+        positives = ShapePositives(f, grid)
         if points is None or not len(points):
-            points = bounder.domain.to_local(border_points(grid, STARTS, np.random.default_rng(0)))
+            points = f.domain.to_local(border_points(grid, STARTS, np.random.default_rng(0)))
         return minimum(positives, *positives.boxes(), points=points, positives=positives, **limits)
     if bounder.exact_on_cells:
         least, looked_at = bounder.least(grid)
@@ -202,6 +205,10 @@ def mismatch(bounder: Bounder, grid: IndicatorGrid) -> str | None:
     domain = bounder.domain.base
     if other := other_dimension(bounder, grid):
         return other
+    if not isinstance(grid, IndicatorGrid):
+        for part in bounder.parts:
+            if not part.takes_shapes(part.query_kind, part.domain.space):
+                return f"{part.query_kind} queries of {part.method} are bounded over cells, and the shape has none; give a resolution"
     if grid.time and (domain.lower[0] < grid.lower[0] or domain.upper[0] > grid.upper[0]):
         times = ((grid.lower[0], grid.upper[0]), (domain.lower[0], domain.upper[0]))
         known, asked = (f"{first:.7g} to {last:.7g}" for first, last in times)

@@ -5,6 +5,7 @@ and higher floors keep what they know of it under the same name. Nobody compares
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
@@ -12,7 +13,7 @@ import warp as wp
 
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.shape import Shape
+from warp_bounding.indicators.shape import IN, OUT, Shape
 from warp_bounding.queries.exact import oracle_kernel
 from warp_bounding.runtime.launch import launch_blocks
 
@@ -96,6 +97,10 @@ class Query(ABC):
             ``(N,)`` bool.
         """
 
+    def certain(self, shape: Shape, q: np.ndarray, length: float = 1.0) -> np.ndarray:
+        """``(N,)`` bool: which queries meet the object beyond doubt; of a grid ``truth``, against every cell."""
+        return self.truth(shape, q, length) if isinstance(shape, IndicatorGrid) else self.decide(shape, q, length) == IN
+
     def near(self, grid: IndicatorGrid, q: np.ndarray) -> np.ndarray:
         """``(M, n)``, the occupied cells that one query ``(m,)`` meets or nearly meets, by the kernel's error bound."""
         return grid.occupied
@@ -108,8 +113,10 @@ class Query(ABC):
         """The kernel of the exact truth."""
         return oracle_kernel(f"wb_{self.name}_oracle_{ndim}d", ndim, self.columns(ndim), self.oracle_body)
 
-    def oracle(self, grid: IndicatorGrid, device: str | None = None, length: float = 1.0) -> "ExactOracle":
-        """The exact truth for many queries, as a Warp kernel; ``truth`` is its plain twin.
+    def oracle(self, grid: Shape, device: str | None = None, length: float = 1.0) -> Callable[[np.ndarray], np.ndarray]:
+        """The exact truth for many queries: of a grid a Warp kernel, with ``truth`` as its plain twin, else ``decide``.
+
+        What a shape without cells cannot decide counts as meeting the object.
 
         Args:
             grid: The object.
@@ -121,6 +128,8 @@ class Query(ABC):
         """
         if self.has_length and not 0 <= length < np.inf:
             raise QueryError(f"length must be finite and non-negative, got {length}")
+        if not isinstance(grid, IndicatorGrid):
+            return lambda q: self.decide(grid, q, length) != OUT
         return ExactOracle(self, grid, device, length, self.kernel(grid.ndim), self.arrays(grid))
 
     @abstractmethod

@@ -110,6 +110,8 @@ for (int k = 0; k < N; ++k) {  // the point, which lies inside its cell, lies in
         return shape.decide_boxes is not None
 
     def decide(self, shape: Shape, q: np.ndarray, length: float = 1.0) -> np.ndarray:
+        if not self.decides(shape):
+            return super().decide(shape, q, length)
         return np.where(self.valid(q), shape.decide_boxes(*np.split(q, 2, axis=1)), OUT).astype(np.uint8)
 
     def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:

@@ -220,7 +220,7 @@ class HardPositives:
 
     def __init__(self, query: str, grid: IndicatorGrid, length: float = 1.0, device=None):
         self.query, self.grid, self.length, self.device = query, grid, float(length), wp.get_device(device)
-        self.kind = QUERIES[query]
+        self.kind, self.placeable = QUERIES[query], True
         self.columns = self.kind.columns(grid.ndim)
         boundary = grid.boundary if len(grid.boundary) else grid.occupied
         self._boundary, self._occupied = len(boundary), len(grid.occupied)

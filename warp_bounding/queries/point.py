@@ -4,8 +4,6 @@ The oracle decides in float64, where the cell coordinate of a float32 point is e
 on the face between two cells belongs to both.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -64,9 +62,6 @@ for (int k = 0; k < N; ++k) {
         """Uniform points from ``sample_lower`` to ``sample_upper``; of a grid that is [0, 1]^n, as in the paper."""
         u = rng.random((count, grid.ndim), dtype=np.float32)
         return (grid.sample_lower + u * (grid.sample_upper - grid.sample_lower)).astype(np.float32)
-
-    def oracle(self, grid: Shape, device: str | None = None, length: float = 1.0) -> Callable[[np.ndarray], np.ndarray]:
-        return super().oracle(grid, device, length) if isinstance(grid, IndicatorGrid) else grid.contains
 
     def decides(self, shape: Shape) -> bool:
         return True

@@ -215,6 +215,8 @@ sure &= begin_ <= end_;
         return shape.decide_segments is not None
 
     def decide(self, shape: Shape, q: np.ndarray, length: float = 1.0) -> np.ndarray:
+        if not self.decides(shape):
+            return super().decide(shape, q, length)
         # the end of the segment is rounded to float64
         origin, direction = np.split(np.asarray(q, dtype=np.float64), 2, axis=1)
         size = np.linalg.norm(direction, axis=1, keepdims=True)

@@ -12,8 +12,7 @@ from warp_bounding.coordinates.base import direction_rounding
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.geometry.direction_patches import DirectionPatches
-from warp_bounding.geometry.hull import hull_points
-from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.geometry.hull import Hull, hull_of
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.boundary import outline
 
@@ -26,7 +25,7 @@ PATCHES_BEYOND = 3  # the same in more dimensions, where their number grows with
 
 
 class ObjectSupport:
-    """The support of an object widened by ``delta``, from above; of a shape without cells that of its outline.
+    """The support of an object widened by ``delta``, from above; of a shape without a known hull that of its outline.
 
     Args:
         grid: The object.
@@ -34,13 +33,18 @@ class ObjectSupport:
 
     Attributes:
         points: ``(C, n)`` float64, local space: every vertex of the object's hull, and some more.
+        ball: ``(n,)``, local units: half axes of the ellipsoid by which the points' hull is dilated.
         delta: ``(n,)``, the object is widened by this on every axis.
+        certified: Whether the hull is known, so that all that is said of the support holds.
     """
 
     def __init__(self, grid: Shape, base: Domain):
-        corners = hull_points(grid) if isinstance(grid, IndicatorGrid) else outline(grid)
-        lower, upper = base.widened(corners, corners)
+        hull = hull_of(grid)
+        self.certified = hull is not None
+        hull = hull or Hull(outline(grid), 0.0)
+        lower, upper = base.widened(hull.points, hull.points)
         self.points, self.delta = (lower + upper) / 2, base.delta * (1 + 1e-6) + 1e-14
+        self.ball = hull.radius * base.scale.astype(np.float64) * (np.arange(base.ndim) >= int(grid.time))
 
     def __call__(self, m: np.ndarray) -> np.ndarray:
         """``h(m)`` of vectors ``(..., n)``, in local space; the rounding of this evaluation is included."""
@@ -49,9 +53,19 @@ class ObjectSupport:
         size = max(1, CHUNK // len(self.points))
         for start in range(0, len(flat), size):
             best[start : start + size] = (flat[start : start + size] @ self.points.T).max(axis=1)
-        largest = np.abs(flat) @ (np.abs(self.points).max(axis=0) + self.delta)
-        best += np.abs(flat) @ self.delta + gamma(2 * flat.shape[1] + 8, UNIT64) * largest
+        largest = np.abs(flat) @ (np.abs(self.points).max(axis=0) + self.ball + self.delta)
+        best += np.linalg.norm(flat * self.ball, axis=1) + np.abs(flat) @ self.delta
+        best += gamma(2 * flat.shape[1] + 8, UNIT64) * largest
         return best.reshape(m.shape[:-1])
+
+    def square(self, matrix: np.ndarray, offset: np.ndarray) -> float:
+        """Upper bound of ``|A p + b|^2`` over the widened object, A ``(r, n)`` and b ``(r,)``, rounding included."""
+        rows = self.points @ matrix.T + offset
+        far = float(np.sqrt((rows * rows).sum(axis=1).max()))
+        stretched = np.linalg.norm(matrix * self.ball, 2) * (1 + 1e-9)  # of an SVD
+        most = far + stretched + np.linalg.norm(np.abs(matrix) @ self.delta)
+        reach = np.abs(matrix) @ (np.abs(self.points).max(axis=0) + self.ball + self.delta) + np.abs(offset)
+        return float((most + gamma(8 * len(self.delta) + 64, UNIT64) * reach.sum()) ** 2 * (1 + 1e-12))
 
 
 class RegionSupport(ABC):

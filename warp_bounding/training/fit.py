@@ -72,9 +72,9 @@ def fit(
         margin: The object is dilated by this length first, object (world) units. A margin under the size of a mesh's
             cells raises a warning, because the cells are what is bounded.
         force: Accept a margin that is larger than the object.
-        resolution: Cells along a mesh's longest axis, where cells are laid: for rays, planes and boxes 128 if ``None``, for
-            ``bvh``, ``voxels`` and ``relu-field`` 64; for points of other methods ``None`` is the mesh itself. Grids bring
-            their own.
+        resolution: Cells along a mesh's longest axis, where cells are laid: for rays and boxes of an ``mlp``, and for
+            regions in parametric space, 128 if ``None``; for ``bvh``, ``voxels`` and ``relu-field`` 64. For all else
+            ``None`` is the mesh itself. Grids bring their own.
         length: Length of a ray, object units; 1 if ``None``. Other queries have none.
         space: For rays, planes and boxes: ``"geometric"``, the default, tests a region against the volume;
             ``"parametric"``, the paper's way, fits the volume to the positives' own 2 n numbers.
@@ -117,7 +117,7 @@ def fit(
     spent = Stopwatch()
     shape = load_indicator(shape)
     _check_extent(shape, margin, force)
-    grid = _bounded(shape, query, method, resolution, margin)
+    grid = _bounded(shape, query, method, space, resolution, margin)
     classes = [method_class(name, query, grid.ndim, space) for name in method.split("+")]
     if len(classes) > 1:
         Cascade.check(classes)
@@ -229,23 +229,20 @@ def _check_extent(shape: IndicatorGrid | IndicatorMesh | IndicatorMotion, margin
         )
 
 
-def _bounded(shape, query: str, method: str, resolution: int | None, margin: float) -> Shape:
-    """What is bounded: the dilated shape itself, or its cells where a resolution, a region or a method asks for them."""
-    laid = [METHODS[name].lays_cells for name in method.split("+") if name in METHODS]  # other names are refused later
+def _bounded(shape, query: str, method: str, space: str, resolution: int | None, margin: float) -> Shape:
+    """What is bounded: the dilated shape itself, or its cells where a resolution or a method asks for them."""
     own = isinstance(shape, IndicatorGrid)
-    if isinstance(shape, Shape) and not own and resolution is None and not QUERIES[query].is_region and not any(laid):
-        shape.check()
-        shape = shape.dilated(margin)
-        shape.check_contents()
-        return shape
-    if (
-        resolution is None
-        and isinstance(shape, Shape)
-        and not own
-        and QUERIES[query].is_region
-        and shape.ndim == REGION_NDIM
-    ):
-        resolution = REGION_RESOLUTION
+    known = [METHODS[name] for name in method.split("+") if name in METHODS]  # other names are refused later
+    if isinstance(shape, Shape) and not own and resolution is None:
+        kind = QUERIES[query]
+        told = not kind.is_region or (kind.decides(shape) and shape.corners() is not None)
+        if told and all(cls.takes_shapes(query, space) for cls in known):
+            shape.check()
+            shape = shape.dilated(margin)
+            shape.check_contents()
+            return shape
+        if kind.is_region and shape.ndim == REGION_NDIM:
+            resolution = REGION_RESOLUTION
     grid = shape.to_grid(resolution=resolution, margin=margin)
     if not own:
         _warn_of_coarse_cells(grid)

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 
 from warp_bounding.bounders.local.local import Local
 from warp_bounding.bounders.neural.mlp import RECIPES, Mlp
@@ -31,11 +30,12 @@ from warp_bounding.training.recipes.default import NetworkTrainer
 from warp_bounding.training.recipes.early import EXIT_SHARE, EarlyTrainer, train_exits
 from warp_bounding.training.recipes.grants import granted
 from warp_bounding.training.recipes.local import LocalTrainer
-from warp_bounding.training.recipes.monotone import LeastBoxSamples, MonotoneTrainer
+from warp_bounding.training.recipes.monotone import MonotoneTrainer
 from warp_bounding.training.recipes.occupancy import OccupancyTrainer
 from warp_bounding.training.recipes.paper import PaperTrainer
 from warp_bounding.training.recipes.plane import SupportTrainer
 from warp_bounding.training.samples import samples_of
+from warp_bounding.training.samples.least_box import least_boxes
 from warp_bounding.training.thresholds import Costs, decide, lattice_of, negatives_of, tolerance
 
 __all__ = ["RECIPE_TRAINERS", "NetworkOptions", "fit_network"]
@@ -184,7 +184,7 @@ class _Fit:
         if self.of_planes:
             return SupportTrainer(problem, *sizes)
         if self.monotone:
-            return MonotoneTrainer(LeastBoxSamples(grid, domain, torch.Generator().manual_seed(problem.seed)), *sizes)
+            return MonotoneTrainer(least_boxes(grid, domain, problem.seed), *sizes)
         # Exits are trained together with the layers for points only: of rays and boxes an exit would deny too few to
         # make up for layers that are worse for it.
         exits_too = self.early and self.as_points

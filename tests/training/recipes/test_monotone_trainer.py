@@ -12,11 +12,12 @@ from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
 from warp_bounding.errors import BounderError  # noqa: E402
 from warp_bounding.training.engine.clock import Clock  # noqa: E402
 from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
-from warp_bounding.training.recipes.monotone import LeastBoxSamples, MonotoneTrainer  # noqa: E402
+from warp_bounding.training.recipes.monotone import MonotoneTrainer  # noqa: E402
+from warp_bounding.training.samples.least_box import LeastBoxes  # noqa: E402
 
 
 def samples_of(name, seed=0):
-    return LeastBoxSamples(shape(name), domain_of(shape(name), "box"), torch.Generator().manual_seed(seed))
+    return LeastBoxes(shape(name), domain_of(shape(name), "box"), torch.Generator().manual_seed(seed))
 
 
 @pytest.mark.parametrize("name", ["c", "blob", "animated"])

@@ -19,6 +19,7 @@ from warp_bounding.geometry.enclosing_ellipsoid import enclosing_of_points, extr
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.boundary import outline
+from warp_bounding.support_functions.base import ObjectSupport
 from warp_bounding.support_functions.parametric import ParametricSupport
 
 __all__ = ["QuadricBounder", "QuadricSource"]
@@ -80,5 +81,5 @@ class QuadricBounder(VolumeBounder):
     def source(self) -> QuadricSource:
         return self.source_of(QuadricSource, self.diagonal)
 
-    def parametric_least(self, support: ParametricSupport) -> tuple[float, int]:
+    def hull_least(self, support: ObjectSupport | ParametricSupport) -> tuple[float, int]:
         return -support.square(*self.shape[:2]), 1

@@ -102,6 +102,11 @@ class Mlp(Bounder):
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
         return space == "geometric" and (not QUERIES[query].is_region or ndim >= 2)
 
+    @classmethod
+    def takes_shapes(cls, query: str, space: str = "geometric") -> bool:
+        # a plane's supports are compared with the object's own, which need no cells
+        return not QUERIES[query].is_region or head_of(query).outputs > 1
+
     def check_tensors(self) -> None:
         self.hidden = check_hidden(self.sizes.get("hidden", ()))
         self.activation = activation_of(self.sizes.get("activation")).name

@@ -60,6 +60,10 @@ class MonotoneMlp(Mlp):
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
         return query == BOX.name and super().supports(query, ndim, space)
 
+    @classmethod
+    def takes_shapes(cls, query: str, space: str = "geometric") -> bool:
+        return True  # it is proven over the object's points
+
     def check_tensors(self) -> None:
         """See ``Mlp``; refuses also tensors of which f would not be monotone."""
         super().check_tensors()

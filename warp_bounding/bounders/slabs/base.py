@@ -15,11 +15,13 @@ from warp_bounding.bounders.slabs.native import TEXTS
 from warp_bounding.bounders.slabs.plain import PLAIN
 from warp_bounding.bounders.slabs.regions import TESTS, SlabPoint, Slabs
 from warp_bounding.bounders.volume import VolumeBounder, VolumeSource
+from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.boundary import outline
+from warp_bounding.support_functions.base import ObjectSupport
 from warp_bounding.support_functions.parametric import ParametricSupport
 
 __all__ = ["FaceBounder", "SlabBounder", "SlabsSource"]
@@ -45,7 +47,7 @@ class FaceBounder(VolumeBounder):
 
     shape: Slabs
 
-    def least(self, grid: IndicatorGrid) -> tuple[float, int]:
+    def least(self, grid: Shape) -> tuple[float, int]:
         """See ``Bounder``; 0 for regions. Raises ``BounderError`` if the volume does not hold all of the object.
 
         A region that meets the object meets a volume that holds it, and the tests of regions are 0 or more there.
@@ -57,7 +59,7 @@ class FaceBounder(VolumeBounder):
             raise BounderError(f"{self.method}: the faces do not hold all of the object")
         return 0.0, count
 
-    def parametric_least(self, support: ParametricSupport) -> tuple[float, int]:
+    def hull_least(self, support: ObjectSupport | ParametricSupport) -> tuple[float, int]:
         directions, low, high, _ = self.shape
         two_sided = np.isfinite(low).all()
         reach = support(np.concatenate([directions, -directions]) if two_sided else directions)
@@ -83,16 +85,24 @@ class SlabBounder(FaceBounder):
         base, gridded = domain.base, isinstance(grid, IndicatorGrid)
         points = grid.position(grid.occupied) if gridded else outline(grid)
         local = cls._local(cls.sampled_directions(points, **options), base.scale.astype(np.float64))
-        cells = _ends(grid.occupancy) if gridded else points
+        if gridded:
+            low, high = cls._faces_of_cells(grid, base, local)
+        else:
+            support = ObjectSupport(grid, base)
+            low, high = -support(-local), support(local)
+        room = 2 * SlabPoint(Slabs(local, low, high, cls.diagonal), base).error
+        return cls._of_faces(domain, local, low - room, high + room, device)
+
+    @staticmethod
+    def _faces_of_cells(grid: IndicatorGrid, base: Domain, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        cells = _ends(grid.occupancy)
         low, high = np.full(len(local), np.inf), np.full(len(local), -np.inf)
         for start in range(0, len(cells), AT_ONCE):
             part = cells[start : start + AT_ONCE]
-            corners = (grid.position(part - 0.5), grid.position(part + 0.5)) if gridded else (part, part)
-            lower, upper = base.widened(*corners)
+            lower, upper = base.widened(grid.position(part - 0.5), grid.position(part + 0.5))
             center, half = (lower + upper) / 2 @ local.T, (upper - lower) / 2 @ np.abs(local).T
             low, high = np.minimum(low, (center - half).min(axis=0)), np.maximum(high, (center + half).max(axis=0))
-        room = 2 * SlabPoint(Slabs(local, low, high, cls.diagonal), base).error
-        return cls._of_faces(domain, local, low - room, high + room, device)
+        return low, high
 
     @classmethod
     def fit_parametric(

@@ -28,7 +28,7 @@ from warp_bounding.proof.attest.statistics import fresh_seed
 from warp_bounding.proof.prove import as_fitted, other_dimension
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.hard import FORMS, HardPositives, World
-from warp_bounding.queries.hard_shape import HardShapePoints
+from warp_bounding.queries.hard_shape import HardShapePositives
 from warp_bounding.runtime.whole_file import check_writable, write_whole
 
 __all__ = ["CHUNK", "Soak", "random_world", "soak", "soak_grid"]
@@ -168,7 +168,7 @@ def soak(
     if isinstance(grid, IndicatorGrid):
         positives = HardPositives(bounder.query_kind, grid, bounder.domain.oracle_length, bounder.device)
     else:
-        positives = HardShapePoints(bounder.query_kind, grid, bounder.device)
+        positives = HardShapePositives(bounder.query_kind, grid, bounder.domain.oracle_length, bounder.device)
     try:
         while not result.complete and time.perf_counter() - started < seconds:
             _chunk(bounder, grid, positives, result)
@@ -203,8 +203,7 @@ def _chunk(bounder: Bounder, grid: IndicatorGrid, positives: HardPositives, resu
     missed = np.flatnonzero(certain & (answers == 0))
     if len(missed):
         query = x.numpy()[missed[0]]
-        # The exact truth, against every cell and in rational numbers.
-        if world is None and not QUERIES[positives.query].truth(grid, query[None], positives.length)[0]:
+        if world is None and not QUERIES[positives.query].certain(grid, query[None], positives.length)[0]:
             raise BounderError(f"the soak drew a {result.query} that does not meet the object: {query.tolist()}")
         result.missed, result.missed_form = [float(v) for v in query], form
         if world:
@@ -247,6 +246,8 @@ def _placement(
     bounder: Bounder, grid: IndicatorGrid, positives: HardPositives, result: Soak
 ) -> tuple[World | None, dict]:
     """A placement that the bounder's certificate covers; each one that is tried is gentler than the one before."""
+    if not positives.placeable:
+        return None, {}
     rng = np.random.default_rng([result.seed, result.chunks])
     nothing = np.zeros((0, positives.columns), np.float32)
     for gentle in range(WORLDS):

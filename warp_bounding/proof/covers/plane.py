@@ -6,6 +6,10 @@ hull (that is necessary; for a connected object it is sufficient too, *Theorem o
 and m runs over the faces of a cube, where one entry is 1: boxes of n - 1 dimensions. On a box the network has a linear
 lower bound ``C + g . (m - m0)``, so that for every corner y of the object ``H - m . y >= C - m0 . y - sum |g - y|_k
 r_k``.
+
+A mesh has no cells: it lies in the hull of its vertices, dilated by its margin, which adds ``|D m|`` to h, D the half
+axes of the margin's ball. With gradient ``e = D D m0 / |D m0|`` and r the box's half widths, ``|D m| <= |D m0| + e . (m -
+m0) + |D r|^2 / (2 l)`` where ``|D m| >= l`` on the box, because its second derivative along d is at most ``|D d|^2 / l``.
 """
 
 from itertools import pairwise
@@ -15,8 +19,9 @@ import numpy as np
 from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.geometry.hull import hull_points
-from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.errors import BounderError
+from warp_bounding.geometry.hull import Hull, hull_of
+from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.covers.base import Cover
 
 __all__ = ["PlaneCover", "SupportGap"]
@@ -33,10 +38,11 @@ class SupportGap:
         grid: The object.
     """
 
-    def __init__(self, bounder: Mlp, grid: IndicatorGrid):
+    def __init__(self, bounder: Mlp, grid: Shape):
         self.networks, self.ndim = bounder.networks, grid.ndim
-        base = bounder.domain.base
-        corners = base.to_local(hull_points(grid))
+        base, hull = bounder.domain.base, known_hull(bounder, grid)
+        corners = base.to_local(hull.points)
+        self.ball = hull.radius * base.scale.astype(np.float64)
         # How far the computed plane may pass a point of the object, in c, and what float64 rounds in ``reference``.
         self.room = float(bounder.domain.delta[-1]) * (1 + 1e-9) + 1e-12 * (1 + np.abs(corners).max())
         self.corners = [corners, -corners]
@@ -56,16 +62,17 @@ class SupportGap:
         for start in range(0, len(m), AT_A_TIME):
             part = m[start : start + AT_A_TIME]
             gaps = [f(part) - (part @ y.T).max(axis=1) for f, y in zip(self.networks, self.corners, strict=True)]
-            gap[start : start + AT_A_TIME] = np.minimum(*gaps)
+            gap[start : start + AT_A_TIME] = np.minimum(*gaps) - np.linalg.norm(part * self.ball, axis=1)
         return gap - self.room
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """Certified lower bounds over boxes of m; see ``Bounder.bound``."""
         center, radius = (lower + upper) / 2, (upper - lower) / 2
         least, point = np.full(len(lower), np.inf), center.copy()
+        dilated, tilt = self._dilation(lower, upper, center, radius)
         for network, corners in zip(self.networks, self.corners, strict=True):
             bounds = network.bound(lower, upper)
-            slope, value = bounds.slope, bounds.level
+            slope, value = bounds.slope - tilt, bounds.level - dilated
             size = 4 + np.abs(value).max(initial=0.0) + np.abs(slope).sum(axis=1).max(initial=0.0)
             rounding = gamma(64, UNIT64) * (size + np.abs(corners).sum(axis=1).max())
             for start in range(0, len(lower), AT_A_TIME):
@@ -84,19 +91,45 @@ class SupportGap:
                 least[part] = np.where(lower_yet, bound, least[part])
         return BoxBounds(least, np.argmax(radius, axis=1), point, self.reference(point))
 
+    def _dilation(self, lower, upper, center, radius) -> tuple[np.ndarray, np.ndarray]:
+        """``(N,)`` and ``(N, n)``: ``|D m|`` is at most the first and the second times ``m - m0`` on each box."""
+        if not self.ball.any():
+            return np.zeros(len(lower)), np.zeros(lower.shape)
+        away = np.maximum(np.maximum(lower, -upper), 0.0)  # least |m| on each axis; one of them is 1
+        least = (away * self.ball).max(axis=1)
+        length = np.linalg.norm(center * self.ball, axis=1)
+        bent = (radius * self.ball) ** 2
+        tilt = center * self.ball**2 / length[:, None]
+        return (length + bent.sum(axis=1) / (2 * least)) * (1 + 1e-12), tilt
+
+
+def known_hull(bounder: Bounder, shape: Shape) -> Hull:
+    """The hull of the object.
+
+    Raises:
+        BounderError: If none is known.
+    """
+    hull = hull_of(shape)
+    if hull is None:
+        raise BounderError(f"{bounder.method}: {shape.name} has no known convex hull; give a resolution")
+    return hull
+
 
 class PlaneCover(Cover):
     """The cover of planes, for networks: over normals, without a chart."""
 
-    def best_first(self, bounder: Mlp, grid: IndicatorGrid) -> tuple:
+    def best_first(self, bounder: Mlp, grid: Shape) -> tuple:
         gap = SupportGap(bounder, grid)
         return gap, *gap.boxes()
 
-    def coordinates(self, bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray:
+    def coordinates(self, bounder: Bounder, grid: Shape, v: np.ndarray) -> np.ndarray:
         # a normal becomes the two planes that touch the object's hull
         if v.shape[1] != grid.ndim:
             return super().coordinates(bounder, grid, v)
-        corners = bounder.domain.base.to_local(hull_points(grid))
+        base, hull = bounder.domain.base, known_hull(bounder, grid)
+        corners = base.to_local(hull.points)
         ends = [v[i : i + AT_A_TIME] @ corners.T for i in range(0, len(v), AT_A_TIME)]
         most, least = (np.concatenate([getattr(end, side)(axis=1) for end in ends]) for side in ("max", "min"))
+        dilated = np.linalg.norm(v * (hull.radius * base.scale.astype(np.float64)), axis=1)
+        most, least = most + dilated, least - dilated
         return np.concatenate([np.column_stack([v, most]), np.column_stack([v, least])])

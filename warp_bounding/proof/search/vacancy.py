@@ -25,7 +25,7 @@ class ShapePositives:
     """P_delta of a shape, by what it certifies to be absent; with the methods that ``search.minimum`` asks for.
 
     Args:
-        bounder: Its f is bounded; it is tested as a point of the object's space.
+        bounder: Its f is bounded; it is tested as a point of the object's space, or a ``LeastBox``.
         shape: The object.
         narrowest: See ``NARROWEST``; ``certify`` takes less, so that no box decides there that the fit has halved.
     """

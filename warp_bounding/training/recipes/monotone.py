@@ -15,15 +15,13 @@ import math
 import numpy as np
 import torch
 
-from warp_bounding.coordinates.region_domain import RegionDomain
-from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.training.engine.soap import Soap
 from warp_bounding.training.engine.trainable_network import TrainableNetwork
 from warp_bounding.training.recipes.default import NetworkTrainer
 from warp_bounding.training.recipes.loss import Recipe
-from warp_bounding.training.samples.box import BoxSamples
+from warp_bounding.training.samples.least_box import LeastBoxes, LeastBoxesOfShape
 
-__all__ = ["LeastBoxSamples", "MonotoneTrainer"]
+__all__ = ["MonotoneTrainer"]
 
 RECIPE = Recipe(first_gain=5.0, later_gain=3.0, sharpness=0.3)
 SPREAD = 0.8  # largest |coordinate| of the random point through which an initial plane of the first layer goes
@@ -31,41 +29,17 @@ LEAST_ROOT = 0.1  # least root of an initial weight: one at 0 would stay there
 MOST_ADDED = 256  # points of a search that join the hard ones
 
 
-class LeastBoxSamples(BoxSamples):
-    """Boxes; their positives are the points of the object, and a state is a cell and an offset (n rows each)."""
-
-    def __init__(self, grid: IndicatorGrid, domain: RegionDomain, generator: torch.Generator):
-        super().__init__(grid, domain, generator)
-        self.vertices = self.cells.boundary_vertices().repeat(2, 1)
-
-    def positives(self, count: int) -> torch.Tensor:
-        return torch.cat(self.cells.draw(count))
-
-    def coordinates(self, state: torch.Tensor) -> torch.Tensor:
-        return self.point(state).repeat(2, 1)
-
-    def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
-        low, high = slope.chunk(2)
-        return self.cells.walk(state, low + high, step)
-
-    def locate(self, v: np.ndarray) -> torch.Tensor:
-        """States of points ``(N, n)`` of the object, local space."""
-        return torch.cat(self.cells.locate(v)[:2])
-
-
 class MonotoneTrainer(NetworkTrainer):
     """A monotone network in training, on samples whose positives are points; see ``NetworkTrainer``."""
 
-    samples: LeastBoxSamples
+    samples: LeastBoxes | LeastBoxesOfShape
 
-    def __init__(self, samples: LeastBoxSamples, hidden: tuple[int, ...], activation: str):
+    def __init__(self, samples: LeastBoxes | LeastBoxesOfShape, hidden: tuple[int, ...], activation: str):
         super().__init__(samples, hidden, activation, recipe=RECIPE)
 
     def add(self, v: np.ndarray) -> None:
         """Add points, lowest first; one a cell is kept, because a search's points crowd around few minima."""
-        state = self.samples.locate(v)
-        first = np.unique(state[: self.samples.grid.ndim].numpy(), axis=1, return_index=True)[1]
-        self.add_states(state[:, torch.from_numpy(np.sort(first)[:MOST_ADDED])])
+        self.add_states(self.samples.spread(self.samples.locate(v), MOST_ADDED))
 
     def worst_points(self) -> np.ndarray:
         """``(K, n)`` float64, the worst points of the object known, local space: where a proof's search may begin."""
@@ -80,7 +54,7 @@ class MonotoneTrainer(NetworkTrainer):
             rows, inputs = sign.shape
             if index == 0:
                 # An axis of few cells carries less detail than its range in v would suggest.
-                d = torch.randn(rows, n, generator=generator) * self.samples.cells.detail.T
+                d = torch.randn(rows, n, generator=generator) * self.samples.point_detail.T
                 d /= d.norm(dim=1, keepdim=True)
                 foot = (torch.rand(rows, n, generator=generator) * 2 - 1) * SPREAD
                 gain = recipe.first_gain * (0.5 + torch.rand(rows, 1, generator=generator))

@@ -3,7 +3,7 @@
 For a normal m (its largest entry 1) the object's planes ``m . y = c`` have ``-h(-m) <= c <= h(m)``. The network's H
 and G overestimate ``h(m)`` and ``h(-m)`` by gaps; the threshold is the least gap, so false positives are what the
 gaps exceed it by, times the density of the queries' offsets there. The loss is that mean, plus a soft maximum of what
-falls short, ever sharper: no label is needed, the supports are known exactly (``hull_points``).
+falls short, ever sharper: no label is needed, the supports are known exactly (``geometry.hull``).
 """
 
 import copy
@@ -13,8 +13,8 @@ import numpy as np
 import torch
 
 from warp_bounding.activations import activation_of
-from warp_bounding.geometry.hull import hull_points
 from warp_bounding.queries import sample
+from warp_bounding.support_functions.base import ObjectSupport
 from warp_bounding.training.engine.clock import Clock, cosine, geometric
 from warp_bounding.training.engine.row_network import RowNetwork, initial, initial_layers, tensors_of
 from warp_bounding.training.engine.soap import Soap
@@ -41,8 +41,8 @@ class SupportTrainer:
         grid, domain, seed = problem.grid, problem.domain, problem.seed
         self.grid, self.domain, self.ndim = grid, domain, grid.ndim
         self.generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
-        corners = domain.base.to_local(hull_points(grid))
-        self._corners = torch.from_numpy(corners.astype(np.float32))
+        hull = ObjectSupport(grid, domain.base)
+        self._corners, self._ball = (torch.from_numpy(a.astype(np.float32)) for a in (hull.points, hull.ball))
         act = activation_of(activation)
         self.network = RowNetwork(initial_layers([self.ndim, *hidden, 2], act.support_gains, self.generator), act)
         self._best = (math.inf, self.network.copy())
@@ -68,7 +68,7 @@ class SupportTrainer:
         for start in range(0, len(m), AT_ONCE):
             low, high = torch.aminmax(m[start : start + AT_ONCE] @ self._corners.T, dim=1)
             out[start : start + AT_ONCE, 0], out[start : start + AT_ONCE, 1] = high, -low
-        return out
+        return out + (m * self._ball).norm(dim=1, keepdim=True)
 
     def _faces(self, count: int) -> torch.Tensor:
         """Normals ``(count, n)`` uniform on the cube's faces, some of them on edges."""

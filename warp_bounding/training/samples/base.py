@@ -11,10 +11,11 @@ import torch
 
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries import oracle, sample
 from warp_bounding.training.samples.cell_points import CellPoints, columns
 
-__all__ = ["FEWEST_NEGATIVES", "LEAST", "RegionSamples", "Samples"]
+__all__ = ["FEWEST_NEGATIVES", "LEAST", "LabelledRegions", "RegionSamples", "Samples", "first_ones"]
 
 FEWEST_NEGATIVES = 64  # samples that stand for negatives where uniform samples gave none
 LEAST = 1e-12  # local units: added below divisors
@@ -78,17 +79,11 @@ class Samples:
         raise NotImplementedError(f"{self.query}: there is no chart")
 
 
-class RegionSamples(Samples):
-    """Random regions of 2n numbers, labelled by the exact oracle: what rays and boxes share.
+class LabelledRegions(Samples):
+    """Random regions of 2n numbers, labelled by the exact oracle of a grid or of a shape without cells."""
 
-    The first 2n rows of a state are a cell and an offset, a point of the object in the region.
-    """
-
-    def __init__(self, grid: IndicatorGrid, domain: RegionDomain, generator: torch.Generator):
+    def __init__(self, grid: Shape, domain: RegionDomain, generator: torch.Generator):
         self.grid, self.domain, self.generator, self.ndim = grid, domain, generator, 2 * grid.ndim
-        self.cells = CellPoints(grid, domain.base, generator)
-        self.detail = self.cells.detail.repeat(2, 1)
-        self.vertices = torch.empty(self.ndim, 0)
         self._oracle = oracle(self.query, grid, "cpu", domain.oracle_length)
         self._rng = np.random.default_rng(int(torch.randint(2**62, (1,), generator=generator)))
 
@@ -105,16 +100,34 @@ class RegionSamples(Samples):
                 return v[:, ~truth]
         return v[:, :FEWEST_NEGATIVES]
 
+
+class RegionSamples(LabelledRegions):
+    """What rays and boxes of a grid share.
+
+    The first 2n rows of a state are a cell and an offset, a point of the object in the region.
+    """
+
+    def __init__(self, grid: IndicatorGrid, domain: RegionDomain, generator: torch.Generator):
+        self.cells = CellPoints(grid, domain.base, generator)
+        super().__init__(grid, domain, generator)
+        self.detail = self.cells.detail.repeat(2, 1)
+        self.vertices = torch.empty(self.ndim, 0)
+
     def spread(self, state: torch.Tensor, most: int) -> torch.Tensor:
         """Of states, hardest first, the first one in each box of ``APART`` cells of v, and no more than ``most``.
 
         A search's points crowd around few minima, and would fill the hard pool with one place.
         """
         place = (self.coordinates(state) / (APART * self.cells.unit.repeat(2, 1))).floor()
-        first = np.unique(place.numpy(), axis=1, return_index=True)[1]
-        return state[:, torch.from_numpy(np.sort(first)[:most])]
+        return first_ones(state, place, most)
 
     def point(self, state: torch.Tensor) -> torch.Tensor:
         """``(n, N)`` local coordinates of the point of the object."""
         n = self.grid.ndim
         return self.cells.to_local(state[:n] + state[n : 2 * n])
+
+
+def first_ones(state: torch.Tensor, place: torch.Tensor, most: int) -> torch.Tensor:
+    """Of states ``(S, N)`` the first one at each place ``(K, N)``, and no more than ``most``: searches crowd around minima."""
+    first = np.unique(place.numpy(), axis=1, return_index=True)[1]
+    return state[:, torch.from_numpy(np.sort(first)[:most])]

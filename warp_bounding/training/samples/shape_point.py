@@ -41,7 +41,7 @@ class ShapePointSamples(Samples):
         self._rng = np.random.default_rng(int(torch.randint(2**62, (1,), generator=generator)))
         self._truth, nothing = torch.empty(0, dtype=torch.bool), torch.empty(self.ndim, 0)
         self._labelled = self._held = self._free = self._border = nothing
-        self._grow()
+        self.grow()
         size = torch.from_numpy((shape.upper - shape.lower).astype(np.float32))[:, None]
         if shape.time:
             size[0] = size[1:].max()
@@ -49,8 +49,8 @@ class ShapePointSamples(Samples):
         landmarks = columns(domain.to_local(shape.landmarks()))
         self.vertices = torch.cat([landmarks, self._border[:, :FEW]], 1)
 
-    def _grow(self) -> None:
-        """Label more random points and find more of the border, until there are as many as training can use."""
+    def grow(self) -> None:
+        """Once a refresh: label more random points and find more of the border, until there are as many as training can use."""
         if len(self._truth) >= LABELLED:
             return
         shape, local = self.shape, self.domain.to_local
@@ -75,7 +75,7 @@ class ShapePointSamples(Samples):
         return self._labelled.index_select(1, chosen), self._truth[chosen]
 
     def negatives(self, count: int) -> torch.Tensor:
-        self._grow()  # once a refresh
+        self.grow()
         return self._pick(self._free, max(round(count * self._free.shape[1] / len(self._truth)), 1))
 
     def positives(self, count: int) -> torch.Tensor:
