@@ -1,6 +1,6 @@
 """Drawing of voxels and bounds in 3D with pyvista, in a process of its own; see ``draw`` for what it is given.
 
-A scene is ``{"layers": [...], "pixels": side, "up": direction}``; a layer is a packed mask ``(X, Y, Z)`` over the domain, with ``colour``, ``opacity``, and ``smooth`` (an isosurface) or not (whole cells).
+A scene is what ``scene`` makes; a layer is a packed mask ``(X, Y, Z)`` over the domain, with ``colour``, ``opacity``, and ``smooth`` (an isosurface) or not (whole cells).
 """
 
 import json
@@ -14,9 +14,10 @@ from warp_bounding.paper.drawing.masks import unpack
 
 __all__ = ["draw", "layer", "scene"]
 
-SMOOTHING = 0.6  # standard deviation, in pixels of the raster, of what takes the steps out of an isosurface
+SMOOTHING = 0.9  # standard deviation, in pixels of the raster, of what takes the steps out of an isosurface
 VIEW = (1.15, 1.5, 0.8)  # towards the camera: along the two axes after the one that is up, and along this
-ANGLE, DISTANCE = 30.0, 2.55  # of the view, degrees; from the centre, in sides of the domain
+ANGLE = 30.0  # of the view, degrees
+DOMAIN_RADIUS = 0.8  # of what is shown of the domain, in its sides: a little less than to its corners
 
 
 def layer(mask: dict[str, Any], colour: str, opacity: float = 1.0, *, smooth: bool = False) -> dict[str, Any]:
@@ -24,9 +25,17 @@ def layer(mask: dict[str, Any], colour: str, opacity: float = 1.0, *, smooth: bo
     return {"mask": mask, "colour": colour, "opacity": opacity, "smooth": smooth}
 
 
-def scene(*layers: dict[str, Any], up: Sequence[int] = (0, 0, 1), pixels: int = 300) -> dict[str, Any]:
-    """A scene, with the direction that is up."""
-    return {"layers": list(layers), "pixels": pixels, "up": list(up)}
+def scene(
+    *layers: dict[str, Any], up: Sequence[int] = (0, 0, 1), around: dict[str, Any] | None = None, pixels: int = 300
+) -> dict[str, Any]:
+    """A scene, with the direction that is up, and the packed mask whose box fills the view; the domain if ``None``."""
+    middle, radius = [0.5, 0.5, 0.5], DOMAIN_RADIUS
+    if around is not None:
+        inside = unpack(around)
+        places = np.argwhere(inside) / np.array(inside.shape)
+        low, high = places.min(axis=0), places.max(axis=0) + 1 / np.array(inside.shape)
+        middle, radius = ((low + high) / 2).tolist(), float(np.linalg.norm(high - low)) / 2
+    return {"layers": list(layers), "pixels": pixels, "up": list(up), "middle": middle, "radius": radius}
 
 
 def draw(data: dict[str, np.ndarray], folder: Path) -> None:
@@ -52,8 +61,9 @@ def draw(data: dict[str, np.ndarray], folder: Path) -> None:
         plotter.enable_anti_aliasing("ssaa")
         up = np.array(each["up"], dtype=float)
         view = VIEW[0] * np.roll(np.abs(up), 1) + VIEW[1] * np.roll(np.abs(up), 2) + VIEW[2] * up
-        plotter.camera.focal_point = (0.5, 0.5, 0.5)
-        plotter.camera.position = tuple(0.5 + DISTANCE * view / np.linalg.norm(view))
+        middle, distance = np.array(each["middle"]), each["radius"] / np.sin(np.radians(ANGLE) / 2)
+        plotter.camera.focal_point = tuple(middle)
+        plotter.camera.position = tuple(middle + distance * view / np.linalg.norm(view))
         plotter.camera.up, plotter.camera.view_angle = tuple(up), ANGLE
         plotter.screenshot(str(folder / f"{number:04}.png"))
         plotter.close()

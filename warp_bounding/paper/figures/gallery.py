@@ -53,7 +53,7 @@ class Gallery(Figure):
     def draw(self, parts, tools):
         rows = [name for name in parts if "inside" in parts[name]]
         names = [name for row in rows for name in (row, *(f"{row} {method}" for method in COLUMNS))]
-        pictures = images(tools, {name: self._scene(parts, name) for name in names}, crop=0.9)
+        pictures = images(tools, {name: self._scene(parts, name) for name in names})
 
         def fill(figure) -> None:
             width, height = 1.55 * (len(COLUMNS) + 1), 1.72 * len(rows) + 0.3
@@ -82,11 +82,11 @@ class Gallery(Figure):
         row, _, method = name.partition(" ")
         inside, up = (parts[row][key] for key in ("inside", "up"))
         if not method:
-            return scene(layer(inside, SOLID), up=up)
+            return scene(layer(inside, SOLID), up=up, around=inside)
         maybe = parts[name]["maybe"]
         denied = pack(unpack(inside) & ~unpack(maybe))
         bound = layer(maybe, METHODS[method], smooth=True)
-        return scene(bound, layer(denied, DENIED), up=up)
+        return scene(bound, layer(denied, DENIED), up=up, around=inside)
 
     def facts(self, parts):
         lines = []

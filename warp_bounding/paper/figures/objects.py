@@ -1,6 +1,7 @@
 """*Objects*: the sheet of everything that the paper bounds."""
 
 from functools import partial
+from typing import Any
 
 from warp_bounding.paper.drawing.base import Figure, objects_named
 from warp_bounding.paper.drawing.canvas import OBJECT, bounded, page, show
@@ -47,10 +48,7 @@ class Objects(Figure):
 
     def draw(self, parts, tools):
         solid = {name: part for name, part in parts.items() if not name.startswith("2d")}
-        scenes = {
-            name: scene(layer(part["inside"], TINTS[int(name[0])]), up=part["up"]) for name, part in solid.items()
-        }
-        pictures = images(tools, scenes, crop=0.9)
+        pictures = images(tools, {name: self._scene(name, part) for name, part in solid.items()})
 
         def fill(figure) -> None:
             figure.set_size_inches(10.5, 4.15)
@@ -65,6 +63,12 @@ class Objects(Figure):
                     axes.spines[:].set_color("#dde2e6")
 
         return page(fill, svg=False)
+
+    @staticmethod
+    def _scene(name: str, part: dict[str, Any]) -> dict[str, Any]:
+        """An object as large as its panel; an animated one keeps its size from step to step."""
+        ndim, inside = int(name[0]), part["inside"]
+        return scene(layer(inside, TINTS[ndim]), up=part["up"], around=inside if ndim == 3 else None)
 
     def facts(self, parts):
         found = {name.partition(",")[0]: part["occupied"] for name, part in parts.items()}
