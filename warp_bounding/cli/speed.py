@@ -151,5 +151,5 @@ class _Reporter(Reporter):
         write_outputs(self._folder, pictures=False)
         self.say(
             f"{self.done} {row.column.name} {row.object} {row.device}: {row.variant.label}: {row.ns:.1f} ns a query, "
-            f"{row.ratio:.2f} times as long as {row.reference}, {row.fp_rate:.2f} % false positives"
+            f"{row.ratio:.3f} times as long as {row.reference}, {row.fp_rate:.2f} % false positives"
         )

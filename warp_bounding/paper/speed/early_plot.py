@@ -72,8 +72,9 @@ def _draw(panel, series: dict[str, dict]) -> None:
                     fontsize=7,
                     color=INK,
                     rotation=90 if len(series) > 2 else 0,
+                    bbox={"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none"},
                 )
-    panel.axhline(1.0, color=INK, linewidth=1)
+    panel.axhline(1.0, color=INK, linewidth=1, zorder=0.9)
     panel.set_xticks(places, [c.title.replace(" ", "\n") for c in columns])
     panel.set_ylabel("time without exits / time with exits", color=INK)
     panel.set_title("Early exits: how many times as fast, by column (over 1 is a gain)", loc="left", color=INK)

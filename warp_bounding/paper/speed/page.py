@@ -29,6 +29,7 @@ from warp_bounding.runtime.whole_file import write_whole
 __all__ = ["page", "summary", "write_outputs"]
 
 PICTURE = "early_out"
+SMALL = 0.1  # a ratio below is shown with three decimals
 MOST_LOSS = 1.2  # a gain is shown in bold where false positives are at most so many times as many
 
 
@@ -189,8 +190,8 @@ def _table_2(on: OnDevice) -> list[str]:
         *table(heads, lines),
         "",
         f"*Pays from* (Eq. 6): `{EARLY.name}` is the better choice than the row's method where 10 million tests of the geometry itself take more than "
-        "so many milliseconds; as a multiple of one query of the row's method in the last column. *never*: the row's method is both faster and "
-        "tighter; *always*: neither. The paper's column *Ratio* is the same time in milliseconds, on its machine.",
+        "so many milliseconds; as a multiple of one query of the row's method in the last column. *below*: where they take less, since the row's "
+        "method is the tighter and the slower one; *never*: it is both faster and tighter; *always*: neither. The paper's column *Ratio* is the same time in milliseconds, on its machine.",
     ]
 
 
@@ -206,6 +207,10 @@ def _factor(even: BreakEven) -> str:
     return f"{even.factor:.1f}" if even.least > 0 and not even.never else NO_METHOD
 
 
+def _times(ratio: float) -> str:
+    return f"{ratio:.2f}" if ratio >= SMALL else f"{ratio:.3f}"
+
+
 def _every(on: OnDevice, *, relative: bool) -> list[str]:
     lines = []
     for variant in on.variants:
@@ -215,11 +220,15 @@ def _every(on: OnDevice, *, relative: bool) -> list[str]:
             if cell is None:
                 cells.append(NOT_YET if variant.space_in(column) else NO_METHOD)
                 continue
-            text, ms = f"{cell.ratio:.2f}" if relative else f"{cell.ms:.0f}", None
+            text, ms = _times(cell.ratio) if relative else f"{cell.ms:.0f}", None
             if _is_papers(variant, column):
                 ms = paper_ms(variant.method, column)
             theirs = (
-                "" if ms is None else f" ({ms / paper_ms(REFERENCE.method, column):.2f})" if relative else f" ({ms:g})"
+                ""
+                if ms is None
+                else f" ({_times(ms / paper_ms(REFERENCE.method, column))})"
+                if relative
+                else f" ({ms:g})"
             )
             cells.append(text + theirs)
         lines.append([variant.label, *cells])
