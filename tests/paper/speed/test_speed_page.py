@@ -126,6 +126,16 @@ def test_a_gain_at_the_price_of_tightness_is_not_bold(folder):
     assert "in 0 of them (bold)" in text
 
 
+def test_a_gain_of_a_network_that_has_learnt_nothing_is_marked(folder):
+    rows = [*two_networks(TABLE_2, 2.0, fp_early=3.0), make_row(TABLE_2, BOX, 4.0, 0.1, 3.1)]
+    folder.rows = {row.key: row for row in rows}
+    write_outputs(folder)
+    text = folder.page.read_text()
+    assert "in 0 of them (bold)" in text
+    assert "| 3D ray † | 2.00 |" in text
+    assert "the fit was too short" in text
+
+
 def test_false_negatives_are_told(folder):
     folder.rows = {row.key: row for row in [make_row(TABLE_2, BOX, 4.0, 0.1, 30.0, fn=3)]}
     write_outputs(folder)

@@ -7,13 +7,16 @@ import numpy as np
 
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.neural.mlp_early import MlpEarly
+from warp_bounding.bounders.slabs.aabb import Aabb
 from warp_bounding.paper.columns import COLUMNS, VARIANTS, Column, Variant
 from warp_bounding.paper.speed.figures import QUERIES, TABLE_2, BreakEven, break_even
 from warp_bounding.paper.speed.rows import SpeedRow
 
-__all__ = ["Cell", "EarlyOut", "OnDevice", "by_device"]
+__all__ = ["EARLY", "MOST_LOSS", "Cell", "EarlyOut", "OnDevice", "by_device"]
 
-WHOLE, EARLY = Variant(Mlp.method), Variant(MlpEarly.method)
+WHOLE, EARLY, BOX = Variant(Mlp.method), Variant(MlpEarly.method), Variant(Aabb.method)
+MOST_LOSS = 1.2  # exits pay where false positives are at most so many times as many
+TRAINED = 0.9  # a network with more than this share of the box's false positives has learnt nothing
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,17 @@ class EarlyOut:
     gain: float  # time of ``mlp`` over that of ``mlp-early``
     fp_whole: float  # false positives of ``mlp``, per cent
     fp_early: float  # of ``mlp-early``
+    fp_box: float | None  # of the box, where it was raced
+
+    @property
+    def trained(self) -> bool:
+        """Whether the fit had time to learn: a network that is no tighter than a box says *maybe* nearly everywhere."""
+        return self.fp_box is None or self.fp_whole < TRAINED * self.fp_box
+
+    @property
+    def pays(self) -> bool:
+        """Whether exits gain time of a network that has learnt something, and cost few false positives."""
+        return self.gain > 1 and self.trained and self.fp_early <= MOST_LOSS * self.fp_whole
 
 
 class OnDevice:
@@ -76,7 +90,9 @@ class OnDevice:
         for column in self.columns:
             whole, early = self.cells.get((WHOLE, column)), self.cells.get((EARLY, column))
             if whole and early:
-                found.append(EarlyOut(column, whole.ratio / early.ratio, whole.fp_rate, early.fp_rate))
+                box = self.cells.get((BOX, column))
+                rates = (whole.fp_rate, early.fp_rate, box.fp_rate if box else None)
+                found.append(EarlyOut(column, whole.ratio / early.ratio, *rates))
         return sorted(found, key=lambda each: each.gain)
 
     def break_even(self, variant: Variant, column: Column = TABLE_2) -> BreakEven | None:
