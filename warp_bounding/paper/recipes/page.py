@@ -42,7 +42,7 @@ def section(rows: Sequence[RecipeRow]) -> list[str]:
     told = ""
     if hours:
         told = (
-            f" Here that would take {_hours(min(hours))} to {_hours(max(hours))} a network." if len(hours) > 1 else ""
+            f" That would be {_hours(min(hours))} to {_hours(max(hours))} a network." if len(hours) > 1 else ""
         )
     commands = f"on {max(r.threads for r in rows)} CPU threads"
     return [
@@ -51,7 +51,7 @@ def section(rows: Sequence[RecipeRow]) -> list[str]:
         f"The same network in the same time, {seconds} {commands}, proof included: by our recipe and by the paper's "
         '(`recipe="paper"`: uniform batches of 200,000, Adam, weights that change every 10,000 steps, at least seven times), with its '
         "positional encoding (`octaves=4`) and without. The paper's recipe asks for a number of steps, not for a time: *of at least* says how many, and "
-        f"*which take* how long that is at the pace measured here.{told} What it has reached when the time is over is its row; it is not what the "
+        f"*which take* how long that is at the pace measured here (by the clock: other work on the machine lengthens it).{told} What it has reached when the time is over is its row; it is not what the "
         "whole schedule reaches, for which the paper's own mean stands in the last column (sampled truth, all its objects).",
         "",
         "*FP %, threshold proven*: with the threshold that a proof has set, so that there is no false negative; *at 0.5*: as the paper asks its "
