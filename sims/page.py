@@ -15,13 +15,20 @@ from sims.report import UNPROVEN
 
 __all__ = ["page"]
 
-CALLS = {"particles": "narrow calls", "cloth": "pairs", "path": "exact checks", "shadows": "mesh rays"}
-STEP = {"particles": "step", "cloth": "step", "path": "world", "shadows": "picture"}
+CALLS = {
+    "particles": "narrow calls",
+    "cloth": "pairs",
+    "path": "exact checks",
+    "shadows": "mesh rays",
+    "digits": "pixels run",
+}
+STEP = {"particles": "step", "cloth": "step", "path": "world", "shadows": "picture", "digits": "batch"}
 ABOUT = {
     "particles": "100,000 particles rain on the moving bunny; `moving aabb` is fitted anew in every step, the others never.",
     "cloth": "A cloth falls on the bunny and a star, on one thread (Newton); ms_broad is the cull.",
     "path": "Rooms and a maze: states and whole edges of a roadmap, cleared by a bounder or checked exactly.",
     "shadows": "The bunny and a chair in the sun: shadow rays of all pixels against both meshes.",
+    "digits": "Random digits of a generative model, an implicit decoder: it is run for the pixels that a bounder leaves. *FP %*: of the box of latent numbers and pixels.",
 }
 
 
@@ -66,7 +73,7 @@ def _demo(answer: dict) -> list[str]:
     lines = [f"## {name}", "", ABOUT[name], ""]
     for section, runs in groupby(answer["runs"], key=lambda run: run["section"]):
         runs = list(runs)
-        extra = [key for key in ("deepest", "collisions") if key in runs[0]]
+        extra = [key for key in ("deepest", "collisions", "asked", "faster") if key in runs[0]]
         cells = any(run["fp_rate_cells"] is not None for run in runs)
         heads = [f"{CALLS[name]} a {STEP[name]}", "broad ms", "narrow ms", f"{STEP[name]} ms", *extra]
         heads += ["missed", "FP %", *(["of cells"] if cells else [])]

@@ -57,8 +57,8 @@ def test_a_broken_promise_is_status_1(asked, capsys, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["dancing"], "demo must be one of particles, cloth, path, shadows, got dancing"),
-        ([], "demo must be one of particles, cloth, path, shadows, got none"),
+        (["dancing"], "demo must be one of particles, cloth, path, shadows, digits, got dancing"),
+        ([], "demo must be one of particles, cloth, path, shadows, digits, got none"),
         (["cloth", "--assets", "folder"], "--assets writes meshes and runs no demo, got 'cloth' too"),
         (["particles", "--world", "maze.png"], "demo particles has no option --world"),
         (["path", "--steps", "3"], "demo path has no option --steps"),
@@ -102,10 +102,12 @@ def test_every_demo_has_its_parts(name):
     module = import_module(f"sims.{name}")
     assert callable(module.run)
     assert all(callable(getattr(module.Example, part)) for part in ("step", "render", "test_final"))
-    kind = {"path": wb.IndicatorGrid, "particles": wb.IndicatorMotion}.get(name, wb.IndicatorMesh)
+    kinds = {"path": wb.IndicatorGrid, "particles": wb.IndicatorMotion}
+    kind = (kinds | {"digits": wb.IndicatorNetwork | wb.IndicatorFunction}).get(name, wb.IndicatorMesh)
     assert all(isinstance(shape, kind) for shape in module.shapes().values())
-    assert name == "path" or all(shape.margin > 0 for shape in module.shapes().values())
-    assert {"aabb", "mlp", "mlp-early", "learned-kdop", "occupancy"} <= set(module.SPECS)
+    assert name in ("path", "digits") or all(shape.margin > 0 for shape in module.shapes().values())
+    methods = {"mlp", "occupancy"} if name == "digits" else {"aabb", "mlp", "mlp-early", "learned-kdop", "occupancy"}
+    assert methods <= set(module.SPECS)
 
 
 def test_a_full_disk_is_one_line(asked, capsys, tmp_path, monkeypatch):

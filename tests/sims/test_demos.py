@@ -24,7 +24,7 @@ KEYS = {
 }
 
 
-SLOW = ("cloth", "particles")  # half a minute each
+SLOW = ("cloth", "particles", "digits")  # up to half a minute each
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow if n in SLOW else ()) for n in DEMOS])

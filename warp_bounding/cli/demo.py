@@ -31,7 +31,7 @@ def command(
     bounder: Annotated[str | None, typer.Option(help="A file to take the network `mlp` from.")] = None,
     world: Annotated[str | None, typer.Option(help="path: image, array or .map file, or a folder of them.")] = None,
     particles: Annotated[int | None, typer.Option(help="particles: how many.")] = None,
-    steps: Annotated[int | None, typer.Option(help="Simulation steps; shadows: pictures.")] = None,
+    steps: Annotated[int | None, typer.Option(help="Simulation steps; shadows: pictures, digits: batches.")] = None,
     seed: Annotated[int, typer.Option(help="Random seed.")] = 0,
     device: Device = "cpu",
     json: Json = False,

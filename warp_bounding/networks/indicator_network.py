@@ -118,6 +118,14 @@ class IndicatorNetwork(Combinable, Formula):
         return self._bounds[1].copy()
 
     @property
+    def sample_lower(self) -> np.ndarray:
+        return self.lower  # the region ends at its box: what lies beyond is told without a bounder
+
+    @property
+    def sample_upper(self) -> np.ndarray:
+        return self.upper
+
+    @property
     def rounding(self) -> float:
         """By how much any float32 evaluation of the network may differ from its exact value, activations of kernels included."""
         return self._networks[0].rounding

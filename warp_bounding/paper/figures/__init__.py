@@ -14,6 +14,7 @@ from warp_bounding.paper.drawing.base import Figure
 from warp_bounding.paper.figures.applications import Applications
 from warp_bounding.paper.figures.complexity import Complexity
 from warp_bounding.paper.figures.convergence import Convergence
+from warp_bounding.paper.figures.digits import Digits
 from warp_bounding.paper.figures.gallery import Gallery
 from warp_bounding.paper.figures.hierarchy import Hierarchy
 from warp_bounding.paper.figures.kdop import Kdop
@@ -34,5 +35,6 @@ FIGURES: tuple[Figure, ...] = (
     Convergence(),
     Complexity(),
     Hierarchy(),
+    Digits(),
     Applications(),
 )
