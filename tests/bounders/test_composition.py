@@ -193,6 +193,23 @@ def test_a_hierarchy_is_proven_and_tighter_than_its_boxes(tmp_path, rng):
     assert again.query(x[ball.contains(x)]).numpy().all()
 
 
+def test_a_hierarchy_of_cells_is_cut_through_them():
+    cells = np.zeros((24, 24), dtype=bool)
+    cells[2:11, 3:9], cells[13:22, 12:23] = True, True
+    tree = wb.hierarchy(wb.IndicatorGrid(cells), method="kdop", levels=2, device="cpu", progress=False)
+    cuts, found = [tree.tree], []
+    while cuts:
+        node = cuts.pop()
+        if len(node) == 5:  # the axis and the place, in v, of a split, and its halves
+            axis, place = node[1:3]
+            x = place / float(tree.domain.scale[axis]) + float(tree.domain.center[axis])
+            found.append(23 * x)
+            cuts += node[3:]
+    assert len(found) == 3
+    assert np.abs(np.array(found) - np.rint(found)).max() < 1e-3
+    assert tree.certificate.proven
+
+
 def test_a_hierarchy_of_networks_is_proven():
     ball = wb.solids.Sphere((0.2, 0.1), 0.7)
     tree = wb.hierarchy(ball, levels=1, hidden=(8,), steps=100, device="cpu", progress=False)

@@ -26,6 +26,7 @@ from warp_bounding.errors import BounderError
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.clipped import part_of
+from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof import prove
 from warp_bounding.queries.boundary import border_points
@@ -137,7 +138,7 @@ def _halved(shape: Shape, domain: Domain, levels: int, seed: int) -> _Node:
     points = border_points(shape, BORDER, np.random.default_rng(seed))
 
     def halve(lower: np.ndarray, upper: np.ndarray, border: np.ndarray, level: int) -> _Node:
-        tried = [_cut(border, axis) for axis in range(shape.ndim)] if level and len(border) > 1 else []
+        tried = [_cut(shape, border, axis) for axis in range(shape.ndim)] if level and len(border) > 1 else []
         tried = [each for each in tried if each is not None]
         if not tried:
             return _Node(lower, upper, border)
@@ -155,9 +156,16 @@ def _halved(shape: Shape, domain: Domain, levels: int, seed: int) -> _Node:
     return halve(least, -least, points, levels)
 
 
-def _cut(border: np.ndarray, axis: int) -> tuple[float, int, float, np.ndarray] | None:
-    """What halving costs (the halves' boxes, by the border in them), axis, place and which points lie below; ``None`` if none do."""
+def _cut(shape: Shape, border: np.ndarray, axis: int) -> tuple[float, int, float, np.ndarray] | None:
+    """What halving costs (the halves' boxes, by the border in them), axis, place and which points lie below; ``None`` if none do.
+
+    Cells are cut through their centres. A cut along their faces, where a grid's border lies, would leave the cells that it
+    touches to both halves, to one of them as faces without a volume, which no sample would ever show to its leaf.
+    """
     place = float(np.median(border[:, axis]))
+    if isinstance(shape, IndicatorGrid):
+        scale, offset = shape.cells_per_unit[axis], shape.offset[axis]
+        place = float((np.floor(place * scale - offset) + offset) / scale)
     below = border[:, axis] <= place
     if below.all() or not below.any():
         return None

@@ -86,7 +86,9 @@ def with_palette(png: bytes, colours: int = PALETTE, width: int | None = None) -
     image, small = Image.open(io.BytesIO(png)).convert("RGB"), io.BytesIO()
     if width is not None and image.width > width:
         image = image.resize((width, round(image.height * width / image.width)), Image.Resampling.LANCZOS)
-    image.quantize(colours, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE).save(small, "png", optimize=True)
+    image.quantize(colours, Image.Quantize.MAXCOVERAGE, kmeans=2, dither=Image.Dither.NONE).save(
+        small, "png", optimize=True
+    )
     return small.getvalue()
 
 

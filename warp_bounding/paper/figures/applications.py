@@ -76,6 +76,7 @@ class Applications(Figure):
             panels = figure.subplots(2, 2, gridspec_kw=place | {"height_ratios": heights})
             for axes, name in zip(panels.flat, DEMOS, strict=True):
                 show(axes, pictures[name], DEMOS[name][2])
+                axes.set_anchor("N")
                 axes.spines[:].set_visible(False)
 
         return page(fill, svg=False)

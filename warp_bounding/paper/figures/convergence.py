@@ -51,8 +51,8 @@ class Convergence(Figure):
         labels = list(dict.fromkeys(name.partition(" ")[0] for name in parts))
 
         def fill(figure) -> None:
-            figure.set_size_inches(9.0, 3.6)
-            place = {"left": 0.07, "right": 0.99, "top": 0.92, "bottom": 0.225, "wspace": 0.07}
+            figure.set_size_inches(9.0, 3.8)
+            place = {"left": 0.07, "right": 0.99, "top": 0.92, "bottom": 0.26, "wspace": 0.07}
             panels = figure.subplots(1, len(labels), sharey=True, gridspec_kw=place, squeeze=False)[0]
             for axes, label in zip(panels, labels, strict=True):
                 for loss, (told, colour) in LOSSES.items():
@@ -73,7 +73,7 @@ class Convergence(Figure):
                 axes.tick_params(labelsize=8)
             panels[0].set_ylabel("% of points")
             figure.legend(
-                *panels[0].get_legend_handles_labels(), frameon=False, fontsize=8, loc="lower center", ncols=4
+                *panels[0].get_legend_handles_labels(), frameon=False, fontsize=8, loc="lower center", ncols=2
             )
 
         return page(fill)

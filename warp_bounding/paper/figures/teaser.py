@@ -34,7 +34,8 @@ class Teaser(Figure):
         "First row: a box, an ellipsoid and a k-DOP hold the object (dark) but add much empty space (coloured). A network "
         "that is trained as a classifier fits closely and cuts pieces off (red); ours is as close, and a proof says that nothing is "
         "cut off. Below: objects in 2D, in 3D, and in 4D (one moment of a turning object), each with four networks of growing "
-        "size: the bound, translucent, closes in on the object and never enters it."
+        "size: the bound, translucent, closes in on the object and never enters it (it is drawn from a raster, smoothed, so that patches of "
+        "the object may show through)."
     )
     objects = objects_named("2d/dragon2=2d/fish 3d/bunny=3d/bunny 4d/bunny=4d/bunny")
 
