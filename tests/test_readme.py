@@ -36,6 +36,7 @@ SHORTER = {
 }
 SMALL = {  # one column of twelve, and its network
     "table1": "--columns 2d-point --methods aabb,mlp --samples 4000",
+    "speed": "--columns 2d-point --methods aabb,mlp --samples 4000 --queries 4000",
     "proofs": "--columns 2d-point --methods mlp --samples 4000 --positives 20000 --seconds 20",
 }
 FENCED = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
