@@ -41,9 +41,7 @@ def section(rows: Sequence[RecipeRow]) -> list[str]:
     hours = [r.hours_asked for r in rows if r.hours_asked is not None]
     told = ""
     if hours:
-        told = (
-            f" That would be {_hours(min(hours))} to {_hours(max(hours))} a network." if len(hours) > 1 else ""
-        )
+        told = f" That would be {_hours(min(hours))} to {_hours(max(hours))} a network." if len(hours) > 1 else ""
     commands = f"on {max(r.threads for r in rows)} CPU threads"
     return [
         "## The paper's recipe and its positional encoding",
