@@ -88,7 +88,7 @@ class Applications(Figure):
                 f"`{run['bounder']}`{' ' + run['section'] if run['section'] else ''} missed {run['missed']:,}"
                 for run in part["runs"]
             ]
-            lines.append(f"{name} ({part['steps']} steps): {', '.join(told)}")
+            lines.append(f"{name} (steps: {part['steps']}): {', '.join(told)}")
         return [f"What was missed (contacts, colliding states and edges, shadow pixels): {'; '.join(lines)}."]
 
     def broken(self, parts):

@@ -102,9 +102,15 @@ class Teaser(Figure):
         bound = layer(parts[name]["maybe"], METHODS["mlp"], 0.45, smooth=True)
         return scene(layer(inside, SOLID), layer(denied, DENIED), bound, up=up)
 
+    @staticmethod
+    def _label(name: str) -> str:
+        """A method in 2D, or a network's layers."""
+        ndim, what = name[0], name.partition(" ")[2]
+        return f"`{what}` in 2D" if what in CLASSIC else f"{ndim}-{what}-1"
+
     def facts(self, parts):
         found = [(name, part) for name, part in parts.items() if "fp" in part]
-        told = "; ".join(f"{name} {part['fp']:.2f} %" for name, part in found)
+        told = "; ".join(f"{self._label(name)} {part['fp']:.2f} %" for name, part in found)
         missed = parts["2d occupancy"]
         return [
             f"False positives of all points: {told}.",
