@@ -36,6 +36,7 @@ __all__ = [
     "Prepared",
     "QueryError",
     "Rates",
+    "TwoSided",
     "__version__",
     "cascade",
     "certify",
@@ -49,6 +50,7 @@ __all__ = [
     "load",
     "load_indicator",
     "solids",
+    "two_sided",
 ]
 
 _HOMES = {
@@ -61,6 +63,7 @@ _HOMES = {
         "QueryError",
     ),
     "warp_bounding.bounders": ("Bounder", "Certificate", "Data", "METHODS", "Prepared", "cascade", "compact", "load"),
+    "warp_bounding.bounders.two_sided": ("TwoSided", "two_sided"),
     "warp_bounding.indicators": (
         "IndicatorFunction",
         "IndicatorGrid",

@@ -144,7 +144,8 @@ class Asking(ABC):
     def source_of(self, kind: type[Source], *sizes: Any) -> Any:
         """A source for this bounder's queries, with the sizes that its class has besides."""
         domain = self.domain
-        return kind(self.ndim, domain.time, *sizes, query=domain.query, space=domain.space)
+        named = {"query": domain.query, "space": domain.space, "unbounded": domain.unbounded}
+        return kind(self.ndim, domain.time, *sizes, **named)
 
     @abstractmethod
     def weights(self) -> np.ndarray:

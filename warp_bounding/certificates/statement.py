@@ -24,6 +24,10 @@ def _queries(bounder: Subject) -> str:
     domain, kind = bounder.domain, QUERIES[bounder.query_kind]
     corners = f"{_numbers(domain.lower)} to {_numbers(domain.upper)}"
     every = kind.every.format(length=domain.length or 0)
+    if domain.unbounded:
+        return (
+            f"{every}, {corners} (object space), that is not in it; what lies outside the domain is answered with maybe"
+        )
     if not kind.is_region:
         return f"{every}, {corners} (object space); what lies outside it is not in the object"
     text = f"{every}; only its part inside the domain counts, {corners} (object space)"
@@ -47,6 +51,8 @@ def _object(bounder: Subject, certificate: Certificate | None) -> str:
 
 
 def _detail(bounder: Subject) -> str:
+    if bounder.domain.unbounded:
+        return f"a cell, or of 1/{DETAILS} of the longest side where there are no cells,"
     return f"1/{DETAILS} of the longest side" if _without_cells(bounder) else "a cell"
 
 
@@ -90,7 +96,9 @@ def statement(bounder: Subject) -> dict[str, str]:
         return _statistical(bounder, certificate, about, placement)
     return {
         "certificate": "proven",
-        "what is proven": f"No {QUERIES[bounder.query_kind].positive} is ever answered with no.",
+        "what is proven": "Where the answer is no, the point is in the object."
+        if bounder.domain.unbounded
+        else f"No {QUERIES[bounder.query_kind].positive} is ever answered with no.",
         **about,
         "input error": f"up to {max(certificate.delta, default=0.0):.2g} of {_detail(bounder)} on each axis: the rounding of float64 queries, of the "
         "map, and of xform= and scale=",

@@ -49,6 +49,10 @@ def command(
             "(default: geometric)"
         ),
     ] = None,
+    side: Annotated[
+        str,
+        typer.Option(help="outside: no is certainly not in the object; inside: no is certainly in it (points)."),
+    ] = "outside",
     samples: Annotated[
         str, typer.Option(help="Random queries that the false-positive rate is measured on, such as 1e6.")
     ] = "1e6",
@@ -74,7 +78,7 @@ def command(
     started = time.perf_counter()
     with bar("fit") as update:
         of_queries = {"query": query, "length": length, "space": space}
-        of_object = {"margin": margin, "force": force, "resolution": resolution}
+        of_object = {"margin": margin, "force": force, "resolution": resolution, "side": side}
         of_method = {name: known[name].parse(value) for name, value in told.items() if value is not None}
         run = {"budget": budget, "seed": seed, "device": device, "progress": update}
         bounder = fit(indicator, method=method, **of_queries, **of_object, **of_method, **run)

@@ -17,6 +17,7 @@ def command(file: BounderFile, json: Json = False) -> int:
     from warp_bounding.bounders import load
     from warp_bounding.bounders.voxels import Voxels
     from warp_bounding.certificates.statement import statement
+    from warp_bounding.indicators.complement import SIDES
     from warp_bounding.queries import QUERIES
 
     quiet_warp()
@@ -33,6 +34,7 @@ def command(file: BounderFile, json: Json = False) -> int:
                 "query": bounder.query_kind,
                 "dimension": bounder.ndim,
                 "space": bounder.domain.space,
+                "side": SIDES[bounder.domain.unbounded],
                 "length": bounder.domain.length,
                 "conservative": bounder.conservative,
                 "bytes": bounder.nbytes,
@@ -51,7 +53,8 @@ def command(file: BounderFile, json: Json = False) -> int:
     table.add_column(overflow="fold")
     sizes = ", ".join(f"{key} {value}" for key, value in bounder.sizes.items())
     space = f", {bounder.domain.space} space" if QUERIES[bounder.query_kind].is_region else ""
-    about = f"{bounder.ndim}D {bounder.query_kind} queries{space}, {bounder.nbytes:,} bytes"
+    side = " from the inside" if bounder.domain.unbounded else ""
+    about = f"{bounder.ndim}D {bounder.query_kind} queries{space}{side}, {bounder.nbytes:,} bytes"
     table.add_row("method", f"{bounder.method}, {about}")
     if sizes:
         table.add_row("sizes", sizes if len(sizes) <= MOST_SIZES else sizes[:MOST_SIZES] + " ...")

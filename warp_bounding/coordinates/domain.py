@@ -9,6 +9,8 @@ of this map needs (a 4096th of a cell), so that the rounding of a placement, giv
 
 ``|v| <= limit`` is the widened domain. Nothing outside it can be in the object, and no bounder is asked about it. On
 the axis of time, where the answer outside is *maybe*, the limit lies inside the range instead, by twice the rounding.
+Where the object is unbounded (``indicators.complement``) the answer outside is *maybe* on every axis, and proofs run over
+all of ``|v| <= limit``.
 """
 
 from dataclasses import dataclass
@@ -47,6 +49,7 @@ class Domain:
         time: Coordinate 0 is time: outside its range the answer is *maybe*.
         lower: ``(n,)`` float64, lower corner of the domain in object space.
         upper: ``(n,)`` float64, upper corner.
+        unbounded: The object may be anywhere outside the domain: there the answer is *maybe*.
     """
 
     center: np.ndarray
@@ -56,6 +59,7 @@ class Domain:
     time: bool
     lower: np.ndarray
     upper: np.ndarray
+    unbounded: bool = False
 
     query = "point"
     space = "geometric"
@@ -99,7 +103,7 @@ class Domain:
         if shape.time:
             inner = min(upper[0] - center[0], center[0] - lower[0]) * float(scale[0])
             limit[0] = round_down(inner - 2 * needed[0])
-        return cls(center, scale, limit, delta, shape.time, lower, upper)
+        return cls(center, scale, limit, delta, shape.time, lower, upper, shape.unbounded)
 
     def fault(self) -> str | None:
         """What is wrong with these numbers, in a few words; ``None`` if every claim of this class holds for them."""
@@ -188,7 +192,8 @@ class Domain:
     def to_dict(self) -> dict:
         """JSON-ready numbers; float32 values survive the trip exactly."""
         arrays = {k: getattr(self, k) for k in ("center", "scale", "limit", "delta", "lower", "upper")}
-        return {k: [float(a) for a in v] for k, v in arrays.items()} | {"time": self.time}
+        flags = {"time": self.time} | ({"unbounded": True} if self.unbounded else {})
+        return {k: [float(a) for a in v] for k, v in arrays.items()} | flags
 
     @classmethod
     def from_dict(cls, values: dict) -> "Domain":
@@ -199,7 +204,9 @@ class Domain:
         rounded = [k for k, a in single.items() if not (a == arrays[k]).all()]
         if rounded:
             raise ValueError(f"the domain's {rounded[0]} must be float32 numbers, got {values[rounded[0]]}")
-        domain = cls(**single, **{k: arrays[k] for k in DOUBLE}, time=json_bool(values["time"], "time"))
+        flags = {"time": values["time"], "unbounded": values.get("unbounded", False)}
+        flags = {name: json_bool(value, name) for name, value in flags.items()}
+        domain = cls(**single, **{k: arrays[k] for k in DOUBLE}, **flags)
         fault = domain.fault()
         if fault:
             raise ValueError(fault)

@@ -18,8 +18,9 @@ COORDINATES: dict[str, Coordinates] = {kind.name: kind for kind in (POINT, RAY, 
 _FRAME = """
 auto testable = (q[0] - q[0]) == zero, inside = zero <= zero;  // false for NaN and for infinity
 {{
-    constexpr int AXES = {n};
-    constexpr bool TIME = {time}, PLACED = {placed};
+    constexpr int AXES = {n}, FREE = {free};
+    constexpr bool TIME = FREE > 0, PLACED = {placed};
+    (void)TIME;
     {no_place}
     for (int k = 1; k < {columns}; ++k) testable = testable & ((q[k] - q[k]) == zero);
     {moving}
@@ -33,21 +34,22 @@ def coordinates_of(query: str, space: str) -> Coordinates:
     return COORDINATES[query].parametric if space == PARAMETRIC else COORDINATES[query]
 
 
-def locate(query: str, space: str, n: int, time: bool, placed: bool = False) -> str:
+def locate(query: str, space: str, n: int, free: int, placed: bool = False) -> str:
     """The C text from a query's numbers to the coordinates ``v``.
 
     Args:
         query: Kind of query.
         space: ``"geometric"`` or ``"parametric"``.
         n: Dimension of the indicator.
-        time: Coordinate 0 is time: a region that lies wholly outside its range is answered with maybe; so may be one
-            that only just reaches into it.
+        free: Queries outside the domain on one of the first so many axes are answered with maybe: 1 where coordinate 0
+            is time, all n where the object is unbounded (points only). So is a region that lies wholly outside, and maybe
+            one that only just reaches into it.
         placed: ``q`` are in the world, and the text may change them.
     """
     kind = coordinates_of(query, space)
     return _FRAME.format(
         n=n,
-        time=str(time).lower(),
+        free=int(free),
         placed=str(placed).lower(),
         no_place="" if placed else "const float* place = nullptr; (void)place;",
         columns=kind.columns(n),
@@ -57,16 +59,16 @@ def locate(query: str, space: str, n: int, time: bool, placed: bool = False) -> 
 
 
 @cache
-def plain_map(query: str, space: str, n: int, time: bool, placed: bool, begin: int) -> wp.Function:
+def plain_map(query: str, space: str, n: int, free: int, placed: bool, begin: int) -> wp.Function:
     """The twin of ``locate`` in Warp's own Python, a function ``(parameters, place, q) -> (v, testable, inside)``.
 
     The arguments are those of ``locate``; ``center scale limit threshold extra`` begin at ``begin`` in ``parameters``.
     """
     kind = coordinates_of(query, space)
-    locate, move, columns = kind.plain(n, time, placed, begin), kind.plain_move(n), kind.columns(n)
+    locate, move, columns = kind.plain(n, free, placed, begin), kind.plain_move(n), kind.columns(n)
     numbers = vector_type(columns)
 
-    @named(f"wb_plain_map_{space}_{query}_{n}_{time:d}{placed:d}").func
+    @named(f"wb_plain_map_{space}_{query}_{n}_{free:d}{placed:d}").func
     def located(parameters: Numbers, place: Numbers, q: numbers):
         known = wp.bool(True)
         for k in range(columns):

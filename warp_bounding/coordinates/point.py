@@ -22,7 +22,7 @@ for (int k = 0; k < AXES; ++k) {
     v[k] = (q[k] - center[k]) * scale[k];
     const auto within = (v[k] <= limit[k]) & (v[k] >= -limit[k]);
     inside = inside & within;
-    if (TIME && k == 0) testable = testable & within;  // outside its range of time the object may be anywhere
+    if (k < FREE) testable = testable & within;  // outside, the object may be anywhere
 }
 """
     moving = """
@@ -45,17 +45,17 @@ for (int k = 0; k < AXES; ++k) {
         moved = at_points(domain, world, input_unit) * domain.scale.astype(np.float64) * (1 + 4 * UNIT32)
         return (moved + self.rounding(domain, None) + TINY) * GROWTH
 
-    def plain(self, n: int, time: bool, placed: bool, begin: int) -> wp.Function:
+    def plain(self, n: int, free: int, placed: bool, begin: int) -> wp.Function:
         vector = vector_type(n)
 
-        @named(f"wb_plain_point_{n}_{time:d}_{begin}").func
+        @named(f"wb_plain_point_{n}_{free:d}_{begin}").func
         def locate(p: Numbers, place: Numbers, q: vector):
             v, testable, inside = vector(), wp.bool(True), wp.bool(True)
             for k in range(n):
                 v[k] = (q[k] - p[begin + k]) * p[begin + n + k]
                 inside = inside and v[k] <= p[begin + 2 * n + k] and v[k] >= -p[begin + 2 * n + k]
-            if time:  # outside its range of time the object may be anywhere
-                testable = v[0] <= p[begin + 2 * n] and v[0] >= -p[begin + 2 * n]
+            for k in range(free):  # outside, the object may be anywhere
+                testable = testable and v[k] <= p[begin + 2 * n + k] and v[k] >= -p[begin + 2 * n + k]
             return v, testable, inside
 
         return locate

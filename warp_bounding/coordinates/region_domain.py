@@ -84,6 +84,8 @@ class RegionDomain:
     @classmethod
     def of(cls, grid: Shape, query: str, length: float = 1.0, space: str = "geometric") -> "RegionDomain":
         """See ``domain_of``."""
+        if grid.unbounded:
+            raise BounderError(f"{grid.name}: {query} queries are not bounded from the inside, points are")
         # To the base time is an axis like the others: a region counts by its part inside the domain, and what it is to
         # the range of time its own test decides (``extra``).
         still = replace(grid, time=False) if isinstance(grid, IndicatorGrid) else grid
@@ -117,8 +119,8 @@ class RegionDomain:
         if (self.length is None) == kind.has_length or not np.isfinite(self.length or 1.0) or (self.length or 1) <= 0:
             return f"a ray's length must be positive, got {self.length}"
         fault = self.base.fault()
-        if fault or self.base.time:
-            return fault or "a region's base domain has no time of its own"
+        if fault or self.base.time or self.base.unbounded:
+            return fault or "a region's base domain has no time of its own, and ends"
         least, most = STRETCHES
         if not ((self.stretch >= least) & (self.stretch <= most)).all():
             return f"a ray of length {self.length} does not fit a domain of this size"
@@ -136,6 +138,8 @@ class RegionDomain:
     def parametric(self) -> bool:
         """Whether v is one point of R^2n, which a volume contains or not; else v is tested as a region."""
         return self.space == PARAMETRIC
+
+    unbounded = False  # as ``Domain`` has it
 
     tested_as_point = parametric  # ``Domain`` has this too, where it is always true
 

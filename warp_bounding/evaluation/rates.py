@@ -11,9 +11,9 @@ from warp_bounding.bounders.load import bounder_of
 from warp_bounding.bounders.slabs.aabb import Aabb
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import QueryError
-from warp_bounding.indicators import IndicatorGrid, load_indicator
+from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.indicators.shape import IN, OUT, UNDECIDED, Shape
-from warp_bounding.proof.prove import as_fitted
+from warp_bounding.proof.prove import as_fitted, of_side
 from warp_bounding.queries import QUERIES, SampledOracle, decision, oracle, sample
 
 __all__ = ["PROTOCOLS", "Rates", "evaluate", "quick_rates"]
@@ -117,7 +117,8 @@ def evaluate(
         raise QueryError(f"samples must be a whole number of at least 1, got {samples!r}")
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise QueryError(f"seed must be a whole number of at least 0, got {seed!r}")
-    bounder, shape = bounder_of(bounder), load_indicator(shape)
+    bounder = bounder_of(bounder)
+    shape = of_side(bounder, shape)
     fitted = as_fitted(bounder, shape)
     if fitted.ndim != bounder.ndim:
         raise QueryError(f"the shape is {fitted.ndim}D, the bounder {bounder.ndim}D")

@@ -35,6 +35,7 @@ class Shape(ABC):
         margin: How far the object was dilated (Euclidean, in space); what is asked is the dilated object.
         resolution: Of cells that were laid over a shape; ``None`` where the shape itself is asked.
         certified: Whether ``empty`` can certify anything, so that bounders of this shape can be proven.
+        unbounded: The object is all that lies beyond the box, too (``complement``); a query there is *maybe* in it.
     """
 
     name: str = "shape"
@@ -43,6 +44,7 @@ class Shape(ABC):
     margin: float = 0.0
     resolution: int | None = None
     certified: bool = True
+    unbounded: ClassVar[bool] = False
     largest_delta: ClassVar[float] = 8.0  # details: where float32 blurs queries by more, the shape is refused
     # Truth of regions, where a shape can tell it: called with what is said in ``IndicatorMesh``, they answer as ``decide``.
     decide_boxes: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None

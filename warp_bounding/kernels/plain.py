@@ -36,7 +36,7 @@ def plain_value(source: Source) -> wp.Function:
 @cache
 def _asked(source: Source, placed: bool) -> wp.Function:
     """``(parameters, words, place, q) -> (testable, inside, f)``: f where both are true."""
-    locate = plain_map(source.query, source.space, source.ndim, source.time, placed, LABEL)
+    locate = plain_map(source.query, source.space, source.ndim, source.free, placed, LABEL)
     f, start, numbers = plain_value(source), source.start, vector_type(source.columns)
 
     @twin(source, f"asked{'_placed' * placed}")

@@ -27,7 +27,7 @@ from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.launch import BLOCK
 from warp_bounding.runtime.native import identity
 
-__all__ = ["ALIGN", "DENIED", "GRANTED", "LABEL", "Early", "Lanes", "Source", "aligned", "fill", "literal", "words_at"]
+__all__ = ["ALIGN", "DENIED", "GRANTED", "LABEL", "Early", "Lanes", "Source", "aligned", "fill", "literal"]
 
 DENIED = -(2.0**127)  # f where an early test has said no
 GRANTED = -DENIED / 2  # f where an early test has said maybe; so that the difference of both is finite in float32
@@ -62,6 +62,7 @@ class Source:
         ndim: Dimension n of the indicator.
         time: Coordinate 0 is time.
         query: Kind of query.
+        unbounded: Outside the domain the answer is *maybe*, as it is outside a range of time.
         space: ``"geometric"``, or ``"parametric"``: the numbers of a query are the coordinates of a point to be bounded.
     """
 
@@ -69,6 +70,7 @@ class Source:
     time: bool
     query: str = field(default="point", kw_only=True)
     space: str = field(default="geometric", kw_only=True)
+    unbounded: bool = field(default=False, kw_only=True)
 
     block: ClassVar[int] = BLOCK  # queries of a block of the CPU batch path
     packed: ClassVar[bool] = False  # gather the queries inside the domain first: pays for costly bodies
@@ -84,6 +86,11 @@ class Source:
         """Index in ``parameters`` where the method's own numbers begin, a multiple of ``ALIGN``."""
         extra = coordinates_of(self.query, self.space).extra_count(self.ndim, self.time)
         return aligned(LABEL + 3 * self.ndim + 1 + extra)
+
+    @property
+    def free(self) -> int:
+        """How many axes, from the first on, have an outside that is answered with *maybe*."""
+        return self.ndim if self.unbounded else int(self.time)
 
     @property
     def tag(self) -> tuple[int, int]:
@@ -165,8 +172,3 @@ def aligned(count: int) -> int:
 def fill(text: str, **values: object) -> str:
     """C text with these values in the places of its ``$names``."""
     return Template(text).substitute(values)
-
-
-def words_at(whole: str, place: int | str) -> str:
-    """A C declaration of ``words`` that begin at a place of those at the pointer ``whole``, for a member's text."""
-    return f"const struct {{ const unsigned int* data; }} words = {{{whole} + {place}}}; (void)words;"

@@ -213,7 +213,12 @@ class ParticleCull:
             raise BounderError(f"shape {shape}: expected a bounder, got {type(bounder).__name__}")
         if int(self.model.shape_type.numpy()[shape]) not in MESHES:
             raise BounderError(f"shape {shape}: expected a mesh, bounders of other shapes save nothing")
-        if QUERIES[bounder.query_kind].is_region or bounder.ndim != 3 or bounder.domain.time:
+        if (
+            QUERIES[bounder.query_kind].is_region
+            or bounder.ndim != 3
+            or bounder.domain.time
+            or bounder.domain.unbounded
+        ):
             got = f"{bounder.ndim}D {bounder.query_kind}s"
             raise BounderError(f"shape {shape}: expected a bounder of 3D points, got one of {got}")
         if str(bounder.device) != str(self._device):

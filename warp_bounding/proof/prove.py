@@ -15,6 +15,7 @@ from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.document import document
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import load_indicator
+from warp_bounding.indicators.complement import Complement
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.attest.falsify import Walk
@@ -33,6 +34,7 @@ __all__ = [
     "charted",
     "least_value",
     "mismatch",
+    "of_side",
     "other_claim",
     "other_dimension",
     "outside",
@@ -172,10 +174,20 @@ def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate
 
 def as_fitted(bounder: Bounder, shape) -> Shape:
     """What the fit bounded: the shape dilated by the bounder's margin, or its cells where these were bounded."""
-    shape, margin, resolution = load_indicator(shape), bounder.info.get("margin") or 0.0, bounder.info.get("resolution")
+    shape, margin, resolution = (
+        of_side(bounder, shape),
+        bounder.info.get("margin") or 0.0,
+        bounder.info.get("resolution"),
+    )
     if isinstance(shape, Shape) and (resolution is None or isinstance(shape, IndicatorGrid)):
         return shape.dilated(margin)
     return shape.to_grid(resolution=resolution, margin=margin)
+
+
+def of_side(bounder: Bounder, shape) -> Shape:
+    """The shape that is given, or its complement where the bounder is about that (``side="inside"`` of a fit)."""
+    shape = load_indicator(shape)
+    return Complement(shape) if bounder.domain.unbounded and not shape.unbounded else shape
 
 
 def other_claim(bounder: Bounder, expected: dict[str, str | float | None]) -> str | None:
@@ -209,6 +221,8 @@ def mismatch(bounder: Bounder, grid: IndicatorGrid) -> str | None:
         for part in bounder.parts:
             if not part.takes_shapes(part.query_kind, part.domain.space):
                 return f"{part.query_kind} queries of {part.method} are bounded over cells, and the shape has none; give a resolution"
+    if grid.unbounded != bounder.domain.unbounded:
+        return "the bounder is about the other side of the shape"
     if grid.time and (domain.lower[0] < grid.lower[0] or domain.upper[0] > grid.upper[0]):
         times = ((grid.lower[0], grid.upper[0]), (domain.lower[0], domain.upper[0]))
         known, asked = (f"{first:.7g} to {last:.7g}" for first, last in times)
@@ -221,6 +235,8 @@ def reaches_outside(bounder: Bounder, shape: Shape) -> bool:
     if isinstance(shape, IndicatorGrid):
         return len(outside(bounder, shape)) > 0
     domain = bounder.domain.base
+    if domain.unbounded:  # all that the domain's limit lets through is searched, and the rest is maybe
+        return False
     for axis in range(shape.ndim):
         for side, beyond in ((0, shape.lower < domain.lower), (1, shape.upper > domain.upper)):
             if beyond[axis]:

@@ -55,6 +55,7 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
         or bounder.domain is not bounder.domain.base
         or not isinstance(bounder, Mlp)
         or bounder.domain.time
+        or bounder.domain.unbounded
     ):
         raise BounderError(f"segments need a network of points at rest, got {bounder!r}")
     starts, ends = np.asarray(starts, dtype=np.float64), np.asarray(ends, dtype=np.float64)

@@ -15,6 +15,7 @@ from warp_bounding.coordinates.region_domain import SPACES, domain_of
 from warp_bounding.errors import BounderError, BoundingWarning
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, IndicatorMotion, load_indicator
+from warp_bounding.indicators.complement import SIDES, Complement
 from warp_bounding.indicators.limits import MAX_RESOLUTION, check_memory
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof import prove_or_attest
@@ -51,6 +52,7 @@ def fit(
     resolution: int | None = None,
     length: float | None = None,
     space: str | None = None,
+    side: str = SIDES[0],
     last: Bounder | None = None,
     device: str | None = None,
     progress: Progress | bool | None = None,
@@ -78,6 +80,9 @@ def fit(
         length: Length of a ray, object units; 1 if ``None``. Other queries have none.
         space: For rays, planes and boxes: ``"geometric"``, the default, tests a region against the volume;
             ``"parametric"``, the paper's way, fits the volume to the positives' own 2 n numbers.
+        side: ``"outside"``: *no* means certainly not in the object. ``"inside"``: *no* means certainly in it, and *maybe*
+            that it may not be; the bounder holds the shape's complement, and the proof is about that. For points, and of
+            methods that lay no cells; with an outer bounder it makes a ``two_sided`` one.
         last: The last part of a cascade, if it is fitted already; then only the parts before it are fitted.
         device: Warp device of the bounder; the default device if ``None``.
         progress: Called with done, total and a note. ``None`` shows a bar on standard error if that is a terminal,
@@ -110,13 +115,15 @@ def fit(
         >>> rays = wb.fit(ball, "ray", "kdop", length=0.5, k=26, device="cpu")
     """
     check_query(query)
-    _check(query, method, length, space)
+    _check(query, method, length, space, side)
     check_numbers(budget, seed, margin)
     length, space = length or 1.0, space or SPACES[0]
     device_of(device, BounderError)
     spent = Stopwatch()
     shape = load_indicator(shape)
     _check_extent(shape, margin, force)
+    if side == SIDES[1]:
+        shape = Complement(shape)
     grid = _bounded(shape, query, method, space, resolution, margin)
     classes = [method_class(name, query, grid.ndim, space) for name in method.split("+")]
     if len(classes) > 1:
@@ -270,9 +277,13 @@ def _warn_of_coarse_cells(grid: IndicatorGrid) -> None:
         warnings.warn(text, BoundingWarning, stacklevel=4)
 
 
-def _check(query: str, method: str, length: float | None, space: str | None) -> None:
+def _check(query: str, method: str, length: float | None, space: str | None, side: str) -> None:
     if not isinstance(method, str):
         raise BounderError(f"method must be a name, or several joined by +, got {method!r}")
+    if side not in SIDES:
+        raise BounderError(f"side must be one of {', '.join(SIDES)}, got {side!r}")
+    if side == SIDES[1] and QUERIES[query].is_region:
+        raise BounderError(f"side={side} is for point queries, got {query} queries")
     if length is not None and not QUERIES[query].has_length:
         raise BounderError(f"length is for ray queries, got length={length} for {query} queries")
     if length is not None and (not _is_number(length) or length <= 0):

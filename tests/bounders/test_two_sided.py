@@ -1,0 +1,175 @@
+"""Certainly not, maybe, certainly: bounders of a shape's complement, and both sides together."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+import trimesh
+import warp as wp
+
+import warp_bounding as wb
+from warp_bounding.bounders.two_sided import MAYBE, NO, YES
+from warp_bounding.errors import BounderError, IndicatorError
+from warp_bounding.indicators.complement import Complement
+from warp_bounding.indicators.shape import IN, OUT
+from warp_bounding.proof import soak
+
+STEPS = 300
+
+
+@cache
+def shape(name: str):
+    if name == "grid":
+        return wb.load_indicator(np.linalg.norm(np.moveaxis(np.indices((20, 20)), 0, -1) - [9.5, 8.5], axis=-1) < 7)
+    if name == "touching":  # the object reaches the border of its grid
+        cells = np.zeros((12, 12), bool)
+        cells[:, 3:9] = True
+        return wb.load_indicator(cells)
+    if name == "solid":
+        return wb.solids.Sphere([0, 0], 0.7) - wb.solids.Sphere([0.5, 0], 0.3)
+    return wb.load_indicator(trimesh.creation.icosphere(2, 0.5).apply_translation([3.0, 0.0, -1.0]))
+
+
+SHAPES = ("grid", "touching", "solid", "mesh")
+
+
+@cache
+def inner(name: str, margin: float = 0.0) -> wb.Bounder:
+    bounder = wb.fit(
+        shape(name), side="inside", hidden=(12, 12), steps=STEPS, margin=margin, device="cpu", progress=False
+    )
+    assert bounder.certificate.proven
+    return bounder
+
+
+def around(name: str, count: int = 100_000) -> np.ndarray:
+    of = shape(name)
+    reach = 0.1 * of.extent.max()
+    return np.random.default_rng(1).uniform(of.lower - reach, of.upper + reach, (count, of.ndim)).astype(np.float32)
+
+
+@pytest.mark.parametrize("native", [True, False])
+@pytest.mark.parametrize("name", SHAPES)
+def test_no_is_certainly_inside(name, native):
+    bounder, x = inner(name).to("cpu", native=native), around(name, 100_000 if native else 10_000)
+    denied = bounder.query(x).numpy() == 0
+    assert denied.any()  # it is of use
+    assert (shape(name).decide(x[denied]) != OUT).all()
+
+
+@pytest.mark.parametrize("native", [True, False])
+@pytest.mark.parametrize("name", SHAPES)
+def test_what_lies_outside_the_domain_is_maybe(name, native):
+    bounder, n = inner(name).to("cpu", native=native), shape(name).ndim
+    far = np.concatenate([np.eye(n), -np.eye(n)]) * 1e3
+    middle = (shape(name).lower + shape(name).upper) / 2
+    beyond = np.concatenate([far, far + middle, np.full((1, n), np.nan), np.full((1, n), np.inf)])
+    assert (bounder.query(beyond.astype(np.float32)).numpy() == 1).all()
+    # just outside the box that holds the object, on each side
+    for axis in range(n):
+        for side, sign in ((shape(name).lower, -1), (shape(name).upper, 1)):
+            x = np.tile(middle, (41, 1))
+            x[:, axis] = side[axis] + sign * np.geomspace(1e-7, 1.0, 41)
+            x = x.astype(np.float32)
+            x = x[shape(name).decide(x) == OUT]
+            assert (bounder.query(x).numpy() == 1).all()
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_certify_soak_and_evaluate_know_the_side(name, tmp_path):
+    inner(name).save(tmp_path / "b.safetensors")
+    bounder = wb.load(tmp_path / "b.safetensors", device="cpu")
+    assert bounder.domain.unbounded
+    assert wb.certify(bounder, shape(name)).proven
+    assert soak(bounder, shape(name), 100_000, seed=3).missed is None
+    rates = wb.evaluate(bounder, shape(name), samples=50_000)
+    assert rates.fn == 0
+    assert rates.fp_rate < 100 - rates.positives  # some of the inside is certain
+    raised = bounder.freeze(float(bounder.threshold) + 1e3, None)
+    assert wb.certify(raised, shape(name)).kind == "refuted"
+
+
+def test_the_other_side_is_not_what_is_proven():
+    outer = wb.fit(shape("grid"), method="aabb", device="cpu", progress=False)
+    lie = inner("grid").to("cpu")
+    assert wb.certify(outer, Complement(shape("grid"))).kind == "inapplicable"
+    assert wb.certify(lie, wb.load_indicator(~shape("grid").occupancy)).kind != "proven"
+
+
+def test_a_margin_dilates_the_object():
+    wide, x = inner("mesh", 0.2), around("mesh")
+    denied = wide.query(x).numpy() == 0
+    dilated = shape("mesh").dilated(0.2)
+    assert (dilated.decide(x[denied]) != OUT).all()
+    assert (shape("mesh").decide(x[denied]) == OUT).any()  # certainly within the margin, and not in the mesh
+    assert wb.certify(wide, shape("mesh")).proven
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_both_sides_classify(name):
+    outer = wb.fit(shape(name), method="kdop", device="cpu", progress=False)
+    both, x = wb.two_sided(outer, inner(name)), around(name)
+    found, truth = both.classify(x).numpy(), shape(name).decide(x)
+    assert (truth[found == NO] != IN).all()
+    assert (truth[found == YES] != OUT).all()
+    assert {NO, MAYBE, YES} == set(np.unique(found))
+    nothing = both.classify(np.zeros((0, shape(name).ndim), np.float32))
+    assert nothing.shape == (0,)
+
+
+def test_both_sides_in_a_kernel_and_placed():
+    outer = wb.fit(shape("mesh"), method="sphere", device="cpu", progress=False)
+    both, x = wb.two_sided(outer, inner("mesh")), around("mesh", 20_000)
+
+    @wp.kernel
+    def ask(outside: wb.Data, inside: wb.Data, q: wp.array(dtype=wp.vec3), answers: wp.array(dtype=int)):
+        i = wp.tid()
+        answers[i] = wp.static(both.func)(outside, inside, q[i])
+
+    q = wp.array(x, dtype=wp.vec3, device="cpu")
+    answers = wp.zeros(len(x), dtype=int, device="cpu")
+    wp.launch(ask, len(x), [both.outer.data, both.inner.data, q, answers], device="cpu")
+    assert (answers.numpy() == both.classify(x).numpy()).all()
+    moved = both.classify(x + np.float32(2), xform=wp.transform(wp.vec3(2.0), wp.quat_identity())).numpy()
+    truth = shape("mesh").decide(x)
+    assert (truth[moved == YES] != OUT).all()
+    assert (moved == YES).any()
+
+
+def test_a_cascade_of_inner_bounders_is_one():
+    other = wb.fit(shape("grid"), side="inside", hidden=(4,), steps=30, device="cpu", progress=False)
+    joined, x = inner("grid") & other, around("grid")
+    assert joined.certificate.proven
+    assert joined.domain.unbounded
+    assert wb.certify(joined, shape("grid")).proven
+    denied = joined.query(x).numpy() == 0
+    assert (shape("grid").decide(x[denied]) != OUT).all()
+    with pytest.raises(BounderError):
+        inner("grid") & wb.fit(shape("grid"), method="aabb", device="cpu", progress=False)
+
+
+def test_bad_input_has_one_clear_error():
+    outer = wb.fit(shape("grid"), method="aabb", device="cpu", progress=False)
+    with pytest.raises(BounderError, match="inner must be fitted with side='inside'"):
+        wb.two_sided(outer, outer)
+    with pytest.raises(BounderError, match="outer must be fitted with side='outside'"):
+        wb.two_sided(inner("grid"), inner("grid"))
+    with pytest.raises(BounderError, match="same object"):
+        wb.two_sided(wb.fit(shape("touching"), method="aabb", device="cpu", progress=False), inner("grid"))
+    with pytest.raises(BounderError, match="dimension"):
+        wb.two_sided(wb.fit(shape("mesh"), method="aabb", device="cpu", progress=False), inner("grid"))
+    with pytest.raises(BounderError, match="must be a bounder of points"):
+        wb.two_sided(wb.fit(shape("grid"), "box", "aabb", device="cpu", progress=False), inner("grid"))
+    with pytest.raises(BounderError, match="side must be one of outside, inside"):
+        wb.fit(shape("grid"), side="both")
+    with pytest.raises(BounderError, match="for point queries"):
+        wb.fit(shape("grid"), "ray", side="inside")
+    with pytest.raises(IndicatorError, match="no cells are laid"):
+        wb.fit(shape("mesh"), method="bvh", side="inside")
+    told = wb.IndicatorFunction(
+        lambda x: (np.abs(x) <= 1).all(axis=1), [-1, -1], [1, 1], empty=lambda a, b: (a > 1).any(1) | (b < -1).any(1)
+    )
+    with pytest.raises(IndicatorError, match="no box to lie inside"):
+        wb.fit(told, side="inside")
+    with pytest.raises(BounderError, match="segments"):
+        wb.clear_segments(inner("grid"), np.zeros((1, 2)), np.ones((1, 2)))

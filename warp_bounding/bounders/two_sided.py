@@ -1,0 +1,123 @@
+"""Two bounders of one object, one from the outside and one from the inside: certainly not, maybe, certainly."""
+
+from functools import cached_property
+
+import warp as wp
+
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.coordinates.base import vector_type
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators.complement import SIDES, outside_of
+from warp_bounding.kernels.functions import Data
+from warp_bounding.runtime.launch import launch_on_cores
+from warp_bounding.runtime.native import named
+
+__all__ = ["MAYBE", "NO", "YES", "TwoSided", "two_sided"]
+
+NO, MAYBE, YES = 0, 1, 2  # answers of ``classify``
+
+
+@wp.kernel(enable_backward=False)
+def _combine(first: int, inner: wp.array(dtype=wp.uint8), found: wp.array(dtype=wp.uint8)):
+    i = first + wp.tid()
+    found[i] = found[i] * (wp.uint8(YES) - inner[i])
+
+
+class TwoSided:
+    """Two bounders of one object; made by ``two_sided``.
+
+    Attributes:
+        outer: Of the object: its *no* is certainly outside.
+        inner: Of the object's complement (``fit(..., side="inside")``): its *no* is certainly inside.
+
+    Example:
+        >>> inner = wb.fit(ball, side="inside", hidden=(8,), steps=30, device="cpu")
+        >>> both = wb.two_sided(bounder, inner)
+        >>> both.nbytes == bounder.nbytes + inner.nbytes
+        True
+    """
+
+    def __init__(self, outer: Bounder, inner: Bounder):
+        self.outer, self.inner = outer, inner
+
+    def classify(self, x, *, xform=None, scale=None, out: wp.array | None = None) -> wp.array:
+        """Where points are; arguments as of ``Bounder.query``.
+
+        Returns:
+            ``(N,)`` uint8 ``wp.array``: 0 = certainly not in the object, 2 = certainly in it, 1 = maybe.
+
+        Raises:
+            QueryError: As ``Bounder.query`` does.
+
+        Example:
+            >>> both = wb.two_sided(bounder, wb.fit(ball, side="inside", hidden=(8,), steps=30, device="cpu"))
+            >>> int(both.classify(np.array([[9.0, 9.0, 9.0]], np.float32)).numpy()[0])
+            0
+        """
+        found = self.outer.query(x, xform=xform, scale=scale, out=out)
+        within = self.inner.query(x, xform=xform, scale=scale)
+        launch_on_cores(_combine, found.shape[0], inputs=[within], outputs=[found], device=self.outer.device)
+        return found
+
+    @cached_property
+    def func(self) -> wp.Function:
+        """The answer for one point in kernels of your own: ``wp.static(both.func)(both.outer.data, both.inner.data, q)``."""
+        outer, inner = self.outer.func, self.inner.func
+        vector = vector_type(self.outer.ndim)
+
+        @named(f"{outer.key}_{inner.key}_sides").func
+        def sides(outside: Data, inside: Data, q: vector) -> int:
+            if not outer(outside, q):
+                return NO
+            if inner(inside, q):
+                return MAYBE
+            return YES
+
+        return sides
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of both."""
+        return self.outer.nbytes + self.inner.nbytes
+
+    def __repr__(self) -> str:
+        return f"<two-sided: {self.outer!r}, {self.inner!r}>"
+
+
+def two_sided(outer: Bounder, inner: Bounder) -> TwoSided:
+    """A bounder from the outside and one from the inside, asked together.
+
+    Args:
+        outer: Of points, as ``fit`` makes it.
+        inner: Of points, made by ``fit(..., side="inside")``.
+
+    Returns:
+        What classifies points; each half is proven, saved and certified by itself.
+
+    Raises:
+        BounderError: If these are not one of each, or of different objects, dimensions or devices.
+
+    Example:
+        >>> inner = wb.fit(ball, side="inside", hidden=(8,), steps=30, device="cpu")
+        >>> wb.two_sided(bounder, inner).classify(points).shape
+        (100,)
+    """
+    for bounder, name, side in ((outer, "outer", SIDES[0]), (inner, "inner", SIDES[1])):
+        if not isinstance(bounder, Bounder) or not bounder.domain.tested_as_point:
+            raise BounderError(f"two_sided: {name} must be a bounder of points, got {bounder!r}")
+        if SIDES[bounder.domain.unbounded] != side:
+            raise BounderError(f"two_sided: {name} must be fitted with side={side!r}, got {bounder!r}")
+    kinds = [(b.ndim, b.domain.time, str(b.device)) for b in (outer, inner)]
+    if kinds[0] != kinds[1]:
+        raise BounderError(f"two_sided: expected the same dimension and device, got {kinds[0]} and {kinds[1]}")
+    _check_object(outer, inner)
+    return TwoSided(outer, inner)
+
+
+def _check_object(outer: Bounder, inner: Bounder) -> None:
+    """Refuse bounders of different shapes, where that is known: cells and margins may differ for good reasons."""
+    if any(outer.info.get(key) != inner.info.get(key) for key in ("margin", "resolution")):
+        return
+    told = outer.info.get("indicator"), inner.info.get("indicator")
+    if None not in told and outside_of(told[0]) != told[1]:
+        raise BounderError(f"two_sided: expected bounders of the same object, got {outer!r} and {inner!r}")

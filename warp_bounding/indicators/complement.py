@@ -1,0 +1,112 @@
+"""Everything outside a shape: what a bounder holds that says where a point is certainly *inside* it.
+
+A bounder of the complement answers *no* only where no point of the complement is, that is, in the object. It has no end:
+beyond the box of the shape a query is *maybe* in it.
+"""
+
+import hashlib
+
+import numpy as np
+
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.shape import IN, OUT, Shape
+
+__all__ = ["SIDES", "Complement", "outside_of"]
+
+SIDES = ("outside", "inside")  # from which a bounder may hold a shape: where "no" is certain to be
+
+TRIED, TINY_BOX = (
+    4096,
+    2.0**-10,
+)  # points of the object around which boxes are tried; their sides, of the shape's longest
+
+
+class Complement(Shape):
+    """All points that are not certainly in a shape.
+
+    Args:
+        shape: The whole; closed, so that its border is not in its complement.
+
+    Raises:
+        IndicatorError: For a complement.
+    """
+
+    unbounded = True
+
+    def __init__(self, shape: Shape):
+        if shape.unbounded:
+            raise IndicatorError(f"{shape.name}: a complement has no complement here")
+        self.whole = shape
+        self.name, self.note, self.time, self.margin = f"outside of {shape.name}", shape.note, shape.time, shape.margin
+        self.certified, self.largest_delta = shape.certified, shape.largest_delta
+
+    @property
+    def ndim(self) -> int:
+        return self.whole.ndim
+
+    @property
+    def lower(self) -> np.ndarray:
+        """Of the whole: beyond that box nothing has to be asked."""
+        return self.whole.lower
+
+    @property
+    def upper(self) -> np.ndarray:
+        return self.whole.upper
+
+    @property
+    def sample_lower(self) -> np.ndarray:
+        return self.whole.sample_lower
+
+    @property
+    def sample_upper(self) -> np.ndarray:
+        return self.whole.sample_upper
+
+    @property
+    def details_per_unit(self) -> np.ndarray:
+        return self.whole.details_per_unit
+
+    @property
+    def digest(self) -> str:
+        return outside_of(self.whole.digest)
+
+    def decide(self, x: np.ndarray) -> np.ndarray:
+        found = self.whole.decide(x)
+        turned = np.choose(found, [IN, OUT, found]).astype(np.uint8)
+        return np.where(np.isfinite(x).all(axis=1), turned, OUT).astype(np.uint8)
+
+    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        return self.whole.inside(lower, upper)
+
+    def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        return self.whole.empty(lower, upper)
+
+    def check(self) -> None:
+        self.whole.check()
+
+    def check_contents(self) -> None:
+        """See ``Shape``; also refuses a shape that certifies no box to lie in it."""
+        self.whole.check_contents()
+        rng = np.random.default_rng(0)
+        x = self.lower + rng.random((TRIED, self.ndim)) * (self.upper - self.lower)
+        x = x[self.whole.decide(x) == IN]
+        reach = TINY_BOX * (self.upper - self.lower) / 2
+        if not len(x):
+            raise IndicatorError(f"{self.whole.name}: nothing lies inside it, of {TRIED:,} points of its box none")
+        if self.certified and not self.whole.inside(x - reach, x + reach).any():
+            raise IndicatorError(
+                f"{self.whole.name}: certifies no box to lie inside it, so nothing can be proven of its inside"
+            )
+
+    def dilated(self, margin: float) -> "Complement":
+        """The outside of the dilated whole."""
+        return self if self._new_margin(margin) is None else Complement(self.whole.dilated(margin))
+
+    def to_grid(self, *, resolution: int | None = None, margin: float = 0.0):
+        raise IndicatorError(
+            f"{self.name}: no cells are laid over the outside of a shape; give another method, and no resolution"
+        )
+
+
+def outside_of(digest: str) -> str:
+    """The digest of the complement of the shape with this one."""
+    return hashlib.sha256(f"outside of {digest}".encode()).hexdigest()
