@@ -33,6 +33,7 @@ SHORTER = {
     "--samples 10000000 ": "--samples 50000 ",
     "--count 1e8 ": "--count 1e5 ",
     "random((1_000_000, 3)": "random((100_000, 3)",
+    "figures all --quick ": "figures progressive --quick --effort 0.05 --samples 4000 ",
 }
 SMALL = {  # one column of twelve, and its network
     "table1": "--columns 2d-point --methods aabb,mlp --samples 4000",

@@ -26,6 +26,7 @@ __all__ = [
     "numbered",
     "page",
     "show",
+    "tinted",
     "upright",
 ]
 
@@ -103,6 +104,14 @@ def bounded(inside: np.ndarray, maybe: np.ndarray | None, tint: str) -> np.ndarr
     image[maybe & ~inside] = _rgb(tint)
     image[inside & maybe] = _rgb(OBJECT)
     image[inside & ~maybe] = _rgb(DENIED)
+    return upright(image)
+
+
+def tinted(shape: tuple[int, int], layers: dict[str, np.ndarray]) -> np.ndarray:
+    """``(H, W, 3)`` uint8: masks over a raster in these colours, later ones over earlier ones."""
+    image = np.full((*shape, 3), 255, dtype=np.uint8)
+    for colour, mask in layers.items():
+        image[mask] = _rgb(colour)
     return upright(image)
 
 

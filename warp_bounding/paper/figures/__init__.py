@@ -21,6 +21,7 @@ from warp_bounding.paper.figures.kdop import Kdop
 from warp_bounding.paper.figures.objects import Objects
 from warp_bounding.paper.figures.progressive import Progressive
 from warp_bounding.paper.figures.relu_fields import ReluFields
+from warp_bounding.paper.figures.sides import Sides
 from warp_bounding.paper.figures.teaser import Teaser
 
 __all__ = ["FIGURES"]
@@ -35,6 +36,7 @@ FIGURES: tuple[Figure, ...] = (
     Convergence(),
     Complexity(),
     Hierarchy(),
+    Sides(),
     Digits(),
     Applications(),
 )
