@@ -118,8 +118,29 @@ def test_a_cascade_within_a_cascade(tmp_path, rng):
         assert (each.query(x).numpy() == answers).all()
     assert (ask(whole, x) == answers).all()
     assert wb.certify(again, shape("blob")).proven
-    with pytest.raises(BounderError, match="bit field"):
-        wb.cascade(parts[2], wb.cascade(*parts[2:]))
+
+
+def test_several_parts_may_have_bit_fields(tmp_path, device, rng):
+    grid, x = shape("blob"), domain_points(shape("blob"), 5000, rng)
+    parts = [fitted("voxels", "blob"), fitted("aabb", "blob"), other_bits(fitted("voxels", "blob"), 3, rng)]
+    expected = np.all([part.query(x).numpy() for part in parts], axis=0)
+    assert 0 < expected.sum() < parts[0].query(x).numpy().sum()
+    nested = wb.cascade(parts[0], wb.cascade(*parts[1:]))
+    for whole in (wb.cascade(*parts), wb.cascade(*parts[::-1]), nested):
+        whole.save(tmp_path / "c.safetensors")
+        for each in (whole, wb.load(tmp_path / "c.safetensors", device=device), whole.to(device, native=False)):
+            assert (each.query(x).numpy() == expected).all()
+        assert (ask(whole.to(device), x) == expected).all()
+    assert wb.certify(wb.cascade(parts[0], parts[0]), grid).proven
+    assert wb.certify(wb.cascade(parts[0], parts[2]), grid).kind == "refuted"
+
+
+def other_bits(bounder: wb.Bounder, every: int, rng: np.random.Generator) -> wb.Bounder:
+    """A bit field of which some words are lost, so that it denies some of the object."""
+    bits = bounder.tensors["bits"] * (rng.integers(every, size=len(bounder.tensors["bits"])) > 0).astype(np.uint32)
+    changed = type(bounder)(bounder.domain, bounder.tensors | {"bits": bits}, bounder.sizes, "cpu")
+    changed.info = bounder.info
+    return changed.freeze(bounder.threshold, None)
 
 
 def test_cuda_source_compiles(tmp_path):
@@ -139,8 +160,6 @@ def test_bad_parts():
         wb.cascade(aabb, fitted("occupancy", "blob"))
     with pytest.raises(BounderError, match="exits"):
         wb.cascade(fitted("mlp-early", "blob"), mlp)
-    with pytest.raises(BounderError, match="bit field"):
-        wb.cascade(fitted("voxels", "blob"), fitted("voxels", "blob"), mlp)
     other = aabb.to("cpu")
     other.info = aabb.info | {"indicator": "another"}
     with pytest.raises(BounderError, match="same object"):

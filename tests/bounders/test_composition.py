@@ -210,9 +210,12 @@ def test_a_hierarchy_of_cells_is_cut_through_them():
     assert tree.certificate.proven
 
 
-def test_a_hierarchy_of_networks_is_proven():
+@pytest.mark.parametrize("thresholds", [1, 9])
+def test_a_hierarchy_of_networks_is_proven(thresholds):
     ball = wb.solids.Sphere((0.2, 0.1), 0.7)
-    tree = wb.hierarchy(ball, levels=1, hidden=(8,), steps=100, device="cpu", progress=False)
+    told = {"levels": 1, "hidden": (8,), "steps": 100, "thresholds": thresholds}
+    tree = wb.hierarchy(ball, **told, device="cpu", progress=False)
+    assert {part.method for part in tree.parts} == {"aabb", "local" if thresholds > 1 else "mlp"}
     assert tree.certificate.proven
     assert wb.certify(tree, ball).proven
     assert wb.evaluate(tree, ball, 50_000).fn == 0
@@ -248,9 +251,32 @@ def test_what_cannot_be_put_together():
         a | fitted("occupancy", "blob")
     with pytest.raises(TypeError):
         a | 3
-    voxels = fitted("voxels", "blob")
-    with pytest.raises(BounderError, match="bit field"):
-        voxels | (a & voxels)
+
+
+def test_several_parts_may_have_bit_fields(tmp_path, device, rng):
+    x, box = domain_points(shape("blob"), 5000, rng), fitted("aabb", "blob")
+    first = fitted("voxels", "blob")
+    parts = [lost_bits(first, 2, rng), raised("kdop", "blob", 0.4, x), lost_bits(first, 5, rng), first]
+    a, b, c, d = (part.query(x).numpy() for part in parts)
+    assert len({v.tobytes() for v in (a, b, c, d)}) == 4
+    whole, expected = ((parts[0] & box) | (parts[1] & parts[2])) & parts[3], (a | (b & c)) & d
+    assert 0 < expected.sum() < d.sum()
+    whole.save(tmp_path / "c.safetensors")
+    for each in (whole, wb.load(tmp_path / "c.safetensors", device=device), whole.to(device, native=False)):
+        assert (each.query(x).numpy() == expected).all()
+    assert (ask(whole.to(device), x) == expected).all()
+    assert wb.certify(whole, shape("blob")).kind == "refuted"
+    honest = (first & box) | (first & fitted("mlp", "blob"))
+    assert honest.certificate.proven
+    assert wb.certify(honest, shape("blob")).proven
+
+
+def lost_bits(bounder: wb.Bounder, every: int, rng: np.random.Generator) -> wb.Bounder:
+    """A bit field of which some words are lost, so that it denies some of the object."""
+    bits = bounder.tensors["bits"] * (rng.integers(every, size=len(bounder.tensors["bits"])) > 0).astype(np.uint32)
+    changed = type(bounder)(bounder.domain, bounder.tensors | {"bits": bits}, bounder.sizes, "cpu")
+    changed.info = bounder.info
+    return changed.freeze(bounder.threshold, None)
 
 
 @pytest.mark.parametrize(

@@ -85,7 +85,6 @@ def test_time_is_shared(monkeypatch, ticking):
     [
         ("aabb+occupancy", "occupancy is not conservative"),
         ("mlp-early+mlp", "only the last part may have exits"),
-        ("voxels+voxels+mlp", "only one part may have a bit field"),
         ("aabb+", "method must be one of"),
         ("aabb+magic", "method must be one of"),
         ("+".join(["aabb"] * 9), "2 to 8"),

@@ -16,12 +16,20 @@ import warp as wp
 
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.local.local import Local
-from warp_bounding.bounders.members import BIT_FIELDS, check_kinds, check_members, holding, members_of, words_of
+from warp_bounding.bounders.members import (
+    BIT_FIELDS,
+    check_kinds,
+    check_members,
+    holding,
+    members_of,
+    word_places,
+    words_of,
+)
 from warp_bounding.bounders.neural.mlp_early import MlpEarly, bounds_of_all, denied_early
 from warp_bounding.bounders.registry import composed
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.plain import Numbers, Words, plain_value, twin, vector_type
-from warp_bounding.kernels.source import DENIED, Early, Lanes, Source, aligned, literal
+from warp_bounding.kernels.source import DENIED, Early, Lanes, Source, aligned, literal, words_at
 
 __all__ = ["Cascade", "CascadeSource"]
 
@@ -34,11 +42,12 @@ class CascadeSource(Source):
 
     In memory the last part's numbers come first, because with lanes its body runs alone and reads ``w`` from there;
     then those of each other part, at a multiple of
-    ``kernels.source.ALIGN``; and at last the thresholds of the others.
+    ``kernels.source.ALIGN``; and at last the thresholds of the others. Bit fields stand in the same order.
     """
 
     sources: tuple[Source, ...]  # of the parts, in the order in which they are asked
     counts: tuple[int, ...]  # how many numbers each part has, in the same order
+    fields: tuple[int, ...]  # where the words of each begin; 0 of the last one
 
     packed = True
 
@@ -62,7 +71,7 @@ class CascadeSource(Source):
 
     def early(self) -> list[Early]:
         lanes = Lanes(vector=True)
-        own = [Early(_at(place, source.body(lanes)), threshold) for place, source, threshold in self._before_last()]
+        own = [Early(_at(place, source.body(lanes)), bar) for place, source, bar in self._before_last()]
         return [*own, *self.sources[-1].early()]
 
     def body(self, lanes: Lanes) -> str:
@@ -73,20 +82,20 @@ class CascadeSource(Source):
         lines = []
         for place, source, threshold in self._before_last():
             lines += [_at(place, source.body(lanes)), f"if (f < {threshold}) {{ f = {literal(DENIED)}; }} else {{"]
-        return "\n".join([*lines, _at(0, last), "}" * (len(self.sources) - 1)])
+        return "\n".join([*lines, _at((0, 0), last), "}" * (len(self.sources) - 1)])
 
     def function_body(self) -> str:
         part, answer = f"part_f_{self.depth}_", f"answer_{self.depth}_"
         lines = [f"float {part}, {answer} = {literal(DENIED)}; do {{ /* runs once; break: denied */"]
         for place, source, threshold in self._before_last():
             lines += [_at(place, f"{source.function_body()} {part} = f;"), f"if ({part} < {threshold}) break;"]
-        lines += [_at(0, f"{self.sources[-1].function_body()} {answer} = f;")]
+        lines += [_at((0, 0), f"{self.sources[-1].function_body()} {answer} = f;")]
         return "\n".join([*lines, f"}} while (false); const float f = {answer};"])
 
-    def _before_last(self) -> list[tuple[int, Source, str]]:
-        """Of all parts but the last: where its numbers begin, its source, and the C text of its threshold."""
+    def _before_last(self) -> list[tuple[tuple[int, int], Source, str]]:
+        """Of all parts but the last: where its numbers and its words begin, its source, and the C text of its threshold."""
         *places, _, thresholds_at = self.places
-        own = enumerate(zip(places, self.sources[:-1], strict=True))
+        own = enumerate(zip(zip(places, self.fields[:-1], strict=True), self.sources[:-1], strict=True))
         return [(place, source, f"w[{thresholds_at + i}]") for i, (place, source) in own]
 
     def plain(self) -> wp.Function:
@@ -99,7 +108,7 @@ class CascadeSource(Source):
 def _from_part(source: CascadeSource, index: int, rest: wp.Function) -> wp.Function:
     """The plain f of the parts from ``index`` on: DENIED where this part denies, else ``rest``, the f of later ones."""
     part, place, threshold_at = plain_value(source.sources[index]), source.places[index], source.places[-1] + index
-    vector = vector_type(source.coordinates)
+    vector, field = vector_type(source.coordinates), source.fields[index]
 
     @twin(source, f"value_{index}")
     def f(w: Numbers, words: Words, at: int, v: vector) -> float:
@@ -107,12 +116,21 @@ def _from_part(source: CascadeSource, index: int, rest: wp.Function) -> wp.Funct
             return DENIED
         return rest(w, words, at, v)
 
-    return f
+    @twin(source, f"value_of_words_{index}")
+    def with_words(w: Numbers, words: Words, at: int, v: vector) -> float:
+        if part(w, words[field:], at + place, v) < w[at + threshold_at]:
+            return DENIED
+        return rest(w, words, at, v)
+
+    return with_words if field else f
 
 
-def _at(place: int, code: str) -> str:
-    """A part's code, with its own numbers at ``w``."""
-    return f"{{ const float* const whole_ = w; {{ const float* w = whole_ + {place}; (void)w; {code} }} }}"
+def _at(place: tuple[int, int], code: str) -> str:
+    """A part's code, with its own numbers at ``w`` and its own words in ``words``."""
+    numbers, field = place
+    if field:
+        code = f"const auto* const fields_ = words.data; {{ {words_at('fields_', field)} {code} }}"
+    return f"{{ const float* const whole_ = w; {{ const float* w = whole_ + {numbers}; (void)w; {code} }} }}"
 
 
 @composed
@@ -141,8 +159,6 @@ class Cascade(Bounder):
             raise BounderError(f"{cls.method}: a composition is put together by & and |, it is no part of a cascade")
         if any(issubclass(part, (MlpEarly, Local, Cascade)) for part in classes[:-1]):
             raise BounderError(f"{cls.method}: only the last part may have exits or thresholds of its own")
-        if sum(bool(part.bit_fields) and not issubclass(part, Cascade) for part in classes) > 1:
-            raise BounderError(f"{cls.method}: only one part may have a bit field")
 
     @classmethod
     def of(cls, parts: list[Bounder]) -> "Cascade":
@@ -177,7 +193,9 @@ class Cascade(Bounder):
     @cached_property
     def source(self) -> CascadeSource:
         sources = tuple(part.source for part in self.members)
-        return self.source_of(CascadeSource, sources, tuple(len(part.weights()) for part in self.members))
+        last, *firsts = word_places([self.members[-1], *self.members[:-1]])
+        counts = tuple(len(part.weights()) for part in self.members)
+        return self.source_of(CascadeSource, sources, counts, (*firsts, last))
 
     def weights(self) -> np.ndarray:
         """See ``Bounder``; the layout is described in ``CascadeSource``."""
@@ -190,7 +208,7 @@ class Cascade(Bounder):
         return numbers
 
     def words(self) -> np.ndarray:
-        words = words_of(self.members)
+        words = words_of([self.members[-1], *self.members[:-1]])
         return super().words() if words is None else words
 
     def reference(self, v: np.ndarray) -> np.ndarray:

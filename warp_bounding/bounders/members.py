@@ -13,7 +13,7 @@ from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.registry import class_named
 from warp_bounding.errors import BounderError
 
-__all__ = ["BIT_FIELDS", "check_kinds", "check_members", "holding", "members_of", "words_of"]
+__all__ = ["BIT_FIELDS", "check_kinds", "check_members", "has_bits", "holding", "members_of", "word_places", "words_of"]
 
 BIT_FIELDS = ("bits", "levels")  # tensors of members that are uint32
 Shapes = dict[str, tuple[int, ...]]
@@ -68,7 +68,7 @@ def members_of(
         The members; and the shapes of the tensors that are theirs, by their names in the whole.
 
     Raises:
-        BounderError: If there are more or fewer, one cannot be a member or is not conservative, or several have words.
+        BounderError: If there are more or fewer, or one cannot be a member or is not conservative.
     """
     entries = whole.sizes.get("parts")
     if not isinstance(entries, list) or not least <= len(entries) <= most:
@@ -87,15 +87,25 @@ def members_of(
             raise BounderError(f"{whole.method}: part {i} is no bounder that can be a part: {entry!r}")
         members.append(kind(whole.domain, tensors, entry["sizes"], whole._device))
     check_kinds(whole.method, [type(member) for member in members])
-    if len(_with_words(members)) > 1:
-        raise BounderError(f"{whole.method}: only one part may have a bit field")
     return members, {f"{i}.{role}": t.shape for i, tensors in enumerate(own) for role, t in tensors.items()}
 
 
 def words_of(members: Sequence[Bounder]) -> np.ndarray | None:
-    """The words of the one member that has any, or ``None``."""
-    return next((member.words() for member in _with_words(members)), None)
+    """The words of all members that have a bit field, one behind the other; ``None`` where no member has one."""
+    fields = [member.words() for member in members if has_bits(member)]
+    return np.concatenate(fields) if fields else None
 
 
-def _with_words(members: Sequence[Bounder]) -> list[Bounder]:
-    return [member for member in members if any(t.dtype == np.uint32 for t in member.tensors.values())]
+def word_places(members: Sequence[Bounder]) -> list[int]:
+    """For each member, where its own words begin in ``words_of``; 0 where it has none."""
+    places, place = [], 0
+    for member in members:
+        own = len(member.words()) if has_bits(member) else 0
+        places.append(place if own else 0)
+        place += own
+    return places
+
+
+def has_bits(member: Bounder) -> bool:
+    """Whether a member has a bit field, or holds members that do."""
+    return any(tensor.dtype == np.uint32 for tensor in member.tensors.values())

@@ -27,7 +27,7 @@ from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.launch import BLOCK
 from warp_bounding.runtime.native import identity
 
-__all__ = ["ALIGN", "DENIED", "GRANTED", "LABEL", "Early", "Lanes", "Source", "aligned", "fill", "literal"]
+__all__ = ["ALIGN", "DENIED", "GRANTED", "LABEL", "Early", "Lanes", "Source", "aligned", "fill", "literal", "words_at"]
 
 DENIED = -(2.0**127)  # f where an early test has said no
 GRANTED = -DENIED / 2  # f where an early test has said maybe; so that the difference of both is finite in float32
@@ -172,3 +172,8 @@ def aligned(count: int) -> int:
 def fill(text: str, **values: object) -> str:
     """C text with these values in the places of its ``$names``."""
     return Template(text).substitute(values)
+
+
+def words_at(whole: str, place: int | str) -> str:
+    """A C declaration of ``words`` that begin at a place of those at the pointer ``whole``, for a member's text."""
+    return f"const struct {{ const unsigned int* data; }} words = {{{whole} + {place}}}; (void)words;"

@@ -285,9 +285,7 @@ class _Fit:
 
     def _prove(self, part: Mlp, trainer: NetworkTrainer | SupportTrainer, parts_left: int) -> dict:
         self.clock.tell(1.0, "proof")
-        points, grid = trainer.worst_points(), self.problem.grid
-        if self.problem.target is not None:
-            points = self.problem.target.to_local(self.problem.domain.to_object(points))
+        points, grid = self._moved(trainer.worst_points()), self.problem.grid
         eps = PLANE_TOLERANCE if self.of_planes else tolerance(part, self.problem, points)
         limit = self._limit(parts_left)
         search = prove_or_attest(part, grid, eps=eps, points=points, seed=self.problem.seed, **limit)
@@ -295,12 +293,21 @@ class _Fit:
             return {"gap": eps}
         return {"gap": float(search.upper_bound - search.lower_bound)}
 
+    def _moved(self, v: np.ndarray) -> np.ndarray:
+        """Coordinates ``(N, ndim)`` of the domain that it was trained in, in the one where it is to be used."""
+        target = self.problem.target
+        return v if target is None else target.to_local(self.problem.domain.to_object(v))
+
     def _prove_local(self, member: Mlp, trainer: LocalTrainer) -> tuple[Local, dict]:
         self.clock.tell(1.0, "proof of every part")
-        grid, points = self.problem.grid, trainer.worst_points()
-        eps = tolerance(member, self.problem, points)
-        negatives = negatives_of(self.problem)
-        bounder, search = prove_local(member, self.lattice, grid, negatives, points=points, eps=eps, **self._limit(1))
+        problem, points, lattice = self.problem, self._moved(trainer.worst_points()), self.lattice
+        eps = tolerance(member, problem, points)
+        negatives = self._moved(negatives_of(problem))
+        if problem.target is not None:
+            lattice = lattice.moved(self._moved)
+        bounder, search = prove_local(
+            member, lattice, problem.grid, negatives, points=points, eps=eps, **self._limit(1)
+        )
         return bounder, {"gap": eps, "thresholds": self.lattice.count, "complete": search.complete}
 
     def _decide(self, part: Mlp, trainer: NetworkTrainer, parts_left: int) -> dict:

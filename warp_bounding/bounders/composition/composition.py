@@ -19,7 +19,15 @@ from warp_bounding.bounders.composition.cover import Region, check_cover
 from warp_bounding.bounders.composition.source import ROW, CompositionSource
 from warp_bounding.bounders.composition.source import SPLIT as SPLIT_CODE
 from warp_bounding.bounders.local.local import NEAREST_TO_ZERO
-from warp_bounding.bounders.members import BIT_FIELDS, check_members, holding, members_of, words_of
+from warp_bounding.bounders.members import (
+    BIT_FIELDS,
+    check_members,
+    has_bits,
+    holding,
+    members_of,
+    word_places,
+    words_of,
+)
 from warp_bounding.bounders.registry import composed
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.coordinates.domain import Domain
@@ -150,24 +158,26 @@ class Composition(Bounder):
 
     @property
     def source(self) -> CompositionSource:
-        return self.source_of(CompositionSource, tuple(self._codes), _rows_of(self.tree))
+        places = sum(map(has_bits, self.members)) > 1
+        return self.source_of(CompositionSource, tuple(self._codes), _rows_of(self.tree), places)
 
     def weights(self) -> np.ndarray:
         """See ``Bounder``; the layout is described in ``bounders.composition.source``."""
-        count = _rows_of(self.tree)
-        place, rows = aligned(ROW * (count + 2)), np.zeros((count + 2, ROW), np.float32)
+        count, row, fields = _rows_of(self.tree), self.source.row, word_places(self.members)
+        place, rows = aligned(row * (count + 2)), np.zeros((count + 2, row), np.float32)
         held = [np.zeros(place, np.float32)]
         for i, (step, yes, no) in enumerate(_steps(self.tree, 0, count, count + 1)):
             if isinstance(step, tuple):
-                rows[i] = [SPLIT_CODE, step[0], yes, no, step[1]]
+                rows[i, :ROW] = SPLIT_CODE, step[0], yes, no, step[1]
                 continue
             part = self.members[step]
             own = part.weights()
-            rows[i] = [self._codes.index(part.source), place, yes, no, part.threshold]
+            rows[i, :ROW] = self._codes.index(part.source), place, yes, no, part.threshold
+            rows[i, ROW:] = fields[step]
             held.append(np.pad(own, (0, -len(own) % ALIGN)).astype(np.float32))
             place += len(held[-1])
-        if place >= 2**24:
-            raise BounderError(f"{self.method}: {place} numbers are more than float32 can count")
+        if max(place, *fields) >= 2**24:
+            raise BounderError(f"{self.method}: {max(place, *fields)} numbers are more than float32 can count")
         held[0][: rows.size] = rows.reshape(-1)
         return np.concatenate(held)
 
@@ -179,7 +189,7 @@ class Composition(Bounder):
     def nbytes(self) -> int:
         """See ``Bounder``: domain, rows and the parts' numbers; the regions are the proof's."""
         header = 4 * (len(self.domain.header) + 1 + len(self.domain.extra))
-        return 4 * ROW * _rows_of(self.tree) + header + sum(part.nbytes - header for part in self.members)
+        return 4 * self.source.row * _rows_of(self.tree) + header + sum(part.nbytes - header for part in self.members)
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         v = np.asarray(v, dtype=np.float64)

@@ -2,8 +2,8 @@
 
 In memory a row for each part comes first (``ROW`` numbers: which code it has, where its own numbers begin, the next part
 after a *maybe* and after a *no*, its threshold), or for each split (``SPLIT``, the axis, the next row where v is at least
-the place along it, and where it is less, the place), two rows for the answers, then the numbers of the parts, each at a multiple of ``kernels.source.ALIGN``. The next
-part always stands behind; beyond the last one are the two answers. All of this is data: the code depends on how many
+the place along it, and where it is less, the place), two rows for the answers, then the numbers of the parts, each at a multiple of ``kernels.source.ALIGN``.
+Where several parts have bit fields, a row tells at last where the words of its part begin. The next part always stands behind; beyond the last one are the two answers. All of this is data: the code depends on how many
 parts there are and on the different sources among them, not on how they are put together.
 
 On a CPU the batch path keeps, for each part, a list of the queries of its block that wait for it, and asks them in full
@@ -16,15 +16,17 @@ from typing import ClassVar
 import warp as wp
 
 from warp_bounding.kernels.plain import DENIED, GRANTED, Numbers, Words, plain_value, twin, vector_type
-from warp_bounding.kernels.source import Early, Lanes, Source, fill, literal
+from warp_bounding.kernels.source import Early, Lanes, Source, fill, literal, words_at
 
 __all__ = ["ROW", "SPLIT", "CompositionSource"]
 
 ROW = 5  # numbers of a part's row: code, where its numbers begin, next after maybe, next after no, threshold
+FIELDS = "const unsigned int* const fields_ = words.data;"  # C text: all words, while ``words`` are a part's
 SPLIT = -1  # in place of a part's code
 
 _BATCH = """
 const float* const rows_ = w;
+$fields
 int waits_[$parts + 2], next_[$block];  // lists: the first query that waits for each part, and the one behind each
 for (int p = 0; p < $parts + 2; ++p) waits_[p] = -1;
 const auto send_ = [&](int g, int to) {  // without branches that depend on the query, which would be guessed wrongly
@@ -38,6 +40,7 @@ for (int p = 0; p < $parts; ++p) {
     const float* const row_ = rows_ + $row * p;
     if (waits_[p] < 0) continue;
     const float* const w = rows_ + (int)row_[1];
+    $words
     const int code_ = row_[0], ways_[2] = {(int)row_[2], (int)row_[3]};
     int at_ = waits_[p];
     while (at_ >= 0) {
@@ -66,6 +69,7 @@ for (int g = waits_[$parts + 1]; g >= 0; g = next_[g]) out.data[where[g]] = $no;
 _ONE = """
 int part_ = 0;
 const float* const rows_ = w;
+$fields
 while (part_ < $parts) {
     const float* const row_ = rows_ + $row * part_;
     if (row_[0] < 0.0f) {
@@ -73,6 +77,7 @@ while (part_ < $parts) {
         continue;
     }
     const float* const w = rows_ + (int)row_[1];
+    $words
     float value_ = 0.0f;
     switch ((int)row_[0]) {
         $cases
@@ -88,9 +93,21 @@ class CompositionSource(Source):
 
     codes: tuple[Source, ...]  # the different sources of the parts
     parts: int  # how many rows there are: parts and splits
+    places: bool  # whether rows tell where words begin
 
     block: ClassVar[int] = 4096  # so that a part of many finds enough queries for its lanes
     packed: ClassVar[bool] = True
+
+    @property
+    def row(self) -> int:
+        """Numbers of a row."""
+        return ROW + self.places
+
+    @property
+    def _texts(self) -> dict[str, object]:
+        """What both ways of asking have in common."""
+        told = (FIELDS, words_at("fields_", f"(int)row_[{ROW}]")) if self.places else ("", "")
+        return {"parts": self.parts, "row": self.row, "fields": told[0], "words": told[1]}
 
     @property
     def width(self) -> dict[str, int]:
@@ -107,11 +124,10 @@ class CompositionSource(Source):
             lines += [f"f = granted_ ? V{{}} + {literal(GRANTED)} : f;"]
             cases.append(f"case {index}: {{ {' '.join(lines)} }} break;")
         yes, no = ("1.0f", literal(DENIED)) if values else ("1", "0")
-        texts = {"block": self.block, "parts": self.parts, "row": ROW, "cases": "\n".join(cases), "yes": yes, "no": no}
-        return fill(_BATCH, **texts)
+        return fill(_BATCH, **self._texts, block=self.block, cases="\n".join(cases), yes=yes, no=no)
 
     def _one(self, cases: list[str]) -> str:
-        text = fill(_ONE, parts=self.parts, row=ROW, cases="\n".join(cases))
+        text = fill(_ONE, **self._texts, cases="\n".join(cases))
         return f"float whole_; {{ {text} whole_ = part_ == {self.parts} ? 1.0f : {literal(DENIED)}; }}"
 
     def body(self, lanes: Lanes) -> str:
@@ -129,7 +145,7 @@ class CompositionSource(Source):
         return f"{self._one(cases)} const float f = whole_;"
 
     def plain(self) -> wp.Function:
-        value, vector, parts, row = _of_code(self, 0), vector_type(self.coordinates), self.parts, ROW
+        value, vector, parts, row = _of_code(self, 0), vector_type(self.coordinates), self.parts, self.row
 
         @twin(self)
         def f(w: Numbers, words: Words, at: int, v: vector) -> float:
@@ -143,7 +159,20 @@ class CompositionSource(Source):
                 part = int(wp.where(found < w[here + 4], w[here + 3], w[here + 2]))
             return wp.where(part == parts, 1.0, DENIED)
 
-        return f
+        @twin(self, "value_of_words")
+        def with_words(w: Numbers, words: Words, at: int, v: vector) -> float:
+            part = wp.int32(0)
+            while part < parts:
+                here = at + row * part
+                if w[here] < 0.0:
+                    part = int(wp.where(v[int(w[here + 1])] < w[here + 4], w[here + 3], w[here + 2]))
+                    continue
+                own = words[int(w[here + 5]) :]
+                found = value(w, own, at + int(w[here + 1]), v, int(w[here]))
+                part = int(wp.where(found < w[here + 4], w[here + 3], w[here + 2]))
+            return wp.where(part == parts, 1.0, DENIED)
+
+        return with_words if self.places else f
 
 
 def _decided(test: Early) -> str:

@@ -5,6 +5,7 @@ threshold that f must reach there; or that no positive lies in the part at all, 
 is not even asked. f less the threshold of v's part is the f of this class; it jumps at the edges, and so proofs cut their boxes there (``cut``).
 """
 
+from collections.abc import Callable
 from functools import cached_property
 from math import prod
 
@@ -46,6 +47,15 @@ class Lattice:
         """Parts of equal size between two corners ``(n,)``; the outer ones go on to the end of the domain."""
         ends = zip(lower, upper, shape, strict=True)
         return cls([np.linspace(low, high, count + 1)[1:-1].astype(np.float32) for low, high, count in ends])
+
+    def moved(self, to: Callable[[np.ndarray], np.ndarray]) -> "Lattice":
+        """The same parts in other coordinates, which each axis has of its own: ``to`` takes ``(N, n)`` and gives ``(N, n)``."""
+        moved = []
+        for k, axis in enumerate(self.edges):
+            at = np.zeros((len(axis), len(self.edges)))
+            at[:, k] = axis
+            moved.append(to(at)[:, k].astype(np.float32))
+        return Lattice(moved)
 
     @property
     def count(self) -> int:
