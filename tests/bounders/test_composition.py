@@ -210,6 +210,18 @@ def test_a_hierarchy_of_cells_is_cut_through_them():
     assert tree.certificate.proven
 
 
+def test_a_union_of_learned_half_spaces_is_proven_and_tighter_than_one():
+    ring = wb.solids.Sphere((0.0, 0.0), 0.9) - wb.solids.Sphere((0.0, 0.0), 0.6)
+    told = {"method": "learned-kdop", "steps": 60, "device": "cpu", "progress": False}
+    tree, single = wb.hierarchy(ring, leaves=5, **told), wb.fit(ring, **told)
+    assert [part.method for part in tree.parts] == ["aabb", "learned-kdop"] * 5
+    assert tree.certificate.proven
+    assert wb.certify(tree, ring).proven
+    rates, alone = wb.evaluate(tree, ring, 50_000), wb.evaluate(single, ring, 50_000)
+    assert rates.fn == 0
+    assert rates.fp_rate < 0.6 * alone.fp_rate
+
+
 @pytest.mark.parametrize("thresholds", [1, 9])
 def test_a_hierarchy_of_networks_is_proven(thresholds):
     ball = wb.solids.Sphere((0.2, 0.1), 0.7)
@@ -235,7 +247,10 @@ def test_a_hierarchy_of_networks_is_proven(thresholds):
         ({"budget": None}, "budget"),
         ({"seed": -1}, "seed"),
         ({"margin": float("nan")}, "margin"),
-        ({"leaves": 3}, "takes"),
+        ({"leaves": 1}, "leaves"),
+        ({"leaves": 3.0}, "leaves"),
+        ({"leaves": 257}, "leaves"),
+        ({"levels": 1, "k": 8}, "takes"),
     ],
 )
 def test_what_a_hierarchy_refuses(told, message):

@@ -8,7 +8,6 @@ import numpy as np
 from warp_bounding.bounders.local.local import Lattice, Local
 from warp_bounding.bounders.local.source import EVERYWHERE
 from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.covers import COVERS
@@ -49,7 +48,7 @@ def prove_local(
         progress: As of ``prove``.
 
     Raises:
-        BounderError: If no positive was found anywhere, or the thresholds are beyond what levels can tell.
+        BounderError: If the thresholds are beyond what levels can tell.
     """
     limits = {
         "eps": _worthwhile(member, lattice, negatives, points, eps),
@@ -72,9 +71,8 @@ def prove_local(
     least[(denied == 0) & (least < np.inf)] = -np.inf
     bounder = _finest(member, lattice, least, values, place)
     some = np.isfinite(least)
-    if not some.any():
-        raise BounderError(f"{bounder.method}: the proof found no minimum at which the network denies anything")
-    proven = float(np.nextafter((least[some] - bounder.thresholds[some]).min(), -np.inf))
+    # Where nothing is denied, f is ``CERTAIN``; it may be so wherever there are positives, as after a training of no time.
+    proven = float(np.nextafter((least[some] - bounder.thresholds[some]).min(initial=1.0), -np.inf))
     settle(bounder, shape, replace(search, lower_bound=proven))
     return bounder, search
 

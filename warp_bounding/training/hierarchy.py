@@ -1,13 +1,14 @@
-"""A tree of bounders: the domain is halved again and again, and a small bounder holds its part of the object in each leaf.
+"""A tree of bounders: the domain is cut again and again, and a small bounder holds its part of the object in each leaf.
 
 A point goes down to one leaf, by comparisons, and is asked by the box around the leaf's part of the object and by the
-leaf's own bounder; so a tree of 2^levels small networks costs about as much as one of them. A leaf bounds what the
-object has in its region and nothing else. The regions of two halves overlap by what is rounded on the way to a leaf, so
+leaf's own bounder; so a tree of many small networks costs about as much as one of them. A leaf bounds what the
+object has in its region and nothing else. The regions of both sides of a cut overlap by what is rounded on the way to a leaf, so
 together they hold all that their parent's holds.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from warp_bounding.bounders.local.local import NEAREST_TO_ZERO
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.options import settled
 from warp_bounding.bounders.slabs.aabb import Aabb
+from warp_bounding.bounders.volume import VolumeBounder
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
@@ -40,17 +42,21 @@ from warp_bounding.training.trainers import trainer_of
 __all__ = ["hierarchy"]
 
 MOST_LEVELS = 8
+MOST_LEAVES = 2**MOST_LEVELS
 # By how much a leaf's region reaches beyond the points of the border that are known, of the longest side: the first that
 # the shape certifies to hold all is taken.
 TIGHT = (2.0**-9, 2.0**-7, 2.0**-5, 2.0**-3)
-BORDER = 65_536  # points of the border that tell where to halve
+BORDER = 65_536  # points of the border that tell where to cut
+CUTS = (0.5, 0.75, 1.0, 1.25, 1.5)  # of convex leaves: where cuts are tried, in shares of an even one
+# Of a convex hull that tells what a cut costs: how many points it is of, about, and their least size, object units.
+HULL, TINIEST = 1024, 1e-12
 # Of the proof of a node's box: the gap of f, in local units, and the boxes after which it ends.
 BOX_EPS, BOX_BOXES = 1e-3, 200_000
 
 
 @dataclass(frozen=True)
 class _Node:
-    """A region, object space, float32 numbers; and the axis, the place in v and the halves where it is split, no leaf."""
+    """A region, object space, float32 numbers; and the axis, the place in v and the sides where it is split, no leaf."""
 
     lower: np.ndarray
     upper: np.ndarray
@@ -72,6 +78,7 @@ def hierarchy(
     method: str = "mlp",
     *,
     levels: int = 3,
+    leaves: int | None = None,
     budget: float = 60.0,
     seed: int = 0,
     margin: float = 0.0,
@@ -79,13 +86,17 @@ def hierarchy(
     progress: Progress | bool | None = None,
     **options,
 ) -> Composition:
-    """Fit a tree of 2^levels bounders to a shape, and prove it part by part.
+    """Fit a tree of bounders to a shape, and prove it part by part.
+
+    The union of k-DOPs with learned half-spaces, each around its part of the object, is such a tree too:
+    ``method="learned-kdop"``.
 
     Args:
         shape: As of ``fit``; no cells are laid over it.
         query: ``"point"``.
         method: Of the leaves, a name in ``METHODS``.
-        levels: How often the object is halved, 1 to 8.
+        levels: How often the object is halved, 1 to 8; there are 2^levels leaves.
+        leaves: How many leaves there are instead, 2 to 256; each gets about the same share of the object's border.
         budget: Seconds for all leaves together.
         seed: Seed of everything random.
         margin: The object is dilated by this length first, object units.
@@ -109,6 +120,8 @@ def hierarchy(
         raise BounderError(f"a hierarchy bounds point queries, got {query!r}")
     if isinstance(levels, bool) or not isinstance(levels, (int, np.integer)) or not 1 <= levels <= MOST_LEVELS:
         raise BounderError(f"levels must be a whole number from 1 to {MOST_LEVELS}, got {levels!r}")
+    if leaves is not None and (type(leaves) is not int or not 2 <= leaves <= MOST_LEAVES):
+        raise BounderError(f"leaves must be a whole number from 2 to {MOST_LEAVES}, got {leaves!r}")
     check_numbers(budget, seed, margin)
     device_of(device, BounderError)
     spent, shape = Stopwatch(), load_indicator(shape)
@@ -122,23 +135,34 @@ def hierarchy(
     if not shape.certified:
         raise BounderError(f"{shape.name} certifies no box to be empty, so the parts of a hierarchy have no proof")
     domain = domain_of(shape, query)
-    root = _halved(shape, domain, levels, seed)
+    root = _shared_out(shape, domain, leaves or 2 ** int(levels), issubclass(cls, VolumeBounder), seed)
     builder = _Builder(shape, domain, cls, told, seed, device)
-    leaves = list(root.leaves())
-    with reported(progress, f"hierarchy of {len(leaves)} {method}") as update:
-        tree = builder.build(root, budget, len(leaves), spent, update)
+    count = len(list(root.leaves()))
+    with reported(progress, f"hierarchy of {count} {method}") as update:
+        tree = builder.build(root, budget, count, spent, update)
     whole = compose(tree, builder.parts, builder.regions, shape)
-    whole.info = described(shape, seed, {"levels": int(levels), "leaves": builder.records} | spent.seconds())
+    whole.info = described(shape, seed, {"leaves": builder.records} | spent.seconds())
     whole.info["rates"] = quick_rates(whole, shape)
     return whole
 
 
-def _halved(shape: Shape, domain: Domain, levels: int, seed: int) -> _Node:
-    """Regions that share the border out evenly; each is halved across the axis that leaves its halves the smallest boxes."""
-    points = border_points(shape, BORDER, np.random.default_rng(seed))
+def _shared_out(shape: Shape, domain: Domain, leaves: int, convex: bool, seed: int) -> _Node:
+    """Regions that share the border out, evenly or if the leaves are convex about evenly, each cut where it costs least.
 
-    def halve(lower: np.ndarray, upper: np.ndarray, border: np.ndarray, level: int) -> _Node:
-        tried = [_cut(shape, border, axis) for axis in range(shape.ndim)] if level and len(border) > 1 else []
+    Of convex leaves that is where the sides' convex hulls are smallest, of others where the boxes are, by the border in them.
+    """
+    points, cost = border_points(shape, BORDER, np.random.default_rng(seed)), _hull if convex else _box
+
+    def cut(lower: np.ndarray, upper: np.ndarray, border: np.ndarray, leaves: int) -> _Node:
+        first_leaves = leaves // 2
+        share = first_leaves / leaves
+        shares = [share * part for part in (CUTS if convex else (1.0,)) if share * part < 1]
+        tried = [
+            _cut(shape, border, axis, each, cost)
+            for axis in range(shape.ndim)
+            for each in shares
+            if leaves > 1 < len(border)
+        ]
         tried = [each for each in tried if each is not None]
         if not tried:
             return _Node(lower, upper, border)
@@ -146,32 +170,47 @@ def _halved(shape: Shape, domain: Domain, levels: int, seed: int) -> _Node:
         place = np.float32(domain.to_local(np.full(domain.ndim, middle))[axis])
         place = float(place if abs(place) >= NEAREST_TO_ZERO else np.float32(NEAREST_TO_ZERO))
         (_, first), (last, _) = split_regions(domain, axis, place)
-        halves = (
-            halve(lower, np.minimum(upper, first), border[below], level - 1),
-            halve(np.maximum(lower, last), upper, border[~below], level - 1),
+        sides = (
+            cut(lower, np.minimum(upper, first), border[below], first_leaves),
+            cut(np.maximum(lower, last), upper, border[~below], leaves - first_leaves),
         )
-        return _Node(lower, upper, border, axis, place, halves)
+        return _Node(lower, upper, border, axis, place, sides)
 
     least = np.full(shape.ndim, -np.inf)
-    return halve(least, -least, points, levels)
+    return cut(least, -least, points, leaves)
 
 
-def _cut(shape: Shape, border: np.ndarray, axis: int) -> tuple[float, int, float, np.ndarray] | None:
-    """What halving costs (the halves' boxes, by the border in them), axis, place and which points lie below; ``None`` if none do.
+def _cut(
+    shape: Shape, border: np.ndarray, axis: int, share: float, cost: Callable[[np.ndarray, np.ndarray], float]
+) -> tuple[float, int, float, np.ndarray] | None:
+    """A cut with this share of the border below it: cost, axis, place and which points lie below; ``None`` if none do.
 
     Cells are cut through their centres. A cut along their faces, where a grid's border lies, would leave the cells that it
     touches to both halves, to one of them as faces without a volume, which no sample would ever show to its leaf.
     """
-    place = float(np.median(border[:, axis]))
+    place = float(np.quantile(border[:, axis], share))
     if isinstance(shape, IndicatorGrid):
         scale, offset = shape.cells_per_unit[axis], shape.offset[axis]
         place = float((np.floor(place * scale - offset) + offset) / scale)
     below = border[:, axis] <= place
     if below.all() or not below.any():
         return None
-    halves = border[below], border[~below]
-    side = [np.ptp(half, axis=0) + 1e-3 * np.ptp(border, axis=0) for half in halves]
-    return sum(len(half) * float(np.prod(s)) for half, s in zip(halves, side, strict=True)), axis, place, below
+    room = 1e-3 * np.ptp(border, axis=0)
+    return sum(cost(side, room) for side in (border[below], border[~below])), axis, place, below
+
+
+def _box(border: np.ndarray, room: np.ndarray) -> float:
+    """Volume of the box around points, times their number."""
+    return len(border) * float(np.prod(np.ptp(border, axis=0) + room))
+
+
+def _hull(border: np.ndarray, room: np.ndarray) -> float:
+    """Volume of the convex hull of points, each drawn out to a small box, so that there always is one."""
+    from scipy.spatial import ConvexHull
+
+    few = border[:: -(-len(border) // HULL)]
+    corners = np.array(list(product((-1, 1), repeat=border.shape[1]))) * np.maximum(room, TINIEST)
+    return float(ConvexHull((few[:, None] + corners).reshape(-1, border.shape[1])).volume)
 
 
 class _Builder:
