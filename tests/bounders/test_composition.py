@@ -268,6 +268,27 @@ def test_what_cannot_be_put_together():
         a | 3
 
 
+@pytest.mark.parametrize(
+    ("told", "message"),
+    [
+        ({"query": "box"}, "same queries and domain"),
+        ({"query": "ray", "length": 0.5}, "same queries and domain"),
+        ({"query": "ray", "length": 1.0}, "same queries and domain"),
+        ({"margin": 0.05}, "of the same"),
+        ({"name": "c"}, "of the same"),  # of another dimension
+    ],
+)
+def test_parts_of_another_query_length_margin_or_dimension_are_refused(told, message):
+    told = dict(told)
+    other = wb.fit(shape(told.pop("name", "blob")), method="aabb", device="cpu", progress=False, **told)
+    like = {"query": "ray", "length": 2.0} if "length" in told else {}
+    own = wb.fit(shape("blob"), method="aabb", device="cpu", progress=False, **like)
+    for join in (lambda: own | other, lambda: own & other, lambda: (own | own) & other):
+        with pytest.raises(BounderError, match=message) as raised:
+            join()
+        assert "\n" not in str(raised.value)
+
+
 def test_several_parts_may_have_bit_fields(tmp_path, device, rng):
     x, box = domain_points(shape("blob"), 5000, rng), fitted("aabb", "blob")
     first = fitted("voxels", "blob")
