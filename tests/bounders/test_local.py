@@ -210,7 +210,7 @@ def test_what_fit_refuses():
         with pytest.raises(BounderError, match="thresholds"):
             wb.fit(shape("c"), thresholds=count, steps=1, device="cpu", progress=False)
     with pytest.raises(BounderError, match="thresholds"):
-        wb.fit(shape("c"), "box", thresholds=4, steps=1, device="cpu", progress=False)
+        wb.fit(shape("c"), "plane", thresholds=4, steps=1, device="cpu", progress=False)
 
 
 def test_cuda_source_compiles(tmp_path):

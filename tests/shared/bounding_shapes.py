@@ -99,11 +99,11 @@ def few(name="blob", method="mlp", query="point", **options):
     return wb.fit(shape(name), query, method, **({"device": "cpu"} | small | options))
 
 
-def random_mlp(grid, hidden=HIDDEN, activation="sin", octaves=0, seed=0, device="cpu", gain=4.0) -> Mlp:
-    """A network with random weights, steep enough to be hard to bound; not proven."""
-    rng, domain = np.random.default_rng(seed), Domain.of(grid)
-    inputs = grid.ndim * (1 + 2 * octaves)
-    tensors = dict(encoding_tensors(grid.ndim, octaves)) if octaves else {}
+def random_mlp(grid, hidden=HIDDEN, activation="sin", octaves=0, seed=0, device="cpu", gain=4.0, domain=None) -> Mlp:
+    """A network with random weights, steep enough to be hard to bound; not proven. It is one of points without ``domain``."""
+    rng, domain = np.random.default_rng(seed), domain or Domain.of(grid)
+    inputs = domain.ndim * (1 + 2 * octaves)
+    tensors = dict(encoding_tensors(domain.ndim, octaves)) if octaves else {}
     for index, (k, h) in enumerate(zip((inputs, *hidden), (*hidden, 1), strict=True)):
         scale = (gain if index == 0 else 1.5) / np.sqrt(k)
         tensors[f"layers.{index}.weight"] = (rng.normal(size=(h, k)) * scale).astype(np.float32)

@@ -8,23 +8,23 @@ search; so is the search over the normals of planes. A bounder whose method has 
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.load import bounder_of
+from warp_bounding.bounders.local.local import Local
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.document import document, together
 from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import IN, Shape
 from warp_bounding.proof.attest.statistics import CONFIDENCE, POSITIVES, fn_rate_bound, fresh_seed, try_positives
+from warp_bounding.proof.box_check import NARROWEST, check_boxes, check_charted, check_parts
 from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.covers.monotone_box import of_points
 from warp_bounding.proof.prove import OUTSIDE, as_fitted, charted, mismatch, other_claim, reaches_outside
-from warp_bounding.proof.search.best_first import halve, minimum
-from warp_bounding.proof.search.depth_first import ChartedPositives
+from warp_bounding.proof.search.best_first import minimum
 from warp_bounding.proof.shape_check import CHUNK, SUSPECTS, Checked, check_shape, points_outside
 from warp_bounding.queries import QUERIES, decision
 from warp_bounding.runtime.launch import working_seconds
@@ -32,20 +32,10 @@ from warp_bounding.runtime.launch import working_seconds
 __all__ = ["certify"]
 
 PULL = 1e-4  # of the way to its cell's centre, by which each suspect is also tried farther inside
-NARROWEST = 1e-9  # width, in the coordinates that f takes, under which a box is not halved any more
 COARSEST = 1e-4  # of f: the least precision that the search for planes begins with
 LEAST_SECONDS = 1.0  # for positives that may refute what the proof could not decide
 DENIED = "that meets the object is answered with no"
 AROUND = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)  # distances in v from a suspect at which a true counterexample is looked for
-
-
-class _Failed(NamedTuple):
-    """The boxes that do not reach the target, in the coordinates that f takes."""
-
-    point: np.ndarray  # where f is low
-    value: np.ndarray  # f there
-    center: np.ndarray
-    owner: np.ndarray  # index of the given box that it is a part of
 
 
 def certify(
@@ -181,8 +171,10 @@ def _certify_regions(
     try:
         if bounder.exact_on_cells:
             least, boxes = bounder.least(grid)
+        elif isinstance(bounder, Local):
+            least, boxes, suspects, complete = check_parts(bounder, grid, target, seconds, progress)
         elif (cover := charted(bounder, grid)) is not None:
-            least, boxes, suspects, complete = _check_charted(bounder, grid, cover, target, seconds, progress)
+            least, boxes, suspects, complete = check_charted(bounder, grid, cover, target, seconds, progress)
         else:
             least, boxes, suspects, complete = _check_best_first(bounder, grid, target, seconds)
     except BounderError as error:  # of this object: a volume does not hold it, or numbers leave the range of the proof
@@ -234,24 +226,6 @@ def _check_best_first(bounder: Bounder, grid: IndicatorGrid, target: float, seco
     return Checked(search.lower_bound, search.boxes, suspects, search.complete)
 
 
-def _check_charted(
-    bounder: Bounder, grid: IndicatorGrid, cover: ChartedPositives, target: float, seconds: float, progress
-) -> Checked:
-    """The positives of a network as boxes of a chart."""
-    deadline, least, boxes = working_seconds() + seconds, np.inf, 0
-    for lower, upper, done in COVERS[bounder.query_kind].anew(bounder, grid, cover):
-        found, failed = _check(cover, lower, upper, target, deadline)
-        least, boxes = min(least, found.least), boxes + found.boxes
-        if failed is not None:
-            lowest = np.argsort(failed.value)[:SUSPECTS]
-            return Checked(found.least, boxes, cover.coordinates(failed.point[lowest]))
-        if not found.complete:
-            return found._replace(boxes=boxes)
-        if progress:
-            progress(done, len(grid.occupied))
-    return Checked(least, boxes)
-
-
 def _denied_region(bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray | None:
     """A float32 query at or close to coordinates ``v`` that meets the object and that the deployed bounder denies."""
     truth = decision(bounder.query_kind, grid, bounder.device, bounder.domain.oracle_length)
@@ -269,7 +243,7 @@ def _check_cells(bounder: Bounder, grid: IndicatorGrid, target: float, deadline:
     first, last = grid.position(cells - 0.5), grid.position(cells + 0.5)
     lower, upper, owner = bounder.cut(*bounder.domain.widened(first, last))
     first, last = first[owner], last[owner]
-    checked, failed = _check(bounder, lower, upper, target, deadline)
+    checked, failed = check_boxes(bounder, lower, upper, target, deadline)
     if failed is None:
         return checked
     suspects, cell = np.concatenate([failed.point, failed.center]), np.tile(failed.owner, 2)
@@ -278,39 +252,6 @@ def _check_cells(bounder: Bounder, grid: IndicatorGrid, target: float, deadline:
     inside = np.clip(bounder.domain.to_object(suspects), first[cell], last[cell])  # the boxes are wider, by delta
     inner = inside + PULL * ((first[cell] + last[cell]) / 2 - inside)  # a corner's float32 neighbour may lie outside
     return checked._replace(suspects=np.concatenate([inside, inner]))
-
-
-def _check(f, lower: np.ndarray, upper: np.ndarray, target: float, deadline: float) -> tuple[Checked, "_Failed | None"]:
-    """Halve boxes until ``f >= target`` on all, a point shows that it is not, a box is too narrow, or time is over.
-
-    Corners are ``(N, Z)`` float64 in the coordinates that f takes: v of a bounder or ``LeastBox``, the numbers of a
-    chart of its positives. The deadline is on the clock ``working_seconds``.
-
-    Returns:
-        What was found, without suspects; and ``None``, or the boxes that failed. A point with f under the target
-        refutes nothing until the deployed bounder has denied it (``_denied``).
-    """
-    stack, least, boxes = [(lower, upper, np.arange(len(lower)))], np.inf, 0
-    while stack:  # newest first, in chunks: memory grows with depth, not with the number of boxes
-        lower, upper, owner = stack.pop()
-        if len(lower) > CHUNK:
-            stack += [(lower[part], upper[part], owner[part]) for part in (slice(CHUNK, None), slice(CHUNK))]
-            continue
-        bounds = f.bound(lower, upper)
-        boxes += len(lower)
-        low = ~(bounds.lower >= target)
-        least = min(least, float(bounds.lower[~low].min(initial=np.inf)))
-        if not low.any():
-            continue
-        lower, upper = (lower[low], upper[low]) if bounds.boxes is None else bounds.boxes[low].swapaxes(0, 1)
-        axis, owner, lowest = bounds.axis[low], owner[low], float(bounds.lower[low].min())
-        width = np.take_along_axis(upper - lower, axis[:, None].astype(np.int64), axis=1)
-        if (bounds.value[low] < target).any() or width.min() < NARROWEST:
-            return Checked(lowest, boxes), _Failed(bounds.point[low], bounds.value[low], (lower + upper) / 2, owner)
-        if working_seconds() > deadline:
-            return Checked(lowest, boxes, complete=False), None
-        stack.append((*halve(lower, upper, axis), np.tile(owner, 2)))
-    return Checked(least, boxes), None
 
 
 def _denied(bounder: Bounder, grid: IndicatorGrid, x: np.ndarray) -> np.ndarray | None:

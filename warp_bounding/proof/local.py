@@ -1,4 +1,4 @@
-"""Thresholds of the parts of a domain: the certified least f of the positives in each, found in one search."""
+"""Thresholds of the parts of a domain of points: the certified least f of the positives in each, found in one search."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,7 +15,7 @@ from warp_bounding.proof.prove import settle
 from warp_bounding.proof.search.best_first import Search, minimum
 from warp_bounding.proof.search.vacancy import ShapePositives
 
-__all__ = ["prove_local"]
+__all__ = ["at_least", "needless", "prove_local", "worthwhile"]
 
 STEPS = 8  # sizes of steps that are tried, each half of the one before; the first one reaches the highest threshold
 COST = 0.1  # negatives, in the mean: what a part's gap may make a false positive
@@ -50,8 +50,11 @@ def prove_local(
     Raises:
         BounderError: If the thresholds are beyond what levels can tell.
     """
+    values, place = member.reference(negatives), lattice.place(negatives)
+    found = np.full(lattice.count, np.inf)
+    np.minimum.at(found, lattice.place(points), member.reference(points))
     limits = {
-        "eps": _worthwhile(member, lattice, negatives, points, eps),
+        "eps": worthwhile(lattice, found, values, place, eps),
         "seconds": seconds,
         "boxes": boxes,
         "progress": progress,
@@ -66,22 +69,42 @@ def prove_local(
     kinds = {"groups": lattice.place(lower), "group_of": lattice.place, "group_count": lattice.count}
     search = minimum(f, lower, upper, points=points, positives=positives, **kinds, **limits)
     least = search.by_group
-    values, place = member.reference(negatives), lattice.place(negatives)
-    denied = np.bincount(place[values < least[place]], minlength=lattice.count)
-    least[(denied == 0) & (least < np.inf)] = -np.inf
-    bounder = _finest(member, lattice, least, values, place)
-    some = np.isfinite(least)
-    # Where nothing is denied, f is ``CERTAIN``; it may be so wherever there are positives, as after a training of no time.
-    proven = float(np.nextafter((least[some] - bounder.thresholds[some]).min(initial=1.0), -np.inf))
+    bounder, proven = at_least(member, lattice, needless(least, values, place), values, place)
     settle(bounder, shape, replace(search, lower_bound=proven))
     return bounder, search
 
 
-def _worthwhile(member: Mlp, lattice: Lattice, negatives: np.ndarray, points: np.ndarray, eps: float) -> np.ndarray:
-    """``(parts,)``, the gap in each part that would make about ``COST`` more negatives a false positive, at least ``eps``."""
-    least = np.full(lattice.count, np.inf)
-    np.minimum.at(least, lattice.place(points), member.reference(points))
-    values, place = member.reference(negatives), lattice.place(negatives)
+def at_least(
+    member: Mlp, lattice: Lattice, least: np.ndarray, values: np.ndarray, place: np.ndarray
+) -> tuple[Local, float]:
+    """A network at thresholds under the least f ``(parts,)`` of the parts' positives, and the least f of the whole.
+
+    Args:
+        member: The network.
+        lattice: The parts.
+        least: Infinity where no positive lies, minus infinity where nothing is to be denied.
+        values: Of the network at negatives ``(N,)``, by which the step between levels is chosen.
+        place: Their parts.
+
+    Raises:
+        BounderError: If the thresholds are beyond what levels can tell.
+    """
+    bounder, some = _finest(member, lattice, least, values, place), np.isfinite(least)
+    # Where nothing is denied, f is ``CERTAIN``; it may be so wherever there are positives, as after a training of no time.
+    return bounder, float(np.nextafter((least[some] - bounder.thresholds[some]).min(initial=1.0), -np.inf))
+
+
+def needless(least: np.ndarray, values: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """The least f ``(parts,)``, but minus infinity where no negative lies below; arguments as of ``at_least``."""
+    denied = np.bincount(place[values < least[place]], minlength=len(least))
+    return np.where((denied == 0) & (least < np.inf), -np.inf, least)
+
+
+def worthwhile(lattice: Lattice, least: np.ndarray, values: np.ndarray, place: np.ndarray, eps: float) -> np.ndarray:
+    """``(parts,)``, the gap in each part that would make about ``COST`` more negatives a false positive, at least ``eps``.
+
+    Arguments as of ``at_least``; ``eps`` where no positive is known.
+    """
     below = values < least[place]
     nearest = np.full(lattice.count, -np.inf)
     np.maximum.at(nearest, place[below], values[below])

@@ -93,6 +93,7 @@ def fit(
             ``activation``: ``"sin"``, ``"relu"`` or ``"tanh"`` for an mlp; a monotone-mlp takes tanh in place of sin.
             ``octaves``: of an mlp's positional encoding; 0 for none, 4 as in the paper's supplement.
             ``recipe``: of an mlp's training, ``"default"`` or ``"paper"``.
+            ``thresholds``: of an mlp of points, rays or boxes: about how many parts of the domain, each with a threshold.
             ``k``: half-spaces of a kdop or learned-kdop. ``leaves``: leaf boxes of a bvh.
             ``steps``: training steps instead of seconds; the result is then repeatable to the bit on the same machine.
 

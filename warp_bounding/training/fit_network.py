@@ -10,6 +10,7 @@ networks that share layers; each gets a threshold of its own, in the same way.
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from warp_bounding.networks.heads import head_of
 from warp_bounding.proof import Search, conjunction, least_value, prove_or_attest
 from warp_bounding.proof.local import prove_local
 from warp_bounding.runtime.progress import Progress
-from warp_bounding.training.engine.adversary import adversarial_minimum
+from warp_bounding.training.engine.adversary import Adversary, adversarial_minimum
 from warp_bounding.training.engine.clock import Clock, interrupts
 from warp_bounding.training.engine.team import single_threaded_torch
 from warp_bounding.training.problem import Problem, Trained
@@ -36,7 +37,7 @@ from warp_bounding.training.recipes.paper import PaperTrainer
 from warp_bounding.training.recipes.plane import SupportTrainer
 from warp_bounding.training.samples import samples_of
 from warp_bounding.training.samples.least_box import least_boxes
-from warp_bounding.training.thresholds import Costs, decide, lattice_of, negatives_of, tolerance
+from warp_bounding.training.thresholds import Costs, decide, decide_parts, lattice_of, negatives_of, tolerance
 
 __all__ = ["RECIPE_TRAINERS", "NetworkOptions", "fit_network"]
 
@@ -189,7 +190,7 @@ class _Fit:
         # make up for layers that are worse for it.
         exits_too = self.early and self.as_points
         samples = samples_of(grid, domain, problem.seed)
-        if self.lattice is not None:
+        if self.lattice is not None and self.as_points:
             return LocalTrainer(samples, *sizes, options.octaves, lattice=self.lattice)
         return (EarlyTrainer if exits_too else RECIPE_TRAINERS[options.recipe])(samples, *sizes, options.octaves)
 
@@ -265,7 +266,7 @@ class _Fit:
         if self.problem.target is not None:
             parts = [part.rebased(self.problem.target) for part in parts]
         if self.lattice is not None:
-            return self._prove_local(parts[0], trainers[0])
+            return (self._prove_local if self.as_points else self._decide_parts)(parts[0], trainers[0])
         for left, (part, trainer) in zip(range(len(parts), 0, -1), zip(parts, trainers, strict=True), strict=True):
             record = (self._prove if self.as_points or self.of_planes else self._decide)(part, trainer, left)
         if not self.early:
@@ -310,12 +311,25 @@ class _Fit:
         )
         return bounder, {"gap": eps, "thresholds": self.lattice.count, "complete": search.complete}
 
+    def _decide_parts(self, member: Mlp, trainer: LocalTrainer) -> tuple[Local, dict]:
+        found, limits = self._lowest(trainer, 1)
+        limits = limits or {"seconds": LEAST_SHARE * self.options.budget}
+        told = partial(self.clock.tell, 1.0)
+        bounder, record = decide_parts(member, self.lattice, self.problem, found.worst, limits, told)
+        return bounder, record | {"search_seconds": round(found.seconds, 3), "search_complete": found.complete}
+
     def _decide(self, part: Mlp, trainer: NetworkTrainer, parts_left: int) -> dict:
         """Let the adversary look for the least f, then the prover, if that is worth it or if the adversary ends early.
 
         Without the prover (``limits`` is ``None``) fresh positives attest the threshold; the adversary has all the
         time.
         """
+        found, limits = self._lowest(trainer, parts_left)
+        record = decide(part, self.problem, found.worst, limits, lambda note: self.clock.tell(1.0, note))
+        return record | {"search_seconds": round(found.seconds, 3), "search_complete": found.complete}
+
+    def _lowest(self, trainer: NetworkTrainer, parts_left: int) -> tuple[Adversary, dict[str, float] | None]:
+        """What the adversary finds, and the limits of the prover."""
         self.clock.tell(1.0, "adversarial search")
         budget, rounds = self.options.budget, {} if self.clock.timed else {"rounds": SEARCH_ROUNDS}
         at_least = LEAST_SHARE * budget
@@ -328,8 +342,7 @@ class _Fit:
         if self.clock.timed:
             left -= found.seconds
             limits = {"seconds": max(left, at_least)} if self.proof_worthwhile or left > at_least else None
-        record = decide(part, self.problem, found.worst, limits, lambda note: self.clock.tell(1.0, note))
-        return record | {"search_seconds": round(found.seconds, 3), "search_complete": found.complete}
+        return found, limits
 
 
 def _final_proof_seconds(search: Search, used: float) -> float:

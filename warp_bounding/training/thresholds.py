@@ -5,24 +5,30 @@ by more than a gap that costs next to nothing. If it does not get there in its t
 costs too much, the adversary's value sets the threshold, and fresh positives attest it.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
-from warp_bounding.bounders.local.local import Lattice
+from warp_bounding.bounders.local.local import Lattice, Local
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.proof import attest, least_value, settle
+from warp_bounding.proof import attest, charted, least_value, settle
 from warp_bounding.proof.covers.monotone_box import of_points
+from warp_bounding.proof.local import at_least, needless, worthwhile
+from warp_bounding.proof.parts import least_by_part
 from warp_bounding.proof.search.pace import GROWTH
 from warp_bounding.queries import oracle, sample
+from warp_bounding.queries.positives import draw_positives
 from warp_bounding.training.problem import Problem
 
-__all__ = ["PROOF_COST", "Costs", "decide", "lattice_of", "negatives_of", "tolerance"]
+__all__ = ["PROOF_COST", "Costs", "decide", "decide_parts", "lattice_of", "negatives_of", "tolerance"]
 
 # Share of all queries that may become false positives by the gap that a complete search leaves.
 PROOF_COST = {"point": 1e-4, "ray": 1e-3, "plane": 1e-4, "box": 1e-3}
 LARGEST_COST = 2e-2  # the same share where the search of rays or boxes ran out of time; above it the proof is not used
 SAMPLES = 200_000  # random queries by which costs are estimated
 FINEST = 1e-6  # least gap that is asked for, in f
+POSITIVES = 300_000  # random positives from which the parts' least f is first taken
 USUAL = 1e-3  # gap in f that is asked for where too few negatives lie below to measure its cost
 
 
@@ -50,8 +56,18 @@ class Costs:
 
 
 def lattice_of(problem: Problem, count: int) -> Lattice:
-    """About so many parts, no more, of the domain of points: cubes, as nearly as whole counts along each axis allow."""
+    """About so many parts, no more, of the domain.
+
+    Of points they are cubes, as nearly as whole counts along each axis allow; of rays and boxes each axis of v is cut
+    as often, or once more than others.
+    """
     shape, domain = problem.grid, problem.domain
+    if not domain.tested_as_point:
+        limit = domain.limit.astype(np.float64)
+        counts = np.ones(len(limit), dtype=int)
+        while counts.prod() // counts.min() * (counts.min() + 1) <= count:
+            counts[np.argmin(counts)] += 1
+        return Lattice.of(-limit, limit, tuple(int(c) for c in counts))
     lower, upper = shape.lower, shape.upper
     if isinstance(shape, IndicatorGrid):
         cells = shape.occupied
@@ -78,6 +94,59 @@ def negatives_of(problem: Problem) -> np.ndarray:
 def tolerance(bounder: Mlp, problem: Problem, worst: np.ndarray) -> float:
     """How far below the least f of some positives ``(N, ndim)`` a threshold may lie; see ``Costs.cheap_gap``."""
     return Costs(bounder, problem).cheap_gap(float(of_points(bounder).reference(worst).min()))
+
+
+def decide_parts(
+    member: Mlp,
+    lattice: Lattice,
+    problem: Problem,
+    found: np.ndarray,
+    limits: dict[str, float],
+    report=lambda note: None,
+) -> tuple[Local, dict]:
+    """A network of rays or boxes with a threshold for each part of its domain, and its certificate.
+
+    Where the proof leaves thresholds that cost too much, those of the lowest positives that it has found are taken, and
+    fresh positives attest them all together.
+
+    Args:
+        member: The network; its own threshold is not used.
+        lattice: The parts.
+        problem: What it bounds.
+        found: ``(N, ndim)``, the lowest positives known, coordinates ``v``.
+        limits: ``seconds`` or ``boxes`` for the prover.
+        report: Called with a note on what begins.
+
+    Returns:
+        The bounder; and a record: ``gap``, ``proof_cost``, ``proof_seconds``, ``complete`` and ``thresholds``.
+    """
+    domain, grid, length = problem.domain, problem.grid, problem.domain.oracle_length
+    drawn = draw_positives(problem.query, grid, POSITIVES, problem.seed, "cpu", length, outside=False)
+    points = np.concatenate([found, *(domain.to_local(x) for x in drawn)])
+    points, negatives = points[(np.abs(points) <= domain.limit).all(axis=1)], negatives_of(problem)
+    report("proof of every part")
+    eps = Costs(member, problem).cheap_gap(float(member.reference(points).min()))
+    cover = charted(member, grid)
+    least, known, search = least_by_part(member, cover, lattice, negatives, points, eps=eps, **limits)
+    values, place = member.reference(negatives), lattice.place(negatives)
+    cost = float(((values >= least[place]) & (values < known[place])).sum()) / SAMPLES
+    record = {
+        "gap": eps,
+        "proof_cost": cost,
+        "proof_seconds": round(search.seconds, 3),
+        "complete": search.complete,
+        "thresholds": lattice.count,
+    }
+    if search.complete or cost <= LARGEST_COST:
+        bounder, proven = at_least(member, lattice, needless(least, values, place), values, place)
+        settle(bounder, grid, replace(search, lower_bound=proven))
+        return bounder, record
+    report("fresh positives")
+    room = worthwhile(lattice, known, values, place, eps)
+    known = np.maximum(known - room, known.min() - eps)  # no lower than one threshold would be
+    bounder, lowest = at_least(member, lattice, needless(known, values, place), values, place)
+    attest(bounder, grid, least=lowest, room=0.0, seed=problem.seed, search=search)
+    return bounder, record
 
 
 def decide(

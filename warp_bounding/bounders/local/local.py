@@ -2,7 +2,8 @@
 
 The coordinates v are cut along each axis at *edges*, into a lattice of parts. Each part has a *level*, one byte: the
 threshold that f must reach there; or that no positive lies in the part at all, or hardly anything else, and the network
-is not even asked. f less the threshold of v's part is the f of this class; it jumps at the edges, and so proofs cut their boxes there (``cut``).
+is not even asked. f less the threshold of v's part is the f of this class; it jumps at the edges, and so proofs cut their boxes there (``cut``);
+those of rays and boxes, whose boxes are not of v, search each part by itself (``proof.parts``).
 """
 
 from collections.abc import Callable
@@ -19,6 +20,7 @@ from warp_bounding.bounders.neural.mlp import MOST_THRESHOLDS, Mlp
 from warp_bounding.bounders.registry import composed
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import DENIED
+from warp_bounding.networks.heads import head_of
 
 __all__ = ["Lattice", "Local"]
 
@@ -113,11 +115,13 @@ class Local(Bounder):
 
     @classmethod
     def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
-        return Mlp.supports(query, ndim, space) and super().supports(query, ndim, space)
+        return Mlp.supports(query, ndim, space) and head_of(query).outputs == 1
 
     @classmethod
     def of(cls, member: Mlp, lattice: Lattice, thresholds: np.ndarray, step: float) -> "Local":
-        """A network at thresholds ``(parts,)``, each rounded down to a level.
+        """A network at thresholds ``(parts,)``, each rounded down to a level, as far at least as the lowest one.
+
+        So the lowest one loses nothing, once what all are too low by is made the bounder's own threshold.
 
         Args:
             member: The network; its own threshold is not used.
@@ -130,9 +134,10 @@ class Local(Bounder):
             BounderError: If the thresholds cannot be told apart by float32 in such steps.
         """
         some = np.isfinite(thresholds)
-        first = np.floor(thresholds[some].min(initial=np.inf) / step) if some.any() else 0.0
+        least = float(thresholds[some].min()) if some.any() else 0.0
+        first = np.floor(least / step)
         levels = np.where(thresholds > 0, NOWHERE, EVERYWHERE).astype(np.uint8)
-        levels[some] = np.clip(np.floor(thresholds[some] / step) - first, 0, LEVELS - 1)
+        levels[some] = np.clip(np.floor((thresholds[some] - least) / step), 0, LEVELS - 1)
         words = np.pad(levels, (0, -len(levels) % PER_WORD)).view("<u4").astype(np.uint32)
         tensors, sizes = holding([member])
         scale = np.array([first, step], np.float32)

@@ -81,7 +81,7 @@ THRESHOLDS = Option(
     "parts of the domain, each with a threshold of its own",
     whole("thresholds", 1, MOST_THRESHOLDS),
     int,
-    ("point",),
+    _NOT_PLANES,
 )
 
 

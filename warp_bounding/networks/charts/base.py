@@ -75,6 +75,10 @@ class Chart:
         """Coordinates ``v`` of a query ``(N, K)`` for points ``(N, Z)`` of a chart with these ``numbers``, float64."""
         raise NotImplementedError
 
+    def hull(self, lower: np.ndarray, upper: np.ndarray, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Corners ``(N, K)`` between which the inputs of all queries of boxes ``(N, Z)`` lie, computed ones too."""
+        raise NotImplementedError
+
 
 @dataclass(frozen=True)
 class PlainChart(Chart):

@@ -122,3 +122,7 @@ else if (other > a && other < b) middle = other;
     def coordinates(self, z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         n = self.inputs // 2
         return z * np.tile(numbers[:n], 2) + np.tile(numbers[n : 2 * n], 2)
+
+    def hull(self, lower: np.ndarray, upper: np.ndarray, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        unit, origin, noise = (np.tile(each, 2) for each in np.split(numbers, 3))
+        return lower * unit + origin - 2 * noise, upper * unit + origin + 2 * noise

@@ -192,3 +192,18 @@ for (int c = 0; c < N - 1; ++c) {
         n, m = self.ndim, z[:, self.ndim + 1 :]
         w = m / np.linalg.norm(m, axis=1, keepdims=True) * numbers[:n]
         return np.concatenate([z[:, :n] - z[:, n : n + 1] * w, w], axis=1)
+
+    def hull(self, lower: np.ndarray, upper: np.ndarray, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        n = self.ndim
+        stretch, _, _, _, delta_a, delta_w, slop = np.split(numbers, 7)
+        (p, t, m), (p_most, t_most, m_most) = (np.split(side, [n, n + 1], axis=1) for side in (lower, upper))
+        least = np.maximum(np.maximum(m, -m_most), 0.0) ** 2  # of each entry of m, squared
+        most = np.maximum(np.abs(m), np.abs(m_most)) ** 2
+        near, far = (each.sum(axis=1, keepdims=True) - each for each in (least, most))  # of the other entries together
+        # An entry of m / |m| grows with its own entry of m, and shrinks towards 0 as the others grow.
+        low = m / np.sqrt(m * m + np.where(m > 0, far, near)) * stretch
+        high = m_most / np.sqrt(m_most * m_most + np.where(m_most > 0, near, far)) * stretch
+        ways = np.stack([t * low, t * high, t_most * low, t_most * high])
+        beyond_a, beyond_w = delta_a + 2 * slop, delta_w + 2 * slop
+        least_a, most_a = p - ways.max(axis=0) - beyond_a, p_most - ways.min(axis=0) + beyond_a
+        return np.concatenate([least_a, low - beyond_w], axis=1), np.concatenate([most_a, high + beyond_w], axis=1)

@@ -27,7 +27,7 @@ from warp_bounding.proof.search.depth_first_kernel import KEPT, STACK, depth_fir
 from warp_bounding.proof.search.pace import Pace
 from warp_bounding.runtime.launch import launch_blocks, working_seconds
 
-__all__ = ["ChartedPositives", "Descent", "charted_minimum", "prove_target"]
+__all__ = ["ChartedPositives", "Descent", "charted_minimum", "divided", "prove_target"]
 
 CPU_BLOCKS, CUDA_BLOCKS = 64, 2048  # blocks of a launch, each with a stack of its own
 MOST = 1024  # boxes that a block bounds before it returns: some 50 ms a launch
@@ -218,12 +218,12 @@ def charted_minimum(
         device: Warp device.
     """
     started = working_seconds()
-    cover = _divided(cover, INITIAL, device)
+    cover = divided(cover, INITIAL, device)
     # Each initial box is bounded once: that tells how many there is time for, and finds low positives to begin with.
     survey = prove_target(cover, CLOSE_ALL, device=device)
     affordable = min(boxes, seconds * survey.boxes / (working_seconds() - started))
     initial = min(INITIAL_SHARE * affordable, MOST_INITIAL) if np.isfinite(affordable) else INITIAL
-    descent = Descent(_divided(cover, initial, device), device)  # no fewer boxes than there are by now
+    descent = Descent(divided(cover, initial, device), device)  # no fewer boxes than there are by now
     best = min(upper, float(survey.values.min(initial=np.inf)))
 
     def done() -> int:
@@ -251,8 +251,8 @@ def charted_minimum(
     return Search(proven, best, cover.coordinates(numbers), done(), spent, best - proven <= eps, needed, numbers)
 
 
-def _divided(cover: ChartedPositives, count: float, device: str) -> ChartedPositives:
-    """The same positives in at least ``count`` boxes, where halving them makes so many."""
+def divided(cover: ChartedPositives, count: float, device: str) -> ChartedPositives:
+    """The same positives in at least ``count`` boxes, where halving them makes so many; halves without one are left out."""
     lower, upper = cover.lower, cover.upper
     for _ in range(2 * MOST_INITIAL.bit_length()):  # halves without positives do not count
         if len(lower) >= count:
