@@ -32,7 +32,7 @@ def positives(bounder: wb.Bounder, count: int = 100_000, seed: int = 7) -> np.nd
     return np.concatenate(list(draw_positives(bounder.query_kind, grid, count, seed, "cpu", length)))
 
 
-@pytest.mark.parametrize("query", QUERIES)
+@pytest.mark.parametrize("query", ["ray", pytest.param("box", marks=pytest.mark.slow)])
 def test_a_fit_is_proven_part_by_part_and_no_looser(query, tmp_path):
     bounder, grid = fit(query), shape("c")
     assert bounder.method == "local"
