@@ -312,10 +312,9 @@ class _Fit:
         return bounder, {"gap": eps, "thresholds": self.lattice.count, "complete": search.complete}
 
     def _decide_parts(self, member: Mlp, trainer: LocalTrainer) -> tuple[Local, dict]:
-        found, limits = self._lowest(trainer, 1)
+        (found, limits), tell = self._lowest(trainer, 1), partial(self.clock.tell, 1.0)
         limits = limits or {"seconds": LEAST_SHARE * self.options.budget}
-        told = partial(self.clock.tell, 1.0)
-        bounder, record = decide_parts(member, self.lattice, self.problem, found.worst, limits, told)
+        bounder, record = decide_parts(member, self.lattice, self.problem, found.worst, limits, tell)
         return bounder, record | {"search_seconds": round(found.seconds, 3), "search_complete": found.complete}
 
     def _decide(self, part: Mlp, trainer: NetworkTrainer, parts_left: int) -> dict:
