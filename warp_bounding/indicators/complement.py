@@ -46,12 +46,17 @@ class Complement(Shape):
 
     @property
     def lower(self) -> np.ndarray:
-        """Of the whole: beyond that box nothing has to be asked."""
-        return self.whole.lower
+        """A detail outside the box that holds the whole, so that its border there is seen from outside, too."""
+        return self.whole.lower - self._ring
 
     @property
     def upper(self) -> np.ndarray:
-        return self.whole.upper
+        """See ``lower``."""
+        return self.whole.upper + self._ring
+
+    @property
+    def _ring(self) -> np.ndarray:
+        return np.where(np.arange(self.ndim) >= int(self.time), 1 / self.details_per_unit, 0.0)
 
     @property
     def sample_lower(self) -> np.ndarray:

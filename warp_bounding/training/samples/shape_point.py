@@ -39,6 +39,7 @@ class ShapePointSamples(Samples):
     def __init__(self, shape: Shape, domain: Domain, generator: torch.Generator):
         self.shape, self.domain, self.generator, self.ndim = shape, domain, generator, shape.ndim
         self._rng = np.random.default_rng(int(torch.randint(2**62, (1,), generator=generator)))
+        self._limit = torch.from_numpy(np.array(domain.limit))[:, None]
         self._truth, nothing = torch.empty(0, dtype=torch.bool), torch.empty(self.ndim, 0)
         self._labelled = self._held = self._free = self._border = nothing
         self.grow()
@@ -88,7 +89,9 @@ class ShapePointSamples(Samples):
     def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
         # one of many moves: ``settled`` takes back those that have left the object
         slope /= slope.abs().amax(0, keepdim=True) + 1e-12
-        return state - step * STEP * slope
+        moved = state - step * STEP * slope
+        # a complement has no end, but nobody is asked about it outside the domain
+        return torch.maximum(torch.minimum(moved, self._limit), -self._limit) if self.shape.unbounded else moved
 
     def settled(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
         local, domain = after.T.double().numpy(), self.domain
