@@ -20,6 +20,7 @@ CHUNK = 16384  # boxes or cells that are taken at a time
 FINER = 1 / 8  # boxes are halved so much further than in the fit's proof, whose smallest count as object
 BORDER = 65_536  # points of the border among which some outside the domain are looked for
 PARTS = 1000  # of the domain, in which progress is told
+INWARD = 1 - 1e-3  # of the way from the domain's middle, where a suspect is tried besides
 SUSPECTS = 1024  # low points that are tried as counterexamples
 
 
@@ -85,6 +86,8 @@ def check_shape(
         held = lowest[positives.holds(bounds.point[lowest])]
         if small.any() or len(held):
             at = np.concatenate([bounds.point[held], bounds.point[small]])[:SUSPECTS]
+            if bounder.domain.unbounded:  # a point on the domain's end may round to one beyond it, where the answer is maybe
+                at = np.concatenate([at, at * INWARD])
             worst = min(least, bounds.lower[small].min(initial=np.inf), bounds.value[held].min(initial=np.inf))
             return Checked(worst, boxes, bounder.domain.to_object(at))
         if progress:
