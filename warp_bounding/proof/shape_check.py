@@ -86,7 +86,8 @@ def check_shape(
         held = lowest[positives.holds(bounds.point[lowest])]
         if small.any() or len(held):
             at = np.concatenate([bounds.point[held], bounds.point[small]])[:SUSPECTS]
-            if bounder.domain.unbounded:  # a point on the domain's end may round to one beyond it, where the answer is maybe
+            # a point on the end of a complement's domain may round to one beyond it, where the answer is maybe
+            if bounder.domain.unbounded:
                 at = np.concatenate([at, at * INWARD])
             worst = min(least, bounds.lower[small].min(initial=np.inf), bounds.value[held].min(initial=np.inf))
             return Checked(worst, boxes, bounder.domain.to_object(at))
