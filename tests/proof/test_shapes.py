@@ -112,7 +112,7 @@ def test_cells_are_laid_where_they_are_asked_for():
     for options in (
         {"method": "bvh", "leaves": 8},
         {"method": "aabb", "resolution": 16},
-        {"query": "box", "method": "aabb"},
+        {"query": "box", "method": "bvh", "leaves": 8},
     ):
         bounder = wb.fit(mesh, margin=0.2, device="cpu", progress=False, **options)
         assert bounder.info["resolution"] is not None

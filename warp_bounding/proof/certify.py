@@ -35,6 +35,7 @@ PULL = 1e-4  # of the way to its cell's centre, by which each suspect is also tr
 COARSEST = 1e-4  # of f: the least precision that the search for planes begins with
 LEAST_SECONDS = 1.0  # for positives that may refute what the proof could not decide
 DENIED = "that meets the object is answered with no"
+GRANTED = "a part denies a query that meets the object, which an exit before it grants"
 AROUND = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)  # distances in v from a suspect at which a true counterexample is looked for
 
 
@@ -96,7 +97,9 @@ def certify(
     certificates = []
     for part, own in owed:
         left = seconds - (working_seconds() - started)
-        certificates.append(_certify(part, own, max(left, 0.0), progress))
+        # what a network's exit grants, no part of it can deny
+        asked = part if bounder.composed else bounder
+        certificates.append(_certify(part, own, max(left, 0.0), progress, asked))
         if certificates[-1].kind not in ("proven", "statistical"):
             break
     return together(bounder, certificates, grid.digest)
@@ -111,8 +114,8 @@ def _exactly(name: str, value: float | None) -> float | None:
     return value if isinstance(value, int) else float(value)
 
 
-def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress) -> Certificate:
-    """``certify`` for one part of a conjunction."""
+def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress, asked: Bounder) -> Certificate:
+    """``certify`` for one part of a conjunction; ``asked`` is who must deny a counterexample."""
     started = working_seconds()
     threshold, error = float(bounder.threshold), bounder.rounding_bound()
     target = float(np.nextafter(threshold + error, np.inf))  # no less than the exact sum
@@ -120,12 +123,14 @@ def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress) ->
 
     def result(status: str, message: str, bound: float, boxes: int = 0, counterexample=None) -> Certificate:
         spent = working_seconds() - started
+        if counterexample is not None and asked.query(np.float32(counterexample)[None]).numpy()[0]:
+            status, message, counterexample = "undecided", GRANTED, None
         return document(bounder, grid, status, threshold, bound, boxes, spent, message, counterexample)
 
     if len(bounder.parts) > 1:  # its parts are proven one by one (``Bounder.obligations``), never as a whole
         return result("undecided", f"{bounder.method}: a part of several tests", threshold)
     if reaches_outside(bounder, grid):
-        point = None if QUERIES[bounder.query_kind].is_region else _denied(bounder, grid, points_outside(bounder, grid))
+        point = None if QUERIES[bounder.query_kind].is_region else _denied(asked, grid, points_outside(bounder, grid))
         return result("refuted" if point is not None else "undecided", OUTSIDE, threshold, 0, point)
     f = of_points(bounder)  # of boxes and a monotone network too (``covers.monotone_box``)
     if QUERIES[bounder.query_kind].is_region and f is bounder:
@@ -134,7 +139,9 @@ def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress) ->
         return _attested(bounder, grid, seconds, result)
     if not isinstance(grid, IndicatorGrid):
         grid.check()
-        return _conclusion(bounder, grid, check_shape(f, grid, target, started + seconds, progress), seconds, result)
+        return _conclusion(
+            bounder, grid, check_shape(f, grid, target, started + seconds, progress), seconds, result, asked
+        )
     cells = grid.occupied
     for start in range(0, len(cells), CHUNK):
         found = _check_cells(f, grid, target, started + seconds, cells[start : start + CHUNK])
@@ -143,17 +150,17 @@ def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress) ->
             break
         if progress:
             progress(min(start + CHUNK, len(cells)), len(cells))
-    return _conclusion(bounder, grid, found._replace(least=least, boxes=boxes), seconds, result)
+    return _conclusion(bounder, grid, found._replace(least=least, boxes=boxes), seconds, result, asked)
 
 
-def _conclusion(bounder: Bounder, grid: Shape, found: Checked, seconds: float, result) -> Certificate:
+def _conclusion(bounder: Bounder, grid: Shape, found: Checked, seconds: float, result, asked: Bounder) -> Certificate:
     """The certificate for what a check has found."""
     least, boxes = found.least, found.boxes
     if not found.complete:
         return result("undecided", f"no decision within {seconds:.3g} s", least, boxes)
     if found.suspects is None:
         return result("proven", _proven(bounder), least, boxes)
-    if (point := _denied(bounder, grid, found.suspects)) is not None:
+    if (point := _denied(asked, grid, found.suspects)) is not None:
         return result("refuted", f"a {bounder.query_kind} {DENIED}", least, boxes, point)
     return result(
         "undecided", "f comes closer to the threshold than the proof's margins for rounding allow", least, boxes

@@ -178,8 +178,8 @@ def test_it_goes_on_where_it_stopped(tmp_path):
 
 
 STATED = {  # what states of the first version say of stored bounders
-    "field-bunny-mlp": ("blob", "96cc49b09965cc52c6704dced8572046c1e12d16956fe90bc3231c0a86469c1a"),
-    "rain-mlp": ("animated", "f268395061c0232277becc095be3d7cc4d092bc70163b45ad9aa9c6bbdb24797"),
+    "shadows-bunny-mlp": ("blob", "11ffc8e848f691fa0b2e94894958d1aba42b125b5140f7055c8cd99f3fe37167"),
+    "path-maze-mlp": ("c", "561fae734a695399d8e0dcc4e90894e103510ee5aaffb5c65fd31ca086cb1d82"),
 }
 
 
