@@ -56,6 +56,7 @@ class PartChart(Chart):
 
     @property
     def noisy(self) -> bool:
+        """The chart's own."""
         return self.chart.noisy
 
     @property
@@ -72,27 +73,33 @@ class PartChart(Chart):
 
     @property
     def expand(self) -> str:
+        """The chart's text, then the box is emptied where it lies outside the part."""
         reach = " ".join(f"reach[{i}] += absolute(gen[{at}]);" for at, (i, _) in enumerate(self.chart.pairs))
         return self.chart.expand + _OUTSIDE.replace("PART_AT", str(self.count)).replace("REACH", reach)
 
     @property
     def realize(self) -> str:
+        """The chart's text, then what the part demands of a positive."""
         return self.chart.realize + _WITHIN
 
     @property
     def owners(self) -> str:
+        """The chart's own."""
         return self.chart.owners
 
     @property
     def blame(self) -> str:
+        """The chart's own."""
         return self.chart.blame
 
     @property
     def bend(self) -> str:
+        """The chart's own."""
         return self.chart.bend
 
     @property
     def split(self) -> str:
+        """The chart's own."""
         return self.chart.split
 
     def constraints(self) -> list[tuple[str, list[tuple[int, str]]]]:
