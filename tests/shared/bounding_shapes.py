@@ -12,6 +12,7 @@ from warp_bounding.bounders.neural.mlp_early import MlpEarly
 from warp_bounding.bounders.options import taken
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import domain_of
+from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import IndicatorGrid
 
 HIDDEN = (8,)  # of every fitted network: each new size costs a compilation
@@ -83,16 +84,17 @@ def fitted(method: str, name: str) -> wb.Bounder:
 @cache
 def _fitted(method: str, name: str) -> wb.Bounder:
     told = told_of(method, hidden=EARLY if method == "mlp-early" else HIDDEN, steps=3)
-    return without_grants(wb.fit(shape(name), method=method, device="cpu", **told))
+    return without_grants(wb.fit(shape(name), method=method, device="cpu", **told), shape(name))
 
 
-def without_grants(bounder: wb.Bounder) -> wb.Bounder:
+def without_grants(bounder: wb.Bounder, grid: IndicatorGrid) -> wb.Bounder:
     """The same without grants: the exits of a network that has learnt nothing would grant every query."""
     if not isinstance(bounder, MlpEarly):
         return bounder
     kept = {name: tensor for name, tensor in bounder.tensors.items() if not name.startswith("grants.")}
     plain = type(bounder)(bounder.domain, kept, bounder.sizes, "cpu")
-    plain.freeze(float(bounder.threshold), bounder.certificate).info = bounder.info
+    plain.freeze(float(bounder.threshold), bounder.certificate)
+    plain.info = bounder.info | {"rates": quick_rates(plain, grid)}
     return plain
 
 
