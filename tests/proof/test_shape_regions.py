@@ -12,6 +12,7 @@ from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.geometry.hull import few_points, hull_of
 from warp_bounding.indicators.shape import IN, OUT
 from warp_bounding.proof import prove, soak
+from warp_bounding.proof.attest.soak import CHUNK
 from warp_bounding.proof.covers.plane import SupportGap
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.boundary import border_points
@@ -152,7 +153,7 @@ def test_boxes_of_a_monotone_network_are_proven_over_the_points_of_a_mesh(tmp_pa
 def test_a_soak_asks_certain_positives_only(query):
     shape = mesh()
     bounder = wb.fit(shape, query, "sphere", margin=MARGIN, device="cpu", progress=False)
-    result = soak(bounder, shape, 1_200_000, seed=2)  # more than six chunks, of which the seventh is float64
+    result = soak(bounder, shape, 7 * CHUNK, seed=2)  # the seventh chunk is of float64
     assert result.missed is None
     assert result.forms["float64"]
     assert result.forms["placed"] == 0
