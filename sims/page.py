@@ -24,9 +24,11 @@ CALLS = {
 }
 STEP = {"particles": "step", "cloth": "step", "path": "world", "shadows": "picture", "digits": "batch"}
 ABOUT = {
-    "particles": "100,000 particles rain on the moving bunny; `moving aabb` is fitted anew in every step, the others never.",
+    "particles": "100,000 particles rain on the moving bunny; `moving aabb` is fitted anew in every step, the others never. *Porous*: drops seep through it, and "
+    "the narrow phase says which ones are in it; `+inside`: with a second network, from the inside, of which it need not.",
     "cloth": "A cloth falls on the bunny and a star, on one thread (Newton); ms_broad is the cull.",
-    "path": "Rooms and a maze: states and whole edges of a roadmap, cleared by a bounder or checked exactly.",
+    "path": "Rooms and a maze: states and whole edges of a roadmap, cleared by a bounder or checked exactly; `+inside`: or known to collide, by a second "
+    "network, from the inside.",
     "shadows": "The bunny and a chair in the sun: shadow rays of all pixels against both meshes.",
     "digits": "Random digits of a generative model, an implicit decoder: it is run for the pixels that a bounder leaves. *FP %*: of the box of latent numbers and pixels.",
 }

@@ -102,15 +102,18 @@ def check_fit(bounder: wb.Bounder, shape: Shape, spec: FitSpec, source: str) -> 
     if margin != shape.margin:
         why = "too small a margin" if margin < shape.margin else "another margin"
         raise wb.BounderError(f"{source}: {why}, expected {shape.margin:.6g}, got {margin:.6g}")
-    own = bounded(spec, shape)
+    own, side = bounded(spec, shape), spec.options.get("side", "outside")
+    if bounder.domain.unbounded != (side == "inside"):
+        raise wb.BounderError(f"{source}: expected a bounder from the {side}, got one from the other side")
     if bounder.info.get("resolution") != own.resolution:
         expected, got = (
             "the shape itself" if cells is None else f"its cells at resolution {cells}"
             for cells in (own.resolution, bounder.info.get("resolution"))
         )
         raise wb.BounderError(f"{source}: expected a bounder of {expected}, got one of {got}")
-    if bounder.info.get("indicator") != own.digest:
-        made, here = str(bounder.info.get("indicator"))[:12], own.digest[:12]
+    digest = wb.Complement(own).digest if side == "inside" else own.digest
+    if bounder.info.get("indicator") != digest:
+        made, here = str(bounder.info.get("indicator"))[:12], digest[:12]
         name = bounder.info.get("name")
         raise wb.BounderError(f"{source}: a bounder of another shape, {name}; expected {here}, got {made}")
     proven = bounder.certificate is not None and bounder.certificate.kind in ("proven", "statistical")

@@ -25,6 +25,7 @@ __all__ = [
     "BoundingError",
     "BoundingWarning",
     "Certificate",
+    "Complement",
     "Data",
     "FileFormatError",
     "IndicatorError",
@@ -65,6 +66,7 @@ _HOMES = {
     "warp_bounding.bounders": ("Bounder", "Certificate", "Data", "METHODS", "Prepared", "cascade", "compact", "load"),
     "warp_bounding.bounders.two_sided": ("TwoSided", "two_sided"),
     "warp_bounding.indicators": (
+        "Complement",
         "IndicatorFunction",
         "IndicatorGrid",
         "IndicatorMesh",

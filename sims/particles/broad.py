@@ -1,13 +1,16 @@
-"""The broad phases of the rain: a box that is fitted to the mesh anew in every step, and bounders of the whole motion, which are not."""
+"""The broad phases of the rain: a box that is fitted to the mesh anew in every step, and bounders of the whole motion, which are not.
+
+Each says which particles may touch the mesh; ``OfSides`` also which ones certainly do (``certain``).
+"""
 
 import numpy as np
 import warp as wp
 
 import warp_bounding as wb
-from sims.particles.kernels import box_mask, box_of, with_time
+from sims.particles.kernels import box_mask, box_of, split, with_time
 from sims.particles.scene import Scene
 
-__all__ = ["MovingBox", "OfMotion"]
+__all__ = ["MovingBox", "OfMotion", "OfSides"]
 
 EMPTY = np.array([[np.inf] * 3, [-np.inf] * 3], dtype=np.float32)
 
@@ -75,3 +78,34 @@ class OfMotion:
             self._asking = self.bounder.prepare(self._queries, candidates=True)
         wb.launch_on_cores(with_time, len(positions), [time, positions], [self._queries], self.device)
         return self._asking.launch()
+
+
+class OfSides:
+    """Two bounders of time and space, one from the inside: what is certain either way is no candidate.
+
+    Attributes:
+        certain: ``(N,)`` uint8, 1 where a particle certainly touches the mesh or is in it, as of the last ``candidates``.
+    """
+
+    def __init__(self, outer: wb.Bounder, inner: wb.Bounder, scene: Scene):
+        """Put them together.
+
+        Args:
+            outer: Of ``Scene.shape``.
+            inner: From the inside, of ``Scene.core``.
+            scene: Whose motion they bound.
+        """
+        self.sides, self.device = wb.two_sided(outer, inner), scene.device
+        self._queries = wp.empty(0, dtype=wp.vec4, device=self.device)
+
+    def candidates(self, time: float, points: wp.array, positions: wp.array) -> tuple[wp.array, wp.array]:
+        """Particles of which it is not certain whether they touch the mesh; see ``MovingBox.candidates``."""
+        count = len(positions)
+        if len(self._queries) != count:
+            self._queries = wp.empty(count, dtype=wp.vec4, device=self.device)
+            memory = (wp.empty(count, dtype=wp.uint8, device=self.device) for _ in range(3))
+            self._answers, self._maybe, self.certain = memory
+        wb.launch_on_cores(with_time, count, [time, positions], [self._queries], self.device)
+        self.sides.classify(self._queries, out=self._answers)
+        wb.launch_on_cores(split, count, [self._answers], [self._maybe, self.certain], self.device)
+        return wb.compact(self._maybe)

@@ -2,7 +2,9 @@
 
 The classic broad phase is a box, fitted to the mesh anew in every step; a bounder of the motion is asked about time and place, and is never
 refitted. Two narrow phases, because the answer depends on them: robust *containment* looks for the closest point wherever a particle may be
-inside, near *contact* only as far as a particle falls in a step. Each simulation runs with no broad phase and with every bounder, from the
+inside, near *contact* only as far as a particle falls in a step. And once the bunny is *porous*: drops seep through it, slowly, so that the
+narrow phase only has to say which ones are in it; there a bounder from the inside is asked, too, and what is certainly inside needs no
+narrow phase. Each simulation runs with no broad phase and with every bounder, from the
 same state; no contact may be missed, and all runs must end in the same state to the bit (see ``scene``).
 
     python -m sims.particles --out out/demo
@@ -16,18 +18,23 @@ from sims import base
 from sims.assets import Shape
 from sims.drawing import Drawn, draw_with
 from sims.particles.bounds import bounds_data
-from sims.particles.broad import MovingBox, OfMotion
+from sims.particles.broad import MovingBox, OfMotion, OfSides
 from sims.particles.example import CONTACT, CONTAINMENT, Example, rain_data
 from sims.particles.scene import RESOLUTION, Scene
-from sims.prefitted import FitSpec
-from sims.report import Run
+from sims.prefitted import FitSpec, bounders_of
+from sims.report import UNPROVEN, Run, bounder_rows
 
 __all__ = ["MOVING_BOX", "SPECS", "Demo", "shapes", "simulate"]
 
-SCENE = "rain"
+SCENE, INSIDE, INNER_NAME = "rain", "rain-inside", "inside"
 MOVING_BOX = "moving aabb"
 CELLS = {"resolution": RESOLUTION}  # of methods that are made of cells; the others bound the moving mesh itself
-NARROW = {"containment": CONTAINMENT, "contact": CONTACT}
+POROUS = "porous"
+NARROW = {
+    "containment": {"reach": CONTAINMENT},
+    "contact": {"reach": CONTACT},
+    POROUS: {"reach": CONTAINMENT, "porous": True},
+}
 SPECS = {
     "aabb": FitSpec("aabb", kept=True),
     "kdop": FitSpec("kdop", kept=True),
@@ -41,6 +48,10 @@ SPECS = {
     "learned-kdop+mlp": FitSpec("learned-kdop+mlp"),
     "occupancy": FitSpec("occupancy", budget=120.0, options={"hidden": (50, 50)}),
 }
+INNER = FitSpec("mlp", budget=600.0, options={"hidden": (50, 50), "side": "inside"})  # from the inside
+SCENE_SPECS = {SCENE: SPECS, INSIDE: {"mlp": INNER}}
+SEEPING = (MOVING_BOX, "voxels", "mlp", "learned-kdop+mlp", "occupancy")  # what is asked where the bunny is porous
+SIDED = ("voxels", "mlp")  # of these, what is also asked together with a bounder from the inside
 PICTURED = ("kdop", "learned-kdop", "mlp")  # their bounds, side by side
 RAINED = ("mlp", "occupancy")  # their runs, side by side
 WARM_UP = 4096  # particles of the run that loads kernels outside the timed part
@@ -48,8 +59,9 @@ PARTICLES, STEPS = (100_000, 10_000), (150, 24)  # full, quick
 
 
 def shapes(device: str = "cpu") -> dict[str, Shape]:
-    """The shape whose learned bounders are stored, by the name of the scene."""
-    return {SCENE: Scene.bunny(device).shape}
+    """The shapes whose learned bounders are stored, by the names of the scenes."""
+    scene = Scene.bunny(device)
+    return {SCENE: scene.shape, INSIDE: scene.core}
 
 
 @dataclass
@@ -59,10 +71,12 @@ class Demo(base.Demo):
     Attributes:
         particles: How many; 100,000, or 10,000 if quick.
         steps: Simulation steps; 150, or 24 if quick.
+        inner: How the bounder from the inside is fitted.
     """
 
     particles: int | None = None
     steps: int | None = None
+    inner: FitSpec = INNER
 
     NAME = "particles"
     SPECS = SPECS
@@ -75,13 +89,27 @@ class Demo(base.Demo):
         self.shape = self.scene.motion.name
         return {SCENE: self.scene.shape}
 
+    def fit(self, shapes: dict[str, Shape]) -> dict[str, dict[str, wb.Bounder]]:
+        """See ``sims.base.Demo``; also the bounder from the inside, by the word that the runs' names have for it."""
+        options, core = self.fits | {"device": str(self.scene.device)}, self.scene.core
+        self.within = {INNER_NAME: bounders_of(INSIDE, core, {"mlp": self.inner}, **options)["mlp"]}
+        return super().fit(shapes)
+
     def simulate(self) -> tuple[list[Run], str, dict[str, str]]:
         bounders, box = self.of_shape(SCENE), MovingBox(self.scene)
+        self.rows[INSIDE] = bounder_rows(self.within, self.scene.core, self.SAMPLES[self.quick])
         rows = [*self.rows[SCENE], {"bounder": MOVING_BOX, "fp_rate": box.fp_rate(self.scene.shape)}]
         broad = {MOVING_BOX: box} | {name: OfMotion(bounder, self.scene) for name, bounder in bounders.items()}
-        options = {"particles": self.particles, "steps": self.steps, "seed": self.seed}
-        examples = {section: simulate(self.scene, broad, reach=reach, **options) for section, reach in NARROW.items()}
-        runs = [run for section, each in examples.items() for run in base.compare(each, self.bounders, rows, section)]
+        inner = self.within[INNER_NAME]
+        sided = {f"{n}+{INNER_NAME}": OfSides(bounders[n], inner, self.scene) for n in SIDED if n in bounders}
+        options, examples = {"particles": self.particles, "steps": self.steps, "seed": self.seed}, {}
+        for section, narrow in NARROW.items():
+            asked = {n: broad[n] for n in SEEPING if n in broad} if section == POROUS else broad
+            if section == POROUS:  # what has no proof comes last
+                asked = dict(sorted((asked | sided).items(), key=lambda run: run[0] in UNPROVEN))
+            examples[section] = simulate(self.scene, asked, **narrow, **options)
+        own = self.bounders | {INNER_NAME: self.within}
+        runs = [run for section, each in examples.items() for run in base.compare(each, own, rows, section)]
         self.examples = next(iter(examples.values()))
         about = f"{self.particles:,} particles, {self.steps} steps"
         return runs, f"{about}, by narrow phase: calls and milliseconds a step (median)", {}
@@ -96,22 +124,24 @@ class Demo(base.Demo):
 
     def more(self) -> dict[str, Any]:
         """``particles``, ``device``, and ``bounders``: a row for each."""
-        return {"particles": self.particles, "device": str(self.scene.device), "bounders": self.rows[SCENE]}
+        rows = [*self.rows[SCENE], *self.rows[INSIDE]]
+        return {"particles": self.particles, "device": str(self.scene.device), "bounders": rows}
 
 
 def simulate(
     scene: Scene,
-    broad: dict[str, MovingBox | OfMotion],
+    broad: dict[str, MovingBox | OfMotion | OfSides],
     *,
     reach: float = CONTAINMENT,
+    porous: bool = False,
     particles: int,
     steps: int,
     seed: int = 0,
 ) -> dict[str, Example]:
     """The same rain without a broad phase and with each; see ``sims.base.simulate``."""
 
-    def rain(phase: MovingBox | OfMotion | None, small: bool) -> Example:
+    def rain(phase: MovingBox | OfMotion | OfSides | None, small: bool) -> Example:
         count = min(particles, WARM_UP) if small else particles
-        return Example(scene, phase, reach=reach, particles=count, seed=seed)
+        return Example(scene, phase, reach=reach, porous=porous, particles=count, seed=seed)
 
     return base.simulate("rain", broad, rain, steps)

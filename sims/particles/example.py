@@ -10,8 +10,8 @@ from sims import base
 from sims.assets import surface
 from sims.drawing import CAPTIONS, draw_with
 from sims.particles.bounds import decisions
-from sims.particles.broad import MovingBox, OfMotion
-from sims.particles.kernels import DT, collide, integrate
+from sims.particles.broad import MovingBox, OfMotion, OfSides
+from sims.particles.kernels import DT, collide, integrate, seep, touch
 from sims.particles.scene import Scene
 
 __all__ = ["CONTACT", "CONTAINMENT", "Example", "rain_data"]
@@ -27,14 +27,16 @@ class Example(base.Example):
         seconds: Per step: broad phase, narrow phase with the mesh's refit, whole step.
         calls: Per step: particles that the narrow phase was called for.
         touched: Per step: which particles were in contact, packed bits.
+        porous: Whether drops seep through the mesh, slowly, rather than slide off it.
     """
 
     def __init__(
         self,
         scene: Scene,
-        broad: MovingBox | OfMotion | None = None,
+        broad: MovingBox | OfMotion | OfSides | None = None,
         *,
         reach: float = CONTAINMENT,
+        porous: bool = False,
         particles: int = 100_000,
         seed: int = 0,
     ):
@@ -44,10 +46,18 @@ class Example(base.Example):
             scene: Shared by all runs that are to be compared.
             broad: The broad phase; ``None`` for none.
             reach: How far the narrow phase looks for the closest point.
+            porous: See above.
             particles: How many.
             seed: Of the first state and of every new life.
+
+        Raises:
+            BoundingError: If the mesh is not porous and the broad phase says what certainly touches it: where to push
+                that is a question for the narrow phase.
         """
         super().__init__()
+        if isinstance(broad, OfSides) and not porous:
+            raise wb.BoundingError("a certain contact spares the narrow phase of a porous mesh only; got another one")
+        self.porous = porous
         self.certificate = "by construction" if isinstance(broad, MovingBox) else ""  # it is made of the very vertices
         self.scene, self.broad, self.particles, self.seed = scene, broad, particles, seed
         self.reach, self.steps = reach, 0
@@ -82,12 +92,18 @@ class Example(base.Example):
         candidates, count = self._everyone, self._count
         if self.broad is not None:
             candidates, count = self.broad.candidates(self.time, self.mesh.points, self.positions)
+        if isinstance(self.broad, OfSides):
+            wp.copy(self.contacts, self.broad.certain)
         # A CPU reads the count in place; elsewhere the launch covers everyone, and threads from count on return at once.
         items = int(count.numpy()[0]) if device.is_cpu else self.particles
         found = base.now(device)
         self.mesh.refit()
         inputs = [self.mesh.id, self.reach, candidates, count]
-        self._launch(collide, items, inputs, [self.positions, self.velocities, self.contacts])
+        if self.porous:
+            self._launch(touch, items, [*inputs, self.positions], [self.contacts])
+            self._launch(seep, self.particles, [self.contacts], [self.velocities])
+        else:
+            self._launch(collide, items, inputs, [self.positions, self.velocities, self.contacts])
         end = base.now(device)
         self.seconds.append((found - moved if self.broad is not None else 0.0, end - found, end - start))
         self.calls.append(int(count.numpy()[0]))

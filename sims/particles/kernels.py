@@ -1,17 +1,19 @@
-"""What happens to a particle: it falls, and where it meets the mesh it is pushed out and slides.
+"""What happens to a particle: it falls, and where it meets the mesh it is pushed out and slides; or it seeps through, slowly.
 
 The narrow phase writes to a particle only where it finds a contact, and it is the same compiled kernel in all runs: leaving out a particle
-without a contact changes nothing.
+without a contact changes nothing. Of a porous mesh it says of each particle whether it is in contact, and nothing else: a particle of
+which that is known need not be asked about.
 """
 
 import warp as wp
 
-__all__ = ["DT", "RADIUS", "Rain", "box_mask", "box_of", "collide", "integrate", "with_time"]
+__all__ = ["DT", "RADIUS", "Rain", "box_mask", "box_of", "collide", "integrate", "seep", "split", "touch", "with_time"]
 
 RADIUS = 0.01  # of a particle: the contact distance, object units (the bunny is 1.6 of them high)
 DT = 1.0 / 120.0
 GRAVITY = 9.81
 DRAG = 2.8  # per second: rain falls at GRAVITY / DRAG
+SEEPING = 20.0  # per second: more drag, at what is in or touches a porous mesh
 WIND = 0.45  # along x
 FRICTION = 0.2
 RESTITUTION = 0.25
@@ -65,6 +67,15 @@ def integrate(
     contacts[i] = wp.uint8(0)
 
 
+@wp.func
+def closest(mesh: wp.uint64, x: wp.vec3, reach: float):
+    """The closest point of the mesh within reach, and on which side of it x is."""
+    query = wp.mesh_query_point_sign_parity(mesh, x, reach)
+    if query.result and query.sign < 0.0:  # seldom, and a wrong one would do harm: let more rays confirm it
+        query = wp.mesh_query_point_sign_parity(mesh, x, reach, RAYS)
+    return query
+
+
 @wp.kernel(enable_backward=False)
 def collide(
     # inputs
@@ -84,11 +95,9 @@ def collide(
         return
     i = candidates[item]
     x = positions[i]
-    query = wp.mesh_query_point_sign_parity(mesh, x, reach)
+    query = closest(mesh, x, reach)
     if not query.result:
         return
-    if query.sign < 0.0:  # seldom, and a wrong one would do harm: let more rays confirm it
-        query = wp.mesh_query_point_sign_parity(mesh, x, reach, RAYS)
     away = x - wp.mesh_eval_position(mesh, query.face, query.u, query.v)
     distance = wp.length(away) * query.sign
     if distance >= RADIUS:
@@ -108,6 +117,61 @@ def collide(
         velocities[i] = surface + along * kept - n * (RESTITUTION * into)
     positions[i] = x + n * (RADIUS - distance)
     contacts[i] = wp.uint8(1)
+
+
+@wp.kernel(enable_backward=False)
+def touch(
+    # inputs
+    first: int,
+    mesh: wp.uint64,
+    reach: float,
+    candidates: wp.array(dtype=wp.int32),
+    count: wp.array(dtype=wp.int32),
+    positions: wp.array(dtype=wp.vec3),
+    # outputs
+    contacts: wp.array(dtype=wp.uint8),
+):
+    """Whether one candidate is in contact, by the same numbers as in ``collide``."""
+    item = first + wp.tid()
+    if item >= count[0]:
+        return
+    i = candidates[item]
+    x = positions[i]
+    query = closest(mesh, x, reach)
+    if not query.result:
+        return
+    away = x - wp.mesh_eval_position(mesh, query.face, query.u, query.v)
+    if wp.length(away) * query.sign < RADIUS:
+        contacts[i] = wp.uint8(1)
+
+
+@wp.kernel(enable_backward=False)
+def seep(
+    # inputs
+    first: int,
+    contacts: wp.array(dtype=wp.uint8),
+    # outputs
+    velocities: wp.array(dtype=wp.vec3),
+):
+    """Slow a particle down that is in contact."""
+    i = first + wp.tid()
+    if contacts[i] != wp.uint8(0):
+        velocities[i] = velocities[i] * (1.0 - SEEPING * DT)
+
+
+@wp.kernel(enable_backward=False)
+def split(
+    # inputs
+    first: int,
+    answers: wp.array(dtype=wp.uint8),
+    # outputs
+    maybe: wp.array(dtype=wp.uint8),
+    certain: wp.array(dtype=wp.uint8),
+):
+    """What a two-sided bounder has answered (``warp_bounding.two_sided``), as two masks."""
+    i = first + wp.tid()
+    maybe[i] = wp.uint8(wp.where(answers[i] == wp.uint8(1), 1, 0))
+    certain[i] = wp.uint8(wp.where(answers[i] == wp.uint8(2), 1, 0))
 
 
 @wp.kernel(enable_backward=False)

@@ -94,6 +94,14 @@ class Scene:
         """What bounders must hold: the motion, dilated by the margin at every time."""
         return self.motion.dilated(self.margin)
 
+    @cached_property
+    def core(self) -> wb.IndicatorMotion:
+        """What bounders from the inside must lie in: what the narrow phase finds in contact whatever it rounds.
+
+        That is the motion, dilated by the contact distance less the rounding error, where ``margin`` adds it.
+        """
+        return self.motion.dilated(2 * RADIUS - self.margin)
+
     def grid(self, resolution: int = RESOLUTION) -> wb.IndicatorGrid:
         """The cells of time and space that ``shape`` meets, for methods that are made of cells."""
         return self.shape.to_grid(resolution=resolution)

@@ -6,7 +6,9 @@ An edge is a closed straight segment between float32 states. It is cleared
 * by a bounder of boxes, where it denies the axis-aligned boxes of pieces that together cover it (``clear_by_boxes``);
 * by ``Samples``, where a bounder denies points along it. That is how it is often done, and no proof of anything.
 
-The first two are proofs wherever the bounder has one. What is not cleared is not blocked, but has to be checked exactly.
+The first two are proofs wherever the bounder has one. What is not cleared is not blocked, but has to be checked exactly; but for
+``TwoSided``, which asks a bounder from the inside too: what certainly lies in an obstacle, or leads through one, collides, and needs
+no check either.
 """
 
 from abc import ABC, abstractmethod
@@ -15,12 +17,15 @@ import numpy as np
 
 import warp_bounding as wb
 
-__all__ = ["Boxes", "BroadPhase", "First", "Samples", "Segments", "clear_by_boxes"]
+__all__ = ["FREE", "HIT", "MAYBE", "Boxes", "BroadPhase", "First", "Samples", "Segments", "TwoSided", "clear_by_boxes"]
+
+FREE, MAYBE, HIT = 0, 1, 2  # answers of ``BroadPhase.classify``; those of ``warp_bounding.two_sided``'s
 
 HALVINGS = 3  # of an edge, for boxes: eight pieces at most
 NETWORK_HALVINGS = 4  # for networks, whose bounds are loose where a network varies a lot along a piece
 SPACING = 0.5  # cells between samples
 ROUNDING = 2.0**-48  # of a point along an edge, relative to the ends: eight roundings of 2^-53, four times over
+PIECES = 8  # of an edge: between them are the points that a bounder from the inside is asked
 
 
 class BroadPhase(ABC):
@@ -33,6 +38,19 @@ class BroadPhase(ABC):
     @abstractmethod
     def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
         """``(N,)`` bool: edges between states, ``(N, 2)`` float32 each, that need no exact check."""
+
+    def classify(self, starts: np.ndarray, ends: np.ndarray | None = None) -> np.ndarray:
+        """What is certain of states, or of edges.
+
+        Args:
+            starts: ``(N, 2)`` float32: the states, or where edges begin.
+            ends: ``(N, 2)`` float32: where edges end; ``None`` for states.
+
+        Returns:
+            ``(N,)`` uint8: ``FREE`` or ``HIT`` for certain, neither of which needs an exact check, else ``MAYBE``.
+        """
+        cleared = self.states(starts) if ends is None else self.edges(starts, ends)
+        return np.where(cleared, FREE, MAYBE).astype(np.uint8)
 
 
 class _OfPoints(BroadPhase):
@@ -119,6 +137,38 @@ class Segments(_OfPoints):
 
     def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
         return wb.clear_segments(self.bounder, starts, ends, depth=NETWORK_HALVINGS)
+
+
+class TwoSided(BroadPhase):
+    """A broad phase, and a bounder of points from the inside, which says what certainly collides.
+
+    It is what ``warp_bounding.two_sided`` is for bounders of points alone. An edge collides if a single point of it does.
+    Points between its pieces are computed in float64, within 2^-50 of the segment, relative to the larger end, and asked
+    so: every proof covers that a query is rounded to float32, by 2^-24, four times over.
+    """
+
+    def __init__(self, outer: BroadPhase, inner: wb.Bounder):
+        self.outer, self.inner = outer, inner
+
+    def states(self, x: np.ndarray) -> np.ndarray:
+        return self.outer.states(x)
+
+    def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        return self.outer.edges(starts, ends)
+
+    def classify(self, starts: np.ndarray, ends: np.ndarray | None = None) -> np.ndarray:
+        answers = self.outer.classify(starts, ends)
+        left = np.flatnonzero(answers == MAYBE)
+        points = starts[left, None] if ends is None else _between(starts[left], ends[left])
+        denied = self.inner.query(points.reshape(-1, starts.shape[1])).numpy() == 0
+        answers[left[denied.reshape(points.shape[:2]).any(axis=1)]] = HIT
+        return answers
+
+
+def _between(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """``(N, PIECES - 1, n)`` float64: the points between the pieces of segments."""
+    way, times = ends.astype(np.float64) - starts, np.arange(1, PIECES) / PIECES
+    return starts[:, None] + times[:, None] * way[:, None]
 
 
 class Samples(_OfPoints):

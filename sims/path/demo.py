@@ -13,7 +13,7 @@ from rich.markup import escape
 import warp_bounding as wb
 from sims import base
 from sims.drawing import Drawn
-from sims.path.broad import Boxes, BroadPhase, First, Samples, Segments
+from sims.path.broad import Boxes, BroadPhase, First, Samples, Segments, TwoSided
 from sims.path.exact import ExactWorld
 from sims.path.pictures import draw
 from sims.path.planner import Example
@@ -25,6 +25,7 @@ from sims.report import Run
 __all__ = ["SPECS", "Demo", "phases", "run", "shapes", "simulate"]
 
 HIDDEN = (50, 50)
+INSIDE = "inside"  # the bounder from the inside
 SPECS: dict[str, FitSpec] = {
     "aabb": FitSpec("aabb", query="box"),
     "kdop": FitSpec("kdop", query="box"),
@@ -32,8 +33,10 @@ SPECS: dict[str, FitSpec] = {
     "learned-kdop": FitSpec("learned-kdop", query="box", budget=5.0),
     "mlp": FitSpec("mlp", budget=30.0, options={"hidden": HIDDEN}),
     "mlp-early": FitSpec("mlp-early", budget=30.0, options={"hidden": HIDDEN}),
+    INSIDE: FitSpec("mlp", budget=30.0, options={"hidden": HIDDEN, "side": INSIDE}),
     "occupancy": FitSpec("occupancy", budget=30.0, options={"hidden": HIDDEN}),
 }
+SIDED = ("mlp", "bvh")  # what is asked together with it, too
 CASCADE = "aabb+mlp"  # boxes first, then a network's segments: bounders of different queries, so the planner puts them together
 USERS_BUDGET = 20.0  # seconds a network, for a user's world
 STATES, PROBLEMS = (4000, 2500), (200, 40)  # full, quick
@@ -139,17 +142,22 @@ run = Demo.run
 
 
 def phases(bounders: dict[str, wb.Bounder], world: World) -> dict[str, BroadPhase]:
-    """The broad phases of a world's bounders, and their cascade."""
+    """The broad phases of a world's bounders, their cascade, and both sides together."""
     made: dict[str, BroadPhase] = {}
     for name, bounder in bounders.items():
+        if name == INSIDE:
+            continue  # by itself it clears nothing
         if not bounder.conservative:
             made[name] = Samples(bounder, world.grid.cells_per_unit)
         else:
             made[name] = Boxes(bounder) if bounder.query_kind == "box" else Segments(bounder)
     if {"aabb", "mlp"} <= made.keys():
-        cascade = {CASCADE: First(made["aabb"], made["mlp"])}
-        last = made.pop("occupancy", None)
-        made |= cascade | ({} if last is None else {"occupancy": last})
+        made[CASCADE] = First(made["aabb"], made["mlp"])
+    if INSIDE in bounders:
+        outer = [name for name in SIDED if name in made]
+        made |= {f"{name}+{INSIDE}": TwoSided(made[name], bounders[INSIDE]) for name in outer}
+    if "occupancy" in made:
+        made["occupancy"] = made.pop("occupancy")  # what has no proof comes last
     return made
 
 

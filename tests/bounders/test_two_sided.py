@@ -113,6 +113,13 @@ def test_both_sides_classify(name):
     assert (truth[found == NO] != IN).all()
     assert (truth[found == YES] != OUT).all()
     assert {NO, MAYBE, YES} == set(np.unique(found))
+    torch = pytest.importorskip("torch")
+    vectors = wp.array(x, dtype=wp.types.vector(x.shape[1], float), device="cpu")
+    for same in (torch.from_numpy(x), vectors, x.astype(np.float64), x[:500].tolist()):
+        np.testing.assert_array_equal(both.classify(same).numpy(), found[: len(same)])
+    out = wp.full(len(x), 7, dtype=wp.uint8, device="cpu")
+    assert both.classify(x, out=out) is out
+    np.testing.assert_array_equal(out.numpy(), found)
     nothing = both.classify(np.zeros((0, shape(name).ndim), np.float32))
     assert nothing.shape == (0,)
 
@@ -134,6 +141,51 @@ def test_both_sides_in_a_kernel_and_placed():
     truth = shape("mesh").decide(x)
     assert (truth[moved == YES] != OUT).all()
     assert (moved == YES).any()
+
+
+@cache
+def moving() -> wb.IndicatorMotion:
+    """A ball that moves along x and swells, in four seconds."""
+    ball = trimesh.creation.icosphere(2, 0.5)
+    frames = [ball.vertices * size + [shift, 0, 0] for size, shift in ((1.0, 0.0), (1.5, 0.4), (1.2, 1.0))]
+    return wb.IndicatorMotion(np.array(frames), ball.faces, times=[0.0, 2.0, 4.0])
+
+
+def test_the_complement_of_a_motion_has_its_times_and_no_others():
+    outside, middle = Complement(moving()), np.array([0.2, 0.0, 0.0])
+    times = np.array([-1e-6, 0.0, 1.0, 4.0, 4.0 + 1e-6])
+    x = np.insert(np.tile(middle, (5, 1)), 0, times, axis=1)
+    assert outside.decide(x).tolist() == [OUT, OUT, OUT, IN, OUT]
+    far = x + np.array([0.0, 9.0, 9.0, 9.0])
+    assert outside.decide(far).tolist() == [OUT, IN, IN, IN, OUT]
+
+    reach = np.array([0.0, 0.05, 0.05, 0.05])
+    lower, upper = np.array([x[1]] * 4) - reach, np.array([x[1]] * 4) + reach
+    lower[:, 0], upper[:, 0] = [-0.1, -0.1, -0.2, 0.2], [0.1, 5.0, -0.1, 0.1]  # the last one is no box
+    # over the beginning only the part after it counts; the ball leaves the second; before all times there is nothing
+    assert outside.empty(lower, upper).tolist() == [True, False, True, False]
+    assert outside.empty(lower, upper).tolist() == [True, False, True, False]  # its input is as it was
+    away = np.array([0.0, 9.0, 9.0, 9.0])
+    assert outside.inside(lower + away, upper + away).tolist()[:3] == [False, False, False]
+    lower[:3, 0], upper[:3, 0] = 0.0, [0.1, 4.0, 4.1]
+    assert outside.inside(lower + away, upper + away).tolist()[:3] == [True, True, False]
+
+
+@pytest.mark.slow
+def test_the_inside_of_a_motion_up_to_the_ends_of_its_times():
+    bounder = wb.fit(moving(), side="inside", hidden=(16, 16), steps=1000, margin=0.1, device="cpu", progress=False)
+    assert bounder.certificate.proven
+    shape, rng = moving().dilated(0.1), np.random.default_rng(0)
+    x = rng.uniform(shape.lower, shape.upper, (100_000, 4)).astype(np.float32)
+    x[: len(x) // 2, 0] = rng.choice(
+        [1e-3, 4.0 - 1e-3], len(x) // 2
+    )  # close to the ends, where all of space is next to it
+    denied, truth = bounder.query(x).numpy() == 0, shape.decide(x)
+    assert (truth[denied] == IN).all()
+    assert denied.sum() > (truth == IN).sum() / 5
+    assert wb.certify(bounder, moving()).proven
+    x[:, 0] = rng.choice([-1.0, -1e-6, 4.0 + 1e-5, 9.0], len(x))
+    assert (bounder.query(x).numpy() == 1).all()
 
 
 def test_a_cascade_of_inner_bounders_is_one():

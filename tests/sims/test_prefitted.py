@@ -46,6 +46,15 @@ def test_what_does_not_fit_is_refused_with_both_numbers(tmp_path):
             check_fit(made, mesh, other, "file")
     with pytest.raises(wb.BounderError, match="of box queries in 2D, got one of point queries in 2D"):
         check_fit(bounder, grid, FitSpec("mlp", query="box"), "file")
+    inner = FitSpec("mlp", options=MLP.options | {"side": "inside"})
+    within = fit(inner, grid, device="cpu")
+    check_fit(within, grid, inner, "file")
+    with pytest.raises(wb.BounderError, match="from the inside, got one from the other side"):
+        check_fit(bounder, grid, inner, "file")
+    with pytest.raises(wb.BounderError, match="from the outside, got one from the other side"):
+        check_fit(within, grid, MLP, "file")
+    with pytest.raises(wb.BounderError, match="another shape, outside of array; expected"):
+        check_fit(within, disc(0.35), inner, "file")
     with pytest.raises(wb.BounderError, match="of method mlp-early, got mlp"):
         check_fit(bounder, grid, FitSpec("mlp-early"), "file")
     rays = FitSpec("aabb", query="ray", options={"length": 2.0})

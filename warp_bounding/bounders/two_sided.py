@@ -2,6 +2,7 @@
 
 from functools import cached_property
 
+import numpy as np
 import warp as wp
 
 from warp_bounding.bounders.base import Bounder
@@ -54,8 +55,14 @@ class TwoSided:
             >>> int(both.classify(np.array([[9.0, 9.0, 9.0]], np.float32)).numpy()[0])
             0
         """
-        found = self.outer.query(x, xform=xform, scale=scale, out=out)
-        within = self.inner.query(x, xform=xform, scale=scale)
+        placed = {"xform": xform, "scale": scale}
+        found = self.outer.query(x, out=out, **placed)
+        if self.outer.device.is_cpu:  # only what is not outside for certain is asked whether it is inside
+            answers, points = found.numpy(), _indexable(x)
+            left = np.flatnonzero(answers)
+            answers[left] = YES - self.inner.query(points[left], **placed).numpy()
+            return found
+        within = self.inner.query(x, **placed)  # there, knowing how many are left would take longer than asking all
         launch_on_cores(_combine, found.shape[0], inputs=[within], outputs=[found], device=self.outer.device)
         return found
 
@@ -82,6 +89,13 @@ class TwoSided:
 
     def __repr__(self) -> str:
         return f"<two-sided: {self.outer!r}, {self.inner!r}>"
+
+
+def _indexable(x):
+    """Queries that were accepted, such that some of them can be taken: an array or tensor of the same type of numbers."""
+    if isinstance(x, wp.array):
+        return x.numpy()
+    return x if hasattr(x, "shape") else np.asarray(x, np.float64)
 
 
 def two_sided(outer: Bounder, inner: Bounder) -> TwoSided:

@@ -4,6 +4,7 @@ Importing this package needs NumPy only; trimesh, usd-core, Pillow, SciPy and Wa
 mesh asks for them.
 """
 
+from warp_bounding.indicators.complement import Complement
 from warp_bounding.indicators.formats.load import READERS, Indicator, load_indicator
 from warp_bounding.indicators.functions.function import IndicatorFunction
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -12,6 +13,7 @@ from warp_bounding.indicators.motion import IndicatorMotion
 
 __all__ = [
     "READERS",
+    "Complement",
     "Indicator",
     "IndicatorFunction",
     "IndicatorGrid",

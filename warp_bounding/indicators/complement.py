@@ -1,7 +1,8 @@
 """Everything outside a shape: what a bounder holds that says where a point is certainly *inside* it.
 
 A bounder of the complement answers *no* only where no point of the complement is, that is, in the object. It has no end:
-beyond the box of the shape a query is *maybe* in it.
+beyond the box of the shape a query is *maybe* in it. The complement of a motion is its complement at each of its times;
+beyond these there is nothing, and every bounder answers *maybe*.
 """
 
 import hashlib
@@ -22,13 +23,18 @@ TRIED, TINY_BOX = (
 
 
 class Complement(Shape):
-    """All points that are not certainly in a shape.
+    """All points that are not certainly in a shape; the shape that ``fit(..., side="inside")`` bounds.
 
     Args:
         shape: The whole; closed, so that its border is not in its complement.
 
     Raises:
         IndicatorError: For a complement.
+
+    Example:
+        >>> middle = (grid.lower + grid.upper) / 2
+        >>> wb.Complement(grid).contains(np.array([middle, grid.lower])).tolist()
+        [False, True]
     """
 
     unbounded = True
@@ -77,13 +83,26 @@ class Complement(Shape):
     def decide(self, x: np.ndarray) -> np.ndarray:
         found = self.whole.decide(x)
         turned = np.choose(found, [IN, OUT, found]).astype(np.uint8)
-        return np.where(np.isfinite(x).all(axis=1), turned, OUT).astype(np.uint8)
+        return np.where(np.isfinite(x).all(axis=1) & self._timely(x, x), turned, OUT).astype(np.uint8)
 
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        return self.whole.inside(lower, upper)
+        if not self.time:
+            return self.whole.inside(lower, upper)
+        lower, upper = (np.array(corner, dtype=np.float64) for corner in (lower, upper))
+        asked = lower[:, 0] <= upper[:, 0]
+        np.maximum(lower[:, 0], self.whole.lower[0], out=lower[:, 0])
+        np.minimum(upper[:, 0], self.whole.upper[0], out=upper[:, 0])
+        beyond = asked & (lower[:, 0] > upper[:, 0])
+        return beyond | (self.whole.inside(lower, upper) & ~beyond)
 
     def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        return self.whole.empty(lower, upper)
+        return self.whole.empty(lower, upper) & self._timely(lower, upper)
+
+    def _timely(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """``(N,)`` bool: whether boxes lie in the range of times, if there is one."""
+        if not self.time:
+            return np.ones(len(lower), dtype=bool)
+        return (lower[:, 0] >= self.whole.lower[0]) & (upper[:, 0] <= self.whole.upper[0])
 
     def check(self) -> None:
         self.whole.check()

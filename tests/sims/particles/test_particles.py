@@ -10,7 +10,7 @@ from sims import drawing
 from sims.base import compare
 from sims.particles import run
 from sims.particles.bounds import bounds_data
-from sims.particles.broad import MovingBox, OfMotion
+from sims.particles.broad import MovingBox, OfMotion, OfSides
 from sims.particles.demo import MOVING_BOX, simulate
 from sims.particles.example import CONTACT, CONTAINMENT, Example, rain_data
 from sims.particles.kernels import RADIUS, collide
@@ -119,6 +119,48 @@ def test_threads_do_not_change_the_rain(scene, monkeypatch):
 
 def test_the_margin_covers_the_contact_distance_and_its_rounding(scene):
     assert RADIUS < scene.margin < RADIUS * 1.001
+    assert RADIUS - scene.core.margin == pytest.approx(scene.margin - RADIUS)
+
+
+# --- a porous bunny, and a bounder from the inside ---------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def inner(scene):
+    return wb.load(FOLDER / "rain-inside-mlp.safetensors", device=str(scene.device))
+
+
+def seeping(scene, broad):
+    return simulate(scene, broad, porous=True, particles=PARTICLES, steps=STEPS)
+
+
+def test_what_certainly_is_in_a_porous_bunny_needs_no_narrow_phase(scene, bounders, inner):
+    outer = bounders["voxels"]
+    runs = seeping(scene, {"voxels": OfMotion(outer, scene), "voxels+inside": OfSides(outer, inner, scene)})
+    reference, without, with_ = runs.values()
+    assert reference.porous
+    slow = np.linalg.norm(reference.velocities.numpy()[reference.contacts.numpy() == 1], axis=1)
+    fast = np.linalg.norm(reference.velocities.numpy()[reference.contacts.numpy() == 0], axis=1)
+    assert np.median(slow) < np.median(fast) / 2
+    for each in (without, with_):
+        each.test_final(reference)
+        assert (np.stack(each.touched) == np.stack(reference.touched)).all()
+    assert 0 < sum(with_.calls) < sum(without.calls) < sum(reference.calls)
+
+
+def test_a_bounder_that_calls_free_space_inside_is_found_out(scene, bounders, inner):
+    broken = inner.to(str(inner.device))
+    away = broken.values(np.float32([[0.3, -0.7, 1.5, 0.5]])).numpy()[0]
+    broken.freeze(float(np.nextafter(away, np.float32(np.inf))), None)
+    runs = seeping(scene, {"voxels+inside": OfSides(bounders["voxels"], broken, scene)})
+    assert not runs["voxels+inside"].identical(runs["none"])
+    with pytest.raises(AssertionError, match=r"contacts were missed|the final states differ"):
+        runs["voxels+inside"].test_final(runs["none"])
+
+
+def test_where_to_push_a_drop_is_for_the_narrow_phase_to_say(scene, bounders, inner):
+    with pytest.raises(wb.BoundingError, match="of a porous mesh only"):
+        Example(scene, OfSides(bounders["voxels"], inner, scene), particles=10)
 
 
 def test_the_sign_agrees_with_the_shape(scene):
@@ -181,20 +223,23 @@ def test_the_demo(tmp_path, capsys):
     specs["kdop"] = FitSpec("kdop")
     specs["kdop+mlp"] = FitSpec("kdop+mlp")
     specs["occupancy"] = FitSpec("occupancy", options={"hidden": (8, 8), "steps": 20})
-    options = {"particles": 1500, "steps": 4, "device": "cpu"}
+    inner = FitSpec("mlp", options={"hidden": (8, 8), "steps": 20, "side": "inside"})
+    options = {"particles": 1500, "steps": 4, "device": "cpu", "inner": inner}
     result = run(tmp_path, specs=specs, refit=True, **options)
     assert result["identical"]
     assert [(r["section"], r["bounder"]) for r in result["runs"]] == [
         (section, name) for section in ("containment", "contact") for name in ("none", MOVING_BOX, *specs)
-    ]
+    ] + [("porous", name) for name in ("none", MOVING_BOX, "voxels", "mlp", "voxels+inside", "mlp+inside", "occupancy")]
     assert all(r["missed"] == 0 and r["identical"] for r in result["runs"] if r["bounder"] != "occupancy")
     assert {row["certificate"] for row in result["bounders"] if row["bounder"] != "occupancy"} == {"proven"}
+    assert result["bounders"][-1]["bounder"] == "inside"
     for row in [*result["bounders"], *result["runs"]]:  # of cells are those that say so, and looser than against these
         cells = row["fp_rate_cells"]
         assert (cells is not None) == (row["bounder"] in ("aabb", "voxels"))
         assert cells is None or cells < row["fp_rate"]
     text = capsys.readouterr().out
     assert "missed none of the contacts" in text
+    options.pop("inner")
     again = run(tmp_path, specs={"mlp": specs["mlp"]}, bounder_file=tmp_path / "rain-mlp.safetensors", **options)
     assert again["identical"]
     with pytest.raises(wb.BounderError, match="of its cells at resolution 13, got one of the shape itself"):

@@ -8,14 +8,16 @@ from rich.console import Console
 
 import warp_bounding as wb
 from sims.base import compare
+from sims.path.broad import BroadPhase
 from sims.path.demo import SPECS, phases, run, shapes, simulate
 from sims.path.planner import Example
 from sims.path.worlds import World
 from sims.prefitted import FitSpec
 
 STEPS, STATES, PROBLEMS = 60, 400, 12
+INSIDE_STEPS = 300  # of a bounder from the inside, so that something is certain
 SMALL = {"hidden": (16, 16), "steps": STEPS}
-PROVEN = ("aabb", "kdop", "bvh", "learned-kdop", "mlp", "mlp-early", "aabb+mlp")
+PROVEN = ("aabb", "kdop", "bvh", "learned-kdop", "mlp", "mlp-early", "aabb+mlp", "mlp+inside", "bvh+inside")
 
 
 def small(name):
@@ -23,7 +25,8 @@ def small(name):
     spec = SPECS[name]
     if spec.closed:
         return spec
-    return FitSpec(spec.method, query=spec.query, options=told_of(spec.method, spec.query, **SMALL))
+    more = {"side": spec.options["side"], "steps": INSIDE_STEPS} if "side" in spec.options else {}
+    return FitSpec(spec.method, query=spec.query, options=told_of(spec.method, spec.query, **SMALL) | more)
 
 
 def walls():
@@ -51,7 +54,7 @@ def examples(world, bounders):
     return simulate(world, bounders, states=STATES, problems=PROBLEMS)
 
 
-class Everything:
+class Everything(BroadPhase):
     """A broad phase that clears whatever it is asked."""
 
     def states(self, x):
@@ -109,6 +112,20 @@ def test_a_bounder_that_denies_a_part_of_the_object_is_found_out(world, bounders
     assert not rows[1].identical
     with pytest.raises(AssertionError, match="were cleared that collide"):
         runs[name].test_final(runs["none"])
+
+
+@pytest.mark.parametrize("outer", ["mlp", "bvh"])
+def test_what_certainly_collides_needs_no_check(examples, outer):
+    assert examples[f"{outer}+inside"].checks < examples[outer].checks
+
+
+def test_a_bounder_that_calls_free_space_inside_is_found_out(world, bounders):
+    broken = denying(bounders["inside"], world.grid.position(np.argwhere(~walls())[::5]).astype(np.float32))
+    runs = simulate(world, {"bvh": bounders["bvh"], "inside": broken}, states=STATES, problems=PROBLEMS)
+    assert runs["bvh"].missed() == 0
+    assert runs["bvh+inside"].missed() > 0
+    with pytest.raises(AssertionError, match="are free and were said to collide"):
+        runs["bvh+inside"].test_final(runs["none"])
 
 
 def test_paths_through_walls_are_counted(world, examples):
@@ -221,7 +238,7 @@ def tiny(tmp_path):
 def test_a_users_world_is_fitted_once(tiny, tmp_path):
     first, text = tiny()
     assert first["identical"]
-    assert "mine.npy: fitted learned-kdop, mlp, mlp-early, occupancy for this world" in text
+    assert "mine.npy: fitted learned-kdop, mlp, mlp-early, inside, occupancy for this world" in text
     assert "5 problems, random" in text
     json.dumps(first)
     assert [each["bounder"] for each in first["runs"]] == ["none", *PROVEN, "occupancy"]
@@ -231,11 +248,11 @@ def test_a_users_world_is_fitted_once(tiny, tmp_path):
     assert first["pictures"] == [str(picture)]
     assert picture.stat().st_size > 20_000
     files = sorted(file.name for file in (tmp_path / "out").glob("*.safetensors"))
-    assert len(files) == 4
+    assert len(files) == 5
     times = {file: file.stat().st_mtime_ns for file in (tmp_path / "out").glob("*.safetensors")}
 
     again, text = tiny()
-    assert "took learned-kdop, mlp, mlp-early, occupancy from" in text
+    assert "took learned-kdop, mlp, mlp-early, inside, occupancy from" in text
     assert "fitted learned" not in text
     assert {file: file.stat().st_mtime_ns for file in times} == times
     for one, other in zip(first["runs"], again["runs"], strict=True):
@@ -267,7 +284,7 @@ def test_two_worlds_are_two_sections(tmp_path):
     console = Console(quiet=True)
     options = {"states": 150, "problems": 4, "specs": specs, "console": console}
     found = run(tmp_path / "out", quick=True, world=tmp_path, **options)
-    assert [each["section"] for each in found["runs"]] == ["a.npy"] * 9 + ["b.map"] * 9
+    assert [each["section"] for each in found["runs"]] == ["a.npy"] * 11 + ["b.map"] * 11
     assert found["worlds"][1] | {"blocked": 1, "solved": 1, "problems": 2} == found["worlds"][1]
     assert found["identical"]
 

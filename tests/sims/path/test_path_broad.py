@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import warp_bounding as wb
-from sims.path.broad import Boxes, First, Samples, Segments, _boxes, clear_by_boxes
+from sims.path.broad import FREE, HIT, MAYBE, Boxes, First, Samples, Segments, TwoSided, _boxes, clear_by_boxes
 from sims.path.exact import ExactWorld
 
 STEPS = 60  # of training: the proof, not the fit, is what is tested
@@ -41,6 +41,7 @@ def bounders(grid):
         "learned-kdop": fit("learned-kdop", "box", steps=STEPS),
         "mlp": fit("mlp", hidden=(16, 16), steps=STEPS),
         "mlp-early": fit("mlp-early", hidden=(16, 16), steps=STEPS),
+        "inside": fit("mlp", hidden=(16, 16), steps=5 * STEPS, side="inside"),
     }
 
 
@@ -48,6 +49,21 @@ def phase(bounders, name):
     if name == "aabb+mlp":
         return First(Boxes(bounders["aabb"]), Segments(bounders["mlp"]))
     return Boxes(bounders[name]) if bounders[name].query_kind == "box" else Segments(bounders[name])
+
+
+@pytest.mark.parametrize("name", ["bvh", "mlp", "aabb+mlp"])
+def test_what_is_certain_on_both_sides_is_true(name, grid, edges, bounders):
+    world, broad = ExactWorld(grid), phase(bounders, name)
+    sided, states = TwoSided(broad, bounders["inside"]), np.concatenate(edges)
+    for asked, truth in (((states,), world.states(states)), (edges, world.segments(*edges))):
+        found, without = sided.classify(*asked), broad.classify(*asked)
+        assert not truth[found == FREE].any()
+        assert truth[found == HIT].all()
+        assert (found[without == FREE] == FREE).all()
+        assert (found == HIT).sum() > 100
+        assert (found == MAYBE).sum() < (without == MAYBE).sum()
+        assert broad.classify(*(part[:0] for part in asked)).shape == (0,)
+        assert sided.classify(*(part[:0] for part in asked)).shape == (0,)
 
 
 @pytest.mark.parametrize("name", ["aabb", "kdop", "bvh", "learned-kdop", "mlp", "mlp-early", "aabb+mlp"])
