@@ -8,7 +8,8 @@ from bounding_shapes import domain_points, fitted, object_points, shape
 
 import warp_bounding as wb
 from warp_bounding.bounders import compose
-from warp_bounding.bounders.composition.composition import Composition, split_regions
+from warp_bounding.bounders.composition.composition import Composition
+from warp_bounding.bounders.composition.cover import split_regions
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.clipped import part_of
 from warp_bounding.kernels.functions import batch_kernel

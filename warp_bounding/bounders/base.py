@@ -66,6 +66,7 @@ class Bounder(Operators, Asking):
     method: ClassVar[str]
     exact_on_cells: ClassVar[bool] = True  # one pass over the cells (``least``) is the proof, without a search
     composed: ClassVar[bool] = False  # of bounders by *and* and *or*, with an f and a threshold of its own
+    delta_share: "np.ndarray | None" = None  # of a composition whose parts have domains of their own, see there
     lays_cells: ClassVar[bool] = False  # it is made of cells, also where the shape has none
     conservative: ClassVar[bool] = True  # false: kept to show what goes wrong; it never holds a certificate
     bit_fields: ClassVar[tuple[str, ...]] = ()  # tensors, of members too, that are uint32: the end of their names

@@ -13,6 +13,9 @@ from warp_bounding.indicators.shape import Shape
 __all__ = ["both", "cascade", "compose", "either"]
 
 SAME = ("indicator", "margin", "resolution")  # entries of ``info`` that all parts must share
+ABOUT = (*SAME, "shape", "name", "grid_shape", "seed", "note")  # those that the whole has of one of them
+
+CLAIMED = ("indicator", "margin", "length", "resolution")  # fields of certificates
 
 
 def cascade(*bounders: Bounder) -> Cascade:
@@ -42,7 +45,7 @@ def cascade(*bounders: Bounder) -> Cascade:
             if bounder.info.get(key) != last.info.get(key):
                 got = f"{bounder.info.get(key)} and {last.info.get(key)}"
                 raise BounderError(f"cascade: expected bounders of the same object, got {key} {got}")
-    whole.info = {key: last.info.get(key) for key in (*SAME, "name", "grid_shape", "seed", "note")}
+    whole.info = {key: last.info.get(key) for key in ABOUT}
     whole.info["training"] = {"parts": [bounder.info.get("training") for bounder in bounders]}
     certificates = [bounder.certificate for bounder in bounders]
     if all(certificates):
@@ -55,14 +58,18 @@ def either(*bounders: Bounder) -> Composition:
     """A bounder that says *maybe* iff one of these does, asked in this order: ``a | b``.
 
     Args:
-        bounders: Bounders of the same queries and domain, of the same object; of compositions and cascades, the parts.
+        bounders: Bounders of the same queries of the same object; of compositions and cascades, the parts. Of points,
+            some may bound the shape itself and others its cells, at resolutions of their own: what holds the cells
+            holds the shape, and the whole is proven for the shape.
 
     Returns:
         The composition. It is proven if all parts are, statistical if one of them is, and without a certificate if one has
         none.
 
     Raises:
-        BounderError: If they were made for different objects, margins, queries or domains.
+        BounderError: If they were made for different objects, margins, queries or domains; for cells of different
+            resolutions, of which none bounds the shape itself; or for cells of which it is not known whose they are, as
+            in older files.
 
     Example:
         >>> loose = wb.fit(ball, method="sphere", device="cpu") | bounder
@@ -108,6 +115,7 @@ def _joined(kind: str, bounders: list[Bounder]) -> Composition:
     tree: list = [kind]
     parts: list[Bounder] = []
     regions: list[Region | None] = []
+    cells: list[int | None] = []
     for bounder in bounders:
         if not isinstance(bounder, Bounder):
             raise BounderError(f"expected bounders, got {type(bounder).__name__}")
@@ -115,18 +123,62 @@ def _joined(kind: str, bounders: list[Bounder]) -> Composition:
         tree.append(_shifted(own_tree, len(parts)))
         parts += own
         regions += bounder.regions if isinstance(bounder, Composition) else [None] * len(own)
-        for key in SAME:
-            if bounder.info.get(key) != bounders[0].info.get(key):
-                got = f"{bounders[0].info.get(key)} and {bounder.info.get(key)}"
-                raise BounderError(f"expected bounders of the same object, got {key} {got}")
-    whole = Composition.of(tree, parts, regions).freeze(0.0, None)
-    whole.info = {key: bounders[0].info.get(key) for key in (*SAME, "name", "grid_shape", "seed", "note")}
+        cells += _resolutions(bounder, own)
+    mixed = len({bounder.info.get("resolution") for bounder in bounders}) > 1
+    first = _about(bounders, mixed)
+    whole = Composition.of(tree, parts, regions, cells if mixed else _inner(cells)).freeze(0.0, None)
+    whole.info = {key: first.info.get(key) for key in ABOUT}
     whole.info["training"] = {"parts": [bounder.info.get("training") for bounder in bounders]}
     certificates = [bounder.certificate for bounder in bounders]
     if all(certificates):
-        _check_objects(certificates)
-        whole.freeze(0.0, together(whole, certificates, certificates[0].indicator))
+        _check_objects(certificates, ("margin", "length") if mixed else CLAIMED)
+        whole.freeze(0.0, together(whole, certificates, first.certificate.indicator))
     return whole
+
+
+def _about(bounders: list[Bounder], mixed: bool) -> Bounder:
+    """The bounder whose object is the whole's: the first one, or where others bound cells, the first of the shape itself.
+
+    Raises:
+        BounderError: If they are about different objects.
+    """
+    for bounder in bounders:
+        told = [(bounders[0].info.get(key), bounder.info.get(key), key) for key in SAME if not mixed or key == "margin"]
+        if mixed:
+            told.append((_shape_of(bounders[0]), _shape_of(bounder), "the shape"))
+        for one, other, key in told:
+            if one != other:
+                raise BounderError(f"expected bounders of the same object, got {key} {one} and {other}")
+    if not mixed:
+        return bounders[0]
+    if _shape_of(bounders[0]) is None:
+        raise BounderError(
+            "expected bounders of the same object; of whose cells these bound is not known, fit them anew"
+        )
+    found = next((bounder for bounder in bounders if bounder.info.get("resolution") is None), None)
+    if found is None:
+        told = " and ".join(str(bounder.info["resolution"]) for bounder in bounders)
+        raise BounderError(
+            f"expected one bounder of the shape itself, or cells of one resolution; got cells of resolution {told}"
+        )
+    return found
+
+
+def _shape_of(bounder: Bounder) -> str | None:
+    """The digest of the shape that is bounded, or whose cells are; ``None`` where that is not known."""
+    cells = bounder.info.get("resolution") is not None
+    return bounder.info.get("shape" if cells else "indicator")
+
+
+def _resolutions(bounder: Bounder, parts: list[Bounder]) -> list[int | None]:
+    """The resolution of the cells that each part bounds."""
+    own = bounder.info.get("resolution")
+    return [own if own is not None else part.info.get("resolution") for part in parts]
+
+
+def _inner(cells: list[int | None]) -> list[int | None] | None:
+    """Resolutions of parts beside those that bound the shape itself; ``None`` where all bound the same."""
+    return cells if None in cells and any(each is not None for each in cells) else None
 
 
 def _taken_apart(bounder: Bounder) -> tuple[Tree, list[Bounder]]:
@@ -145,17 +197,18 @@ def _shifted(tree: Tree, by: int) -> Tree:
     return [*tree[:told], *(_shifted(child, by) for child in tree[told:])]
 
 
-def _check_objects(certificates: list[Certificate]) -> None:
+def _check_objects(certificates: list[Certificate], names: tuple[str, ...] = CLAIMED) -> None:
     """Refuse certificates of different objects, margins, lengths of rays, or cells."""
     for certificate in certificates:
-        for name in ("indicator", "margin", "length", "resolution"):
+        for name in names:
             one, other = getattr(certificates[0], name), getattr(certificate, name)
             if None not in (one, other) and one != other:  # (older certificates do not name all of these)
                 raise BounderError(f"expected certificates of the same object, got {name} {one} and {other}")
 
 
 def _and(one: Bounder, other: Bounder) -> Bounder:
-    return both(one, other) if one.composed or other.composed else cascade(one, other)
+    mixed = one.info.get("resolution") != other.info.get("resolution")
+    return both(one, other) if mixed or one.composed or other.composed else cascade(one, other)
 
 
 JOINED["&"], JOINED["|"] = _and, either

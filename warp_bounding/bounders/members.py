@@ -1,7 +1,8 @@
 """Bounders that a bounder is made of: what they must share, how its tensors and sizes hold them, how they are read back.
 
 Tensor ``r`` of member i is the tensor ``i.r`` of the whole; ``sizes["parts"]`` has an entry for each member, its
-``method`` and its ``sizes``.
+``method`` and its ``sizes``; and where these are not the whole's, its ``domain``, and the ``resolution`` of the cells
+that it bounds of a shape that the whole bounds itself.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,6 +12,7 @@ import numpy as np
 
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.registry import class_named
+from warp_bounding.coordinates.domain import Domain
 from warp_bounding.errors import BounderError
 
 __all__ = ["BIT_FIELDS", "check_kinds", "check_members", "has_bits", "holding", "members_of", "word_places", "words_of"]
@@ -30,18 +32,19 @@ def check_kinds(name: str, kinds: Sequence[type[Bounder]]) -> None:
         raise BounderError(f"{name}: {wrong[0]} is not conservative")
 
 
-def check_members(name: str, members: Sequence[Bounder]) -> None:
+def check_members(name: str, members: Sequence[Bounder], *, domains: bool = True) -> None:
     """Refuse what is no conservative bounder of the first one's queries and domain, with ``BounderError``.
 
     Args:
         name: Of the whole, for the message.
         members: Before they are put together.
+        domains: Whether the domain must be the same.
     """
     for member in members:
         if not isinstance(member, Bounder):
             raise BounderError(f"{name}: expected bounders, got {type(member).__name__}")
     check_kinds(name, [type(member) for member in members])
-    for member in members:
+    for member in members if domains else ():
         if member.domain.to_dict() != members[0].domain.to_dict():
             got = f"got {members[0]!r} and {member!r}"
             raise BounderError(f"{name}: expected bounders of the same queries and domain, {got}")
@@ -54,7 +57,12 @@ def holding(members: Sequence[Bounder]) -> tuple[dict[str, np.ndarray], dict[str
 
 
 def members_of(
-    whole: Bounder, least: int, most: int, fits: Callable[[type[Bounder]], bool] = lambda kind: True
+    whole: Bounder,
+    least: int,
+    most: int,
+    fits: Callable[[type[Bounder]], bool] = lambda kind: True,
+    *,
+    own_domains: bool = False,
 ) -> tuple[list[Bounder], Shapes]:
     """The members that the tensors and sizes of a whole hold, not yet at their thresholds.
 
@@ -63,6 +71,7 @@ def members_of(
         least: How many there are at least.
         most: How many there are at most.
         fits: Whether a class can be a member.
+        own_domains: Whether entries may have a ``domain`` and a ``resolution``; else these are not read.
 
     Returns:
         The members; and the shapes of the tensors that are theirs, by their names in the whole.
@@ -85,7 +94,17 @@ def members_of(
         kind = class_named(entry.get("method")) if isinstance(entry, dict) else None
         if kind is None or not fits(kind):
             raise BounderError(f"{whole.method}: part {i} is no bounder that can be a part: {entry!r}")
-        members.append(kind(whole.domain, tensors, entry["sizes"], whole._device))
+        domain = whole.domain
+        if own_domains and "domain" in entry:
+            try:
+                domain = Domain.from_dict(entry["domain"])
+            except (KeyError, TypeError, ValueError) as error:
+                raise BounderError(f"{whole.method}: the domain of part {i} is none ({error})") from error
+        members.append(kind(domain, tensors, entry["sizes"], whole._device))
+        if own_domains and (cells := entry.get("resolution")) is not None:
+            if type(cells) is not int or cells < 1:
+                raise BounderError(f"{whole.method}: the resolution of part {i} is none, {cells!r}")
+            members[-1].info = {"resolution": cells}
     check_kinds(whole.method, [type(member) for member in members])
     return members, {f"{i}.{role}": t.shape for i, tensors in enumerate(own) for role, t in tensors.items()}
 

@@ -145,6 +145,7 @@ class Subject(Protocol):
     ndim: int
     provable: bool
     parts: Sequence["Subject"]
+    delta_share: np.ndarray | None
 
     def rounding_bound(self) -> float:
         """See ``Bounder``."""

@@ -106,9 +106,12 @@ def together(bounder: Subject, certificates: list[Certificate], indicator: str) 
 
     A chain of tests has the threshold of its last part; a composition by *and* and *or* has one of its own.
     """
-    known = conjunction(certificates)
+    known = conjunction(sorted(certificates, key=lambda c: c.resolution is None))  # the whole is about the shape itself
     if not bounder.composed:
         return known
+    if bounder.delta_share is not None:  # parts have domains of their own, and the whole has less room for rounding
+        delta = (np.array(known.delta) * bounder.delta_share).tolist()
+        known = replace(known, delta=delta, placement=placement_allowance(bounder.domain).tolist())
     if known.kind not in ("proven", "statistical"):
         return replace(known, threshold=float(bounder.threshold))
     told = f"{len(certificates)} tests put together by *and* and *or*, each by itself, and they cover the object; the last: "

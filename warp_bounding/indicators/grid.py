@@ -41,6 +41,7 @@ class IndicatorGrid(Shape):
         margin: How far the object was dilated before it was divided into cells, object units.
         resolution: The ``resolution`` that a mesh was voxelised with; ``None`` where the grid was given as one.
         note: A restriction that a user should know, such as that an open mesh is bounded by its surface only.
+        shape_digest: Of the shape whose cells these are; ``None`` where the grid was given as one.
 
     Raises:
         IndicatorError: If all cells are empty, or all are occupied, or the map is none.
@@ -62,6 +63,7 @@ class IndicatorGrid(Shape):
     margin: float = 0.0
     resolution: int | None = None
     note: str = field(default="", compare=False)
+    shape_digest: str | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         occupancy = np.array(self.occupancy, dtype=bool, order="C")  # our own copy: a proof must not change under us

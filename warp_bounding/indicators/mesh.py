@@ -272,6 +272,7 @@ class IndicatorMesh(Shape):
             margin=margin,
             resolution=resolution,
             note="; ".join(filter(None, [self.note, self.surface.note])),
+            shape_digest=self.digest,
         )
 
 

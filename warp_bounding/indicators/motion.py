@@ -279,6 +279,7 @@ class IndicatorMotion(Shape):
             margin=margin,
             resolution=resolution,
             note="; ".join(filter(None, [self.note, self.surface.note])),
+            shape_digest=self.digest,
         )
 
     def _exactly_at(self, time: float) -> np.ndarray:

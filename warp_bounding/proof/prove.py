@@ -219,7 +219,7 @@ def mismatch(bounder: Bounder, grid: IndicatorGrid) -> str | None:
         return other
     if not isinstance(grid, IndicatorGrid):
         for part in bounder.parts:
-            if not part.takes_shapes(part.query_kind, part.domain.space):
+            if part.info.get("resolution") is None and not part.takes_shapes(part.query_kind, part.domain.space):
                 return f"{part.query_kind} queries of {part.method} are bounded over cells, and the shape has none; give a resolution"
     if grid.unbounded != bounder.domain.unbounded:
         return "the bounder is about the other side of the shape"

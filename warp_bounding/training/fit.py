@@ -207,6 +207,7 @@ def described(shape: Shape, seed: int, record: dict[str, Any]) -> dict[str, Any]
         "grid_shape": list(shape.shape) if isinstance(shape, IndicatorGrid) else None,
         "margin": shape.margin,
         "resolution": shape.resolution,
+        "shape": shape.shape_digest if isinstance(shape, IndicatorGrid) else None,
         "seed": int(seed),
         "note": shape.note,
         "training": record,

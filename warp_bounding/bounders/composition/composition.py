@@ -2,7 +2,8 @@
 
 *And* of two conservative tests is conservative for what both are; *or* is for what either is. So each part is proven by
 itself, for the object or for the part of it that lies in the part's *region*, a box, and what is left to show is that
-the regions cover the object (``cover``).
+the regions cover the object (``cover``). A part may also bound the cells of a shape that the others bound itself: the
+cells hold the shape, and what the part is proven for, it is proven for in coordinates of its own (``moves``).
 
 f is 1 where the answer is *maybe*, else ``DENIED``.
 """
@@ -13,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.bounders.base import Bounder, BoxBounds
-from warp_bounding.bounders.composition.cover import Region, check_cover
+from warp_bounding.bounders.composition.cover import Region, check_cover, common, split_regions
+from warp_bounding.bounders.composition.moves import Moves, common_domain, moves_of
 from warp_bounding.bounders.composition.source import ROW, CompositionSource
 from warp_bounding.bounders.composition.source import SPLIT as SPLIT_CODE
 from warp_bounding.bounders.local.local import NEAREST_TO_ZERO
@@ -30,14 +31,14 @@ from warp_bounding.bounders.members import (
 )
 from warp_bounding.bounders.registry import composed
 from warp_bounding.certificates.certificate import Certificate
-from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.clipped import part_of
+from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.kernels.source import ALIGN, DENIED, aligned
 
-__all__ = ["AND", "OR", "SPLIT", "Composition", "Tree", "split_regions"]
+__all__ = ["AND", "OR", "SPLIT", "Composition", "Tree"]
 
 AND, OR, SPLIT = "and", "or", "split"
 MOST_PARTS = 1024
@@ -54,7 +55,7 @@ class Composition(Bounder):
     Tensors: those of part i, each under ``i.`` and its role there; ``thresholds`` ``(parts,)``; ``regions`` ``(parts, 2,
     n)``, the box, object space, of what each part is proven for, largest float32 numbers where it has no end. A split
     sends a point to one of two trees, by one of its coordinates v. Sizes:
-    ``parts``, a list of ``method`` and ``sizes``; ``tree``.
+    ``parts``, a list of ``method`` and ``sizes``, and ``domain`` and ``resolution`` of parts with their own; ``tree``.
     """
 
     method = "composition"
@@ -67,29 +68,49 @@ class Composition(Bounder):
         return True  # whatever its parts support
 
     @classmethod
-    def of(cls, tree: Tree, parts: list[Bounder], regions: list[Region | None] | None = None) -> "Composition":
+    def of(
+        cls,
+        tree: Tree,
+        parts: list[Bounder],
+        regions: list[Region | None] | None = None,
+        resolutions: list[int | None] | None = None,
+    ) -> "Composition":
         """Parts at their own thresholds, without a certificate.
 
         Args:
             tree: How they are put together; each part stands in it once, in the order of ``parts``.
             parts: The bounders.
             regions: For each part the box that it is proven in; ``None`` where that is everywhere.
+            resolutions: For each part that of the cells which it bounds, where another part bounds the shape itself; the
+                domain is that of the first such part, and others may have their own. ``None`` where all bound the same.
 
         Raises:
             BounderError: If they are bounders of other queries or domains, or cannot be put together.
         """
-        check_members(cls.method, parts)
-        domain, most = parts[0].domain, float(np.finfo(np.float32).max)
+        check_members(cls.method, parts, domains=resolutions is None)
+        resolutions = resolutions or [None] * len(parts)
+        first, most = parts[resolutions.index(None)].domain, float(np.finfo(np.float32).max)
+        own = [part.domain.to_dict() != first.to_dict() for part in parts]
+        domain = first
+        if any(own):
+            domain = common_domain(first, [part.domain for part, other in zip(parts, own, strict=True) if other])
         boxes = np.tile(np.array([[-most], [most]], np.float32), (len(parts), 1, domain.space_ndim))
         for box, region in zip(boxes, regions or [None] * len(parts), strict=True):
             if region is not None:
                 box[:] = np.clip(region, -most, most)
         tensors, sizes = holding(parts)
+        for entry, part, cells in zip(sizes["parts"], parts, resolutions, strict=True):
+            entry |= {} if part.domain.to_dict() == domain.to_dict() else {"domain": part.domain.to_dict()}
+            entry |= {} if cells is None else {"resolution": cells}
         tensors |= {"thresholds": np.array([part.threshold for part in parts], np.float32), "regions": boxes}
         return cls(domain, tensors, sizes | {"tree": tree}, parts[0]._device)
 
     def check_tensors(self) -> None:
-        self.members, shapes = members_of(self, 1, MOST_PARTS, lambda kind: not kind.composed)
+        self.members, shapes = members_of(self, 1, MOST_PARTS, lambda kind: not kind.composed, own_domains=True)
+        try:
+            self.moves: Moves | None = moves_of(self.domain, [part.domain for part in self.members])
+        except BounderError as error:
+            raise BounderError(f"{self.method}: {error}") from error
         count, tree = len(self.members), self.sizes.get("tree")
         if list(_parts_of(tree, self.domain)) != list(range(count)):
             raise BounderError(
@@ -125,7 +146,11 @@ class Composition(Bounder):
             BounderError: If the regions do not cover the object; the message names a point.
         """
         check_cover(shape, self.covered(self.tree))
-        pairs = zip(self.parts, self.owed(shape), strict=True)
+        laid: dict[int | None, Shape] = {None: shape}  # the shape, and its cells where a part bounds these
+        for cells in {part.info.get("resolution") for part in self.members} - {None}:
+            laid[cells] = shape if isinstance(shape, IndicatorGrid) else shape.to_grid(resolution=cells)
+        held = {cells: self.owed(each) for cells, each in laid.items()}
+        pairs = [(part, held[part.info.get("resolution")][number]) for number, part in enumerate(self.parts)]
         # A part may be several tests that must all pass, such as a network with exits.
         return [(each, own) for part, own in pairs if own is not None for each in part.parts]
 
@@ -142,11 +167,19 @@ class Composition(Bounder):
             (below, above), axis = (self.covered(child) for child in tree[3:]), tree[1]
             (first, most), (least, last) = split_regions(self.domain, axis, tree[2])
             most[axis], least[axis] = np.nextafter(least[axis], -np.inf), np.nextafter(most[axis], np.inf)
-            return _common(below, [(first, most)]) + _common(above, [(least, last)]) + _common(below, above)
+            return common(below, [(first, most)]) + common(above, [(least, last)]) + common(below, above)
         held = [self.covered(child) for child in tree[1:]]
         if tree[0] == OR:
             return [region for regions in held for region in regions]
-        return reduce(_common, held)
+        return reduce(common, held)
+
+    @property
+    def delta_share(self) -> np.ndarray | None:
+        """See ``Bounder``: what is left of the error that a part's proof covers, for parts in domains of their own."""
+        if self.moves is None:
+            return None
+        first = next(part.domain for part in self.members if part.info.get("resolution") is None)
+        return self.domain.delta / first.delta
 
     @property
     def provable(self) -> bool:
@@ -159,7 +192,9 @@ class Composition(Bounder):
     @property
     def source(self) -> CompositionSource:
         places = sum(map(has_bits, self.members)) > 1
-        return self.source_of(CompositionSource, tuple(self._codes), _rows_of(self.tree), places)
+        return self.source_of(
+            CompositionSource, tuple(self._codes), _rows_of(self.tree), places, self.moves is not None
+        )
 
     def weights(self) -> np.ndarray:
         """See ``Bounder``; the layout is described in ``bounders.composition.source``."""
@@ -173,7 +208,9 @@ class Composition(Bounder):
             part = self.members[step]
             own = part.weights()
             rows[i, :ROW] = self._codes.index(part.source), place, yes, no, part.threshold
-            rows[i, ROW:] = fields[step]
+            rows[i, ROW : ROW + self.source.places] = fields[step]
+            if self.moves is not None:
+                rows[i, ROW + self.source.places :] = self.moves.numbers[step]
             held.append(np.pad(own, (0, -len(own) % ALIGN)).astype(np.float32))
             place += len(held[-1])
         if max(place, *fields) >= 2**24:
@@ -197,7 +234,8 @@ class Composition(Bounder):
 
     def _decide(self, tree: Tree, v: np.ndarray) -> np.ndarray:
         if isinstance(tree, int):
-            return self.members[tree].reference(v) >= float(self.members[tree].threshold)
+            own = v if self.moves is None else self.moves.of(tree, v)
+            return self.members[tree].reference(own) >= float(self.members[tree].threshold)
         if tree[0] == SPLIT:
             found, below = np.zeros(len(v), dtype=bool), v[:, tree[1]] < np.float32(tree[2])
             for child, side in zip(tree[3:], (below, ~below), strict=True):
@@ -218,6 +256,9 @@ class Composition(Bounder):
     def _sure(self, tree: Tree, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         if isinstance(tree, int):
             part = self.members[tree]
+            if self.moves is not None:
+                error = self.moves.error[tree]
+                lower, upper = self.moves.of(tree, lower) - error, self.moves.of(tree, upper) + error
             low, high, owner = part.cut(lower, upper)
             sure = np.ones(len(lower), dtype=bool)
             np.logical_and.at(sure, owner, part.bound(low, high).lower >= float(part.threshold) + part.rounding_bound())
@@ -237,25 +278,6 @@ class Composition(Bounder):
 
     def rounding_bound(self) -> float:
         return 0.0  # ``bound`` is about what devices compute
-
-
-def split_regions(domain: Domain, axis: int, place: float) -> tuple[Region, Region]:
-    """What the children of a split must hold: boxes, object space, infinite but for one side each, float32 numbers.
-
-    The first has all points whose computed v may lie below a place along an axis, the second those at it or above.
-    """
-    at = np.full((1, domain.ndim), float(np.float32(place)))
-    least, most = domain.origins(at, at)
-    end = np.full(domain.ndim, np.inf)
-    below, above = (-end, end.copy()), (-end, end.copy())
-    below[1][axis], above[0][axis] = round_up(most[0, axis]), round_down(least[0, axis])
-    return below, above
-
-
-def _common(one: list[Region], other: list[Region]) -> list[Region]:
-    """The boxes that are in a box of both."""
-    pairs = [(np.maximum(a, c), np.minimum(b, d)) for a, b in one for c, d in other]
-    return [(low, high) for low, high in pairs if (low <= high).all()]
 
 
 def _rows_of(tree: Tree) -> int:

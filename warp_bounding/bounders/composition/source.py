@@ -3,7 +3,8 @@
 In memory a row for each part comes first (``ROW`` numbers: which code it has, where its own numbers begin, the next part
 after a *maybe* and after a *no*, its threshold), or for each split (``SPLIT``, the axis, the next row where v is at least
 the place along it, and where it is less, the place), two rows for the answers, then the numbers of the parts, each at a multiple of ``kernels.source.ALIGN``.
-Where several parts have bit fields, a row tells at last where the words of its part begin. The next part always stands behind; beyond the last one are the two answers. All of this is data: the code depends on how many
+Where several parts have bit fields, a row tells where the words of its part begin, and where parts have domains of their own, it has at last
+the numbers of ``moves.Moves``. The next part always stands behind; beyond the last one are the two answers. All of this is data: the code depends on how many
 parts there are and on the different sources among them, not on how they are put together.
 
 On a CPU the batch path keeps, for each part, a list of the queries of its block that wait for it, and asks them in full
@@ -53,6 +54,7 @@ for (int p = 0; p < $parts; ++p) {
             float lanes_[L];
             for (int l = 0; l < L; ++l) lanes_[l] = held[k][pick_[l]];
             v[k] = *(const V*)lanes_;
+            $move
         }
         V f;
         switch (code_) {
@@ -79,11 +81,25 @@ while (part_ < $parts) {
     const float* const w = rows_ + (int)row_[1];
     $words
     float value_ = 0.0f;
+    $moved
     switch ((int)row_[0]) {
         $cases
     }
+    $back
     part_ = (int)(value_ < row_[4] ? row_[3] : row_[2]);
 }
+"""
+# Coordinate k of a part; no positive's is cut off at the limit.
+_MOVE = """
+const auto limit_ = v[k] * 0.0f + row_[$limit + k];
+auto own_ = v[k] * row_[$ratio + k] + row_[$shift + k];
+own_ = own_ > limit_ ? limit_ : own_;
+own_ = own_ < -limit_ ? -limit_ : own_;
+"""
+_MOVED = """
+float moved_[$axes];
+for (int k = 0; k < $axes; ++k) { $move moved_[k] = own_; }
+{ const float* const v = moved_;
 """
 
 
@@ -94,6 +110,7 @@ class CompositionSource(Source):
     codes: tuple[Source, ...]  # the different sources of the parts
     parts: int  # how many rows there are: parts and splits
     places: bool  # whether rows tell where words begin
+    moves: bool  # whether rows tell how v of the whole becomes v of a part
 
     block: ClassVar[int] = 4096  # so that a part of many finds enough queries for its lanes
     packed: ClassVar[bool] = True
@@ -101,13 +118,17 @@ class CompositionSource(Source):
     @property
     def row(self) -> int:
         """Numbers of a row."""
-        return ROW + self.places
+        return ROW + self.places + 3 * self.coordinates * self.moves
 
     @property
     def _texts(self) -> dict[str, object]:
         """What both ways of asking have in common."""
         told = (FIELDS, words_at("fields_", f"(int)row_[{ROW}]")) if self.places else ("", "")
-        return {"parts": self.parts, "row": self.row, "fields": told[0], "words": told[1]}
+        texts = {"parts": self.parts, "row": self.row, "fields": told[0], "words": told[1]}
+        axes, first = self.coordinates, ROW + self.places
+        move = fill(_MOVE, ratio=first, shift=first + axes, limit=first + 2 * axes)
+        texts |= {"move": f"{move} v[k] = own_;", "moved": fill(_MOVED, axes=axes, move=move), "back": "}"}
+        return texts if self.moves else texts | dict.fromkeys(("move", "moved", "back"), "")
 
     @property
     def width(self) -> dict[str, int]:
@@ -145,7 +166,7 @@ class CompositionSource(Source):
         return f"{self._one(cases)} const float f = whole_;"
 
     def plain(self) -> wp.Function:
-        value, vector, parts, row = _of_code(self, 0), vector_type(self.coordinates), self.parts, self.row
+        found_at, vector, parts, row = _of_row(self), vector_type(self.coordinates), self.parts, self.row
 
         @twin(self)
         def f(w: Numbers, words: Words, at: int, v: vector) -> float:
@@ -155,24 +176,42 @@ class CompositionSource(Source):
                 if w[here] < 0.0:
                     part = int(wp.where(v[int(w[here + 1])] < w[here + 4], w[here + 3], w[here + 2]))
                     continue
-                found = value(w, words, at + int(w[here + 1]), v, int(w[here]))
+                found = found_at(w, words, at, here, v)
                 part = int(wp.where(found < w[here + 4], w[here + 3], w[here + 2]))
             return wp.where(part == parts, 1.0, DENIED)
 
-        @twin(self, "value_of_words")
-        def with_words(w: Numbers, words: Words, at: int, v: vector) -> float:
-            part = wp.int32(0)
-            while part < parts:
-                here = at + row * part
-                if w[here] < 0.0:
-                    part = int(wp.where(v[int(w[here + 1])] < w[here + 4], w[here + 3], w[here + 2]))
-                    continue
-                own = words[int(w[here + 5]) :]
-                found = value(w, own, at + int(w[here + 1]), v, int(w[here]))
-                part = int(wp.where(found < w[here + 4], w[here + 3], w[here + 2]))
-            return wp.where(part == parts, 1.0, DENIED)
+        return f
 
-        return with_words if self.places else f
+
+def _of_row(source: CompositionSource) -> wp.Function:
+    """The plain f of the part whose row begins at ``here``."""
+    value, vector, axes = _of_code(source, 0), vector_type(source.coordinates), source.coordinates
+    first = ROW + source.places
+
+    @twin(source, "moved")
+    def moved(w: Numbers, here: int, v: vector) -> vector:
+        own = vector()
+        for k in range(axes):
+            limit = w[here + first + 2 * axes + k]
+            own[k] = wp.clamp(v[k] * w[here + first + k] + w[here + first + axes + k], -limit, limit)
+        return own
+
+    @twin(source, "same")
+    def same(w: Numbers, here: int, v: vector) -> vector:
+        return v
+
+    coordinates = moved if source.moves else same
+
+    @twin(source, "of_row")
+    def found(w: Numbers, words: Words, at: int, here: int, v: vector) -> float:
+        return value(w, words, at + int(w[here + 1]), coordinates(w, here, v), int(w[here]))
+
+    @twin(source, "of_row_words")
+    def with_words(w: Numbers, words: Words, at: int, here: int, v: vector) -> float:
+        own = words[int(w[here + 5]) :]
+        return value(w, own, at + int(w[here + 1]), coordinates(w, here, v), int(w[here]))
+
+    return with_words if source.places else found
 
 
 def _decided(test: Early) -> str:

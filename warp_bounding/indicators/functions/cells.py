@@ -57,6 +57,7 @@ def cells_of(shape: Shape, resolution: int | None, margin: float) -> IndicatorGr
         margin=margin,
         resolution=resolution,
         note=shape.note,
+        shape_digest=shape.digest,
     )
 
 
