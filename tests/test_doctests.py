@@ -1,6 +1,7 @@
 """Every public name's docstring has an example, and every example runs as it says.
 
-They share a few names, which each example may use without making them: ``ball``, ``grid``, ``mesh``, ``motion``, ``bounder`` and ``points``.
+They share a few names, which each example may use without making them: ``ball``, ``grid``, ``mesh``, ``motion``, ``bounder``, ``points``,
+``far``, a distance bounder of the ball, and ``ball_distances``, those of the points.
 """
 
 import doctest
@@ -20,6 +21,7 @@ METHODS = {
     wb.Bounder: ("candidates", "data", "freeze", "func", "prepare", "query", "save", "to", "values"),
     wb.Prepared: ("launch", "move"),
     wb.Certificate: ("from_dict", "proven", "to_dict"),
+    wb.DistanceBounder: ("boxes", "data", "distance", "distance_func", "query", "rays", "save", "segments", "to"),
     wb.IndicatorFunction: ("refute",),
     wb.IndicatorGrid: ("cell_coordinate", "contains", "position", "to_grid"),
     wb.IndicatorMesh: ("to_grid",),
@@ -27,7 +29,7 @@ METHODS = {
     wb.Rates: ("to_dict",),
     Soak: ("complete", "rate", "to_dict"),
 }
-DOCUMENTED = {name: getattr(wb, name) for name in wb.__all__ if name not in ("METHODS", "__version__")}
+DOCUMENTED = {name: getattr(wb, name) for name in wb.__all__ if name not in ("DISTANCES", "METHODS", "__version__")}
 DOCUMENTED |= {"Soak": Soak} | {f"solids.{name}": getattr(wb.solids, name) for name in wb.solids.__all__}
 DOCUMENTED |= {f"{kind.__name__}.{name}": getattr(kind, name) for kind, names in METHODS.items() for name in names}
 
@@ -41,7 +43,10 @@ def made() -> dict:
     mesh = wb.IndicatorMesh(vertices, faces)
     motion = wb.IndicatorMotion([mesh.vertices, mesh.vertices + 0.5], mesh.faces, times=[0.0, 2.0])
     points = np.random.default_rng(0).random((100, 3), dtype=np.float32)
-    names = {"ball": ball, "grid": grid, "mesh": mesh, "motion": motion, "bounder": bounder, "points": points}
+    far = wb.fit(ball, "distance", "sphere", device="cpu")
+    ball_distances = grid.distances(points)[:, 1]
+    names = {"far": far, "ball_distances": ball_distances}
+    names |= {"ball": ball, "grid": grid, "mesh": mesh, "motion": motion, "bounder": bounder, "points": points}
     return names | {"np": np, "wp": wp, "wb": wb, "soak": soak, "__name__": __name__}
 
 

@@ -50,10 +50,10 @@ def test_public_names_exist_and_are_documented():
     assert set(dir(wb)) == set(wb.__all__)
     for name in wb.__all__:
         thing = getattr(wb, name)
-        if name not in ("__version__", "METHODS"):
+        if name not in ("__version__", "DISTANCES", "METHODS"):
             assert thing.__doc__, name
             assert not thing.__doc__.startswith(f"{name}("), f"{name} has only what dataclass writes"
-    for method, kind in wb.METHODS.items():
+    for method, kind in [*wb.METHODS.items(), *wb.DISTANCES.items()]:
         assert kind.method == method
         assert kind.__doc__
     with pytest.raises(AttributeError, match="nothing_of_the_kind"):

@@ -19,6 +19,7 @@ from importlib import import_module
 from warp_bounding.version import __version__
 
 __all__ = [
+    "DISTANCES",
     "METHODS",
     "Bounder",
     "BounderError",
@@ -27,6 +28,7 @@ __all__ = [
     "Certificate",
     "Complement",
     "Data",
+    "DistanceBounder",
     "FileFormatError",
     "IndicatorError",
     "IndicatorFunction",
@@ -63,7 +65,18 @@ _HOMES = {
         "IndicatorError",
         "QueryError",
     ),
-    "warp_bounding.bounders": ("Bounder", "Certificate", "Data", "METHODS", "Prepared", "cascade", "compact", "load"),
+    "warp_bounding.bounders": (
+        "Bounder",
+        "Certificate",
+        "DISTANCES",
+        "Data",
+        "DistanceBounder",
+        "METHODS",
+        "Prepared",
+        "cascade",
+        "compact",
+        "load",
+    ),
     "warp_bounding.bounders.two_sided": ("TwoSided", "two_sided"),
     "warp_bounding.indicators": (
         "Complement",

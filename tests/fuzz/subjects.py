@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 from bounding_shapes import EARLY, HIDDEN, shape
-from monotone_networks import random_monotone
+from random_networks import random_monotone
 
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders import METHODS, Bounder, Cascade

@@ -153,8 +153,8 @@ def test_points_agree_with_queries(rng):
 
 def test_bad_input():
     bounder = fitted("mlp", "blob")
-    with pytest.raises(BounderError, match="network of points"):
-        wb.clear_segments(hardly_fitted("aabb", "blob"), np.zeros((1, 3)), np.zeros((1, 3)))
+    with pytest.raises(BounderError, match="network or a volume of points"):
+        wb.clear_segments(hardly_fitted("voxels", "blob"), np.zeros((1, 3)), np.zeros((1, 3)))
     with pytest.raises(QueryError, match=r"\(N, 3\)"):
         wb.clear_segments(bounder, np.zeros((1, 2)), np.zeros((1, 2)))
     bad = np.array([[np.nan, 0, 0], [np.inf, 0, 0]])

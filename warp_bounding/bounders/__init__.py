@@ -5,6 +5,9 @@ from warp_bounding.bounders.asking import Prepared
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.composition.composition import Composition
+from warp_bounding.bounders.distances import methods as distance_methods  # noqa: F401 (registers them)
+from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.bounders.distances.registry import DISTANCES, distance_class, register_distance, unregister_distance
 from warp_bounding.bounders.file_format import save
 from warp_bounding.bounders.joining import both, cascade, compose, either
 from warp_bounding.bounders.load import bounder_of, load
@@ -14,23 +17,28 @@ from warp_bounding.kernels.functions import Data
 from warp_bounding.runtime.compaction import compact
 
 __all__ = [
+    "DISTANCES",
     "METHODS",
     "Bounder",
     "Cascade",
     "Certificate",
     "Composition",
     "Data",
+    "DistanceBounder",
     "Prepared",
     "both",
     "bounder_of",
     "cascade",
     "compact",
     "compose",
+    "distance_class",
     "either",
     "load",
     "method_class",
     "register",
+    "register_distance",
     "save",
     "supports",
     "unregister",
+    "unregister_distance",
 ]

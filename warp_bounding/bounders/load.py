@@ -5,19 +5,23 @@ import os
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.bounders.distances.registry import DISTANCES
 from warp_bounding.bounders.file_format import INFO_FIELDS, read
 from warp_bounding.bounders.registry import METHODS, class_named
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.claims import check_claims
+from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.coordinates.domain import json_number
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError
+from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.runtime.whole_file import file_path
 
 __all__ = ["bounder_of", "load"]
 
 
-def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
+def load(path: str | os.PathLike, device: str | None = None) -> Bounder | DistanceBounder:
     """Read a bounder and check all of it.
 
     Args:
@@ -38,18 +42,14 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
     path = file_path(path)
     tensors, document = read(path)
     try:
-        name = document["method"]
-        method = class_named(name)
-        if method is None:
-            raise FileFormatError(f"method {name!r} is not among those that are known here: {', '.join(METHODS)}")
-        bounder = method(RegionDomain.from_dict(document["domain"]), tensors, document["sizes"], device)
+        bounder = _made(document, tensors, device)
         threshold = document["threshold"]
         certificate = Certificate.from_dict(document["certificate"]) if document["certificate"] else None
         described = [document[k] for k in ("query", "dimension", "space", "length", "motion")]
         motion = "time" if bounder.domain.time else None
         if described != [bounder.query_kind, bounder.ndim, bounder.domain.space, bounder.domain.length, motion]:
             raise FileFormatError("query, dimension, space, length and motion are not those of the domain inside")
-        if not np.isfinite(json_number(threshold, "the threshold")) or np.float32(threshold) != threshold:
+        if not np.isfinite(json_number(threshold, "the threshold")) or float(np.float32(threshold)) != threshold:
             raise FileFormatError(f"the threshold {threshold} is not a finite float32 number")
         _check_info(document)
         if certificate:
@@ -63,9 +63,20 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
     return bounder
 
 
-def bounder_of(source: Bounder | str | os.PathLike, device: str | None = None) -> Bounder:
+def _made(document: dict, tensors: dict[str, np.ndarray], device: str | None) -> Bounder | DistanceBounder:
+    """The bounder that a file describes, without threshold and certificate."""
+    name, of_distances = document["method"], document["query"] == DISTANCE.name
+    method = DISTANCES.get(name) if of_distances else class_named(name)
+    if method is None:
+        known = ", ".join(DISTANCES if of_distances else METHODS)
+        raise FileFormatError(f"method {name!r} is not among those that are known here: {known}")
+    domain = (DistanceDomain if of_distances else RegionDomain).from_dict(document["domain"])
+    return method(domain, tensors, document["sizes"], device)
+
+
+def bounder_of(source: Bounder | DistanceBounder | str | os.PathLike, device: str | None = None):
     """A bounder, or the one that the file at a path holds, read to this device; raises ``BounderError`` for anything else."""
-    if isinstance(source, Bounder):
+    if isinstance(source, Bounder | DistanceBounder):
         return source
     if isinstance(source, str | os.PathLike):
         return load(source, device)

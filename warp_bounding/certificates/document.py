@@ -63,11 +63,10 @@ def about(bounder: Subject, grid: IndicatorGrid) -> str:
         what += "" if grid.resolution is None else f" at resolution {grid.resolution}"
     rays = "" if bounder.domain.length is None else f" Rays have length {bounder.domain.length}."
     note = f" Note: {grid.note}." if grid.note else ""
-    return (
-        f"Object: {grid.name}, {dilated}, {what}.{rays} "
-        f"Placed by xform= and scale= where these round a query by at most {least_allowance(bounder):.2g}; "
-        f"lengths are in object units.{note}"
-    )
+    placed = f"Placed by xform= and scale= where these round a query by at most {least_allowance(bounder):.2g}; "
+    if not bounder.domain.base.delta.any():  # nothing is left for a placement
+        placed = "Asked in object space; "
+    return f"Object: {grid.name}, {dilated}, {what}.{rays} {placed}lengths are in object units.{note}"
 
 
 def least_allowance(bounder: Subject) -> float:

@@ -10,6 +10,7 @@ from warp_bounding.certificates.certificate import Certificate, Subject
 from warp_bounding.certificates.document import least_allowance
 from warp_bounding.indicators.shape import DETAILS
 from warp_bounding.queries import QUERIES
+from warp_bounding.queries.distance import DISTANCE
 
 __all__ = ["NOT_CONSERVATIVE", "statement"]
 
@@ -84,6 +85,8 @@ def statement(bounder: Subject) -> dict[str, str]:
         bounder: Any bounder, with or without a certificate.
     """
     certificate = bounder.certificate
+    if bounder.query_kind == DISTANCE.name:
+        return _of_distance(bounder, certificate)
     if certificate is None:
         text = "none: nothing is known of its false negatives" if bounder.conservative else NOT_CONSERVATIVE
         return {"certificate": text, "queries": _queries(bounder), "object": _object(bounder, None)}
@@ -108,6 +111,30 @@ def statement(bounder: Subject) -> dict[str, str]:
         f"maybe unless f < threshold {certificate.threshold:.9g} <= bound - E",
         "proof": f"{certificate.boxes:,} boxes in {certificate.seconds:.2f} s; `certify` proves it anew from the file and the shape",
         "not proven": "; ".join(_not_proven(bounder)),
+    }
+
+
+def _of_distance(bounder: Subject, certificate: Certificate | None) -> dict[str, str]:
+    domain = bounder.domain
+    corners = f"{_numbers(domain.lower)} to {_numbers(domain.upper)}"
+    about = {
+        "for": f"every float32 point, inside the domain {corners} (object space) or outside; NaN and infinity have distance 0",
+        "object": _object(bounder, certificate),
+    }
+    if certificate is None or not certificate.proven:
+        return {"certificate": "none: nothing is known of its distances", **about}
+    unit = domain.unit
+    return {
+        "certificate": "proven",
+        "what is proven": "The distance is never above that to the object, and so no ball, segment, swept ball or box that meets the object is "
+        "ever answered with no.",
+        **about,
+        "arithmetic": f"{certificate.arithmetic}; CPU or CUDA",
+        "numbers": f"slack {-certificate.threshold * unit:.6g}, of which rounding takes E <= {certificate.rounding_bound * unit:.2g} (object units)",
+        "proof": f"{certificate.boxes:,} boxes in {certificate.seconds:.2f} s; `certify` proves it anew from the file and the shape",
+        "not proven": "; ".join(
+            [*list(_not_proven(bounder))[:-1], "how much smaller than the distance it is (evaluate)"]
+        ),
     }
 
 

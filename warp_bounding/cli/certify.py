@@ -33,6 +33,7 @@ def command(
     from warp_bounding.bounders import load
     from warp_bounding.proof import certify
     from warp_bounding.queries import check_query
+    from warp_bounding.queries.distance import DISTANCE
 
     if not budget > 0:
         raise BoundingError(f"budget must be a positive number of seconds, got {budget}")
@@ -41,7 +42,7 @@ def command(
         if expected[name] is not None and not least <= expected[name] < math.inf:
             raise BoundingError(f"{name} must be one that a bounder can have, got {expected[name]}")
     if query is not None:
-        check_query(query)
+        check_query(query, DISTANCE.name)
     quiet_warp()
     bounder = load(file, device="cpu")
     indicator = read_shape(shape, threshold, spacing, origin)

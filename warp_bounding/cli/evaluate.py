@@ -16,6 +16,9 @@ def command(
     samples: Annotated[str, typer.Option(help="Number of random queries, such as 1e6.")] = "1e6",
     protocol: Annotated[str, typer.Option(help="exact, or sampled as in the paper.")] = "exact",
     seed: Annotated[int, typer.Option(help="Random seed of the samples.")] = 1,
+    radius: Annotated[
+        float | None, typer.Option(help="Of a distance: points within it are positive, object units (default: 0).")
+    ] = None,
     threshold: Threshold = None,
     spacing: Spacing = None,
     origin: Origin = None,
@@ -31,7 +34,7 @@ def command(
     bounder = load(file, device=device)
     indicator = read_shape(shape, threshold, spacing, origin)
     with bar("evaluate") as update:
-        rates = evaluate(bounder, indicator, count, protocol, seed=seed, progress=update)
+        rates = evaluate(bounder, indicator, count, protocol, seed=seed, radius=radius, progress=update)
     fitted = bounder.info.get("indicator")
     same = rates.indicator == fitted
     if json:

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from warp_bounding.bounders import METHODS, Bounder
+from warp_bounding.bounders import DISTANCES, METHODS, Bounder
 from warp_bounding.bounders.options import STEPS, Option
 from warp_bounding.certificates.statement import NOT_CONSERVATIVE
 from warp_bounding.cli.options import Device, Json, Origin, Spacing, Threshold, read_shape, whole_number
@@ -18,13 +18,22 @@ __all__ = ["command", "state_options"]
 
 def _options() -> dict[str, Option]:
     """The options of all methods, by name."""
-    return {option.name: option for cls in METHODS.values() for option in cls.options}
+    return {option.name: option for options in _by_method().values() for option in options}
+
+
+def _by_method() -> dict[str, list[Option]]:
+    """The options of each method, those of its distance included, which the command line tells apart by nothing."""
+    found = {name: list(cls.options) for name, cls in METHODS.items()}
+    for name, cls in DISTANCES.items():
+        known = found.setdefault(name, [])
+        known += [option for option in cls.options_taken() if option.name not in {have.name for have in known}]
+    return found
 
 
 def command(
     shape: Annotated[str, typer.Argument(metavar="SHAPE", help="Image, voxel file, array, mesh or USD file.")],
     output: Annotated[str, typer.Option("--output", "-o", help="File to write (.safetensors).")],
-    query: Annotated[str, typer.Option(help="Kind of query: point, ray, plane or box.")] = "point",
+    query: Annotated[str, typer.Option(help="Kind of query: point, ray, plane, box or distance.")] = "point",
     method: Annotated[str, typer.Option(help="Bounding method, such as mlp, kdop, aabb.")] = "mlp",
     budget: Annotated[float, typer.Option(help="Seconds for training and proof.")] = 60.0,
     seed: Annotated[int, typer.Option(help="Random seed.")] = 0,
@@ -53,6 +62,12 @@ def command(
         str,
         typer.Option(help="outside: no is certainly not in the object; inside: no is certainly in it (points)."),
     ] = "outside",
+    metric: Annotated[
+        str | None,
+        typer.Option(
+            help="Of a distance, where a grid's coordinate 0 is time: space, or spacetime: one more coordinate."
+        ),
+    ] = None,
     samples: Annotated[
         str, typer.Option(help="Random queries that the false-positive rate is measured on, such as 1e6.")
     ] = "1e6",
@@ -80,6 +95,7 @@ def command(
         of_queries = {"query": query, "length": length, "space": space}
         of_object = {"margin": margin, "force": force, "resolution": resolution, "side": side}
         of_method = {name: known[name].parse(value) for name, value in told.items() if value is not None}
+        of_method |= {} if metric is None else {"metric": metric}
         run = {"budget": budget, "seed": seed, "device": device, "progress": update}
         bounder = fit(indicator, method=method, **of_queries, **of_object, **of_method, **run)
     seconds = time.perf_counter() - started
@@ -121,8 +137,8 @@ def _looser(bounder: Bounder) -> str | None:
 def state_options() -> None:
     """Give ``command`` a parameter for each option of a method, with the help of all methods that take it."""
     words: dict[str, dict[str, list[str]]] = {}
-    for method, cls in METHODS.items():
-        for option in cls.options:
+    for method, options in _by_method().items():
+        for option in options:
             default = option.default if not isinstance(option.default, tuple) else ",".join(map(str, option.default))
             shown = "" if default is None else f" (default: {default})"
             words.setdefault(option.name, {}).setdefault(option.help + shown, []).append(method)

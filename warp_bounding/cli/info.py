@@ -18,7 +18,7 @@ def command(file: BounderFile, json: Json = False) -> int:
     from warp_bounding.bounders.voxels import Voxels
     from warp_bounding.certificates.statement import statement
     from warp_bounding.indicators.complement import SIDES
-    from warp_bounding.queries import QUERIES
+    from warp_bounding.queries import described
 
     quiet_warp()
     bounder = load(file, device="cpu")
@@ -52,7 +52,7 @@ def command(file: BounderFile, json: Json = False) -> int:
     table.add_column(no_wrap=True, style="bold")
     table.add_column(overflow="fold")
     sizes = ", ".join(f"{key} {value}" for key, value in bounder.sizes.items())
-    space = f", {bounder.domain.space} space" if QUERIES[bounder.query_kind].is_region else ""
+    space = f", {bounder.domain.space} space" if described(bounder.query_kind).is_region else ""
     side = " from the inside" if bounder.domain.unbounded else ""
     about = f"{bounder.ndim}D {bounder.query_kind} queries{space}{side}, {bounder.nbytes:,} bytes"
     table.add_row("method", f"{bounder.method}, {about}")

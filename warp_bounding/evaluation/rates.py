@@ -2,89 +2,35 @@
 
 import os
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.bounders.load import bounder_of
 from warp_bounding.bounders.slabs.aabb import Aabb
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import QueryError
-from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.evaluation.distances import evaluate_distance
+from warp_bounding.evaluation.report import CHUNK, QUICK, QUICK_SEED, Rates
+from warp_bounding.indicators import IndicatorGrid, load_indicator
 from warp_bounding.indicators.shape import IN, OUT, UNDECIDED, Shape
 from warp_bounding.proof.prove import as_fitted, of_side
 from warp_bounding.queries import QUERIES, SampledOracle, decision, oracle, sample
 
-__all__ = ["PROTOCOLS", "Rates", "evaluate", "quick_rates"]
+__all__ = ["PROTOCOLS", "evaluate", "quick_rates"]
 
 PROTOCOLS = ("exact", "sampled")
-CHUNK = 1_000_000  # queries that are asked at a time
-QUICK, QUICK_SEED = 16_384, 2  # the queries that ``quick_rates`` measures on: how many, and their seed
-
-
-@dataclass(frozen=True)
-class Rates:
-    """Rates over all samples, in per cent, as in the paper.
-
-    Attributes:
-        fp_rate: False positives, per cent of all samples.
-        fn: False negatives, a count; a conservative bounder has none.
-        positives: Samples whose truth is *yes*, per cent.
-        samples: Number of samples.
-        protocol: ``"exact"`` or ``"sampled"`` (the truth from random points of a region, as in the paper; for points
-            both are the same).
-        seed: Seed of the samples.
-        truth: Whose truth it is, in words: of the shape itself, or of cells, where a grid was given or where the shape
-            cannot tell for this kind of query.
-        indicator: SHA-256 of the shape or the cells that the fit bounded; equal to ``bounder.info["indicator"]``.
-        undecided: Samples whose truth could not be decided, per cent; they count as positives, but not as ``fn``.
-        fp_rate_cells: Where the fit bounded cells of a shape: the same against these cells, per cent; else ``None``.
-
-    Example:
-        >>> rates = wb.evaluate(bounder, grid, samples=10_000)
-        >>> rates.fn, rates.samples
-        (0, 10000)
-    """
-
-    fp_rate: float
-    fn: int
-    positives: float
-    samples: int
-    protocol: str
-    seed: int
-    truth: str = "of its cells"
-    indicator: str | None = None
-    undecided: float = 0.0
-    fp_rate_cells: float | None = None
-
-    @property
-    def truth_told(self) -> str:
-        """Whose truth it is, and what stands beside the rate: that against cells, and what could not be decided."""
-        told = [self.truth]
-        if self.fp_rate_cells is not None:
-            told.append(f"{self.fp_rate_cells:.2f} % against the cells that are bounded")
-        if self.undecided:
-            told.append(f"{self.undecided:.2g} % undecided, counted as positives")
-        return "; ".join(told)
-
-    def to_dict(self) -> dict:
-        """JSON-ready.
-
-        Example:
-            >>> wb.evaluate(bounder, grid, samples=1000).to_dict()["protocol"]
-            'exact'
-        """
-        return asdict(self)
 
 
 def evaluate(
-    bounder: Bounder | str | os.PathLike,
+    bounder: Bounder | DistanceBounder | str | os.PathLike,
     shape,
     samples: int = 1_000_000,
     protocol: str = "exact",
     *,
     seed: int = 1,
+    radius: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Rates:
     """Ask a bounder random queries of its kind and compare with the exact truth, that of the shape itself.
@@ -98,13 +44,14 @@ def evaluate(
         protocol: ``"exact"``, or ``"sampled"``, the paper's way to find the truth: ``any()`` over random points of the
             region. That misses thin hits, so there are fewer positives. For points both are the same.
         seed: Seed of the samples.
+        radius: Of a distance: points within it count as positive; 0 if ``None``. Other bounders have none.
         progress: Called with samples done and samples in all.
 
     Returns:
         The rates.
 
     Raises:
-        QueryError: For an unknown protocol, fewer than one sample, or a shape of another dimension.
+        QueryError: For an unknown protocol, fewer than one sample, a shape of another dimension, or an impossible radius.
 
     Example:
         >>> rates = wb.evaluate(bounder, grid, samples=10_000)
@@ -118,6 +65,16 @@ def evaluate(
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise QueryError(f"seed must be a whole number of at least 0, got {seed!r}")
     bounder = bounder_of(bounder)
+    if isinstance(bounder, DistanceBounder):
+        shape = load_indicator(shape)
+        if shape.ndim != bounder.ndim:
+            raise QueryError(f"the shape is {shape.ndim}D, the bounder {bounder.ndim}D")
+        radius = 0.0 if radius is None else radius
+        if isinstance(radius, bool) or not isinstance(radius, (int, float, np.number)) or not 0 <= radius < np.inf:
+            raise QueryError(f"radius must be a length of at least 0, got {radius!r}")
+        return evaluate_distance(bounder, shape, int(samples), float(radius), int(seed), progress)
+    if radius is not None:
+        raise QueryError(f"radius is for distances, got radius={radius} for {bounder.query_kind} queries")
     shape = of_side(bounder, shape)
     fitted = as_fitted(bounder, shape)
     if fitted.ndim != bounder.ndim:

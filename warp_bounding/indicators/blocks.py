@@ -2,15 +2,9 @@
 
 import numpy as np
 
-from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.summed_area import summed_area
 
-__all__ = ["blocks_of", "full_blocks"]
-
-
-def full_blocks(grid: IndicatorGrid) -> tuple[np.ndarray, np.ndarray]:
-    """Few boxes that cover the object; see ``blocks_of``."""
-    return blocks_of(grid.occupancy)
+__all__ = ["blocks_of"]
 
 
 def blocks_of(occupancy: np.ndarray, flat: int | None = None) -> tuple[np.ndarray, np.ndarray]:

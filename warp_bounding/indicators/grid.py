@@ -227,6 +227,27 @@ class IndicatorGrid(Shape):
     def _table(self) -> np.ndarray:
         return summed_area(self.occupancy)
 
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        return self.distances(x)[:, 0]
+
+    def distances(self, x: np.ndarray) -> np.ndarray:
+        """See ``Shape``: of the cells. Where coordinate 0 is time, in space at the point's time: infinite if no cell is there then."""
+        found = self._distances(x)
+        if self.time:
+            found[(x[:, 0] < self.lower[0]) | (x[:, 0] > self.upper[0])] = 0.0, np.inf
+        with np.errstate(over="ignore", invalid="ignore"):
+            exact = (np.asarray(x).astype(np.float32) == x).all(axis=1)  # as ``contains`` is
+        found[:, 1] = np.where(exact & self.contains(x), 0.0, found[:, 1])
+        return found
+
+    @cached_property
+    def _distances(self):
+        from warp_bounding.indicators.blocks import blocks_of
+        from warp_bounding.indicators.box_distances import BoxDistances
+
+        first, past = blocks_of(self.occupancy)
+        return BoxDistances(self.position(first - 0.5), self.position(past - 0.5), time=self.time)
+
     def landmarks(self) -> np.ndarray:
         return self.position(self.boundary.astype(np.float64))
 

@@ -165,7 +165,11 @@ class IndicatorMesh(Shape):
 
     def distance(self, x: np.ndarray) -> np.ndarray:
         """Lower bounds ``(N,)`` of the distance from points to the object, within a few roundings outside; 0 in it."""
-        return self._dilated_solid.clearance(x, x)
+        return self.distances(x)[:, 0]
+
+    def distances(self, x: np.ndarray) -> np.ndarray:
+        """``(N, 2)`` float64, lower and upper bounds of the distance from points to the object, within a few roundings; see ``Shape``."""
+        return self._dilated_solid.distances(x)
 
     def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Lower bounds ``(N,)`` of the distance from closed boxes to the object; see ``Shape``."""

@@ -83,7 +83,7 @@ class IndicatorMotion(Shape):
     note: str = ""
     margin: float = 0.0
 
-    time = True
+    time, ndim = True, 4
 
     def __post_init__(self) -> None:
         frames, faces = np.asarray(self.frames), np.asarray(self.faces)
@@ -116,11 +116,6 @@ class IndicatorMotion(Shape):
         margin = f"margin {self.margin:g}" if self.margin else ""
         notes = filter(None, [margin, self.note, "closed" if self.watertight else self.surface.note])
         return f"<IndicatorMotion {self.name}: 4D, {counts}, extent {sides}, {times}, {', '.join(notes)}>"
-
-    @property
-    def ndim(self) -> int:
-        """Number of coordinates: 4, time first."""
-        return 4
 
     @cached_property
     def bounds(self) -> np.ndarray:
@@ -192,6 +187,12 @@ class IndicatorMotion(Shape):
         """Certified: which closed boxes of time and space lie in the object whole; see ``Shape``."""
         return self._dilated_solid.inside(lower, upper)
 
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        return self.distances(x)[:, 0]
+
+    def distances(self, x: np.ndarray) -> np.ndarray:
+        return self._dilated_solid.distances(x)
+
     def points(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """``(count, 4)`` float64: points of faces at random times; of a dilated motion up to the margin away from them."""
         return random_places(self.times, self.frames, self.faces, self.margin, count, rng)
@@ -206,8 +207,7 @@ class IndicatorMotion(Shape):
 
     def dilated(self, margin: float) -> "IndicatorMotion":
         """The motion, and at each time all points within ``margin`` of it; what was built to ask the triangles is shared."""
-        margin = self._new_margin(margin)
-        if margin is None:
+        if (margin := self._new_margin(margin)) is None:
             return self
         _ = self._solid  # before the copy, so that both have it
         return copy.copy(self)._with_margin(margin)

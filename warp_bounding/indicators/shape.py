@@ -148,8 +148,21 @@ class Shape(ABC):
         return None
 
     def distance(self, x: np.ndarray) -> np.ndarray | None:
-        """Lower bounds ``(N,)`` of the distance from points to the object (0 in it); ``None`` where none is known."""
+        """Lower bounds ``(N,)`` of the distance from points to the object (0 in it); ``None`` where none is known.
+
+        Where coordinate 0 is time, the distance is in space, to the object at the point's time; 0 out of its time.
+        """
         return None
+
+    def distances(self, x: np.ndarray) -> np.ndarray | None:
+        """``(N, 2)`` float64, certified lower and upper bounds of the distance from points; ``None`` where none is known.
+
+        An upper bound is infinite where nothing is known of it. In the object both are 0, if the shape can tell.
+        """
+        low = self.distance(x)
+        if low is None:
+            return None
+        return np.stack([low, np.where(self.decide(x) == IN, 0.0, np.inf)], axis=1)
 
     def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray | None:
         """Lower bounds ``(N,)`` of the distance from boxes to the object; ``None`` where none is known."""

@@ -6,7 +6,7 @@ All CPU text may fuse products and sums (``contract``), which what is proven lea
 from warp_bounding.coordinates.maps import locate
 from warp_bounding.kernels.source import DENIED, GRANTED, LABEL, Early, Lanes, Source, fill, literal
 
-__all__ = ["TOOLS", "batch_snippet", "point_snippet"]
+__all__ = ["TOOLS", "batch_snippet", "point_snippet", "read_rows"]
 
 # Square roots and quotients as IEEE 754 has them, of floats and of vectors. What ``sqrtf`` and ``/`` are on CUDA is up to the module:
 # they are approximations under its option ``fast_math``, which leaves nothing else in a source to approximate.
@@ -302,11 +302,16 @@ def _early(test: Early, values: bool) -> str:
     return fill(_EARLY, test=test.code, bar=test.bar, grant=grant, decided=masks, answer=answer)
 
 
+def read_rows(columns: int, width: dict[str, int]) -> str:
+    """C statements that declare ``V q[N], v[M]`` and read the numbers of queries i to i + m - 1 into the lanes of q."""
+    return fill(_READ, **{name: _shuffles(columns, lanes) for name, lanes in width.items()})
+
+
 def batch_snippet(source: Source, placed: bool, values: bool) -> str:
     """The body of a ``batch_kernel``: one block of queries on a CPU, one query on CUDA."""
     texts = _shared(source, placed) | {
         "block": source.block,
-        "read": fill(_READ, **{name: _shuffles(source.columns, lanes) for name, lanes in source.width.items()}),
+        "read": read_rows(source.columns, source.width),
     }
     if source.packed:
         ask = source.ask(values)

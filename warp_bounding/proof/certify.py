@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.bounders.load import bounder_of
 from warp_bounding.bounders.local.local import Local
 from warp_bounding.certificates.certificate import Certificate
@@ -23,6 +24,7 @@ from warp_bounding.proof.attest.statistics import CONFIDENCE, POSITIVES, fn_rate
 from warp_bounding.proof.box_check import NARROWEST, check_boxes, check_charted, check_parts
 from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.covers.monotone_box import of_points
+from warp_bounding.proof.distances.certify import certify_distance
 from warp_bounding.proof.prove import OUTSIDE, as_fitted, charted, mismatch, other_claim, reaches_outside
 from warp_bounding.proof.search.best_first import minimum
 from warp_bounding.proof.shape_check import CHUNK, SUSPECTS, Checked, check_shape, points_outside
@@ -80,6 +82,8 @@ def certify(
     started, bounder = working_seconds(), bounder_of(bounder)
     numbers = {"margin": margin, "length": length, "resolution": resolution}
     expected = {"query": query} | {name: _exactly(name, value) for name, value in numbers.items()}
+    if isinstance(bounder, DistanceBounder):
+        return certify_distance(bounder, shape, expected, seconds, progress, of_points=certify)
     other = other_claim(bounder, expected)
     try:
         grid = as_fitted(bounder, shape)

@@ -14,8 +14,13 @@ t times w. Segments that lie farther out are not cleared.
 
 import numpy as np
 
+from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.bounders.distances.registry import DISTANCES
+from warp_bounding.bounders.distances.volume import VolumeDistance
 from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.networks.bound_kernel import bound_boxes
 from warp_bounding.networks.charts.segment import SegmentChart
@@ -23,6 +28,8 @@ from warp_bounding.proof.search.best_first import halve
 
 __all__ = ["clear_segments"]
 
+MOST_DEPTH = 30  # of a march: its steps are 2^30 at most
+LARGEST_MOVE = 1e37  # object units: by which the ends of a segment are rounded; others are not cleared
 DEPTH = 8  # a piece is halved at most this often
 INSIDE = 1e-9  # of the domain's half-widths: segments are clipped this far outside the domain
 LARGEST_LOCAL = 2.0**20  # half-widths of the domain: a segment is bounded only if no coordinate of a or w is larger
@@ -32,10 +39,12 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
     """Which segments are proven to meet the object nowhere.
 
     Args:
-        bounder: A network (``mlp``, ``mlp-early``) of points, proven or not; if it is proven, so is the answer.
+        bounder: A network (``mlp``, ``mlp-early``) of points, a volume of points that has a distance (``DISTANCES``), or a
+            distance bounder, proven or not; if it is proven, so is the answer.
         starts: ``(N, n)``, object space; taken as they are, float32 or float64.
         ends: ``(N, n)``, object space.
-        depth: How often a piece is halved at most; a larger depth clears more segments that pass close to the object.
+        depth: How often a piece is halved at most, or the logarithm of the steps of a march; a larger depth clears more segments
+            that pass close to the object.
 
     Returns:
         ``(N,)`` bool: True if no point of the closed segment lies in the object. False says nothing; it is the answer
@@ -50,6 +59,9 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
         >>> wb.clear_segments(network, np.array([[9.0, 9.0, 9.0], [0.0, 0.0, 0.0]]), np.array([[9.0, 9.0, 0.0], [1.0, 1.0, 1.0]]))
         array([ True, False])
     """
+    if (far := _with_distance(bounder)) is not None:
+        starts, ends = _checked(far.ndim, starts, ends, depth)
+        return _marched(far, starts, ends, 2 ** min(depth, MOST_DEPTH))
     if (
         not isinstance(bounder, Bounder)
         or bounder.domain is not bounder.domain.base
@@ -57,12 +69,8 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
         or bounder.domain.time
         or bounder.domain.unbounded
     ):
-        raise BounderError(f"segments need a network of points at rest, got {bounder!r}")
-    starts, ends = np.asarray(starts, dtype=np.float64), np.asarray(ends, dtype=np.float64)
-    if starts.shape != ends.shape or starts.ndim != 2 or starts.shape[1] != bounder.ndim:
-        raise QueryError(f"starts and ends must both be (N, {bounder.ndim}), got {starts.shape} and {ends.shape}")
-    if depth < 0:
-        raise QueryError(f"depth must be at least 0, got {depth}")
+        raise BounderError(f"segments need a network or a volume of points at rest, or a distance, got {bounder!r}")
+    starts, ends = _checked(bounder.ndim, starts, ends, depth)
     with np.errstate(over="ignore", invalid="ignore"):
         a = bounder.domain.to_local(starts)
         w = bounder.domain.to_local(ends) - a
@@ -94,6 +102,40 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
         owner = np.tile(owner, 2)
     failed[owner] = True  # their last pieces were not cleared
     return ~failed
+
+
+def _checked(ndim: int, starts: np.ndarray, ends: np.ndarray, depth: int) -> tuple[np.ndarray, np.ndarray]:
+    starts, ends = np.asarray(starts, dtype=np.float64), np.asarray(ends, dtype=np.float64)
+    if starts.shape != ends.shape or starts.ndim != 2 or starts.shape[1] != ndim:
+        raise QueryError(f"starts and ends must both be (N, {ndim}), got {starts.shape} and {ends.shape}")
+    if depth < 0:
+        raise QueryError(f"depth must be at least 0, got {depth}")
+    return starts, ends
+
+
+def _with_distance(bounder) -> DistanceBounder | None:
+    """A distance bounder: the one that is given, or that of a volume of points at rest; ``None`` for others."""
+    if isinstance(bounder, DistanceBounder):
+        return bounder
+    cls = DISTANCES.get(getattr(bounder, "method", None))
+    if cls is None or not issubclass(cls, VolumeDistance) or type(bounder) is not cls.bounds:
+        return None
+    domain = bounder.domain
+    if domain is not domain.base or domain.time or domain.unbounded:
+        return None
+    far = cls.around(bounder, DistanceDomain.around(domain.lower, domain.upper), {}, str(bounder.device))
+    return far.freeze(min(float(round_down(np.nextafter(-far.rounding_bound(), -np.inf))), 0.0), None)
+
+
+def _marched(bounder: DistanceBounder, starts: np.ndarray, ends: np.ndarray, steps: int) -> np.ndarray:
+    """``clear_segments`` of a distance."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        rounded = [part.astype(np.float32) for part in (starts, ends)]
+        moved = [np.linalg.norm(a - b, axis=1) for a, b in zip((starts, ends), rounded, strict=True)]
+        radius = np.maximum(*moved) * (1 + INSIDE)
+    known = np.isfinite(radius) & (radius < LARGEST_MOVE)
+    radius = np.where(known, radius, 0.0)
+    return known & (bounder.segments(*rounded, radius, steps)[0].numpy() == 0)
 
 
 class _Part:

@@ -1,7 +1,17 @@
 """Queries: what is asked of an object, how it is sampled, and the exact truth. One file a kind."""
 
 from warp_bounding.queries.base import Query
-from warp_bounding.queries.registry import QUERIES, QUERY_KINDS, check_query, decision, oracle, sample
+from warp_bounding.queries.registry import QUERIES, QUERY_KINDS, check_query, decision, described, oracle, sample
 from warp_bounding.queries.sampled import SampledOracle
 
-__all__ = ["QUERIES", "QUERY_KINDS", "Query", "SampledOracle", "check_query", "decision", "oracle", "sample"]
+__all__ = [
+    "QUERIES",
+    "QUERY_KINDS",
+    "Query",
+    "SampledOracle",
+    "check_query",
+    "decision",
+    "described",
+    "oracle",
+    "sample",
+]

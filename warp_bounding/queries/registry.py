@@ -9,25 +9,31 @@ from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.base import Query
 from warp_bounding.queries.box import BOX
+from warp_bounding.queries.distance import DISTANCE, DistanceQuery
 from warp_bounding.queries.plane import PLANE
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.ray import RAY
 
-__all__ = ["QUERIES", "QUERY_KINDS", "check_query", "decision", "oracle", "sample"]
+__all__ = ["QUERIES", "QUERY_KINDS", "check_query", "decision", "described", "oracle", "sample"]
 
 QUERIES: dict[str, Query] = {kind.name: kind for kind in (POINT, RAY, PLANE, BOX)}  # a new kind is one more entry
 QUERY_KINDS = QUERIES.keys()
 
 
-def check_query(query: str) -> str:
-    """``query`` itself, if it is a kind that is known.
+def check_query(query: str, *more: str) -> str:
+    """``query`` itself, if it is a kind that is known, or one of ``more``.
 
     Raises:
         QueryError: If it is not.
     """
-    if query not in QUERIES:
-        raise QueryError(f"query must be one of {', '.join(QUERIES)}, got {query!r}")
+    if query not in QUERIES and query not in more:
+        raise QueryError(f"query must be one of {', '.join([*QUERIES, *more])}, got {query!r}")
     return query
+
+
+def described(query: str) -> Query | DistanceQuery:
+    """What there is to say of a kind of query, or of distances, by its name."""
+    return DISTANCE if query == DISTANCE.name else QUERIES[query]
 
 
 def sample(query: str, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:

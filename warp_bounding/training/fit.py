@@ -4,11 +4,12 @@ import math
 import time
 import warnings
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from warp_bounding.bounders import METHODS, Bounder, cascade, method_class
+from warp_bounding.bounders import METHODS, Bounder, DistanceBounder, cascade, method_class
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.options import settled
 from warp_bounding.coordinates.region_domain import SPACES, domain_of
@@ -20,9 +21,11 @@ from warp_bounding.indicators.limits import MAX_RESOLUTION, check_memory
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof import prove_or_attest
 from warp_bounding.queries import QUERIES, check_query
+from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.runtime.devices import device_of
 from warp_bounding.runtime.launch import compile_seconds
 from warp_bounding.runtime.progress import Progress, reported
+from warp_bounding.training.distance import fit_distance
 from warp_bounding.training.problem import Problem
 from warp_bounding.training.trainers import trainer_of
 
@@ -57,7 +60,7 @@ def fit(
     device: str | None = None,
     progress: Progress | bool | None = None,
     **options,
-) -> Bounder:
+) -> Bounder | DistanceBounder:
     """Fit a bounder to a shape, and prove it where there is a proof for the method and the query.
 
     The proof of an mlp for rays or boxes can take longer than the budget leaves for it. The certificate is then
@@ -65,7 +68,8 @@ def fit(
 
     Args:
         shape: What ``load_indicator`` returns, or anything that it takes.
-        query: Kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``.
+        query: Kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``; or ``"distance"``: a ``DistanceBounder`` of the shape, whose
+            distances are never too large.
         method: A name in ``METHODS``; or several, as in ``"learned-kdop+mlp"``: a cascade, asked in this order.
         budget: Seconds for training and proof, of all parts of a cascade together. A network's proof may take a tenth
             more, and compiling kernels, once for each size of network, is not counted. A bvh stops splitting boxes when
@@ -94,6 +98,7 @@ def fit(
             ``octaves``: of an mlp's positional encoding; 0 for none, 4 as in the paper's supplement.
             ``recipe``: of an mlp's training, ``"default"`` or ``"paper"``.
             ``thresholds``: of an mlp of points, rays or boxes: about how many parts of the domain, each with a threshold.
+            ``metric``: of a distance, where coordinate 0 of a grid is time: ``"spacetime"`` takes it as one more coordinate.
             ``k``: half-spaces of a kdop or learned-kdop. ``leaves``: leaf boxes of a bvh.
             ``steps``: training steps instead of seconds; the result is then repeatable to the bit on the same machine.
 
@@ -115,9 +120,22 @@ def fit(
         True
         >>> rays = wb.fit(ball, "ray", "kdop", length=0.5, k=26, device="cpu")
     """
-    check_query(query)
-    _check(query, method, length, space, side)
+    check_query(query, DISTANCE.name)
     check_numbers(budget, seed, margin)
+    if query == DISTANCE.name:
+        _check_distance(method, length, space, side, last)
+        device_of(device, BounderError)
+        shape = load_indicator(shape)
+        _check_extent(shape, margin, force)
+        run = {"budget": budget, "seed": int(seed), "device": device, "progress": progress}
+        own = {
+            "margin": margin,
+            "resolution": resolution,
+            "of_points": partial(fit, force=force),
+            "described": described,
+        }
+        return fit_distance(shape, method, options, **run, **own)
+    _check(query, method, length, space, side)
     length, space = length or 1.0, space or SPACES[0]
     device_of(device, BounderError)
     spent = Stopwatch()
@@ -277,6 +295,20 @@ def _warn_of_coarse_cells(grid: IndicatorGrid) -> None:
             f"{grid.resolution} are bounded, and they are wider than the margin; {advice}"
         )
         warnings.warn(text, BoundingWarning, stacklevel=4)
+
+
+def _check_distance(method: str, length, space, side: str, last) -> None:
+    """Refuse what only other queries have."""
+    if not isinstance(method, str):
+        raise BounderError(f"method must be a name, got {method!r}")
+    for name, given, default in (
+        ("length", length, None),
+        ("space", space, None),
+        ("last", last, None),
+        ("side", side, SIDES[0]),
+    ):
+        if given != default:
+            raise BounderError(f"{name} is not for distances, got {name}={given!r}")
 
 
 def _check(query: str, method: str, length: float | None, space: str | None, side: str) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 from bounding_shapes import shape
-from monotone_networks import random_monotone
+from random_networks import random_monotone
 from region_cases import cases
 from rewriting import check_refused, rewrite
 

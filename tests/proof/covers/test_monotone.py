@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from bounding_shapes import object_points, random_mlp, shape
-from monotone_networks import random_monotone
+from random_networks import random_monotone
 
 import warp_bounding as wb
 from warp_bounding.proof import prove

@@ -7,7 +7,7 @@ import pytest
 from bounding_shapes import object_points, random_bounder, random_mlp, shape
 
 from warp_bounding.bounders import METHODS
-from warp_bounding.indicators.blocks import full_blocks
+from warp_bounding.indicators.blocks import blocks_of
 from warp_bounding.proof import Search, minimum, positive_boxes
 from warp_bounding.proof.search.best_first import WORST, halve
 
@@ -121,7 +121,7 @@ def test_halves_are_the_whole(rng):
 def test_blocks_cover_the_object_once(name):
     grid = shape(name)
     cover = np.zeros(grid.shape, int)
-    for first, last in zip(*full_blocks(grid), strict=True):
+    for first, last in zip(*blocks_of(grid.occupancy), strict=True):
         cover[tuple(slice(a, b) for a, b in zip(first, last, strict=True))] += 1
     assert (cover == grid.occupancy).all()
 

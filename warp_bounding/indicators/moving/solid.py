@@ -10,9 +10,11 @@ import warp as wp
 
 from warp_bounding.indicators.moving.answers import Motion, decide_moments, find_empty_spans, find_inside_spans
 from warp_bounding.indicators.moving.hierarchy import MovingTriangles
+from warp_bounding.indicators.moving.points import find_distances_then
 from warp_bounding.indicators.moving.sides import MovingSides
 from warp_bounding.indicators.triangles.asked import AskedSolid
 from warp_bounding.indicators.triangles.cycles import cycles_of
+from warp_bounding.runtime.launch import launch_on_cores
 
 __all__ = ["DilatedMovingSolid", "MovingSolid"]
 
@@ -75,6 +77,24 @@ class DilatedMovingSolid(AskedSolid):
         motion.hold = wp.float64(np.nextafter(margin - solid.rounding, -np.inf))
         motion.faces, motion.closed, motion.pieces = solid.all.ways, solid.closed.ways, solid.sides.pieces
         super().__init__(motion)
+
+    def distances(self, x: np.ndarray) -> np.ndarray:
+        """``(N, 2)`` float64, lower and upper bounds of the distance in space from points to the object at their time."""
+        x = np.ascontiguousarray(x, dtype=np.float64)
+        low, high, times = np.array(self._struct.lower), np.array(self._struct.upper), self._solid.times
+        known = (x[:, 0] >= low[0]) & (x[:, 0] <= high[0])  # not so for NaN
+        self._know(*[np.clip(np.nan_to_num(x[known]), low, high)] * 2)
+        keys = np.where(known, np.clip(np.searchsorted(times, x[:, 0], side="right") - 1, 0, len(times) - 2), -1)
+        found = np.empty((len(x), 2))
+        if len(x):
+            inputs = [
+                self._struct,
+                wp.array(keys, dtype=wp.int32, device="cpu"),
+                wp.array(x, dtype=wp.vec4d, device="cpu", copy=False),
+            ]
+            out = wp.array(found, dtype=wp.vec2d, device="cpu", copy=False)
+            launch_on_cores(find_distances_then, len(x), inputs, [out], "cpu")
+        return found
 
     def _know(self, lower: np.ndarray, upper: np.ndarray) -> None:
         """Make what is needed for the times of queries that meet the box around the object."""

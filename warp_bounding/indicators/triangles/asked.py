@@ -36,9 +36,10 @@ class AskedSolid:
         return self._answer(self.kernels[2], lower, upper).view(bool)
 
     def _answer(self, kernel: wp.Kernel, *queries: np.ndarray, dtype: type = wp.uint8) -> np.ndarray:
-        """``(N,)``, what a kernel answers to queries, arrays ``(N, n)``."""
+        """``(N,)``, what a kernel answers to queries, arrays ``(N, n)``; of a type of vectors, ``(N, k)``."""
         rows = [np.ascontiguousarray(q, dtype=np.float64) for q in queries]
-        out = np.empty(len(rows[0]), dtype=wp.dtype_to_numpy(dtype))
+        shape = len(rows[0]), *getattr(dtype, "_shape_", ())
+        out = np.empty(shape, dtype=wp.dtype_to_numpy(getattr(dtype, "_wp_scalar_type_", dtype)))
         if len(out):
             self._know(rows[0], rows[-1])
             inputs = [self._struct, *(wp.array(q, dtype=self.point, device="cpu", copy=False) for q in rows)]

@@ -210,10 +210,10 @@ def sorted_order(centres: np.ndarray) -> np.ndarray:
 
 
 def nodes_of(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Boxes and links of all nodes, in the order of a walk, for the boxes ``(F, 3)`` of sorted triangles."""
+    """Boxes and links of all nodes, in the order of a walk, for the float32 boxes ``(F, n)`` of sorted triangles, or of other things."""
     depth = _depth(len(low))
     total = 2 ** (depth + 1) - 1
-    lower, upper = np.zeros((total, 3), dtype=np.float32), np.zeros((total, 3), dtype=np.float32)
+    lower, upper = (np.zeros((total, low.shape[1]), dtype=np.float32) for _ in "lu")
     links = np.zeros((total, 3), dtype=np.int32)
     place = np.zeros(1, dtype=np.int64)
     for level in range(depth + 1):

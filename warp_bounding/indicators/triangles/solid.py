@@ -15,6 +15,7 @@ from warp_bounding.indicators.triangles.cycles import cycles_of
 from warp_bounding.indicators.triangles.distances import find_clearances
 from warp_bounding.indicators.triangles.hierarchy import Triangles, build
 from warp_bounding.indicators.triangles.plane import decide_planes
+from warp_bounding.indicators.triangles.points import find_distances
 from warp_bounding.indicators.triangles.segment import decide_segments
 from warp_bounding.indicators.triangles.sides import Sides, build_sides
 
@@ -65,6 +66,10 @@ class DilatedSolid(AskedSolid):
     def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Lower bounds of the distance from closed boxes to the object; see ``Shape.clearance``."""
         return self._answer(find_clearances, lower, upper, dtype=wp.float64)
+
+    def distances(self, x: np.ndarray) -> np.ndarray:
+        """``(N, 2)`` float64, lower and upper bounds of the distance from points to the object; see ``Shape.distances``."""
+        return self._answer(find_distances, x, dtype=wp.vec2d)
 
     def decide_boxes(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Whether closed boxes meet the object."""

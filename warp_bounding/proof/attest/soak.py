@@ -21,10 +21,14 @@ from pathlib import Path
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.bounders.load import bounder_of
 from warp_bounding.errors import BounderError, FileFormatError, QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.attest.statistics import fresh_seed
+from warp_bounding.proof.distances.prove import distance_shape
+from warp_bounding.proof.distances.soak import DISTANCE_FORMS, DistancePositives
 from warp_bounding.proof.prove import as_fitted, other_dimension
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.hard import FORMS, HardPositives, World
@@ -52,7 +56,7 @@ class Soak:
         wanted: Positives that were to be asked.
         done: Positives asked in whole chunks; the chunk with a missed one is not among them.
         chunks: Whole chunks of the stream that are done.
-        forms: Positives asked in each form: float32, float64, placed.
+        forms: Positives asked in each form: float32, float64, placed; of a distance: balls, nearest, segments, rays, boxes.
         seconds: Time taken, earlier parts of a resumed soak included.
         missed: The first query that was answered with no, as given to the bounder, or ``None``.
         missed_form: The form of that query.
@@ -119,7 +123,7 @@ def soak_grid(bounder: Bounder, shape) -> IndicatorGrid:
     Raises:
         QueryError: If the shape is of another dimension, or animated where the bounded one is not.
     """
-    grid = as_fitted(bounder, shape)
+    grid = (distance_shape if isinstance(bounder, DistanceBounder) else as_fitted)(bounder, shape)
     if other := other_dimension(bounder, grid):
         raise QueryError(other)
     return grid
@@ -160,18 +164,22 @@ def soak(
     bounder = bounder_of(bounder)
     grid = soak_grid(bounder, shape)
     fresh = Soak(bounder.method, bounder.query_kind, -1, int(count), _digest(bounder), grid.digest)
+    if isinstance(bounder, DistanceBounder):
+        fresh.forms = dict.fromkeys(DISTANCE_FORMS, 0)
     result = _resumed(fresh, None if seed is None else int(seed), state)
     if state is not None:
         check_writable(state)
     started = saved = time.perf_counter()
     before = result.seconds
-    if isinstance(grid, IndicatorGrid):
+    if isinstance(bounder, DistanceBounder):
+        positives = DistancePositives(bounder, grid)
+    elif isinstance(grid, IndicatorGrid):
         positives = HardPositives(bounder.query_kind, grid, bounder.domain.oracle_length, bounder.device)
     else:
         positives = HardShapePositives(bounder.query_kind, grid, bounder.domain.oracle_length, bounder.device)
     try:
         while not result.complete and time.perf_counter() - started < seconds:
-            _chunk(bounder, grid, positives, result)
+            (_of_distances if isinstance(bounder, DistanceBounder) else _chunk)(bounder, grid, positives, result)
             result.seconds = round(before + time.perf_counter() - started, 3)
             if progress:
                 progress(min(result.done, result.wanted), result.wanted, f"{result.rate / 1e6:.1f} million/s")
@@ -210,6 +218,17 @@ def _chunk(bounder: Bounder, grid: IndicatorGrid, positives: HardPositives, resu
             result.missed_world = {k: np.asarray(v).tolist() for k, v in options.items()}
         return
     count = int(certain.sum())
+    result.done, result.chunks = result.done + count, result.chunks + 1
+    result.forms[form] += count
+
+
+def _of_distances(bounder: DistanceBounder, grid: Shape, positives: DistancePositives, result: Soak) -> None:
+    """Ask one chunk of a distance."""
+    form, count, missed = positives.ask(result.seed, result.chunks, CHUNK)
+    if missed is not None:
+        result.missed = [float(v) for value in missed.values() for v in np.ravel(value)]
+        result.missed_form = f"{form}: {', '.join(missed)}"
+        return
     result.done, result.chunks = result.done + count, result.chunks + 1
     result.forms[form] += count
 
@@ -283,7 +302,7 @@ def _resumed(fresh: Soak, seed: int | None, state: str | Path | None) -> Soak:
             raise ValueError("another version")
         old = Soak(**held)
         numbers = (old.seed, old.done, old.chunks, *old.forms.values())
-        if not all(type(v) is int and v >= 0 for v in numbers) or set(old.forms) != set(FORMS):
+        if not all(type(v) is int and v >= 0 for v in numbers) or set(old.forms) != set(fresh.forms):
             raise ValueError("numbers")
         if sum(old.forms.values()) != old.done or not 0 <= float(old.seconds) < float("inf"):
             raise ValueError("numbers")

@@ -7,7 +7,7 @@ import numpy as np
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.blocks import full_blocks
+from warp_bounding.indicators.blocks import blocks_of
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.covers.monotone_box import LeastBox, of_points
 from warp_bounding.proof.search.depth_first import ChartedPositives
@@ -66,5 +66,5 @@ def positive_boxes(bounder: Bounder | LeastBox, grid: IndicatorGrid) -> tuple[np
     Returns:
         Lower and upper corners ``(N, n)`` float64.
     """
-    first, last = (grid.occupied, grid.occupied + 1) if bounder.exact_on_cells else full_blocks(grid)
+    first, last = (grid.occupied, grid.occupied + 1) if bounder.exact_on_cells else blocks_of(grid.occupancy)
     return bounder.domain.widened(grid.position(first - 0.5), grid.position(last - 0.5))

@@ -23,7 +23,7 @@ from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.coordinates.region_domain import RegionDomain
-from warp_bounding.indicators.blocks import blocks_of, full_blocks
+from warp_bounding.indicators.blocks import blocks_of
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.networks.charts.ray import RayChart
 from warp_bounding.proof.covers.base import Cover
@@ -103,7 +103,7 @@ class RayCover(Cover):
     def charted(self, bounder: Mlp, grid: IndicatorGrid) -> ChartedPositives:
         n, domain = grid.ndim, bounder.domain
         local = domain.base.to_local
-        first, last = full_blocks(grid)
+        first, last = blocks_of(grid.occupancy)
         boxes = [_boxes(domain, grid, first - 0.5, last - 0.5, 0.0, _directions(n))]
         for axis in range(n):
             for sign in (1, -1):

@@ -1,0 +1,187 @@
+"""g is never above the distance to the object, for any float32 point anywhere; every question that follows from it misses nothing."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from bounding_shapes import fitted
+from distances import THINGS, far, points_around, squared_distance_to_cells, thing
+
+import warp_bounding as wb
+from warp_bounding.bounders import DISTANCES
+from warp_bounding.proof.distances.soak import DISTANCE_FORMS, DistancePositives
+
+GRIDS = ("line", "c", "blob", "anisotropic", "mesh", "five")
+
+
+@pytest.mark.parametrize("name", THINGS)
+@pytest.mark.parametrize("method", DISTANCES)
+def test_never_above_the_distance(method, name, rng):
+    bounder, shape = far(method, name), thing(name)
+    assert bounder.certificate.proven
+    x = points_around(shape, 4000, rng)
+    g, known = bounder.distance(x).numpy(), shape.distances(x)
+    assert g.dtype == np.float32
+    assert (g >= 0).all()
+    assert (g <= known[:, 1]).all()
+    held = shape.contains(x)
+    assert not g[held].any()
+    assert (bounder.query(x).numpy() == ~(g > 0)).all()
+
+
+@pytest.mark.parametrize("name", GRIDS)
+@pytest.mark.parametrize("method", DISTANCES)
+def test_never_above_the_distance_in_rational_arithmetic(method, name, rng):
+    bounder, shape = far(method, name), thing(name)
+    x = points_around(shape, 15, rng)
+    x = np.concatenate([x, (x[:10] - shape.lower) * 2.0 ** np.arange(0, 40, 4)[:, None] + shape.lower]).astype(
+        np.float32
+    )
+    for point, g in zip(x, bounder.distance(x).numpy(), strict=True):
+        assert Fraction(float(g)) ** 2 <= squared_distance_to_cells(shape, point)
+
+
+@pytest.mark.parametrize("method", DISTANCES)
+def test_as_tight_as_float32_allows(method, rng):
+    """What the kernel takes off for rounding is a few units of the numbers; and the plain twin says the same."""
+    bounder, shape = far(method, "tetrahedron"), thing("tetrahedron")
+    x = points_around(shape, 4000, rng)
+    g, exact, plain = (
+        bounder.distance(x).numpy(),
+        bounder.exact(x),
+        bounder.to(native=False).distance(x).numpy(),
+    )
+    size = np.abs(bounder.domain.to_local(x)).sum(axis=1) * bounder.domain.unit
+    assert (g <= exact).all()
+    assert (exact - g <= 1e-5 * (size + bounder.domain.unit)).all()
+    assert (np.abs(plain - g) <= 1e-5 * (size + bounder.domain.unit)).all()
+    assert (plain <= shape.distances(x)[:, 1]).all()
+
+
+@pytest.mark.parametrize("method", DISTANCES)
+def test_everywhere(method):
+    bounder = far(method, "blob")
+    directions = np.random.default_rng(1).normal(size=(500, 3))
+    away = 2.0 ** np.linspace(-30, 127, 500)[:, None]
+    x = (directions / np.abs(directions).max(axis=1, keepdims=True) * away).astype(np.float32)
+    g = bounder.distance(x).numpy()
+    reach = np.linalg.norm(x.astype(np.float64), axis=1)
+    assert np.isfinite(g).all()
+    assert (g <= reach + 2).all()
+    middle = (reach > 100) & (reach < 2.0**50)
+    least = 0.9 if method != "learned-kdop" else 0.3  # of its faces only the farthest one counts
+    assert (g[middle] > least * reach[middle] - 3).all()
+    bad = np.array([[np.nan, 0, 0], [np.inf, 0, 0], [0, -np.inf, np.nan], [3e38, -3e38, 3e38]], np.float32)
+    assert not bounder.distance(bad[:3]).numpy().any()
+    assert bounder.query(bad[:3], 1e30).numpy().all()
+    maybe, t = bounder.segments(bad[:3], np.zeros((3, 3), np.float32))
+    assert maybe.numpy().all()
+    assert not t.numpy().any()
+    assert bounder.boxes(bad[:3], bad[:3]).numpy().all()
+    rays = np.concatenate([np.zeros((3, 3), np.float32), bad[:3]], axis=1)
+    assert bounder.rays(rays, length=1.0)[0].numpy().all()
+    assert bounder.distance(np.zeros((0, 3), np.float32)).shape == (0,)
+
+
+@pytest.mark.parametrize("name", ["c", "blob", "anisotropic", "tetrahedron", "torus"])
+@pytest.mark.parametrize("method", DISTANCES)
+def test_hard_positives_are_not_missed(method, name):
+    bounder, shape = far(method, name), thing(name)
+    positives = DistancePositives(bounder, shape)
+    for chunk in range(2 * len(DISTANCE_FORMS)):
+        form, asked, missed = positives.ask(3, chunk, 3000)
+        assert missed is None, (form, missed)
+        assert asked > 1000
+
+
+@pytest.mark.parametrize("native", [True, False])
+@pytest.mark.parametrize("method", DISTANCES)
+def test_marching_and_halving_decide_what_g_can(method, native, rng):
+    """With steps enough, all segments, rays and boxes are cleared that stay away from the object by more than g loses."""
+    bounder, shape = far(method, "tetrahedron").to(native=native), thing("tetrahedron")
+    a, b = (points_around(shape, 300, rng, 0.5) for _ in "ab")
+    along = (a[:, None] + np.linspace(0, 1, 65)[None, :, None] * (b - a)[:, None]).reshape(-1, 3)
+    g = bounder.exact(along).reshape(len(a), -1).min(axis=1)
+    maybe, t = (part.numpy() for part in bounder.segments(a, b, steps=4000))
+    assert (maybe[g <= 0] == 1).all()
+    near = (
+        np.linalg.norm(b.astype(np.float64) - a, axis=1) / 128 + 1e-3
+    )  # between two of the points that were looked at
+    assert not maybe[g > near].any()
+    assert (t[maybe == 0] == 1).all()
+    d = (b - a) * np.float32(3)
+    length = np.linalg.norm(b.astype(np.float64) - a, axis=1)
+    of_rays, when = (part.numpy() for part in bounder.rays(np.concatenate([a, d], axis=1), length=length, steps=4000))
+    assert (of_rays != maybe).mean() < 0.01  # but for what rounding turns
+    assert np.abs(when - t)[of_rays == maybe].max() < 1e-2
+    low, high = np.minimum(a, a + (b - a) * 0.1), np.maximum(a, a + (b - a) * 0.1)
+    boxed = bounder.boxes(low, high, steps=4000).numpy()
+    reach = np.linalg.norm(high.astype(np.float64) - low, axis=1)
+    assert not boxed[bounder.exact((low + high) / 2) > reach].any()
+    assert boxed[shape.decide_boxes(low, high) == 1].all()
+
+
+def test_times_of_contact():
+    bounder = far("aabb", "tetrahedron")
+    low, high = bounder.domain.lower, bounder.domain.upper
+    middle = (low + high) / 2
+    start = middle - [5 + (high - low)[0] / 2, 0, 0]
+    for radius, expected in ((0.0, 0.5), (1.0, 0.4)):
+        end = start + np.array([10.0, 0, 0])
+        maybe, t = bounder.segments(start[None].astype(np.float32), end[None].astype(np.float32), radius)
+        assert maybe.numpy()[0] == 1
+        assert expected - 1e-3 < t.numpy()[0] <= expected
+    maybe, t = bounder.segments(
+        start[None].astype(np.float32), start[None].astype(np.float32), 4.9
+    )  # of no length: a point
+    assert (maybe.numpy()[0], t.numpy()[0]) == (0, 1.0)
+    maybe, t = bounder.segments(start[None].astype(np.float32), start[None].astype(np.float32), 5.1)
+    assert (maybe.numpy()[0], t.numpy()[0]) == (1, 0.0)
+    assert bounder.segments(start[None].astype(np.float32), middle[None].astype(np.float32), steps=1)[0].numpy()[0] == 1
+
+
+def test_radii_of_their_own(rng):
+    bounder = far("sphere", "blob")
+    x = points_around(thing("blob"), 500, rng)
+    radius = rng.uniform(0, 1, len(x))
+    g = bounder.distance(x).numpy()
+    each = bounder.query(x, radius).numpy()
+    assert (each[g < radius - 1e-6] == 1).all()
+    assert not each[g > radius + 1e-6].any()
+    assert (bounder.query(x, radius=0.25).numpy() == ~(g > 0.25)).all()
+    exactly = bounder.query(x, radius=g).numpy()  # g > g is false
+    assert exactly.all()
+    indices, count = bounder.candidates(x, 0.25)
+    assert (np.flatnonzero(bounder.query(x, 0.25).numpy()) == indices.numpy()[: int(count.numpy()[0])]).all()
+    a, b = x[:-1], x[1:]
+    many = bounder.segments(a, b, radius[1:])[0].numpy()
+    one = [bounder.segments(a[i : i + 1], b[i : i + 1], radius[i + 1])[0].numpy()[0] for i in range(40)]
+    assert (many[:40] == one).all()
+
+
+@pytest.mark.parametrize("name", ["c", "tetrahedron"])
+def test_margins(name, rng):
+    shape = thing(name)
+    for method in ("aabb", "sphere"):
+        bounder = far(method, name, 0.1)
+        x = points_around(shape, 2000, rng)
+        known = shape.dilated(0.1).distances(x)
+        assert (bounder.distance(x).numpy() <= known[:, 1]).all()
+        assert bounder.info["margin"] == 0.1
+
+
+@pytest.mark.parametrize("method", ["aabb", "obb", "kdop", "learned-kdop", "bvh", "voxels"])
+def test_volumes_of_points_clear_segments(method, rng):
+    """``clear_segments`` for every method that has a distance; for others it says so."""
+    bounder, shape = fitted(method, "blob"), thing("blob")
+    if method not in DISTANCES:
+        with pytest.raises(wb.BounderError, match="segments need"):
+            wb.clear_segments(bounder, np.zeros((1, 3)), np.zeros((1, 3)))
+        return
+    a, b = rng.uniform(-1, 2, (2, 500, 3))
+    clear = wb.clear_segments(bounder, a, b)
+    along = a[:, None] + np.linspace(0, 1, 100)[None, :, None] * (b - a)[:, None]
+    assert 0 < clear.sum() < len(clear)
+    assert not shape.contains(along[clear].reshape(-1, 3)).any()
+    distance = far(method, "blob")
+    assert not shape.contains(along[wb.clear_segments(distance, a, b)].reshape(-1, 3)).any()

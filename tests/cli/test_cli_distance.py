@@ -1,0 +1,65 @@
+"""Distances on the command line: ``fit --query distance``, ``info``, ``certify``, ``evaluate --radius``, ``soak``."""
+
+import json
+
+import numpy as np
+import pytest
+from bounding_shapes import shape
+from commands import check_bad, run
+
+
+@pytest.fixture
+def files(tmp_path):
+    np.save(tmp_path / "blob.npy", shape("blob").occupancy)
+    return tmp_path
+
+
+def test_from_fit_to_soak(files, capsys):
+    path, source = files / "d.safetensors", files / "blob.npy"
+    told = ("fit", source, "--query", "distance", "--method", "sphere", "--samples", 20_000, "-o", path, "--json")
+    status, out, _ = run(capsys, *told)
+    assert status == 0
+    fitted = json.loads(out)
+    assert (fitted["method"], fitted["query"], fitted["fn"], fitted["certificate"]["kind"]) == (
+        "sphere",
+        "distance",
+        0,
+        "proven",
+    )
+    status, out, _ = run(capsys, "info", path)
+    assert status == 0
+    assert "3D distance queries" in out
+    assert "never above" in out
+    status, out, _ = run(capsys, "info", path, "--json")
+    assert json.loads(out)["query"] == "distance"
+    status, out, _ = run(capsys, "certify", path, source, "--query", "distance")
+    assert status == 0
+    assert out.startswith("proven: ")
+    status, out, _ = run(capsys, "evaluate", path, source, "--radius", 0.1, "--samples", 20_000, "--json")
+    rates = json.loads(out)
+    assert (status, rates["fn"], rates["radius"]) == (0, 0, 0.1)
+    status, out, _ = run(capsys, "evaluate", path, source, "--radius", 0.1, "--samples", 20_000)
+    assert "within radius 0.1" in out
+    status, out, _ = run(capsys, "soak", path, source, "--count", "1e6", "--seed", 3)
+    assert status == 0
+    assert "none missed" in out
+
+
+def test_mistakes(files, capsys):
+    path, source = files / "d.safetensors", files / "blob.npy"
+    told = ("fit", source, "--query", "distance", "-o", path, "--samples", 1000)
+    for wrong in (
+        ("--method", "voxels"),
+        ("--method", "sphere", "--length", 2),
+        ("--method", "sphere", "--hidden", "8"),
+        ("--method", "sphere", "--side", "inside"),
+        ("--method", "sphere", "--metric", "time"),
+    ):
+        check_bad(*run(capsys, *told, *wrong))
+    assert run(capsys, *told, "--method", "aabb")[0] == 0
+    check_bad(*run(capsys, "evaluate", path, source, "--radius", -1))
+    check_bad(*run(capsys, "evaluate", path, source, "--radius", "nan"))
+    check_bad(*run(capsys, "certify", path, source, "--query", "distances"))
+    points = files / "p.safetensors"
+    assert run(capsys, "fit", source, "--method", "aabb", "-o", points, "--samples", 1000)[0] == 0
+    check_bad(*run(capsys, "evaluate", points, source, "--radius", 1))

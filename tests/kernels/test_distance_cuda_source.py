@@ -1,0 +1,35 @@
+"""The CUDA branches of distances compile, also where there is no CUDA device to run them on."""
+
+import sys
+
+import pytest
+import warp as wp
+from asking import check_compiles
+from distances import far
+
+from warp_bounding.bounders import DISTANCES
+from warp_bounding.kernels.distances.batch import box_kernel, distance_kernel, march_kernel, plain_kernel
+
+pytestmark = [
+    pytest.mark.skipif(not hasattr(wp, "compile_aot_module"), reason="this Warp cannot compile ahead of time"),
+    pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA compiler on macOS"),
+]
+
+
+@pytest.mark.parametrize("method", DISTANCES)
+def test_distances_compile(method, tmp_path):
+    source = far(method, "blob").source
+    check_compiles(distance_kernel(source, False), tmp_path / "radius")
+    check_compiles(march_kernel(source, True, False), tmp_path / "march")
+
+
+def test_all_kernels_compile(tmp_path):
+    source = far("oriented-ellipsoid", "blob").source
+    kernels = [
+        distance_kernel(source, True),
+        plain_kernel(source, True),
+        march_kernel(source, True, True),
+        box_kernel(source, True),
+    ]
+    for number, kernel in enumerate(kernels):
+        check_compiles(kernel, tmp_path / str(number))

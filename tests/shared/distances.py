@@ -1,0 +1,64 @@
+"""Distance bounders of every method and of shapes of every kind, and the truth about grids in rational arithmetic."""
+
+from fractions import Fraction
+from functools import cache
+
+import numpy as np
+import pytest
+from bounding_shapes import shape
+
+import warp_bounding as wb
+from warp_bounding import solids
+from warp_bounding.bounders import DISTANCES
+
+TOLD = {"bvh": {"leaves": 6}, "learned-kdop": {"steps": 4}}
+
+
+@cache
+def thing(name: str):
+    """A shape: one of ``bounding_shapes``, a mesh with a margin, or a solid."""
+    if name == "tetrahedron":
+        vertices, faces = (
+            [[0, 0, 0], [1, 0, 0.1], [0, 1.2, 0], [0.2, 0, 0.7]],
+            [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
+        )
+        return wb.IndicatorMesh(np.array(vertices) * 3 + 7, faces)
+    if name == "torus":
+        return solids.Torus([0.5, 0, 1], 1.0, 0.3)
+    return shape(name)
+
+
+THINGS = ("line", "c", "blob", "anisotropic", "mesh", "five", "tetrahedron", "torus")
+
+
+@cache
+def far(method: str, name: str, margin: float = 0.0) -> wb.DistanceBounder:
+    """A proven distance bounder on the CPU, through the public door; never change it."""
+    if not DISTANCES[method].supports(thing(name).ndim):
+        pytest.skip(f"{method} has no distance of {thing(name).ndim}D objects")
+    if method == "bvh" and name == "torus":
+        return wb.fit(thing(name), "distance", method, margin=margin, resolution=24, device="cpu", **TOLD[method])
+    return wb.fit(thing(name), "distance", method, margin=margin, device="cpu", progress=False, **TOLD.get(method, {}))
+
+
+def points_around(thing, count: int, rng: np.random.Generator, reach: float = 1.0) -> np.ndarray:
+    """Uniform float32 points of a box around the object, and as many near it."""
+    size = float(thing.extent.max())
+    x = rng.uniform(thing.lower - reach * size, thing.upper + reach * size, (count, thing.ndim))
+    near = rng.uniform(thing.lower, thing.upper, (count, thing.ndim))
+    near += rng.normal(size=near.shape) * size * np.exp2(rng.uniform(-20, -1, (count, 1)))
+    return np.concatenate([x, near]).astype(np.float32)
+
+
+def squared_distance_to_cells(grid: wb.IndicatorGrid, x: np.ndarray) -> Fraction:
+    """From a point to the nearest occupied cell, exactly."""
+    p = [Fraction(float(v)) for v in x]
+    per_unit, offset = ([Fraction(float(v)) for v in values] for values in (grid.cells_per_unit, grid.offset))
+    best = None
+    for cell in grid.occupied.tolist():
+        total = Fraction(0)
+        for v, c, s, o in zip(p, cell, per_unit, offset, strict=True):
+            low, high = (c - Fraction(1, 2) + o) / s, (c + Fraction(1, 2) + o) / s
+            total += max(low - v, v - high, Fraction(0)) ** 2
+        best = total if best is None or total < best else best
+    return best

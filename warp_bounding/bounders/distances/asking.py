@@ -1,0 +1,315 @@
+"""What a distance bounder is asked, in batches and in kernels: points, radii, segments, rays and boxes, of one function g.
+
+Every answer follows from ``g(x) <= distance(x, object)`` (``kernels.distances``), so a method that has g has all of them.
+"""
+
+from abc import ABC, abstractmethod
+from functools import cached_property
+
+import numpy as np
+import warp as wp
+
+from warp_bounding.arithmetic import round_up
+from warp_bounding.coordinates.distance_domain import DistanceDomain
+from warp_bounding.errors import QueryError
+from warp_bounding.kernels.distances.batch import box_kernel, distance_kernel, march_kernel, plain_kernel
+from warp_bounding.kernels.distances.functions import (
+    BOX_STEPS,
+    SEGMENT_STEPS,
+    box_func,
+    distance_func,
+    ray_func,
+    segment_func,
+)
+from warp_bounding.kernels.distances.source import DistanceSource, share_of
+from warp_bounding.kernels.functions import Data
+from warp_bounding.kernels.source import LABEL
+from warp_bounding.runtime.arrays import flat_queries, new_output
+from warp_bounding.runtime.compaction import compact
+from warp_bounding.runtime.launch import BlockLaunch
+
+__all__ = ["AskingDistance"]
+
+
+class AskingDistance(ABC):
+    """What a ``DistanceBounder`` needs to answer; see there."""
+
+    domain: DistanceDomain
+    threshold: np.float32
+    native: bool
+    _device: str | None
+    _data: tuple[np.float32, Data] | None = None
+
+    Data = Data
+
+    @property
+    @abstractmethod
+    def source(self) -> DistanceSource:
+        """The native code of ``f``; equal for bounders of equal sizes."""
+
+    @abstractmethod
+    def weights(self) -> np.ndarray:
+        """``(K,)`` float32, the method's numbers in the order in which ``source`` reads them."""
+
+    def words(self) -> np.ndarray:
+        """``(W,)`` uint32, the method's bit field."""
+        return np.zeros(1, dtype=np.uint32)
+
+    def growth(self) -> float:
+        """How much the computed f may exceed F besides ``rounding_bound``, in units ``UNIT32 (|v|_1 + |f|)``; 0 in the domain."""
+        return 0.0
+
+    @property
+    def ndim(self) -> int:
+        """Dimension n of the object."""
+        return self.domain.ndim
+
+    @property
+    def device(self) -> wp.Device:
+        """The Warp device that queries run on."""
+        return wp.get_device(self._device)
+
+    @property
+    def data(self) -> Data:
+        """What the functions read besides the query, on this bounder's device: your kernel's argument of type ``wb.Data``.
+
+        Example:
+            >>> far.data.parameters.device
+            'cpu'
+        """
+        threshold, held = self.threshold, self._data
+        if held is None or held[0] is not threshold:
+            source, words, weights = self.source, self.words(), np.asarray(self.weights(), dtype=np.float32)
+            parameters = np.zeros(source.start + len(weights), dtype=np.float32)
+            head = np.concatenate([self.domain.header, [threshold, round_up(share_of(self.ndim, self.growth()))]])
+            parameters[:LABEL] = source.label(len(parameters), len(words))
+            parameters[LABEL : LABEL + len(head)] = head
+            parameters[source.start :] = weights
+            data = Data()
+            data.parameters = wp.array(parameters, dtype=wp.float32, device=self.device)
+            data.words = wp.array(words, dtype=wp.uint32, device=self.device)
+            held = self._data = threshold, data
+        return held[1]
+
+    # --- in kernels --------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def distance_func(self) -> wp.Function:
+        """``distance(data, x: vec_n) -> float``, for kernels of your own: ``wp.static(b.distance_func)(b.data, x)``; object units.
+
+        Never above the distance from x to the object, for any float32 x; 0 for NaN and infinity, and for the data of another bounder.
+
+        Example:
+            >>> @wp.kernel
+            ... def step(data: wb.Data, x: wp.array(dtype=wp.vec3), d: wp.array(dtype=float)):
+            ...     i = wp.tid()
+            ...     d[i] = wp.static(far.distance_func)(data, x[i])
+            >>> x, d = wp.array(points, dtype=wp.vec3, device="cpu"), wp.zeros(len(points), dtype=float, device="cpu")
+            >>> wp.launch(step, len(points), [far.data, x, d], device="cpu")
+            >>> bool((d.numpy() == far.distance(points).numpy()).all())
+            True
+        """
+        return distance_func(self.source, self.native)
+
+    @cached_property
+    def segment_func(self) -> wp.Function:
+        """``maybe, t = segment(data, start: vec_n, end: vec_n, radius, steps=32)``, for kernels of your own; see ``segments``."""
+        return segment_func(self.source, self.native)
+
+    @cached_property
+    def ray_func(self) -> wp.Function:
+        """``maybe, t = ray(data, origin: vec_n, direction: vec_n, length, radius, steps=32)``, for kernels of your own; see ``rays``."""
+        return ray_func(self.source, self.native)
+
+    @cached_property
+    def box_func(self) -> wp.Function:
+        """``maybe = box(data, lower: vec_n, upper: vec_n, steps=64)``, for kernels of your own; see ``boxes``."""
+        return box_func(self.source, self.native)
+
+    # --- in batches --------------------------------------------------------------------------------------------------
+
+    def distance(self, x, *, out: wp.array | None = None) -> wp.array:
+        """Lower bounds of the distance from points to the object.
+
+        Args:
+            x: ``(N, n)`` NumPy array or torch tensor, or ``wp.array`` of ``vec_n`` ``(N,)`` or float32 ``(N, n)``; object space. float64
+                is rounded to float32, and the bound is of the point that results.
+            out: ``(N,)`` float32 to write to, instead of a new array.
+
+        Returns:
+            ``(N,)`` float32 ``wp.array``, object units, at least 0. 0 for NaN and infinity.
+
+        Raises:
+            QueryError: For a wrong shape, dtype or device.
+
+        Example:
+            >>> float(far.distance(np.array([[9.0, 0.5, 0.5]], np.float32)).numpy()[0]) > 8
+            True
+        """
+        queries, count, _ = flat_queries(x, self.ndim, self.device)
+        out = new_output(out, count, wp.float32, self.device)
+        self._points(queries, count, np.zeros(1, np.float32), out, values=True)
+        return out
+
+    def query(self, x, radius=0.0, *, xform=None, scale=None, out: wp.array | None = None) -> wp.array:
+        """Which points may be within a radius of the object.
+
+        Args:
+            x: As for ``distance``.
+            radius: Number of at least 0, or one per query; object units. float64 is rounded up to float32.
+            xform: Not taken: a distance is asked in object space.
+            scale: Not taken.
+            out: ``(N,)`` uint8 to write to, instead of a new array.
+
+        Returns:
+            ``(N,)`` uint8 ``wp.array``: 1 = maybe, 0 = certainly farther than the radius: ``g(x) > radius``.
+
+        Raises:
+            QueryError: For a wrong shape, dtype or device, or a radius that is negative, NaN or not one per query.
+
+        Example:
+            >>> far.query(np.array([[0.5, 0.5, 0.5], [9.0, 9.0, 9.0]], np.float32), radius=0.1).numpy()
+            array([1, 0], dtype=uint8)
+        """
+        if xform is not None or scale is not None:
+            raise QueryError(
+                "a distance is asked in object space: move the points by the inverse of xform and scale first"
+            )
+        queries, count, _ = flat_queries(x, self.ndim, self.device)
+        radii = _lengths("radius", radius, count)
+        out = new_output(out, count, wp.uint8, self.device)
+        self._points(queries, count, radii, out, values=False)
+        return out
+
+    def candidates(self, x, radius=0.0) -> tuple[wp.array, wp.array]:
+        """Which points may be within a radius, compacted on the device; arguments as of ``query``, result as of ``Bounder.candidates``."""
+        return compact(self.query(x, radius))
+
+    def segments(self, start, end, radius=0.0, steps: int = SEGMENT_STEPS) -> tuple[wp.array, wp.array]:
+        """Which segments may come within a radius of the object, and when first; with a radius they are swept balls.
+
+        Args:
+            start: ``(N, n)``, as for ``distance``.
+            end: ``(N, n)``.
+            radius: As for ``query``.
+            steps: Evaluations of each at most, at least 1; more of them clear more segments that pass close to the object.
+
+        Returns:
+            ``(N,)`` uint8 ``wp.array``, 1 = maybe; and ``(N,)`` float32, a lower bound of the time of first contact, from 0 at the start to 1
+            at the end; 1 where there is none. NaN and infinity: maybe, at 0.
+
+        Raises:
+            QueryError: As of ``query``, and for ``steps`` that is no whole number of at least 1.
+
+        Example:
+            >>> maybe, t = far.segments(np.array([[-9.0, 0.5, 0.5]], np.float32), np.array([[0.5, 0.5, 0.5]], np.float32))
+            >>> int(maybe.numpy()[0]), bool(t.numpy()[0] > 0.9)
+            (1, True)
+        """
+        a, count, _ = flat_queries(start, self.ndim, self.device)
+        b, others, _ = flat_queries(end, self.ndim, self.device)
+        if count != others:
+            raise QueryError(f"start and end must be as many, got {count} and {others}")
+        return self._march(a, b, count, np.zeros(1, np.float32), _lengths("radius", radius, count), steps, ray=False)
+
+    def rays(self, x, *, length, radius=0.0, steps: int = SEGMENT_STEPS) -> tuple[wp.array, wp.array]:
+        """Which rays may come within a radius of the object, and where first.
+
+        Args:
+            x: ``(N, 2 n)``, origins and directions of any length.
+            length: Of the rays, a number of at least 0, or one per ray; object units.
+            radius: As for ``query``.
+            steps: As for ``segments``.
+
+        Returns:
+            As of ``segments``; times are shares of the length. A direction without a length: maybe, at 0.
+
+        Raises:
+            QueryError: As of ``segments``.
+
+        Example:
+            >>> maybe, t = far.rays(np.array([[9.0, 0.5, 0.5, 1.0, 0.0, 0.0]], np.float32), length=100.0)
+            >>> int(maybe.numpy()[0])
+            0
+        """
+        queries, count, _ = flat_queries(x, 2 * self.ndim, self.device)
+        lengths = _lengths("length", length, count)
+        return self._march(queries, queries, count, lengths, _lengths("radius", radius, count), steps, ray=True)
+
+    def boxes(self, lower, upper, steps: int = BOX_STEPS, *, out: wp.array | None = None) -> wp.array:
+        """Which closed boxes may meet the object, by halving them until each part is proven to be clear.
+
+        Args:
+            lower: ``(N, n)``, lower corners, as for ``distance``.
+            upper: ``(N, n)``, upper corners.
+            steps: Evaluations of each at most, at least 1.
+            out: ``(N,)`` uint8 to write to, instead of a new array.
+
+        Returns:
+            ``(N,)`` uint8 ``wp.array``, 1 = maybe. NaN, infinity and a box upside down: maybe.
+
+        Raises:
+            QueryError: As of ``segments``.
+
+        Example:
+            >>> far.boxes(np.array([[2.0, 0, 0]], np.float32), np.array([[3.0, 1, 1]], np.float32)).numpy()
+            array([0], dtype=uint8)
+        """
+        a, count, _ = flat_queries(lower, self.ndim, self.device)
+        b, others, _ = flat_queries(upper, self.ndim, self.device)
+        if count != others:
+            raise QueryError(f"lower and upper must be as many, got {count} and {others}")
+        out = new_output(out, count, wp.uint8, self.device)
+        data = self.data
+        inputs = [0, data, a, b, _steps(steps)]
+        self._run(box_kernel(self.source, self.native), count, inputs, [out], first_index=0)
+        return out
+
+    def _points(self, queries: wp.array, count: int, radii: np.ndarray, out: wp.array, *, values: bool) -> None:
+        data, radius = self.data, wp.array(radii, dtype=wp.float32, device=self.device)
+        many = int(len(radii) > 1)
+        if self.native:
+            inputs = [queries, count, 0, data.parameters, data.words, radius, many]
+            kernel, block = distance_kernel(self.source, values), self.source.block
+            self._run(kernel, count, inputs, [out], first_index=2, block=block)
+        else:
+            self._run(plain_kernel(self.source, values), count, [0, data, queries, radius, many], [out], first_index=0)
+
+    def _march(self, a, b, count: int, lengths: np.ndarray, radii: np.ndarray, steps: int, *, ray: bool):
+        numbers = [wp.array(values, dtype=wp.float32, device=self.device) for values in (lengths, radii)]
+        maybe, t = (wp.empty(count, dtype=kind, device=self.device) for kind in (wp.uint8, wp.float32))
+        many = [int(len(values) > 1) for values in (lengths, radii)]
+        inputs = [0, self.data, a, b, numbers[0], many[0], numbers[1], many[1], _steps(steps)]
+        self._run(march_kernel(self.source, self.native, ray), count, inputs, [maybe, t], first_index=0)
+        return maybe, t
+
+    def _run(self, kernel, count: int, inputs: list, outputs: list, *, first_index: int, block: int = 1) -> None:
+        BlockLaunch(kernel, count, inputs, outputs, self.device, first_index=first_index, block=block).launch_once()
+
+
+def _lengths(name: str, given, count: int) -> np.ndarray:
+    """A length, or one per query, as float32, rounded up; raises ``QueryError`` for others."""
+    if isinstance(given, wp.array):
+        given = given.numpy()
+    given = given.detach().cpu() if hasattr(given, "detach") else given
+    try:
+        values = np.asarray(given)
+        values = values.astype(np.float64) if values.dtype.kind in "iuf" else None
+    except (TypeError, ValueError):
+        values = None
+    if values is None or values.shape not in ((), (count,)):
+        got = repr(given) if values is None else f"shape {values.shape}"
+        raise QueryError(f"{name} must be a number of at least 0, or {count} of them, one per query; got {got}")
+    values = values.reshape(-1)
+    bad = ~(np.isfinite(values) & (values >= 0))
+    if bad.any():
+        raise QueryError(f"{name} must be finite and at least 0, got {values[bad][0]:g}")
+    rounded = round_up(values).astype(np.float32)
+    return rounded if len(rounded) else np.zeros(1, np.float32)
+
+
+def _steps(steps: int) -> int:
+    """The number of evaluations, checked."""
+    if isinstance(steps, bool) or not isinstance(steps, (int, np.integer)) or not 1 <= steps < 2**31:
+        raise QueryError(f"steps must be a whole number of at least 1, got {steps!r}")
+    return int(steps)

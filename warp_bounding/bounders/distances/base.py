@@ -1,0 +1,249 @@
+"""The contract of a distance bounder: a function g with ``g(x) <= distance(x, object)`` for every float32 x anywhere, proven.
+
+A method supplies a function F of local coordinates (``DistanceDomain``), and everything else is the same for all of them:
+
+* ``source``: a ``DistanceSource`` with the native text of F (``body``), its twin in Warp's own Python (``plain``), and ``whole``, whether F is
+  a bound everywhere or in the domain only; and ``weights()``, the float32 numbers that both read;
+* ``reference(v)``: the same F in plain NumPy float64, which tests and proofs evaluate;
+* ``rounding_bound()``: ``E >= computed F - exact F`` wherever F is asked, ``FLUSHED`` included; where ``whole``, also ``growth()``;
+* ``volume``, a proven bounder of points, where F is the distance to a volume that holds the object; else ``bound(lower, upper)``, certified upper bounds
+  of F over boxes, and a prover that is listed in ``proof.distances.prove.PROVERS``;
+* ``options``, what users can tell it, and ``supports``.
+
+It is proven when ``threshold <= L - E``, where ``d - F >= L`` on all of the domain, d the local distance (0 in the object): so the claim has the form of every
+other certificate's, of ``f = d - F``. ``-threshold`` is the *slack*, what is taken off F. A new method is one file with a subclass, and a line
+in ``methods.py`` (``register_distance``).
+"""
+
+from abc import abstractmethod
+from typing import Any, ClassVar
+
+import numpy as np
+
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.distances.asking import AskingDistance
+from warp_bounding.bounders.file_format import save
+from warp_bounding.bounders.options import Option
+from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.coordinates.distance_domain import DistanceDomain
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.kernels.distances.source import MOST_DIMENSIONS
+from warp_bounding.queries.distance import DISTANCE
+from warp_bounding.runtime.devices import device_of
+
+__all__ = ["DistanceBounder"]
+
+
+class DistanceBounder(AskingDistance):
+    """A lower bound of the distance to an object, 0 in it and wherever nothing better is proven.
+
+    Attributes:
+        method: The name that ``method=`` takes.
+        domain: The box that holds the object, and the map into it.
+        threshold: float32, at most 0: what is added to F, the slack with its sign turned.
+        certificate: What is proven of it, or ``None``.
+        info: How it was made, by the names in ``file_format.INFO_FIELDS``.
+        device: The Warp device that queries run on.
+        native: Whether queries run as native text, or as its plain twin (``to``).
+
+    Example:
+        >>> far = wb.fit(ball, "distance", "sphere", device="cpu")
+        >>> far.certificate.proven
+        True
+        >>> bool((far.distance(points).numpy() <= ball_distances).all())
+        True
+    """
+
+    method: ClassVar[str]
+    options: ClassVar[tuple[Option, ...]] = ()
+    conservative: ClassVar[bool] = True
+    composed: ClassVar[bool] = False
+    provable: ClassVar[bool] = True
+    query_kind: ClassVar[str] = DISTANCE.name
+
+    def __init__(
+        self,
+        domain: DistanceDomain,
+        tensors: dict[str, np.ndarray],
+        sizes: dict[str, Any],
+        device: str | None = None,
+    ):
+        """Copy and check what a bounder is made of.
+
+        Args:
+            domain: See class.
+            tensors: Arrays by role, float32 or the method's ``tensor_types``; copied, so that nothing can change them later.
+            sizes: JSON-ready structure that the tensors do not tell.
+            device: Warp device; the default device if ``None``.
+
+        Raises:
+            BounderError: If a tensor is not finite or of the wrong type, or there is no such device.
+        """
+        device_of(device, BounderError)
+        if not isinstance(domain, DistanceDomain):
+            raise BounderError(f"{self.method}: expected the domain of a distance, got {type(domain).__name__}")
+        if domain.ndim > MOST_DIMENSIONS:
+            raise BounderError(f"{self.method}: distances have at most {MOST_DIMENSIONS} dimensions, got {domain.ndim}")
+        if not isinstance(sizes, dict):
+            raise BounderError(f"sizes must be a table of names, got {sizes!r}")
+        self.domain, self.sizes = domain, dict(sizes)
+        self.tensors = {name: np.array(value, order="C") for name, value in tensors.items()}
+        for name, value in self.tensors.items():
+            if value.dtype not in self.tensor_types(name):
+                raise BounderError(f"tensor {name} must not be {value.dtype}")
+            if value.dtype.kind == "f" and not np.isfinite(value).all():
+                raise BounderError(f"tensor {name} holds a value that is not finite")
+            value.setflags(write=False)
+        self.threshold = np.float32(0.0)
+        self.certificate: Certificate | None = None
+        self.info: dict[str, Any] = {}
+        self._device, self.native = device, True
+        self.check_tensors()
+
+    @staticmethod
+    def tensor_types(name: str) -> tuple[type, ...]:
+        """NumPy types that a tensor may have."""
+        return (np.float32,)
+
+    def expect_shapes(self, expected: dict[str, tuple[int, ...]]) -> None:
+        """Refuse tensors of other names or shapes, with ``BounderError``."""
+        found = {name: tensor.shape for name, tensor in self.tensors.items()}
+        if found != expected:
+            raise BounderError(f"{self.method}: expected tensors {expected}, got {found}")
+
+    # --- what a method supplies --------------------------------------------------------------------------------------
+
+    def check_tensors(self) -> None:
+        """Refuse tensors and sizes that do not fit together, and keep what follows from them; part of the constructor.
+
+        Raises:
+            BounderError: If they do not.
+        """
+
+    @abstractmethod
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        """Exact F (up to float64 rounding) of ``(N, n)`` float64 local coordinates; ``(N,)`` float64."""
+
+    @abstractmethod
+    def rounding_bound(self) -> float:
+        """E; see module."""
+
+    @property
+    def volume(self) -> Bounder | None:
+        """A bounder of points whose *maybe* holds the object, where F is a lower bound of the distance to it; else ``None``."""
+        return None
+
+    @classmethod
+    def supports(cls, ndim: int) -> bool:
+        """Whether the method has distances of n-dimensional objects."""
+        return 1 <= ndim <= MOST_DIMENSIONS
+
+    @classmethod
+    def options_taken(cls) -> tuple[Option, ...]:
+        """What ``fit`` and the command line can tell the method."""
+        return cls.options
+
+    # --- what follows ------------------------------------------------------------------------------------------------
+
+    @property
+    def parts(self) -> "list[DistanceBounder]":
+        """This one: there are no conjunctions of distances."""
+        return [self]
+
+    @property
+    def slack(self) -> float:
+        """What is taken off F so that it is a lower bound, rounding included; object units."""
+        return -float(self.threshold) * self.domain.unit
+
+    def exact(self, x: np.ndarray) -> np.ndarray:
+        """G of points ``(N, n)`` as float64 has it, without what float32 rounds: what ``distance`` comes close to from below."""
+        v, n = self.domain.to_local(x), self.ndim
+        limit, whole = self.domain.limit.astype(np.float64), self.source.whole
+        p = v if whole else np.clip(v, -limit, limit)
+        value = self.reference(p.reshape(-1, n)) + float(self.threshold)
+        if not whole:
+            value = np.hypot(np.linalg.norm(v - p, axis=1), np.maximum(value, 0.0))
+        return np.maximum(value, 0.0) * self.domain.unit
+
+    def to(self, device: str | None = None, *, native: bool | None = None) -> "DistanceBounder":
+        """This bounder on another device; arguments as of ``Bounder.to``.
+
+        Raises:
+            BounderError: If there is no such device.
+
+        Example:
+            >>> plain = far.to("cpu", native=False)
+            >>> bool(np.allclose(plain.distance(points).numpy(), far.distance(points).numpy(), atol=1e-5))
+            True
+        """
+        device = self._device if device is None else device
+        device_of(device, BounderError)
+        copy = object.__new__(type(self))
+        copy.__dict__.update(self.__dict__)
+        for name in ("distance_func", "segment_func", "ray_func", "box_func"):
+            copy.__dict__.pop(name, None)  # they are cached, and depend on ``native``
+        copy._device, copy._data = device, None
+        copy.native = self.native if native is None else native
+        return copy
+
+    def freeze(self, threshold: float, certificate: Certificate | None) -> "DistanceBounder":
+        """Set threshold and certificate, in place; nothing else changes them.
+
+        Args:
+            threshold: Rounded to float32; at most 0.
+            certificate: What is known of this threshold; ``None`` for nothing.
+
+        Raises:
+            BounderError: For a threshold above 0, with which rounding is not accounted for.
+        """
+        if not np.float32(threshold) <= 0:
+            raise BounderError(f"{self.method}: the threshold of a distance is at most 0, got {threshold:g}")
+        self.info = {key: value for key, value in self.info.items() if key != "rates"}
+        self.threshold = np.float32(threshold)
+        self.certificate = certificate
+        self._data = None
+        return self
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of data that one query can read; the tag and the lengths in front of them are not counted."""
+        return 4 * (len(self.domain.header) + 2 + len(self.weights())) + (
+            self.words().nbytes if len(self.words()) > 1 else 0
+        )
+
+    @property
+    def tightness(self) -> str:
+        """False positives of points at radius 0 in words, as ``fit`` measured them; empty where it did not."""
+        rates = self.info.get("rates")
+        if not rates:
+            return ""
+        text = f"{rates['fp_rate']:.2f} % false positives at radius 0 ({rates['samples']:,} samples)"
+        return f"{text}, slack {self.slack:.3g}"
+
+    def save(self, path) -> None:
+        """Write one ``.safetensors`` file, whole or not at all; as ``Bounder.save``.
+
+        Raises:
+            FileFormatError: If it cannot be written, or if another kind of file is there, which is kept.
+
+        Example:
+            >>> far.save("far.safetensors")
+            >>> wb.load("far.safetensors", device="cpu").certificate == far.certificate
+            True
+        """
+        save(self, path)
+
+    def __repr__(self) -> str:
+        proof = self.certificate.kind if self.certificate else "no certificate"
+        text = f"{self.method} distance bounder, {self.ndim}D, {self.nbytes} bytes, {proof}"
+        return f"<{text}, {self.tightness}>" if self.tightness else f"<{text}>"
+
+    @classmethod
+    def fit(cls, shape: Shape, domain: DistanceDomain, *, device: str | None = None, **options) -> "DistanceBounder":
+        """The method's F of a shape, in closed form, where there is one and no volume.
+
+        Raises:
+            BounderError: If there is none.
+        """
+        raise BounderError(f"{cls.method}: there is no closed form of its distance")

@@ -1,0 +1,181 @@
+"""From object coordinates to those that a distance is computed in, which are larger or smaller alike on all axes.
+
+A point ``x`` becomes ``v = (x - center) * scale``, where ``center`` is float32 and ``scale`` a power of two, the same on all axes: a distance
+in v is one in object space times ``scale``, exactly. So the map rounds once, in the difference: on each axis by
+``UNIT32 |v|`` at most, or by ``TINY scale`` where a difference is set to zero. A float32 query is exact; there is no ``delta``.
+
+The object lies in the box ``|v_k| <= limit_k``. For any point v, with p the point of the box that is nearest to it, and any point y
+of the object, ``|v - y|^2 >= |v - p|^2 + |p - y|^2``, since the box is convex and so ``(v - p) . (y - p) <= 0``. Hence
+
+    d(v)^2 >= |v - p|^2 + d(p)^2,
+
+and whoever knows a lower bound of the distance in the box knows one everywhere. No tighter combination of these two numbers holds for
+all objects in the box: it is the distance itself for an object that lies at right angles behind p.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from warp_bounding.arithmetic import UNIT32, round_up
+from warp_bounding.coordinates.domain import EXTENTS, json_number
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.queries.distance import DISTANCE
+
+__all__ = ["DistanceDomain", "object_box"]
+
+GROWTH = 1.0 + 1e-12  # covers the float64 evaluation of a few sums and products
+COARSEST = (
+    2.0**-12
+)  # of the domain's longest side: float32 must tell apart points that are this far from each other in it
+
+
+def object_box(shape: Shape) -> tuple[np.ndarray, np.ndarray]:
+    """``(n,)`` float64 each, corners of a box that holds the object; of a grid the box around the occupied cells."""
+    if not isinstance(shape, IndicatorGrid):
+        return shape.lower, shape.upper
+    cells = shape.occupied
+    low, high = shape.position(cells.min(axis=0) - 0.5), shape.position(cells.max(axis=0) + 0.5)
+    return np.nextafter(low, -np.inf), np.nextafter(high, np.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class DistanceDomain:
+    """The box that holds the object, and the map to local space, where it lies in about [-1, 1]^n.
+
+    Attributes:
+        center: ``(n,)`` float32, object space.
+        scale: ``(n,)`` float32, per object unit: the same power of two n times.
+        limit: ``(n,)`` float32: no point of the object has a larger ``|v|``.
+        lower: ``(n,)`` float64, lower corner of the box in object space.
+        upper: ``(n,)`` float64, upper corner.
+    """
+
+    center: np.ndarray
+    scale: np.ndarray
+    limit: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+
+    query = DISTANCE.name
+    space = "geometric"
+    length = None
+    time = False
+    unbounded = False
+    parametric = False
+    tested_as_point = True
+    tested_as_region = False
+
+    @classmethod
+    def of(cls, shape: Shape, room: float = 0.0) -> "DistanceDomain":
+        """The domain of a shape.
+
+        Args:
+            shape: The object.
+            room: Of the longest side: by how much the domain reaches beyond the object on every side. Methods that are asked in the
+                domain only are tighter around the object with some.
+
+        Raises:
+            IndicatorError: If the shape is too large, too small or too far away for float32.
+        """
+        return cls.around(*object_box(shape), room, shape.name)
+
+    @classmethod
+    def around(cls, lower: np.ndarray, upper: np.ndarray, room: float = 0.0, name: str = "box") -> "DistanceDomain":
+        """The domain of whatever lies in a box ``(n,)``, ``(n,)`` float64; ``name`` is for messages, the rest as for ``of``."""
+        longest = float((upper - lower).max())
+        if not EXTENTS[0] <= longest <= EXTENTS[1]:
+            raise IndicatorError(
+                f"{name}: expected an extent from {EXTENTS[0]:.3g} to {EXTENTS[1]:.3g}, got {longest:.3g}; choose other units"
+            )
+        lower, upper = lower - room * longest, upper + room * longest
+        center = ((lower + upper) / 2).astype(np.float32)
+        reach = np.maximum(upper - center, center - lower).max() * GROWTH
+        if not UNIT32 * max(np.abs(lower).max(), np.abs(upper).max()) <= COARSEST * longest:
+            far = max(np.abs(lower).max(), np.abs(upper).max())
+            raise IndicatorError(
+                f"{name}: float32 tells points too coarsely apart at coordinates up to {far:.3g} for an extent of {longest:.3g}; "
+                "move the shape to its origin"
+            )
+        scale = np.full(len(center), 2.0 ** -np.ceil(np.log2(reach)), dtype=np.float32)
+        limit = round_up(np.maximum(upper - center, center - lower) * scale * GROWTH)
+        return cls(center, scale, limit, lower, upper)
+
+    def fault(self) -> str | None:
+        """What is wrong with these numbers, in a few words; ``None`` if every claim of this class holds for them."""
+        arrays = [self.center, self.scale, self.limit, self.lower, self.upper]
+        if not all(a.shape == (self.ndim,) and np.isfinite(a).all() for a in arrays) or self.ndim == 0:
+            return "the domain's numbers are not finite or not one per axis"
+        mantissa, exponent = np.frexp(float(self.scale[0]))
+        if not ((self.scale == self.scale[0]).all() and mantissa == 0.5 and -62 <= exponent <= 62):
+            return "the domain's scale is not one power of two"
+        if not (self.lower <= self.upper).all():
+            return "the domain's corners are no box's"
+        low, high = -self.to_local(self.lower), self.to_local(self.upper)
+        if not (self.limit >= np.maximum(low, high) * (1 + 1e-13)).all() or not (self.limit <= 2).all():
+            return "the domain's limit does not fit its corners"
+        return None
+
+    @property
+    def ndim(self) -> int:
+        """Number of coordinates."""
+        return len(self.center)
+
+    space_ndim = columns = ndim
+
+    @property
+    def base(self) -> "DistanceDomain":
+        """The domain of points: this one."""
+        return self
+
+    @property
+    def delta(self) -> np.ndarray:
+        """``(n,)`` float64, zeros: a float32 query is exact."""
+        return np.zeros(self.ndim)
+
+    @property
+    def unit(self) -> float:
+        """Object units of one local unit, a power of two."""
+        return 1.0 / float(self.scale[0])
+
+    @property
+    def header(self) -> np.ndarray:
+        """float32 numbers in front of the threshold in a kernel's ``parameters``: center, limit, scale, unit."""
+        return np.concatenate([self.center, self.limit, [self.scale[0], np.float32(self.unit)]])
+
+    @property
+    def extra(self) -> np.ndarray:
+        """float32 numbers behind the threshold: none of the domain's."""
+        return np.zeros(0, np.float32)
+
+    def to_local(self, x: np.ndarray) -> np.ndarray:
+        """``v`` of object coordinates ``(..., n)``, in float64."""
+        return (np.asarray(x, dtype=np.float64) - self.center) * self.scale.astype(np.float64)
+
+    def to_object(self, v: np.ndarray) -> np.ndarray:
+        """Object coordinates of ``v``, in float64."""
+        return np.asarray(v, dtype=np.float64) / self.scale.astype(np.float64) + self.center
+
+    def to_dict(self) -> dict:
+        """JSON-ready numbers; float32 values survive the trip exactly."""
+        return {k: [float(a) for a in getattr(self, k)] for k in ("center", "scale", "limit", "lower", "upper")}
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> "DistanceDomain":
+        """Inverse of ``to_dict``; raises ``ValueError`` for numbers that are not a domain's (``fault``)."""
+        arrays = {
+            k: np.array([json_number(a, k) for a in values[k]]) for k in ("center", "scale", "limit", "lower", "upper")
+        }
+        for name in ("center", "scale", "limit"):
+            with np.errstate(over="ignore"):
+                single = arrays[name].astype(np.float32)
+            if not (single == arrays[name]).all():
+                raise ValueError(f"the domain's {name} must be float32 numbers, got {values[name]}")
+            arrays[name] = single
+        domain = cls(**arrays)
+        if fault := domain.fault():
+            raise ValueError(fault)
+        return domain

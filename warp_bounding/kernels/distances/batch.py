@@ -1,0 +1,148 @@
+"""Batch kernels of a distance: points in lanes, native; and one query a thread for all that marches or halves, and for the plain twin."""
+
+from functools import cache
+
+import warp as wp
+
+from warp_bounding.coordinates.base import Numbers, vector_type
+from warp_bounding.kernels.distances.assemble import batch_snippet
+from warp_bounding.kernels.distances.functions import box_func, distance_func, ray_func, segment_func
+from warp_bounding.kernels.distances.source import DistanceSource
+from warp_bounding.kernels.functions import Data, Words
+from warp_bounding.runtime.native import named, unique_name
+
+__all__ = ["box_kernel", "distance_kernel", "march_kernel", "plain_kernel"]
+
+
+def _name(source: DistanceSource, native: bool, role: str) -> named:
+    return named(unique_name(source, f"{role}{'' if native else '_plain'}"))
+
+
+@cache
+def distance_kernel(source: DistanceSource, values: bool) -> wp.Kernel:
+    """``(x, count, block, parameters, words, radius, many, out)``, one block a thread: distances where ``values``, else 0 and 1."""
+    out_type = wp.float32 if values else wp.uint8
+
+    @_name(source, True, f"distances{'_values' * values}").block_kernel(batch_snippet(source, values))
+    def batch(
+        x: Numbers,
+        count: int,
+        block: int,
+        parameters: Numbers,
+        words: Words,
+        radius: Numbers,
+        many: int,
+        out: wp.array(dtype=out_type),
+    ): ...
+
+    return batch
+
+
+@cache
+def plain_kernel(source: DistanceSource, values: bool) -> wp.Kernel:
+    """The plain twin of ``distance_kernel``: ``(first, data, x, radius, many, out)``, one query a thread."""
+    distance, n, vector = distance_func(source, False), source.ndim, vector_type(source.ndim)
+    out_type = wp.float32 if values else wp.uint8
+
+    def batch(
+        first: int,
+        # inputs
+        data: Data,
+        x: Numbers,
+        radius: Numbers,
+        many: int,
+        # outputs
+        out: wp.array(dtype=out_type),
+    ):
+        i = first + wp.tid()
+        q = vector()
+        for k in range(n):
+            q[k] = x[i * n + k]
+        g = distance(data, q)
+        if values:
+            out[i] = out_type(g)
+        else:
+            out[i] = out_type(not g > radius[many * i])
+
+    return _name(source, False, f"distances{'_values' * values}").kernel(batch)
+
+
+@cache
+def march_kernel(source: DistanceSource, native: bool, ray: bool) -> wp.Kernel:
+    """``(first, data, a, b, length, lengths, radius, radii, steps, maybe, t)``: segments from a to b, or rays of a alone."""
+    march, n, vector = (ray_func if ray else segment_func)(source, native), source.ndim, vector_type(source.ndim)
+
+    def segments(
+        first: int,
+        # inputs
+        data: Data,
+        a: Numbers,
+        b: Numbers,
+        length: Numbers,
+        lengths: int,
+        radius: Numbers,
+        radii: int,
+        steps: int,
+        # outputs
+        maybe: wp.array(dtype=wp.uint8),
+        t: wp.array(dtype=wp.float32),
+    ):
+        i = first + wp.tid()
+        start, end = vector(), vector()
+        for k in range(n):
+            start[k] = a[i * n + k]
+            end[k] = b[i * n + k]
+        told, when = march(data, start, end, radius[radii * i], steps)
+        maybe[i] = wp.uint8(told)
+        t[i] = when
+
+    def rays(
+        first: int,
+        # inputs
+        data: Data,
+        a: Numbers,
+        b: Numbers,
+        length: Numbers,
+        lengths: int,
+        radius: Numbers,
+        radii: int,
+        steps: int,
+        # outputs
+        maybe: wp.array(dtype=wp.uint8),
+        t: wp.array(dtype=wp.float32),
+    ):
+        i = first + wp.tid()
+        origin, direction = vector(), vector()
+        for k in range(n):
+            origin[k] = a[2 * n * i + k]
+            direction[k] = a[2 * n * i + n + k]
+        told, when = march(data, origin, direction, length[lengths * i], radius[radii * i], steps)
+        maybe[i] = wp.uint8(told)
+        t[i] = when
+
+    return _name(source, native, "rays" if ray else "segments").kernel(rays if ray else segments)
+
+
+@cache
+def box_kernel(source: DistanceSource, native: bool) -> wp.Kernel:
+    """``(first, data, lower, upper, steps, maybe)``, one box a thread."""
+    box, n, vector = box_func(source, native), source.ndim, vector_type(source.ndim)
+
+    def boxes(
+        first: int,
+        # inputs
+        data: Data,
+        lower: Numbers,
+        upper: Numbers,
+        steps: int,
+        # outputs
+        maybe: wp.array(dtype=wp.uint8),
+    ):
+        i = first + wp.tid()
+        low, high = vector(), vector()
+        for k in range(n):
+            low[k] = lower[i * n + k]
+            high[k] = upper[i * n + k]
+        maybe[i] = wp.uint8(box(data, low, high, steps))
+
+    return _name(source, native, "boxes").kernel(boxes)

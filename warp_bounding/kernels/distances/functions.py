@@ -1,0 +1,212 @@
+"""Warp functions of a distance: of one point, along a segment or a ray, and over a box; of any source, native or its plain twin.
+
+``distance_func`` is native text (``assemble``) or the plain twin (``plain``), and all others ask it, so they are the same function in
+Warp's own Python for every source and device.
+
+*Marching.* A segment is ``a + t w``, ``0 <= t <= 1``. At a time t all points before which are proven to be farther than the radius,
+the point ``x = a + t w`` is computed; each of its numbers is off by at most ``u (2 t |w_k| + |x_k|) (1 + 3 u)``, or ``3 u`` more of ``|w_k|`` where w is a
+difference of float32 numbers, and ``(n + 6) u`` more where w is a direction that was scaled to a length; altogether by at most
+``room = BLUR (|a|_1 + |w|_1) + LEAST``, ``BLUR = (n + 16) u``. Where ``g(x) > radius + room``, every point within
+``g(x) - radius - room`` of the exact point at t is farther than the radius from the object. So t may grow by that over the length of the
+segment: the length is rounded up, the quotient and the new t down, by more than their operations round. A march ends with *no* where t reaches 1,
+with *maybe* where nothing is gained, numbers are not finite, or the steps are over; t is then a lower bound of the time of
+first contact.
+
+*Halving.* A box is clear where g at a point c of it exceeds the largest distance in it from c, rounded up. Otherwise it is halved along its
+longest side at c, which is a float32 number, so that the halves cover the box exactly; where g is 0 at c no halving can clear it, and the answer is
+*maybe*. The walk goes depth first without a stack: a path of bits tells which half was taken at each level. Only the part in the
+domain is asked, since the object lies there.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from warp_bounding.arithmetic import UNIT32
+from warp_bounding.coordinates.base import DIRECTION_LARGEST, DIRECTION_SMALLEST, Numbers, vector_type
+from warp_bounding.kernels.distances.assemble import function_snippet
+from warp_bounding.kernels.distances.plain import plain_distance
+from warp_bounding.kernels.distances.source import DistanceSource
+from warp_bounding.kernels.functions import Data, Words
+from warp_bounding.kernels.source import LABEL
+from warp_bounding.runtime.native import named, unique_name
+
+__all__ = ["BOX_STEPS", "SEGMENT_STEPS", "box_func", "distance_func", "march_func", "ray_func", "segment_func"]
+
+SEGMENT_STEPS = 32  # evaluations of a segment or a ray at most, where no number is given
+BOX_STEPS = 64  # evaluations of a box
+LEAST = 2.0**-100  # object units: above what results that are set to zero take
+LONGER = 1.0 + 2.0**-19  # outweighs the rounding of a length of up to 64 numbers
+SHORTER = 1.0 - 2.0**-21  # outweighs the rounding of a difference, a quotient and a sum
+SHORTEST = 2.0**-58  # object units, added to a length: above what squares that are set to zero take
+MOST_LEVELS = 62  # halvings of a box
+FINITE = 3.0e38
+
+
+@cache
+def distance_func(source: DistanceSource, native: bool = True) -> wp.Function:
+    """``distance(data: Data, x: vec_n) -> float32``, g of one point; 0 for the data of another source."""
+    if not native:
+        return plain_distance(source)
+    name, vector = named(unique_name(source, "distance")), vector_type(source.ndim)
+
+    @name.func_native(function_snippet(source))
+    def native_distance(parameters: Numbers, words: Words, q: vector) -> float: ...
+
+    @name.func
+    def distance(data: Data, x: vector) -> float:
+        return native_distance(data.parameters, data.words, x)
+
+    return distance
+
+
+def _named(source: DistanceSource, native: bool, role: str) -> named:
+    return named(unique_name(source, f"{role}{'' if native else '_plain'}"))
+
+
+@cache
+def march_func(source: DistanceSource, native: bool = True) -> wp.Function:
+    """``march(data, a, w, length, radius, steps) -> (maybe, t)`` along ``a + t w``; ``length`` is no less than that of w."""
+    distance, vector, n = distance_func(source, native), vector_type(source.ndim), source.ndim
+    blur = (n + 16) * UNIT32
+
+    @_named(source, native, "march").func
+    def march(data: Data, a: vector, w: vector, length: float, radius: float, steps: int):
+        size = wp.float32(0.0)
+        for k in range(n):
+            size += wp.abs(a[k]) + wp.abs(w[k])
+        room = (radius + size * blur + LEAST) * LONGER
+        t, maybe = wp.float32(0.0), wp.bool(True)
+        going = wp.int32(steps)
+        if not (radius >= 0.0 and size < FINITE and length < FINITE):
+            going = wp.int32(0)
+        while going > 0:
+            going -= 1
+            free = distance(data, a + w * t) - room
+            after = (t + free * SHORTER / length) * SHORTER
+            if not (free > 0.0 and after > wp.max(t, LEAST)):
+                going = wp.int32(0)
+            else:
+                t = after
+                if after >= 1.0:
+                    t, maybe = wp.float32(1.0), wp.bool(False)
+                    going = wp.int32(0)
+        return maybe, t
+
+    return march
+
+
+@cache
+def segment_func(source: DistanceSource, native: bool = True) -> wp.Function:
+    """``segment(data, start: vec_n, end: vec_n, radius: float, steps: int = 32) -> (maybe: bool, t: float)``; see module."""
+    march, vector, n = march_func(source, native), vector_type(source.ndim), source.ndim
+
+    @_named(source, native, "segment").func
+    def segment(data: Data, start: vector, end: vector, radius: float, steps: int = SEGMENT_STEPS):
+        w, square = end - start, wp.float32(0.0)
+        for k in range(n):
+            square += w[k] * w[k]
+        maybe, t = march(data, start, w, wp.sqrt(square) * LONGER + SHORTEST, radius, steps)
+        return maybe, t
+
+    return segment
+
+
+@cache
+def ray_func(source: DistanceSource, native: bool = True) -> wp.Function:
+    """``ray(data, origin: vec_n, direction: vec_n, length: float, radius: float, steps: int = 32) -> (maybe: bool, t: float)``; see module."""
+    march, vector, n = march_func(source, native), vector_type(source.ndim), source.ndim
+
+    @_named(source, native, "ray").func
+    def ray(data: Data, origin: vector, direction: vector, length: float, radius: float, steps: int = SEGMENT_STEPS):
+        largest, square = wp.float32(0.0), wp.float32(0.0)
+        finite = wp.bool(True)
+        for k in range(n):
+            largest = wp.max(largest, wp.abs(direction[k]))
+            finite = finite and direction[k] - direction[k] == 0.0
+        maybe, t = wp.bool(True), wp.float32(0.0)
+        if finite and largest >= DIRECTION_SMALLEST and largest <= DIRECTION_LARGEST and length >= 0.0:
+            d = direction / largest
+            for k in range(n):
+                square += d[k] * d[k]
+            maybe, t = march(data, origin, d * (length / wp.sqrt(square)), length * LONGER + SHORTEST, radius, steps)
+        return maybe, t
+
+    return ray
+
+
+@cache
+def box_func(source: DistanceSource, native: bool = True) -> wp.Function:
+    """``box(data, lower: vec_n, upper: vec_n, steps: int = 64) -> bool``: may the closed box meet the object? See module."""
+    distance, vector, n = distance_func(source, native), vector_type(source.ndim), source.ndim
+    name, center, limit = _named(source, native, "box"), LABEL, LABEL + source.ndim
+    unit = LABEL + 2 * source.ndim + 1
+    first, second = (wp.uint32(bits) for bits in source.tag)
+
+    @_named(source, native, "owns").func
+    def owns(w: Numbers) -> bool:
+        """Whether these are data of this source: of others nothing is told, and the domain that is read is another."""
+        if w.shape[0] < LABEL:
+            return False
+        return (
+            wp.cast(w[0], wp.uint32) == first
+            and wp.cast(w[1], wp.uint32) == second
+            and w.shape[0] >= wp.cast(w[2], wp.int32)
+        )
+
+    @name.func
+    def box(data: Data, lower: vector, upper: vector, steps: int = BOX_STEPS) -> bool:
+        low, high = vector(), vector()
+        empty, real = wp.bool(False), owns(data.parameters)
+        if real:
+            for k in range(n):
+                real = real and lower[k] <= upper[k] and lower[k] > -FINITE and upper[k] < FINITE
+                # rounded outwards: three operations
+                at = float(data.parameters[center + k])
+                half = float(data.parameters[limit + k] * data.parameters[unit])
+                room = (wp.abs(at) + half) * (4.0 * UNIT32) + LEAST
+                low[k] = wp.max(lower[k], at - half - room)
+                high[k] = wp.min(upper[k], at + half + room)
+                empty = empty or low[k] > high[k]
+        if not real:
+            return True
+        if empty:
+            return False
+        path, level, left = wp.uint64(0), wp.int32(0), wp.int32(steps)
+        while left > 0:
+            left -= 1
+            first = low + vector()  # copies
+            last = high + vector()
+            c, square = vector(), wp.float32(0.0)
+            for turn in range(level + 1):  # down the path, and at its end the centre
+                axis, longest = wp.int32(0), wp.float32(-1.0)
+                for k in range(n):
+                    side = last[k] - first[k]
+                    if side > longest:
+                        axis, longest = k, side
+                if turn < level:
+                    middle = first[axis] * 0.5 + last[axis] * 0.5
+                    if (path >> wp.uint64(level - 1 - turn)) & wp.uint64(1) == wp.uint64(0):
+                        last[axis] = middle
+                    else:
+                        first[axis] = middle
+            for k in range(n):
+                c[k] = first[k] * 0.5 + last[k] * 0.5
+                reach = wp.max(last[k] - c[k], c[k] - first[k])
+                square += reach * reach
+            g = distance(data, c)
+            if g > wp.sqrt(square) * LONGER + SHORTEST:
+                while level > 0 and path & wp.uint64(1) == wp.uint64(1):
+                    path = path >> wp.uint64(1)
+                    level -= 1
+                if level == 0:
+                    return False
+                path = path | wp.uint64(1)
+            elif g > 0.0 and level < MOST_LEVELS:
+                path = path << wp.uint64(1)
+                level += 1
+            else:
+                left = wp.int32(0)
+        return True
+
+    return box

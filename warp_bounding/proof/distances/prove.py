@@ -1,0 +1,99 @@
+"""The step from a distance's F and a shape to a proven threshold: ``threshold <= L - E``, where ``d - F >= L`` on the whole domain.
+
+Where F is the distance to a volume that a proven bounder of points has, L is 0: the volume holds the object. Else ``PROVERS`` has the function that
+finds L, by the class of the bounder.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from warp_bounding.arithmetic import round_down
+from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates.document import document
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators import load_indicator
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.proof.prove import OUTSIDE, as_fitted, other_dimension, reaches_outside
+from warp_bounding.queries.distance import METRICS, in_metric
+
+__all__ = ["PROVERS", "Found", "distance_shape", "prove_distance", "settle_distance"]
+
+
+class Found(NamedTuple):
+    """What a prover has found.
+
+    Attributes:
+        least: Certified lower bound of ``d - F`` over the domain, local units; minus infinity for none.
+        boxes: How many boxes were looked at.
+        seconds: How long that took.
+        complete: False if time ran out.
+        worst: ``(P, n)`` points in object space at which ``d - F`` is small, candidates for a counterexample.
+    """
+
+    least: float
+    boxes: int
+    seconds: float
+    complete: bool = True
+    worst: np.ndarray | None = None
+
+
+# By class: called with a bounder, the shape, seconds, and a target: it may end as soon as ``least`` is known to reach it, or not to.
+Prover = Callable[[DistanceBounder, Shape, float, float | None], Found]
+PROVERS: dict[type[DistanceBounder], Prover] = {}
+
+
+def distance_shape(bounder: DistanceBounder, shape) -> Shape:
+    """What the fit bounded: the shape in the bounder's metric, dilated by its margin, or its cells where these were bounded."""
+    return as_fitted(bounder, in_metric(load_indicator(shape), bounder.sizes.get("metric", METRICS[0])))
+
+
+def prove_distance(
+    bounder: DistanceBounder, shape: Shape, *, of_volume: Certificate | None = None, seconds: float = float("inf")
+) -> Found:
+    """Set a bounder's threshold by proof and give it its certificate.
+
+    Args:
+        bounder: Changed in place (``freeze``).
+        shape: The object that it bounds, its margin included.
+        of_volume: The certificate of ``bounder.volume``, where there is one.
+        seconds: Time for a search.
+
+    Raises:
+        BounderError: If the bounder was made for another domain or dimension, its volume is not proven, or nothing was found.
+    """
+    reason = other_dimension(bounder, shape) or bounder.domain.fault() or (reaches_outside(bounder, shape) and OUTSIDE)
+    if reason:
+        raise BounderError(f"{bounder.method}: {reason}")
+    if bounder.volume is not None:
+        if of_volume is None or not of_volume.proven:
+            raise BounderError(
+                f"{bounder.method}: a distance needs a volume that is proven, and {shape.name} certifies no box to be empty"
+            )
+        found = Found(0.0, of_volume.boxes, of_volume.seconds)
+    else:
+        found = PROVERS[type(bounder)](bounder, shape, seconds, None)
+    settle_distance(bounder, shape, found)
+    return found
+
+
+def settle_distance(bounder: DistanceBounder, shape: Shape, found: Found) -> Certificate:
+    """Set a bounder's threshold under what was found, and give it its certificate.
+
+    Raises:
+        BounderError: If there is no finite lower bound.
+    """
+    error = bounder.rounding_bound()
+    threshold = min(float(round_down(np.nextafter(found.least - error, -np.inf))), 0.0)
+    if not np.isfinite(threshold):
+        raise BounderError(f"{bounder.method}: the proof found no finite slack")
+    unit = bounder.domain.unit
+    message = (
+        f"Proven: the distance is never overestimated, for any float32 point anywhere. The slack is {-threshold * unit:.3g}, of which "
+        f"float32 rounding takes {error * unit:.2g} (object units)."
+    )
+    certificate = document(bounder, shape, "proven", threshold, found.least, found.boxes, found.seconds, message)
+    bounder.freeze(threshold, certificate)
+    return certificate

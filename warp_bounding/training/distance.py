@@ -1,0 +1,114 @@
+"""``fit`` of distances: from a shape to a proven lower bound of the distance to it.
+
+A method that has a volume is fitted as a bounder of points, whose proof carries over. Other closed forms have a ``fit`` of their own, and what is learned
+an entry in ``DISTANCE_TRAINERS``; ``prove_distance`` then finds the slack.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.bounders.distances.registry import distance_class
+from warp_bounding.bounders.distances.volume import VolumeDistance
+from warp_bounding.coordinates.distance_domain import DistanceDomain
+from warp_bounding.errors import BounderError
+from warp_bounding.evaluation.distances import quick_distance_rates
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.proof.distances.prove import prove_distance
+from warp_bounding.proof.prove import as_fitted
+from warp_bounding.queries.distance import METRICS, in_metric
+from warp_bounding.queries.point import POINT
+
+__all__ = ["DISTANCE_TRAINERS", "METRIC", "fit_distance"]
+
+METRIC = "metric"  # the option that all methods take
+PROOF_SHARE = 0.3  # of the budget: what training leaves for the proof
+
+# By class, how a learned method is trained: called with the class, the shape, the domain, its options, seconds, a seed, a device and
+# progress, it returns the bounder, without a threshold, and a record of the training. A trainer chooses its domain's room.
+DistanceTrainer = Callable[..., tuple[DistanceBounder, dict[str, Any]]]
+DISTANCE_TRAINERS: dict[type[DistanceBounder], DistanceTrainer] = {}
+
+
+def fit_distance(
+    shape: Shape,
+    method: str,
+    options: dict[str, Any],
+    *,
+    budget: float,
+    seed: int,
+    margin: float,
+    resolution: int | None,
+    device: str | None,
+    progress,
+    of_points: Callable[..., Bounder],
+    described: Callable[..., dict[str, Any]],
+) -> DistanceBounder:
+    """The part of ``fit`` that is about distances; arguments are checked there.
+
+    Args:
+        shape: What is bounded, without the margin.
+        method: A name in ``DISTANCES``.
+        options: The method's own, and ``metric``.
+        budget: Seconds.
+        seed: Of everything random.
+        margin: By how much the object is dilated.
+        resolution: Of cells, where they are asked for.
+        device: Warp device.
+        progress: As of ``fit``.
+        of_points: ``fit`` itself, for a volume.
+        described: Makes the ``info`` of a bounder.
+
+    Raises:
+        BounderError: For a method without a distance, an option that it does not take, or a shape without a proof.
+    """
+    metric = options.pop(METRIC, METRICS[0])
+    shape = in_metric(shape, metric)
+    cls = distance_class(method, shape.ndim)
+    if shape.time:
+        raise BounderError(
+            f"{method}: {shape.name} moves; distances are bounded of shapes at rest, or of grids with metric={METRICS[1]!r}, where time is one "
+            "more coordinate"
+        )
+    known = [option.name for option in cls.options_taken()]
+    if unknown := [name for name in options if name not in known]:
+        raise BounderError(f"{method} takes {', '.join([*known, METRIC])} for distances, got {', '.join(unknown)}")
+    own = {"margin": margin, "resolution": resolution}
+    if issubclass(cls, VolumeDistance):
+        volume = of_points(
+            shape, POINT.name, method, budget=budget, seed=seed, device=device, progress=progress, **own, **options
+        )
+        fitted, info = as_fitted(volume, shape), volume.info
+        bounder = cls.around(volume, DistanceDomain.of(fitted), {METRIC: metric}, device)
+        prove_distance(bounder, fitted, of_volume=volume.certificate)
+        bounder.info = {**info, "rates": None}
+    else:
+        fitted = as_fitted_to(shape, margin, resolution)
+        if fitted.distances(fitted.lower[None]) is None:
+            raise BounderError(
+                f"{method}: {shape.name} has no distance; meshes, grids, solids and functions with distance= have one"
+            )
+        settled = {option.name: _settled(option, options) for option in cls.options_taken()}
+        if cls in DISTANCE_TRAINERS:
+            bounder, record = DISTANCE_TRAINERS[cls](
+                cls, fitted, settled, (1 - PROOF_SHARE) * budget, seed, device, progress
+            )
+        else:
+            bounder, record = cls.fit(fitted, DistanceDomain.of(fitted), device=device, **settled), {}
+        bounder.sizes[METRIC] = metric
+        prove_distance(bounder, fitted)
+        bounder.info = described(fitted, seed, record)
+    bounder.info["rates"] = quick_distance_rates(bounder, fitted)
+    return bounder
+
+
+def as_fitted_to(shape: Shape, margin: float, resolution: int | None) -> Shape:
+    """The dilated shape, or its cells where a resolution asks for them."""
+    shape.check()
+    return shape.dilated(margin) if resolution is None else shape.to_grid(resolution=resolution, margin=margin)
+
+
+def _settled(option, given: dict[str, Any]) -> Any:
+    value = given.get(option.name, option.default)
+    return None if value is None and option.default is None else option.check(value)
