@@ -13,8 +13,7 @@ import pytest
 import warp as wp
 from bounding_shapes import random_mlp, shape
 from fused_activations import fused_sine, fused_tanh
-from random_networks import random_monotone
-from random_networks import random_network, random_supports
+from random_networks import random_monotone, random_network, random_supports
 
 from warp_bounding.activations import activation_of
 from warp_bounding.arithmetic import round_down, round_up
