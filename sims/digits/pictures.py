@@ -15,7 +15,7 @@ SIDE = 0.95  # of a digit, inches
 
 
 def draw(folder: Path, series: list[tuple[str, np.ndarray, np.ndarray]]) -> Path:
-    """``digits.png``: a row of random digits for each series, with the border of what its bounder leaves.
+    """``digits.png``, and ``digits.svg``: a row of random digits for each series, with the border of what its bounder leaves.
 
     Args:
         folder: Made if there is none.
@@ -23,7 +23,7 @@ def draw(folder: Path, series: list[tuple[str, np.ndarray, np.ndarray]]) -> Path
             minus infinity where the bounder spared the decoder.
 
     Returns:
-        The file.
+        The PNG.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -39,7 +39,9 @@ def draw(folder: Path, series: list[tuple[str, np.ndarray, np.ndarray]]) -> Path
             left, bottom = 0.1 + column * SIDE, top - height + 0.05
             ax = figure.add_axes((left / width, bottom / total, (SIDE - 0.06) / width, (SIDE - 0.06) / total))
             _digit(ax, values[column], asked[column])
-    return _save(figure, Path(folder), "digits.png")
+    path = _save(figure, Path(folder), "digits.png")
+    _save_lines(figure, Path(folder), "digits.svg")
+    return path
 
 
 def draw_one(folder: Path, values: np.ndarray, latent: int) -> Path:
@@ -86,3 +88,13 @@ def _save(figure, folder: Path, name: str) -> Path:
     part = folder / f".{name}.part"
     with_palette(Image.open(data), COLOURS).save(part, format="PNG", optimize=True)
     return part.replace(folder / name)
+
+
+def _save_lines(figure, folder: Path, name: str) -> None:
+    """The same as lines and text; the digits themselves are small pictures in it."""
+    from matplotlib import rc_context
+
+    part = folder / f".{name}.part"
+    with rc_context({"svg.hashsalt": name}):
+        figure.savefig(part, format="svg", metadata={"Date": None})
+    part.replace(folder / name)

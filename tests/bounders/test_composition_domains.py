@@ -227,6 +227,47 @@ def test_a_file_that_contradicts_itself_is_refused(change, message, tmp_path):
         wb.load(path, device="cpu")
 
 
+def part_elsewhere(document):
+    """The part's boxes moved by a twentieth of the ring, in a domain that holds it all the same."""
+    domain = next(e for e in document["sizes"]["parts"] if e.get("resolution"))["domain"]
+    domain["center"][0] = float(np.float32(domain["center"][0] - 0.05))
+    domain["limit"] = [2.0, 2.0, 2.0]
+    document["domain"]["delta"] = [x / 2 for x in document["domain"]["delta"]]
+    document["certificate"]["placement"] = [0.0, 0.0, 0.0]
+
+
+def coarser_cells(document):
+    next(e for e in document["sizes"]["parts"] if e.get("resolution"))["resolution"] = 8
+
+
+def cells_forgotten(document):
+    for entry in document["sizes"]["parts"]:
+        entry.pop("resolution", None)
+
+
+@pytest.mark.parametrize("lie", [part_elsewhere, coarser_cells])
+def test_a_lie_about_a_part_is_found_out_by_certify(lie, tmp_path):
+    path = tmp_path / "w.safetensors"
+    (fitted("mlp") & fitted("bvh")).save(path)
+    edited(path, lie)
+    assert wb.certify(wb.load(path, device="cpu"), shape()).kind in ("refuted", "undecided")
+
+
+def test_a_part_of_cells_that_claims_the_shape_itself_is_not_asked_about_cells(tmp_path):
+    path = tmp_path / "w.safetensors"
+    (fitted("mlp") & fitted("bvh")).save(path)
+    edited(path, cells_forgotten)
+    assert wb.certify(wb.load(path, device="cpu"), shape()).kind == "inapplicable"  # cells are what it is proven over
+
+
+def test_a_tree_and_a_bounder_of_cells():
+    tree = wb.hierarchy(shape(), method="kdop", leaves=4, device="cpu", progress=False)
+    x = points()
+    whole = (tree & fitted("bvh")) | fitted("mlp")
+    check(whole, (maybe(tree, x) & maybe(fitted("bvh"), x)) | maybe(fitted("mlp"), x), x, shape().contains(x))
+    assert wb.certify(whole, shape()).proven
+
+
 def test_parts_of_one_domain_are_as_before():
     whole = Composition.of(["or", 0, 1], [fitted("kdop"), fitted("mlp")])
     assert whole.moves is None

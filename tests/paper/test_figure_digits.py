@@ -25,6 +25,7 @@ def demo(drawn: bool = True):
         assert (name, quick) == ("digits", True)
         if drawn:
             Image.fromarray(np.full((40, 120, 3), 200, np.uint8)).save(folder / "digits.png")
+            (folder / "digits.svg").write_text("<svg/>")
         return {"runs": RUNS}
 
     return Work(FigureSettings.of({"quick": True}), None, Tools(lambda scenes: [], run))
@@ -36,6 +37,7 @@ def test_the_demo_is_kept_drawn_and_told():
     assert [run["bounder"] for run in parts["digits"]["runs"]] == ["none", "mlp", "occupancy"]
     files = figure.draw(parts, work.tools)
     assert any(data[:4] == b"\x89PNG" for data in files.values())
+    assert files["svg"] == b"<svg/>"
     (fact,) = figure.facts(parts)
     assert "3 latent numbers: proven, 7.1 % false positives" in fact
     assert "run for 38 % of the pixels, 1.8 times as fast, 0 pixels of ink missed" in fact

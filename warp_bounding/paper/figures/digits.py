@@ -15,7 +15,7 @@ from warp_bounding.paper.drawing.canvas import page, show
 
 __all__ = ["Digits"]
 
-DEMO, PICTURE = "digits", "digits.png"
+DEMO, PICTURE, LINES = "digits", "digits.png", "digits.svg"
 PROVEN, UNPROVEN = "mlp", "occupancy"
 WIDTH = 9.6  # of the page, inches
 
@@ -45,9 +45,13 @@ class Digits(Figure):
             path = Path(folder) / PICTURE
             if not path.is_file():
                 raise BoundingError(f"the demo {DEMO} drew nothing")
-            picture = base64.b64encode(path.read_bytes()).decode()
+            picture, lines = base64.b64encode(path.read_bytes()).decode(), (Path(folder) / LINES).read_text()
         keys = ("bounder", "section", "missed", "identical", "certificate", "fp_rate", "asked", "faster")
-        return {"runs": [{key: run.get(key) for key in keys} for run in told["runs"]], "picture": picture}
+        return {
+            "runs": [{key: run.get(key) for key in keys} for run in told["runs"]],
+            "picture": picture,
+            "lines": lines,
+        }
 
     def draw(self, parts, tools):
         from PIL import Image
@@ -60,7 +64,8 @@ class Digits(Figure):
             show(axes, image, "")
             axes.spines[:].set_visible(False)
 
-        return page(fill, svg=False)
+        lines = parts[DEMO].get("lines")  # older folders have the picture alone
+        return page(fill, svg=False) | ({"svg": lines.encode()} if lines else {})
 
     def facts(self, parts):
         lines = []
