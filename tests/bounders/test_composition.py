@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 from asking import ask, check_compiles
-from bounding_shapes import domain_points, fitted, object_points, shape
+from bounding_shapes import domain_points, fitted, fitted_ball, in_two, object_points, shape
 
 import warp_bounding as wb
 from warp_bounding.bounders import compose
@@ -125,22 +125,6 @@ def test_bounds_hold_over_boxes_of_any_size(rng):
         assert (whole.reference(low + t[0] * (high - low)) >= bounds.lower).all()
 
 
-def in_two(ball: wb.solids.Sphere, cut: float, first_end: float | None = None) -> tuple[list, list, list]:
-    """Two boxes around both halves of a ball: tree, parts and regions; the first may end before the cut."""
-    ends = np.float32(cut if first_end is None else first_end), np.float32(cut)
-    regions = [([-np.inf] * 3, [ends[0], np.inf, np.inf]), ([ends[1], -np.inf, -np.inf], [np.inf] * 3)]
-    domain, parts = fitted_ball(ball).domain, []
-    for region in regions:
-        own = part_of(ball, np.array(region))
-        parts.append(wb.METHODS["aabb"].fit(own, domain, device="cpu"))
-        prove(parts[-1], own, eps=1e-2, boxes=50_000)
-    return ["or", 0, 1], parts, regions
-
-
-def fitted_ball(ball: wb.solids.Sphere) -> wb.Bounder:
-    return wb.fit(ball, method="aabb", device="cpu", progress=False)
-
-
 def test_parts_of_an_object_hold_all_of_it_together(rng):
     ball = wb.solids.Sphere((0.2, 0.1, 0.0), 0.7)
     whole = compose(*in_two(ball, 0.25), ball)
@@ -180,116 +164,6 @@ def test_a_part_that_denies_a_part_of_the_object_is_found_out(rng):
     assert certificate.kind == "refuted"
 
 
-def test_a_hierarchy_is_proven_and_tighter_than_its_boxes(tmp_path, rng):
-    ball = wb.solids.Torus((0.0, 0.0, 0.0), 0.7, 0.2)
-    tree = wb.hierarchy(ball, method="kdop", levels=3, device="cpu", progress=False)
-    assert tree.certificate.proven
-    tree.save(tmp_path / "t.safetensors")
-    again = wb.load(tmp_path / "t.safetensors", device="cpu")
-    assert wb.certify(again, ball).proven
-    rates, single = wb.evaluate(again, ball, 50_000), wb.evaluate(fitted_ball(ball), ball, 50_000)
-    assert rates.fn == 0
-    assert rates.fp_rate < 0.8 * single.fp_rate
-    x = rng.uniform(-1, 1, (20_000, 3)).astype(np.float32)
-    assert again.query(x[ball.contains(x)]).numpy().all()
-
-
-def test_a_hierarchy_of_cells_is_cut_through_them():
-    cells = np.zeros((24, 24), dtype=bool)
-    cells[2:11, 3:9], cells[13:22, 12:23] = True, True
-    tree = wb.hierarchy(wb.IndicatorGrid(cells), method="kdop", levels=2, device="cpu", progress=False)
-    cuts, found = [tree.tree], []
-    while cuts:
-        node = cuts.pop()
-        if len(node) == 5:  # the axis and the place, in v, of a split, and its halves
-            axis, place = node[1:3]
-            x = place / float(tree.domain.scale[axis]) + float(tree.domain.center[axis])
-            found.append(23 * x)
-            cuts += node[3:]
-    assert len(found) == 3
-    assert np.abs(np.array(found) - np.rint(found)).max() < 1e-3
-    assert tree.certificate.proven
-
-
-def test_a_union_of_learned_half_spaces_is_proven_and_tighter_than_one():
-    ring = wb.solids.Sphere((0.0, 0.0), 0.9) - wb.solids.Sphere((0.0, 0.0), 0.6)
-    told = {"method": "learned-kdop", "steps": 60, "device": "cpu", "progress": False}
-    tree, single = wb.hierarchy(ring, leaves=5, **told), wb.fit(ring, **told)
-    assert [part.method for part in tree.parts] == ["aabb", "learned-kdop"] * 5
-    assert tree.certificate.proven
-    assert wb.certify(tree, ring).proven
-    rates, alone = wb.evaluate(tree, ring, 50_000), wb.evaluate(single, ring, 50_000)
-    assert rates.fn == 0
-    assert rates.fp_rate < 0.6 * alone.fp_rate
-
-
-@pytest.mark.parametrize("thresholds", [1, 9])
-def test_a_hierarchy_of_networks_is_proven(thresholds):
-    ball = wb.solids.Sphere((0.2, 0.1), 0.7)
-    told = {"levels": 1, "hidden": (8,), "steps": 100, "thresholds": thresholds}
-    tree = wb.hierarchy(ball, **told, device="cpu", progress=False)
-    assert {part.method for part in tree.parts} == {"aabb", "local" if thresholds > 1 else "mlp"}
-    assert tree.certificate.proven
-    assert wb.certify(tree, ball).proven
-    assert wb.evaluate(tree, ball, 50_000).fn == 0
-
-
-@pytest.mark.parametrize(
-    ("told", "message"),
-    [
-        ({"query": "ray"}, "point queries"),
-        ({"levels": 0}, "levels"),
-        ({"levels": 2.0}, "levels"),
-        ({"levels": 20}, "levels"),
-        ({"method": "voxels"}, "cannot be a leaf"),
-        ({"method": "occupancy"}, "cannot be a leaf"),
-        ({"method": "mlb"}, "method must be one of"),
-        ({"budget": -1.0}, "budget"),
-        ({"budget": None}, "budget"),
-        ({"seed": -1}, "seed"),
-        ({"margin": float("nan")}, "margin"),
-        ({"leaves": 1}, "leaves"),
-        ({"leaves": 3.0}, "leaves"),
-        ({"leaves": 257}, "leaves"),
-        ({"levels": 1, "k": 8}, "takes"),
-    ],
-)
-def test_what_a_hierarchy_refuses(told, message):
-    with pytest.raises(wb.BoundingError, match=message):
-        wb.hierarchy(wb.solids.Sphere((0.0, 0.0), 1.0), **told, device="cpu", progress=False)
-
-
-def test_what_cannot_be_put_together():
-    a, other = fitted("aabb", "blob"), fitted("aabb", "c")
-    with pytest.raises(BounderError, match="same"):
-        a | other
-    with pytest.raises(BounderError, match="not conservative"):
-        a | fitted("occupancy", "blob")
-    with pytest.raises(TypeError):
-        a | 3
-
-
-@pytest.mark.parametrize(
-    ("told", "message"),
-    [
-        ({"query": "box"}, "same queries and domain"),
-        ({"query": "ray", "length": 0.5}, "same queries and domain"),
-        ({"query": "ray", "length": 1.0}, "same queries and domain"),
-        ({"margin": 0.05}, "of the same"),
-        ({"name": "c"}, "of the same"),  # of another dimension
-    ],
-)
-def test_parts_of_another_query_length_margin_or_dimension_are_refused(told, message):
-    told = dict(told)
-    other = wb.fit(shape(told.pop("name", "blob")), method="aabb", device="cpu", progress=False, **told)
-    like = {"query": "ray", "length": 2.0} if "length" in told else {}
-    own = wb.fit(shape("blob"), method="aabb", device="cpu", progress=False, **like)
-    for join in (lambda: own | other, lambda: own & other, lambda: (own | own) & other):
-        with pytest.raises(BounderError, match=message) as raised:
-            join()
-        assert "\n" not in str(raised.value)
-
-
 def test_several_parts_may_have_bit_fields(tmp_path, device, rng):
     x, box = domain_points(shape("blob"), 5000, rng), fitted("aabb", "blob")
     first = fitted("voxels", "blob")
@@ -316,44 +190,6 @@ def lost_bits(bounder: wb.Bounder, every: int, rng: np.random.Generator) -> wb.B
     return changed.freeze(bounder.threshold, None)
 
 
-@pytest.mark.parametrize(
-    "tree",
-    [
-        ["or", 0, 0],
-        ["or", 1, 0],
-        ["or", 0],
-        ["xor", 0, 1],
-        ["or", 0, [1]],
-        "or",
-        0,
-        ["or", 0, 2],
-        ["or", 0, True],
-        ["split", 0, 0.5, 0],
-        ["split", 3, 0.5, 0, 1],
-        ["split", 0, 0.0, 0, 1],
-        ["split", 0, 0.1, 0, 1],
-        ["split", "x", 0.5, 0, 1],
-    ],
-)
-def test_trees_that_are_none_are_refused(tree):
-    whole = fitted("aabb", "blob") | fitted("kdop", "blob")
-    with pytest.raises(BounderError, match="expected a tree"):
-        Composition(whole.domain, whole.tensors, whole.sizes | {"tree": tree}, "cpu")
-
-
-def test_a_composition_has_no_threshold_of_its_own():
-    whole = fitted("aabb", "blob") | fitted("kdop", "blob")
-    with pytest.raises(BounderError, match="its parts have thresholds"):
-        whole.freeze(2.0, None)
-
-
-def test_each_part_needs_a_certificate_for_its_own_region():
-    ball = wb.solids.Sphere((0.2, 0.1, 0.0), 0.7)
-    tree, parts, regions = in_two(ball, 0.25)
-    with pytest.raises(BounderError, match="part 0 has no certificate for its region"):
-        compose(tree, parts[::-1], regions, ball)
-
-
 def test_exits_of_a_part_are_proven_too():
     grid = shape("c")
     early = wb.fit(grid, "plane", "mlp-early", hidden=(6, 5), steps=3, device="cpu", progress=False)
@@ -365,48 +201,6 @@ def test_exits_of_a_part_are_proven_too():
     honest = Composition.of(["or", 0], [early]).freeze(0.0, None)
     honest.info = early.info
     assert wb.certify(honest, grid).proven
-
-
-def test_hierarchies_can_be_put_together_and_are_no_part_of_a_cascade(rng):
-    ball = wb.solids.Sphere((0.2, 0.1), 0.7)
-    tree, box = wb.hierarchy(ball, method="kdop", levels=2, device="cpu", progress=False), fitted_ball(ball)
-    x = rng.uniform(-1, 1, (5000, 2)).astype(np.float32)
-    a, b = tree.query(x).numpy(), box.query(x).numpy()
-    for whole, expected in ((tree | box, a | b), (box & tree, a & b), (box | tree, a | b)):
-        assert (whole.query(x).numpy() == expected).all()
-        assert whole.certificate.proven
-        assert wb.certify(whole, ball).proven
-    for parts in ((box, tree), (tree, box)):
-        with pytest.raises(BounderError, match="no part of a cascade"):
-            wb.cascade(*parts)
-
-
-def test_certificates_of_different_margins_are_not_joined():
-    ball = wb.solids.Sphere((0.2, 0.1), 0.7)
-    wide = ball.dilated(0.5)
-    domain, parts = wb.fit(ball, method="aabb", margin=0.5, device="cpu", progress=False).domain, []
-    for own in (ball, wide):
-        parts.append(wb.METHODS["aabb"].fit(own, domain, device="cpu"))
-        prove(parts[-1], own, eps=1e-2)
-    for join in (lambda: parts[0] | parts[1], lambda: wb.cascade(*parts)):
-        with pytest.raises(BounderError, match="margin"):
-            join()
-    with pytest.raises(BounderError, match="part 0 has no certificate"):
-        compose(["and", 0, 1], parts, [None, None], wide)
-
-
-def test_regions_upside_down_are_refused():
-    whole = fitted("aabb", "blob") | fitted("kdop", "blob")
-    turned = {"regions": whole.tensors["regions"][:, ::-1].copy()}
-    with pytest.raises(BounderError, match="lower corner"):
-        Composition(whole.domain, whole.tensors | turned, whole.sizes, "cpu")
-
-
-def test_a_composition_cannot_hold_itself():
-    whole = fitted("aabb", "blob") | fitted("kdop", "blob")
-    sizes = whole.sizes | {"parts": [{"method": "composition", "sizes": whole.sizes}, *whole.sizes["parts"][1:]]}
-    with pytest.raises(BounderError, match="no bounder that can be a part"):
-        Composition(whole.domain, whole.tensors, sizes, "cpu")
 
 
 def test_a_composition_is_asked_about_lanes_by_a_way_of_its_own():

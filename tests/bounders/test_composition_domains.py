@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 import warp as wp
+from asking import check_compiles
 from safetensors import safe_open
 
 import warp_bounding as wb
@@ -16,6 +17,7 @@ from warp_bounding.bounders.composition.moves import common_domain, moves_of
 from warp_bounding.bounders.file_format import _digest
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.errors import BounderError, FileFormatError
+from warp_bounding.kernels.functions import batch_kernel
 
 STEPS = 150
 OF_CELLS = {"bvh": {"leaves": 30}, "voxels": {"resolution": 20}, "mlp-cells": {"method": "mlp", "resolution": 24}}
@@ -260,6 +262,7 @@ def test_a_part_of_cells_that_claims_the_shape_itself_is_not_asked_about_cells(t
     assert wb.certify(wb.load(path, device="cpu"), shape()).kind == "inapplicable"  # cells are what it is proven over
 
 
+@pytest.mark.slow
 def test_a_tree_and_a_bounder_of_cells():
     tree = wb.hierarchy(shape(), method="kdop", leaves=4, device="cpu", progress=False)
     x = points()
@@ -273,3 +276,10 @@ def test_parts_of_one_domain_are_as_before():
     assert whole.moves is None
     assert whole.domain is fitted("kdop").domain or isinstance(whole.domain, Domain)
     assert all("domain" not in entry for entry in whole.sizes["parts"])
+
+
+def test_cuda_source_compiles(tmp_path):
+    if not hasattr(wp, "compile_aot_module"):
+        pytest.skip("this Warp cannot compile ahead of time")
+    whole = (fitted("mlp") & fitted("bvh")) | fitted("voxels")
+    check_compiles(batch_kernel(whole.source, False, False), tmp_path)

@@ -1,0 +1,102 @@
+"""Trees of small bounders are proven, tighter than one bounder, and can be put together with others."""
+
+import numpy as np
+import pytest
+from bounding_shapes import fitted_ball
+
+import warp_bounding as wb
+from warp_bounding.errors import BounderError
+
+
+@pytest.mark.slow  # half a minute: three levels are proven twice
+def test_a_hierarchy_is_proven_and_tighter_than_its_boxes(tmp_path, rng):
+    ball = wb.solids.Torus((0.0, 0.0, 0.0), 0.7, 0.2)
+    tree = wb.hierarchy(ball, method="kdop", levels=3, device="cpu", progress=False)
+    assert tree.certificate.proven
+    tree.save(tmp_path / "t.safetensors")
+    again = wb.load(tmp_path / "t.safetensors", device="cpu")
+    assert wb.certify(again, ball).proven
+    rates, single = wb.evaluate(again, ball, 50_000), wb.evaluate(fitted_ball(ball), ball, 50_000)
+    assert rates.fn == 0
+    assert rates.fp_rate < 0.8 * single.fp_rate
+    x = rng.uniform(-1, 1, (20_000, 3)).astype(np.float32)
+    assert again.query(x[ball.contains(x)]).numpy().all()
+
+
+def test_a_hierarchy_of_cells_is_cut_through_them():
+    cells = np.zeros((24, 24), dtype=bool)
+    cells[2:11, 3:9], cells[13:22, 12:23] = True, True
+    tree = wb.hierarchy(wb.IndicatorGrid(cells), method="kdop", levels=2, device="cpu", progress=False)
+    cuts, found = [tree.tree], []
+    while cuts:
+        node = cuts.pop()
+        if len(node) == 5:  # the axis and the place, in v, of a split, and its halves
+            axis, place = node[1:3]
+            x = place / float(tree.domain.scale[axis]) + float(tree.domain.center[axis])
+            found.append(23 * x)
+            cuts += node[3:]
+    assert len(found) == 3
+    assert np.abs(np.array(found) - np.rint(found)).max() < 1e-3
+    assert tree.certificate.proven
+
+
+def test_a_union_of_learned_half_spaces_is_proven_and_tighter_than_one():
+    ring = wb.solids.Sphere((0.0, 0.0), 0.9) - wb.solids.Sphere((0.0, 0.0), 0.6)
+    told = {"method": "learned-kdop", "steps": 60, "device": "cpu", "progress": False}
+    tree, single = wb.hierarchy(ring, leaves=5, **told), wb.fit(ring, **told)
+    assert [part.method for part in tree.parts] == ["aabb", "learned-kdop"] * 5
+    assert tree.certificate.proven
+    assert wb.certify(tree, ring).proven
+    rates, alone = wb.evaluate(tree, ring, 50_000), wb.evaluate(single, ring, 50_000)
+    assert rates.fn == 0
+    assert rates.fp_rate < 0.6 * alone.fp_rate
+
+
+@pytest.mark.parametrize("thresholds", [1, 9])
+def test_a_hierarchy_of_networks_is_proven(thresholds):
+    ball = wb.solids.Sphere((0.2, 0.1), 0.7)
+    told = {"levels": 1, "hidden": (8,), "steps": 100, "thresholds": thresholds}
+    tree = wb.hierarchy(ball, **told, device="cpu", progress=False)
+    assert {part.method for part in tree.parts} == {"aabb", "local" if thresholds > 1 else "mlp"}
+    assert tree.certificate.proven
+    assert wb.certify(tree, ball).proven
+    assert wb.evaluate(tree, ball, 50_000).fn == 0
+
+
+@pytest.mark.parametrize(
+    ("told", "message"),
+    [
+        ({"query": "ray"}, "point queries"),
+        ({"levels": 0}, "levels"),
+        ({"levels": 2.0}, "levels"),
+        ({"levels": 20}, "levels"),
+        ({"method": "voxels"}, "cannot be a leaf"),
+        ({"method": "occupancy"}, "cannot be a leaf"),
+        ({"method": "mlb"}, "method must be one of"),
+        ({"budget": -1.0}, "budget"),
+        ({"budget": None}, "budget"),
+        ({"seed": -1}, "seed"),
+        ({"margin": float("nan")}, "margin"),
+        ({"leaves": 1}, "leaves"),
+        ({"leaves": 3.0}, "leaves"),
+        ({"leaves": 257}, "leaves"),
+        ({"levels": 1, "k": 8}, "takes"),
+    ],
+)
+def test_what_a_hierarchy_refuses(told, message):
+    with pytest.raises(wb.BoundingError, match=message):
+        wb.hierarchy(wb.solids.Sphere((0.0, 0.0), 1.0), **told, device="cpu", progress=False)
+
+
+def test_hierarchies_can_be_put_together_and_are_no_part_of_a_cascade(rng):
+    ball = wb.solids.Sphere((0.2, 0.1), 0.7)
+    tree, box = wb.hierarchy(ball, method="kdop", levels=2, device="cpu", progress=False), fitted_ball(ball)
+    x = rng.uniform(-1, 1, (5000, 2)).astype(np.float32)
+    a, b = tree.query(x).numpy(), box.query(x).numpy()
+    for whole, expected in ((tree | box, a | b), (box & tree, a & b), (box | tree, a | b)):
+        assert (whole.query(x).numpy() == expected).all()
+        assert whole.certificate.proven
+        assert wb.certify(whole, ball).proven
+    for parts in ((box, tree), (tree, box)):
+        with pytest.raises(BounderError, match="no part of a cascade"):
+            wb.cascade(*parts)
