@@ -14,6 +14,7 @@ from warp_bounding.indicators.shape import IN, OUT
 from warp_bounding.proof import prove, soak
 from warp_bounding.proof.attest.soak import CHUNK
 from warp_bounding.proof.covers.plane import SupportGap
+from warp_bounding.proof.shape_regions import ShapeRegions, coarse_cells
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.boundary import border_points
 
@@ -162,9 +163,64 @@ def test_a_soak_asks_certain_positives_only(query):
 
 
 @pytest.mark.parametrize("query", ["ray", "box"])
+def test_networks_of_regions_are_fitted_to_the_mesh_itself(query, tmp_path):
+    shape = mesh()
+    told = {"length": 0.7} if query == "ray" else {}
+    bounder = wb.fit(shape, query, hidden=(8,), steps=60, margin=MARGIN, device="cpu", progress=False, **told)
+    assert bounder.info["resolution"] is None
+    assert bounder.certificate.kind in ("proven", "statistical")
+    assert "no cells" in bounder.certificate.message
+    found = wb.evaluate(bounder, shape, samples=20_000)
+    assert found.fn == 0
+    assert found.fp_rate < 90
+    bounder.save(tmp_path / "b.safetensors")
+    assert wb.load(tmp_path / "b.safetensors", device="cpu").info["resolution"] is None
+
+
+def test_boxes_of_a_network_are_proven_over_the_mesh_itself():
+    shape = mesh()
+    bounder = wb.fit(shape, "box", hidden=(8,), steps=60, margin=MARGIN, device="cpu", progress=False)
+    assert bounder.certificate.proven
+    assert wb.certify(bounder, shape).proven
+    assert (bounder.query(positives("box")).numpy() == 1).all()
+    least = float(bounder.reference(bounder.domain.to_local(positives("box"))).min())
+    raised = bounder.freeze(least + 0.5, None)
+    proof = wb.certify(raised, shape)
+    assert proof.kind == "refuted"
+    found = np.array([proof.counterexample], np.float32)
+    assert raised.query(found).numpy()[0] == 0
+    assert QUERIES["box"].decide(shape.dilated(MARGIN), found)[0] == IN
+
+
+@pytest.mark.parametrize("query", ["ray", "box"])
+def test_no_positive_is_in_a_box_that_is_called_vacant(query):
+    shape, rng = mesh().dilated(MARGIN), np.random.default_rng(1)
+    told = {"length": 0.7} if query == "ray" else {}
+    bounder = wb.fit(mesh(), query, hidden=(4,), steps=2, margin=MARGIN, device="cpu", progress=False, **told)
+    regions = ShapeRegions(bounder, shape, coarse_cells(shape, 0.25))
+    lower, upper = regions.boxes()
+    count, n = 4000, shape.ndim
+    chosen = rng.integers(len(lower), size=count)
+    z = lower[chosen] + rng.random((count, lower.shape[1])) * (upper - lower)[chosen]
+    size = np.exp2(rng.uniform(-12, -1, (count, 1)))
+    low = np.maximum(z - size * rng.random(z.shape), lower[chosen])
+    high = np.minimum(z + size * rng.random(z.shape), upper[chosen])
+    vacant = regions.vacant(low, high)
+    assert vacant.any()
+    assert not vacant.all()
+    v = regions.coordinates(z[vacant])
+    if query == "ray":  # from p on: before it there are no cells, or others tell of them
+        p, t, w = z[vacant, :n], z[vacant, n : n + 1], v[:, n:]
+        to_object = bounder.domain.base.to_object
+        assert (shape.decide_segments(to_object(p), to_object(p + (1 - t) * w)) == OUT).all()
+    else:
+        assert (QUERIES["box"].decide(shape, bounder.domain.to_object(v)) == OUT).all()
+
+
+@pytest.mark.parametrize("query", ["ray", "box"])
 def test_a_claim_over_cells_is_none_about_the_shape(query):
     shape = mesh()
-    bounder = wb.fit(shape, query, hidden=(4,), steps=2, resolution=8, device="cpu", progress=False)
+    bounder = wb.fit(shape, query, "aabb", space="parametric", resolution=8, device="cpu", progress=False)
     bounder.info["resolution"] = None
     found = wb.certify(bounder, shape)
     assert found.kind == "inapplicable"

@@ -15,6 +15,7 @@ from warp_bounding.proof import Search  # noqa: E402
 from warp_bounding.training import fit_network as networks  # noqa: E402
 from warp_bounding.training.engine.clock import Clock  # noqa: E402
 from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
+from warp_bounding.training.proof_time import DECAY, DECAY_ABOVE, MOST_DECAY, PROOF_GROWTH  # noqa: E402
 from warp_bounding.training.recipes.loss import recipe_of  # noqa: E402
 from warp_bounding.training.recipes.paper import PaperTrainer  # noqa: E402
 from warp_bounding.training.samples import samples_of  # noqa: E402
@@ -163,8 +164,8 @@ def test_the_last_proof_is_expected_to_take_longer_than_the_looks_at_earlier_net
     assert few("star", steps=None, budget=6.0).certificate.proven
     assert kept
     for used, seconds in kept:
-        assert look * networks.PROOF_GROWTH[1] <= seconds <= look * networks.PROOF_GROWTH[0]
-        assert used == 1.0 or seconds > look * networks.PROOF_GROWTH[1]
+        assert look * PROOF_GROWTH[1] <= seconds <= look * PROOF_GROWTH[0]
+        assert used == 1.0 or seconds > look * PROOF_GROWTH[1]
     assert [seconds for _, seconds in kept] == sorted((seconds for _, seconds in kept), reverse=True)
 
 
@@ -179,9 +180,7 @@ def test_weights_decay_by_as_much_as_the_proof_of_rays_is_too_long(monkeypatch, 
             super().__init__(*args, **options)
             made.append(self)
 
-    needed = (
-        share * networks.DECAY_ABOVE * budget / networks.PROOF_GROWTH[1]
-    )  # so that what is expected is at least that share
+    needed = share * DECAY_ABOVE * budget / PROOF_GROWTH[1]  # so that what is expected is at least that share
 
     real = networks.least_value
 
@@ -194,9 +193,9 @@ def test_weights_decay_by_as_much_as_the_proof_of_rays_is_too_long(monkeypatch, 
     monkeypatch.setitem(networks.RECIPE_TRAINERS, "default", Watched)
     few("c", query="ray", steps=None, budget=budget)
     (trainer,) = made
-    most = min(share * networks.DECAY * networks.PROOF_GROWTH[0] / networks.PROOF_GROWTH[1], networks.MOST_DECAY)
+    most = min(share * DECAY * PROOF_GROWTH[0] / PROOF_GROWTH[1], MOST_DECAY)
     assert trainer.decay <= most
-    assert trainer.decay >= (min(share * networks.DECAY, networks.MOST_DECAY) if share > 1 else 0.0)
+    assert trainer.decay >= (min(share * DECAY, MOST_DECAY) if share > 1 else 0.0)
 
 
 def test_weights_decay():
@@ -243,7 +242,7 @@ def test_a_proof_may_be_late_and_a_fit_that_gave_it_up_may_not(monkeypatch, hope
     monkeypatch.setattr(networks, "adversarial_minimum", adversarial_minimum)
     monkeypatch.setattr(networks, "_Fit", Watched)
     monkeypatch.setattr(networks, "OVERTIME_SHARE", 0.5)
-    monkeypatch.setattr(networks, "ATTEST_SECONDS", 0.0)
+    monkeypatch.setattr(networks, "attest_seconds", lambda budget, little: 0.0)
     few("c", query="ray", budget=budget)
     late = 0.5 * budget if hopeful else 0.0
     assert given == [pytest.approx(budget + late - used - adversary)]

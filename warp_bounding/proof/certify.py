@@ -27,7 +27,7 @@ from warp_bounding.proof.covers.monotone_box import of_points
 from warp_bounding.proof.distances.certify import certify_distance
 from warp_bounding.proof.prove import OUTSIDE, as_fitted, charted, mismatch, other_claim, reaches_outside
 from warp_bounding.proof.search.best_first import minimum
-from warp_bounding.proof.shape_check import CHUNK, SUSPECTS, Checked, check_shape, points_outside
+from warp_bounding.proof.shape_check import CHUNK, SUSPECTS, Checked, check_regions, check_shape, points_outside
 from warp_bounding.queries import QUERIES, decision
 from warp_bounding.runtime.launch import working_seconds
 
@@ -184,6 +184,10 @@ def _certify_regions(
             least, boxes = bounder.least(grid)
         elif isinstance(bounder, Local):
             least, boxes, suspects, complete = check_parts(bounder, grid, target, seconds, progress)
+        elif not isinstance(grid, IndicatorGrid) and COVERS[bounder.query_kind].pieces:
+            grid.check()
+            end = working_seconds() + seconds
+            least, boxes, suspects, complete = check_regions(bounder, grid, target, end, progress)
         elif (cover := charted(bounder, grid)) is not None:
             least, boxes, suspects, complete = check_charted(bounder, grid, cover, target, seconds, progress)
         else:

@@ -25,6 +25,7 @@ from warp_bounding.proof.covers.monotone_box import of_points
 from warp_bounding.proof.search.best_first import Search, minimum
 from warp_bounding.proof.search.depth_first import ChartedPositives, charted_minimum
 from warp_bounding.proof.search.vacancy import ShapePositives
+from warp_bounding.proof.shape_regions import least_region
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.runtime.launch import working_seconds
@@ -84,13 +85,20 @@ def least_value(
     if bounder.exact_on_cells:
         least, looked_at = bounder.least(grid)
         return Search(least, least, np.empty((0, grid.ndim)), looked_at, working_seconds() - started, True)
-    kind, found = COVERS[bounder.query_kind], charted(bounder, grid)
+    kind = COVERS[bounder.query_kind]
+    known = np.empty((0, bounder.domain.ndim)) if points is None else points
+    if not isinstance(grid, IndicatorGrid) and kind.pieces:
+        if not len(known):
+            border = border_points(grid, STARTS, np.random.default_rng(0))
+            known = kind.at_points(bounder.domain.base.to_local(border), bounder)
+        return least_region(bounder, grid, float(bounder.reference(known).min()), **limits)
+    found = charted(bounder, grid)
     if found is None:
         return minimum(*kind.best_first(bounder, grid), points=points, **limits)
-    if points is None or not len(points):
+    if not len(known):
         centers = grid.position(grid.occupied[:: max(1, len(grid.occupied) // CENTERS)].astype(np.float64))
-        points = kind.at_points(bounder.domain.base.to_local(centers), bounder)
-    return charted_minimum(found, upper=float(bounder.reference(points).min()), **limits)
+        known = kind.at_points(bounder.domain.base.to_local(centers), bounder)
+    return charted_minimum(found, upper=float(bounder.reference(known).min()), **limits)
 
 
 def prove(

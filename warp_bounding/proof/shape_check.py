@@ -6,18 +6,21 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.prove import outside
 from warp_bounding.proof.search.best_first import halve
-from warp_bounding.proof.search.vacancy import NARROWEST, ShapePositives
+from warp_bounding.proof.search.vacancy import NARROWEST, Positives, ShapePositives
+from warp_bounding.proof.shape_regions import ShapeRegions, coarse_cells
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.runtime.launch import working_seconds
 
-__all__ = ["CHUNK", "SUSPECTS", "Checked", "check_shape", "points_outside"]
+__all__ = ["CHUNK", "SUSPECTS", "Checked", "check_regions", "check_shape", "points_outside"]
 
 CHUNK = 16384  # boxes or cells that are taken at a time
 FINER = 1 / 8  # boxes are halved so much further than in the fit's proof, whose smallest count as object
+OTHER_CELLS = 0.8  # of the number of cells along the longest side: ``check_regions`` rests on other ones than the fit
 BORDER = 65_536  # points of the border among which some outside the domain are looked for
 PARTS = 1000  # of the domain, in which progress is told
 INWARD = 1 - 1e-3  # of the way from the domain's middle, where a suspect is tried besides
@@ -63,12 +66,58 @@ def check_shape(
         progress: Called with the share of the domain that is done, in ``PARTS``.
     """
     positives = ShapePositives(bounder, shape, FINER * NARROWEST)
-    waiting, least, boxes = [positives.boxes()], np.inf, 0
-    whole, done = float(np.prod(waiting[0][1] - waiting[0][0])), 0.0
+    lower, upper = positives.boxes()
+    whole = float(np.prod(upper - lower, axis=1).sum())
+
+    def told(volume: float) -> None:
+        if progress:
+            progress(round(PARTS * volume / whole), PARTS)
+
+    found = _halved(positives, lower, upper, target, end, told)
+    if found.suspects is None:
+        return found
+    at = found.suspects
+    # a point on the end of a complement's domain may round to one beyond it, where the answer is maybe
+    if bounder.domain.unbounded:
+        at = np.concatenate([at, at * INWARD])
+    return found._replace(suspects=bounder.domain.to_object(at))
+
+
+def check_regions(
+    bounder: Mlp, shape: Shape, target: float, end: float, progress: Callable[[int, int], None] | None
+) -> Checked:
+    """The same of rays and boxes of a network, over the cover of other cells than the fit's, box by box of that."""
+    cells = coarse_cells(shape, OTHER_CELLS)
+    positives, least, boxes = ShapeRegions(bounder, shape, cells, FINER * NARROWEST), np.inf, 0
+    for lower, upper, done in positives.kind.anew(bounder, cells, positives.cover):
+        found = _halved(positives, lower, upper, target, end)
+        least, boxes = min(least, found.least), boxes + found.boxes
+        if found.suspects is not None:
+            return Checked(found.least, boxes, positives.coordinates(found.suspects))
+        if not found.complete:
+            return Checked(least, boxes, complete=False)
+        if progress:
+            progress(done, len(cells.occupied))
+    return Checked(least, boxes)
+
+
+def _halved(
+    positives: Positives,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    target: float,
+    end: float,
+    told: Callable[[float], None] = lambda volume: None,
+) -> Checked:
+    """Halve boxes until every bound reaches the target or no positive is there; suspects are points of the boxes."""
+    waiting, least, boxes, done = [(lower, upper)], np.inf, 0, 0.0
     while waiting:
         if working_seconds() > end:
             return Checked(least, boxes, complete=False)
         low, high = waiting.pop()
+        if len(low) > CHUNK:
+            waiting += [(low[part], high[part]) for part in (slice(CHUNK, None), slice(CHUNK))]
+            continue
         bounds = positives.bound(low, high)
         boxes += len(low)
         below = ~(bounds.lower >= target)  # NaN is below
@@ -86,15 +135,10 @@ def check_shape(
         held = lowest[positives.holds(bounds.point[lowest])]
         if small.any() or len(held):
             at = np.concatenate([bounds.point[held], bounds.point[small]])[:SUSPECTS]
-            # a point on the end of a complement's domain may round to one beyond it, where the answer is maybe
-            if bounder.domain.unbounded:
-                at = np.concatenate([at, at * INWARD])
             worst = min(least, bounds.lower[small].min(initial=np.inf), bounds.value[held].min(initial=np.inf))
-            return Checked(worst, boxes, bounder.domain.to_object(at))
-        if progress:
-            progress(round(PARTS * done / whole), PARTS)
+            return Checked(worst, boxes, at)
+        told(done)
         if below.any():
             low, high = halve(low[below], high[below], bounds.axis[below])
-            for begin in range(0, len(low), CHUNK):
-                waiting.append((low[begin : begin + CHUNK], high[begin : begin + CHUNK]))
+            waiting.append((low, high))
     return Checked(least, boxes)

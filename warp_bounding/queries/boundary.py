@@ -3,6 +3,7 @@
 They lie in the object, beside a point outside: where bounders fail first.
 """
 
+from collections.abc import Callable
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -68,17 +69,19 @@ def held_points(shape: Shape, count: int, rng: np.random.Generator, known: np.nd
     return held
 
 
-def pulled(shape: Shape, inner: np.ndarray, outer: np.ndarray, nearest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Both ends of segments, drawn together around a point of the border between them.
+def pulled(
+    holds: Callable[[np.ndarray], np.ndarray], inner: np.ndarray, outer: np.ndarray, nearest: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Both ends of segments, drawn together around the border between them.
 
     Args:
-        shape: The object.
-        inner: ``(N, n)`` float64, points of the object.
+        holds: Which points ``(N, n)`` are inside, ``(N,)`` bool.
+        inner: ``(N, n)`` float64, points inside.
         outer: ``(N, n)`` float64, points that are not.
         nearest: Object units: how near both ends must come.
 
     Returns:
-        Points of the object, and points that are not, ``(N, n)`` float64 each.
+        Points inside, and points that are not, ``(N, n)`` float64 each.
     """
     inner, outer = inner.copy(), outer.copy()
     for _ in range(STEPS):
@@ -86,7 +89,7 @@ def pulled(shape: Shape, inner: np.ndarray, outer: np.ndarray, nearest: float) -
         if not len(open_):
             break
         middle = (inner[open_] + outer[open_]) / 2
-        held = shape.contains(middle)
+        held = holds(middle)
         inner[open_[held]], outer[open_[~held]] = middle[held], middle[~held]
     return inner, outer
 
@@ -123,7 +126,7 @@ def border_points(
     inner = held[rng.integers(len(held), size=count)]
     near, few = rng.random(count) < NEAR_SHARE, held[rng.integers(len(held), size=min(len(held), FEW))]
     inner[near] = few[KDTree(few / size).query(outer[near] / size, workers=-1)[1]]
-    return pulled(shape, inner, outer, nearest * float(shape.extent.max()))[0]
+    return pulled(shape.contains, inner, outer, nearest * float(shape.extent.max()))[0]
 
 
 _OUTLINES: WeakKeyDictionary[Shape, np.ndarray] = WeakKeyDictionary()

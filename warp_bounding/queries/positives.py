@@ -13,13 +13,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.queries.registry import QUERIES
 
 __all__ = ["draw_positives"]
 
 RARE = 0.05  # of the draws: where fewer meet the object, all that do are taken, not as many of either half
+POOL = 1 << 17  # border points of a shape without cells, each of which many queries may pass
 CHUNK = 200_000  # draws of either half at a time
 SNAPPED = 0.6  # share of a point's coordinates that lie on a face of its cell
 
@@ -50,10 +50,11 @@ def draw_positives(
     """
     rng = np.random.default_rng([*([seed] if isinstance(seed, (int, np.integer)) else seed), 20_24])
     kind = QUERIES[query]
+    pool = np.empty((0, grid.ndim)) if isinstance(grid, IndicatorGrid) else border_points(grid, POOL, rng)
     truth, done, rare = kind.oracle(grid, device, length), 0, None
     while done < count:
         uniform = kind.sample(grid, CHUNK, rng)
-        points = _boundary_points(grid, CHUNK, rng)
+        points = pool[rng.integers(len(pool), size=CHUNK)] if len(pool) else _boundary_points(grid, CHUNK, rng)
         hard = kind.barely(grid, points, rng, length, outside).astype(np.float32)
         uniform, hard = uniform[truth(uniform)], hard[truth(hard)]
         half = min(len(uniform), len(hard))
@@ -64,10 +65,8 @@ def draw_positives(
         yield part
 
 
-def _boundary_points(grid: Shape, count: int, rng: np.random.Generator) -> np.ndarray:
+def _boundary_points(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
     """``(count, n)`` float64 points of the object, object space."""
-    if not isinstance(grid, IndicatorGrid):
-        return border_points(grid, count, rng)
     cells = grid.boundary if len(grid.boundary) else grid.occupied
     cells = np.where(
         rng.random((count, 1)) < 0.9, *(c[rng.integers(len(c), size=count)] for c in (cells, grid.occupied))

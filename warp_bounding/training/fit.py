@@ -11,6 +11,7 @@ import numpy as np
 
 from warp_bounding.bounders import METHODS, Bounder, DistanceBounder, cascade, method_class
 from warp_bounding.bounders.cascade import Cascade
+from warp_bounding.bounders.neural.mlp import THRESHOLDS
 from warp_bounding.bounders.options import settled
 from warp_bounding.coordinates.region_domain import SPACES, domain_of
 from warp_bounding.errors import BounderError, BoundingWarning
@@ -78,8 +79,8 @@ def fit(
         margin: The object is dilated by this length first, object (world) units. A margin under the size of a mesh's
             cells raises a warning, because the cells are what is bounded.
         force: Accept a margin that is larger than the object.
-        resolution: Cells along a mesh's longest axis, where cells are laid: for rays and boxes of an ``mlp``, and for
-            regions in parametric space, 128 if ``None``; for ``bvh``, ``voxels`` and ``relu-field`` 64. For all else
+        resolution: Cells along a mesh's longest axis, where cells are laid: for regions in parametric space, and
+            those of an ``mlp`` with ``thresholds``, 128 if ``None``; for ``bvh``, ``voxels`` and ``relu-field`` 64. For all else
             ``None`` is the mesh itself. Grids bring their own.
         length: Length of a ray, object units; 1 if ``None``. Other queries have none.
         space: For rays, planes and boxes: ``"geometric"``, the default, tests a region against the volume;
@@ -143,7 +144,7 @@ def fit(
     _check_extent(shape, margin, force)
     if side == SIDES[1]:
         shape = Complement(shape)
-    grid = _bounded(shape, query, method, space, resolution, margin)
+    grid = _bounded(shape, query, method, space, resolution, margin, options.get(THRESHOLDS.name, 1) == 1)
     classes = [method_class(name, query, grid.ndim, space) for name in method.split("+")]
     if len(classes) > 1:
         Cascade.check(classes)
@@ -256,13 +257,16 @@ def _check_extent(shape: IndicatorGrid | IndicatorMesh | IndicatorMotion, margin
         )
 
 
-def _bounded(shape, query: str, method: str, space: str, resolution: int | None, margin: float) -> Shape:
+def _bounded(
+    shape, query: str, method: str, space: str, resolution: int | None, margin: float, one_threshold: bool
+) -> Shape:
     """What is bounded: the dilated shape itself, or its cells where a resolution or a method asks for them."""
     own = isinstance(shape, IndicatorGrid)
     known = [METHODS[name] for name in method.split("+") if name in METHODS]  # other names are refused later
     if isinstance(shape, Shape) and not own and resolution is None:
         kind = QUERIES[query]
-        told = not kind.is_region or (kind.decides(shape) and shape.corners() is not None)
+        # thresholds of the parts of a domain of regions are proven over cells
+        told = not kind.is_region or (kind.decides(shape) and shape.corners() is not None and one_threshold)
         if told and all(cls.takes_shapes(query, space) for cls in known):
             shape.check()
             shape = shape.dilated(margin)

@@ -19,14 +19,24 @@ from warp_bounding.bounders.local.local import Local
 from warp_bounding.bounders.neural.mlp import RECIPES, Mlp
 from warp_bounding.bounders.neural.mlp_early import MlpEarly, part_of
 from warp_bounding.bounders.neural.monotone_mlp import MonotoneMlp
+from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.networks.heads import head_of
-from warp_bounding.proof import Search, conjunction, least_value, prove_or_attest
+from warp_bounding.proof import conjunction, least_value, prove_or_attest
 from warp_bounding.proof.local import prove_local
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.training.engine.adversary import Adversary, adversarial_minimum
 from warp_bounding.training.engine.clock import Clock, interrupts
 from warp_bounding.training.engine.team import single_threaded_torch
 from warp_bounding.training.problem import Problem, Trained
+from warp_bounding.training.proof_time import (
+    HOPEFUL,
+    MOST_REGION_PROOF,
+    MOST_SHAPE_PROOF,
+    WORTH_PROVING,
+    attest_seconds,
+    decay_for,
+    final_proof_seconds,
+)
 from warp_bounding.training.recipes.default import NetworkTrainer
 from warp_bounding.training.recipes.early import EXIT_SHARE, EarlyTrainer, train_exits
 from warp_bounding.training.recipes.grants import granted
@@ -64,18 +74,8 @@ MONOTONE_START, MONOTONE_EPS, MONOTONE_BOXES = 0.2, 0.1, 20_000
 POINT_RESERVE, REGION_RESERVE, MINED_REGION_RESERVE = 0.03, 0.15, 0.4
 # Once a search has told what the proof of points takes, its reserve is kept between these shares.
 LEAST_RESERVED, MOST_RESERVED = 0.01, 0.2
-MOST_REGION_PROOF = 0.6  # largest share that is reserved for the proof of rays or boxes
 MORE_FOR_EXITS = 0.4  # mlp-early: a reserve for proofs is larger by this share of itself
 GRANT_SECONDS = 1.0  # mlp-early: about what fitting a grant takes
-# The proof of the final network takes this many times as long as that of one at used fraction 0 and at 1, and in
-# between a number linear in the used fraction: f gets steeper while it trains. Both are empirical.
-PROOF_GROWTH = (4.2, 1.35)
-# Where the proof of rays or boxes is expected to take more than the share DECAY_ABOVE, weights decay at the rate DECAY,
-# times the factor by which it is exceeded, up to MOST_DECAY: smaller weights make proofs shorter.
-DECAY_ABOVE, DECAY, MOST_DECAY = 0.3, 0.05, 0.2
-# A proof ends with a gap, which lowers the threshold and makes false positives of more queries. Where these are
-# expected to be more than this share of all queries the proof is given up, and training keeps its time.
-WORTH_PROVING = 1e-2
 
 # A proof, or the final adversarial search, gets this share even if training took longer than it should.
 LEAST_SHARE = 0.05
@@ -83,7 +83,6 @@ LEAST_SHARE = 0.05
 OVERTIME_SHARE = 0.1
 # The final adversarial search, between training and a proof, takes this share, but no more than these seconds.
 FINAL_SEARCH_SHARE, FINAL_SEARCH_SECONDS = 0.1, 20.0
-ATTEST_SECONDS = 2.5  # about the time of the million fresh positives that attest a threshold
 PLANE_TOLERANCE = 1e-3  # gap at which the proof of planes ends, in domain half-widths of a plane's offset
 # Limits where the budget is in steps: boxes of the final proof, of points and planes and of rays and boxes; rounds of
 # the final adversarial search; steps of Newton's method for each exit.
@@ -215,7 +214,7 @@ class _Fit:
         self.boxes += search.boxes
         trainer.add(search.worst)
         if clock.timed:
-            expected = min(max(_final_proof_seconds(search, used), LEAST_RESERVED * budget), MOST_RESERVED * budget)
+            expected = min(max(final_proof_seconds(search, used), LEAST_RESERVED * budget), MOST_RESERVED * budget)
             if self.lattice is not None:
                 expected = MOST_RESERVED * budget
             clock.reserve(expected * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds + self.grant_seconds)
@@ -230,23 +229,28 @@ class _Fit:
         found = adversarial_minimum(samples, trainer.network, seconds, trainer.hard, rounds=ADVERSARY_ROUNDS)
         trainer.add_states(found.states)
         bounder = self._bounder(Mlp, trainer.network.tensors())
-        expected, self.proof_worthwhile = 0.0, bounder.provable
-        if bounder.provable:
+        # Of cells the prover's positives are samples, too; those of a shape do not tell which of its points they hold.
+        of_cells = isinstance(problem.grid, IndicatorGrid)
+        most = (MOST_REGION_PROOF if of_cells else MOST_SHAPE_PROOF) * budget
+        expected, tried = 0.0, bounder.provable and (of_cells or self.proof_worthwhile)
+        self.proof_worthwhile = tried
+        if tried:
             costs, least = Costs(bounder, problem), float(bounder.reference(found.worst).min())
             eps = costs.cheap_gap(least)
             limit = {"seconds": MINE_REGIONS_SHARE * budget} if clock.timed else {"boxes": MINE_REGIONS_BOXES}
             search = least_value(bounder, problem.grid, eps=eps, points=found.worst, **limit)
             self.boxes += search.boxes
-            trainer.add_states(samples.spread(samples.at(search.numbers), MOST_ADDED))
-            expected = _final_proof_seconds(search, used)
+            if of_cells:
+                trainer.add_states(samples.spread(samples.at(search.numbers), MOST_ADDED))
+            expected = final_proof_seconds(search, used, of_cells)
             if clock.timed:
-                cost = costs.of_proof(least, eps, expected, MOST_REGION_PROOF * budget)
-                self.proof_worthwhile = cost <= WORTH_PROVING
-                longer = expected / (DECAY_ABOVE * budget)
-                if self.proof_worthwhile and longer > 1:
-                    trainer.decay = max(trainer.decay, min(DECAY * longer, MOST_DECAY))
+                # the search of a shape ends with what it has, in steps
+                cost = costs.of_proof(least, eps, expected, most) if of_cells else 0.0
+                self.proof_worthwhile = cost <= WORTH_PROVING and (of_cells or expected <= HOPEFUL * most)
+                if self.proof_worthwhile:
+                    trainer.decay = max(trainer.decay, decay_for(expected, budget))
         if clock.timed:
-            longest = min(expected, MOST_REGION_PROOF * budget) + self.final_search_limit
+            longest = min(expected, most) + self.final_search_limit
             proof = longest if self.proof_worthwhile else self.first_reserve * budget
             clock.reserve(proof * (1 + MORE_FOR_EXITS * self.early) + self.exit_seconds + self.grant_seconds, used)
 
@@ -333,7 +337,8 @@ class _Fit:
         budget, rounds = self.options.budget, {} if self.clock.timed else {"rounds": SEARCH_ROUNDS}
         at_least = LEAST_SHARE * budget
         whole = (1 + OVERTIME_SHARE * self.proof_worthwhile) * budget
-        left = (whole - self.clock.seconds - self.grant_seconds) / parts_left - ATTEST_SECONDS  # seconds of this part
+        attest = attest_seconds(budget, self.proof_worthwhile or isinstance(self.problem.grid, IndicatorGrid))
+        left = (whole - self.clock.seconds - self.grant_seconds) / parts_left - attest  # seconds of this part
         share = min(left, self.final_search_limit) if self.proof_worthwhile else left
         seconds = max(share, at_least) if self.clock.timed else float("inf")
         found = adversarial_minimum(trainer.samples, trainer.network, seconds, trainer.hard, **rounds)
@@ -342,9 +347,3 @@ class _Fit:
             left -= found.seconds
             limits = {"seconds": max(left, at_least)} if self.proof_worthwhile or left > at_least else None
         return found, limits
-
-
-def _final_proof_seconds(search: Search, used: float) -> float:
-    """Seconds expected for the proof of the final network, from a search of the network at a used fraction."""
-    begin, end = PROOF_GROWTH
-    return (begin + (end - begin) * used) * (search.seconds if search.complete else search.needed)

@@ -104,8 +104,7 @@ class Mlp(Bounder):
 
     @classmethod
     def takes_shapes(cls, query: str, space: str = "geometric") -> bool:
-        # a plane's supports are compared with the object's own, which need no cells
-        return not QUERIES[query].is_region or head_of(query).outputs > 1
+        return space == "geometric"
 
     def check_tensors(self) -> None:
         self.hidden = check_hidden(self.sizes.get("hidden", ()))

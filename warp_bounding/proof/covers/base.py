@@ -33,6 +33,26 @@ class Cover:
         f = of_points(bounder)
         return f, *f.cut(*positive_boxes(f, grid))[:2]
 
+    # In how many boxes ``reach`` is asked for the points of regions, fewest first; none where shapes need no cells.
+    pieces: tuple[int, ...] = ()
+
+    def reach(
+        self, cover: ChartedPositives, lower: np.ndarray, upper: np.ndarray, pieces: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Where regions can meet the object: all of its points in positives of boxes, other than what other boxes tell of.
+
+        Args:
+            cover: What ``charted`` has made; its boxes may be cut further.
+            lower: ``(N, Z)`` float64 corners, numbers of the chart.
+            upper: ``(N, Z)`` float64.
+            pieces: In how many boxes.
+
+        Returns:
+            Corners ``(N, pieces, n)`` float64 of boxes in local space, some inverted, which hold nothing: every exact
+            positive of a box of z that no other box of the cover has meets the object in these.
+        """
+        raise NotImplementedError
+
     def anew(
         self, bounder: Mlp, grid: IndicatorGrid, cover: ChartedPositives
     ) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:

@@ -43,6 +43,16 @@ class BoxCover(Cover):
         numbers, largest = np.concatenate([unit, origin, noise]), np.tile(limit + noise, 2)
         return ChartedPositives(bounder.network, BoxChart(2 * n), lower, upper, numbers, largest, words)
 
+    pieces = (1,)
+
+    def reach(
+        self, cover: ChartedPositives, lower: np.ndarray, upper: np.ndarray, pieces: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        # the largest box
+        n = cover.chart.inputs // 2
+        low, high = cover.chart.hull(lower, upper, cover.numbers)
+        return low[:, None, :n], high[:, None, n:]
+
     def at_points(self, p: np.ndarray, bounder: Bounder) -> np.ndarray:
         return np.concatenate([p, p], axis=1)
 

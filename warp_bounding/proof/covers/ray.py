@@ -31,6 +31,7 @@ from warp_bounding.proof.search.depth_first import ChartedPositives
 
 __all__ = ["RayCover", "single_cells"]
 
+PRODUCTS = 16  # float64 roundings, at most, of a term in ``RayCover.reach``
 CELLS = 256  # cells that ``single_cells`` takes at a time
 
 
@@ -130,6 +131,21 @@ class RayCover(Cover):
         return ChartedPositives(
             bounder.network, RayChart(2 * n), lower, upper, np.concatenate(numbers), size, terms=terms
         )
+
+    pieces = (1, 6, 24)
+
+    def reach(
+        self, cover: ChartedPositives, lower: np.ndarray, upper: np.ndarray, pieces: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        # Before p the ray is outside of all cells, or p is its origin: what counts is p + r w with 0 <= r <= 1 - t.
+        n = cover.chart.inputs // 2
+        low, high = (side[:, None, n:] for side in cover.chart.hull(lower, upper, cover.numbers))
+        left = 1.0 - lower[:, n]
+        first, last = (left[:, None, None] * ((np.arange(pieces) + end) / pieces)[:, None] for end in (0, 1))
+        ways = np.stack([first * low, first * high, last * low, last * high])
+        begin, end = lower[:, None, :n], upper[:, None, :n]
+        room = PRODUCTS * UNIT64 * (np.maximum(np.abs(begin), np.abs(end)) + np.abs(ways).max(axis=0))
+        return begin + ways.min(axis=0) - room, end + ways.max(axis=0) + room
 
     def anew(
         self, bounder: Mlp, grid: IndicatorGrid, cover: ChartedPositives

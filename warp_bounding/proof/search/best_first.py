@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
-from warp_bounding.proof.search.vacancy import ShapePositives
+from warp_bounding.proof.search.vacancy import Positives
 from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["WORST", "Search", "halve", "lowest", "minimum"]
@@ -62,7 +62,8 @@ def minimum(
     boxes: float = float("inf"),
     points: np.ndarray | None = None,
     progress: Callable[[int, int, float], None] | None = None,
-    positives: ShapePositives | None = None,
+    positives: Positives | None = None,
+    known: float = float("inf"),
     groups: np.ndarray | None = None,
     group_of: Callable[[np.ndarray], np.ndarray] | None = None,
     group_count: int = 1,
@@ -83,6 +84,7 @@ def minimum(
         points: ``(P, n)`` concrete points in the boxes to begin with; good ones save most of the work.
         progress: Called now and then with boxes done, boxes waiting, gap.
         positives: Tells which boxes hold no positive; every point of the boxes is one if ``None``.
+        known: A value of f at a positive, where there are no groups.
         groups: ``(N,)`` int, the group of each box, from 0 on; all are one group if ``None``.
         group_of: The groups of ``points``; needed where there are groups.
         group_count: How many groups there are, those without a box among them.
@@ -94,7 +96,7 @@ def minimum(
     low_points = np.empty((0, lower.shape[1])) if points is None else np.asarray(points, dtype=np.float64)
     low_values = bounder.reference(low_points) if len(low_points) else np.empty(0)
     groups = np.zeros(len(lower), np.int64) if groups is None else np.asarray(groups)
-    best, closed, done = np.full(group_count, np.inf), np.full(group_count, np.inf), 0
+    best, closed, done = np.full(group_count, known), np.full(group_count, np.inf), 0
     np.minimum.at(best, np.zeros(len(low_points), np.int64) if group_of is None else group_of(low_points), low_values)
     probe = (lower[:CHUNK] + upper[:CHUNK]) / 2
     resolved = 4 * float((bounder.reference(probe) - bounder.bound(probe, probe).lower).max())
@@ -130,7 +132,8 @@ def minimum(
             open_ &= ~small
         np.minimum.at(closed, group[~open_], bound[~open_])
         # Where the bound is much looser than it may be, its halves would only be halved again: quarter at once.
-        loose = open_ & (bounds.value - bound > QUARTER * (bounds.value - (best - eps)[group]))
+        with np.errstate(invalid="ignore"):  # no positive of a box is known: its value is infinite
+            loose = open_ & (bounds.value - bound > QUARTER * (bounds.value - (best - eps)[group]))
         loose &= bounds.next_axis is not None
         once, parts = open_ & ~loose, []
         if once.any():

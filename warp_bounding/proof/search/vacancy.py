@@ -7,13 +7,15 @@ nearly so, and most of the domain is never refined. A shape that knows half-spac
 (``Shape.half_spaces``) closes many boxes that are neither vacant nor high enough in f (``search.half_space``). A box that has become ``NARROWEST`` on every axis counts as object.
 """
 
+from abc import ABC, abstractmethod
+
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.search.half_space import HeldBounds, bound_in_half_spaces
 
-__all__ = ["LONGEST_TO_SPLIT", "NARROWEST", "ShapePositives"]
+__all__ = ["LONGEST_TO_SPLIT", "NARROWEST", "Positives", "ShapePositives"]
 
 NARROWEST = 2.0**-14  # local units, in which the domain is about [-1, 1]^n: sides of boxes that are not halved any more
 # A box whose longest side is so many times that which the bound of f would halve is halved along its longest side:
@@ -21,8 +23,50 @@ NARROWEST = 2.0**-14  # local units, in which the domain is about [-1, 1]^n: sid
 LONGEST_TO_SPLIT = 8.0
 
 
-class ShapePositives:
-    """P_delta of a shape, by what it certifies to be absent; with the methods that ``search.minimum`` asks for.
+class Positives(ABC):
+    """Boxes that hold all positives of a shape, and what the shape knows of these; searched by ``best_first.minimum``.
+
+    The numbers of the boxes are coordinates v, or others (Z of them) from which v follows.
+    """
+
+    @abstractmethod
+    def boxes(self) -> tuple[np.ndarray, np.ndarray]:
+        """``(N, Z)`` corners of boxes that hold everything which can come from a positive."""
+
+    @abstractmethod
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        """F at ``(N, Z)``; see ``Bounder.reference``."""
+
+    @abstractmethod
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """Certified bounds of f over boxes; see ``Bounder.bound``."""
+
+    @abstractmethod
+    def vacant(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """``(N,)`` bool, certified: nothing in the closed box can come from a positive."""
+
+    @abstractmethod
+    def held(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> HeldBounds:
+        """What is known of f over what in boxes comes from positives.
+
+        Args:
+            lower: ``(N, Z)`` float64 corners.
+            upper: ``(N, Z)`` float64.
+            bounds: What ``bound`` has told of these boxes.
+            target: ``(N,)``, f that is of no interest any more.
+        """
+
+    @abstractmethod
+    def too_small(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """``(N,)`` bool: boxes that are not halved any more."""
+
+    @abstractmethod
+    def holds(self, v: np.ndarray) -> np.ndarray:
+        """``(N,)`` bool: whether these are positives of the shape, for all that is known."""
+
+
+class ShapePositives(Positives):
+    """P_delta of a shape of points, by what it certifies to be absent.
 
     Args:
         bounder: Its f is bounded; it is tested as a point of the object's space, or a ``LeastBox``.
@@ -36,35 +80,28 @@ class ShapePositives:
         self.asked = 0  # boxes that the shape was asked about
 
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
-        """``(N, n)`` corners of boxes that hold every v of a query that is not answered without f: one, or ``cut`` in pieces."""
+        """See ``Positives``: every v of a query that is not answered without f, one box, or ``cut`` in pieces."""
         limit = self.domain.limit.astype(np.float64)[None]
         return self.bounder.cut(-limit, limit)[:2]
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        """F at ``(N, n)``; see ``Bounder.reference``."""
+        """See ``Positives``."""
         return self.bounder.reference(v)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        """See ``Bounder.bound``; flat boxes are halved along their longest side."""
+        """See ``Positives``; flat boxes are halved along their longest side."""
         bounds, side = self.bounder.bound(lower, upper), upper - lower
         longest, row = side.argmax(axis=1), np.arange(len(side))
         flat = side[row, longest] > LONGEST_TO_SPLIT * side[row, bounds.axis]
         return bounds._replace(axis=np.where(flat, longest, bounds.axis), next_axis=None)
 
     def vacant(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """``(N,)`` bool, certified: no v in the closed box can come from a point of the object."""
+        """See ``Positives``."""
         self.asked += len(lower)
         return self.shape.empty(*self.domain.origins(lower, upper))
 
     def held(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> HeldBounds:
-        """What is known of f over the v of boxes that come from points of the object.
-
-        Args:
-            lower: ``(N, n)`` float64 corners, coordinates v.
-            upper: ``(N, n)`` float64.
-            bounds: What ``bound`` has told of these boxes.
-            target: ``(N,)``, f that is of no interest any more.
-        """
+        """See ``Positives``."""
         known = None if bounds.slope is None else self.shape.half_spaces(*self.domain.origins(lower, upper))
         if known is None:
             least = np.where(self.vacant(lower, upper), np.inf, bounds.lower)
@@ -73,9 +110,9 @@ class ShapePositives:
         return bound_in_half_spaces(self.domain, lower, upper, bounds, known, target)
 
     def too_small(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """``(N,)`` bool: boxes that are not halved any more."""
+        """See ``Positives``."""
         return ((upper - lower) <= self.narrowest).all(axis=1)
 
     def holds(self, v: np.ndarray) -> np.ndarray:
-        """``(N,)`` bool: whether the exact v of a point of the object lies here."""
+        """See ``Positives``: whether the exact v of a point of the object lies here."""
         return self.shape.contains(self.domain.to_object(v))

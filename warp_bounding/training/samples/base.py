@@ -13,13 +13,15 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries import oracle, sample
-from warp_bounding.training.samples.cell_points import CellPoints, columns
+from warp_bounding.training.samples.cell_points import CellPoints, ObjectPoints, columns
+from warp_bounding.training.samples.shape_points import ShapePoints
 
 __all__ = ["FEWEST_NEGATIVES", "LEAST", "LabelledRegions", "RegionSamples", "Samples", "first_ones"]
 
 FEWEST_NEGATIVES = 64  # samples that stand for negatives where uniform samples gave none
 LEAST = 1e-12  # local units: added below divisors
 APART = 2.0  # cells: edge of the boxes of v of which ``spread`` keeps one state each
+LABELLED, PARTS = 1 << 19, 32  # regions of a shape that are labelled and kept in the end, and in how many draws
 ATTEMPTS = 20  # batches in which a negative is looked for
 
 
@@ -80,14 +82,25 @@ class Samples:
 
 
 class LabelledRegions(Samples):
-    """Random regions of 2n numbers, labelled by the exact oracle of a grid or of a shape without cells."""
+    """Random regions of 2n numbers, labelled by the exact oracle of a grid, or of a shape without cells, where they are kept."""
 
     def __init__(self, grid: Shape, domain: RegionDomain, generator: torch.Generator):
         self.grid, self.domain, self.generator, self.ndim = grid, domain, generator, 2 * grid.ndim
         self._oracle = oracle(self.query, grid, "cpu", domain.oracle_length)
         self._rng = np.random.default_rng(int(torch.randint(2**62, (1,), generator=generator)))
+        self._kept, self._truth = torch.empty(self.ndim, 0), torch.empty(0, dtype=torch.bool)
 
     def uniform(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
+        if isinstance(self.grid, IndicatorGrid):
+            return self._labelled(count)
+        if len(self._truth) < LABELLED:  # of a shape labels take longer
+            v, truth = self._labelled(LABELLED // PARTS)
+            self._kept, self._truth = torch.cat([self._kept, v], 1), torch.cat([self._truth, truth])
+        chosen = torch.randint(len(self._truth), (count,), generator=self.generator)
+        return self._kept.index_select(1, chosen), self._truth[chosen]
+
+    def _labelled(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
+        """``uniform``, of fresh samples."""
         q = sample(self.query, self.grid, count, self._rng)
         return columns(self.domain.to_local(q)), torch.from_numpy(self._oracle(q))
 
@@ -102,13 +115,14 @@ class LabelledRegions(Samples):
 
 
 class RegionSamples(LabelledRegions):
-    """What rays and boxes of a grid share.
+    """What rays and boxes share.
 
     The first 2n rows of a state are a cell and an offset, a point of the object in the region.
     """
 
-    def __init__(self, grid: IndicatorGrid, domain: RegionDomain, generator: torch.Generator):
-        self.cells = CellPoints(grid, domain.base, generator)
+    def __init__(self, grid: Shape, domain: RegionDomain, generator: torch.Generator):
+        of_cells = isinstance(grid, IndicatorGrid)
+        self.cells: ObjectPoints = (CellPoints if of_cells else ShapePoints)(grid, domain.base, generator)
         super().__init__(grid, domain, generator)
         self.detail = self.cells.detail.repeat(2, 1)
         self.vertices = torch.empty(self.ndim, 0)
@@ -120,6 +134,16 @@ class RegionSamples(LabelledRegions):
         """
         place = (self.coordinates(state) / (APART * self.cells.unit.repeat(2, 1))).floor()
         return first_ones(state, place, most)
+
+    def negatives(self, count: int) -> torch.Tensor:
+        self.cells.grow()
+        return super().negatives(count)
+
+    def settled(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
+        n = self.grid.ndim
+        points = after[: 2 * n]
+        held = self.cells.settled(before[: 2 * n], points)
+        return after if held is points else torch.cat([held, after[2 * n :]])
 
     def point(self, state: torch.Tensor) -> torch.Tensor:
         """``(n, N)`` local coordinates of the point of the object."""

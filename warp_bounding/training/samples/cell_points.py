@@ -12,25 +12,49 @@ import torch
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.indicators.grid import IndicatorGrid
 
-__all__ = ["CellPoints", "columns"]
+__all__ = ["CellPoints", "ObjectPoints", "columns"]
 
 BOUNDARY_SHARE = 2 / 3  # of the points: in cells that touch an empty one
 FACE_SHARE = 0.6  # of the coordinates of these points: on a face of the cell
 EXPOSED_SHARE = 0.9  # of the coordinates on a face, where just one of the two is exposed: on that one
 
 
-class CellPoints:
-    """Points of the object, as cells and offsets; the domain of points gives the map to local space."""
+class ObjectPoints:
+    """Random points of an object, given as a cell and an offset from its middle, in cells.
 
-    def __init__(self, grid: IndicatorGrid, domain: Domain, generator: torch.Generator):
-        self.grid, self.generator, self.ndim = grid, generator, grid.ndim
-        origin, one = (domain.to_local(grid.position(at(grid.ndim))) for at in (np.zeros, np.ones))
-        sides = [domain.to_local(side) for side in (grid.lower, grid.upper)]
-        self.origin, self.unit, self.lower, self.upper = (columns(a[None]) for a in (origin, one - origin, *sides))
-        cells = torch.tensor(grid.shape, dtype=torch.float32)[:, None]
-        self.detail = cells / cells.max()
-        self.occupied, self.boundary = columns(grid.occupied), columns(grid.boundary)
-        self._exposed = torch.from_numpy(_exposed_sides(grid))
+    Attributes:
+        unit: ``(n, 1)``, sides of a cell in local space.
+        origin: ``(n, 1)``, the middle of cell 0.
+        lower: ``(n, 1)``, of the object's box in local space.
+        upper: ``(n, 1)``.
+        detail: ``(n, 1)``, cells along each axis, relative to the axis with most.
+    """
+
+    ndim: int
+    generator: torch.Generator
+    unit: torch.Tensor
+    origin: torch.Tensor
+    lower: torch.Tensor
+    upper: torch.Tensor
+    detail: torch.Tensor
+
+    def draw(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
+        """Cells and offsets: most in boundary cells and on cell faces, the rest uniform in the object."""
+        raise NotImplementedError
+
+    def draw_touching(self, count: int, share: float) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Boundary cells, offsets, and sides ``(n, count)``: 1 or -1 on a cell's upper or lower face, else 0.
+
+        A ``share`` of the coordinates is on a face.
+        """
+        raise NotImplementedError
+
+    def settled(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
+        """Cells and offsets ``(2 n, N)`` of points of the object, after offsets have moved."""
+        return after
+
+    def grow(self) -> None:
+        """Called once a refresh, by those who find points as training goes on."""
 
     def to_local(self, t: torch.Tensor) -> torch.Tensor:
         """Local coordinates of cell coordinates, both ``(n, N)``."""
@@ -50,6 +74,20 @@ class CellPoints:
         """``(count,)`` uniform whole numbers from 0 to ``end - 1``."""
         return torch.randint(end, (count,), generator=self.generator)
 
+
+class CellPoints(ObjectPoints):
+    """Points of a grid's object, in its cells; the domain of points gives the map to local space."""
+
+    def __init__(self, grid: IndicatorGrid, domain: Domain, generator: torch.Generator):
+        self.grid, self.generator, self.ndim = grid, generator, grid.ndim
+        origin, one = (domain.to_local(grid.position(at(grid.ndim))) for at in (np.zeros, np.ones))
+        sides = [domain.to_local(side) for side in (grid.lower, grid.upper)]
+        self.origin, self.unit, self.lower, self.upper = (columns(a[None]) for a in (origin, one - origin, *sides))
+        cells = torch.tensor(grid.shape, dtype=torch.float32)[:, None]
+        self.detail = cells / cells.max()
+        self.occupied, self.boundary = columns(grid.occupied), columns(grid.boundary)
+        self._exposed = torch.from_numpy(_exposed_sides(grid))
+
     def walk(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
         """Cells and offsets ``(2 n, N)`` after a move down a slope in local space; all points stay in their cells.
 
@@ -61,7 +99,7 @@ class CellPoints:
         return torch.cat([cell, (offset - step * slope).clamp_(-0.5, 0.5)])
 
     def draw(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """Cells and offsets: most in boundary cells and on cell faces, the rest uniform in the object."""
+        """See ``ObjectPoints``."""
         near = int(count * BOUNDARY_SHARE) if self.boundary.shape[1] else 0
         offset = self.rand(self.ndim, count) - 0.5
         snap = self.rand(self.ndim, near) < FACE_SHARE
@@ -69,10 +107,7 @@ class CellPoints:
         return torch.cat([self.pick(self.boundary, near), self.pick(self.occupied, count - near)], 1), offset
 
     def draw_touching(self, count: int, share: float) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Boundary cells, offsets, and sides ``(n, count)``: 1 or -1 on a cell's upper or lower face, else 0.
-
-        A ``share`` of the coordinates is on a face.
-        """
+        """See ``ObjectPoints``."""
         cells, exposed = (self.boundary, self._exposed) if self.boundary.shape[1] else (self.occupied, None)
         index = self.integers(cells.shape[1], count)
         offset = self.rand(self.ndim, count) - 0.5

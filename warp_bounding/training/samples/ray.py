@@ -99,6 +99,13 @@ class RaySamples(RegionSamples):
         both = torch.cat([direction, normal], 1)
         return both.index_select(1, torch.randperm(count, generator=self.generator))
 
+    def settled(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
+        settled, n = super().settled(before, after), self.grid.ndim
+        if settled is after:
+            return after
+        longest = self._longest(self.point(settled), settled[2 * n + 1 :])
+        return torch.cat([settled[: 2 * n], torch.minimum(settled[2 * n], longest)[None], settled[2 * n + 1 :]])
+
     def at(self, z: np.ndarray) -> torch.Tensor:
         # z = (p, t, m) of ``networks.charts.ray``
         n = self.grid.ndim

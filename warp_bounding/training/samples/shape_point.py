@@ -99,7 +99,7 @@ class ShapePointSamples(Samples):
         left = np.flatnonzero(~self.shape.contains(moved))
         start = domain.to_object(before.T.double().numpy()[left])
         nearest = NEAREST / float(domain.scale[int(self.shape.time) :].min())
-        moved[left] = pulled(self.shape, start, moved[left], nearest)[0]
+        moved[left] = pulled(self.shape.contains, start, moved[left], nearest)[0]
         return columns(domain.to_local(moved))
 
     def locate(self, v: np.ndarray) -> torch.Tensor:
