@@ -45,7 +45,7 @@ def command(
     resolution: Annotated[
         int | None,
         typer.Option(
-            help="Cells along a mesh's longest axis, where cells are laid (64; 128 for rays, planes and boxes)."
+            help="Cells along a mesh's longest axis, where cells are laid (64; 128 for regions)."
         ),
     ] = None,
     length: Annotated[
