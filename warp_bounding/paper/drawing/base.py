@@ -9,6 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
+from warp_bounding.paper.drawing.masks import packed
 from warp_bounding.paper.drawing.settings import PAPER, FigureSettings
 from warp_bounding.paper.drawing.shapes import own_shape
 from warp_bounding.paper.shapes import PATTERNS, Shape, load_shapes
@@ -111,6 +112,12 @@ class Work:
         bounder = fit(shape, device="cpu", progress=self.tell, **about, **options)
         self.heed()
         return bounder
+
+    def measured(self, shape, seconds: float, points: np.ndarray | None = None, **options) -> dict[str, Any]:
+        """``rates`` of a ``fit`` with these options; with points, what it answers there, packed, as ``"maybe"``."""
+        bounder = self.fit(shape, seconds, **options)
+        found = self.rates(bounder, shape)
+        return found if points is None else found | {"maybe": packed(bounder, points)}
 
     def tell(self, done: float, total: float = 1.0, text: str = "") -> None:
         """What a fit takes as ``progress``."""

@@ -42,18 +42,14 @@ class Complexity(Figure):
 
     def parts(self, work):
         parts = {}
-
-        def measured(grid, seconds, **options) -> dict:
-            return work.rates(work.fit(grid, seconds, **options), grid)
-
         for thing in self.wanted(work.settings):
             grid, ndim = work.shape(thing), int(thing.label[0])
             for method in BASELINES:
-                parts[f"{thing.label} {method}"] = partial(measured, grid, 60.0, method=method)
+                parts[f"{thing.label} {method}"] = partial(work.measured, grid, 60.0, method=method)
             for width in work.choose(WIDTHS, QUICK)[ndim]:
                 own = {"method": "mlp", "hidden": (width, width)}
                 seconds = work.choose(*SECONDS[ndim]) * max(1.0, width / WIDE)
-                parts[f"{thing.label} mlp {width}"] = partial(measured, grid, seconds, **own)
+                parts[f"{thing.label} mlp {width}"] = partial(work.measured, grid, seconds, **own)
         return parts
 
     def draw(self, parts, tools):

@@ -34,11 +34,6 @@ class Gallery(Figure):
     def parts(self, work):
         parts = {}
 
-        def measured(grid, points, method) -> dict[str, Any]:
-            seconds = work.choose(*SECONDS[method]) if method in SECONDS else 60.0
-            bounder = work.fit(grid, seconds, method=method)
-            return {**work.rates(bounder, grid), "maybe": packed(bounder, points)}
-
         def shown(thing, grid, points) -> dict[str, Any]:
             return {"inside": packed(grid, points), "up": work.up(thing)}
 
@@ -47,7 +42,8 @@ class Gallery(Figure):
             points = raster(grid, PIXELS)
             parts[grid.name.partition(".")[0]] = partial(shown, thing, grid, points)
             for method in COLUMNS:
-                parts[f"{grid.name.partition('.')[0]} {method}"] = partial(measured, grid, points, method)
+                seconds, name = work.choose(*SECONDS.get(method, (60.0, 60.0))), grid.name.partition(".")[0]
+                parts[f"{name} {method}"] = partial(work.measured, grid, seconds, points, method=method)
         return parts
 
     def draw(self, parts, tools):

@@ -1,7 +1,6 @@
 """*k-DOP*: six half-spaces, with fixed normals and with learned ones, like for like."""
 
 from functools import partial
-from typing import Any
 
 from warp_bounding.paper.drawing.base import Figure, objects_named
 from warp_bounding.paper.drawing.canvas import METHODS, bounded, numbered, page, show
@@ -29,17 +28,14 @@ class Kdop(Figure):
 
     def parts(self, work):
         parts = {}
-
-        def measured(grid, points, method) -> dict[str, Any]:
-            bounder = work.fit(grid, work.choose(10, 3), method=method, k=K)
-            return {**work.rates(bounder, grid), "maybe": packed(bounder, points)}
-
         for thing in self.wanted(work.settings):
             grid = work.shape(thing)
             points = raster(grid, PIXELS)
             parts[thing.label] = partial(lambda grid, at: {"inside": packed(grid, at)}, grid, points)
             for method in ROWS:
-                parts[f"{thing.label} {method}"] = partial(measured, grid, points, method)
+                parts[f"{thing.label} {method}"] = partial(
+                    work.measured, grid, work.choose(10, 3), points, method=method, k=K
+                )
         return parts
 
     def draw(self, parts, tools):

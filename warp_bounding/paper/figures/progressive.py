@@ -41,8 +41,7 @@ class Progressive(Figure):
         points = raster(grid, PIXELS)
 
         def fitted(hidden, octaves, seconds) -> dict[str, Any]:
-            bounder = work.fit(grid, seconds, method="mlp", hidden=hidden, octaves=octaves)
-            return {**work.rates(bounder, grid), "maybe": packed(bounder, points)}
+            return work.measured(grid, seconds, points, method="mlp", hidden=hidden, octaves=octaves)
 
         parts = {"object": lambda: {"inside": packed(grid, points)}}
         for size in work.choose(SIZES, QUICK):

@@ -60,8 +60,7 @@ class ReluFields(Figure):
             return measured(plain_field(grid, NODES, work.settings.seed, STEPS, BATCH, RATE))
 
         def ours() -> dict[str, Any]:
-            bounder = work.fit(grid, work.choose(20, 4), method="relu-field", nodes=NODES)
-            return {**work.rates(bounder, grid), "maybe": packed(bounder, points)}
+            return work.measured(grid, work.choose(20, 4), points, method="relu-field", nodes=NODES)
 
         return {"object": lambda: {"inside": packed(grid, points)}, "pixels": pixels, "plain": plain, "ours": ours}
 

@@ -42,10 +42,8 @@ class Sides(Figure):
             return {"inside": packed(grid, points), "up": work.up(thing), "ndim": grid.ndim}
 
         def measured(grid, points, side) -> dict[str, Any]:
-            bounder = work.fit(
-                grid, work.choose(*SECONDS[grid.ndim]), method="mlp", hidden=HIDDEN[grid.ndim], side=side
-            )
-            return {**work.rates(bounder, grid), "maybe": packed(bounder, points)}
+            seconds, own = work.choose(*SECONDS[grid.ndim]), {"method": "mlp", "hidden": HIDDEN[grid.ndim]}
+            return work.measured(grid, seconds, points, side=side, **own)
 
         for thing in self.wanted(work.settings):
             grid = work.shape(thing)

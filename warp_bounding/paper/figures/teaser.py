@@ -45,8 +45,7 @@ class Teaser(Figure):
         points = {ndim: raster(grid, PIXELS[ndim], self._time(ndim, grid)) for ndim, grid in shapes.items()}
 
         def measured(ndim, **options) -> dict[str, Any]:
-            bounder = work.fit(shapes[ndim], work.choose(*SECONDS[ndim]), **options)
-            return {**work.rates(bounder, shapes[ndim]), "maybe": packed(bounder, points[ndim])}
+            return work.measured(shapes[ndim], work.choose(*SECONDS[ndim]), points[ndim], **options)
 
         def shown(ndim) -> dict[str, Any]:
             return {"inside": packed(shapes[ndim], points[ndim]), "up": work.up(self.objects[ndim - 2])}
