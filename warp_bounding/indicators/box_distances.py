@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.arithmetic import UNIT64, round_down, round_up
+from warp_bounding.indicators.box_excess import excess_kernel
 from warp_bounding.indicators.triangles.hierarchy import nodes_of, sorted_order
 from warp_bounding.runtime.launch import launch_on_cores
 
@@ -48,6 +49,7 @@ class BoxDistances:
             )
         ]
         self._vector, self._n = vector, n
+        self._size = float(np.abs(lower).max() + np.abs(upper).max())
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """``(N, 2)`` float64: lower and upper bounds of the distance from points ``(N, n)``.
@@ -63,6 +65,21 @@ class BoxDistances:
         known = np.isfinite(x).all(axis=1)
         low, high = np.maximum(found * SHORTER - self._slack, 0.0), found * LONGER + self._slack
         return np.stack([np.where(known, low, 0.0), np.where(known, high, np.inf)], axis=1)
+
+    def excess(self, lower: np.ndarray, upper: np.ndarray, values: np.ndarray, least: float) -> np.ndarray:
+        """See ``Shape.excess``; boxes are all of them there, whatever coordinate 0 is."""
+        out = np.empty(len(lower))
+        if len(out):
+            boxes = [
+                wp.array(np.ascontiguousarray(side, dtype=np.float64), dtype=self._vector, device="cpu")
+                for side in (lower, upper)
+            ]
+            corners = wp.types.vector(2**self._n, wp.float64)
+            held = wp.array(np.ascontiguousarray(values, dtype=np.float64), dtype=corners, device="cpu")
+            inputs = [*self._inputs, wp.float64(self._size), *boxes, held, wp.float64(least)]
+            made = wp.array(out, dtype=wp.float64, device="cpu", copy=False)
+            launch_on_cores(excess_kernel(self._n), len(out), inputs, [made], "cpu")
+        return out
 
 
 @cache

@@ -240,6 +240,18 @@ class IndicatorGrid(Shape):
         found[:, 1] = np.where(exact & self.contains(x), 0.0, found[:, 1])
         return found
 
+    def depth(self, x: np.ndarray) -> np.ndarray:
+        from warp_bounding.indicators.blocks import blocks_of
+        from warp_bounding.indicators.box_distances import BoxDistances
+
+        first, past = blocks_of(~np.pad(self.occupancy, 1))
+        empty = BoxDistances(self.position(first - 1.5), self.position(past - 1.5), time=self.time)
+        return np.where(self.contains(x), empty(x)[:, 0], 0.0)
+
+    def excess(self, lower: np.ndarray, upper: np.ndarray, values: np.ndarray, least: float) -> np.ndarray | None:
+        """See ``Shape``: tangents of the distances to all cells are taken off; ``None`` where coordinate 0 is time."""
+        return None if self.time else self._distances.excess(lower, upper, values, least)
+
     @cached_property
     def _distances(self):
         from warp_bounding.indicators.blocks import blocks_of

@@ -168,12 +168,17 @@ class IndicatorMesh(Shape):
         return self.distances(x)[:, 0]
 
     def distances(self, x: np.ndarray) -> np.ndarray:
-        """``(N, 2)`` float64, lower and upper bounds of the distance from points to the object, within a few roundings; see ``Shape``."""
         return self._dilated_solid.distances(x)
 
     def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Lower bounds ``(N,)`` of the distance from closed boxes to the object; see ``Shape``."""
         return self._dilated_solid.clearance(lower, upper)
+
+    def depth(self, x: np.ndarray) -> np.ndarray:
+        return self._solid.depth(x, *self.bounds, self.margin)
+
+    def excess(self, lower: np.ndarray, upper: np.ndarray, values: np.ndarray, least: float) -> np.ndarray:
+        return self._dilated_solid.excess(lower, upper, values, least)
 
     def decide_boxes(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Which closed boxes meet the object: ``(N,)`` uint8 ``OUT``, ``IN`` or ``UNDECIDED`` for corners ``(N, 3)``."""

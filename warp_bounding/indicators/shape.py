@@ -21,6 +21,7 @@ from warp_bounding.indicators.limits import checked_margin
 __all__ = ["DETAILS", "IN", "OUT", "UNDECIDED", "Shape"]
 
 OUT, IN, UNDECIDED = 0, 1, 2  # answers of ``decide``
+BALL = 1 + 2.0**-40  # outweighs what float64 rounds in a length and a difference
 PADDING = 0.1  # of the longest side: by how much random queries reach beyond the box that holds the object
 DETAILS = 64  # along the longest side: float32 must tell apart points that are a DETAILS-th of it from each other
 
@@ -167,6 +168,32 @@ class Shape(ABC):
     def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray | None:
         """Lower bounds ``(N,)`` of the distance from boxes to the object; ``None`` where none is known."""
         return None
+
+    def depth(self, x: np.ndarray) -> np.ndarray:
+        """About how deep points ``(N, n)`` lie in the object, ``(N,)``; 0 outside, and where it is not known. No proof rests on it."""
+        return np.zeros(len(x))
+
+    def excess(self, lower: np.ndarray, upper: np.ndarray, values: np.ndarray, least: float) -> np.ndarray | None:
+        """By how much functions may exceed the distance to the object in boxes; here as the distance at the centres tells, which grows by no more than the way.
+
+        Args:
+            lower: ``(N, n)`` float64, lower corners.
+            upper: ``(N, n)`` float64, upper corners.
+            values: ``(N, 2^n)`` float64, of a function at each box's corners, the one at place i the upper one on axis k where bit k of i is set. In
+                between, the function is at most what is multilinear between the corners.
+            least: Excesses under it need not be told apart.
+
+        Returns:
+            ``(N,)`` float64, certified: the function is nowhere in the box above the distance by more. ``None`` where no distance is known.
+        """
+        low = self.distance(lower / 2 + upper / 2)
+        if low is None:
+            return None
+        reach = np.linalg.norm(upper - lower, axis=1) / 2 * BALL
+        highest = values.max(axis=1)
+        return np.maximum(
+            highest - np.maximum(low - reach, 0.0) * (1 / BALL) + (BALL - 1) * np.abs(values).max(axis=1), least
+        )
 
     def landmarks(self) -> np.ndarray:
         """``(P, n)`` float64 points, about on the object's border where it sticks out; a proof never relies on them."""

@@ -5,7 +5,11 @@ an entry in ``DISTANCE_TRAINERS``; ``prove_distance`` then finds the slack.
 """
 
 from collections.abc import Callable
+from functools import partial
+from itertools import product
 from typing import Any
+
+import numpy as np
 
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.distances.base import DistanceBounder
@@ -15,6 +19,7 @@ from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.evaluation.distances import quick_distance_rates
 from warp_bounding.indicators.shape import Shape
+from warp_bounding.proof.distances.excesses import excesses
 from warp_bounding.proof.distances.prove import prove_distance
 from warp_bounding.proof.prove import as_fitted
 from warp_bounding.queries.distance import METRICS, in_metric
@@ -23,6 +28,10 @@ from warp_bounding.queries.point import POINT
 __all__ = ["DISTANCE_TRAINERS", "METRIC", "fit_distance"]
 
 METRIC = "metric"  # the option that all methods take
+TOLERANCE = 0.02  # of a cell's side, and ...
+LOOSER = 1.25  # ... of what some points of it have: an excess up to their sum is not looked at more closely
+CELL_HALVINGS = 3  # on each axis, of a cell whose excess is larger
+MOST_HALVED = 3  # axes that this counts, so that there are not too many boxes in higher dimensions
 PROOF_SHARE = 0.3  # of the budget: what training leaves for the proof
 
 # By class, how a learned method is trained: called with the class, the shape, the domain, its options, seconds, a seed, a device and
@@ -95,12 +104,32 @@ def fit_distance(
                 cls, fitted, settled, (1 - PROOF_SHARE) * budget, seed, device, progress
             )
         else:
-            bounder, record = cls.fit(fitted, DistanceDomain.of(fitted), device=device, **settled), {}
+            domain = DistanceDomain.of(fitted, cls.room)
+            lowered = partial(_excess_of_cells, shape=fitted, seconds=(1 - PROOF_SHARE) * budget)
+            bounder, record = cls.fit(fitted, domain, lowered=lowered, device=device, **settled), {}
         bounder.sizes[METRIC] = metric
-        prove_distance(bounder, fitted)
+        prove_distance(bounder, fitted, seconds=PROOF_SHARE * budget)
         bounder.info = described(fitted, seed, record)
     bounder.info["rates"] = quick_distance_rates(bounder, fitted)
     return bounder
+
+
+def _excess_of_cells(bounder: DistanceBounder, shape: Shape, seconds: float) -> np.ndarray:
+    """By how much F exceeds the distance in each of its pieces."""
+    lower, upper = bounder.pieces()
+    tolerance = TOLERANCE * float((upper - lower).max()) + LOOSER * _sampled_excess(bounder, shape, lower, upper)
+    halvings = CELL_HALVINGS * min(bounder.ndim, MOST_HALVED)
+    return excesses(bounder, shape, lower, upper, tolerance=tolerance, halvings=halvings, seconds=seconds)[0]
+
+
+def _sampled_excess(bounder: DistanceBounder, shape: Shape, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """By how much F exceeds the distance at some points of boxes, at least 0: halving a box cannot make a bound smaller than that."""
+    most = np.zeros(len(lower))
+    for share in [np.full(bounder.ndim, 0.5), *(np.array(s) for s in product((0.25, 0.75), repeat=bounder.ndim))]:
+        v = lower + share * (upper - lower)
+        low = shape.distances(bounder.domain.to_object(v))[:, 0] / bounder.domain.unit
+        most = np.maximum(most, bounder.reference(v) - low)
+    return most
 
 
 def as_fitted_to(shape: Shape, margin: float, resolution: int | None) -> Shape:

@@ -103,7 +103,8 @@ def test_marching_and_halving_decide_what_g_can(method, native, rng):
     along = (a[:, None] + np.linspace(0, 1, 65)[None, :, None] * (b - a)[:, None]).reshape(-1, 3)
     g = bounder.exact(along).reshape(len(a), -1).min(axis=1)
     maybe, t = (part.numpy() for part in bounder.segments(a, b, steps=4000))
-    assert (maybe[g <= 0] == 1).all()
+    if bounder.volume is not None:  # whose g itself is a distance; others may march past a point at which g is 0
+        assert (maybe[g <= 0] == 1).all()
     near = (
         np.linalg.norm(b.astype(np.float64) - a, axis=1) / 128 + 1e-3
     )  # between two of the points that were looked at

@@ -6,8 +6,8 @@ A method supplies a function F of local coordinates (``DistanceDomain``), and ev
   a bound everywhere or in the domain only; and ``weights()``, the float32 numbers that both read;
 * ``reference(v)``: the same F in plain NumPy float64, which tests and proofs evaluate;
 * ``rounding_bound()``: ``E >= computed F - exact F`` wherever F is asked, ``FLUSHED`` included; where ``whole``, also ``growth()``;
-* ``volume``, a proven bounder of points, where F is the distance to a volume that holds the object; else ``bound(lower, upper)``, certified upper bounds
-  of F over boxes, and a prover that is listed in ``proof.distances.prove.PROVERS``;
+* ``volume``, a proven bounder of points, where F is the distance to a volume that holds the object; else ``corners``, certified upper bounds
+  of F over boxes, ``pieces``, the boxes that a proof begins with, and ``steepness``;
 * ``options``, what users can tell it, and ``supports``.
 
 It is proven when ``threshold <= L - E``, where ``d - F >= L`` on all of the domain, d the local distance (0 in the object): so the claim has the form of every
@@ -133,6 +133,30 @@ class DistanceBounder(AskingDistance):
     def volume(self) -> Bounder | None:
         """A bounder of points whose *maybe* holds the object, where F is a lower bound of the distance to it; else ``None``."""
         return None
+
+    room: ClassVar[float] = 0.0  # of the longest side: by how much the domain reaches beyond the object
+
+    def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Numbers at the corners of boxes: F is at most what is multilinear between them, certified.
+
+        Args:
+            lower: ``(N, n)`` float64, local coordinates, in one of ``pieces`` each.
+            upper: ``(N, n)`` float64.
+
+        Returns:
+            ``(N, 2^n)`` float64; the corner at place i is the upper one on axis k where bit k of i is set.
+        """
+        raise TypeError(f"{type(self).__name__} does not define corners")
+
+    def pieces(self) -> tuple[np.ndarray, np.ndarray]:
+        """``(P, n)`` and ``(P, n)`` float64, boxes that cover the domain, which a proof begins with; the domain itself by default."""
+        limit = self.domain.limit.astype(np.float64)
+        return -limit[None], limit[None]
+
+    @property
+    def steepness(self) -> float:
+        """At least 1, and more than the numbers at corners change on the way of one local unit along any axis, all axes together."""
+        return 1.0
 
     @classmethod
     def supports(cls, ndim: int) -> bool:

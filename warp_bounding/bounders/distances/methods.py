@@ -3,6 +3,7 @@
 from warp_bounding.bounders.distances.boxes import BvhDistance
 from warp_bounding.bounders.distances.ellipsoids import EllipsoidDistance, OrientedEllipsoidDistance, SphereDistance
 from warp_bounding.bounders.distances.faces import AabbDistance, KdopDistance, LearnedKdopDistance, ObbDistance
+from warp_bounding.bounders.distances.grid import DistanceGrid
 from warp_bounding.bounders.distances.registry import register_distance
 
 __all__: list[str] = []
@@ -15,3 +16,4 @@ register_distance(OrientedEllipsoidDistance)
 register_distance(KdopDistance)
 register_distance(BvhDistance)
 register_distance(LearnedKdopDistance)
+register_distance(DistanceGrid)

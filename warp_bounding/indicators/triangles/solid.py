@@ -8,16 +8,19 @@ from functools import cached_property
 import numpy as np
 import warp as wp
 
+from warp_bounding.indicators.shape import IN
 from warp_bounding.indicators.triangles.answers import Mesh, decide_points, find_empty, find_inside
 from warp_bounding.indicators.triangles.asked import AskedSolid
 from warp_bounding.indicators.triangles.box import decide_boxes
 from warp_bounding.indicators.triangles.cycles import cycles_of
 from warp_bounding.indicators.triangles.distances import find_clearances
+from warp_bounding.indicators.triangles.excess import Corners, find_excesses
 from warp_bounding.indicators.triangles.hierarchy import Triangles, build
 from warp_bounding.indicators.triangles.plane import decide_planes
 from warp_bounding.indicators.triangles.points import find_distances
 from warp_bounding.indicators.triangles.segment import decide_segments
 from warp_bounding.indicators.triangles.sides import Sides, build_sides
+from warp_bounding.runtime.launch import launch_on_cores
 
 __all__ = ["DilatedSolid", "Solid"]
 
@@ -49,6 +52,13 @@ class Solid:
     def _sides(self) -> Sides:
         return build_sides(self.vertices, self.faces[self.closed], self._closed).on("cpu")
 
+    def depth(self, x: np.ndarray, lower: np.ndarray, upper: np.ndarray, margin: float) -> np.ndarray:
+        """About how deep points lie in the object dilated by a margin; ``lower`` and ``upper`` as for ``dilated``, without the margin."""
+        faces = Solid(self.vertices, self.faces, np.zeros(len(self.faces), dtype=bool))
+        away = faces.dilated(lower, upper, 0.0).distances(x)[:, 0]
+        enclosed = self.dilated(lower, upper, 0.0).decide(x) == IN
+        return (np.where(enclosed, away, -away) + margin).clip(0.0)
+
     def dilated(self, lower: np.ndarray, upper: np.ndarray, margin: float) -> "DilatedSolid":
         """The object dilated by a margin; ``lower`` and ``upper`` are the corners of a box that holds it."""
         mesh = Mesh()
@@ -70,6 +80,22 @@ class DilatedSolid(AskedSolid):
     def distances(self, x: np.ndarray) -> np.ndarray:
         """``(N, 2)`` float64, lower and upper bounds of the distance from points to the object; see ``Shape.distances``."""
         return self._answer(find_distances, x, dtype=wp.vec2d)
+
+    def excess(self, lower: np.ndarray, upper: np.ndarray, values: np.ndarray, least: float) -> np.ndarray:
+        """See ``Shape.excess``."""
+        boxes = [
+            wp.array(np.ascontiguousarray(side, dtype=np.float64), dtype=wp.vec3d, device="cpu")
+            for side in (lower, upper)
+        ]
+        held, out = (
+            wp.array(np.ascontiguousarray(values, dtype=np.float64), dtype=Corners, device="cpu"),
+            np.empty(len(lower)),
+        )
+        if len(out):
+            inputs = [self._struct, *boxes, held, wp.float64(least)]
+            made = wp.array(out, dtype=wp.float64, device="cpu", copy=False)
+            launch_on_cores(find_excesses, len(out), inputs, [made], "cpu")
+        return out
 
     def decide_boxes(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Whether closed boxes meet the object."""

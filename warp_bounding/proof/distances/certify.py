@@ -10,7 +10,7 @@ from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.document import document
 from warp_bounding.errors import BoundingError
 from warp_bounding.indicators.shape import IN, Shape
-from warp_bounding.proof.distances.prove import PROVERS, distance_shape
+from warp_bounding.proof.distances.prove import distance_shape, search
 from warp_bounding.proof.prove import OUTSIDE, other_claim, other_dimension, reaches_outside
 from warp_bounding.proof.shape_check import points_outside
 from warp_bounding.runtime.launch import working_seconds
@@ -65,10 +65,10 @@ def certify_distance(
         suspects = None if of_volume.counterexample is None else np.array([of_volume.counterexample])
         least, boxes, told = (0.0 if of_volume.proven else -np.inf), of_volume.boxes, of_volume.message
     else:
-        found = PROVERS[type(bounder)](bounder, grid, seconds, threshold + error)
+        found = search(bounder, grid, seconds, float(np.nextafter(threshold + error, np.inf)))
         least, boxes, suspects = found.least, found.boxes, found.worst
         told = CLOSE if found.complete else f"no decision within {seconds:.3g} s"
-    if threshold <= 0 and threshold + error <= least < np.inf:
+    if threshold <= 0 and float(np.nextafter(threshold + error, np.inf)) <= least < np.inf:
         return result("proven", "Proven from scratch: the distance is never overestimated.", least, boxes)
     point = None if suspects is None else _overestimated(bounder, grid, suspects)
     least = max(least, -float(np.finfo(np.float32).max))  # JSON has no infinity

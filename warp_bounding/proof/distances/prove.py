@@ -1,10 +1,9 @@
 """The step from a distance's F and a shape to a proven threshold: ``threshold <= L - E``, where ``d - F >= L`` on the whole domain.
 
-Where F is the distance to a volume that a proven bounder of points has, L is 0: the volume holds the object. Else ``PROVERS`` has the function that
-finds L, by the class of the bounder.
+Where F is the distance to a volume that a proven bounder of points has, L is 0: the volume holds the object. Else boxes of the domain are searched
+(``excesses``).
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -16,10 +15,12 @@ from warp_bounding.certificates.document import document
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.shape import Shape
+from warp_bounding.proof.distances.excesses import largest_excess
 from warp_bounding.proof.prove import OUTSIDE, as_fitted, other_dimension, reaches_outside
 from warp_bounding.queries.distance import METRICS, in_metric
+from warp_bounding.runtime.launch import working_seconds
 
-__all__ = ["PROVERS", "Found", "distance_shape", "prove_distance", "settle_distance"]
+__all__ = ["Found", "distance_shape", "prove_distance", "search", "settle_distance"]
 
 
 class Found(NamedTuple):
@@ -40,14 +41,16 @@ class Found(NamedTuple):
     worst: np.ndarray | None = None
 
 
-# By class: called with a bounder, the shape, seconds, and a target: it may end as soon as ``least`` is known to reach it, or not to.
-Prover = Callable[[DistanceBounder, Shape, float, float | None], Found]
-PROVERS: dict[type[DistanceBounder], Prover] = {}
-
-
 def distance_shape(bounder: DistanceBounder, shape) -> Shape:
     """What the fit bounded: the shape in the bounder's metric, dilated by its margin, or its cells where these were bounded."""
     return as_fitted(bounder, in_metric(load_indicator(shape), bounder.sizes.get("metric", METRICS[0])))
+
+
+def search(bounder: DistanceBounder, shape: Shape, seconds: float, target: float | None = None) -> Found:
+    """Find L by a search, or whether it reaches a target."""
+    started = working_seconds()
+    excess, boxes, complete, worst = largest_excess(bounder, shape, seconds, None if target is None else -target)
+    return Found(-excess, boxes, working_seconds() - started, complete, worst)
 
 
 def prove_distance(
@@ -74,7 +77,7 @@ def prove_distance(
             )
         found = Found(0.0, of_volume.boxes, of_volume.seconds)
     else:
-        found = PROVERS[type(bounder)](bounder, shape, seconds, None)
+        found = search(bounder, shape, seconds)
     settle_distance(bounder, shape, found)
     return found
 

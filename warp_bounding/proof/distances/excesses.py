@@ -1,0 +1,124 @@
+"""By how much does F exceed the distance? Boxes of the domain are halved until the shape's tangents tell (``Shape.excess``).
+
+F is known in a box by numbers at its corners (``DistanceBounder.corners``), and the shape compares them with the tangents of the distances to all of its convex
+pieces at once: two trees, one of space and one of the object. So slopes cancel, and a box may be as large as F and the distance are nearly linear in it.
+"""
+
+import numpy as np
+
+from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.errors import BounderError
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.proof.search.best_first import halve
+from warp_bounding.runtime.launch import working_seconds
+
+__all__ = ["excesses", "largest_excess"]
+
+CHUNK = 1 << 16  # boxes that are asked at a time
+NOISE = (
+    1e-12  # relative: more than float64 rounds in the map of a box to object space, and in the values at its corners
+)
+SAMPLES = 200_000  # points at which the largest excess is looked for first
+EPS = 2e-4  # local units: by how much the excess that is proven may be above the one that is found
+HALVINGS = 10  # on each axis, at most
+
+
+def excesses(
+    bounder: DistanceBounder,
+    shape: Shape,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    *,
+    tolerance: np.ndarray | float,
+    halvings: int,
+    least: float = 0.0,
+    seconds: float = float("inf"),
+) -> tuple[np.ndarray, int, bool]:
+    """Certified: by how much F exceeds the distance in boxes, at most.
+
+    Args:
+        bounder: Its ``corners`` are asked.
+        shape: The object.
+        lower: ``(N, n)`` float64, local coordinates.
+        upper: ``(N, n)`` float64.
+        tolerance: Of each box, or of all: an excess up to this is good enough, the box is not halved. Local units.
+        halvings: How often a box is halved at most.
+        least: Excesses under it are not told apart.
+        seconds: Time; when it is over, boxes count with what is known of them.
+
+    Returns:
+        ``(N,)`` float64, local units, at least ``least``; how many boxes were looked at; and whether there was time for all.
+
+    Raises:
+        BounderError: If the shape has no distance.
+    """
+    end, domain, tolerance = working_seconds() + seconds, bounder.domain, np.broadcast_to(tolerance, len(lower))
+    found, boxes, complete = np.full(len(lower), least), 0, True
+    waiting = [
+        (lower[i : i + CHUNK], upper[i : i + CHUNK], np.arange(i, min(i + CHUNK, len(lower))), 0)
+        for i in range(0, len(lower), CHUNK)
+    ][::-1]
+    while waiting:
+        low, high, owner, level = waiting.pop()
+        boxes += len(low)
+        values = bounder.corners(low, high)
+        sides = domain.to_object(low), domain.to_object(high)
+        room = NOISE * (np.abs(sides).max(initial=0.0) + domain.unit)
+        noise = NOISE * (1 + np.abs(values).max(axis=1)) * bounder.steepness
+        under = least - 2 * float(noise.max(initial=0.0))  # so that what is added does not lift it above a tolerance
+        excess = shape.excess(sides[0] - room, sides[1] + room, values * domain.unit, under * domain.unit)
+        if excess is None:
+            raise BounderError(f"{shape.name}: no distance is known of it")
+        excess = excess / domain.unit + noise
+        over = working_seconds() > end
+        above = excess > tolerance[owner]
+        more = above & (level < halvings) & (not over)
+        complete &= not (over and above.any())
+        np.maximum.at(found, owner[~more], excess[~more])
+        if more.any():
+            axis = np.argmax((high - low)[more], axis=1)
+            low, high = halve(low[more], high[more], axis)
+            owner = np.tile(owner[more], 2)
+            for i in range(0, len(low), CHUNK):
+                part = slice(i, i + CHUNK)
+                waiting.append((low[part], high[part], owner[part], level + 1))
+    return found, boxes, complete
+
+
+def largest_excess(
+    bounder: DistanceBounder, shape: Shape, seconds: float, bar: float | None
+) -> tuple[float, int, bool, np.ndarray]:
+    """Certified: by how much F exceeds the distance in the whole domain, at most.
+
+    Args:
+        bounder: Its F.
+        shape: The object.
+        seconds: Time; when it is over the bound is what is known by then.
+        bar: An excess up to this is good enough; ``None`` for little more than samples have.
+
+    Returns:
+        The excess, local units; how many boxes were looked at; whether there was time; and points in object space where samples
+        have the largest excesses.
+    """
+    limit, rng = bounder.domain.limit.astype(np.float64), np.random.default_rng(0)
+    v = rng.uniform(-limit, limit, (SAMPLES, bounder.ndim))
+    x = bounder.domain.to_object(v)
+    known = shape.distances(x)
+    if known is None:
+        raise BounderError(f"{shape.name}: no distance is known of it")
+    sampled = bounder.reference(v) - known[:, 0] / bounder.domain.unit
+    worst = x[np.argsort(-sampled)[:1024]]
+    most = float(sampled.max())
+    if bar is not None and most > bar:
+        return most, 0, True, worst
+    bar = max(most, 0.0) + EPS if bar is None else bar
+    found, boxes, complete = excesses(
+        bounder,
+        shape,
+        *bounder.pieces(),
+        tolerance=bar,
+        halvings=HALVINGS * bounder.ndim,
+        least=bar,
+        seconds=seconds,
+    )
+    return float(found.max()), boxes, complete, worst
