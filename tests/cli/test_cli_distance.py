@@ -14,14 +14,15 @@ def files(tmp_path):
     return tmp_path
 
 
-def test_from_fit_to_soak(files, capsys):
+@pytest.mark.parametrize(("method", "own"), [("sphere", ()), ("distance-grid", ("--nodes", 6, "--storage", "uint8"))])
+def test_from_fit_to_soak(method, own, files, capsys):
     path, source = files / "d.safetensors", files / "blob.npy"
-    told = ("fit", source, "--query", "distance", "--method", "sphere", "--samples", 20_000, "-o", path, "--json")
+    told = ("fit", source, "--query", "distance", "--method", method, *own, "--samples", 20_000, "-o", path, "--json")
     status, out, _ = run(capsys, *told)
     assert status == 0
     fitted = json.loads(out)
     assert (fitted["method"], fitted["query"], fitted["fn"], fitted["certificate"]["kind"]) == (
-        "sphere",
+        method,
         "distance",
         0,
         "proven",

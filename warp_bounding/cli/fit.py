@@ -44,9 +44,7 @@ def command(
     force: Annotated[bool, typer.Option("--force", help="Take a margin that is larger than the object, too.")] = False,
     resolution: Annotated[
         int | None,
-        typer.Option(
-            help="Cells along a mesh's longest axis, where cells are laid (64; 128 for regions)."
-        ),
+        typer.Option(help="Cells along a mesh's longest axis, where cells are laid (64; 128 for regions)."),
     ] = None,
     length: Annotated[
         float | None, typer.Option(help="Length of a ray, object units; other queries have none (default: 1)")

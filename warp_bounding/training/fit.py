@@ -123,6 +123,7 @@ def fit(
     """
     check_query(query, DISTANCE.name)
     check_numbers(budget, seed, margin)
+    spent = Stopwatch()
     if query == DISTANCE.name:
         _check_distance(method, length, space, side, last)
         device_of(device, BounderError)
@@ -135,11 +136,12 @@ def fit(
             "of_points": partial(fit, force=force),
             "described": described,
         }
-        return fit_distance(shape, method, options, **run, **own)
+        found, spent = fit_distance(shape, method, options, **run, **own), spent.seconds()
+        found.info["training"] |= spent
+        return found
     _check(query, method, length, space, side)
     length, space = length or 1.0, space or SPACES[0]
     device_of(device, BounderError)
-    spent = Stopwatch()
     shape = load_indicator(shape)
     _check_extent(shape, margin, force)
     if side == SIDES[1]:
