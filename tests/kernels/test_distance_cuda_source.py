@@ -8,7 +8,14 @@ from asking import check_compiles
 from distances import far
 
 from warp_bounding.bounders import DISTANCES
-from warp_bounding.kernels.distances.batch import box_kernel, distance_kernel, march_kernel, plain_kernel
+from warp_bounding.kernels.distances.batch import (
+    box_kernel,
+    distance_kernel,
+    lines_kernel,
+    march_kernel,
+    plain_kernel,
+)
+from warp_bounding.kernels.distances.lanes import lanes_kernel
 
 pytestmark = [
     pytest.mark.skipif(not hasattr(wp, "compile_aot_module"), reason="this Warp cannot compile ahead of time"),
@@ -21,6 +28,7 @@ def test_distances_compile(method, tmp_path):
     source = far(method, "blob").source
     check_compiles(distance_kernel(source, False), tmp_path / "radius")
     check_compiles(march_kernel(source, True, False), tmp_path / "march")
+    check_compiles(lanes_kernel(source), tmp_path / "lanes")
 
 
 def test_all_kernels_compile(tmp_path):
@@ -30,6 +38,7 @@ def test_all_kernels_compile(tmp_path):
         plain_kernel(source, True),
         march_kernel(source, True, True),
         box_kernel(source, True),
+        lines_kernel(source, True),
     ]
     for number, kernel in enumerate(kernels):
         check_compiles(kernel, tmp_path / str(number))

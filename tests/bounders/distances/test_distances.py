@@ -160,6 +160,22 @@ def test_radii_of_their_own(rng):
     assert (many[:40] == one).all()
 
 
+@pytest.mark.parametrize("count", [1, 7, 16, 33, 511, 513, 1500])
+@pytest.mark.parametrize("method", ["aabb", "bvh", "distance-grid"])
+def test_lanes_are_filled_again(method, count, rng):
+    """Marching in lanes is marching one by one: every query of a block is answered, once, with its own answer."""
+    bounder = far(method, "tetrahedron")
+    a, b = (points_around(thing("tetrahedron"), (count + 1) // 2, rng, 0.5)[:count] for _ in "ab")
+    a[::5, 0] = np.nan
+    for steps in (1, 3, 40):
+        maybe, t = (part.numpy() for part in bounder.segments(a, b, 0.01, steps))
+        alone, when = (part.numpy() for part in bounder.to(native=False).segments(a, b, 0.01, steps))
+        assert (maybe != alone).mean() <= 0.01
+        assert np.abs(t - when)[maybe == alone].max(initial=0.0) < 1e-3
+        assert maybe[::5].all()
+        assert not t[::5].any()
+
+
 @pytest.mark.parametrize("name", ["c", "tetrahedron"])
 def test_margins(name, rng):
     shape = thing(name)

@@ -12,7 +12,13 @@ import warp as wp
 from warp_bounding.arithmetic import round_up
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import QueryError
-from warp_bounding.kernels.distances.batch import box_kernel, distance_kernel, march_kernel, plain_kernel
+from warp_bounding.kernels.distances.batch import (
+    box_kernel,
+    distance_kernel,
+    lines_kernel,
+    march_kernel,
+    plain_kernel,
+)
 from warp_bounding.kernels.distances.functions import (
     BOX_STEPS,
     SEGMENT_STEPS,
@@ -21,6 +27,7 @@ from warp_bounding.kernels.distances.functions import (
     ray_func,
     segment_func,
 )
+from warp_bounding.kernels.distances.lanes import lanes_kernel
 from warp_bounding.kernels.distances.source import DistanceSource, share_of
 from warp_bounding.kernels.functions import Data
 from warp_bounding.kernels.source import LABEL
@@ -279,7 +286,14 @@ class AskingDistance(ABC):
         numbers = [wp.array(values, dtype=wp.float32, device=self.device) for values in (lengths, radii)]
         maybe, t = (wp.empty(count, dtype=kind, device=self.device) for kind in (wp.uint8, wp.float32))
         many = [int(len(values) > 1) for values in (lengths, radii)]
-        inputs = [0, self.data, a, b, numbers[0], many[0], numbers[1], many[1], _steps(steps)]
+        data, steps, given = self.data, _steps(steps), [a, b, numbers[0], many[0], numbers[1], many[1]]
+        if self.native and count:
+            lines = wp.empty(count * (2 * self.ndim + 2), dtype=wp.float32, device=self.device)
+            self._run(lines_kernel(self.source, ray), count, [0, *given], [lines], first_index=0)
+            inputs = [lines, count, 0, data.parameters, data.words, steps]
+            self._run(lanes_kernel(self.source), count, inputs, [maybe, t], first_index=2, block=self.source.block)
+            return maybe, t
+        inputs = [0, data, *given, steps]
         self._run(march_kernel(self.source, self.native, ray), count, inputs, [maybe, t], first_index=0)
         return maybe, t
 

@@ -8,7 +8,7 @@ from warp_bounding.kernels.assemble import TOOLS, read_rows
 from warp_bounding.kernels.distances.source import TINIEST, DistanceSource
 from warp_bounding.kernels.source import LABEL, Lanes, fill
 
-__all__ = ["AFTER", "BEFORE", "LANES", "PARTS", "TOOLS_TOO", "batch_snippet", "function_snippet"]
+__all__ = ["AFTER", "BEFORE", "LANES", "PARTS", "TOOLS_TOO", "batch_snippet", "function_snippet", "texts_of"]
 
 TOOLS_TOO = (
     TOOLS

@@ -6,12 +6,20 @@ import warp as wp
 
 from warp_bounding.coordinates.base import Numbers, vector_type
 from warp_bounding.kernels.distances.assemble import batch_snippet
-from warp_bounding.kernels.distances.functions import box_func, distance_func, ray_func, segment_func
+from warp_bounding.kernels.distances.functions import (
+    box_func,
+    distance_func,
+    ray_func,
+    ray_line,
+    room_func,
+    segment_func,
+    segment_line,
+)
 from warp_bounding.kernels.distances.source import DistanceSource
 from warp_bounding.kernels.functions import Data, Words
 from warp_bounding.runtime.native import named, unique_name
 
-__all__ = ["box_kernel", "distance_kernel", "march_kernel", "plain_kernel"]
+__all__ = ["box_kernel", "distance_kernel", "lines_kernel", "march_kernel", "plain_kernel"]
 
 
 def _name(source: DistanceSource, native: bool, role: str) -> named:
@@ -121,6 +129,48 @@ def march_kernel(source: DistanceSource, native: bool, ray: bool) -> wp.Kernel:
         t[i] = when
 
     return _name(source, native, "rays" if ray else "segments").kernel(rays if ray else segments)
+
+
+@cache
+def lines_kernel(source: DistanceSource, ray: bool) -> wp.Kernel:
+    """``(first, a, b, length, lengths, radius, radii, lines)``: what ``lanes_kernel`` marches along, a row of 2 n + 2 numbers a query."""
+    n, vector, room = source.ndim, vector_type(source.ndim), room_func(source)
+    of_segment, of_ray = segment_line(source), ray_line(source)
+
+    def lines_of(
+        first: int,
+        # inputs
+        a: Numbers,
+        b: Numbers,
+        length: Numbers,
+        lengths: int,
+        radius: Numbers,
+        radii: int,
+        # outputs
+        lines: Numbers,
+    ):
+        i = first + wp.tid()
+        start, end = vector(), vector()
+        for k in range(n):
+            if ray:
+                start[k] = a[2 * n * i + k]
+                end[k] = a[2 * n * i + n + k]
+            else:
+                start[k] = a[i * n + k]
+                end[k] = b[i * n + k]
+        w, long = vector(), wp.float32(0.0)
+        if ray:
+            w, long = of_ray(end, length[lengths * i])
+        else:
+            w, long = of_segment(start, end)
+        row = i * (2 * n + 2)
+        for k in range(n):
+            lines[row + k] = start[k]
+            lines[row + n + k] = w[k]
+        lines[row + 2 * n] = long
+        lines[row + 2 * n + 1] = room(start, w, long, radius[radii * i])
+
+    return _name(source, True, "ray_lines" if ray else "segment_lines").kernel(lines_of)
 
 
 @cache

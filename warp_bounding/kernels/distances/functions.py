@@ -10,7 +10,7 @@ difference of float32 numbers, and ``(n + 6) u`` more where w is a direction tha
 ``g(x) - radius - room`` of the exact point at t is farther than the radius from the object. So t may grow by that over the length of the
 segment: the length is rounded up, the quotient and the new t down, by more than their operations round. A march ends with *no* where t reaches 1,
 with *maybe* where nothing is gained, numbers are not finite, or the steps are over; t is then a lower bound of the time of
-first contact.
+first contact. Batches march in lanes (``lanes``), by the same steps.
 
 *Halving.* A box is clear where g at a point c of it exceeds the largest distance in it from c, rounded up. Otherwise it is halved along its
 longest side at c, which is a float32 number, so that the halves cover the box exactly; where g is 0 at c no halving can clear it, and the answer is
@@ -31,7 +31,20 @@ from warp_bounding.kernels.functions import Data, Words
 from warp_bounding.kernels.source import LABEL
 from warp_bounding.runtime.native import named, unique_name
 
-__all__ = ["BOX_STEPS", "SEGMENT_STEPS", "box_func", "distance_func", "march_func", "ray_func", "segment_func"]
+__all__ = [
+    "BOX_STEPS",
+    "LEAST",
+    "SEGMENT_STEPS",
+    "SHORTER",
+    "box_func",
+    "distance_func",
+    "march_func",
+    "ray_func",
+    "ray_line",
+    "room_func",
+    "segment_func",
+    "segment_line",
+]
 
 SEGMENT_STEPS = 32  # evaluations of a segment or a ray at most, where no number is given
 BOX_STEPS = 64  # evaluations of a box
@@ -65,21 +78,69 @@ def _named(source: DistanceSource, native: bool, role: str) -> named:
 
 
 @cache
-def march_func(source: DistanceSource, native: bool = True) -> wp.Function:
-    """``march(data, a, w, length, radius, steps) -> (maybe, t)`` along ``a + t w``; ``length`` is no less than that of w."""
-    distance, vector, n = distance_func(source, native), vector_type(source.ndim), source.ndim
-    blur = (n + 16) * UNIT32
+def room_func(source: DistanceSource) -> wp.Function:
+    """``room(a, w, length, radius)``: what g must exceed, for the radius and for what rounds; infinite for numbers that cannot be marched."""
+    vector, n, blur = vector_type(source.ndim), source.ndim, (source.ndim + 16) * UNIT32
 
-    @_named(source, native, "march").func
-    def march(data: Data, a: vector, w: vector, length: float, radius: float, steps: int):
+    @_named(source, True, "room").func
+    def room(a: vector, w: vector, length: float, radius: float) -> float:
         size = wp.float32(0.0)
         for k in range(n):
             size += wp.abs(a[k]) + wp.abs(w[k])
-        room = (radius + size * blur + LEAST) * LONGER
-        t, maybe = wp.float32(0.0), wp.bool(True)
-        going = wp.int32(steps)
-        if not (radius >= 0.0 and size < FINITE and length < FINITE):
-            going = wp.int32(0)
+        if radius >= 0.0 and size < FINITE and length < FINITE:
+            return (radius + size * blur + LEAST) * LONGER
+        return wp.inf
+
+    return room
+
+
+@cache
+def segment_line(source: DistanceSource) -> wp.Function:
+    """``(w, length) = line(start, end)``: a segment as ``start + t w``, its length rounded up."""
+    vector, n = vector_type(source.ndim), source.ndim
+
+    @_named(source, True, "segment_line").func
+    def line(start: vector, end: vector):
+        w, square = end - start, wp.float32(0.0)
+        for k in range(n):
+            square += w[k] * w[k]
+        return w, wp.sqrt(square) * LONGER + SHORTEST
+
+    return line
+
+
+@cache
+def ray_line(source: DistanceSource) -> wp.Function:
+    """``(w, length) = line(direction, length)``: a ray's displacement, and its length rounded up; infinite without a usable direction."""
+    vector, n = vector_type(source.ndim), source.ndim
+
+    @_named(source, True, "ray_line").func
+    def line(direction: vector, length: float):
+        largest, square = wp.float32(0.0), wp.float32(0.0)
+        finite = wp.bool(True)
+        for k in range(n):
+            largest = wp.max(largest, wp.abs(direction[k]))
+            finite = finite and direction[k] - direction[k] == 0.0
+        w, long = vector(), wp.float32(wp.inf)
+        if finite and largest >= DIRECTION_SMALLEST and largest <= DIRECTION_LARGEST and length >= 0.0:
+            d = direction / largest
+            for k in range(n):
+                square += d[k] * d[k]
+            w = d * (length / wp.sqrt(square))
+            long = length * LONGER + SHORTEST
+        return w, long
+
+    return line
+
+
+@cache
+def march_func(source: DistanceSource, native: bool = True) -> wp.Function:
+    """``march(data, a, w, length, room, steps) -> (maybe, t)`` along ``a + t w``; ``length`` is no less than that of w."""
+    distance, vector = distance_func(source, native), vector_type(source.ndim)
+
+    @_named(source, native, "march").func
+    def march(data: Data, a: vector, w: vector, length: float, room: float, steps: int):
+        t, maybe, going = wp.float32(0.0), wp.bool(True), wp.int32(steps)
         while going > 0:
             going -= 1
             free = distance(data, a + w * t) - room
@@ -99,14 +160,13 @@ def march_func(source: DistanceSource, native: bool = True) -> wp.Function:
 @cache
 def segment_func(source: DistanceSource, native: bool = True) -> wp.Function:
     """``segment(data, start: vec_n, end: vec_n, radius: float, steps: int = 32) -> (maybe: bool, t: float)``; see module."""
-    march, vector, n = march_func(source, native), vector_type(source.ndim), source.ndim
+    march, vector = march_func(source, native), vector_type(source.ndim)
+    line, room = segment_line(source), room_func(source)
 
     @_named(source, native, "segment").func
     def segment(data: Data, start: vector, end: vector, radius: float, steps: int = SEGMENT_STEPS):
-        w, square = end - start, wp.float32(0.0)
-        for k in range(n):
-            square += w[k] * w[k]
-        maybe, t = march(data, start, w, wp.sqrt(square) * LONGER + SHORTEST, radius, steps)
+        w, length = line(start, end)
+        maybe, t = march(data, start, w, length, room(start, w, length, radius), steps)
         return maybe, t
 
     return segment
@@ -115,21 +175,13 @@ def segment_func(source: DistanceSource, native: bool = True) -> wp.Function:
 @cache
 def ray_func(source: DistanceSource, native: bool = True) -> wp.Function:
     """``ray(data, origin: vec_n, direction: vec_n, length: float, radius: float, steps: int = 32) -> (maybe: bool, t: float)``; see module."""
-    march, vector, n = march_func(source, native), vector_type(source.ndim), source.ndim
+    march, vector = march_func(source, native), vector_type(source.ndim)
+    line, room = ray_line(source), room_func(source)
 
     @_named(source, native, "ray").func
     def ray(data: Data, origin: vector, direction: vector, length: float, radius: float, steps: int = SEGMENT_STEPS):
-        largest, square = wp.float32(0.0), wp.float32(0.0)
-        finite = wp.bool(True)
-        for k in range(n):
-            largest = wp.max(largest, wp.abs(direction[k]))
-            finite = finite and direction[k] - direction[k] == 0.0
-        maybe, t = wp.bool(True), wp.float32(0.0)
-        if finite and largest >= DIRECTION_SMALLEST and largest <= DIRECTION_LARGEST and length >= 0.0:
-            d = direction / largest
-            for k in range(n):
-                square += d[k] * d[k]
-            maybe, t = march(data, origin, d * (length / wp.sqrt(square)), length * LONGER + SHORTEST, radius, steps)
+        w, long = line(direction, length)
+        maybe, t = march(data, origin, w, long, room(origin, w, long, radius), steps)
         return maybe, t
 
     return ray

@@ -1,0 +1,130 @@
+"""Marching in lanes: segments and rays of a batch, one in each lane of a vector, and a new one in a lane whenever one has ended.
+
+A first kernel, in Warp's own Python, makes of each query what a march needs (``functions.line_func``): a, w, its length and the room that rounding needs with the radius. The
+second one, native, marches: the same steps as ``functions.march_func`` with the same rounding, but for what sums in another order round, which the room covers.
+Lanes ask g together; those that have ended are written out and filled again, so that a vector is full until the block runs out of queries.
+On CUDA it is a query a thread.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from warp_bounding.coordinates.base import Numbers, literal
+from warp_bounding.kernels.distances.assemble import LANES, texts_of
+from warp_bounding.kernels.distances.functions import LEAST, SHORTER
+from warp_bounding.kernels.distances.source import DistanceSource
+from warp_bounding.kernels.functions import Words
+from warp_bounding.kernels.source import Lanes, fill
+from warp_bounding.runtime.native import named, unique_name
+
+__all__ = ["lanes_kernel"]
+
+_STEP = """
+V q[N], v[N];
+#pragma unroll
+for (int k = 0; k < N; ++k) q[k] = a[k] + w_[k] * t;
+$before
+V f;
+$body
+$after
+const V free_ = g - room;
+const V later = (t + over(free_ * $shorter, length)) * $shorter;
+"""
+
+_MARCH = """
+#if !defined(__CUDA_ARCH__)
+#pragma clang fp contract(fast)
+#endif
+constexpr int N = $n, ROW = 2 * N + 2;
+$parts
+$tools
+#if !defined(__CUDA_ARCH__)
+$lanes
+const int begin = block * $block, end = begin + $block < count ? begin + $block : count;
+V a[N], w_[N], length = zero + 1.0f, room = zero + INFINITY, t = zero;
+#pragma unroll
+for (int k = 0; k < N; ++k) { a[k] = zero; w_[k] = zero; }
+int who[L], left[L], next = begin, active = 0;
+const auto fill_lane = [&](int l) {
+    who[l] = -1;
+    room[l] = INFINITY;
+    if (next >= end) return;
+    const float* row = lines.data + (long long)next * ROW;
+#pragma unroll
+    for (int k = 0; k < N; ++k) { a[k][l] = row[k]; w_[k][l] = row[N + k]; }
+    length[l] = row[2 * N];
+    room[l] = row[2 * N + 1];
+    t[l] = 0.0f;
+    left[l] = steps;
+    who[l] = next++;
+    ++active;
+};
+for (int l = 0; l < L; ++l) fill_lane(l);
+while (active > 0) {
+    $step
+    const I on = (free_ > zero) & (later > most(t, zero + $least));
+    const I clear = on & (later >= zero + 1.0f);
+    t = on ? later : t;
+    int on_[L], clear_[L];  // in memory: lanes of a vector are dear one by one
+    *(J*)on_ = on;
+    *(J*)clear_ = clear;
+    for (int l = 0; l < L; ++l) {
+        if (who[l] < 0) continue;
+        if (on_[l] && !clear_[l] && --left[l] > 0) continue;
+        maybe.data[who[l]] = clear_[l] ? 0 : 1;
+        times.data[who[l]] = clear_[l] ? 1.0f : t[l];
+        --active;
+        fill_lane(l);
+    }
+}
+#else
+typedef float V;
+const float zero = 0.0f;
+const int i = block;
+if (i >= count) return;
+const float* row = lines.data + (long long)i * ROW;
+V a[N], w_[N], t = 0.0f;
+#pragma unroll
+for (int k = 0; k < N; ++k) { a[k] = row[k]; w_[k] = row[N + k]; }
+const V length = row[2 * N], room = row[2 * N + 1];
+bool clear = false;
+for (int step = 0; step < steps && !clear; ++step) {
+    $scalar_step
+    if (!(free_ > 0.0f && later > most(t, $least))) break;
+    t = later;
+    clear = later >= 1.0f;
+}
+maybe.data[i] = clear ? 0 : 1;
+times.data[i] = clear ? 1.0f : t;
+#endif
+"""
+
+
+def _snippet(source: DistanceSource) -> str:
+    texts = texts_of(source)
+    constants = {"shorter": literal(SHORTER), "least": literal(LEAST)}
+    step = fill(_STEP, **texts, **constants, body=source.body(Lanes(vector=True)))
+    scalar = fill(_STEP, **texts, **constants, body=texts["scalar_body"])
+    lanes = fill(LANES, **source.width)
+    return fill(_MARCH, **texts, **constants, lanes=lanes, block=source.block, step=step, scalar_step=scalar)
+
+
+@cache
+def lanes_kernel(source: DistanceSource) -> wp.Kernel:
+    """``(lines, count, block, parameters, words, steps, maybe, times)``, one block of lines ``(count, 2 n + 2)`` a thread."""
+    name = named(unique_name(source, "lines"))
+
+    @name.block_kernel(_snippet(source))
+    def march(
+        lines: Numbers,
+        count: int,
+        block: int,
+        parameters: Numbers,
+        words: Words,
+        steps: int,
+        maybe: wp.array(dtype=wp.uint8),
+        times: wp.array(dtype=wp.float32),
+    ): ...
+
+    return march
