@@ -11,7 +11,12 @@ import warp_bounding as wb
 from warp_bounding import solids
 from warp_bounding.bounders import DISTANCES
 
-TOLD = {"bvh": {"leaves": 6}, "learned-kdop": {"steps": 4}, "distance-grid": {"nodes": 7}}
+TOLD = {
+    "bvh": {"leaves": 6},
+    "learned-kdop": {"steps": 4},
+    "mlp": {"hidden": (12, 12), "steps": 200, "budget": 5.0},
+    "distance-grid": {"nodes": 7},
+}
 
 
 @cache

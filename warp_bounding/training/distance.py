@@ -13,6 +13,7 @@ import numpy as np
 
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.bounders.distances.mlp import MlpDistance
 from warp_bounding.bounders.distances.registry import distance_class
 from warp_bounding.bounders.distances.volume import VolumeDistance
 from warp_bounding.coordinates.distance_domain import DistanceDomain
@@ -24,6 +25,8 @@ from warp_bounding.proof.distances.prove import prove_distance
 from warp_bounding.proof.prove import as_fitted
 from warp_bounding.queries.distance import METRICS, in_metric
 from warp_bounding.queries.point import POINT
+from warp_bounding.runtime.progress import reported
+from warp_bounding.training.recipes.distance import train_distance
 
 __all__ = ["DISTANCE_TRAINERS", "METRIC", "fit_distance"]
 
@@ -32,12 +35,12 @@ TOLERANCE = 0.02  # of a cell's side, and ...
 LOOSER = 1.25  # ... of what some points of it have: an excess up to their sum is not looked at more closely
 CELL_HALVINGS = 3  # on each axis, of a cell whose excess is larger
 MOST_HALVED = 3  # axes that this counts, so that there are not too many boxes in higher dimensions
-PROOF_SHARE = 0.3  # of the budget: what training leaves for the proof
+PROOF_SHARE = 0.2  # of the budget: what training leaves for the proof
 
 # By class, how a learned method is trained: called with the class, the shape, the domain, its options, seconds, a seed, a device and
 # progress, it returns the bounder, without a threshold, and a record of the training. A trainer chooses its domain's room.
 DistanceTrainer = Callable[..., tuple[DistanceBounder, dict[str, Any]]]
-DISTANCE_TRAINERS: dict[type[DistanceBounder], DistanceTrainer] = {}
+DISTANCE_TRAINERS: dict[type[DistanceBounder], DistanceTrainer] = {MlpDistance: train_distance}
 
 
 def fit_distance(
@@ -100,9 +103,9 @@ def fit_distance(
             )
         settled = {option.name: _settled(option, options) for option in cls.options_taken()}
         if cls in DISTANCE_TRAINERS:
-            bounder, record = DISTANCE_TRAINERS[cls](
-                cls, fitted, settled, (1 - PROOF_SHARE) * budget, seed, device, progress
-            )
+            with reported(progress, f"fit {method}") as update:
+                left = (1 - PROOF_SHARE) * budget
+                bounder, record = DISTANCE_TRAINERS[cls](cls, fitted, settled, left, seed, device, update)
         else:
             domain = DistanceDomain.of(fitted, cls.room)
             lowered = partial(_excess_of_cells, shape=fitted, seconds=(1 - PROOF_SHARE) * budget)

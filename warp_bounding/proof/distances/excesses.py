@@ -10,6 +10,7 @@ from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.search.best_first import halve
+from warp_bounding.queries.boundary import border_points
 from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["excesses", "largest_excess"]
@@ -19,6 +20,7 @@ NOISE = (
     1e-12  # relative: more than float64 rounds in the map of a box to object space, and in the values at its corners
 )
 SAMPLES = 200_000  # points at which the largest excess is looked for first
+NEAR = (2.0**-10, 2.0**-3)  # local units: how near the border half of them are, a standard deviation between these
 EPS = 2e-4  # local units: by how much the excess that is proven may be above the one that is found
 HALVINGS = 10  # on each axis, at most
 
@@ -101,7 +103,8 @@ def largest_excess(
         have the largest excesses.
     """
     limit, rng = bounder.domain.limit.astype(np.float64), np.random.default_rng(0)
-    v = rng.uniform(-limit, limit, (SAMPLES, bounder.ndim))
+    near = _near(bounder, shape, SAMPLES // 2, rng)
+    v = np.concatenate([rng.uniform(-limit, limit, (SAMPLES // 2, bounder.ndim)), near])
     x = bounder.domain.to_object(v)
     known = shape.distances(x)
     if known is None:
@@ -122,3 +125,11 @@ def largest_excess(
         seconds=seconds,
     )
     return float(found.max()), boxes, complete, worst
+
+
+def _near(bounder: DistanceBounder, shape: Shape, count: int, rng: np.random.Generator) -> np.ndarray:
+    """``(count, n)`` local coordinates of points of the domain near the object's border."""
+    v = bounder.domain.to_local(border_points(shape, count, rng))
+    v += np.exp2(rng.uniform(*np.log2(NEAR), (count, 1))) * rng.standard_normal(v.shape)
+    limit = bounder.domain.limit.astype(np.float64)
+    return np.clip(v, -limit, limit)

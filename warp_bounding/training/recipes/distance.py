@@ -1,0 +1,177 @@
+"""Training of a distance: F at most d everywhere, and as near below it as a small network can be.
+
+What F exceeds the distance by at the worst place is its slack, and is taken off everywhere. So samples are of two kinds. *Below*: random points of the
+domain, where each unit of ``d - F`` costs the same up to ``FAR`` from the object, and farther away less, as does nothing in the object, where F may
+be anything below 0. *Above*: a pool of the points where F exceeds the distance most, as far as they are known; random points and those around the worst
+ones are labelled anew at every refresh. The asymmetry grows while it trains, as in the recipe for points, and both sides get sharper.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+import torch
+
+from warp_bounding.bounders.distances.mlp import MlpDistance
+from warp_bounding.coordinates.distance_domain import DistanceDomain
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.queries.boundary import border_points, held_points
+from warp_bounding.runtime.progress import Progress
+from warp_bounding.training.engine.clock import Clock, cosine, geometric, interrupts
+from warp_bounding.training.engine.soap import Soap
+from warp_bounding.training.engine.team import Team, single_threaded_torch
+from warp_bounding.training.engine.trainable_network import Evaluator, TrainableNetwork
+from warp_bounding.training.recipes.loss import summed
+
+__all__ = ["DistanceTrainer", "train_distance"]
+
+GAINS = (10.0, 3.0)  # of the first and of later layers' weights
+REFRESH = 100  # steps between two looks at new samples
+LABELLED, MOST_LABELLED = 16_384, 1 << 20  # new points at a refresh, and kept in all
+NEAR_SHARE = 0.5  # of these: near the border
+NEAR = (2.0**-8, 2.0**-2)  # local units: how near, a standard deviation between these
+HARD, AROUND = 16_384, 8192  # the worst points kept, and points around them that are tried at a refresh
+MOVES = (2.0**-10, 2.0**-3)  # local units: how far around them
+BATCH = 2048  # of each kind, a step
+FAR = 0.25  # local units: up to this distance each unit of ``d - F`` costs the same
+WEIGHT = (3.0, 300.0)  # of what is above against what is below, at the begin and the end of training
+WIDTH = (2e-2, 1e-4)  # local units: in which both sides go from flat to steep
+RAMP = 0.85  # used fraction at which both have reached their ends
+RATE, RATE_END, WARM_UP = 1e-2, 1e-3, 0.02  # arguments of ``cosine``, the learning rate
+BETA1, BETA2 = 0.95, 0.95
+JUDGED = (0.0, 0.05, 0.1, 0.2)  # local units: radii at which false positives are counted to choose the best network
+
+
+class DistanceTrainer:
+    """A network in training.
+
+    Args:
+        shape: The object.
+        domain: Of the distance.
+        hidden: Widths.
+        activation: A name in ``ACTIVATIONS``.
+        seed: Of everything random.
+    """
+
+    def __init__(self, shape: Shape, domain: DistanceDomain, hidden: tuple[int, ...], activation: str, seed: int):
+        self.shape, self.domain, self.ndim = shape, domain, shape.ndim
+        self.rng, self.generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
+        self.network = TrainableNetwork(shape.ndim, hidden, activation)
+        gains = GAINS if self.network.act.wave else self.network.act.support_gains
+        self.network.initialise(*gains, self.generator)
+        self.team = Team()
+        self.workers = [Evaluator(self.network) for _ in range(self.team.size)]
+        self._known = held_points(shape, HARD, self.rng)
+        self._limit = domain.limit.astype(np.float64)
+        nothing = torch.empty(self.ndim, 0), torch.empty(0)
+        self.points, self.hard = nothing, nothing
+        self._best = (math.inf, self.network.flat.clone())
+        self.rate, self.over = (
+            1.0,
+            math.inf,
+        )  # false positives over the judged radii, and the slack, at the last refresh
+
+    def run(self, clock: Clock) -> None:
+        """Train until the clock's budget is used up."""
+        optimiser = Soap(self.network.layers, BETA1, BETA2)
+        for step, used in clock.steps():
+            if step % REFRESH == 0:
+                self._refresh()
+                clock.tell(used, f"FP {100 * self.rate:.1f} %, slack {self.over * self.domain.unit:.3g}")
+            rate = cosine(RATE, RATE_END, WARM_UP, used)
+            optimiser.step(self._gradients(min(used / RAMP, 1.0)), rate)
+        self._refresh()
+
+    def finish(self) -> dict[str, np.ndarray]:
+        """Take the parameters with the fewest estimated false positives; returns them as a bounder stores them."""
+        self.network.flat.copy_(self._best[1])
+        return self.network.tensors()
+
+    def _labelled(self, v: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
+        """Columns, and distances in local units (no less than the true ones), of points ``(N, n)``."""
+        v = np.clip(v, -self._limit, self._limit).astype(np.float32)
+        distance = self.shape.distances(self.domain.to_object(v))[:, 1] / self.domain.unit
+        return torch.from_numpy(np.ascontiguousarray(v.T)), torch.from_numpy(distance.astype(np.float32))
+
+    def _fresh(self) -> np.ndarray:
+        """New random points of the domain, some near the border."""
+        near = int(LABELLED * NEAR_SHARE)
+        border = self.domain.to_local(border_points(self.shape, near, self.rng, self._known, 2.0**-9))
+        size = np.exp2(self.rng.uniform(*np.log2(NEAR), (near, 1)))
+        anywhere = self.rng.uniform(-1, 1, (LABELLED - near, self.ndim)) * self._limit
+        return np.concatenate([border + size * self.rng.standard_normal(border.shape), anywhere])
+
+    def _refresh(self) -> None:
+        fresh = self._labelled(self._fresh())
+        if self.points[1].shape[0] < MOST_LABELLED:
+            self.points = tuple(torch.cat(pair, -1) for pair in zip(self.points, fresh, strict=True))
+            weight = torch.where(self.points[1] > 0, FAR / self.points[1].clamp(min=FAR), 0.0)
+            self._chances = weight.cumsum(0)
+        tried = fresh
+        if self.hard[1].shape[0]:
+            pick = self.rng.integers(self.hard[1].shape[0], size=AROUND)
+            around = self.hard[0].T.double().numpy()[pick]
+            size = np.exp2(self.rng.uniform(*np.log2(MOVES), (AROUND, 1)))
+            around = self._labelled(around + size * self.rng.standard_normal(around.shape))
+            tried = tuple(torch.cat(parts, -1) for parts in zip(fresh, around, self.hard, strict=True))
+        above = self._evaluate(tried[0]) - tried[1]
+        self.over, worst = float(above.max()), above.topk(min(HARD, len(above)))[1]
+        self.hard = tried[0][:, worst], tried[1][worst]
+        # the fresh points are half near the border, so this is no rate of any protocol; it only chooses
+        inside, distance = self._evaluate(fresh[0]) - self.over, fresh[1]
+        rates = [((inside <= radius) & (distance > radius)).float().mean() for radius in JUDGED]
+        self.rate = float(sum(rates)) / len(rates)
+        if self.rate <= self._best[0]:
+            self._best = (self.rate, self.network.flat.clone())
+
+    def _evaluate(self, v: torch.Tensor) -> torch.Tensor:
+        values = torch.empty(v.shape[1])
+
+        def job(index: int, part: slice) -> None:
+            values[part] = self.workers[index].forward(self.network.encode(v[:, part]))
+
+        self.team.over(v.shape[1], job)
+        return values
+
+    def _gradients(self, used: float) -> list[torch.Tensor]:
+        """Gradients of the loss on a random batch, one matrix a layer."""
+        weight, width = geometric(*WEIGHT, used), geometric(*WIDTH, used)
+        for worker in self.workers:
+            worker.gradient.zero_()
+        place = torch.rand(BATCH, generator=self.generator) * self._chances[-1]
+        below = torch.searchsorted(self._chances, place).clamp_(max=len(self._chances) - 1)
+        above = torch.randint(self.hard[1].shape[0], (BATCH,), generator=self.generator)
+
+        def job(index: int, part: slice) -> None:
+            worker = self.workers[index]
+            for points, columns, share in ((self.points, below, -1.0), (self.hard, above, weight)):
+                own = columns[part]
+                x = self.network.encode(points[0].index_select(1, own))
+                gap = worker.forward(x, keep=True) - points[1][own]
+                signal = torch.sigmoid(gap / math.copysign(width, share))
+                worker.backward(
+                    x, signal.mul_(math.copysign(abs(share) ** 0.5 if share > 0 else weight**-0.5, share) / BATCH)
+                )
+
+        self.team.over(BATCH, job)
+        return summed(self.workers)
+
+
+def train_distance(
+    cls: type[MlpDistance],
+    shape: Shape,
+    options: dict[str, Any],
+    seconds: float,
+    seed: int,
+    device: str | None,
+    progress: Progress | None,
+) -> tuple[MlpDistance, dict[str, Any]]:
+    """Train a network's distance; see ``training.distance.DISTANCE_TRAINERS``. Ctrl-C ends it, and the best is taken."""
+    domain = DistanceDomain.of(shape, cls.room)
+    clock = Clock(seconds, options["steps"], progress)
+    with single_threaded_torch():
+        trainer = DistanceTrainer(shape, domain, tuple(options["hidden"]), options["activation"], seed)
+        interrupted = interrupts(lambda: trainer.run(clock))
+        tensors = trainer.finish()
+    sizes = {"hidden": list(options["hidden"]), "activation": options["activation"]}
+    return cls(domain, tensors, sizes, device), {"steps": clock.count, "interrupted": interrupted}
