@@ -154,7 +154,7 @@ def page(rows: list[dict], folder: Path, command: str) -> str:
         "",
         f"`{command}`",
         "",
-        f"{rows[0]['versions']}; {rows[0]['threads']} threads of a CPU. Margin: {MARGIN:g} of the longest side. Rates are per cent",
+        f"{'; '.join(dict.fromkeys(row['versions'] for row in rows))}; {rows[0]['threads']} threads of a CPU. Margin: {MARGIN:g} of the longest side. Rates are per cent",
         f"of {SAMPLES:,} uniform points of the box around the dilated mesh, a tenth of its longest side wider on every side;",
         "the truth is the mesh's own (`IndicatorMesh.decide`). Networks and volumes are fitted and proven without cells; `bvh`,",
         "`voxels` and `relu-field` are made of cells at the resolution that stands beside them.",

@@ -136,4 +136,4 @@ def test_the_readme_names_every_method():
     named = re.findall(
         r"`([^`]+)`", "".join(row.split("|")[1] for row in section.splitlines() if row.startswith("| `"))
     )
-    assert {name for name in named if "+" not in name} - {"method="} == set(wb.METHODS)
+    assert {name for name in named if "+" not in name} - {"method="} == set(wb.METHODS) | set(wb.DISTANCES)
