@@ -27,6 +27,8 @@ METHODS = (
     ("distance-grid", {"nodes": 16, "storage": "uint8"}),
     ("distance-grid", {"nodes": 24, "storage": "uint8"}),
     ("distance-grid", {"nodes": 32}),
+    ("mlp", {"hidden": (24, 24), "budget": 120}),
+    ("mlp", {"hidden": (32, 32), "budget": 120}),
 )
 
 

@@ -73,6 +73,11 @@ class MlpDistance(DistanceBounder):
         *layers, last = self._layers()
         return np.concatenate([*(layer_numbers(*layer) for layer in layers), head_numbers(*last)])
 
+    @property
+    def nbytes(self) -> int:
+        """See ``DistanceBounder``: a query reads one of the two copies that the numbers hold for lanes of queries and of neurons."""
+        return 4 * (len(self.domain.header) + 2) + sum(tensor.nbytes for tensor in self.tensors.values())
+
     def reference(self, v: np.ndarray) -> np.ndarray:
         """See ``DistanceBounder``."""
         return self.network(np.asarray(v, dtype=np.float64))
