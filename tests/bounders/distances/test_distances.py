@@ -202,3 +202,13 @@ def test_volumes_of_points_clear_segments(method, rng):
     assert not shape.contains(along[clear].reshape(-1, 3)).any()
     distance = far(method, "blob")
     assert not shape.contains(along[wb.clear_segments(distance, a, b)].reshape(-1, 3)).any()
+
+
+@pytest.mark.parametrize("name", ["tetrahedron", "torus"])
+def test_a_network_learns_the_distance(name, rng):
+    """Also of a solid, which knows its distance from below only."""
+    bounder, shape = far("mlp", name), thing(name)
+    x = points_around(shape, 2000, rng, 0.05)
+    away = shape.distances(x)[:, 0] > 0.2 * float(shape.extent.max())
+    assert away.any()
+    assert (bounder.distance(x[away]).numpy() > 0).mean() > 0.5

@@ -88,9 +88,10 @@ class DistanceTrainer:
         return self.network.tensors()
 
     def _labelled(self, v: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
-        """Columns, and distances in local units (no less than the true ones), of points ``(N, n)``."""
+        """Columns, and distances in local units, of points ``(N, n)``: known ones from above, else from below."""
         v = np.clip(v, -self._limit, self._limit).astype(np.float32)
-        distance = self.shape.distances(self.domain.to_object(v))[:, 1] / self.domain.unit
+        low, high = self.shape.distances(self.domain.to_object(v)).T
+        distance = np.where(np.isfinite(high), high, low) / self.domain.unit
         return torch.from_numpy(np.ascontiguousarray(v.T)), torch.from_numpy(distance.astype(np.float32))
 
     def _fresh(self) -> np.ndarray:
@@ -144,14 +145,12 @@ class DistanceTrainer:
 
         def job(index: int, part: slice) -> None:
             worker = self.workers[index]
-            for points, columns, share in ((self.points, below, -1.0), (self.hard, above, weight)):
+            kinds = (self.points, below, -1.0, weight**-0.5), (self.hard, above, 1.0, weight**0.5)
+            for points, columns, sign, share in kinds:
                 own = columns[part]
                 x = self.network.encode(points[0].index_select(1, own))
                 gap = worker.forward(x, keep=True) - points[1][own]
-                signal = torch.sigmoid(gap / math.copysign(width, share))
-                worker.backward(
-                    x, signal.mul_(math.copysign(abs(share) ** 0.5 if share > 0 else weight**-0.5, share) / BATCH)
-                )
+                worker.backward(x, torch.sigmoid(gap * (sign / width)).mul_(sign * share / BATCH))
 
         self.team.over(BATCH, job)
         return summed(self.workers)

@@ -12,6 +12,7 @@ from warp_bounding.coordinates.domain import Domain
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.boundary import border_points, held_points, pulled, random_points
 from warp_bounding.training.samples.base import Samples, columns
+from warp_bounding.training.samples.shape_points import NEAREST
 
 __all__ = ["ShapePointSamples"]
 
@@ -22,7 +23,6 @@ LEAST = 4096  # points of the object, at least
 BORDER_SHARE = 2 / 3  # of positives: on the border; the others anywhere in the object
 FEW = 1024  # points of the border that stand for landmarks where a shape has none
 STEP = 2 / 64  # local units: what ``move`` calls a cell
-NEAREST = 2.0**-9  # local units: how near to the border a point is brought back that has walked out
 
 
 class ShapePointSamples(Samples):
