@@ -189,7 +189,14 @@ def test_a_killed_run_goes_on(tmp_path, number):
     out, begun = tmp_path / "out", tmp_path / "begun"
     paths = [str(TESTS.parent), str(TESTS / "shared"), str(TESTS / "cli")]
     own = {**os.environ, "PYTHONPATH": os.pathsep.join([*paths, os.environ.get("PYTHONPATH", "")])}
-    first = subprocess.Popen([sys.executable, "-c", KILLED, out, begun], env=own, stderr=subprocess.PIPE, text=True)
+    first = subprocess.Popen(
+        [sys.executable, "-c", KILLED, out, begun],
+        env=own,
+        stderr=subprocess.PIPE,
+        text=True,
+        # a shell's background jobs begin without one
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
     while not begun.exists() and first.poll() is None:
         time.sleep(0.05)
     check = subprocess.run([sys.executable, "-c", KILLED, out], env=own, capture_output=True, text=True, check=False)
