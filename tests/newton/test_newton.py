@@ -85,6 +85,47 @@ def test_contacts_are_the_same(bunny, moving, gap):
         there = records(contacts)
 
 
+@pytest.mark.parametrize("dilated", [0.0, 0.03])
+def test_one_bounder_of_distances_serves_every_gap_radius_and_scale(bunny, dilated):
+    """Contacts are the same at gaps and radii that it was never told, and also of particles that are far from the origin."""
+    model, _, shapes = scene(bunny, moving=True)
+    pipeline = newton.CollisionPipeline(model, soft_contact_gap=0.01)
+    far = wb.fit(bunny, "distance", "bvh", leaves=256, margin=dilated, device="cpu")
+    cull = ParticleCull(pipeline, dict.fromkeys(shapes, far))
+    state, contacts, survivors = model.state(), pipeline.contacts(), []
+    for gap, size, away in ((0.0, 1.0, 0.0), (0.01, 1.0, 0.0), (0.2, 1.0, 0.0), (0.05, 20.0, 0.0), (0.01, 1.0, 3000.0)):
+        changed = model.particle_radius, state.particle_q, model.shape_transform
+        radius, *places = before = [array.numpy() for array in changed]
+        model.particle_radius.assign(size * radius)
+        for array, place in zip(changed[1:], places, strict=True):
+            array.assign(place + np.float32([away, *[0.0] * (place.shape[1] - 1)]))
+        pipeline.soft_contact_gap = gap
+        pipeline.collide(state, contacts)
+        there = records(contacts)
+        cull.collide(state, contacts)
+        assert all((a == b).all() for a, b in zip(there, records(contacts), strict=True))
+        assert len(there[0]) > 10
+        assert cull.survivors < cull.pairs
+        survivors.append(cull.survivors)
+        for array, values in zip(changed, before, strict=True):
+            array.assign(values)
+    assert survivors[0] <= survivors[1] < survivors[2] < survivors[3]
+
+
+def test_distances_that_do_not_fit_are_refused(bunny):
+    model, _, shapes = scene(bunny, particles=100)
+    pipeline = newton.CollisionPipeline(model)
+    other = wb.fit(wb.IndicatorMesh(bunny.vertices * 1.5, bunny.faces), "distance", "aabb", device="cpu")
+    with pytest.raises(wb.BounderError, match="another mesh"):
+        ParticleCull(pipeline, {shapes[0]: other})
+    flat = wb.fit(wb.IndicatorGrid(np.eye(4, dtype=bool)), "distance", "aabb", device="cpu")
+    with pytest.raises(wb.BounderError, match="expected a bounder of 3D points or distances, got one of 2D"):
+        ParticleCull(pipeline, {shapes[0]: flat})
+    far = wb.fit(bunny, "distance", "aabb", device="cpu").freeze(0.0, None)
+    with pytest.raises(wb.BounderError, match="expected a proven bounder"):
+        ParticleCull(pipeline, {shapes[0]: far})
+
+
 def test_particles_that_are_larger_or_far_away_are_not_lost(bunny):
     model, mesh, shapes = scene(bunny, particles=500)
     pipeline = newton.CollisionPipeline(model)

@@ -6,10 +6,11 @@ lets the pipeline go through the pairs that they do not deny, in the order that 
 record by record, and so is every step that a solver makes.
 
 Why none is lost. For a mesh the pass asks for the closest point within ``reach = gap + (margin + radius) / scale`` of
-the particle, in the mesh's own coordinates, and makes a contact only where there is one. A bounder is accepted only if
+the particle, in the mesh's own coordinates, and makes a contact only where there is one. A bounder of points is accepted only if
 it is proven for this very mesh, dilated by ``reach`` and by what float32 does on the way (``margin_for``). Where a
 particle is so far from the origin that its place relative to the shape is less certain than that, or has a larger
-radius, the pair stays. Shapes may move, turn and be scaled.
+radius, the pair stays. A bounder of distances needs no margin: it is asked whether the mesh is farther than that, so one fit serves every
+gap, radius and scale. Shapes may move, turn and be scaled.
 
 What this does not do: rigid contacts, self-contacts of cloth, and the passes over whole edges and faces
 (``enable_rigid_soft_full_surface_contact``) are left as they are; so are shapes without a bounder. The number of pairs
@@ -23,7 +24,7 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.arithmetic import UNIT32
-from warp_bounding.bounders import Bounder
+from warp_bounding.bounders import Bounder, DistanceBounder
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorMesh
 from warp_bounding.newton import kernels
@@ -86,13 +87,19 @@ class ParticleCull:
         survivors: Number of pairs that the last pass went through.
     """
 
-    def __init__(self, pipeline: newton.CollisionPipeline, bounders: Mapping[int, Bounder], *, unproven: bool = False):
+    def __init__(
+        self,
+        pipeline: newton.CollisionPipeline,
+        bounders: Mapping[int, Bounder | DistanceBounder],
+        *,
+        unproven: bool = False,
+    ):
         """Check that the bounders are those of the shapes.
 
         Args:
             pipeline: Its class is replaced by a subclass of it, in which the number of pairs is the length of their
                 list.
-            bounders: Per index of a shape a bounder of its mesh, in the mesh's own coordinates: points, 3D, with a
+            bounders: Per index of a shape a bounder of its mesh, in the mesh's own coordinates, 3D: of distances, or of points, with a
                 margin of ``margin_for`` at least. One bounder may serve many shapes. Shapes without one keep all their
                 pairs.
             unproven: Take bounders without a proof, and with too small a margin, too; contacts may then be missed.
@@ -114,17 +121,21 @@ class ParticleCull:
         shape_count = self.model.shape_count
         margins, largest = np.full(shape_count, -np.inf, np.float32), np.zeros(shape_count, np.float32)
         domains, bounder_of = np.zeros((shape_count, 2, 3), np.float32), np.full(shape_count, -1, np.int32)
+        grows = np.zeros(shape_count, np.float32)
         self._bounders = list({id(bounder): bounder for bounder in bounders.values()}.values())
         for shape, bounder in bounders.items():
             largest[shape] = self._check(shape, bounder, unproven)
-            margins[shape] = np.inf if unproven else bounder.info["margin"]
+            of_distances = isinstance(bounder, DistanceBounder)
+            grows[shape] = of_distances
+            margins[shape] = np.inf if unproven or of_distances else bounder.info["margin"]
             lower, upper = bounder.domain.lower, bounder.domain.upper
             domains[shape] = (lower + upper) / 2, (upper - lower) / 2
             bounder_of[shape] = next(n for n, other in enumerate(self._bounders) if other is bounder)
-        # For each shape: the index of its bounder (-1 for none), the bounder's margin, the mesh's largest coordinate,
-        # the middle and half widths of the bounder's domain; and what ``place_shapes`` makes of them in each pass.
+        # For each shape: the index of its bounder (-1 for none), the bounder's margin, whether it bounds distances, the mesh's largest
+        # coordinate, the middle and half widths of the bounder's domain; and what ``place_shapes`` makes of them in each pass.
         self._bounder_of = wp.array(bounder_of, dtype=wp.int32, device=self._device)
         self._margins = wp.array(margins, dtype=wp.float32, device=self._device)
+        self._grows = wp.array(grows, dtype=wp.float32, device=self._device)
         self._largest = wp.array(largest, dtype=wp.float32, device=self._device)
         self._domains = wp.array(domains, dtype=wp.vec3, device=self._device)
         self._placed = wp.empty(shape_count, dtype=kernels.Placed, device=self._device)
@@ -187,7 +198,7 @@ class ParticleCull:
         if not self._bounders or not self.pairs or not state.particle_q:
             return self._all
         shapes = [model.shape_transform, model.shape_body, model.shape_scale, model.shape_margin]
-        inputs = [state.body_q, *shapes, self._domains, self._margins, self._largest, gap]
+        inputs = [state.body_q, *shapes, self._domains, self._margins, self._grows, self._largest, gap]
         outputs = [self._placed, self._hulls]
         wp.launch(kernels.place_shapes, dim=model.shape_count, inputs=inputs, outputs=outputs, device=device)
         block = kernels.block_size(device)
@@ -196,31 +207,44 @@ class ParticleCull:
         found = [self._undecided, self._undecided_count]
         launch_blocks(kernels.ask_hulls, self.pairs, inputs, [*found, self._keep], device, first_index=0, block=block)
         for number, bounder in enumerate(self._bounders):
-            inputs = [0, block, bounder.data, number, self._bounder_of, self._all, particles[0], self._placed, *found]
-            kernel = kernels.ask_bounders(bounder.source)
+            if isinstance(bounder, DistanceBounder):
+                dilated = bounder.info.get("margin") or 0.0
+                inputs = [0, block, bounder.data, number, dilated, self._bounder_of, self._all, *particles]
+                inputs += [self._placed, self._hulls, *found]
+                kernel = kernels.ask_distances(bounder.source)
+            else:
+                inputs = [
+                    0,
+                    block,
+                    bounder.data,
+                    number,
+                    self._bounder_of,
+                    self._all,
+                    particles[0],
+                    self._placed,
+                    *found,
+                ]
+                kernel = kernels.ask_bounders(bounder.source)
             launch_blocks(kernel, self.pairs, inputs, [self._keep], device, first_index=0, block=block)
         indices, total = self._survivors.launch()
         count = int(total.numpy()[0])
         wp.launch(kernels.gather_pairs, dim=count, inputs=[self._all, indices], outputs=[self._kept], device=device)
         return self._kept[:count]
 
-    def _check(self, shape: int, bounder: Bounder, unproven: bool) -> float:
+    def _check(self, shape: int, bounder: Bounder | DistanceBounder, unproven: bool) -> float:
         """Largest coordinate of a shape's mesh; refuse a bounder that is not one of it."""
         whole = isinstance(shape, (int, np.integer)) and not isinstance(shape, bool)
         if not whole or not 0 <= shape < self.model.shape_count:
             raise BounderError(f"shape must be a whole number from 0 to {self.model.shape_count - 1}, got {shape!r}")
-        if not isinstance(bounder, Bounder):
+        if not isinstance(bounder, (Bounder, DistanceBounder)):
             raise BounderError(f"shape {shape}: expected a bounder, got {type(bounder).__name__}")
         if int(self.model.shape_type.numpy()[shape]) not in MESHES:
             raise BounderError(f"shape {shape}: expected a mesh, bounders of other shapes save nothing")
-        if (
-            QUERIES[bounder.query_kind].is_region
-            or bounder.ndim != 3
-            or bounder.domain.time
-            or bounder.domain.unbounded
-        ):
+        of_distances = isinstance(bounder, DistanceBounder)
+        of_points = not of_distances and not QUERIES[bounder.query_kind].is_region
+        if not (of_distances or of_points) or bounder.ndim != 3 or bounder.domain.time or bounder.domain.unbounded:
             got = f"{bounder.ndim}D {bounder.query_kind}s"
-            raise BounderError(f"shape {shape}: expected a bounder of 3D points, got one of {got}")
+            raise BounderError(f"shape {shape}: expected a bounder of 3D points or distances, got one of {got}")
         if str(bounder.device) != str(self._device):
             raise BounderError(f"shape {shape}: expected a bounder on {self._device}, got one on {bounder.device}")
         mesh = self.model.shape_source[shape]
@@ -232,6 +256,8 @@ class ParticleCull:
         made_for, resolution, margin = (bounder.info.get(key) for key in ("indicator", "resolution", "margin"))
         if made_for is None or margin is None or _digest(mesh, resolution, margin) != made_for:
             raise BounderError(f"shape {shape}: the bounder was made for another mesh, {bounder.info.get('name')}")
+        if of_distances:
+            return size
         scale = float(np.abs(self.model.shape_scale.numpy()[shape]).min())
         radius = float(self.model.particle_radius.numpy().max(initial=0.0))
         reach = radius + float(self.model.shape_margin.numpy()[shape]) + _gap(self.pipeline)

@@ -11,6 +11,8 @@ import warp as wp
 
 from warp_bounding.arithmetic import UNIT32
 from warp_bounding.bounders import Data
+from warp_bounding.kernels.distances.functions import distance_func
+from warp_bounding.kernels.distances.source import DistanceSource
 from warp_bounding.kernels.functions import point_func
 from warp_bounding.kernels.source import Source
 from warp_bounding.runtime.native import named, unique_name
@@ -21,6 +23,7 @@ __all__ = [
     "Hull",
     "Placed",
     "ask_bounders",
+    "ask_distances",
     "ask_hulls",
     "block_size",
     "gather_pairs",
@@ -64,19 +67,21 @@ class Placed:
 class Hull:
     """A ball and a box in the world, outside which a shape's bounder denies every particle.
 
-    A particle q of radius r may be denied only where ``reach + per_radius r + per_coordinate (|q_x| + |q_y| + |q_z|) <=
-    margin``: the bounder's margin then covers how far the pass looks, ``gap + (margin of the shape + r) / least scale``,
-    and rounding.
+    How far the pass looks for a particle q of radius r, ``gap + (margin of the shape + r) / least scale``, and rounding take
+    ``way = reach + per_radius r + per_coordinate (|q_x| + |q_y| + |q_z|)`` in the mesh's units. A bounder of points may deny the particle only
+    where ``way <= margin``, its own. A bounder of distances may always, and the ball and the box grow by the way.
     """
 
     center: wp.vec3  # of ball and box, world
-    squared_radius: float  # of the ball
     axes: wp.mat33  # rows: directions of the box
     half: wp.vec3  # its half widths
+    grow: wp.vec3  # world units by which each half width grows per unit of way: 0 for a bounder of points
+    grow_radius: float  # and the ball's radius
+    radius: float  # of the ball
     reach: float
     per_radius: float
     per_coordinate: float
-    margin: float  # minus infinity for a shape without a bounder, or one whose quaternion is far from a rotation
+    margin: float  # infinite for a bounder of distances, minus infinity for a shape without a bounder, or one whose quaternion is far from a rotation
 
 
 @wp.func
@@ -94,6 +99,7 @@ def place_shapes(
     shape_margin: wp.array(dtype=float),
     domains: wp.array2d(dtype=wp.vec3),
     margins: wp.array(dtype=float),
+    grows: wp.array(dtype=float),
     sizes: wp.array(dtype=float),
     gap: float,
     # outputs
@@ -126,15 +132,19 @@ def place_shapes(
         beyond = wp.inf  # the bounder itself is asked, in the coordinates of Newton's pass
     hull = Hull()
     hull.center = center
-    hull.squared_radius = radius * radius + beyond
-    axes, half = wp.mat33(), wp.vec3()
+    hull.radius = radius + beyond
+    grow = grows[s] * (1.0 + _HULL_ROUNDING)
+    hull.grow_radius = grow * wp.max(wp.max(wp.abs(scale[0]), wp.abs(scale[1])), wp.abs(scale[2]))
+    axes, half, widths = wp.mat33(), wp.vec3(), wp.vec3()
     for k in range(3):
         axis = wp.vec3(0.0, 0.0, 0.0)
         axis[k] = 1.0
         axes[k] = wp.quat_rotate(turn, axis)
         half[k] = wp.abs(domains[s, 1][k] * scale[k]) + rounding + beyond
+        widths[k] = grow * wp.abs(scale[k])
     hull.axes = axes
     hull.half = half
+    hull.grow = widths
     inverse = 1.0 / wp.min(wp.min(wp.abs(scale[0]), wp.abs(scale[1])), wp.abs(scale[2]))
     widened = shape_margin[s] * inverse
     reach = gap + widened
@@ -174,10 +184,11 @@ for (int i = begin; i < end; ++i) {
     const float way = b.reach + b.per_radius * particle_radius.data[p] + b.per_coordinate * size;
     const float dx = x - b.center[0], dy = y - b.center[1], dz = z - b.center[2];
     const bool known = way <= b.margin;
-    bool maybe = known && !(dx * dx + dy * dy + dz * dz > b.squared_radius);
+    const float radius = b.radius + b.grow_radius * way;
+    bool maybe = known && !(dx * dx + dy * dy + dz * dz > radius * radius);
     if (maybe) for (int k = 0; k < 3; ++k) {
         const float* const u = b.axes.data[k];
-        maybe = maybe && !(fabsf(u[0] * dx + u[1] * dy + u[2] * dz) > b.half[k]);
+        maybe = maybe && !(fabsf(u[0] * dx + u[1] * dy + u[2] * dz) > b.half[k] + b.grow[k] * way);
     }
     keep.data[i] = !known;
     asked.data[begin + count] = i;
@@ -252,5 +263,50 @@ def ask_bounders(source: Source) -> wp.Kernel:
                     keep[i] = wp.uint8(1)
                 else:
                     keep[i] = wp.uint8(0)
+
+    return ask
+
+
+@cache
+def ask_distances(source: DistanceSource) -> wp.Kernel:
+    """The kernel that asks a bounder of distances about the pairs of its shapes that ``ask_hulls`` has listed.
+
+    It bounds the mesh dilated by ``dilated``, so where its g is above 0 the mesh is farther than ``g + dilated``; the difference below and the
+    comparison round by less than is added.
+    """
+    distance = distance_func(source)
+
+    @named(unique_name(source, "newton_distance")).kernel
+    def ask(
+        # inputs
+        first: int,
+        size: int,
+        data: Data,
+        number: int,
+        dilated: float,
+        numbers: wp.array(dtype=wp.int32),
+        pairs: wp.array(dtype=wp.vec2i),
+        particle_q: wp.array(dtype=wp.vec3),
+        particle_radius: wp.array(dtype=float),
+        placed: wp.array(dtype=Placed),
+        hulls: wp.array(dtype=Hull),
+        asked: wp.array(dtype=wp.int32),
+        left: wp.array(dtype=wp.int32),
+        # outputs
+        keep: wp.array(dtype=wp.uint8),
+    ):
+        block = first + wp.tid()
+        for k in range(left[block]):
+            i = asked[block * size + k]
+            pair = pairs[i]
+            if numbers[pair[1]] == number:
+                shape, hull, q = placed[pair[1]], hulls[pair[1]], particle_q[pair[0]]
+                way = hull.reach + hull.per_radius * particle_radius[pair[0]] + hull.per_coordinate * _size(q)
+                x = wp.cw_div(wp.transform_point(shape.to_shape, q), shape.scale)
+                beyond = wp.max(way - dilated, 0.0) + _SUM_ROUNDING * (wp.abs(way) + dilated)
+                if distance(data, x) > beyond:
+                    keep[i] = wp.uint8(0)
+                else:
+                    keep[i] = wp.uint8(1)
 
     return ask
