@@ -328,3 +328,24 @@ def test_help_tells_the_time_that_the_plan_tells(capsys, monkeypatch):
     out, _ = capsys.readouterr()
     for name, preset in PRESETS.items():
         assert f"{name} ({duration(preset_seconds(preset))})" in out
+
+
+def test_one_distance_serves_all_its_columns(tmp_path, capsys):
+    """A real run: one fit an object, asked points, rays and boxes; planes it cannot be asked."""
+    image, place = pytest.importorskip("PIL.Image"), tmp_path
+    (tmp_path / "data/2D").mkdir(parents=True)
+    pixels = np.zeros((20, 20, 4), dtype=np.uint8)
+    pixels[5:14, 4:11] = 255
+    image.fromarray(pixels).save(tmp_path / "data/2D/aa.png")
+    told = ("--columns", "2d", "--methods", "distance", "--objects", "aa", "--budget", 1, "--samples", 2000)
+    status, out, err = table1(capsys, place, *told, "--protocol", "both", "--json")
+    assert status == 0, err
+    found = rows(place)
+    assert sorted({row["query"] for row in found}) == ["box", "point", "ray"]
+    assert len(found) == 6
+    assert all(row["fn"] == "0" and row["certificate"] == "proven" for row in found)
+    assert [path.name for path in (place / "out/bounders").iterdir()] == ["2d.aa.distance.safetensors"]
+    assert json.loads(out)["columns"]["2d-ray"]["exact"]["distance"]["proven"]
+    assert "one network of the distance an object" in (place / "out/README.md").read_text()
+    status, out, err = table1(capsys, place, *told, "--protocol", "both", "--json")
+    assert json.loads(out)["done"] == 6

@@ -37,10 +37,10 @@ def test_samples_are_repeatable_and_protocols_agree_for_points():
 
 
 def test_progress_and_chunks(monkeypatch):
-    from warp_bounding.evaluation import rates
+    from warp_bounding.evaluation import counting
 
     bounder, grid, seen = fitted("aabb", "c"), shape("c"), []
-    monkeypatch.setattr(rates, "CHUNK", 1000)
+    monkeypatch.setattr(counting, "CHUNK", 1000)
     wb.evaluate(bounder, grid, samples=2500, progress=lambda *a: seen.append(a))
     assert seen == [(1000, 2500), (2000, 2500), (2500, 2500)]
 

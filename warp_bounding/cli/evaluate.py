@@ -19,6 +19,13 @@ def command(
     radius: Annotated[
         float | None, typer.Option(help="Of a distance: points within it are positive, object units (default: 0).")
     ] = None,
+    query: Annotated[
+        str | None, typer.Option(help="Of a distance: what it is asked, point, ray or box (default: point).")
+    ] = None,
+    length: Annotated[float | None, typer.Option(help="Of a distance that is asked rays: theirs (default: 1).")] = None,
+    steps: Annotated[
+        int | None, typer.Option(help="Of a distance: evaluations that a ray (default: 32) or a box (64) may take.")
+    ] = None,
     threshold: Threshold = None,
     spacing: Spacing = None,
     origin: Origin = None,
@@ -34,7 +41,8 @@ def command(
     bounder = load(file, device=device)
     indicator = read_shape(shape, threshold, spacing, origin)
     with bar("evaluate") as update:
-        rates = evaluate(bounder, indicator, count, protocol, seed=seed, radius=radius, progress=update)
+        told = {"radius": radius, "query": query, "length": length, "steps": steps}
+        rates = evaluate(bounder, indicator, count, protocol, seed=seed, progress=update, **told)
     fitted = bounder.info.get("indicator")
     same = rates.indicator == fitted
     if json:

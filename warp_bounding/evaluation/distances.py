@@ -1,18 +1,34 @@
-"""How tight a distance is: at a radius, which points does it let through that are farther away?"""
+"""How tight a distance is: which points does it let through that are farther away than a radius, which rays and boxes that do not meet the object?"""
 
 from collections.abc import Callable
 
 import numpy as np
+import warp as wp
 
 from warp_bounding.bounders.distances.base import DistanceBounder
-from warp_bounding.evaluation.report import CHUNK, QUICK, QUICK_SEED, Rates
+from warp_bounding.errors import QueryError
+from warp_bounding.evaluation.counting import counted
+from warp_bounding.evaluation.report import QUICK, QUICK_SEED, Rates, truth_told
+from warp_bounding.evaluation.truth import judge_of, truth_by
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import IN, OUT, UNDECIDED, Shape
 from warp_bounding.proof.distances.prove import distance_shape
+from warp_bounding.queries import QUERIES, sample
+from warp_bounding.queries.box import BOX
 from warp_bounding.queries.distance import METRICS, in_metric
 from warp_bounding.queries.point import POINT
+from warp_bounding.queries.ray import RAY
 
-__all__ = ["evaluate_distance", "quick_distance_rates", "within"]
+__all__ = ["ASKED", "evaluate_distance", "quick_distance_rates", "within"]
+
+
+Ask = Callable[[np.ndarray], wp.array]
+# By kind of query: called with a bounder, the length of rays and what else it is told, it returns how that is asked.
+ASKED: dict[str, Callable[[DistanceBounder, float, dict], Ask]] = {
+    POINT.name: lambda bounder, length, told: bounder.query,
+    RAY.name: lambda bounder, length, told: lambda x: bounder.rays(x, length=length, **told)[0],
+    BOX.name: lambda bounder, length, told: lambda x: bounder.boxes(*np.split(x, 2, axis=1), **told),
+}
 
 
 def within(shape: Shape, radius: float) -> Callable[[np.ndarray], np.ndarray]:
@@ -37,51 +53,88 @@ def evaluate_distance(
     bounder: DistanceBounder,
     shape: Shape,
     samples: int,
-    radius: float,
+    protocol: str,
     seed: int,
     progress: Callable[[int, int], None] | None,
+    *,
+    radius: float | None = None,
+    query: str | None = None,
+    length: float | None = None,
+    steps: int | None = None,
 ) -> Rates:
-    """``evaluate`` of a distance, at a radius; arguments are checked there.
+    """``evaluate`` of a distance.
 
     Args:
         bounder: Of distances.
         shape: The shape that it bounds, without its margin.
-        samples: Number of points, drawn as for points.
-        radius: Object units.
+        samples: Number of queries, drawn as for other bounders.
+        protocol: Checked there, as are ``samples`` and ``seed``.
         seed: Of the samples.
         progress: Called with samples done and samples in all.
+        radius: Of points, object units.
+        query: A name in ``ASKED``.
+        length: Of rays.
+        steps: Evaluations.
+
+    Raises:
+        QueryError: For another query, or a value that makes no sense for it.
     """
-    fitted = distance_shape(bounder, shape)
-    margin = bounder.info.get("margin") or 0.0
-    judge = fitted if isinstance(shape, IndicatorGrid) else in_metric(shape, bounder.sizes.get("metric", METRICS[0]))
-    if isinstance(judge, IndicatorGrid):
-        truth_of = within(judge, radius)
+    query = POINT.name if query is None else query
+    if query not in ASKED:
+        raise QueryError(f"query of a distance must be one of {', '.join(ASKED)}, got {query!r}")
+    kind = QUERIES[query]
+    for name, value, taken in (
+        ("radius", radius, not kind.is_region),
+        ("length", length, kind.has_length),
+        ("steps", steps, kind.is_region),
+    ):
+        if value is not None and not taken:
+            raise QueryError(f"{name} is not for {query} queries, got {name}={value}")
+    for name, value in (("radius", radius), ("length", length)):
+        if value is not None and (
+            isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not 0 <= value < np.inf
+        ):
+            raise QueryError(f"{name} must be a length of at least 0, got {value!r}")
+    fitted, rng = distance_shape(bounder, shape), np.random.default_rng(seed)
+    told = {"protocol": protocol, "seed": seed, "indicator": fitted.digest, "query": query}
+    if kind.is_region:
+        length = 1.0 if length is None else float(length)
+        judge = judge_of(in_metric(shape, _metric(bounder)), fitted, query, protocol)
+        truth_of, given = (
+            truth_by(protocol, query, judge, bounder.device, length, seed),
+            {} if steps is None else {"steps": steps},
+        )
+        around, ask = judge, ASKED[query](bounder, length, given)
     else:
-        truth_of = within(judge, margin + radius) if not judge.margin else within(judge.dilated(margin), radius)
-    rng, around = np.random.default_rng(seed), judge if judge.margin else judge.dilated(margin)
-    false_positive = false_negative = positive = undecided = 0
-    for start in range(0, samples, CHUNK):
-        x = POINT.sample(around, min(CHUNK, samples - start), rng)
-        truth, maybe = np.asarray(truth_of(x), dtype=np.uint8), bounder.query(x, radius).numpy().astype(bool)
-        false_positive += int((maybe & (truth == OUT)).sum())
-        false_negative += int(((truth == IN) & ~maybe).sum())
-        positive += int((truth != OUT).sum())
-        undecided += int((truth == UNDECIDED).sum())
-        if progress:
-            progress(start + len(x), samples)
-    cells = "of its cells" + (f" at resolution {fitted.resolution}" if fitted.resolution else "")
-    return Rates(
-        fp_rate=100 * false_positive / samples,
-        fn=false_negative,
-        positives=100 * positive / samples,
-        samples=int(samples),
-        protocol="exact",
-        seed=int(seed),
-        truth=cells if isinstance(judge, IndicatorGrid) else "of the shape itself",
-        indicator=fitted.digest,
-        undecided=100 * undecided / samples,
-        radius=float(radius),
+        radius = told["radius"] = 0.0 if radius is None else float(radius)
+        judge, around, truth_of = _judge_of_points(bounder, shape, fitted, radius)
+
+        def ask(x: np.ndarray) -> wp.array:
+            return bounder.query(x, radius)
+
+    return counted(
+        lambda count: sample(query, around, count, rng),
+        truth_of,
+        lambda x: ask(x).numpy().astype(bool),
+        samples,
+        progress,
+        truth=truth_told(judge, fitted),
+        **told,
     )
+
+
+def _metric(bounder: DistanceBounder) -> str:
+    return bounder.sizes.get("metric", METRICS[0])
+
+
+def _judge_of_points(bounder: DistanceBounder, shape: Shape, fitted: Shape, radius: float):
+    """Whose truth counts for points within a radius, the shape around which they are drawn, and that truth."""
+    margin = bounder.info.get("margin") or 0.0
+    judge = fitted if isinstance(shape, IndicatorGrid) else in_metric(shape, _metric(bounder))
+    around = judge if judge.margin else judge.dilated(margin)
+    if isinstance(judge, IndicatorGrid):
+        return judge, around, within(judge, radius)
+    return judge, around, within(judge, margin + radius) if not judge.margin else within(around, radius)
 
 
 def quick_distance_rates(bounder: DistanceBounder, shape: Shape) -> dict:

@@ -11,16 +11,16 @@ from warp_bounding.bounders.load import bounder_of
 from warp_bounding.bounders.slabs.aabb import Aabb
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import QueryError
+from warp_bounding.evaluation.counting import counted
 from warp_bounding.evaluation.distances import evaluate_distance
-from warp_bounding.evaluation.report import CHUNK, QUICK, QUICK_SEED, Rates
+from warp_bounding.evaluation.report import QUICK, QUICK_SEED, Rates, truth_told
+from warp_bounding.evaluation.truth import PROTOCOLS, judge_of, truth_by
 from warp_bounding.indicators import IndicatorGrid, load_indicator
-from warp_bounding.indicators.shape import IN, OUT, UNDECIDED, Shape
+from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.prove import as_fitted, of_side
-from warp_bounding.queries import QUERIES, SampledOracle, decision, oracle, sample
+from warp_bounding.queries import oracle, sample
 
 __all__ = ["PROTOCOLS", "evaluate", "quick_rates"]
-
-PROTOCOLS = ("exact", "sampled")
 
 
 def evaluate(
@@ -31,6 +31,9 @@ def evaluate(
     *,
     seed: int = 1,
     radius: float | None = None,
+    query: str | None = None,
+    length: float | None = None,
+    steps: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Rates:
     """Ask a bounder random queries of its kind and compare with the exact truth, that of the shape itself.
@@ -44,14 +47,18 @@ def evaluate(
         protocol: ``"exact"``, or ``"sampled"``, the paper's way to find the truth: ``any()`` over random points of the
             region. That misses thin hits, so there are fewer positives. For points both are the same.
         seed: Seed of the samples.
-        radius: Of a distance: points within it count as positive; 0 if ``None``. Other bounders have none.
+        radius: Of a distance that is asked points: those within it count as positive; 0 if ``None``. Other bounders have none.
+        query: Of a distance: what it is asked, ``"point"``, ``"ray"`` or ``"box"``; points if ``None``. Other bounders have one kind.
+        length: Of the rays that a distance is asked, object units; 1 if ``None``.
+        steps: Evaluations that a distance may spend on a ray or a box; its own default if ``None``.
         progress: Called with samples done and samples in all.
 
     Returns:
         The rates.
 
     Raises:
-        QueryError: For an unknown protocol, fewer than one sample, a shape of another dimension, or an impossible radius.
+        QueryError: For an unknown protocol, fewer than one sample, a shape of another dimension, an impossible radius, or what only a
+            distance is told.
 
     Example:
         >>> rates = wb.evaluate(bounder, grid, samples=10_000)
@@ -66,58 +73,34 @@ def evaluate(
         raise QueryError(f"seed must be a whole number of at least 0, got {seed!r}")
     bounder = bounder_of(bounder)
     if isinstance(bounder, DistanceBounder):
-        shape = load_indicator(shape)
+        shape, told = load_indicator(shape), {"radius": radius, "query": query, "length": length, "steps": steps}
         if shape.ndim != bounder.ndim:
             raise QueryError(f"the shape is {shape.ndim}D, the bounder {bounder.ndim}D")
-        radius = 0.0 if radius is None else radius
-        if isinstance(radius, bool) or not isinstance(radius, (int, float, np.number)) or not 0 <= radius < np.inf:
-            raise QueryError(f"radius must be a length of at least 0, got {radius!r}")
-        return evaluate_distance(bounder, shape, int(samples), float(radius), int(seed), progress)
-    if radius is not None:
-        raise QueryError(f"radius is for distances, got radius={radius} for {bounder.query_kind} queries")
+        return evaluate_distance(bounder, shape, int(samples), protocol, int(seed), progress, **told)
+    for name, value in {"radius": radius, "query": query, "length": length, "steps": steps}.items():
+        if value is not None:
+            raise QueryError(f"{name} is for distances, got {name}={value} for {bounder.query_kind} queries")
     shape = of_side(bounder, shape)
     fitted = as_fitted(bounder, shape)
     if fitted.ndim != bounder.ndim:
         raise QueryError(f"the shape is {fitted.ndim}D, the bounder {bounder.ndim}D")
-    judge = _judge(shape, fitted, bounder.query_kind, protocol)
+    judge = judge_of(shape, fitted, bounder.query_kind, protocol)
     rng, length = np.random.default_rng(seed), bounder.domain.oracle_length
-    if protocol == "sampled":
-        truth_of = SampledOracle(bounder.query_kind, judge, device=bounder.device, seed=seed, length=length)
-    else:
-        truth_of = decision(bounder.query_kind, judge, bounder.device, length)
+    truth_of = truth_by(protocol, bounder.query_kind, judge, bounder.device, length, seed)
     laid = isinstance(fitted, IndicatorGrid) and judge is not fitted
     of_cells = oracle(bounder.query_kind, fitted, bounder.device, length) if laid else None
-    false_positive = false_negative = positive = undecided = beyond_cells = 0
-    for start in range(0, samples, CHUNK):
-        x = sample(bounder.query_kind, judge, min(CHUNK, samples - start), rng)
-        truth, maybe = np.asarray(truth_of(x), dtype=np.uint8), bounder.query(x).numpy().astype(bool)
-        false_positive += int((maybe & (truth == OUT)).sum())
-        false_negative += int(((truth == IN) & ~maybe).sum())
-        positive += int((truth != OUT).sum())
-        undecided += int((truth == UNDECIDED).sum())
-        if of_cells is not None:
-            beyond_cells += int((maybe & ~of_cells(x)).sum())
-        if progress:
-            progress(start + len(x), samples)
-    cells = "of its cells" + (f" at resolution {fitted.resolution}" if fitted.resolution else "")
-    return Rates(
-        fp_rate=100 * false_positive / samples,
-        fn=false_negative,
-        positives=100 * positive / samples,
-        samples=int(samples),
+    return counted(
+        lambda count: sample(bounder.query_kind, judge, count, rng),
+        truth_of,
+        lambda x: bounder.query(x).numpy().astype(bool),
+        int(samples),
+        progress,
+        of_cells,
         protocol=protocol,
         seed=int(seed),
-        truth=cells if isinstance(judge, IndicatorGrid) else "of the shape itself",
+        truth=truth_told(judge, fitted),
         indicator=fitted.digest,
-        undecided=100 * undecided / samples,
-        fp_rate_cells=None if of_cells is None else 100 * beyond_cells / samples,
     )
-
-
-def _judge(shape, fitted: Shape, query: str, protocol: str) -> Shape:
-    """Whose truth counts: that of the shape itself where it can tell, and else of the cells that the fit bounded."""
-    known = isinstance(shape, Shape) and not isinstance(shape, IndicatorGrid) and protocol == PROTOCOLS[0]
-    return shape.dilated(fitted.margin) if known and QUERIES[query].decides(shape) else fitted
 
 
 def quick_rates(bounder: Bounder, grid: Shape) -> dict:

@@ -2,9 +2,11 @@
 
 from dataclasses import asdict, dataclass
 
-__all__ = ["CHUNK", "QUICK", "QUICK_SEED", "Rates"]
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
 
-CHUNK = 1_000_000  # queries that are asked at a time
+__all__ = ["QUICK", "QUICK_SEED", "Rates", "truth_told"]
+
 QUICK, QUICK_SEED = 16_384, 2  # the queries that ``quick_rates`` measures on: how many, and their seed
 
 
@@ -25,7 +27,8 @@ class Rates:
         indicator: SHA-256 of the shape or the cells that the fit bounded; equal to ``bounder.info["indicator"]``.
         undecided: Samples whose truth could not be decided, per cent; they count as positives, but not as ``fn``.
         fp_rate_cells: Where the fit bounded cells of a shape: the same against these cells, per cent; else ``None``.
-        radius: Of a distance: points within it are positive, object units; else ``None``.
+        radius: Of a distance that is asked points: those within it are positive, object units; else ``None``.
+        query: Of a distance: the kind of query that it was asked; else ``None``.
 
     Example:
         >>> rates = wb.evaluate(bounder, grid, samples=10_000)
@@ -44,6 +47,7 @@ class Rates:
     undecided: float = 0.0
     fp_rate_cells: float | None = None
     radius: float | None = None
+    query: str | None = None
 
     @property
     def truth_told(self) -> str:
@@ -65,3 +69,10 @@ class Rates:
             'exact'
         """
         return asdict(self)
+
+
+def truth_told(judge: Shape, fitted: Shape) -> str:
+    """Whose truth counts, in words: that of a judge, where the fit bounded a shape or its cells."""
+    if not isinstance(judge, IndicatorGrid):
+        return "of the shape itself"
+    return "of its cells" + (f" at resolution {fitted.resolution}" if fitted.resolution else "")

@@ -8,8 +8,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from warp_bounding import bounders
+from warp_bounding.bounders.distances.mlp import MlpDistance
 from warp_bounding.bounders.options import STEPS
 from warp_bounding.errors import BounderError, QueryError
+from warp_bounding.evaluation.distances import ASKED
 from warp_bounding.queries import QUERIES, Query
 
 __all__ = [
@@ -17,6 +19,7 @@ __all__ = [
     "LEARNED",
     "METHODS",
     "NETWORKS",
+    "SPACES",
     "VARIANTS",
     "Column",
     "Variant",
@@ -42,19 +45,22 @@ PAPER = {  # false positives in per cent; columns as in ``COLUMNS``
     "mlp-early": (2.8, 3.3, 1.3, 3.1, 2.9, 10.1, 5.7, 6.5, 11.5, 38.8, 3.1, 17.2),
 }
 CASCADE = "learned-kdop+mlp"
-NETWORKS = ("mlp", "mlp-early", "monotone-mlp", CASCADE)  # compared with the paper's best network
+DISTANCE = "distance"  # a network that learned the distance: one fit an object, which all of these queries are asked
+NETWORKS = ("mlp", "mlp-early", "monotone-mlp", CASCADE, DISTANCE)  # compared with the paper's best network
 EXACT = "voxels"  # on its own grid, at the price of its memory
-ROWS = (*PAPER, "monotone-mlp", CASCADE, "occupancy", EXACT)  # methods, in the table's order
+ROWS = (*PAPER, "monotone-mlp", CASCADE, DISTANCE, "occupancy", EXACT)  # methods, in the table's order
+OF_DISTANCES = {DISTANCE: MlpDistance}  # rows whose bounder is one of distances
 
 
-def _of_parts(method: str) -> list[type[bounders.Bounder]]:
+def _of_parts(method: str) -> list[type[bounders.Bounder] | type[bounders.DistanceBounder]]:
     """The registered classes of a method, or of the parts of a cascade."""
-    return [bounders.METHODS[name] for name in method.split("+")]
+    return [OF_DISTANCES.get(name) or bounders.METHODS[name] for name in method.split("+")]
 
 
 LEARNED = tuple(m for m in ROWS if any(STEPS in cls.options for cls in _of_parts(m)))  # a fit takes a budget
 CLASSIC = tuple(m for m in PAPER if m not in LEARNED)
 IN_BOTH_SPACES = (*CLASSIC, "learned-kdop")  # a row for each; for points there is but one
+SPACES = ("geometric", "parametric")
 LEAVES = {"bvh": (None, 16, 64, 256)}  # a row for each number; ``None`` where the fit decides
 
 
@@ -141,11 +147,18 @@ class Variant(NamedTuple):
         return all(cls.conservative for cls in _of_parts(self.method))
 
     @property
+    def of_distances(self) -> type[bounders.DistanceBounder] | None:
+        """The class of its bounder, where that bounds distances; else ``None``."""
+        return OF_DISTANCES.get(self.method)
+
+    @property
     def ranked(self) -> bool:
         """Whether it may be the best of a column."""
         return self.conservative and self.method != EXACT
 
     def _supports(self, column: Column, space: str) -> bool:
+        if self.of_distances:
+            return space == SPACES[0] and column.query in ASKED and self.of_distances.supports(column.ndim)
         return bounders.supports(self.method, column.query, column.ndim, space)
 
     def space_in(self, column: Column) -> str | None:
@@ -155,9 +168,7 @@ class Variant(NamedTuple):
         """
         if self.parametric and not column.kind.is_region:
             return None
-        spaces = ("geometric", "parametric")
-        if self.in_both_spaces:
-            spaces = (spaces[self.parametric],)
+        spaces = (SPACES[self.parametric],) if self.in_both_spaces else SPACES
         return next((s for s in spaces if self._supports(column, s)), None)
 
     def paper(self, column: Column) -> float | None:

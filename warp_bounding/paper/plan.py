@@ -42,6 +42,13 @@ class Job:
         return f"{self.column.name}.{self.shape.name}.{self.variant.slug}"
 
     @property
+    def file(self) -> str:
+        """Name of its bounder's file: jobs that ask the same bounder share it."""
+        if self.variant.of_distances:
+            return f"{self.column.ndim}d.{self.shape.name}.{self.variant.slug}"
+        return self.name
+
+    @property
     def title(self) -> str:
         """For people."""
         return f"{self.column.name} {self.shape.name}: {self.variant.label}"
@@ -111,18 +118,21 @@ class TimeLeft:
         Args:
             jobs: All of them, in order.
             settings: Budgets of learned fits, and the number of samples.
-            fitted: Names of jobs whose bounder is there already.
+            fitted: Files of bounders that are there already.
         """
         self._settings, self._rest, self._fitted = settings, list(jobs), set(fitted)
+        self._first = {job.file: job for job in reversed(self._rest)}  # of those that share a bounder, who fits it
         self._sums: dict[tuple, tuple[float, int]] = {}
 
     def drop(self, job: Job) -> None:
-        """Forget a job that failed."""
+        """Forget a job that failed; the next one of those that share its bounder will try again."""
         self._rest.remove(job)
+        self._first = {job.file: job for job in reversed(self._rest)}
 
     def finish(self, job: Job, fit_seconds: float, evaluate_seconds: float) -> None:
         """Take note of what a job took; a fit that was loaded takes 0."""
         self._rest.remove(job)
+        self._fitted.add(job.file)
         self._add(evaluate_seconds / len(job.protocols), ("evaluate", job.column))
         if fit_seconds:
             own = ("fit", job.column, job.variant)
@@ -140,7 +150,7 @@ class TimeLeft:
     def fit(self, job: Job) -> float:
         """Seconds that its fit may take."""
         column, variant = job.column, job.variant
-        if job.name in self._fitted:
+        if job.file in self._fitted or self._first[job.file] != job:
             return 0.0
         if variant.learned:
             return self._mean(_expected(job, self._settings.budget_of(column, variant)), ("fit", column, variant))
@@ -192,7 +202,7 @@ def shares(jobs: Sequence[Job], settings: Settings, fitted: Collection[str] = ()
     left, result = TimeLeft(jobs, settings, fitted), []
     for column in (c for c in COLUMNS if any(j.column == c for j in jobs)):
         own = [j for j in jobs if j.column == column]
-        new = [j for j in own if j.name not in fitted]
+        new = [j for j in own if left.fit(j)]
         fits = Counter(left.fit(j) for j in new if j.variant.learned)
         cells = sum(len(j.protocols) for j in own)
         result.append(Share(column, dict(fits), len(new) - fits.total(), cells, left.seconds(column)))

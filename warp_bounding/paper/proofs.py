@@ -86,10 +86,10 @@ class ProofsRun(Run):
         self._table = table
 
     def measure(self, job: Job, grid: Any) -> None:
-        path = self._table / "bounders" / f"{job.name}.safetensors"
+        path = self._table / "bounders" / f"{job.file}.safetensors"
         bounder, where = self.load(path, grid), "table"
         if bounder is None:
-            bounder, where = self.load(self.folder.bounder(job.name), grid), "here"
+            bounder, where = self.load(self.folder.bounder(job.file), grid), "here"
         if bounder is None:
             bounder = self.fit(job, grid, lambda *_: None)
         measured = _measured(job, grid, bounder, self.folder.settings, self.heed)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from typing import Any, ClassVar, TypeVar, get_args
 
 from warp_bounding.errors import FileFormatError
-from warp_bounding.paper.columns import COLUMNS, VARIANTS, Column, Variant
+from warp_bounding.paper.columns import COLUMNS, SPACES, VARIANTS, Column, Variant
 from warp_bounding.paper.settings import ProofSettings, Settings, Stored
 
 __all__ = ["PROTOCOLS", "Key", "Line", "ProofRow", "Row"]
@@ -144,7 +144,7 @@ class Row(Line):
     versions: str  # of what did it
 
     COMMAND, SETTINGS, PICTURES = "table1", Settings, ("rank.png", "rank.svg")
-    WORDS: ClassVar = {"protocol": PROTOCOLS, "space": ("geometric", "parametric")}
+    WORDS: ClassVar = {"protocol": PROTOCOLS, "space": SPACES}
 
     @property
     def variant(self) -> Variant:

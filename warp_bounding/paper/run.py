@@ -19,7 +19,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from warp_bounding.bounders import METHODS
+from warp_bounding.bounders import METHODS, DistanceBounder
 from warp_bounding.bounders.options import taken
 from warp_bounding.errors import BoundingError, FileFormatError, IndicatorError
 from warp_bounding.paper.columns import Variant
@@ -27,6 +27,8 @@ from warp_bounding.paper.folder import Folder
 from warp_bounding.paper.plan import Job, Selection, TimeLeft, plan
 from warp_bounding.paper.rows import Line
 from warp_bounding.paper.shapes import Shape
+from warp_bounding.proof.distances.prove import distance_shape
+from warp_bounding.queries.distance import DISTANCE, METRICS
 from warp_bounding.runtime.launch import cpu_threads
 from warp_bounding.version import __version__
 
@@ -154,7 +156,8 @@ class Run(ABC):
         except BoundingError as error:
             self.reporter.say(f"{error}; fitted again")
             return None
-        if (bounder.info.get("indicator"), bounder.info.get("seed")) == (grid.digest, settings.seed):
+        fitted = distance_shape(bounder, grid) if isinstance(bounder, DistanceBounder) else grid
+        if (bounder.info.get("indicator"), bounder.info.get("seed")) == (fitted.digest, settings.seed):
             return bounder
         self.reporter.say(f"{path}: fitted to another object or with another seed; fitted again")
         return None
@@ -166,15 +169,21 @@ class Run(ABC):
 
         settings, method, query = self.folder.settings.fits, job.variant.method, job.column.kind
         told = {"hidden": job.column.hidden, "activation": settings.activation, "leaves": job.variant.leaves}
-        known = taken((METHODS[name] for name in method.split("+")), query.name)
+        of_distances, about = job.variant.of_distances, {"query": query.name, "method": method}
+        if of_distances:
+            known = [option.name for option in of_distances.options_taken()]
+            about = {"query": DISTANCE.name, "method": of_distances.method, "metric": METRICS[1]}
+        else:
+            known = taken((METHODS[name] for name in method.split("+")), query.name)
         options = {name: value for name, value in told.items() if name in known and value is not None}
-        options |= {"last": last} if last is not None else {}
-        options |= {"length": settings.length} if query.has_length else {}
-        options |= {"space": job.space} if query.is_region else {}
-        about = {"query": query.name, "method": method, "budget": settings.budget_of(job.column, job.variant)}
-        bounder = fit(grid, **about, seed=settings.seed, device=settings.device, progress=progress, **options)
+        if not of_distances:
+            options |= {"last": last} if last is not None else {}
+            options |= {"length": settings.length} if query.has_length else {}
+            options |= {"space": job.space} if query.is_region else {}
+        about |= {"budget": settings.budget_of(job.column, job.variant), "seed": settings.seed}
+        bounder = fit(grid, **about, device=settings.device, progress=progress, **options)
         self.heed()
-        save(bounder, self.folder.bounder(job.name))
+        save(bounder, self.folder.bounder(job.file))
         return bounder
 
 
@@ -226,7 +235,9 @@ class TableRun(Run):
         started, found = time.perf_counter(), {}
         for protocol in job.protocols:
             progress = self._note(f"measuring, {protocol}")
-            found[protocol] = evaluate(bounder, grid, s.samples, protocol, seed=s.sample_seed, progress=progress)
+            found[protocol] = evaluate(
+                bounder, grid, s.samples, protocol, seed=s.sample_seed, progress=progress, **self._asked(job)
+            )
             self.heed()
         self.left.finish(job, spent, time.perf_counter() - started)
         about = {
@@ -249,18 +260,25 @@ class TableRun(Run):
 
     def _bounder(self, job: Job, grid: Any) -> tuple[Any, float | None, float]:
         """The bounder of a job, the seconds that its fit took, and those that it took now."""
-        bounder = self.load(self.folder.bounder(job.name), grid)
+        bounder = self.load(self.folder.bounder(job.file), grid)
         if bounder is not None:  # its seconds are those of its rows, or else what it says itself
             about, rows = job.key("")[:-1], self.folder.rows.items()
             known = [r.fit_seconds for key, r in rows if key[:-1] == about and r.fit_seconds is not None]
             return bounder, known[0] if known else (bounder.info.get("training") or {}).get("seconds"), 0.0
         started, last = time.perf_counter(), None
         if job.variant.last != job.variant.method:  # the last part of a cascade is the same by itself, if it is there
-            last = self.load(self.folder.bounder(replace(job, variant=Variant(job.variant.last)).name), grid)
+            last = self.load(self.folder.bounder(replace(job, variant=Variant(job.variant.last)).file), grid)
         bounder = self.fit(job, grid, self._note("fitting"), last)
         seconds = time.perf_counter() - started
         before = 0.0 if last is None else (last.info.get("training") or {}).get("seconds", 0.0)
         return bounder, seconds + before, seconds
+
+    def _asked(self, job: Job) -> dict[str, Any]:
+        """What a bounder of distances is asked; others have one kind of query."""
+        if not job.variant.of_distances:
+            return {}
+        length = {"length": self.folder.settings.length} if job.column.kind.has_length else {}
+        return {"query": job.column.query} | length
 
     def _note(self, what: str) -> Callable[..., None]:
         """A progress callback that says what is going on where the callee does not."""

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 
 from warp_bounding.activations import activation_of
 from warp_bounding.errors import BoundingError
+from warp_bounding.kernels.distances.functions import BOX_STEPS, SEGMENT_STEPS
 from warp_bounding.paper.columns import CLASSIC, COLUMNS, EXACT, Column, Variant
 from warp_bounding.paper.folder import Folder
 from warp_bounding.paper.pages.means import Mean, Means
@@ -25,6 +26,10 @@ GROUPS = (
     ("Learned", lambda v: v.learned and v.ranked),
     ("Not conservative, shown for comparison", lambda v: not v.conservative),
     ("Exact on its own grid, at the price of its memory: outside the ranking", lambda v: v.method == EXACT),
+)
+OF_DISTANCES_TOLD = (
+    f"- distance: one network of the distance an object, which points, rays and boxes of it are asked; a ray by {SEGMENT_STEPS} evaluations at "
+    f"most, a box by {BOX_STEPS}"
 )
 HEADLINES = {
     "exact": "Truth is exact: any query that touches a cell of the object counts, however thin the touch.",
@@ -150,6 +155,7 @@ def _made_with(folder: Folder, rows: Sequence[Row]) -> list[str]:
         f"- {_budgets(s)}, its proof included; sizes as in the paper's supplement ({sizes}), activation {s.activation}, seed {s.seed}",
         f"- rates over {s.samples:,} random queries (seed {s.sample_seed}), rays of length {s.length:g}",
         *([f"- networks that are monotone by construction have {monotone} as their activation"] if replaced else []),
+        *([OF_DISTANCES_TOLD] if any(r.variant.of_distances for r in rows) else []),
         f"- device {s.device}, CPU threads {threads}",
         *(f"- {version}" for version in sorted({r.versions for r in rows})),
         "",

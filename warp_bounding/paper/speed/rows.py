@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 from warp_bounding.errors import BounderError, FileFormatError
-from warp_bounding.paper.columns import Column, Variant
+from warp_bounding.paper.columns import SPACES, Column, Variant
 from warp_bounding.paper.rows import Line
 from warp_bounding.paper.settings import Settings, Stored, parse_budget
 from warp_bounding.version import __version__
@@ -96,7 +96,7 @@ class SpeedRow(Line):
 
     COMMAND, SETTINGS = "speed", SpeedSettings
     PICTURES = ("early_out.png", "early_out.svg", "speed.json")
-    WORDS: ClassVar = {"space": ("geometric", "parametric")}
+    WORDS: ClassVar = {"space": SPACES}
 
     @property
     def variant(self) -> Variant:

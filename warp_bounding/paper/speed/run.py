@@ -19,8 +19,10 @@ from warp_bounding.queries import sample
 __all__ = ["METHODS", "REFERENCE", "SpeedRun"]
 
 REFERENCE = Variant(Mlp.method)
-# What is raced where no methods are named: an occupancy network has the code of the reference.
-METHODS = tuple(v.name for v in VARIANTS if v.conservative and v.leaves is None and v.method in ROWS)
+# What is raced where no methods are named: an occupancy network has the code of the reference, and distances are asked otherwise.
+METHODS = tuple(
+    v.name for v in VARIANTS if v.conservative and v.leaves is None and v.method in ROWS and not v.of_distances
+)
 QUERY_SEED = 2  # added to the fits' for the queries of a race
 assert EXACT in METHODS
 
@@ -103,11 +105,11 @@ class SpeedRun(Run):
 
     def _bounder(self, job: Job, grid: Any) -> tuple[Any, float | None]:
         """The bounder of a job, and the seconds that its fit took."""
-        bounder = self.load(self.folder.bounder(job.name), grid)
+        bounder = self.load(self.folder.bounder(job.file), grid)
         if bounder is None:
             last = None
             if job.variant.last != job.variant.method:  # the last part of a cascade is the same by itself
-                last = self.load(self.folder.bounder(replace(job, variant=Variant(job.variant.last)).name), grid)
+                last = self.load(self.folder.bounder(replace(job, variant=Variant(job.variant.last)).file), grid)
             bounder = self.fit(
                 job, grid, lambda done, total=1.0, note="": self.reporter.within(f"fitting, {note}"), last
             )
