@@ -13,13 +13,14 @@ import warp as wp
 from bounding_shapes import object_points
 from region_cases import hard_regions
 
-from warp_bounding.bounders import Bounder, Data
+from warp_bounding.bounders import Bounder, Data, DistanceBounder
 from warp_bounding.coordinates.base import vector_type
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.kernels.functions import point_func
 from warp_bounding.proof.attest.falsify import Walk
 from warp_bounding.proof.attest.soak import random_world
+from warp_bounding.proof.distances.soak import DistancePositives
 from warp_bounding.queries import oracle
 from warp_bounding.queries.hard import FORMS, HardPositives
 
@@ -39,7 +40,7 @@ class Denied:
 
 
 def attack(
-    bounder: Bounder,
+    bounder: Bounder | DistanceBounder,
     grid: IndicatorGrid,
     rng: np.random.Generator,
     count: int = 4096,
@@ -60,6 +61,8 @@ def attack(
     Returns:
         How many were asked, and the first that was denied.
     """
+    if isinstance(bounder, DistanceBounder):
+        return _attack_distance(bounder, grid, rng, count)
     length = bounder.domain.oracle_length
     hard, seed, asked = _positives(bounder.query_kind, grid, length), int(rng.integers(2**62)), 0
     for form, x, options in _drawn(bounder, grid, hard, rng, seed, count, ("float32",) if quick else FORMS):
@@ -77,6 +80,19 @@ def attack(
         missed, asked = np.flatnonzero(ask(near) == 0), asked + len(near)
         if len(missed):
             return asked, Denied(form, near[missed[0]].tolist())
+    return asked, None
+
+
+def _attack_distance(
+    bounder: DistanceBounder, grid: IndicatorGrid, rng: np.random.Generator, count: int
+) -> tuple[int, Denied | None]:
+    """The same of a distance: balls, segments, rays and boxes that barely touch the object, far away and near."""
+    positives, seed, asked = DistancePositives(bounder, grid), int(rng.integers(2**62)), 0
+    for chunk in range(2 * len(positives.forms)):
+        form, there, missed = positives.ask(seed, chunk, count)
+        asked += there
+        if missed is not None:
+            return asked, Denied(form, [], missed)
     return asked, None
 
 

@@ -37,7 +37,7 @@ def domain_numbers(file: File, rng: np.random.Generator) -> str | None:
     domain, name = file.document["domain"], str(rng.choice([*SINGLE, *DOUBLE]))
     try:
         value = np.array(domain[name], dtype=np.float64)
-    except (TypeError, ValueError):
+    except (KeyError, TypeError, ValueError):
         return None
     if value.ndim != 1 or not value.size:
         return None
@@ -99,10 +99,11 @@ def domain_allowance(file: File, rng: np.random.Generator) -> str | None:
     """A larger delta with a limit that fits, or a limit that fits less tightly."""
     domain = file.document["domain"]
     try:
-        delta, limit = np.array(domain["delta"], dtype=np.float64), np.array(domain["limit"], dtype=np.float64)
+        limit = np.array(domain["limit"], dtype=np.float64)
+        delta = np.array(domain.get("delta", 0 * limit), dtype=np.float64)  # a distance's domain has none
         by = 2.0 ** float(rng.choice([-20, -8, -4, -2, -1, -0.1, 0.1, 1, 2, 4, 8, 12, 20, 60]))
         more = delta * (by - 1) if rng.random() < 0.7 else limit * (2.0 ** rng.uniform(0, 3) - 1)
-        domain["delta"] = (delta * by).tolist()
+        domain |= {"delta": (delta * by).tolist()} if "delta" in domain else {}
         domain["limit"] = [float(v) for v in np.nextafter((limit + more).astype(np.float32), np.float32(np.inf))]
     except (TypeError, ValueError, IndexError, OverflowError):
         return None

@@ -27,8 +27,10 @@ from mutations import File, mutate, tighten
 from subjects import Subject, subjects
 
 import warp_bounding as wb
+from warp_bounding.bounders import DistanceBounder
 from warp_bounding.errors import BoundingError, FileFormatError
 from warp_bounding.proof.attest.soak import soak_grid
+from warp_bounding.proof.distances.prove import distance_shape
 from warp_bounding.proof.prove import mismatch, outside
 
 SECONDS = 1.0  # for a certificate
@@ -178,9 +180,10 @@ def _write(file: File, path: Path, subject: Subject, rng: np.random.Generator, r
         return
     try:
         bounder = wb.load(path, device="cpu")
-        if mismatch(bounder, subject.grid) or len(outside(bounder, subject.grid)):
+        grid = distance_shape(bounder, subject.grid) if isinstance(bounder, DistanceBounder) else subject.grid
+        if mismatch(bounder, grid) or len(outside(bounder, grid)):
             return
-        tighten(file, bounder, subject.grid, rng)
+        tighten(file, bounder, grid, rng)
     except BoundingError:  # there is no proof to make the most of
         return
     record["mutations"].append("tightened")

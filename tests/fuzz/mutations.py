@@ -6,14 +6,16 @@ import tensor_mutations as tensors
 from spoilt import File
 
 from warp_bounding.arithmetic import round_down
-from warp_bounding.bounders import Bounder
+from warp_bounding.bounders import Bounder, DistanceBounder
 from warp_bounding.bounders.voxels import Voxels
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import least_value
+from warp_bounding.proof.distances.excesses import largest_excess
 
 __all__ = ["MUTATIONS", "File", "mutate", "tighten"]
 
 SEARCHED = 5000  # boxes, for the threshold of a spoilt network
+SEARCH_SECONDS = 0.5  # for that of a spoilt distance
 MOST = 5  # mutations of one file
 
 MUTATIONS = {
@@ -37,7 +39,7 @@ MUTATIONS = {
 }
 
 
-def tighten(file: File, bounder: Bounder, grid: IndicatorGrid, rng: np.random.Generator) -> None:
+def tighten(file: File, bounder: Bounder | DistanceBounder, grid: IndicatorGrid, rng: np.random.Generator) -> None:
     """Make the most of the proof of a spoilt file, as a liar would: of voxels keep those that the proof counts on, and no others; raise
     (or lower) every threshold to the highest one that the proof of its part allows.
 
@@ -47,6 +49,12 @@ def tighten(file: File, bounder: Bounder, grid: IndicatorGrid, rng: np.random.Ge
         grid: The object.
         rng: Whether to choose the voxels.
     """
+    if isinstance(bounder, DistanceBounder):
+        least = 0.0 if bounder.volume is not None else -largest_excess(bounder, grid, SEARCH_SECONDS, None)[0]
+        tightest = float(round_down(np.nextafter(least - bounder.rounding_bound(), -np.inf)))
+        if np.isfinite(tightest):
+            file.document["threshold"] = min(tightest, 0.0)
+        return
     tests = [bounder, *getattr(bounder, "members", [])]
     for index, part in enumerate(tests):
         if isinstance(part, Voxels) and rng.random() < 0.7:

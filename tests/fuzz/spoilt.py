@@ -11,6 +11,7 @@ import safetensors.numpy
 
 from warp_bounding.bounders import Bounder, file_format
 from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.queries.distance import DISTANCE
 
 POWERS = (-149, -100, -60, -24, -8, -2, -1, 1, 1, 2, 4, 8, 24, 60, 100)  # of two
 HONEST = 0.97  # how often the description outside the domain is made to agree with it
@@ -45,8 +46,9 @@ class File:
         if not isinstance(domain, dict) or not {"center", "lower", "upper"} <= set(domain):
             return
         if rng.random() < HONEST:
+            plain = DISTANCE.name if document["query"] == DISTANCE.name else "point"
             kind = {
-                k: domain.get(k, other) for k, other in (("query", "point"), ("space", "geometric"), ("length", None))
+                k: domain.get(k, other) for k, other in (("query", plain), ("space", "geometric"), ("length", None))
             }
             moving = domain.get("moving", domain.get("time"))
             document |= kind | {"motion": "time" if moving else None}

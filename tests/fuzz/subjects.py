@@ -8,8 +8,9 @@ import numpy as np
 from bounding_shapes import EARLY, HIDDEN, shape
 from random_networks import random_monotone
 
+import warp_bounding as wb
 from warp_bounding.arithmetic import round_down
-from warp_bounding.bounders import METHODS, Bounder, Cascade
+from warp_bounding.bounders import DISTANCES, METHODS, Bounder, Cascade, DistanceBounder
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.neural.mlp_early import MlpEarly
 from warp_bounding.coordinates.region_domain import domain_of
@@ -26,6 +27,12 @@ CASCADES = (
     ("box", "aabb+monotone-mlp"),
     ("ray", "kdop+mlp-early"),
 )
+DISTANT = {  # what distances are told, so that a fit takes no time to speak of
+    "bvh": {"leaves": 6},
+    "learned-kdop": {"steps": 4},
+    "mlp": {"hidden": HIDDEN, "steps": 60},
+    "distance-grid": {"nodes": 4},
+}
 LENGTH = 0.75
 BOXES = 20_000  # of a search for a network's least value: what it has by then is proven
 POSITIVES = 500  # that a volume in parametric space takes its shape from
@@ -37,21 +44,23 @@ class Subject:
 
     name: str
     shape: str
-    make: Callable[[], Bounder]
+    make: Callable[[], Bounder | DistanceBounder]
 
     @property
     def grid(self):
         return shape(self.shape)
 
     @property
-    def bounder(self) -> Bounder:
+    def bounder(self) -> Bounder | DistanceBounder:
         return _made(self)
 
 
 @cache
-def _made(subject: Subject) -> Bounder:
-    bounder = subject.make()
-    bounder.info = {"indicator": subject.grid.digest, "margin": 0.0, "grid_shape": list(subject.grid.shape), "seed": 0}
+def _made(subject: Subject) -> Bounder | DistanceBounder:
+    bounder, digest = subject.make(), subject.grid.digest
+    if isinstance(bounder, DistanceBounder):  # it may bound the cells in another metric
+        digest = bounder.info["indicator"]
+    bounder.info = {"indicator": digest, "margin": 0.0, "grid_shape": list(subject.grid.shape), "seed": 0}
     return bounder
 
 
@@ -98,6 +107,11 @@ def _cascade(methods: str, name: str, query: str) -> Callable[[], Bounder]:
     return lambda: Cascade.of([made(method, name, query) for method in methods.split("+")])
 
 
+def _distance(method: str, name: str) -> Callable[[], DistanceBounder]:
+    told = {"budget": 4.0, "metric": "spacetime", "device": "cpu", "progress": False}
+    return lambda: wb.fit(shape(name), "distance", method, **told, **DISTANT.get(method, {}))
+
+
 def subjects() -> list[Subject]:
     """All of them."""
     found = []
@@ -110,6 +124,9 @@ def subjects() -> list[Subject]:
                     if kind.conservative and kind.supports(query, shape(name).ndim, space):
                         text = f"{method} {query} {name}{' parametric' * (space == 'parametric')}"
                         found.append(Subject(text, name, _maker(method, name, query, space)))
+        for method, kind in DISTANCES.items():
+            if kind.supports(shape(name).ndim):
+                found.append(Subject(f"{method} distance {name}", name, _distance(method, name)))
     for query, methods in CASCADES:
         found.append(Subject(f"{methods} {query} c", "c", _cascade(methods, "c", query)))
     return found

@@ -11,6 +11,9 @@ of the object, ``|v - y|^2 >= |v - p|^2 + |p - y|^2``, since the box is convex a
 
 and whoever knows a lower bound of the distance in the box knows one everywhere. No tighter combination of these two numbers holds for
 all objects in the box: it is the distance itself for an object that lies at right angles behind p.
+
+Where coordinate 0 is time, distances are in space at a time, so that this holds at each time for the other coordinates. Time has a power of two of its own. The
+object's points move by no more than ``speed`` a unit of time, so that a distance at one time bounds those at others. Outside the range of time nothing is known.
 """
 
 from dataclasses import dataclass
@@ -48,10 +51,12 @@ class DistanceDomain:
 
     Attributes:
         center: ``(n,)`` float32, object space.
-        scale: ``(n,)`` float32, per object unit: the same power of two n times.
+        scale: ``(n,)`` float32, per object unit: the same power of two n times; per unit of time another one.
         limit: ``(n,)`` float32: no point of the object has a larger ``|v|``.
         lower: ``(n,)`` float64, lower corner of the box in object space.
         upper: ``(n,)`` float64, upper corner.
+        time: Coordinate 0 is time.
+        speed: Then, how fast points of the object move at most; object units per unit of time, float32.
     """
 
     center: np.ndarray
@@ -59,11 +64,12 @@ class DistanceDomain:
     limit: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
+    time: bool = False
+    speed: float = 0.0
 
     query = DISTANCE.name
     space = "geometric"
     length = None
-    time = False
     unbounded = False
     parametric = False
     tested_as_point = True
@@ -79,9 +85,20 @@ class DistanceDomain:
                 domain only are tighter around the object with some.
 
         Raises:
-            IndicatorError: If the shape is too large, too small or too far away for float32.
+            IndicatorError: If the shape is too large, too small or too far away for float32, or moves by no speed that is known.
         """
-        return cls.around(*object_box(shape), room, shape.name)
+        if not shape.time:
+            return cls.around(*object_box(shape), room, shape.name)
+        if shape.speed is None:
+            raise IndicatorError(f"{shape.name}: it is not known how fast it moves")
+        lower, upper = shape.lower, shape.upper
+        still = cls.around(lower[1:], upper[1:], room, shape.name)
+        times = cls.around(lower[:1], upper[:1], 0.0, f"{shape.name}, its time")
+        joined = [
+            np.concatenate([getattr(part, k) for part in (times, still)])
+            for k in ("center", "scale", "limit", "lower", "upper")
+        ]
+        return cls(*joined, time=True, speed=float(round_up(shape.speed)))
 
     @classmethod
     def around(cls, lower: np.ndarray, upper: np.ndarray, room: float = 0.0, name: str = "box") -> "DistanceDomain":
@@ -109,9 +126,15 @@ class DistanceDomain:
         arrays = [self.center, self.scale, self.limit, self.lower, self.upper]
         if not all(a.shape == (self.ndim,) and np.isfinite(a).all() for a in arrays) or self.ndim == 0:
             return "the domain's numbers are not finite or not one per axis"
-        mantissa, exponent = np.frexp(float(self.scale[0]))
-        if not ((self.scale == self.scale[0]).all() and mantissa == 0.5 and -62 <= exponent <= 62):
+        scales = self.scale[[-1, 0] if self.time else [-1]]
+        mantissas, exponents = np.frexp(scales.astype(np.float64))
+        one = (self.scale[int(self.time) :] == self.scale[-1]).all()
+        if not (one and (mantissas == 0.5).all() and (np.abs(exponents) <= 62).all()):
             return "the domain's scale is not one power of two"
+        if not (0 <= self.speed < np.inf and self.speed == np.float32(self.speed)) or (
+            self.speed > 0 and not self.time
+        ):
+            return "the domain's speed is not a float32 number of at least 0, or there is no time"
         if not (self.lower <= self.upper).all():
             return "the domain's corners are no box's"
         low, high = -self.to_local(self.lower), self.to_local(self.upper)
@@ -139,17 +162,30 @@ class DistanceDomain:
     @property
     def unit(self) -> float:
         """Object units of one local unit, a power of two."""
-        return 1.0 / float(self.scale[0])
+        return 1.0 / float(self.scale[-1])
+
+    @property
+    def haste(self) -> float:
+        """By how many local units of space points of the object move at most in a local unit of time."""
+        return self.speed / float(self.scale[0]) * float(self.scale[-1])
 
     @property
     def header(self) -> np.ndarray:
         """float32 numbers in front of the threshold in a kernel's ``parameters``: center, limit, scale, unit."""
-        return np.concatenate([self.center, self.limit, [self.scale[0], np.float32(self.unit)]])
+        return np.concatenate([self.center, self.limit, [self.scale[-1], np.float32(self.unit)]])
 
     @property
     def extra(self) -> np.ndarray:
-        """float32 numbers behind the threshold: none of the domain's."""
-        return np.zeros(0, np.float32)
+        """float32 numbers behind the threshold and the share: where there is time, its scale and the speed."""
+        return np.array([self.scale[0], self.speed] if self.time else [], np.float32)
+
+    def clipped(self, v: np.ndarray) -> np.ndarray:
+        """The nearest points of the domain to ``(N, n)`` local coordinates, at their time."""
+        limit = self.limit.astype(np.float64)
+        p = np.clip(v, -limit, limit)
+        if self.time:
+            p[:, 0] = v[:, 0]
+        return p
 
     def to_local(self, x: np.ndarray) -> np.ndarray:
         """``v`` of object coordinates ``(..., n)``, in float64."""
@@ -161,7 +197,8 @@ class DistanceDomain:
 
     def to_dict(self) -> dict:
         """JSON-ready numbers; float32 values survive the trip exactly."""
-        return {k: [float(a) for a in getattr(self, k)] for k in ("center", "scale", "limit", "lower", "upper")}
+        numbers = {k: [float(a) for a in getattr(self, k)] for k in ("center", "scale", "limit", "lower", "upper")}
+        return numbers | ({"speed": self.speed} if self.time else {})
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> "DistanceDomain":
@@ -175,7 +212,8 @@ class DistanceDomain:
             if not (single == arrays[name]).all():
                 raise ValueError(f"the domain's {name} must be float32 numbers, got {values[name]}")
             arrays[name] = single
-        domain = cls(**arrays)
+        moving = {"time": True, "speed": float(json_number(values["speed"], "speed"))} if "speed" in values else {}
+        domain = cls(**arrays, **moving)
         if fault := domain.fault():
             raise ValueError(fault)
         return domain

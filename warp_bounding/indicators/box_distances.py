@@ -66,7 +66,9 @@ class BoxDistances:
         low, high = np.maximum(found * SHORTER - self._slack, 0.0), found * LONGER + self._slack
         return np.stack([np.where(known, low, 0.0), np.where(known, high, np.inf)], axis=1)
 
-    def excess(self, lower: np.ndarray, upper: np.ndarray, values: np.ndarray, least: float) -> np.ndarray:
+    def excess(
+        self, lower: np.ndarray, upper: np.ndarray, values: np.ndarray, least: float, enough: np.ndarray | float
+    ) -> np.ndarray:
         """See ``Shape.excess``; boxes are all of them there, whatever coordinate 0 is."""
         out = np.empty(len(lower))
         if len(out):
@@ -76,7 +78,8 @@ class BoxDistances:
             ]
             corners = wp.types.vector(2**self._n, wp.float64)
             held = wp.array(np.ascontiguousarray(values, dtype=np.float64), dtype=corners, device="cpu")
-            inputs = [*self._inputs, wp.float64(self._size), *boxes, held, wp.float64(least)]
+            ends = wp.array(np.broadcast_to(enough, len(out)).astype(np.float64), dtype=wp.float64, device="cpu")
+            inputs = [*self._inputs, wp.float64(self._size), *boxes, held, wp.float64(least), ends]
             made = wp.array(out, dtype=wp.float64, device="cpu", copy=False)
             launch_on_cores(excess_kernel(self._n), len(out), inputs, [made], "cpu")
         return out

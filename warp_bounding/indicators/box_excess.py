@@ -1,6 +1,9 @@
 """By how much can a function exceed the distance to a union of boxes, in a box? See ``triangles/excess.py``, whose argument this is, in any dimension.
 
-Here the pieces are solid, so that there is no side to ask for: where a piece meets the box, the function's largest value is all that is known.
+Here the pieces are solid, so that there is no side to ask for. The distance to a piece is at least ``m (n . x - h)`` for any unit vector n,
+with h the piece's support along n, and any m from 0 to 1, since it is at least 0: so a box may reach into the piece, where the
+distance has a bend and a smooth function goes through with a slope between both. Taken are m = 1 and the function's own slope along n; n leads from the
+piece's nearest point to the centre of the box, or out of the piece's nearest face where the centre lies in it.
 """
 
 from functools import cache
@@ -18,32 +21,50 @@ SHORTEST = 2.0**-300  # a piece that is nearer to the centre has no direction
 
 @cache
 def excess_kernel(n: int) -> wp.Kernel:
-    """``(first, lower, upper, node_lower, node_upper, links, room, box_lower, box_upper, values, least, excess)`` in n dimensions."""
+    """``(first, lower, upper, node_lower, node_upper, links, room, box_lower, box_upper, values, least, enough, excess)`` in n dimensions."""
     vector, narrow = wp.types.vector(n, wp.float64), wp.types.vector(n, wp.float32)
     stack_of, corners, count = wp.types.vector(DEEPEST, wp.int32), wp.types.vector(2**n, wp.float64), 2**n
 
     @wp.func
     def number(low: vector, high: vector, centre: vector, half: vector, values: corners, room: wp.float64):
-        """The largest value less the tangent of the distance to a piece, infinite where it has none; and that distance at the centre."""
-        q, length = vector(), wp.float64(0.0)
+        """The least bound of the values less multiples of the plane under the distance to a piece; and that distance at the centre."""
+        normal, length, support = vector(), wp.float64(0.0), wp.float64(0.0)
         for k in range(n):
-            q[k] = wp.max(low[k] - centre[k], wp.min(high[k] - centre[k], wp.float64(0.0)))
-            length += q[k] * q[k]
+            normal[k] = -wp.max(low[k] - centre[k], wp.min(high[k] - centre[k], wp.float64(0.0)))
+            length += normal[k] * normal[k]
         length = wp.sqrt(length)
-        answer = wp.float64(wp.inf)
         if length > wp.float64(SHORTEST):
-            support = wp.float64(0.0)
             for k in range(n):
-                q[k] = -q[k] / length
-                support += wp.max(q[k] * (low[k] - centre[k]), q[k] * (high[k] - centre[k]))
-            most = -wp.float64(wp.inf)
-            for i in range(count):
-                along = wp.float64(0.0)
-                for k in range(n):
-                    along += wp.where((i >> k) & 1, half[k], -half[k]) * q[k]
-                most = wp.max(most, values[i] - along)
-            answer = most + support + room
-        return answer, length
+                normal[k] = normal[k] / length
+                support += wp.max(normal[k] * (low[k] - centre[k]), normal[k] * (high[k] - centre[k]))
+        else:  # the plane of the face that is nearest
+            nearest, side = wp.int32(0), wp.float64(1.0)
+            support = wp.float64(wp.inf)
+            for k in range(n):
+                normal[k] = wp.float64(0.0)
+                if high[k] - centre[k] < support:
+                    nearest, side, support = k, wp.float64(1.0), high[k] - centre[k]
+                if centre[k] - low[k] < support:
+                    nearest, side, support = k, wp.float64(-1.0), centre[k] - low[k]
+            normal[nearest] = side
+        rise, run = wp.float64(0.0), wp.float64(0.0)
+        for i in range(count):
+            along = wp.float64(0.0)
+            for k in range(n):
+                along += wp.where((i >> k) & 1, half[k], -half[k]) * normal[k]
+            rise += values[i] * along
+            run += along * along
+        share = wp.float64(1.0)
+        if run > wp.float64(0.0):
+            share = wp.clamp(rise / run, wp.float64(0.0), wp.float64(1.0))
+        whole, part = -wp.float64(wp.inf), -wp.float64(wp.inf)
+        for i in range(count):
+            along = wp.float64(0.0)
+            for k in range(n):
+                along += wp.where((i >> k) & 1, half[k], -half[k]) * normal[k]
+            whole = wp.max(whole, values[i] - along)
+            part = wp.max(part, values[i] - share * along)
+        return wp.min(whole + support, part + share * support) + room, length
 
     @wp.func
     def wide(x: narrow) -> vector:
@@ -66,6 +87,7 @@ def excess_kernel(n: int) -> wp.Kernel:
         box_upper: wp.array(dtype=vector),
         values: wp.array(dtype=corners),
         least: wp.float64,
+        enough: wp.array(dtype=wp.float64),
         # outputs
         excess: wp.array(dtype=wp.float64),
     ):
@@ -83,7 +105,7 @@ def excess_kernel(n: int) -> wp.Kernel:
         room = size * wp.float64(ROOM)
         known = wp.min(least, highest)
         stack, depth, node = stack_of(), wp.int32(0), wp.int32(0)
-        while node >= 0 and known < highest:
+        while node >= 0 and known < highest and known <= enough[item]:
             own, _at = number(wide(node_lower[node]), wide(node_upper[node]), centre, half, f, room)
             while own > known and links[node][1] == 0:
                 near = node + 1
@@ -104,6 +126,8 @@ def excess_kernel(n: int) -> wp.Kernel:
             if depth > 0:
                 depth -= 1
                 node = stack[depth]
+        if known > enough[item]:
+            known = highest  # the walk has not seen all pieces
         excess[item] = wp.max(known, least)
 
     return find

@@ -241,16 +241,27 @@ class IndicatorGrid(Shape):
         return found
 
     def depth(self, x: np.ndarray) -> np.ndarray:
+        return np.where(self.contains(x), self._gaps(x)[:, 0], 0.0)
+
+    def excess(
+        self,
+        lower: np.ndarray,
+        upper: np.ndarray,
+        values: np.ndarray,
+        least: float,
+        enough: np.ndarray | float = np.inf,
+    ) -> np.ndarray | None:
+        """See ``Shape``: tangents of the distances to all cells are taken off; ``None`` where coordinate 0 is time."""
+        return None if self.time else self._distances.excess(lower, upper, values, least, enough)
+
+    @cached_property
+    def _gaps(self):
+        """How far points are from empty cells; the grid's border is empty."""
         from warp_bounding.indicators.blocks import blocks_of
         from warp_bounding.indicators.box_distances import BoxDistances
 
         first, past = blocks_of(~np.pad(self.occupancy, 1))
-        empty = BoxDistances(self.position(first - 1.5), self.position(past - 1.5), time=self.time)
-        return np.where(self.contains(x), empty(x)[:, 0], 0.0)
-
-    def excess(self, lower: np.ndarray, upper: np.ndarray, values: np.ndarray, least: float) -> np.ndarray | None:
-        """See ``Shape``: tangents of the distances to all cells are taken off; ``None`` where coordinate 0 is time."""
-        return None if self.time else self._distances.excess(lower, upper, values, least)
+        return BoxDistances(self.position(first - 1.5), self.position(past - 1.5), time=self.time)
 
     @cached_property
     def _distances(self):

@@ -18,7 +18,13 @@ import numpy as np
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.closed_parts import Surface, surface_of
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.limits import check_memory, checked_margin, checked_resolution
+from warp_bounding.indicators.limits import (
+    cells_around,
+    cells_per_unit,
+    check_memory,
+    checked_margin,
+    checked_resolution,
+)
 from warp_bounding.indicators.shape import Shape
 
 if TYPE_CHECKING:
@@ -32,9 +38,7 @@ __all__ = [
 ]
 
 CELL_BYTES = 8  # bytes a cell, while cells are made: a number of its region (4) and a few truth values
-SCALE_BITS = 16  # significant bits of cells_per_unit: cell coordinates of float32 points are then exact in float64
 LANDMARK = 0.9  # of the margin: landmarks that are nearer to a face lie in the object
-MAX_OFFSET = 2**22  # cells: what ``IndicatorGrid`` allows for an offset
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,8 +181,15 @@ class IndicatorMesh(Shape):
     def depth(self, x: np.ndarray) -> np.ndarray:
         return self._solid.depth(x, *self.bounds, self.margin)
 
-    def excess(self, lower: np.ndarray, upper: np.ndarray, values: np.ndarray, least: float) -> np.ndarray:
-        return self._dilated_solid.excess(lower, upper, values, least)
+    def excess(
+        self,
+        lower: np.ndarray,
+        upper: np.ndarray,
+        values: np.ndarray,
+        least: float,
+        enough: np.ndarray | float = np.inf,
+    ) -> np.ndarray:
+        return self._dilated_solid.excess(lower, upper, values, least, enough)
 
     def decide_boxes(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Which closed boxes meet the object: ``(N,)`` uint8 ``OUT``, ``IN`` or ``UNDECIDED`` for corners ``(N, 3)``."""
@@ -283,49 +294,6 @@ class IndicatorMesh(Shape):
             note="; ".join(filter(None, [self.note, self.surface.note])),
             shape_digest=self.digest,
         )
-
-
-def cells_per_unit(extent: float, resolution: int, name: str) -> float:
-    """Cubic cells along an extent, rounded to few significant bits: they are never smaller than asked for.
-
-    Args:
-        extent: Object units.
-        resolution: Cells along it.
-        name: For messages.
-
-    Raises:
-        IndicatorError: If float32 cells cannot divide it.
-    """
-    mantissa, exponent = math.frexp(resolution / extent)
-    scale = math.ldexp(math.floor(math.ldexp(mantissa, SCALE_BITS)), exponent - SCALE_BITS)
-    limits = np.finfo(np.float32)
-    if not float(limits.tiny) <= scale <= float(limits.max):  # of float32, NumPy would make scale one
-        raise IndicatorError(f"{name}: expected an object that float32 cells can divide, got extent {extent:g}")
-    return scale
-
-
-def cells_around(lower: np.ndarray, upper: np.ndarray, reach: float, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """First and last cell of a grid around an object: all cells that it may meet, and one more on every side.
-
-    Args:
-        lower: ``(3,)``, in cells from the origin.
-        upper: ``(3,)``, in cells from the origin.
-        reach: By how much the object is dilated, in cells.
-        name: For messages.
-
-    Raises:
-        IndicatorError: If that is too far from the origin.
-    """
-    from warp_bounding.indicators.voxelization import SLACK
-
-    reach = reach + 0.5 + 2 * SLACK  # all rounding included: 2 * SLACK > SLACK
-    first = np.ceil(lower - reach).astype(np.int64) - 1
-    last = np.floor(upper + reach).astype(np.int64) + 1
-    if np.abs(first).max() >= MAX_OFFSET:
-        raise IndicatorError(
-            f"{name}: expected a mesh within {MAX_OFFSET} cells of the origin, got {int(np.abs(first).max())} cells; move it there"
-        )
-    return first, last
 
 
 def check_faces(faces: np.ndarray, vertices: int, name: str) -> None:

@@ -20,7 +20,6 @@ exactly: ``time_axis`` chooses cells that leave little out.
 
 import copy
 import hashlib
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -31,9 +30,10 @@ import numpy as np
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.closed_parts import Surface, surface_of
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.limits import checked_margin, checked_resolution
-from warp_bounding.indicators.mesh import LANDMARK, SCALE_BITS, cells_around, cells_per_unit, check_faces
+from warp_bounding.indicators.limits import cells_around, cells_per_unit, checked_margin, checked_resolution
+from warp_bounding.indicators.mesh import LANDMARK, check_faces
 from warp_bounding.indicators.moving.places import corner_places, random_places
+from warp_bounding.indicators.moving.time_axis import time_axis
 from warp_bounding.indicators.shape import OUT, Shape
 
 if TYPE_CHECKING:
@@ -43,8 +43,6 @@ __all__ = ["IndicatorMotion"]
 
 DEFAULT_RESOLUTION = 32  # cells along the longest axis of space
 DEFAULT_TIMES, MAX_TIMES = 32, 1024  # cells of time
-SPARE = 4  # so many more cells of time than asked for are made where these fit the range better
-LEFT = 0.01  # of a cell of time: as much may be left out at the ends of the range before other cells are tried
 # In cells: half of the longest way of a vertex within a piece. No vertex goes farther than the grid's diagonal, at most
 # sqrt(3) 1024 cells, so there are at most 3,600 pieces between two *knots*: keyframes, and ends of a cell of time.
 WAY = 0.25
@@ -193,6 +191,29 @@ class IndicatorMotion(Shape):
     def distances(self, x: np.ndarray) -> np.ndarray:
         return self._dilated_solid.distances(x)
 
+    def excess(
+        self,
+        lower: np.ndarray,
+        upper: np.ndarray,
+        values: np.ndarray,
+        least: float,
+        enough: np.ndarray | float = np.inf,
+    ) -> np.ndarray:
+        """See ``Shape``; boxes lie between two ``knots``."""
+        return self._dilated_solid.excess(lower, upper, values, least, enough, self.speed)
+
+    @cached_property
+    def speed(self) -> float:
+        """How fast points of the object move at most, object units per unit of time, rounded up; see ``Shape``."""
+        used = self.frames[:, np.unique(self.faces)].astype(np.float64)
+        ways = np.linalg.norm(np.diff(used, axis=0), axis=2).max(axis=1)
+        return float((ways / np.diff(self.times.astype(np.float64))).max() * (1 + 1e-12)) + float(np.finfo(float).tiny)
+
+    @property
+    def knots(self) -> np.ndarray:
+        """``(K,)`` float64, the times of the keyframes."""
+        return self.times.astype(np.float64)
+
     def points(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """``(count, 4)`` float64: points of faces at random times; of a dilated motion up to the margin away from them."""
         return random_places(self.times, self.frames, self.faces, self.margin, count, rng)
@@ -311,39 +332,3 @@ class IndicatorMotion(Shape):
                 middle = (1 - share) * ends[0] + share * ends[1]
                 occupancy |= solid_cells(middle, faces, self.surface.closed, shape, dilation)
         return occupancy
-
-
-def time_axis(start: float, end: float, count: int, name: str) -> tuple[float, float, int]:
-    """Cells of time that lie between two times and leave little of the range out.
-
-    A rate has few significant bits and a first face lies at a multiple of half a cell, so cells seldom begin and end
-    where the range does. Of all rates for ``count`` to ``count + SPARE`` cells, this is the first that leaves out
-    ``LEFT`` of a cell or less, or else the best: of 32 cells between random times, half leave out less than 0.2 % of
-    the range, all less than 1.5 %.
-
-    Args:
-        start: Unit of time, float32.
-        end: Unit of time, float32.
-        count: Cells that are asked for.
-        name: For messages.
-
-    Returns:
-        Cells per unit of time, where the first cell begins (in cells, a multiple of 1/2), and their number.
-
-    Raises:
-        IndicatorError: If float32 cells cannot divide the range.
-    """
-    # Rates of at most SCALE_BITS significant bits, as ``cells_per_unit`` are (``indicators.mesh``): float32 times then
-    # have exact cell coordinates. Rates are whole numbers of steps, in ascending order.
-    step = math.ldexp(1.0, math.frexp(cells_per_unit(end - start, count, name))[1] - SCALE_BITS)
-    few, many = (n / (end - start) / step for n in (count, count + SPARE))
-    mantissa = np.arange(np.ceil(few), np.floor(many) + 1)
-    rate = step * mantissa[mantissa % 2.0 ** np.maximum(np.frexp(mantissa)[1] - SCALE_BITS, 0) == 0]
-    begin = np.ceil(2 * start * rate) / 2  # exact, as the products are: 24 + 16 bits
-    cells = np.floor(end * rate - begin)
-    # One cell less where the difference was rounded up (an end much nearer to 0 than the start), so none passes the
-    # range.
-    cells -= begin + cells > end * rate
-    left = (end - start) * rate - cells
-    best = int(np.argmin(np.maximum(left, LEFT)))
-    return float(rate[best]), float(begin[best]), int(cells[best])

@@ -75,6 +75,16 @@ class Shape(ABC):
         return (self.upper - self.lower)[1 if self.time else 0 :]
 
     @property
+    def speed(self) -> float | None:
+        """Where coordinate 0 is time: how fast points of the object move at most, object units per unit of time; ``None`` where it is not known."""
+        return None
+
+    @property
+    def knots(self) -> np.ndarray:
+        """``(K,)`` float64, times at which its motion may bend; of a shape at rest none."""
+        return np.empty(0)
+
+    @property
     def frame(self) -> tuple[np.ndarray, np.ndarray]:
         """``(n,)`` float64 each, corners of a bounder's domain: the box, no side thinner than a detail."""
         least = 1 / self.details_per_unit
@@ -173,7 +183,14 @@ class Shape(ABC):
         """About how deep points ``(N, n)`` lie in the object, ``(N,)``; 0 outside, and where it is not known. No proof rests on it."""
         return np.zeros(len(x))
 
-    def excess(self, lower: np.ndarray, upper: np.ndarray, values: np.ndarray, least: float) -> np.ndarray | None:
+    def excess(
+        self,
+        lower: np.ndarray,
+        upper: np.ndarray,
+        values: np.ndarray,
+        least: float,
+        enough: np.ndarray | float = np.inf,
+    ) -> np.ndarray | None:
         """By how much functions may exceed the distance to the object in boxes; here as the distance at the centres tells, which grows by no more than the way.
 
         Args:
@@ -182,6 +199,7 @@ class Shape(ABC):
             values: ``(N, 2^n)`` float64, of a function at each box's corners, the one at place i the upper one on axis k where bit k of i is set. In
                 between, the function is at most what is multilinear between the corners.
             least: Excesses under it need not be told apart.
+            enough: Of each box, or of all: no more need be known of an excess than that it is above this, which takes less time.
 
         Returns:
             ``(N,)`` float64, certified: the function is nowhere in the box above the distance by more. ``None`` where no distance is known.

@@ -14,7 +14,7 @@ import numpy as np
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.bounders.distances.mlp import MlpDistance
-from warp_bounding.bounders.distances.registry import distance_class
+from warp_bounding.bounders.distances.registry import DISTANCES, distance_class
 from warp_bounding.bounders.distances.volume import VolumeDistance
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError
@@ -35,7 +35,11 @@ TOLERANCE = 0.02  # of a cell's side, and ...
 LOOSER = 1.25  # ... of what some points of it have: an excess up to their sum is not looked at more closely
 CELL_HALVINGS = 3  # on each axis, of a cell whose excess is larger
 MOST_HALVED = 3  # axes that this counts, so that there are not too many boxes in higher dimensions
-PROOF_SHARE = 0.2  # of the budget: what training leaves for the proof
+PROOF_SHARE, LARGE_PROOF_SHARE, LARGE = (
+    0.2,
+    0.35,
+    4,
+)  # of the budget: what training leaves for the proof; from so many dimensions on
 
 # By class, how a learned method is trained: called with the class, the shape, the domain, its options, seconds, a seed, a device and
 # progress, it returns the bounder, without a threshold, and a record of the training. A trainer chooses its domain's room.
@@ -78,10 +82,11 @@ def fit_distance(
     metric = options.pop(METRIC, METRICS[0])
     shape = in_metric(shape, metric)
     cls = distance_class(method, shape.ndim)
-    if shape.time:
+    if shape.time and not (cls.moving and shape.speed is not None):
+        able = ", ".join(name for name, each in DISTANCES.items() if each.moving)
         raise BounderError(
-            f"{method}: {shape.name} moves; distances are bounded of shapes at rest, or of grids with metric={METRICS[1]!r}, where time is one "
-            "more coordinate"
+            f"{method}: {shape.name} moves; distances to it at a time are bounded of moving meshes by {able}; grids take metric={METRICS[1]!r}, where "
+            "time is one more coordinate"
         )
     known = [option.name for option in cls.options_taken()]
     if unknown := [name for name in options if name not in known]:
@@ -101,17 +106,18 @@ def fit_distance(
             raise BounderError(
                 f"{method}: {shape.name} has no distance; meshes, grids, solids and functions with distance= have one"
             )
+        proving = budget * (PROOF_SHARE if shape.ndim < LARGE else LARGE_PROOF_SHARE)
         settled = {option.name: _settled(option, options) for option in cls.options_taken()}
         if cls in DISTANCE_TRAINERS:
             with reported(progress, f"fit {method}") as update:
-                left = (1 - PROOF_SHARE) * budget
+                left = budget - proving
                 bounder, record = DISTANCE_TRAINERS[cls](cls, fitted, settled, left, seed, device, update)
         else:
             domain = DistanceDomain.of(fitted, cls.room)
-            lowered = partial(_excess_of_cells, shape=fitted, seconds=(1 - PROOF_SHARE) * budget)
+            lowered = partial(_excess_of_cells, shape=fitted, seconds=budget - proving)
             bounder, record = cls.fit(fitted, domain, lowered=lowered, device=device, **settled), {}
         bounder.sizes[METRIC] = metric
-        prove_distance(bounder, fitted, seconds=PROOF_SHARE * budget)
+        prove_distance(bounder, fitted, seconds=proving)
         bounder.info = described(fitted, seed, record)
     bounder.info["rates"] = quick_distance_rates(bounder, fitted)
     return bounder

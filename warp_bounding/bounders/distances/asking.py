@@ -88,7 +88,8 @@ class AskingDistance(ABC):
         if held is None or held[0] is not threshold:
             source, words, weights = self.source, self.words(), np.asarray(self.weights(), dtype=np.float32)
             parameters = np.zeros(source.start + len(weights), dtype=np.float32)
-            head = np.concatenate([self.domain.header, [threshold, round_up(share_of(self.ndim, self.growth()))]])
+            share = round_up(share_of(self.ndim, self.growth() + self.domain.haste))
+            head = np.concatenate([self.domain.header, [threshold, share], self.domain.extra])
             parameters[:LABEL] = source.label(len(parameters), len(words))
             parameters[LABEL : LABEL + len(head)] = head
             parameters[source.start :] = weights
@@ -195,6 +196,8 @@ class AskingDistance(ABC):
     def segments(self, start, end, radius=0.0, steps: int = SEGMENT_STEPS) -> tuple[wp.array, wp.array]:
         """Which segments may come within a radius of the object, and when first; with a radius they are swept balls.
 
+        Of a shape that moves, segments are of time and space: points (or balls) that move, too. This is conservative advancement.
+
         Args:
             start: ``(N, n)``, as for ``distance``.
             end: ``(N, n)``.
@@ -232,13 +235,15 @@ class AskingDistance(ABC):
             As of ``segments``; times are shares of the length. A direction without a length: maybe, at 0.
 
         Raises:
-            QueryError: As of ``segments``.
+            QueryError: As of ``segments``, and for a shape that moves.
 
         Example:
             >>> maybe, t = far.rays(np.array([[9.0, 0.5, 0.5, 1.0, 0.0, 0.0]], np.float32), length=100.0)
             >>> int(maybe.numpy()[0])
             0
         """
+        if self.domain.time:
+            raise QueryError("rays are of shapes at rest; of one that moves ask segments of time and space")
         queries, count, _ = flat_queries(x, 2 * self.ndim, self.device)
         lengths = _lengths("length", length, count)
         return self._march(queries, queries, count, lengths, _lengths("radius", radius, count), steps, ray=True)
@@ -289,13 +294,21 @@ class AskingDistance(ABC):
         data, steps, given = self.data, _steps(steps), [a, b, numbers[0], many[0], numbers[1], many[1]]
         if self.native and count:
             lines = wp.empty(count * (2 * self.ndim + 2), dtype=wp.float32, device=self.device)
-            self._run(lines_kernel(self.source, ray), count, [0, *given], [lines], first_index=0)
+            self._run(lines_kernel(self.source, ray), count, [0, *given, self._clock], [lines], first_index=0)
             inputs = [lines, count, 0, data.parameters, data.words, steps]
             self._run(lanes_kernel(self.source), count, inputs, [maybe, t], first_index=2, block=self.source.block)
             return maybe, t
         inputs = [0, data, *given, steps]
         self._run(march_kernel(self.source, self.native, ray), count, inputs, [maybe, t], first_index=0)
         return maybe, t
+
+    @property
+    def _clock(self) -> wp.vec3:
+        """What ``clock_func`` tells."""
+        domain = self.domain
+        if not domain.time:
+            return wp.vec3()
+        return wp.vec3(float(domain.center[0]), float(domain.limit[0] / domain.scale[0]), domain.speed)
 
     def _run(self, kernel, count: int, inputs: list, outputs: list, *, first_index: int, block: int = 1) -> None:
         BlockLaunch(kernel, count, inputs, outputs, self.device, first_index=first_index, block=block).launch_once()

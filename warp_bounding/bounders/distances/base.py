@@ -83,6 +83,8 @@ class DistanceBounder(AskingDistance):
         device_of(device, BounderError)
         if not isinstance(domain, DistanceDomain):
             raise BounderError(f"{self.method}: expected the domain of a distance, got {type(domain).__name__}")
+        if domain.time and not self.moving:
+            raise BounderError(f"{self.method}: there is no distance of shapes that move")
         if domain.ndim > MOST_DIMENSIONS:
             raise BounderError(f"{self.method}: distances have at most {MOST_DIMENSIONS} dimensions, got {domain.ndim}")
         if not isinstance(sizes, dict):
@@ -134,9 +136,10 @@ class DistanceBounder(AskingDistance):
         """A bounder of points whose *maybe* holds the object, where F is a lower bound of the distance to it; else ``None``."""
         return None
 
+    moving: ClassVar[bool] = False  # whether it has distances of shapes that move
     room: ClassVar[float] = 0.0  # of the longest side: by how much the domain reaches beyond the object
 
-    def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    def corners(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Numbers at the corners of boxes: F is at most what is multilinear between them, certified.
 
         Args:
@@ -144,7 +147,8 @@ class DistanceBounder(AskingDistance):
             upper: ``(N, n)`` float64.
 
         Returns:
-            ``(N, 2^n)`` float64; the corner at place i is the upper one on axis k where bit k of i is set.
+            ``(N, 2^n)`` float64; the corner at place i is the upper one on axis k where bit k of i is set. And ``(N,)``, the axis along which a
+            box is best halved.
         """
         raise TypeError(f"{type(self).__name__} does not define corners")
 
@@ -183,11 +187,13 @@ class DistanceBounder(AskingDistance):
     def exact(self, x: np.ndarray) -> np.ndarray:
         """G of points ``(N, n)`` as float64 has it, without what float32 rounds: what ``distance`` comes close to from below."""
         v, n = self.domain.to_local(x), self.ndim
-        limit, whole = self.domain.limit.astype(np.float64), self.source.whole
-        p = v if whole else np.clip(v, -limit, limit)
+        whole = self.source.whole
+        p = v if whole else self.domain.clipped(v)
         value = self.reference(p.reshape(-1, n)) + float(self.threshold)
         if not whole:
             value = np.hypot(np.linalg.norm(v - p, axis=1), np.maximum(value, 0.0))
+        if self.domain.time:
+            value = np.where(np.abs(v[:, 0]) > self.domain.limit[0], 0.0, value)
         return np.maximum(value, 0.0) * self.domain.unit
 
     def to(self, device: str | None = None, *, native: bool | None = None) -> "DistanceBounder":
@@ -232,9 +238,8 @@ class DistanceBounder(AskingDistance):
     @property
     def nbytes(self) -> int:
         """Bytes of data that one query can read; the tag and the lengths in front of them are not counted."""
-        return 4 * (len(self.domain.header) + 2 + len(self.weights())) + (
-            self.words().nbytes if len(self.words()) > 1 else 0
-        )
+        head = len(self.domain.header) + 2 + len(self.domain.extra)
+        return 4 * (head + len(self.weights())) + (self.words().nbytes if len(self.words()) > 1 else 0)
 
     @property
     def tightness(self) -> str:

@@ -271,7 +271,7 @@ class DistanceGrid(DistanceBounder):
             total += weight * self._exact[tuple((cell + corner).T)]
         return total
 
-    def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    def corners(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See ``DistanceBounder``; boxes lie in one cell each."""
         cell, _ = self._places((lower + upper) / 2)
         n, limit = self.ndim, self.domain.limit.astype(np.float64)
@@ -283,7 +283,7 @@ class DistanceGrid(DistanceBounder):
                     low, high = held[i], held[i | 1 << k]
                     rise = high - low
                     held[i], held[i | 1 << k] = low + sides[0][:, k] * rise, low + sides[1][:, k] * rise
-        return np.stack(held, axis=1)
+        return np.stack(held, axis=1), np.argmax(upper - lower, axis=1)
 
     def pieces(self) -> tuple[np.ndarray, np.ndarray]:
         counts, limit = np.array(self._exact.shape), self.domain.limit.astype(np.float64)

@@ -38,6 +38,7 @@ class MlpDistance(DistanceBounder):
 
     method = Mlp.method
     options = (HIDDEN, ACTIVATION, STEPS)
+    moving = True
     room = 0.1
 
     @classmethod
@@ -66,7 +67,7 @@ class MlpDistance(DistanceBounder):
     @property
     def source(self) -> MlpDistanceSource:
         """See ``DistanceBounder``."""
-        return MlpDistanceSource(self.ndim, False, hidden=self.hidden, activation=self.activation)
+        return MlpDistanceSource(self.ndim, self.domain.time, hidden=self.hidden, activation=self.activation)
 
     def weights(self) -> np.ndarray:
         """See ``DistanceBounder``."""
@@ -76,7 +77,9 @@ class MlpDistance(DistanceBounder):
     @property
     def nbytes(self) -> int:
         """See ``DistanceBounder``: a query reads one of the two copies that the numbers hold for lanes of queries and of neurons."""
-        return 4 * (len(self.domain.header) + 2) + sum(tensor.nbytes for tensor in self.tensors.values())
+        return 4 * (len(self.domain.header) + 2 + len(self.domain.extra)) + sum(
+            tensor.nbytes for tensor in self.tensors.values()
+        )
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         """See ``DistanceBounder``."""
@@ -86,14 +89,14 @@ class MlpDistance(DistanceBounder):
         """See ``DistanceBounder``."""
         return self.network.rounding + FLUSHED
 
-    def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    def corners(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See ``DistanceBounder``: F is under a linear function (``Network.bound``), and that is known by its numbers at the corners."""
         bounds = self._negative.bound(lower, upper)
         half, n = (upper - lower) / 2, lower.shape[1]
         signs = np.array([[1.0 if i >> k & 1 else -1.0 for k in range(n)] for i in range(2**n)])
         terms = np.abs(bounds.level) + (np.abs(bounds.slope) * (np.abs(lower) + np.abs(upper))).sum(axis=1)
         values = -bounds.level[:, None] - (bounds.slope * half) @ signs.T
-        return values + (CORNER_ROUNDING * UNIT64 * terms)[:, None]
+        return values + (CORNER_ROUNDING * UNIT64 * terms)[:, None], bounds.axis
 
     @property
     def steepness(self) -> float:

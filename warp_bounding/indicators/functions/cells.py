@@ -12,9 +12,14 @@ import numpy as np
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.functions.intervals import lower_of, upper_of
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.limits import check_memory, checked_margin, checked_resolution
-from warp_bounding.indicators.mesh import cells_around, cells_per_unit
-from warp_bounding.indicators.motion import time_axis
+from warp_bounding.indicators.limits import (
+    cells_around,
+    cells_per_unit,
+    check_memory,
+    checked_margin,
+    checked_resolution,
+)
+from warp_bounding.indicators.moving.time_axis import time_axis
 from warp_bounding.indicators.shape import Shape
 
 __all__ = ["MOST_AXES", "cells_of"]

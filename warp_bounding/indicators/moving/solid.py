@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.indicators.moving.answers import Motion, decide_moments, find_empty_spans, find_inside_spans
+from warp_bounding.indicators.moving.excess import CornersThen, find_excesses_then
 from warp_bounding.indicators.moving.hierarchy import MovingTriangles
 from warp_bounding.indicators.moving.points import find_distances_then
 from warp_bounding.indicators.moving.sides import MovingSides
@@ -81,10 +82,10 @@ class DilatedMovingSolid(AskedSolid):
     def distances(self, x: np.ndarray) -> np.ndarray:
         """``(N, 2)`` float64, lower and upper bounds of the distance in space from points to the object at their time."""
         x = np.ascontiguousarray(x, dtype=np.float64)
-        low, high, times = np.array(self._struct.lower), np.array(self._struct.upper), self._solid.times
+        low, high = np.array(self._struct.lower), np.array(self._struct.upper)
         known = (x[:, 0] >= low[0]) & (x[:, 0] <= high[0])  # not so for NaN
         self._know(*[np.clip(np.nan_to_num(x[known]), low, high)] * 2)
-        keys = np.where(known, np.clip(np.searchsorted(times, x[:, 0], side="right") - 1, 0, len(times) - 2), -1)
+        keys = np.where(known, self._keys(x[:, 0]), -1)
         found = np.empty((len(x), 2))
         if len(x):
             inputs = [
@@ -95,6 +96,42 @@ class DilatedMovingSolid(AskedSolid):
             out = wp.array(found, dtype=wp.vec2d, device="cpu", copy=False)
             launch_on_cores(find_distances_then, len(x), inputs, [out], "cpu")
         return found
+
+    def excess(
+        self,
+        lower: np.ndarray,
+        upper: np.ndarray,
+        values: np.ndarray,
+        least: float,
+        enough: np.ndarray | float,
+        speed: float,
+    ) -> np.ndarray:
+        """See ``Shape.excess``: of boxes that lie between two keyframes, but for as little as rounding makes of their times; ``speed`` is the motion's."""
+        lower, upper = (np.ascontiguousarray(side, dtype=np.float64) for side in (lower, upper))
+        out, times = np.empty(len(lower)), self._solid.times
+        if not len(out):
+            return out
+        low, high = np.array(self._struct.lower), np.array(self._struct.upper)
+        self._know(*(np.clip(np.nan_to_num(side), low, high) for side in (lower, upper)))
+        keys = self._keys(lower[:, 0] / 2 + upper[:, 0] / 2)
+        beyond = 2 * speed * np.maximum(np.maximum(times[keys] - lower[:, 0], upper[:, 0] - times[keys + 1]), 0.0)
+        boxes = [wp.array(side, dtype=wp.vec4d, device="cpu", copy=False) for side in (lower, upper)]
+        held = wp.array(np.ascontiguousarray(values, dtype=np.float64), dtype=CornersThen, device="cpu")
+        ends = wp.array(np.broadcast_to(enough, len(out)).astype(np.float64), dtype=wp.float64, device="cpu")
+        inputs = [
+            self._struct,
+            wp.array(keys, dtype=wp.int32, device="cpu"),
+            wp.array(beyond, dtype=wp.float64, device="cpu"),
+        ]
+        inputs += [*boxes, held, wp.float64(least), ends]
+        made = wp.array(out, dtype=wp.float64, device="cpu", copy=False)
+        launch_on_cores(find_excesses_then, len(out), inputs, [made], "cpu")
+        return out
+
+    def _keys(self, time: np.ndarray) -> np.ndarray:
+        """The keyframes that come before times, never the last one."""
+        times = self._solid.times
+        return np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 2)
 
     def _know(self, lower: np.ndarray, upper: np.ndarray) -> None:
         """Make what is needed for the times of queries that meet the box around the object."""

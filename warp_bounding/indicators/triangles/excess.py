@@ -94,13 +94,14 @@ def _excess(
     room: wp.float64,
     highest: wp.float64,
     least: wp.float64,
+    enough: wp.float64,
 ) -> wp.float64:
-    """The largest number of all pieces, or ``least`` where none is larger; never above ``highest``."""
+    """The largest number of all pieces, or ``least`` where none is larger; never above ``highest``, and this where it is above ``enough``."""
     known = wp.min(least, highest)
     stack, depth, node = Stack(), wp.int32(0), wp.int32(0)
     if t.count == 0:
         node = wp.int32(-1)
-    while node >= 0 and known < highest:
+    while node >= 0 and known < highest and known <= enough:
         own = _node_excess(t, node, centre, half, values, room)
         while own[0] > known and t.links[node][1] == 0:
             near = node + 1
@@ -121,6 +122,8 @@ def _excess(
         if depth > 0:
             depth -= 1
             node = stack[depth]
+    if known > enough:
+        return highest  # the walk has not seen all pieces
     return known
 
 
@@ -133,10 +136,11 @@ def find_excesses(
     upper: wp.array(dtype=wp.vec3d),
     values: wp.array(dtype=Corners),
     least: wp.float64,
+    enough: wp.array(dtype=wp.float64),
     # outputs
     excesses: wp.array(dtype=wp.float64),
 ):
-    """Upper bound of a function's excess over the distance, in a box; ``least`` where it is less."""
+    """Upper bound of a function's excess over the distance, in a box; ``least`` where it is less, any bound where it is above ``enough``."""
     i = first + wp.tid()
     low, high, f = lower[i], upper[i], values[i]
     highest = f[0]
@@ -153,5 +157,5 @@ def find_excesses(
             outside = box_is_free(m.closed, centre, half, wp.float64(0.0))
         if outside:
             size += largest(m.lower) + largest(m.upper) + largest(centre) + largest(half) + m.margin
-            answer = _excess(m.faces, centre, half, f, _ROOM * size + m.margin, highest, least)
+            answer = _excess(m.faces, centre, half, f, _ROOM * size + m.margin, highest, least, enough[i])
     excesses[i] = wp.max(answer, least)

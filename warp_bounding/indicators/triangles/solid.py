@@ -81,7 +81,9 @@ class DilatedSolid(AskedSolid):
         """``(N, 2)`` float64, lower and upper bounds of the distance from points to the object; see ``Shape.distances``."""
         return self._answer(find_distances, x, dtype=wp.vec2d)
 
-    def excess(self, lower: np.ndarray, upper: np.ndarray, values: np.ndarray, least: float) -> np.ndarray:
+    def excess(
+        self, lower: np.ndarray, upper: np.ndarray, values: np.ndarray, least: float, enough: np.ndarray | float
+    ) -> np.ndarray:
         """See ``Shape.excess``."""
         boxes = [
             wp.array(np.ascontiguousarray(side, dtype=np.float64), dtype=wp.vec3d, device="cpu")
@@ -92,7 +94,8 @@ class DilatedSolid(AskedSolid):
             np.empty(len(lower)),
         )
         if len(out):
-            inputs = [self._struct, *boxes, held, wp.float64(least)]
+            ends = wp.array(np.broadcast_to(enough, len(out)).astype(np.float64), dtype=wp.float64, device="cpu")
+            inputs = [self._struct, *boxes, held, wp.float64(least), ends]
             made = wp.array(out, dtype=wp.float64, device="cpu", copy=False)
             launch_on_cores(find_excesses, len(out), inputs, [made], "cpu")
         return out

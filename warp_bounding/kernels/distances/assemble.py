@@ -31,7 +31,9 @@ const float* limit = center + N;
 const float scale = center[2 * N], unit = center[2 * N + 1], threshold = center[2 * N + 2], share = center[2 * N + 3];
 const float* w = parameters.data + $start;
 (void)limit; (void)w;
+$clock
 """
+CLOCK = {False: "", True: "const float time_scale = center[2 * N + 4];"}
 
 # From q to v, which f is asked of; ``away`` is |v|_1, ``beyond`` the squared way to the domain.
 BEFORE = {
@@ -47,8 +49,9 @@ for (int k = 0; k < N; ++k) {
 V away = zero, beyond = zero;
 #pragma unroll
 for (int k = 0; k < N; ++k) {
-    v[k] = (q[k] - center[k]) * scale;
+    v[k] = (q[k] - center[k]) * $scale;
     away = away + size_of(v[k]);
+    if ($free) continue;
     const V p = least(most(v[k], zero - limit[k]), zero + limit[k]), r = v[k] - p;
     beyond = beyond + r * r;
     v[k] = p;
@@ -68,8 +71,10 @@ const V h = most(f + threshold, zero);
 V g = root(beyond + h * h);
 g = g - share * (away + g);
 g = g > zero + $tiniest ? g * unit : zero;
+$then
 """,
 }
+THEN = {False: "", True: "g = size_of(v[0]) > zero + limit[0] ? zero : g;"}
 
 LANES = """
 #if defined(__AVX512F__)
@@ -165,15 +170,21 @@ $scalar_body
 """
 
 
+_AXES = {
+    False: {"scale": "scale", "free": "false"},
+    True: {"scale": "(k == 0 ? time_scale : scale)", "free": "k == 0"},
+}
+
+
 def texts_of(source: DistanceSource) -> dict[str, object]:
     """What the batch kernel and the function have in common."""
     return {
         "n": source.ndim,
         "label": LABEL,
-        "parts": fill(PARTS, label=LABEL, start=source.start),
+        "parts": fill(PARTS, label=LABEL, start=source.start, clock=CLOCK[source.time]),
         "tools": TOOLS_TOO,
-        "before": BEFORE[source.whole],
-        "after": fill(AFTER[source.whole], tiniest=literal(TINIEST)),
+        "before": fill(BEFORE[source.whole], **_AXES[source.time]),
+        "after": fill(AFTER[source.whole], tiniest=literal(TINIEST), then=THEN[source.time]),
         "scalar_body": source.body(Lanes(vector=False)),
     }
 

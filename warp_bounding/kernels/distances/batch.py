@@ -133,7 +133,7 @@ def march_kernel(source: DistanceSource, native: bool, ray: bool) -> wp.Kernel:
 
 @cache
 def lines_kernel(source: DistanceSource, ray: bool) -> wp.Kernel:
-    """``(first, a, b, length, lengths, radius, radii, lines)``: what ``lanes_kernel`` marches along, a row of 2 n + 2 numbers a query."""
+    """``(first, a, b, length, lengths, radius, radii, clock, lines)``: what ``lanes_kernel`` marches along, a row of 2 n + 2 numbers a query."""
     n, vector, room = source.ndim, vector_type(source.ndim), room_func(source)
     of_segment, of_ray = segment_line(source), ray_line(source)
 
@@ -146,6 +146,7 @@ def lines_kernel(source: DistanceSource, ray: bool) -> wp.Kernel:
         lengths: int,
         radius: Numbers,
         radii: int,
+        clock: wp.vec3,
         # outputs
         lines: Numbers,
     ):
@@ -162,13 +163,13 @@ def lines_kernel(source: DistanceSource, ray: bool) -> wp.Kernel:
         if ray:
             w, long = of_ray(end, length[lengths * i])
         else:
-            w, long = of_segment(start, end)
+            w, long = of_segment(start, end, clock)
         row = i * (2 * n + 2)
         for k in range(n):
             lines[row + k] = start[k]
             lines[row + n + k] = w[k]
         lines[row + 2 * n] = long
-        lines[row + 2 * n + 1] = room(start, w, long, radius[radii * i])
+        lines[row + 2 * n + 1] = room(start, w, long, radius[radii * i], clock)
 
     return _name(source, True, "ray_lines" if ray else "segment_lines").kernel(lines_of)
 

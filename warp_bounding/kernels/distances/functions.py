@@ -12,6 +12,10 @@ segment: the length is rounded up, the quotient and the new t down, by more than
 with *maybe* where nothing is gained, numbers are not finite, or the steps are over; t is then a lower bound of the time of
 first contact. Batches march in lanes (``lanes``), by the same steps.
 
+*Time.* Where coordinate 0 is time, the distance from a moving point to an object that moves, too, shrinks by no more than both ways together: ``|w|`` in space
+and the object's speed times ``|w_0|``. Their sum is what is called the length, and what rounds of ``a_0`` and ``w_0`` counts times the speed in the room. A segment that leaves the range of time is told
+nothing of: *maybe*, at 0. Contact is that with the object as it moves; a space that closes around a point, and never touches it, is not told (``IndicatorMotion``).
+
 *Halving.* A box is clear where g at a point c of it exceeds the largest distance in it from c, rounded up. Otherwise it is halved along its
 longest side at c, which is a float32 number, so that the halves cover the box exactly; where g is 0 at c no halving can clear it, and the answer is
 *maybe*. The walk goes depth first without a stack: a path of bits tells which half was taken at each level. Only the part in the
@@ -37,6 +41,7 @@ __all__ = [
     "SEGMENT_STEPS",
     "SHORTER",
     "box_func",
+    "clock_func",
     "distance_func",
     "march_func",
     "ray_func",
@@ -78,15 +83,33 @@ def _named(source: DistanceSource, native: bool, role: str) -> named:
 
 
 @cache
+def clock_func(source: DistanceSource) -> wp.Function:
+    """``clock(data) -> vec3``: the middle and half of the range of time, and the speed; zeros of a shape at rest."""
+    numbers, limit, time = LABEL + 2 * source.ndim, LABEL + source.ndim, source.time
+
+    @_named(source, True, "clock").func
+    def clock(data: Data) -> wp.vec3:
+        told, w = wp.vec3(), data.parameters
+        if time and w.shape[0] > numbers + 5:
+            told = wp.vec3(float(w[LABEL]), float(w[limit] / w[numbers + 4]), float(w[numbers + 5]))
+        return told
+
+    return clock
+
+
+@cache
 def room_func(source: DistanceSource) -> wp.Function:
-    """``room(a, w, length, radius)``: what g must exceed, for the radius and for what rounds; infinite for numbers that cannot be marched."""
-    vector, n, blur = vector_type(source.ndim), source.ndim, (source.ndim + 16) * UNIT32
+    """``room(a, w, length, radius, clock)``: what g must exceed, for the radius and for what rounds; infinite for numbers that cannot be marched."""
+    vector, n, blur, time = vector_type(source.ndim), source.ndim, (source.ndim + 16) * UNIT32, int(source.time)
 
     @_named(source, True, "room").func
-    def room(a: vector, w: vector, length: float, radius: float) -> float:
+    def room(a: vector, w: vector, length: float, radius: float, clock: wp.vec3) -> float:
         size = wp.float32(0.0)
         for k in range(n):
-            size += wp.abs(a[k]) + wp.abs(w[k])
+            if k < time:
+                size += clock[2] * (wp.abs(a[k]) + wp.abs(w[k]))
+            else:
+                size += wp.abs(a[k]) + wp.abs(w[k])
         if radius >= 0.0 and size < FINITE and length < FINITE:
             return (radius + size * blur + LEAST) * LONGER
         return wp.inf
@@ -96,15 +119,20 @@ def room_func(source: DistanceSource) -> wp.Function:
 
 @cache
 def segment_line(source: DistanceSource) -> wp.Function:
-    """``(w, length) = line(start, end)``: a segment as ``start + t w``, its length rounded up."""
-    vector, n = vector_type(source.ndim), source.ndim
+    """``(w, length) = line(start, end, clock)``: a segment as ``start + t w``, its length rounded up, infinite where it leaves the range of time."""
+    vector, n, time = vector_type(source.ndim), source.ndim, int(source.time)
 
     @_named(source, True, "segment_line").func
-    def line(start: vector, end: vector):
+    def line(start: vector, end: vector, clock: wp.vec3):
         w, square = end - start, wp.float32(0.0)
-        for k in range(n):
+        for k in range(time, n):
             square += w[k] * w[k]
-        return w, wp.sqrt(square) * LONGER + SHORTEST
+        length = wp.sqrt(square) * LONGER + SHORTEST
+        if time:
+            length = (length + clock[2] * wp.abs(w[0]) * LONGER) * LONGER
+            if not (wp.abs(start[0] - clock[0]) <= clock[1] and wp.abs(end[0] - clock[0]) <= clock[1]):
+                length = wp.inf
+        return w, length
 
     return line
 
@@ -161,12 +189,13 @@ def march_func(source: DistanceSource, native: bool = True) -> wp.Function:
 def segment_func(source: DistanceSource, native: bool = True) -> wp.Function:
     """``segment(data, start: vec_n, end: vec_n, radius: float, steps: int = 32) -> (maybe: bool, t: float)``; see module."""
     march, vector = march_func(source, native), vector_type(source.ndim)
-    line, room = segment_line(source), room_func(source)
+    line, room, clock_of = segment_line(source), room_func(source), clock_func(source)
 
     @_named(source, native, "segment").func
     def segment(data: Data, start: vector, end: vector, radius: float, steps: int = SEGMENT_STEPS):
-        w, length = line(start, end)
-        maybe, t = march(data, start, w, length, room(start, w, length, radius), steps)
+        clock = clock_of(data)
+        w, length = line(start, end, clock)
+        maybe, t = march(data, start, w, length, room(start, w, length, radius, clock), steps)
         return maybe, t
 
     return segment
@@ -181,7 +210,7 @@ def ray_func(source: DistanceSource, native: bool = True) -> wp.Function:
     @_named(source, native, "ray").func
     def ray(data: Data, origin: vector, direction: vector, length: float, radius: float, steps: int = SEGMENT_STEPS):
         w, long = line(direction, length)
-        maybe, t = march(data, origin, w, long, room(origin, w, long, radius), steps)
+        maybe, t = march(data, origin, w, long, room(origin, w, long, radius, wp.vec3()), steps)
         return maybe, t
 
     return ray
@@ -192,7 +221,7 @@ def box_func(source: DistanceSource, native: bool = True) -> wp.Function:
     """``box(data, lower: vec_n, upper: vec_n, steps: int = 64) -> bool``: may the closed box meet the object? See module."""
     distance, vector, n = distance_func(source, native), vector_type(source.ndim), source.ndim
     name, center, limit = _named(source, native, "box"), LABEL, LABEL + source.ndim
-    unit = LABEL + 2 * source.ndim + 1
+    unit, time, clock_of = LABEL + 2 * source.ndim + 1, int(source.time), clock_func(source)
     first, second = (wp.uint32(bits) for bits in source.tag)
 
     @_named(source, native, "owns").func
@@ -208,18 +237,23 @@ def box_func(source: DistanceSource, native: bool = True) -> wp.Function:
 
     @name.func
     def box(data: Data, lower: vector, upper: vector, steps: int = BOX_STEPS) -> bool:
-        low, high = vector(), vector()
+        low, high, clock = vector(), vector(), clock_of(data)
         empty, real = wp.bool(False), owns(data.parameters)
         if real:
             for k in range(n):
                 real = real and lower[k] <= upper[k] and lower[k] > -FINITE and upper[k] < FINITE
-                # rounded outwards: three operations
-                at = float(data.parameters[center + k])
-                half = float(data.parameters[limit + k] * data.parameters[unit])
-                room = (wp.abs(at) + half) * (4.0 * UNIT32) + LEAST
-                low[k] = wp.max(lower[k], at - half - room)
-                high[k] = wp.min(upper[k], at + half + room)
-                empty = empty or low[k] > high[k]
+                if k < time:
+                    low[k] = lower[k]
+                    high[k] = upper[k]
+                    real = real and lower[k] >= clock[0] - clock[1] and upper[k] <= clock[0] + clock[1]
+                else:
+                    # rounded outwards: three operations
+                    at = float(data.parameters[center + k])
+                    half = float(data.parameters[limit + k] * data.parameters[unit])
+                    room = (wp.abs(at) + half) * (4.0 * UNIT32) + LEAST
+                    low[k] = wp.max(lower[k], at - half - room)
+                    high[k] = wp.min(upper[k], at + half + room)
+                    empty = empty or low[k] > high[k]
         if not real:
             return True
         if empty:
@@ -229,11 +263,13 @@ def box_func(source: DistanceSource, native: bool = True) -> wp.Function:
             left -= 1
             first = low + vector()  # copies
             last = high + vector()
-            c, square = vector(), wp.float32(0.0)
+            c, square, moved = vector(), wp.float32(0.0), wp.float32(0.0)
             for turn in range(level + 1):  # down the path, and at its end the centre
                 axis, longest = wp.int32(0), wp.float32(-1.0)
                 for k in range(n):
                     side = last[k] - first[k]
+                    if k < time:
+                        side = side * clock[2]
                     if side > longest:
                         axis, longest = k, side
                 if turn < level:
@@ -245,9 +281,12 @@ def box_func(source: DistanceSource, native: bool = True) -> wp.Function:
             for k in range(n):
                 c[k] = first[k] * 0.5 + last[k] * 0.5
                 reach = wp.max(last[k] - c[k], c[k] - first[k])
-                square += reach * reach
+                if k < time:
+                    moved = clock[2] * reach * LONGER
+                else:
+                    square += reach * reach
             g = distance(data, c)
-            if g > wp.sqrt(square) * LONGER + SHORTEST:
+            if g > (wp.sqrt(square) * LONGER + SHORTEST + moved) * LONGER:
                 while level > 0 and path & wp.uint64(1) == wp.uint64(1):
                     path = path >> wp.uint64(1)
                     level -= 1

@@ -16,7 +16,7 @@ __all__ = ["plain_distance"]
 @cache
 def plain_distance(source: DistanceSource) -> wp.Function:
     """``distance(data: Data, x: vec_n) -> float32``, as ``functions.distance_func`` has it."""
-    n, start, whole, f_of = source.ndim, source.start, source.whole, plain_value(source)
+    n, start, whole, time, f_of = source.ndim, source.start, source.whole, int(source.time), plain_value(source)
     vector = vector_type(n)
     first, second = (wp.uint32(bits) for bits in source.tag)
     limit, numbers = LABEL + n, LABEL + 2 * n
@@ -25,9 +25,9 @@ def plain_distance(source: DistanceSource) -> wp.Function:
     def distance_of(w: Numbers, words: Words, x: vector) -> float:
         v, away, beyond = vector(), wp.float32(0.0), wp.float32(0.0)
         for k in range(n):
-            v[k] = (x[k] - w[LABEL + k]) * w[numbers]
+            v[k] = (x[k] - w[LABEL + k]) * (w[numbers + 4] if k < time else w[numbers])
             away += wp.abs(v[k])
-            if not whole:
+            if not whole and k >= time:
                 p = wp.clamp(v[k], -w[limit + k], w[limit + k])
                 beyond += (v[k] - p) * (v[k] - p)
                 v[k] = p
@@ -39,6 +39,8 @@ def plain_distance(source: DistanceSource) -> wp.Function:
             h = wp.max(g, 0.0)
             g = wp.sqrt(beyond + h * h)
             g = g - w[numbers + 3] * (away + g)
+        if time and wp.abs(v[0]) > w[limit]:
+            g = 0.0
         return wp.where(g > TINIEST, g * w[numbers + 1], 0.0)
 
     @twin(source, "distance")

@@ -10,7 +10,7 @@ from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.document import document
 from warp_bounding.errors import BoundingError
 from warp_bounding.indicators.shape import IN, Shape
-from warp_bounding.proof.distances.prove import distance_shape, search
+from warp_bounding.proof.distances.prove import distance_shape, other_motion, search
 from warp_bounding.proof.prove import OUTSIDE, other_claim, other_dimension, reaches_outside
 from warp_bounding.proof.shape_check import points_outside
 from warp_bounding.runtime.launch import working_seconds
@@ -52,7 +52,7 @@ def certify_distance(
         spent = working_seconds() - started
         return document(bounder, grid, status, threshold, least, boxes, spent, message, counterexample)
 
-    reason = other or other_dimension(bounder, grid) or bounder.domain.fault()
+    reason = other or other_dimension(bounder, grid) or bounder.domain.fault() or other_motion(bounder, grid)
     if reason:
         return result("inapplicable", reason, threshold)
     if reaches_outside(bounder, grid):

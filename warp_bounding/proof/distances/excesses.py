@@ -21,7 +21,13 @@ NOISE = (
 )
 SAMPLES = 200_000  # points at which the largest excess is looked for first
 NEAR = (2.0**-10, 2.0**-3)  # local units: how near the border half of them are, a standard deviation between these
-EPS = 2e-4  # local units: by how much the excess that is proven may be above the one that is found
+EPS = 2e-4  # local units: by how much the excess that is proven may be above the one that is found, if there is time
+COARSEST, FINER = (
+    0.05,
+    16.0,
+)  # local units: the same of the first search, and by how much a search may be finer than the last one
+SAFE = 0.6  # of the time that is left: as much is planned for the next search
+WORTH = 0.7  # a search that can be no finer than this share of the last one is not begun
 HALVINGS = 10  # on each axis, at most
 
 
@@ -35,6 +41,7 @@ def excesses(
     halvings: int,
     least: float = 0.0,
     seconds: float = float("inf"),
+    longest: bool = False,
 ) -> tuple[np.ndarray, int, bool]:
     """Certified: by how much F exceeds the distance in boxes, at most.
 
@@ -47,6 +54,7 @@ def excesses(
         halvings: How often a box is halved at most.
         least: Excesses under it are not told apart.
         seconds: Time; when it is over, boxes count with what is known of them.
+        longest: Halve the longest side of a box, whatever its bound suffers from.
 
     Returns:
         ``(N,)`` float64, local units, at least ``least``; how many boxes were looked at; and whether there was time for all.
@@ -63,23 +71,25 @@ def excesses(
     while waiting:
         low, high, owner, level = waiting.pop()
         boxes += len(low)
-        values = bounder.corners(low, high)
+        values, axis = bounder.corners(low, high)
         sides = domain.to_object(low), domain.to_object(high)
         room = NOISE * (np.abs(sides).max(initial=0.0) + domain.unit)
         noise = NOISE * (1 + np.abs(values).max(axis=1)) * bounder.steepness
         under = least - 2 * float(noise.max(initial=0.0))  # so that what is added does not lift it above a tolerance
-        excess = shape.excess(sides[0] - room, sides[1] + room, values * domain.unit, under * domain.unit)
+        allowed = tolerance[owner]
+        enough = np.where(level < halvings, allowed, np.inf) * domain.unit
+        excess = shape.excess(sides[0] - room, sides[1] + room, values * domain.unit, under * domain.unit, enough)
         if excess is None:
             raise BounderError(f"{shape.name}: no distance is known of it")
         excess = excess / domain.unit + noise
         over = working_seconds() > end
-        above = excess > tolerance[owner]
+        above = excess > allowed
         more = above & (level < halvings) & (not over)
         complete &= not (over and above.any())
         np.maximum.at(found, owner[~more], excess[~more])
         if more.any():
-            axis = np.argmax((high - low)[more], axis=1)
-            low, high = halve(low[more], high[more], axis)
+            axis = np.argmax(high - low, axis=1) if longest else axis
+            low, high = halve(low[more], high[more], axis[more])
             owner = np.tile(owner[more], 2)
             for i in range(0, len(low), CHUNK):
                 part = slice(i, i + CHUNK)
@@ -112,24 +122,86 @@ def largest_excess(
     sampled = bounder.reference(v) - known[:, 0] / bounder.domain.unit
     worst = x[np.argsort(-sampled)[:1024]]
     most = float(sampled.max())
-    if bar is not None and most > bar:
-        return most, 0, True, worst
-    bar = max(most, 0.0) + EPS if bar is None else bar
-    found, boxes, complete = excesses(
-        bounder,
-        shape,
-        *bounder.pieces(),
-        tolerance=bar,
-        halvings=HALVINGS * bounder.ndim,
-        least=bar,
-        seconds=seconds,
-    )
-    return float(found.max()), boxes, complete, worst
+    if bar is not None:
+        return (most, 0, True, worst) if most > bar else (*_searched(bounder, shape, bar, seconds, again=True), worst)
+    return (*_refined(bounder, shape, max(most, 0.0), seconds), worst)
+
+
+def _refined(bounder: DistanceBounder, shape: Shape, most: float, seconds: float) -> tuple[float, int, bool]:
+    """The least excess that searches prove in some time.
+
+    What a search leaves undone counts with its largest box, so the next one is only begun where it is likely to end. Boxes are in number as
+    ``eps^(-n/2)``, with eps what is proven above ``most``, since a linear function's error goes with the square of a side.
+    """
+    end, eps, boxes = working_seconds() + seconds, COARSEST, 0
+    best, complete = np.inf, True
+    while True:
+        started = working_seconds()
+        excess, looked, complete = _searched(bounder, shape, most + eps, end - started)
+        boxes, best = boxes + looked, min(best, excess)
+        now = working_seconds()
+        if not complete or eps <= EPS:
+            return best, boxes, complete
+        planned = eps * ((now - started) / max(SAFE * (end - now), 1e-9)) ** (2 / bounder.ndim)
+        finer = max(EPS, planned, eps / FINER)
+        if finer > WORTH * eps:
+            return best, boxes, False
+        eps = finer
+
+
+def _searched(
+    bounder: DistanceBounder, shape: Shape, bar: float, seconds: float, *, again: bool = False
+) -> tuple[float, int, bool]:
+    """The largest excess of the domain, one up to ``bar`` as this; how many boxes were looked at, and whether there was time.
+
+    ``again``, to certify what another search has found: by other boxes, which begin with thirds, and are halved along their longest sides.
+    """
+    told = {"tolerance": bar, "halvings": HALVINGS * bounder.ndim, "least": bar, "seconds": seconds, "longest": again}
+    lower, upper = _between(*bounder.pieces(), _knots(bounder, shape))
+    if again:
+        lower, upper = _thirds(lower, upper)
+    found, boxes, complete = excesses(bounder, shape, lower, upper, **told)
+    return float(found.max()), boxes, complete
+
+
+def _thirds(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes that cover some, three along each axis for one, as long as there are few of these."""
+    if len(lower) * 3 ** lower.shape[1] > CHUNK:
+        return lower, upper  # cells of a grid of distances, in which the values are known
+    for axis in range(lower.shape[1]):
+        cuts = [lower[:, axis] + share * (upper - lower)[:, axis] for share in (1 / 3, 2 / 3)]
+        ends = [lower[:, axis], *cuts, upper[:, axis]]
+        parts = [(lower.copy(), upper.copy()) for _ in range(3)]
+        for number, (low, high) in enumerate(parts):
+            low[:, axis], high[:, axis] = ends[number], ends[number + 1]
+        lower, upper = (np.concatenate(sides) for sides in zip(*parts, strict=True))
+    return lower, upper
+
+
+def _knots(bounder: DistanceBounder, shape: Shape) -> np.ndarray:
+    """Local coordinates of the times at which a motion bends."""
+    return (shape.knots - float(bounder.domain.center[0])) * float(bounder.domain.scale[0])
+
+
+def _between(lower: np.ndarray, upper: np.ndarray, knots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes, cut along axis 0 at the knots."""
+    for knot in knots:
+        cut = (lower[:, 0] < knot) & (knot < upper[:, 0])
+        left, right = upper[cut].copy(), lower[cut].copy()
+        left[:, 0] = right[:, 0] = knot
+        lower, upper = (
+            np.concatenate([lower[~cut], lower[cut], right]),
+            np.concatenate([upper[~cut], left, upper[cut]]),
+        )
+    return lower, upper
 
 
 def _near(bounder: DistanceBounder, shape: Shape, count: int, rng: np.random.Generator) -> np.ndarray:
-    """``(count, n)`` local coordinates of points of the domain near the object's border."""
-    v = bounder.domain.to_local(border_points(shape, count, rng))
+    """``(count, n)`` local coordinates of points of the domain near the object's border, and near what the shape names."""
+    x, marks = border_points(shape, count, rng), shape.landmarks()
+    if len(marks):
+        x[::2] = marks[rng.integers(len(marks), size=len(x[::2]))]
+    v = bounder.domain.to_local(x)
     v += np.exp2(rng.uniform(*np.log2(NEAR), (count, 1))) * rng.standard_normal(v.shape)
     limit = bounder.domain.limit.astype(np.float64)
     return np.clip(v, -limit, limit)

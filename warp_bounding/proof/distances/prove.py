@@ -20,7 +20,7 @@ from warp_bounding.proof.prove import OUTSIDE, as_fitted, other_dimension, reach
 from warp_bounding.queries.distance import METRICS, in_metric
 from warp_bounding.runtime.launch import working_seconds
 
-__all__ = ["Found", "distance_shape", "prove_distance", "search", "settle_distance"]
+__all__ = ["Found", "distance_shape", "other_motion", "prove_distance", "search", "settle_distance"]
 
 
 class Found(NamedTuple):
@@ -46,6 +46,20 @@ def distance_shape(bounder: DistanceBounder, shape) -> Shape:
     return as_fitted(bounder, in_metric(load_indicator(shape), bounder.sizes.get("metric", METRICS[0])))
 
 
+def other_motion(bounder: DistanceBounder, shape: Shape) -> str | None:
+    """What the domain says of how a shape moves that is not so, in a few words; ``None`` if it holds."""
+    domain = bounder.domain
+    if domain.time != shape.time:
+        return "the bounder knows time and the shape does not, or the other way round"
+    if not domain.time:
+        return None
+    if shape.speed is None or not domain.speed >= shape.speed:
+        return f"the shape moves faster than the bounder knows, by up to {shape.speed or np.inf:.6g} a unit of time, not {domain.speed:.6g}"
+    if domain.lower[0] < shape.lower[0] or domain.upper[0] > shape.upper[0]:
+        return "the bounder's range of time is longer than the shape's"
+    return None
+
+
 def search(bounder: DistanceBounder, shape: Shape, seconds: float, target: float | None = None) -> Found:
     """Find L by a search, or whether it reaches a target."""
     started = working_seconds()
@@ -67,7 +81,8 @@ def prove_distance(
     Raises:
         BounderError: If the bounder was made for another domain or dimension, its volume is not proven, or nothing was found.
     """
-    reason = other_dimension(bounder, shape) or bounder.domain.fault() or (reaches_outside(bounder, shape) and OUTSIDE)
+    reason = other_dimension(bounder, shape) or bounder.domain.fault() or other_motion(bounder, shape)
+    reason = reason or (reaches_outside(bounder, shape) and OUTSIDE)
     if reason:
         raise BounderError(f"{bounder.method}: {reason}")
     if bounder.volume is not None:

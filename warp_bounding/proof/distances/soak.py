@@ -2,6 +2,8 @@
 
 Each is certain by construction, from certified points of the object (p, float32) and certified upper bounds of distances, in float64 with
 room for its rounding; one that is answered with *no*, or a time of contact behind one that is known, is a false negative.
+
+Of a shape that moves, p is a point of time and space: balls are asked at its time, and segments pass it then.
 """
 
 from typing import Any
@@ -34,6 +36,10 @@ class DistancePositives:
 
     def __init__(self, bounder: DistanceBounder, shape: Shape):
         self.bounder, self.shape, self.size = bounder, shape, float(shape.extent.max())
+        self.speed, self.forms = None, DISTANCE_FORMS
+        if bounder.domain.time:
+            self.speed = bounder.domain.speed
+            self.forms = tuple(form for form in DISTANCE_FORMS if form != "rays")  # these are of shapes at rest
         self._seed, self._pool = None, np.zeros((0, shape.ndim), np.float32)
 
     def _points(self, seed: int, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -46,7 +52,7 @@ class DistancePositives:
 
     def ask(self, seed: int, chunk: int, count: int) -> tuple[str, int, dict[str, Any] | None]:
         """Ask a chunk of the stream: its form, how many certain positives it has, and the first one that was missed."""
-        form, rng = DISTANCE_FORMS[chunk % len(DISTANCE_FORMS)], np.random.default_rng([seed, chunk])
+        form, rng = self.forms[chunk % len(self.forms)], np.random.default_rng([seed, chunk])
         asked, missed = getattr(self, f"_{form}")(self._points(seed, count, rng), rng)
         return form, asked, missed
 
@@ -54,9 +60,12 @@ class DistancePositives:
         return np.exp2(rng.uniform(np.log2(MOVES[0]), np.log2(largest), (count, 1))) * self.size
 
     def _directions(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Unit vectors, of space."""
         d = rng.normal(size=(count, self.shape.ndim)) * (rng.random((count, self.shape.ndim)) > 0.2)
+        if self.speed is not None:
+            d[:, 0] = 0.0
         length = np.linalg.norm(d, axis=1, keepdims=True)
-        return np.where(length > 0, d / np.where(length > 0, length, 1.0), np.eye(self.shape.ndim)[0])
+        return np.where(length > 0, d / np.where(length > 0, length, 1.0), np.eye(self.shape.ndim)[-1])
 
     def _balls(self, p: np.ndarray, rng: np.random.Generator):
         x = (p + self._moves(len(p), rng) * self._directions(len(p), rng)).astype(np.float32)
@@ -78,8 +87,17 @@ class DistancePositives:
         d, aside = self._directions(count, rng), self._moves(count, rng) * self._directions(count, rng)
         aside *= rng.random((count, 1)) > 0.5
         back, forth = (self._moves(count, rng) * (rng.random((count, 1)) > 0.1) for _ in "bf")
+        if self.speed is not None:
+            d[:, 0] = (
+                rng.normal(size=count)
+                * (rng.random(count) > 0.2)
+                * (self.shape.upper[0] - self.shape.lower[0])
+                / self.size
+            )
         a, b = ((p + aside + way * d).astype(np.float32) for way in (-back, forth))
-        time, radius = _passing(a.astype(np.float64), b.astype(np.float64) - a, p)
+        if self.speed is not None:  # within the times at which the shape is there, and p's between both
+            a[:, 0], b[:, 0] = (np.clip(x[:, 0], self.shape.lower[0], self.shape.upper[0]) for x in (a, b))
+        time, radius = _passing(a.astype(np.float64), b.astype(np.float64) - a, p, self.speed)
         maybe, t = (part.numpy() for part in self.bounder.segments(a, b, radius, steps=int(rng.integers(1, 80))))
         return count, _first((maybe == 0) | (t > time), start=a, end=b, radius=radius)
 
@@ -111,13 +129,26 @@ def _up(x: np.ndarray) -> np.ndarray:
     return np.nextafter(x.astype(np.float32), np.float32(np.inf))
 
 
-def _passing(a: np.ndarray, w: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """When ``a + t w`` passes p nearest, and a radius that reaches p then; the time is not before that, up to rounding."""
-    square = (w * w).sum(axis=1)
-    time = np.clip(((p - a) * w).sum(axis=1) / np.where(square > 0, square, 1.0), 0.0, 1.0)
-    at = a + time[:, None] * w
+def _passing(a: np.ndarray, w: np.ndarray, p: np.ndarray, speed: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """When ``a + t w`` passes p nearest, and a radius that reaches p then; the time is not before that, up to rounding.
+
+    With a speed coordinate 0 is time: then where a point is at p's time, or where it passes p nearest if its time stands still.
+    """
+    first = 0 if speed is None else 1
+    space = slice(first, None)
+    square = (w[:, space] ** 2).sum(axis=1)
+    time = ((p - a) * w)[:, space].sum(axis=1) / np.where(square > 0, square, 1.0)
     size = np.abs(a).sum(axis=1) + np.abs(w).sum(axis=1) + np.abs(p).sum(axis=1)
-    return time, _up(np.linalg.norm(at - p, axis=1) * (1 + ROOM) + 2.0**-48 * size)
+    if first:
+        goes = w[:, 0] != 0
+        time = np.where(goes, (p - a)[:, 0] / np.where(goes, w[:, 0], 1.0), time)
+    time = np.clip(time, 0.0, 1.0)
+    at = a + time[:, None] * w
+    away = np.linalg.norm((at - p)[:, space], axis=1)
+    if first:  # what is left of p's time, its point may have moved
+        away += speed * np.abs(at[:, 0] - p[:, 0]) * (1 + ROOM)
+        size *= 1 + speed
+    return time, _up(away * (1 + ROOM) + 2.0**-48 * size)
 
 
 def _first(missed: np.ndarray, **numbers: np.ndarray) -> dict[str, Any] | None:

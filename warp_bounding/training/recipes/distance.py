@@ -4,6 +4,10 @@ What F exceeds the distance by at the worst place is its slack, and is taken off
 domain, where each unit of ``d - F`` costs the same up to ``FAR`` from the object, and farther away less, as does nothing in the object, where F may
 be anything below 0. *Above*: a pool of the points where F exceeds the distance most, as far as they are known; random points and those around the worst
 ones are labelled anew at every refresh. The asymmetry grows while it trains, as in the recipe for points, and both sides get sharper.
+
+In the object F is asked to be below the depth with its sign turned, so that it has no bend to follow at the border. In four dimensions
+and more it may fall short of large distances by a share, which marches make up for with a few steps: boxes of a proof can then be larger
+there, and these fill most of the domain.
 """
 
 import math
@@ -25,11 +29,22 @@ from warp_bounding.training.recipes.loss import summed
 
 __all__ = ["DistanceTrainer", "train_distance"]
 
-GAINS = (10.0, 3.0)  # of the first and of later layers' weights
+GAINS = (10.0, 3.0)  # of the first and of later layers' weights ...
+SMOOTH_GAINS = (
+    7.0,
+    3.0,
+)  # ... and from ``EASED_IN`` dimensions on, where a network that bends less is proven with fewer boxes
 REFRESH = 100  # steps between two looks at new samples
 LABELLED, MOST_LABELLED = 16_384, 1 << 20  # new points at a refresh, and kept in all
 NEAR_SHARE = 0.5  # of these: near the border
 NEAR = (2.0**-8, 2.0**-2)  # local units: how near, a standard deviation between these
+MARKED = 0.5  # of the near ones: around what the shape names (``Shape.landmarks``), so that no small part is left out
+DEPTH = 1.0  # of a point's depth in the object: F is asked to be that much below 0
+EASE, EASED_FROM, EASED_IN = (
+    0.2,
+    0.05,
+    4,
+)  # of what a distance is above the second, local units, F may fall short, from so many dimensions on
 HARD, AROUND = 16_384, 8192  # the worst points kept, and points around them that are tried at a refresh
 MOVES = (2.0**-10, 2.0**-3)  # local units: how far around them
 BATCH = 2048  # of each kind, a step
@@ -57,11 +72,13 @@ class DistanceTrainer:
         self.shape, self.domain, self.ndim = shape, domain, shape.ndim
         self.rng, self.generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
         self.network = TrainableNetwork(shape.ndim, hidden, activation)
-        gains = GAINS if self.network.act.wave else self.network.act.support_gains
+        waves = SMOOTH_GAINS if self.ndim >= EASED_IN else GAINS
+        gains = waves if self.network.act.wave else self.network.act.support_gains
         self.network.initialise(*gains, self.generator)
         self.team = Team()
         self.workers = [Evaluator(self.network) for _ in range(self.team.size)]
-        self._known = held_points(shape, HARD, self.rng)
+        self._known, self._marks = held_points(shape, HARD, self.rng), shape.landmarks()
+        self._ease = EASE if self.ndim >= EASED_IN else 0.0
         self._limit = domain.limit.astype(np.float64)
         nothing = torch.empty(self.ndim, 0), torch.empty(0)
         self.points, self.hard = nothing, nothing
@@ -88,16 +105,23 @@ class DistanceTrainer:
         return self.network.tensors()
 
     def _labelled(self, v: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
-        """Columns, and distances in local units, of points ``(N, n)``: known ones from above, else from below."""
+        """Columns, and what F should be at points ``(N, n)``, local units: distances as known from above, else from below."""
         v = np.clip(v, -self._limit, self._limit).astype(np.float32)
-        low, high = self.shape.distances(self.domain.to_object(v)).T
+        x = self.domain.to_object(v)
+        low, high = self.shape.distances(x).T
         distance = np.where(np.isfinite(high), high, low) / self.domain.unit
+        distance -= self._ease * np.maximum(distance - EASED_FROM, 0.0)
+        held = distance <= 0
+        distance[held] = -DEPTH * self.shape.depth(x[held]) / self.domain.unit
         return torch.from_numpy(np.ascontiguousarray(v.T)), torch.from_numpy(distance.astype(np.float32))
 
     def _fresh(self) -> np.ndarray:
         """New random points of the domain, some near the border."""
         near = int(LABELLED * NEAR_SHARE)
-        border = self.domain.to_local(border_points(self.shape, near, self.rng, self._known, 2.0**-9))
+        marked = int(near * MARKED) if len(self._marks) else 0
+        border = border_points(self.shape, near - marked, self.rng, self._known, 2.0**-9)
+        marks = self._marks[self.rng.integers(len(self._marks), size=marked)] if marked else border[:0]
+        border = self.domain.to_local(np.concatenate([border, marks]))
         size = np.exp2(self.rng.uniform(*np.log2(NEAR), (near, 1)))
         anywhere = self.rng.uniform(-1, 1, (LABELLED - near, self.ndim)) * self._limit
         return np.concatenate([border + size * self.rng.standard_normal(border.shape), anywhere])

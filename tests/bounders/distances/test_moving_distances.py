@@ -1,0 +1,187 @@
+"""Distances to shapes that move, in space at a time; and points that move, against them."""
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+
+import warp_bounding as wb
+from warp_bounding.errors import BounderError, IndicatorError, QueryError
+from warp_bounding.indicators.shape import IN
+from warp_bounding.proof.distances.soak import DISTANCE_FORMS, DistancePositives
+
+CORNERS = np.array([[0, 0, 0], [1, 0, 0.1], [0, 1.2, 0], [0.2, 0, 0.7]], np.float32)
+SOLID = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
+TIMES = [2.0, 2.5, 4.0]
+
+
+@cache
+def moving(name: str, margin: float = 0.0) -> wb.IndicatorMotion:
+    """A tetrahedron that is carried, turned and stretched, or two of its faces, which enclose nothing."""
+    turned = CORNERS[:, [1, 2, 0]] * [1, -1, 1] + [1.5, 0.5, 0]
+    frames = np.stack([CORNERS, turned, turned * 1.3 + [0, 0, 0.8]]).astype(np.float32)
+    motion = wb.IndicatorMotion(frames, SOLID if name == "solid" else SOLID[:2], TIMES, name=name)
+    return motion.dilated(margin) if margin else motion
+
+
+@cache
+def far(name: str, margin: float = 0.0) -> wb.DistanceBounder:
+    """Proven, on the CPU; never change it."""
+    told = {"hidden": (12, 12), "steps": 600, "budget": 10.0, "margin": margin}
+    return wb.fit(moving(name), "distance", "mlp", device="cpu", progress=False, **told)
+
+
+def moments(shape: wb.IndicatorMotion, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Times at which the shape is there, keyframes among them, and places around it."""
+    x = rng.uniform(shape.lower - 1, shape.upper + 1, (count, 4))
+    x[:, 0] = rng.uniform(*np.array(TIMES)[[0, -1]], count)
+    x[: count // 8, 0] = rng.choice(TIMES, count // 8)
+    return x.astype(np.float32)
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.1])
+@pytest.mark.parametrize("name", ["solid", "sheet"])
+def test_never_above_the_distance_of_the_mesh_at_that_time(name, margin, rng):
+    bounder, motion = far(name, margin), moving(name)
+    assert bounder.certificate.proven
+    assert bounder.domain.time
+    x = moments(motion, 400, rng)
+    g = bounder.distance(x).numpy()
+    for point, bound in zip(x, g, strict=True):
+        mesh = wb.IndicatorMesh(motion.vertices_at(point[0]), motion.faces).dilated(margin)
+        assert bound <= mesh.distances(point[None, 1:])[0, 1]
+    known = moving(name, margin).distances(x)
+    assert (g <= known[:, 1]).all()
+    assert (g > 0).mean() > 0.4  # it is a bound that says something
+    assert np.allclose(g, bounder.exact(x), atol=1e-3)
+
+
+def test_nothing_is_told_of_other_times(rng):
+    bounder = far("solid")
+    x = moments(moving("solid"), 100, rng) + np.float32([0, 50, 0, 0])
+    assert (bounder.distance(x).numpy() > 40).all()
+    for time in (1.9, 4.1, -np.inf, np.nan):
+        x[:, 0] = time
+        assert not bounder.distance(x).numpy().any()
+        assert (bounder.query(x).numpy() == 1).all()
+
+
+@pytest.mark.parametrize("native", [True, False])
+@pytest.mark.parametrize("name", ["solid", "sheet"])
+def test_a_moving_point_against_a_moving_mesh(name, native, rng):
+    """What is cleared stays clear at all times that are looked at, and a time of contact is not behind the first one that is found."""
+    bounder, motion = far(name).to(native=native), moving(name)
+    a, b = (moments(motion, 300, rng) for _ in "ab")
+    b[:50, 0] = a[:50, 0]  # at one time
+    radius = rng.uniform(0, 0.3, 300) * (rng.random(300) > 0.5)
+    maybe, t = (part.numpy() for part in bounder.segments(a, b, radius, steps=200))
+    assert 0.05 < maybe.mean() < 0.95
+    share = np.linspace(0, 1, 201)
+    along = a[:, None].astype(np.float64) + share[None, :, None] * (b.astype(np.float64) - a)[:, None]
+    touched = (motion.distances(along.reshape(-1, 4))[:, 1] <= np.repeat(radius, 201)).reshape(300, 201)
+    assert not touched[maybe == 0].any()
+    first = np.where(touched.any(axis=1), share[touched.argmax(axis=1)], 1.0)
+    assert (t <= first + 1e-6).all()
+    assert (t[maybe == 0] == 1).all()
+
+
+def test_segments_that_leave_the_range_of_time_are_told_nothing(rng):
+    bounder = far("solid")
+    a, b = (moments(moving("solid"), 20, rng) + np.float32([0, 90, 0, 0]) for _ in "ab")
+    assert not bounder.segments(a, b)[0].numpy().any()
+    b[:, 0] = 4.5
+    maybe, t = (part.numpy() for part in bounder.segments(a, b))
+    assert maybe.all()
+    assert not t.any()
+
+
+def test_boxes_of_time_and_space(rng):
+    bounder, motion = far("solid"), moving("solid")
+    held = motion.points(200, rng).astype(np.float32)
+    held = held[motion.decide(held) == IN]
+    sides = rng.uniform(0, 0.2, held.shape).astype(np.float32)
+    low, high = np.maximum(held - sides, motion.lower.astype(np.float32)), held + sides
+    low[:, 0], high[:, 0] = np.clip(low[:, 0], 2, 4), np.clip(high[:, 0], 2, 4)
+    assert bounder.boxes(low, high).numpy().all()
+    away = np.float32([0, 9, 0, 0])
+    assert not bounder.boxes(low + away, high + away).numpy().any()
+    assert bounder.boxes(low + away + np.float32([3, 0, 0, 0]), high + away + np.float32([3, 0, 0, 0])).numpy().all()
+
+
+@pytest.mark.parametrize("name", ["solid", "sheet"])
+def test_hard_positives_are_not_missed(name):
+    margin = 0.0 if name == "solid" else 0.1  # no float32 point lies on a face for certain
+    positives = DistancePositives(far(name, margin), moving(name, margin))
+    for chunk in range(2 * len(DISTANCE_FORMS)):
+        form, asked, missed = positives.ask(3, chunk, 3000)
+        assert missed is None, (form, missed)
+        assert asked > 800
+
+
+def test_marching_depends_on_the_speed(rng):
+    """Points that stand still where the solid will come: they are not cleared, but would be if the solid stood still."""
+    bounder, motion = far("solid"), moving("solid")
+    inner = rng.dirichlet(np.ones(4), 300) @ motion.frames[-1].astype(np.float64)
+    a, b = (np.insert(inner, 0, time, axis=1).astype(np.float32) for time in TIMES[1:])
+    held = (bounder.distance(a).numpy() > 0) & (motion.decide(b) == IN)
+    assert held.any()
+    assert bounder.segments(a[held], b[held])[0].numpy().all()
+    still = bounder.to()
+    still.domain = dataclasses.replace(bounder.domain, speed=0.0)
+    still._data = None
+    assert not still.segments(a[held], b[held])[0].numpy().any()
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.1])
+@pytest.mark.parametrize("name", ["solid", "sheet"])
+def test_excesses_hold(name, margin, rng):
+    """No point of a box has more than what is said of it, for functions that are multilinear in it."""
+    shape, count = moving(name, margin), 300
+    low = moments(shape, count, rng).astype(np.float64)
+    high = low + rng.uniform(0, 1, (count, 4)) * np.exp2(rng.uniform(-8, 0, (count, 1)))
+    key = np.clip(np.searchsorted(TIMES, low[:, 0], side="right") - 1, 0, 1)
+    high[:, 0] = np.minimum(high[:, 0], np.array(TIMES)[key + 1])
+    values = shape.distances((low + high) / 2)[:, :1] + rng.normal(size=(count, 16)) * 0.1
+    told = shape.excess(low, high, values, -9.0)
+    assert (told <= values.max(axis=1)).all()
+    assert (told < values.max(axis=1) - 1e-3).mean() > 0.3
+    assert (shape.excess(low, high, values, -9.0, enough=0.1) >= np.minimum(told, 0.1)).all()
+    for _ in range(40):
+        u = rng.random((count, 4))
+        weight = np.stack(
+            [np.prod([u[:, k] if i >> k & 1 else 1 - u[:, k] for k in range(4)], axis=0) for i in range(16)]
+        )
+        f = (weight.T * values).sum(axis=1)
+        assert (f - shape.distances(low + u * (high - low))[:, 1] <= told + 1e-12).all()
+
+
+def test_saved_loaded_certified(tmp_path, rng):
+    bounder, motion = far("solid"), moving("solid")
+    bounder.save(tmp_path / "d.safetensors")
+    again = wb.load(tmp_path / "d.safetensors", device="cpu")
+    x = moments(motion, 200, rng)
+    assert (again.distance(x).numpy() == bounder.distance(x).numpy()).all()
+    assert again.domain.speed == bounder.domain.speed > 0
+    assert wb.certify(again, motion).proven
+    slower = wb.IndicatorMotion(motion.frames * np.float32(1.1), motion.faces, TIMES)
+    assert not wb.certify(again, slower).proven
+    assert wb.evaluate(again, motion, samples=5000, radius=0.1).fn == 0
+
+
+def test_a_certificate_needs_the_speed():
+    """The threshold may hold, but what marches does not, if the file's speed is not that of the motion."""
+    bounder = far("solid").to()
+    bounder.domain = dataclasses.replace(bounder.domain, speed=bounder.domain.speed / 2)
+    assert wb.certify(bounder, moving("solid")).kind != "proven"
+
+
+def test_what_there_is_not():
+    bounder = far("solid")
+    with pytest.raises(QueryError, match="at rest"):
+        bounder.rays(np.zeros((1, 8), np.float32), length=1.0)
+    with pytest.raises(BounderError, match="moves"):
+        wb.fit(moving("solid"), "distance", "sphere", device="cpu")
+    grid = wb.IndicatorGrid(np.eye(4, dtype=bool)[None].repeat(3, 0), time=True)
+    with pytest.raises((BounderError, IndicatorError), match=r"moves|time"):
+        wb.fit(grid, "distance", "mlp", steps=1, device="cpu")
