@@ -12,7 +12,8 @@ newton = pytest.importorskip("newton", reason="Newton is not installed: pip inst
 
 import warp.examples  # noqa: E402
 
-from warp_bounding.newton import ParticleCull, margin_for  # noqa: E402
+from warp_bounding.newton import ParticleCull, kernels, margin_for  # noqa: E402
+from warp_bounding.newton.hulls import runs_of  # noqa: E402
 
 RADIUS, RECORDS = 0.02, ("particle", "shape", "body_pos", "body_vel", "normal")
 
@@ -110,6 +111,57 @@ def test_one_bounder_of_distances_serves_every_gap_radius_and_scale(bunny, dilat
         for array, values in zip(changed, before, strict=True):
             array.assign(values)
     assert survivors[0] <= survivors[1] < survivors[2] < survivors[3]
+
+
+@pytest.mark.parametrize("of_distances", [False, True])
+def test_pairs_in_any_order(bunny, of_distances):
+    """Where neighbours in the list are not neighbours in space, pairs are looked at one by one: the same ones survive."""
+    model, mesh, shapes = scene(bunny, moving=True)
+    pipeline = newton.CollisionPipeline(model)
+    far = wb.fit(bunny, "distance", "bvh", leaves=64, device="cpu") if of_distances else None
+    own = dict.fromkeys(shapes, far or bounder_of(bunny, mesh, pipeline))
+    state, contacts = model.state(), pipeline.contacts()
+    in_order = ParticleCull(pipeline, own).candidates(state).numpy()
+    pairs = pipeline.soft_rigid_contact_pairs.numpy()
+    assert runs_of(pairs).mean() > 0.9
+    pairs = np.random.default_rng(2).permutation(pairs)[:-7]  # not a multiple of what is looked at together
+    assert not runs_of(pairs).any()
+    pipeline.soft_rigid_contact_pairs = wp.array(pairs, dtype=wp.vec2i, device="cpu")
+    pipeline.collide(state, contacts)
+    there, cull = records(contacts), ParticleCull(pipeline, own)
+    cull.collide(state, contacts)
+    assert all((a == b).all() for a, b in zip(there, records(contacts), strict=True))
+    assert len(there[0]) > 100
+    here = {(*pair,) for pair in cull.candidates(state).numpy().tolist()}
+    assert here == {(*pair,) for pair in in_order.tolist()} & {(*pair,) for pair in pairs.tolist()}
+
+
+@pytest.mark.parametrize("method", ["mlp", "bvh", "sphere"])
+def test_distances_in_lanes_are_those_one_by_one(bunny, method):
+    """What a CPU does with many pairs at a time, and CUDA with one; but for the last bits of a distance."""
+    options = {"mlp": {"hidden": (12, 10), "steps": 300}, "bvh": {"leaves": 64}}.get(method, {})
+    model, _, shapes = scene(bunny, moving=True, particles=6000)
+    pipeline = newton.CollisionPipeline(model, soft_contact_gap=0.02)
+    far = wb.fit(bunny, "distance", method, margin=0.01, device="cpu", **options)
+    cull, state = ParticleCull(pipeline, dict.fromkeys(shapes, far)), model.state()
+    cull.candidates(state)
+    lanes, keep = cull._keep.numpy().copy(), cull._keep
+    keep.fill_(9)
+    given = [0, kernels.block_size(cull._device), far.data, 0, 0.01, cull._bounder_of, cull._all]
+    given += [
+        state.particle_q,
+        model.particle_radius,
+        cull._placed,
+        cull._hulls,
+        cull._undecided,
+        cull._undecided_count,
+    ]
+    wp.launch(kernels.ask_distances(far.source), len(cull._undecided_count), given, [keep], device="cpu")
+    one = keep.numpy()
+    asked = one != 9
+    assert asked.sum() == cull._undecided_count.numpy().sum() > 1000
+    assert 0 < lanes[asked].sum() < asked.sum()
+    assert (one != lanes)[asked].mean() < 1e-3
 
 
 def test_distances_that_do_not_fit_are_refused(bunny):

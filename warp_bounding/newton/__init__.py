@@ -28,6 +28,8 @@ from warp_bounding.bounders import Bounder, DistanceBounder
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorMesh
 from warp_bounding.newton import kernels
+from warp_bounding.newton.distances import BLOCKS, ask_distances_in_lanes
+from warp_bounding.newton.hulls import ask_hulls, runs_of
 from warp_bounding.queries import QUERIES
 from warp_bounding.runtime.compaction import Compaction
 from warp_bounding.runtime.launch import launch_blocks
@@ -129,10 +131,13 @@ class ParticleCull:
             grows[shape] = of_distances
             margins[shape] = np.inf if unproven or of_distances else bounder.info["margin"]
             lower, upper = bounder.domain.lower, bounder.domain.upper
+            if of_distances:  # the hull grows by the way, from the mesh itself on; a domain has room around it
+                vertices = np.asarray(self.model.shape_source[shape].vertices, np.float64)
+                lower, upper = vertices.min(axis=0), vertices.max(axis=0)
             domains[shape] = (lower + upper) / 2, (upper - lower) / 2
             bounder_of[shape] = next(n for n, other in enumerate(self._bounders) if other is bounder)
         # For each shape: the index of its bounder (-1 for none), the bounder's margin, whether it bounds distances, the mesh's largest
-        # coordinate, the middle and half widths of the bounder's domain; and what ``place_shapes`` makes of them in each pass.
+        # coordinate, the middle and half widths of the bounder's domain (of distances: of the mesh); and what ``place_shapes`` makes of them in each pass.
         self._bounder_of = wp.array(bounder_of, dtype=wp.int32, device=self._device)
         self._margins = wp.array(margins, dtype=wp.float32, device=self._device)
         self._grows = wp.array(grows, dtype=wp.float32, device=self._device)
@@ -140,6 +145,9 @@ class ParticleCull:
         self._domains = wp.array(domains, dtype=wp.vec3, device=self._device)
         self._placed = wp.empty(shape_count, dtype=kernels.Placed, device=self._device)
         self._hulls = wp.empty(shape_count, dtype=kernels.Hull, device=self._device)
+        # The particles, row by row (``split_particles``), and which pairs follow each other, so that they are looked at together.
+        self._rows = wp.empty(4 * self.model.particle_count, dtype=wp.float32, device=self._device)
+        self._runs = wp.array(runs_of(self._all.numpy()), dtype=wp.uint8, device=self._device)
         # The pairs that the hulls leave to the bounders: their indices block by block, and how many each block has.
         blocks = -(-self.pairs // kernels.block_size(self._device))
         self._undecided = wp.empty(self.pairs, dtype=wp.int32, device=self._device)
@@ -201,35 +209,37 @@ class ParticleCull:
         inputs = [state.body_q, *shapes, self._domains, self._margins, self._grows, self._largest, gap]
         outputs = [self._placed, self._hulls]
         wp.launch(kernels.place_shapes, dim=model.shape_count, inputs=inputs, outputs=outputs, device=device)
-        block = kernels.block_size(device)
-        particles = [array.contiguous() for array in (state.particle_q, model.particle_radius)]
-        inputs = [0, block, self.pairs, self._all, *particles, self._hulls]
+        block, count = kernels.block_size(device), model.particle_count
+        inputs = [0, state.particle_q, model.particle_radius, count]
+        launch_blocks(kernels.split_particles, count, inputs, [self._rows], device, first_index=0, block=1)
+        inputs = [self._all, self.pairs, block, 0, self._runs, self._rows, self._hulls]
         found = [self._undecided, self._undecided_count]
-        launch_blocks(kernels.ask_hulls, self.pairs, inputs, [*found, self._keep], device, first_index=0, block=block)
+        launch_blocks(ask_hulls, self.pairs, inputs, [*found, self._keep], device, first_index=3, block=block)
         for number, bounder in enumerate(self._bounders):
-            if isinstance(bounder, DistanceBounder):
-                dilated = bounder.info.get("margin") or 0.0
-                inputs = [0, block, bounder.data, number, dilated, self._bounder_of, self._all, *particles]
-                inputs += [self._placed, self._hulls, *found]
-                kernel = kernels.ask_distances(bounder.source)
-            else:
-                inputs = [
-                    0,
-                    block,
-                    bounder.data,
-                    number,
-                    self._bounder_of,
-                    self._all,
-                    particles[0],
-                    self._placed,
-                    *found,
-                ]
-                kernel = kernels.ask_bounders(bounder.source)
-            launch_blocks(kernel, self.pairs, inputs, [self._keep], device, first_index=0, block=block)
+            self._ask(number, bounder, state)
         indices, total = self._survivors.launch()
         count = int(total.numpy()[0])
         wp.launch(kernels.gather_pairs, dim=count, inputs=[self._all, indices], outputs=[self._kept], device=device)
         return self._kept[:count]
+
+    def _ask(self, number: int, bounder: Bounder | DistanceBounder, state: newton.State) -> None:
+        """Ask a bounder about the pairs of its shapes that the hulls have left."""
+        model, device, block = self.model, self._device, kernels.block_size(self._device)
+        found, where = [self._undecided, self._undecided_count], [self._placed, self._hulls]
+        if not isinstance(bounder, DistanceBounder):
+            inputs = [0, block, bounder.data, number, self._bounder_of, self._all, state.particle_q, self._placed]
+            kernel, items, first, share = kernels.ask_bounders(bounder.source), self.pairs, 0, block
+        elif device.is_cpu:
+            data, dilated = bounder.data, bounder.info.get("margin") or 0.0
+            items, first, share = len(self._undecided_count), 3, BLOCKS
+            inputs = [data.parameters, items, block, 0, data.words, number, dilated, self._bounder_of]
+            inputs += [self._all, self._rows, *where]
+            kernel = ask_distances_in_lanes(bounder.source)
+        else:
+            inputs = [0, block, bounder.data, number, bounder.info.get("margin") or 0.0, self._bounder_of, self._all]
+            inputs += [state.particle_q, model.particle_radius, *where]
+            kernel, items, first, share = kernels.ask_distances(bounder.source), self.pairs, 0, block
+        launch_blocks(kernel, items, [*inputs, *found], [self._keep], device, first_index=first, block=share)
 
     def _check(self, shape: int, bounder: Bounder | DistanceBounder, unproven: bool) -> float:
         """Largest coordinate of a shape's mesh; refuse a bounder that is not one of it."""

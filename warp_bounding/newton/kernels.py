@@ -1,8 +1,8 @@
 """Kernels of the cull: where shapes lie in one pass, which pairs a bounder lets through, and their list.
 
 Most pairs are far apart. So a loop over a block of pairs asks first whether the particle lies outside a ball around the
-bounder's domain, or outside the domain's box as it lies in the world, and lists the others; only those go to the
-bounder.
+bounder's domain, or outside the domain's box as it lies in the world, and lists the others (``hulls``); only those go
+to the bounder. A bounder of distances is asked about many of them at a time on a CPU (``distances``), else about one.
 """
 
 from functools import cache
@@ -19,15 +19,16 @@ from warp_bounding.runtime.native import named, unique_name
 
 __all__ = [
     "IN_MESH",
+    "IN_SUM",
     "IN_WORLD",
     "Hull",
     "Placed",
     "ask_bounders",
     "ask_distances",
-    "ask_hulls",
     "block_size",
     "gather_pairs",
     "place_shapes",
+    "split_particles",
 ]
 
 # What float32 does between a particle's place and the closest point, in units of 2^-24: of the coordinates in the mesh
@@ -40,7 +41,8 @@ _MESH_ROUNDING = wp.constant(IN_MESH * UNIT32)
 # Of the ball and the box around a domain in the world, and of a distance from its middle: under 64 units in all.
 _HULL_ROUNDING = wp.constant(IN_WORLD * UNIT32)
 # Of the sum that a bounder's margin is compared with: eight roundings.
-_SUM_ROUNDING = wp.constant(8.0 * UNIT32)
+IN_SUM = 8.0 * UNIT32
+_SUM_ROUNDING = wp.constant(IN_SUM)
 # A quaternion whose squared length is farther from 1 than this, more than float32 rounding makes it, does not only
 # rotate.
 _UNIT_ROTATION = wp.constant(1.0e-6)
@@ -160,6 +162,24 @@ def place_shapes(
 
 
 @wp.kernel(enable_backward=False)
+def split_particles(
+    # inputs
+    first: int,
+    particle_q: wp.array(dtype=wp.vec3),
+    particle_radius: wp.array(dtype=float),
+    count: int,
+    # outputs
+    rows: wp.array(dtype=float),
+):
+    """The particles' x, one after another, then all their y, z and radii: so that neighbours are read together."""
+    p = first + wp.tid()
+    q = particle_q[p]
+    for k in range(3):
+        rows[k * count + p] = q[k]
+    rows[3 * count + p] = particle_radius[p]
+
+
+@wp.kernel(enable_backward=False)
 def gather_pairs(
     # inputs
     pairs: wp.array(dtype=wp.vec2i),
@@ -170,65 +190,6 @@ def gather_pairs(
     """The pairs that are left, in their order."""
     i = wp.tid()
     kept[i] = pairs[indices[i]]
-
-
-@wp.func_native("""
-const int* const pair = (const int*)pairs.data;
-const float* const place = (const float*)particle_q.data;
-int count = 0;
-for (int i = begin; i < end; ++i) {
-    const int p = pair[2 * i];
-    const auto& b = hulls.data[pair[2 * i + 1]];
-    const float x = place[3 * p], y = place[3 * p + 1], z = place[3 * p + 2];
-    const float size = fabsf(x) + fabsf(y) + fabsf(z);
-    const float way = b.reach + b.per_radius * particle_radius.data[p] + b.per_coordinate * size;
-    const float dx = x - b.center[0], dy = y - b.center[1], dz = z - b.center[2];
-    const bool known = way <= b.margin;
-    const float radius = b.radius + b.grow_radius * way;
-    bool maybe = known && !(dx * dx + dy * dy + dz * dz > radius * radius);
-    if (maybe) for (int k = 0; k < 3; ++k) {
-        const float* const u = b.axes.data[k];
-        maybe = maybe && !(fabsf(u[0] * dx + u[1] * dy + u[2] * dz) > b.half[k] + b.grow[k] * way);
-    }
-    keep.data[i] = !known;
-    asked.data[begin + count] = i;
-    count += maybe;
-}
-return count;
-""")
-def _ask_hulls(
-    begin: int,
-    end: int,
-    pairs: wp.array(dtype=wp.vec2i),
-    particle_q: wp.array(dtype=wp.vec3),
-    particle_radius: wp.array(dtype=float),
-    hulls: wp.array(dtype=Hull),
-    asked: wp.array(dtype=wp.int32),
-    keep: wp.array(dtype=wp.uint8),
-) -> int:
-    """Decide the pairs that need no bounder, list the others from ``asked[begin]`` on, and return their number."""
-
-
-@wp.kernel(enable_backward=False)
-def ask_hulls(
-    # inputs
-    first: int,
-    size: int,
-    count: int,
-    pairs: wp.array(dtype=wp.vec2i),
-    particle_q: wp.array(dtype=wp.vec3),
-    particle_radius: wp.array(dtype=float),
-    hulls: wp.array(dtype=Hull),
-    # outputs
-    asked: wp.array(dtype=wp.int32),
-    left: wp.array(dtype=wp.int32),
-    keep: wp.array(dtype=wp.uint8),
-):
-    """Decide the pairs of each block that need no bounder, and list the others."""
-    block = first + wp.tid()
-    begin = block * size
-    end = wp.min(begin + size, count)
-    left[block] = _ask_hulls(begin, end, pairs, particle_q, particle_radius, hulls, asked, keep)
 
 
 @cache

@@ -32,7 +32,14 @@ def _count(mask: wp.array(dtype=wp.uint8), count: int, size: int, block: int, co
 const int begin = block * size; const int end = begin + size < count ? begin + size : count;
 int at = block > 0 ? ends.data[block - 1] : 0;
 const int last = ends.data[block];
-for (int i = begin; i < end && at < last; ++i) { indices.data[at] = i; at += mask.data[i] != 0; }
+int i = begin;
+for (; i + 8 <= end && at < last; i += 8) {
+    unsigned long long word;
+    memcpy(&word, mask.data + i, 8);
+    if (!word) continue;  // where little is set, most of eight entries in a row are none
+    for (int l = i; l < i + 8 && at < last; ++l) { indices.data[at] = l; at += mask.data[l] != 0; }
+}
+for (; i < end && at < last; ++i) { indices.data[at] = i; at += mask.data[i] != 0; }
 if (end == count) total.data[0] = at;
 """)
 def _write(
