@@ -101,10 +101,12 @@ def test_marching_and_halving_decide_what_g_can(method, native, rng):
     bounder, shape = far(method, "tetrahedron").to(native=native), thing("tetrahedron")
     a, b = (points_around(shape, 300, rng, 0.5) for _ in "ab")
     along = (a[:, None] + np.linspace(0, 1, 65)[None, :, None] * (b - a)[:, None]).reshape(-1, 3)
-    g = bounder.exact(along).reshape(len(a), -1).min(axis=1)
+    g = bounder.exact(along).reshape(len(a), -1)
+    boxed = (np.abs(bounder.domain.to_local(along)) <= bounder.domain.limit).all(axis=1).reshape(g.shape)
+    held, g = ((g <= 0) & boxed).any(axis=1), g.min(axis=1)  # outside of the object's box nothing is asked
     maybe, t = (part.numpy() for part in bounder.segments(a, b, steps=4000))
     if bounder.volume is not None:  # whose g itself is a distance; others may march past a point at which g is 0
-        assert (maybe[g <= 0] == 1).all()
+        assert (maybe[held] == 1).all()
     near = (
         np.linalg.norm(b.astype(np.float64) - a, axis=1) / 128 + 1e-3
     )  # between two of the points that were looked at
@@ -120,6 +122,45 @@ def test_marching_and_halving_decide_what_g_can(method, native, rng):
     reach = np.linalg.norm(high.astype(np.float64) - low, axis=1)
     assert not boxed[bounder.exact((low + high) / 2) > reach].any()
     assert boxed[shape.decide_boxes(low, high) == 1].all()
+
+
+@pytest.mark.parametrize("native", [True, False])
+@pytest.mark.parametrize("method", ["aabb", "sphere", "kdop"])
+def test_what_only_touches_the_objects_box_is_not_cut_off(method, native, rng):
+    """Segments and rays, of all lengths and from all distances, that end in a face, an edge or a corner of a box, pass one along an axis, or are as near as the radius."""
+    lower, upper = np.sort(rng.normal(size=(2, 3)).astype(np.float32), axis=0)
+    bounder = wb.fit(wb.solids.Box(lower, upper), "distance", method, device="cpu").to(native=native)
+    count = 3000
+    p = np.clip(rng.normal(size=(count, 3)) * 2, lower, upper).astype(np.float32)
+    axis, side = rng.integers(3, size=count), rng.integers(2, size=count)
+    each = np.arange(count)
+    p[each, axis] = np.where(side, upper[axis], lower[axis])
+    size = 10.0 ** rng.uniform(-6, 6, (count, 1))
+    start = (p + size * rng.normal(size=(count, 3))).astype(np.float32)
+    maybe, t = (part.numpy() for part in bounder.segments(start, p))
+    assert (maybe == 1).all()
+    inside = ((start >= lower) & (start <= upper)).all(axis=1)
+    assert (t[inside] == 0).all()
+    way = size[:, 0] * rng.choice([-1, 1], count)
+    one, other = p.copy(), p.copy()
+    one[each, axis] = (p[each, axis] - way).astype(np.float32)
+    other[each, axis] = (p[each, axis] + way).astype(np.float32)
+    maybe, t = (part.numpy() for part in bounder.segments(one, other))
+    assert (maybe == 1).all()
+    met = (p[each, axis].astype(np.float64) - one[each, axis]) / (
+        other[each, axis].astype(np.float64) - one[each, axis]
+    )
+    assert (t <= np.where(np.isfinite(met), met, 1.0)).all()
+    turned = (axis + 1) % 3
+    for ends in (one, other):
+        aside = ends.copy()
+        aside[each, turned] += np.float32(5.0)
+        radius = np.abs(ends[each, axis].astype(np.float64) - p[each, axis])
+        assert (bounder.segments(aside, ends, radius)[0].numpy() == 1).all()
+        assert (bounder.segments(ends, aside, radius)[0].numpy() == 1).all()
+    d = np.zeros_like(p)
+    d[each, axis] = np.sign(other[each, axis] - one[each, axis])
+    assert (bounder.rays(np.concatenate([one, d], axis=1), length=2.1 * np.abs(way) + 1e-6)[0].numpy() == 1).all()
 
 
 def test_times_of_contact():

@@ -293,8 +293,8 @@ class AskingDistance(ABC):
         many = [int(len(values) > 1) for values in (lengths, radii)]
         data, steps, given = self.data, _steps(steps), [a, b, numbers[0], many[0], numbers[1], many[1]]
         if self.native and count:
-            lines = wp.empty(count * (2 * self.ndim + 2), dtype=wp.float32, device=self.device)
-            self._run(lines_kernel(self.source, ray), count, [0, *given, self._clock], [lines], first_index=0)
+            lines = wp.empty(count * (2 * self.ndim + 4), dtype=wp.float32, device=self.device)
+            self._run(lines_kernel(self.source, ray), count, [0, data, *given, self._clock], [lines], first_index=0)
             inputs = [lines, count, 0, data.parameters, data.words, steps]
             self._run(lanes_kernel(self.source), count, inputs, [maybe, t], first_index=2, block=self.source.block)
             return maybe, t

@@ -6,6 +6,7 @@ import warp as wp
 
 from warp_bounding.coordinates.base import Numbers, vector_type
 from warp_bounding.kernels.distances.assemble import batch_snippet
+from warp_bounding.kernels.distances.clipping import clip_func
 from warp_bounding.kernels.distances.functions import (
     box_func,
     distance_func,
@@ -133,13 +134,14 @@ def march_kernel(source: DistanceSource, native: bool, ray: bool) -> wp.Kernel:
 
 @cache
 def lines_kernel(source: DistanceSource, ray: bool) -> wp.Kernel:
-    """``(first, a, b, length, lengths, radius, radii, clock, lines)``: what ``lanes_kernel`` marches along, a row of 2 n + 2 numbers a query."""
+    """``(first, data, a, b, length, lengths, radius, radii, clock, lines)``: what ``lanes_kernel`` marches along, a row of 2 n + 4 numbers a query."""
     n, vector, room = source.ndim, vector_type(source.ndim), room_func(source)
-    of_segment, of_ray = segment_line(source), ray_line(source)
+    of_segment, of_ray, clip = segment_line(source), ray_line(source), clip_func(source)
 
     def lines_of(
         first: int,
         # inputs
+        data: Data,
         a: Numbers,
         b: Numbers,
         length: Numbers,
@@ -164,12 +166,15 @@ def lines_kernel(source: DistanceSource, ray: bool) -> wp.Kernel:
             w, long = of_ray(end, length[lengths * i])
         else:
             w, long = of_segment(start, end, clock)
-        row = i * (2 * n + 2)
+        row, most = i * (2 * n + 4), room(start, w, long, radius[radii * i], clock)
+        span = clip(data, start, w, most)
         for k in range(n):
             lines[row + k] = start[k]
             lines[row + n + k] = w[k]
         lines[row + 2 * n] = long
-        lines[row + 2 * n + 1] = room(start, w, long, radius[radii * i], clock)
+        lines[row + 2 * n + 1] = most
+        lines[row + 2 * n + 2] = span[0]
+        lines[row + 2 * n + 3] = span[1]
 
     return _name(source, True, "ray_lines" if ray else "segment_lines").kernel(lines_of)
 

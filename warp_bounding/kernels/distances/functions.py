@@ -8,8 +8,8 @@ the point ``x = a + t w`` is computed; each of its numbers is off by at most ``u
 difference of float32 numbers, and ``(n + 6) u`` more where w is a direction that was scaled to a length; altogether by at most
 ``room = BLUR (|a|_1 + |w|_1) + LEAST``, ``BLUR = (n + 16) u``. Where ``g(x) > radius + room``, every point within
 ``g(x) - radius - room`` of the exact point at t is farther than the radius from the object. So t may grow by that over the length of the
-segment: the length is rounded up, the quotient and the new t down, by more than their operations round. A march ends with *no* where t reaches 1,
-with *maybe* where nothing is gained, numbers are not finite, or the steps are over; t is then a lower bound of the time of
+segment: the length is rounded up, the quotient and the new t down, by more than their operations round. A march begins where the segment enters the box that
+holds the object, and ends with *no* where t reaches the end of that (``clipping``), with *maybe* where nothing is gained, numbers are not finite, or the steps are over; t is then a lower bound of the time of
 first contact. Batches march in lanes (``lanes``), by the same steps.
 
 *Time.* Where coordinate 0 is time, the distance from a moving point to an object that moves, too, shrinks by no more than both ways together: ``|w|`` in space
@@ -29,6 +29,7 @@ import warp as wp
 from warp_bounding.arithmetic import UNIT32
 from warp_bounding.coordinates.base import DIRECTION_LARGEST, DIRECTION_SMALLEST, Numbers, vector_type
 from warp_bounding.kernels.distances.assemble import function_snippet
+from warp_bounding.kernels.distances.clipping import FINITE, LEAST, LONGER, SHORTER, clip_func, owns_func
 from warp_bounding.kernels.distances.plain import plain_distance
 from warp_bounding.kernels.distances.source import DistanceSource
 from warp_bounding.kernels.functions import Data, Words
@@ -53,12 +54,8 @@ __all__ = [
 
 SEGMENT_STEPS = 32  # evaluations of a segment or a ray at most, where no number is given
 BOX_STEPS = 64  # evaluations of a box
-LEAST = 2.0**-100  # object units: above what results that are set to zero take
-LONGER = 1.0 + 2.0**-19  # outweighs the rounding of a length of up to 64 numbers
-SHORTER = 1.0 - 2.0**-21  # outweighs the rounding of a difference, a quotient and a sum
 SHORTEST = 2.0**-58  # object units, added to a length: above what squares that are set to zero take
 MOST_LEVELS = 62  # halvings of a box
-FINITE = 3.0e38
 
 
 @cache
@@ -164,11 +161,14 @@ def ray_line(source: DistanceSource) -> wp.Function:
 @cache
 def march_func(source: DistanceSource, native: bool = True) -> wp.Function:
     """``march(data, a, w, length, room, steps) -> (maybe, t)`` along ``a + t w``; ``length`` is no less than that of w."""
-    distance, vector = distance_func(source, native), vector_type(source.ndim)
+    distance, vector, clip = distance_func(source, native), vector_type(source.ndim), clip_func(source)
 
     @_named(source, native, "march").func
     def march(data: Data, a: vector, w: vector, length: float, room: float, steps: int):
-        t, maybe, going = wp.float32(0.0), wp.bool(True), wp.int32(steps)
+        span = clip(data, a, w, room)
+        t, last, maybe, going = span[0], span[1], wp.bool(True), wp.int32(steps)
+        if t > last:
+            t, maybe, going = wp.float32(1.0), wp.bool(False), wp.int32(0)
         while going > 0:
             going -= 1
             free = distance(data, a + w * t) - room
@@ -177,7 +177,7 @@ def march_func(source: DistanceSource, native: bool = True) -> wp.Function:
                 going = wp.int32(0)
             else:
                 t = after
-                if after >= 1.0:
+                if after >= last:
                     t, maybe = wp.float32(1.0), wp.bool(False)
                     going = wp.int32(0)
         return maybe, t
@@ -222,18 +222,7 @@ def box_func(source: DistanceSource, native: bool = True) -> wp.Function:
     distance, vector, n = distance_func(source, native), vector_type(source.ndim), source.ndim
     name, center, limit = _named(source, native, "box"), LABEL, LABEL + source.ndim
     unit, time, clock_of = LABEL + 2 * source.ndim + 1, int(source.time), clock_func(source)
-    first, second = (wp.uint32(bits) for bits in source.tag)
-
-    @_named(source, native, "owns").func
-    def owns(w: Numbers) -> bool:
-        """Whether these are data of this source: of others nothing is told, and the domain that is read is another."""
-        if w.shape[0] < LABEL:
-            return False
-        return (
-            wp.cast(w[0], wp.uint32) == first
-            and wp.cast(w[1], wp.uint32) == second
-            and w.shape[0] >= wp.cast(w[2], wp.int32)
-        )
+    owns = owns_func(source)
 
     @name.func
     def box(data: Data, lower: vector, upper: vector, steps: int = BOX_STEPS) -> bool:

@@ -1,7 +1,7 @@
 """Marching in lanes: segments and rays of a batch, one in each lane of a vector, and a new one in a lane whenever one has ended.
 
-A first kernel, in Warp's own Python, makes of each query what a march needs (``functions.line_func``): a, w, its length and the room that rounding needs with the radius. The
-second one, native, marches: the same steps as ``functions.march_func`` with the same rounding, but for what sums in another order round, which the room covers.
+A first kernel, in Warp's own Python, makes of each query what a march needs (``functions.line_func``): a, w, its length, the room that rounding needs with the radius, and from when to
+when contact is possible (``clipping``): a query that passes the object's box takes no lane at all. The second one, native, marches: the same steps as ``functions.march_func`` with the same rounding, but for what sums in another order round, which the room covers.
 Lanes ask g together; those that have ended are written out and filled again, so that a vector is full until the block runs out of queries.
 On CUDA it is a query a thread.
 """
@@ -36,26 +36,31 @@ _MARCH = """
 #if !defined(__CUDA_ARCH__)
 #pragma clang fp contract(fast)
 #endif
-constexpr int N = $n, ROW = 2 * N + 2;
+constexpr int N = $n, ROW = 2 * N + 4;
 $parts
 $tools
 #if !defined(__CUDA_ARCH__)
 $lanes
 const int begin = block * $block, end = begin + $block < count ? begin + $block : count;
-V a[N], w_[N], length = zero + 1.0f, room = zero + INFINITY, t = zero;
+V a[N], w_[N], length = zero + 1.0f, room = zero + INFINITY, t = zero, last = zero + 1.0f;
 #pragma unroll
 for (int k = 0; k < N; ++k) { a[k] = zero; w_[k] = zero; }
 int who[L], left[L], next = begin, active = 0;
 const auto fill_lane = [&](int l) {
     who[l] = -1;
     room[l] = INFINITY;
-    if (next >= end) return;
     const float* row = lines.data + (long long)next * ROW;
+    for (; next < end && row[ROW - 2] > row[ROW - 1]; row += ROW) {  // it passes the object's box
+        maybe.data[next] = 0;
+        times.data[next++] = 1.0f;
+    }
+    if (next >= end) return;
 #pragma unroll
     for (int k = 0; k < N; ++k) { a[k][l] = row[k]; w_[k][l] = row[N + k]; }
     length[l] = row[2 * N];
     room[l] = row[2 * N + 1];
-    t[l] = 0.0f;
+    t[l] = row[ROW - 2];
+    last[l] = row[ROW - 1];
     left[l] = steps;
     who[l] = next++;
     ++active;
@@ -64,7 +69,7 @@ for (int l = 0; l < L; ++l) fill_lane(l);
 while (active > 0) {
     $step
     const I on = (free_ > zero) & (later > most(t, zero + $least));
-    const I clear = on & (later >= zero + 1.0f);
+    const I clear = on & (later >= last);
     t = on ? later : t;
     int on_[L], clear_[L];  // in memory: lanes of a vector are dear one by one
     *(J*)on_ = on;
@@ -84,16 +89,16 @@ const float zero = 0.0f;
 const int i = block;
 if (i >= count) return;
 const float* row = lines.data + (long long)i * ROW;
-V a[N], w_[N], t = 0.0f;
+V a[N], w_[N], t = row[ROW - 2];
 #pragma unroll
 for (int k = 0; k < N; ++k) { a[k] = row[k]; w_[k] = row[N + k]; }
-const V length = row[2 * N], room = row[2 * N + 1];
-bool clear = false;
+const V length = row[2 * N], room = row[2 * N + 1], last = row[ROW - 1];
+bool clear = t > last;
 for (int step = 0; step < steps && !clear; ++step) {
     $scalar_step
     if (!(free_ > 0.0f && later > most(t, $least))) break;
     t = later;
-    clear = later >= 1.0f;
+    clear = later >= last;
 }
 maybe.data[i] = clear ? 0 : 1;
 times.data[i] = clear ? 1.0f : t;
