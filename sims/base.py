@@ -202,6 +202,9 @@ class Demo(ABC):
     SPECS: ClassVar[dict[str, FitSpec]]
     SCENES: ClassVar[str] = ""  # what the names of all shapes' files begin with
     SAMPLES: ClassVar[tuple[int, int]] = (400_000, 400_000)  # random queries of a rate of false positives: full, quick
+    DISTANCES: ClassVar[
+        dict[str, Any]
+    ] = {}  # what bounders of distances are asked for that rate, in ``evaluate``'s words
     CALLS: ClassVar[str] = "narrow calls"  # what the narrow phase is called for
     MISSED: ClassVar[str] = "contacts"  # what must not be missed
 
@@ -222,8 +225,8 @@ class Demo(ABC):
         self.specs = self.SPECS if self.specs is None else self.specs
         shapes = self.set_up()
         self.bounders = self.fit(shapes)
-        samples = self.SAMPLES[self.quick]
-        self.rows = {name: bounder_rows(self.of_shape(name), shape, samples) for name, shape in shapes.items()}
+        told = self.SAMPLES[self.quick], self.DISTANCES
+        self.rows = {name: bounder_rows(self.of_shape(name), shape, *told) for name, shape in shapes.items()}
         runs, title, columns = self.simulate()
         self.console.print(run_table(title, runs, steps=self.steps, calls=self.CALLS, extra=columns))
         self.console.print(verdict(runs, self.MISSED))

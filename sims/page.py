@@ -26,10 +26,11 @@ STEP = {"particles": "step", "cloth": "step", "path": "world", "shadows": "pictu
 ABOUT = {
     "particles": "100,000 particles rain on the moving bunny; `moving aabb` is fitted anew in every step, the others never. *Porous*: drops seep through it, and "
     "the narrow phase says which ones are in it; `+inside`: with a second network, from the inside, of which it need not.",
-    "cloth": "A cloth falls on the bunny and a star, on one thread (Newton); ms_broad is the cull.",
+    "cloth": "A cloth falls on the bunny and a star, on one thread (Newton); ms_broad is the cull. `distance`: a network of the distance, one fit for every contact gap.",
     "path": "Rooms and a maze: states and whole edges of a roadmap, cleared by a bounder or checked exactly; `+inside`: or known to collide, by a second "
-    "network, from the inside.",
-    "shadows": "The bunny and a chair in the sun: shadow rays of all pixels against both meshes.",
+    "network, from the inside. `distance` and `distance-grid`, a network and a grid of distances, march along edges; the other networks bound pieces of them.",
+    "shadows": "The bunny and a chair in the sun: shadow rays of all pixels against both meshes. `distance` marches along rays, and is proven for the mesh "
+    "itself; the others are bounders of rays, proven for its cells.",
     "digits": "Random digits of a generative model, an implicit decoder: it is run for the pixels that a bounder leaves. *FP %*: of the box of latent numbers and pixels.",
 }
 

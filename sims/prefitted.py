@@ -27,7 +27,7 @@ __all__ = [
 ]
 
 FOLDER = Path(__file__).parent / "bounders"
-CLOSED = ("aabb", "obb", "sphere", "ellipsoid", "oriented-ellipsoid", "kdop", "bvh", "voxels")
+CLOSED = ("aabb", "obb", "sphere", "ellipsoid", "oriented-ellipsoid", "kdop", "bvh", "voxels", "distance-grid")
 
 
 @dataclass(frozen=True)

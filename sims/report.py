@@ -73,8 +73,16 @@ def shown(items: Iterable[T], description: str) -> Iterator[T]:
     return track(items, description, console=err, transient=True, disable=not err.is_terminal)
 
 
-def bounder_rows(bounders: dict[str, wb.Bounder], shape: Shape, samples: int = SAMPLES) -> list[dict]:
+def bounder_rows(
+    bounders: dict[str, wb.Bounder], shape: Shape, samples: int = SAMPLES, distances: dict | None = None
+) -> list[dict]:
     """How tight each bounder of a shape is: its false positives against the shape itself.
+
+    Args:
+        bounders: By name.
+        shape: The shape that they bound.
+        samples: Random queries of each.
+        distances: What ``warp_bounding.evaluate`` is told of bounders of distances besides; points at radius 0 if ``None``.
 
     Returns:
         Per bounder: ``bounder``, ``query``, ``fp_rate`` (per cent of random queries), ``fp_rate_cells`` (the same against
@@ -83,7 +91,8 @@ def bounder_rows(bounders: dict[str, wb.Bounder], shape: Shape, samples: int = S
     """
     rows = []
     for name, bounder in shown(bounders.items(), "measuring bounders"):
-        rates = wb.evaluate(bounder, shape, samples=samples)
+        asked = (distances or {}) if isinstance(bounder, wb.DistanceBounder) else {}
+        rates = wb.evaluate(bounder, shape, samples=samples, **asked)
         row = {"bounder": name, "query": bounder.query_kind, "fp_rate": rates.fp_rate}
         row |= {"fp_rate_cells": rates.fp_rate_cells, "undecided": rates.undecided, "fn": rates.fn}
         kind = bounder.certificate.kind if bounder.certificate else "none"

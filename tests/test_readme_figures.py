@@ -174,7 +174,15 @@ def test_demos(demos):
                 assert run["missed"] == 0
 
 
-PLANNED = ("none", "mlp", "bvh", "mlp+inside", "bvh+inside")
+PLANNED = ("none", "mlp", "bvh", "mlp+inside", "bvh+inside", "distance", "distance-grid")
+
+
+def field_ratios() -> tuple[list[float], list[float]]:
+    """Of many meshes, at each contact gap: how many times as fast with a bounder of distances, and with the best one of points on one thread."""
+    rows = json.loads((RESULTS / "demos/cloth.json").read_text())["field"]
+    found = [{entry["bounder"]: entry["ratio"] for entry in row["bounders"]} for row in rows]
+    others = ({k: v for k, v in row.items() if k != "distance" and "all cores" not in k} for row in found)
+    return [row["distance"] for row in found], [max(row.values()) for row in others]
 
 
 def test_what_is_said_of_the_demos(demos):
@@ -195,6 +203,8 @@ def test_what_is_said_of_the_demos(demos):
     check = 1000 * sum(path[part, "none"]["ms_narrow"] for part in ("rooms", "maze")) / every["none"]
     cloth = {name: run["ms_broad"] + run["ms_narrow"] for (_, name), run in demos["cloth"].items()}
     steps = {name: run["ms_step"] for (_, name), run in demos["cloth"].items()}
+    best, of_points = ([f"{ratio:.2f}" for ratio in ratios] for ratios in field_ratios())
+    shadows = {name: run["calls"] for (_, name), run in demos["shadows"].items()}
     passed, whole = (times["none"] / times["mlp"] for times in (cloth, steps))
     sentences = [
         f"{deep('moving aabb')} % are left with the box that is refitted every step, {deep('aabb+mlp')} % with `aabb+mlp` "
@@ -206,9 +216,14 @@ def test_what_is_said_of_the_demos(demos):
         f"{near('learned-kdop+mlp')} %, `aabb+mlp` {near('aabb+mlp')} %, `voxels` {near('voxels')} %",
         f"part of its {rates['mlp']:.1f} %",
         f"with `mlp` the pass is {passed:.2f} times as fast, the whole step {whole:.2f}",
+        f"{best[0]}, {best[1]} and {best[2]} times as fast with `distance` at contact gaps",
+        f"({of_points[0]}, {of_points[1]} and {of_points[2]} with the best of these)",
+        f"({shadows['distance']:,.0f} a picture, the hierarchy {shadows['bvh']:,.0f})",
         f"{fewer['mlp']} times fewer exact checks with `mlp`, {fewer['bvh']} with `bvh`",
         f"{fewer['mlp+inside']} times fewer with `mlp+inside`, {fewer['bvh+inside']} with `bvh+inside`",
         f"a check takes {check:.2f} µs",
+        f"{fewer['distance']} times fewer checks, at {price['distance']:.2f} µs for each that it saves",
+        f"{fewer['distance-grid']} times fewer, at {price['distance-grid']:.2f} µs",
         f"({price['bvh']:.2f} µs for each check that it saves); networks save time where a check costs more than {price['mlp']:.0f}",
         f"{porous['mlp+inside']['calls']:,.0f} calls a step with both, {porous['mlp']['calls']:,.0f} with `mlp` alone",
         f"a step takes {porous['mlp+inside']['ms_step']:.1f} ms, {porous['mlp']['ms_step']:.0f} and {porous['none']['ms_step']:.0f}",

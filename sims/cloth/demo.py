@@ -71,7 +71,9 @@ class Demo(base.Demo):
             sunk, own = self.examples["occupancy"].deepest, self.examples["none"].deepest
             self.console.print(f"Deepest below a surface: {sunk:.3f}; without bounders {own:.3f}.")
         field = Field(**(QUICK_FIELD if self.quick else {}), seed=self.seed)
-        self.field = run_field(field, self.bounders["mlp"], rounds=ROUNDS[self.quick], **self.fits)
+        self.field = run_field(
+            field, self.bounders["mlp"], self.bounders.get("distance"), rounds=ROUNDS[self.quick], **self.fits
+        )
         self.console.print(field_table(field, self.field))
         self.console.print(sentences(self.field))
         if not all(entry["identical"] for row in self.field for entry in row["bounders"]):

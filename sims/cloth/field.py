@@ -8,8 +8,9 @@ A round moves bodies and particles, then lets Newton's own pass and each bounder
 their ratios are paired; contacts are compared record by record. All have one thread, but for the rows that say otherwise. What no
 bounder can save is the search of the meshes for true contacts, and at wide gaps that is most of the pass.
 
-Closed forms are fitted for each gap. Of networks there are two a mesh, those of the cloth, for the narrowest gap, and wider ones that
-serve the others; a bounder that is wider than it need be is looser.
+Closed forms are fitted for each gap. Of networks of points there are two a mesh, those of the cloth, for the narrowest gap, and wider ones that
+serve the others; a bounder that is wider than it need be is looser. A network of the distance (``distance``) is one a mesh, the same for all gaps: it is
+asked whether the mesh is farther away than the gap.
 """
 
 import time
@@ -47,7 +48,10 @@ FIELD_SPECS = {"mlp": FitSpec("mlp", budget=90.0, options={"hidden": HIDDEN})}
 
 
 def bounders_for(
-    gap: float, networks: dict[str, wb.Bounder], wide: dict[str, wb.Bounder]
+    gap: float,
+    networks: dict[str, wb.Bounder],
+    wide: dict[str, wb.Bounder],
+    distances: dict[str, wb.DistanceBounder] | None = None,
 ) -> dict[str, dict[str, wb.Bounder]]:
     """The bounders of a gap.
 
@@ -55,12 +59,13 @@ def bounders_for(
         gap: Soft contact gap, world units.
         networks: By shape, those of the cloth.
         wide: By shape, those of the widest gap.
+        distances: By shape, those of the cloth, which serve all gaps; ``None`` for none.
 
     Returns:
         By name of the method, then by name of the shape.
     """
     closed = fitted({name: dilated(name, gap) for name in SHAPES}, CLOSED)
-    return closed | {"mlp": networks if gap <= GAP else wide}
+    return closed | {"mlp": networks if gap <= GAP else wide} | ({"distance": distances} if distances else {})
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,12 +189,20 @@ def measure(field: Field, gap: float, bounders: dict[str, dict[str, wb.Bounder]]
     return head | {"contacts": len(keys), "bounders": rows}
 
 
-def run_field(field: Field, networks: dict[str, wb.Bounder], *, rounds: int, **options) -> list[dict]:
+def run_field(
+    field: Field,
+    networks: dict[str, wb.Bounder],
+    distances: dict[str, wb.DistanceBounder] | None = None,
+    *,
+    rounds: int,
+    **options,
+) -> list[dict]:
     """Measure all gaps.
 
     Args:
         field: The scene.
         networks: By shape, those of the cloth.
+        distances: By shape, those of the cloth; ``None`` for none.
         rounds: Repeats.
         options: Of ``sims.prefitted.bounders_of``, for the networks of the wider gaps.
 
@@ -199,7 +212,7 @@ def run_field(field: Field, networks: dict[str, wb.Bounder], *, rounds: int, **o
     shapes = {name: dilated(name, max(GAPS)) for name in SHAPES}
     wide = fitted(shapes, FIELD_SPECS, scenes="field-", **options)["mlp"]
     gaps = shown(GAPS, "many meshes")
-    return [measure(field, gap, bounders_for(gap, networks, wide), rounds=rounds) for gap in gaps]
+    return [measure(field, gap, bounders_for(gap, networks, wide, distances), rounds=rounds) for gap in gaps]
 
 
 def field_table(field: Field, rows: list[dict]) -> Table:

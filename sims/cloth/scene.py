@@ -31,6 +31,7 @@ CELLS = {"resolution": 64}  # of methods that are made of cells; the others boun
 WORLD = 20.0  # largest coordinate of a particle or shape, in this scene and in the field
 ROUNDED = 1.0e4  # margins are rounded up to a multiple of its inverse
 HIDDEN = (16, 16)  # of all networks but `occupancy`; `bvh` has their memory, a kilobyte and a half
+WIDER = (24, 24)  # of `distance`: a distance is more to tell than a side
 SMALLER = (
     8,
     8,
@@ -60,6 +61,7 @@ SPECS = {
     "learned-kdop": FitSpec("learned-kdop", budget=20.0),
     "mlp": FitSpec("mlp", budget=90.0, options={"hidden": HIDDEN}),
     "mlp-early": FitSpec("mlp-early", budget=90.0, options={"hidden": HIDDEN}),
+    "distance": FitSpec("mlp", "distance", 60.0, {"hidden": WIDER}),  # which serves any gap
     "aabb+mlp": FitSpec("aabb+mlp"),
     "occupancy": FitSpec("occupancy", budget=30.0, options={"hidden": SMALLER}),
 }

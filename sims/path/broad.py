@@ -4,9 +4,10 @@ An edge is a closed straight segment between float32 states. It is cleared
 
 * by a network of points, where bound propagation proves that the network denies every point of it (``warp_bounding.clear_segments``);
 * by a bounder of boxes, where it denies the axis-aligned boxes of pieces that together cover it (``clear_by_boxes``);
+* by a bounder of distances, which marches along it: each distance is a step that nothing can stand in the way of (``Marching``);
 * by ``Samples``, where a bounder denies points along it. That is how it is often done, and no proof of anything.
 
-The first two are proofs wherever the bounder has one. What is not cleared is not blocked, but has to be checked exactly; but for
+All but the last are proofs wherever the bounder has one. What is not cleared is not blocked, but has to be checked exactly; but for
 ``TwoSided``, which asks a bounder from the inside too: what certainly lies in an obstacle, or leads through one, collides, and needs
 no check either.
 """
@@ -17,7 +18,19 @@ import numpy as np
 
 import warp_bounding as wb
 
-__all__ = ["FREE", "HIT", "MAYBE", "Boxes", "BroadPhase", "First", "Samples", "Segments", "TwoSided", "clear_by_boxes"]
+__all__ = [
+    "FREE",
+    "HIT",
+    "MAYBE",
+    "Boxes",
+    "BroadPhase",
+    "First",
+    "Marching",
+    "Samples",
+    "Segments",
+    "TwoSided",
+    "clear_by_boxes",
+]
 
 FREE, MAYBE, HIT = 0, 1, 2  # answers of ``BroadPhase.classify``; those of ``warp_bounding.two_sided``'s
 
@@ -137,6 +150,19 @@ class Segments(_OfPoints):
 
     def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
         return wb.clear_segments(self.bounder, starts, ends, depth=NETWORK_HALVINGS)
+
+
+class Marching(BroadPhase):
+    """A bounder of distances: states that are proven to lie at some distance, and edges that are marched along, from one such state to the next."""
+
+    def __init__(self, bounder: wb.DistanceBounder):
+        self.bounder = bounder
+
+    def states(self, x: np.ndarray) -> np.ndarray:
+        return self.bounder.query(x).numpy() == 0
+
+    def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        return self.bounder.segments(starts, ends)[0].numpy() == 0
 
 
 class TwoSided(BroadPhase):

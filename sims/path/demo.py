@@ -13,7 +13,7 @@ from rich.markup import escape
 import warp_bounding as wb
 from sims import base
 from sims.drawing import Drawn
-from sims.path.broad import Boxes, BroadPhase, First, Samples, Segments, TwoSided
+from sims.path.broad import Boxes, BroadPhase, First, Marching, Samples, Segments, TwoSided
 from sims.path.exact import ExactWorld
 from sims.path.pictures import draw
 from sims.path.planner import Example
@@ -25,6 +25,7 @@ from sims.report import Run
 __all__ = ["SPECS", "Demo", "phases", "run", "shapes", "simulate"]
 
 HIDDEN = (50, 50)
+NODES = {"nodes": 96, "storage": "uint8"}  # of `distance-grid`: of the memory of the networks, 9 kB
 INSIDE = "inside"  # the bounder from the inside
 SPECS: dict[str, FitSpec] = {
     "aabb": FitSpec("aabb", query="box"),
@@ -33,10 +34,13 @@ SPECS: dict[str, FitSpec] = {
     "learned-kdop": FitSpec("learned-kdop", query="box", budget=5.0),
     "mlp": FitSpec("mlp", budget=30.0, options={"hidden": HIDDEN}),
     "mlp-early": FitSpec("mlp-early", budget=30.0, options={"hidden": HIDDEN}),
+    "distance": FitSpec("mlp", query="distance", budget=30.0, options={"hidden": HIDDEN}),
+    "distance-grid": FitSpec("distance-grid", query="distance", options=NODES),
     INSIDE: FitSpec("mlp", budget=30.0, options={"hidden": HIDDEN, "side": INSIDE}),
     "occupancy": FitSpec("occupancy", budget=30.0, options={"hidden": HIDDEN}),
 }
-SIDED = ("mlp", "bvh")  # what is asked together with it, too
+SIDED = ("mlp", "bvh", "distance", "distance-grid")  # what is asked together with it, too
+BY_QUERY = {"point": Segments, "box": Boxes, "distance": Marching}  # how bounders with a proof clear states and edges
 CASCADE = "aabb+mlp"  # boxes first, then a network's segments: bounders of different queries, so the planner puts them together
 USERS_BUDGET = 20.0  # seconds a network, for a user's world
 STATES, PROBLEMS = (4000, 2500), (200, 40)  # full, quick
@@ -150,7 +154,7 @@ def phases(bounders: dict[str, wb.Bounder], world: World) -> dict[str, BroadPhas
         if not bounder.conservative:
             made[name] = Samples(bounder, world.grid.cells_per_unit)
         else:
-            made[name] = Boxes(bounder) if bounder.query_kind == "box" else Segments(bounder)
+            made[name] = BY_QUERY[bounder.query_kind](bounder)
     if {"aabb", "mlp"} <= made.keys():
         made[CASCADE] = First(made["aabb"], made["mlp"])
     if INSIDE in bounders:

@@ -1,7 +1,9 @@
 """The demo ``shadows``: a bunny and a chair with thin legs in the sun; bounders of rays spare shadow rays that nothing stops.
 
 Each pixel that shows a surface in the sun sends a ray to it. Most of these rays meet nothing; to know that, a renderer asks each object's mesh. A
-bounder of the object's rays answers first, and the mesh is asked about what it leaves (see ``scene``). Pictures with and without
+bounder of the object's rays answers first, and the mesh is asked about what it leaves (see ``scene``). A bounder of distances
+(``distance``) is no bounder of rays, but marches along them: as far as it says that the object is away, over and over. So it serves rays of any length, and
+is proven for the mesh itself. Pictures with and without
 bounders must be the same, pixel for pixel. Where no proof stands behind a bounder, thin things lose their shadows; ``shadows.png`` shows it.
 
 A ray that begins on an object's own surface is hardly ever denied: it begins in cells that are bounded. What is spared are rays from the
@@ -12,7 +14,7 @@ do not expect a network to save time here, with meshes of some thousand faces on
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import warp_bounding as wb
 from sims import base
@@ -42,6 +44,7 @@ SPECS = {
     "learned-kdop": _rays("learned-kdop", 10.0, k=40),
     "mlp": _rays("mlp", 420.0, hidden=HIDDEN),
     "mlp-early": _rays("mlp-early", 120.0, hidden=HIDDEN),
+    "distance": FitSpec("mlp", "distance", 150.0, {"hidden": HIDDEN}),  # of the mesh itself
     "aabb+mlp": _rays("aabb+mlp"),
     "learned-kdop+mlp": _rays("learned-kdop+mlp"),
     "occupancy": _rays("occupancy", 30.0, hidden=HIDDEN),
@@ -66,6 +69,7 @@ class Demo(base.Demo):
     SPECS = SPECS
     SCENES = SCENES
     SAMPLES = (400_000, 50_000)
+    DISTANCES: ClassVar[dict[str, Any]] = {"query": "ray", "length": LENGTH}
     CALLS = "mesh rays"
     MISSED = "shadow pixels"
 

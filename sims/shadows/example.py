@@ -13,20 +13,29 @@ from sims.shadows.kernels import cast, face_sun, stop
 from sims.shadows.pictures import draw_one
 from sims.shadows.scene import LENGTH, LIFT, REACH, TOLERANCE, Scene
 
-__all__ = ["Example", "check_rays"]
+__all__ = ["Example", "candidates", "check_rays"]
 
 
 def check_rays(bounder: wb.Bounder, source: str) -> None:
-    """Refuse a bounder whose rays are not those of the demo.
+    """Refuse a bounder whose rays are not those of the demo. One of distances is asked about rays of any length.
 
     Raises:
         BounderError: For another kind of query, or another length of rays.
     """
+    if isinstance(bounder, wb.DistanceBounder):
+        return
     if bounder.query_kind != "ray":
-        raise wb.BounderError(f"{source}: expected a bounder of rays, got one of {bounder.query_kind}s")
+        raise wb.BounderError(f"{source}: expected a bounder of rays or distances, got one of {bounder.query_kind}s")
     if bounder.domain.length != LENGTH:
         got = bounder.domain.length
         raise wb.BounderError(f"{source}: expected a bounder of rays of length {LENGTH:g}, got length {got:g}")
+
+
+def candidates(bounder: wb.Bounder | wb.DistanceBounder, rays: wp.array) -> tuple[wp.array, wp.array]:
+    """Indices of the rays that may meet the object, and a number: how many they are."""
+    if isinstance(bounder, wb.DistanceBounder):
+        return wb.compact(bounder.rays(rays, length=LENGTH)[0])
+    return bounder.candidates(rays)
 
 
 class Example(base.Example):
@@ -55,12 +64,12 @@ class Example(base.Example):
 
         Args:
             scene: Shared by all series that are to be compared.
-            bounders: The broad phase: for each object of the scene, by name, one of its rays; ``None`` for none.
+            bounders: The broad phase: for each object of the scene, by name, one of its rays or distances; ``None`` for none.
             steps: Places of the sun, evenly over the day; after that many pictures it begins again.
             sun: One time of the day instead, from 0 to 1.
 
         Raises:
-            BounderError: If an object has no bounder, or one of other rays.
+            BounderError: If an object has no bounder, or one of other rays or queries.
         """
         super().__init__()
         self.scene, self.bounders = scene, None if bounders is None else dict(bounders)
@@ -94,13 +103,13 @@ class Example(base.Example):
         calls = hits = 0
         for bit, (name, mesh) in enumerate(scene.meshes.items()):
             stopped = wp.zeros(count, dtype=wp.uint8, device=device)
-            candidates, some, items = self._everyone, all_of_them, count
+            left, some, items = self._everyone, all_of_them, count
             begin = base.now(device)
             if self.bounders is not None and count:
-                candidates, some = self.bounders[name].candidates(rays)
+                left, some = candidates(self.bounders[name], rays)
                 items = int(some.numpy()[0])
             found = base.now(device)
-            wb.launch_on_cores(stop, items, [mesh.id, rays, REACH, TOLERANCE, candidates, some], [stopped], device)
+            wb.launch_on_cores(stop, items, [mesh.id, rays, REACH, TOLERANCE, left, some], [stopped], device)
             end = base.now(device)
             broad += found - begin if self.bounders is not None else 0.0
             narrow += end - found

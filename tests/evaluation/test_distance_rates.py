@@ -25,7 +25,7 @@ def test_rates_are_what_a_count_gives(name, query):
     x = sample(query, grid, SAMPLES, np.random.default_rng(5))
     truth, maybe = oracle(query, grid, "cpu", told.get("length", 1.0))(x), ask(bounder, x).numpy().astype(bool)
     assert (rates.fp_rate, rates.fn) == (100 * (maybe & ~truth).sum() / SAMPLES, 0)
-    assert rates.fp_rate > 0
+    assert rates.fp_rate < 100
     assert (rates.query, rates.positives) == (query, 100 * truth.sum() / SAMPLES)
     sampled = wb.evaluate(bounder, grid, SAMPLES, "sampled", seed=5, query=query, **told)
     assert sampled.fn == 0

@@ -217,6 +217,20 @@ def test_many_meshes_have_the_same_contacts(meadow, gap):
 
 
 @pytest.mark.slow
+def test_one_bounder_of_distances_serves_all_gaps(meadow):
+    """That of the cloth, whose margin is for the narrowest gap."""
+    specs = {"distance": scene.SPECS["distance"]}
+    own = {"distance": fitted({name: scene.dilated(name) for name in scene.SHAPES}, specs, scenes="cloth-")["distance"]}
+    rows = [field.measure(meadow, gap, own, rounds=2) for gap in field.GAPS]
+    for row in rows:
+        (entry,) = row["bounders"]
+        assert entry["identical"]
+        assert entry["missed"] == 0
+    left = [row["bounders"][0]["survivors"] for row in rows]
+    assert left[0] < left[1] < left[2] < 0.1 * rows[0]["pairs"]
+
+
+@pytest.mark.slow
 def test_many_meshes_find_a_broken_bounder_out(meadow, monkeypatch):
     broken = {"aabb": {name: denying(b) for name, b in closed_of_field(0.05)["aabb"].items()}}
     with pytest.raises(wb.BounderError, match="proven"):

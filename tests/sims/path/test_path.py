@@ -15,9 +15,10 @@ from sims.path.worlds import World
 from sims.prefitted import FitSpec
 
 STEPS, STATES, PROBLEMS = 60, 400, 12
-INSIDE_STEPS = 300  # of a bounder from the inside, so that something is certain
+MORE_STEPS = 300  # of a bounder from the inside or of distances, so that something is certain
 SMALL = {"hidden": (16, 16), "steps": STEPS}
-PROVEN = ("aabb", "kdop", "bvh", "learned-kdop", "mlp", "mlp-early", "aabb+mlp", "mlp+inside", "bvh+inside")
+PROVEN = ("aabb", "kdop", "bvh", "learned-kdop", "mlp", "mlp-early", "distance", "distance-grid", "aabb+mlp")
+PROVEN += ("mlp+inside", "bvh+inside", "distance+inside", "distance-grid+inside")
 
 
 def small(name):
@@ -25,7 +26,8 @@ def small(name):
     spec = SPECS[name]
     if spec.closed:
         return spec
-    more = {"side": spec.options["side"], "steps": INSIDE_STEPS} if "side" in spec.options else {}
+    more = {"steps": MORE_STEPS} if "side" in spec.options or spec.query == "distance" else {}
+    more |= {"side": spec.options["side"]} if "side" in spec.options else {}
     return FitSpec(spec.method, query=spec.query, options=told_of(spec.method, spec.query, **SMALL) | more)
 
 
@@ -114,7 +116,7 @@ def test_a_bounder_that_denies_a_part_of_the_object_is_found_out(world, bounders
         runs[name].test_final(runs["none"])
 
 
-@pytest.mark.parametrize("outer", ["mlp", "bvh"])
+@pytest.mark.parametrize("outer", ["mlp", "bvh", "distance", "distance-grid"])
 def test_what_certainly_collides_needs_no_check(examples, outer):
     assert examples[f"{outer}+inside"].checks < examples[outer].checks
 
@@ -238,7 +240,7 @@ def tiny(tmp_path):
 def test_a_users_world_is_fitted_once(tiny, tmp_path):
     first, text = tiny()
     assert first["identical"]
-    assert "mine.npy: fitted learned-kdop, mlp, mlp-early, inside, occupancy for this world" in text
+    assert "mine.npy: fitted learned-kdop, mlp, mlp-early, distance, inside, occupancy for this world" in text
     assert "5 problems, random" in text
     json.dumps(first)
     assert [each["bounder"] for each in first["runs"]] == ["none", *PROVEN, "occupancy"]
@@ -248,11 +250,11 @@ def test_a_users_world_is_fitted_once(tiny, tmp_path):
     assert first["pictures"] == [str(picture)]
     assert picture.stat().st_size > 20_000
     files = sorted(file.name for file in (tmp_path / "out").glob("*.safetensors"))
-    assert len(files) == 5
+    assert len(files) == 6
     times = {file: file.stat().st_mtime_ns for file in (tmp_path / "out").glob("*.safetensors")}
 
     again, text = tiny()
-    assert "took learned-kdop, mlp, mlp-early, inside, occupancy from" in text
+    assert "took learned-kdop, mlp, mlp-early, distance, inside, occupancy from" in text
     assert "fitted learned" not in text
     assert {file: file.stat().st_mtime_ns for file in times} == times
     for one, other in zip(first["runs"], again["runs"], strict=True):
@@ -284,7 +286,9 @@ def test_two_worlds_are_two_sections(tmp_path):
     console = Console(quiet=True)
     options = {"states": 150, "problems": 4, "specs": specs, "console": console}
     found = run(tmp_path / "out", quick=True, world=tmp_path, **options)
-    assert [each["section"] for each in found["runs"]] == ["a.npy"] * 11 + ["b.map"] * 11
+    assert [each["section"] for each in found["runs"]] == [
+        name for name in ("a.npy", "b.map") for _ in ("none", *PROVEN, "occupancy")
+    ]
     assert found["worlds"][1] | {"blocked": 1, "solved": 1, "problems": 2} == found["worlds"][1]
     assert found["identical"]
 

@@ -4,7 +4,19 @@ import numpy as np
 import pytest
 
 import warp_bounding as wb
-from sims.path.broad import FREE, HIT, MAYBE, Boxes, First, Samples, Segments, TwoSided, _boxes, clear_by_boxes
+from sims.path.broad import (
+    FREE,
+    HIT,
+    MAYBE,
+    Boxes,
+    First,
+    Samples,
+    Segments,
+    TwoSided,
+    _boxes,
+    clear_by_boxes,
+)
+from sims.path.demo import BY_QUERY
 from sims.path.exact import ExactWorld
 
 STEPS = 60  # of training: the proof, not the fit, is what is tested
@@ -41,6 +53,8 @@ def bounders(grid):
         "learned-kdop": fit("learned-kdop", "box", steps=STEPS),
         "mlp": fit("mlp", hidden=(16, 16), steps=STEPS),
         "mlp-early": fit("mlp-early", hidden=(16, 16), steps=STEPS),
+        "distance": fit("mlp", "distance", hidden=(16, 16), steps=10 * STEPS),
+        "distance-grid": fit("distance-grid", "distance", nodes=32),
         "inside": fit("mlp", hidden=(16, 16), steps=5 * STEPS, side="inside"),
     }
 
@@ -48,10 +62,10 @@ def bounders(grid):
 def phase(bounders, name):
     if name == "aabb+mlp":
         return First(Boxes(bounders["aabb"]), Segments(bounders["mlp"]))
-    return Boxes(bounders[name]) if bounders[name].query_kind == "box" else Segments(bounders[name])
+    return BY_QUERY[bounders[name].query_kind](bounders[name])
 
 
-@pytest.mark.parametrize("name", ["bvh", "mlp", "aabb+mlp"])
+@pytest.mark.parametrize("name", ["bvh", "mlp", "aabb+mlp", "distance", "distance-grid"])
 def test_what_is_certain_on_both_sides_is_true(name, grid, edges, bounders):
     world, broad = ExactWorld(grid), phase(bounders, name)
     sided, states = TwoSided(broad, bounders["inside"]), np.concatenate(edges)
@@ -66,7 +80,9 @@ def test_what_is_certain_on_both_sides_is_true(name, grid, edges, bounders):
         assert sided.classify(*(part[:0] for part in asked)).shape == (0,)
 
 
-@pytest.mark.parametrize("name", ["aabb", "kdop", "bvh", "learned-kdop", "mlp", "mlp-early", "aabb+mlp"])
+@pytest.mark.parametrize(
+    "name", ["aabb", "kdop", "bvh", "learned-kdop", "mlp", "mlp-early", "aabb+mlp", "distance", "distance-grid"]
+)
 def test_nothing_that_collides_is_cleared(name, grid, edges, bounders):
     world, broad = ExactWorld(grid), phase(bounders, name)
     assert not (broad.edges(*edges) & world.segments(*edges)).any()
@@ -127,7 +143,7 @@ def test_samples_are_half_a_cell_apart_and_miss_what_lies_between(grid, bounders
 
 def test_nothing_to_ask(bounders):
     nothing = np.zeros((0, 2), dtype=np.float32)
-    for name in ("bvh", "mlp", "aabb+mlp"):
+    for name in ("bvh", "mlp", "aabb+mlp", "distance", "distance-grid"):
         assert phase(bounders, name).edges(nothing, nothing).shape == (0,)
         assert phase(bounders, name).states(nothing).shape == (0,)
 

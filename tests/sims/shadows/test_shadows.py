@@ -90,6 +90,21 @@ def test_a_tighter_bounder_calls_less(examples):
     assert sum(examples["bvh"].calls) < sum(examples["kdop"].calls) < sum(examples["aabb"].calls)
 
 
+def test_distances_march_along_rays(scene, examples):
+    """Bounders of the meshes themselves, which are of no kind of ray: no pixel is lost, and fewer rays are left."""
+    reference = examples["none"]
+    own = {
+        name: wb.fit(shape, "distance", "bvh", leaves=64, margin=margin_of(shape), device=str(scene.device))
+        for name, shape in scene.shapes.items()
+    }
+    example = Example(scene, own, steps=STEPS)
+    for _ in range(STEPS):
+        example.step()
+    example.test_final(reference)
+    assert example.hits == reference.hits
+    assert sum(example.calls) < 0.5 * sum(reference.calls)
+
+
 def test_no_stopped_ray_lies_outside_the_cells(scene, cells, examples):
     """The exact truth of the very rays that the narrow phase stops: each meets the dilated object."""
     from warp_bounding.queries import oracle
@@ -193,7 +208,7 @@ def test_bounders_of_other_rays_are_refused(scene, bounders, cells):
     short, point = wb.fit(grid, query="ray", length=1.0, **options), wb.fit(grid, **options)
     with pytest.raises(wb.BounderError, match="expected a bounder of rays of length 3, got length 1"):
         check_rays(short, "chair")
-    with pytest.raises(wb.BounderError, match="expected a bounder of rays, got one of points"):
+    with pytest.raises(wb.BounderError, match="expected a bounder of rays or distances, got one of points"):
         Example(scene, bounders["aabb"] | {"chair": point})
     with pytest.raises(wb.BounderError, match="expected a bounder for each of bunny, chair, got some for chair"):
         Example(scene, {"chair": short})
