@@ -64,3 +64,20 @@ def test_mistakes(files, capsys):
     points = files / "p.safetensors"
     assert run(capsys, "fit", source, "--method", "aabb", "-o", points, "--samples", 1000)[0] == 0
     check_bad(*run(capsys, "evaluate", points, source, "--radius", 1))
+
+
+def test_a_slack_that_is_larger_than_the_object(files, capsys, monkeypatch):
+    """It is told, with the best that was reached, and saved; exit status 1."""
+    from warp_bounding.proof.distances import excesses
+
+    monkeypatch.setattr(excesses, "COARSEST", 9.0)  # one search, and no time for a finer one
+    monkeypatch.setattr(excesses, "SAFE", 0.0)
+    path = files / "d.safetensors"
+    told = ("fit", files / "blob.npy", "--query", "distance", "--method", "mlp", "--hidden", "8,8", "--steps", 20)
+    status, out, err = run(capsys, *told, "--budget", 2, "--samples", 1000, "-o", path)
+    assert status == 1
+    assert path.is_file()
+    assert "is larger than the object" in err + out
+    status, out, _ = run(capsys, *told, "--budget", 2, "--samples", 1000, "-o", path, "--json")
+    assert status == 1
+    assert "larger than the object" in json.loads(out)["warning"]

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from warp_bounding.bounders import DISTANCES, METHODS, Bounder
+from warp_bounding.bounders import DISTANCES, METHODS, Bounder, DistanceBounder
 from warp_bounding.bounders.options import STEPS, Option
 from warp_bounding.certificates.statement import NOT_CONSERVATIVE
 from warp_bounding.cli.options import Device, Json, Origin, Spacing, Threshold, read_shape, whole_number
@@ -77,7 +77,7 @@ def command(
 
     The proof of an mlp's rays or boxes can take longer than the budget leaves for it (3D rays: some minutes); the
     certificate is then statistical, and says so. Ctrl-C ends training early; the best bounder so far is proven and
-    saved.
+    saved. Exit status 1: a distance whose slack is larger than the object; it is saved all the same.
     """
     from warp_bounding.bounders import save
     from warp_bounding.evaluation import evaluate
@@ -119,11 +119,21 @@ def command(
     for text in (warning, bounder.info.get("note")):
         if text:
             warn(text)
-    return 0
+    return 1 if _says_nothing(bounder) else 0
 
 
-def _looser(bounder: Bounder) -> str | None:
-    """A warning for a bounder that is looser than a box; ``None`` for others."""
+def _says_nothing(bounder: Bounder | DistanceBounder) -> bool:
+    """Whether it is a distance whose slack is larger than the object."""
+    return isinstance(bounder, DistanceBounder) and bounder.slack >= bounder.size
+
+
+def _looser(bounder: Bounder | DistanceBounder) -> str | None:
+    """A warning for a distance that says nothing, and for a bounder that is looser than a box; ``None`` for others."""
+    if _says_nothing(bounder):
+        return (
+            f"the slack, {bounder.slack:.3g}, is larger than the object, {bounder.size:.3g}, so this says nothing near it; it is the best that was proven "
+            "in this time: a longer budget, or fewer neurons, helps"
+        )
     rates = bounder.info["rates"]
     if not rates["fp_rate"] > rates["fp_rate_aabb"]:
         return None

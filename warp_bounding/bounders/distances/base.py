@@ -184,6 +184,11 @@ class DistanceBounder(AskingDistance):
         """What is taken off F so that it is a lower bound, rounding included; object units."""
         return -float(self.threshold) * self.domain.unit
 
+    @property
+    def size(self) -> float:
+        """The longest side in space of the box that holds the object, with the domain's room; object units."""
+        return float((self.domain.upper - self.domain.lower)[int(self.domain.time) :].max())
+
     def exact(self, x: np.ndarray) -> np.ndarray:
         """G of points ``(N, n)`` as float64 has it, without what float32 rounds: what ``distance`` comes close to from below."""
         v, n = self.domain.to_local(x), self.ndim
