@@ -16,6 +16,7 @@ from warp_bounding.queries import QUERIES, Query
 
 __all__ = [
     "COLUMNS",
+    "DISTANCE_STEPS",
     "LEARNED",
     "METHODS",
     "NETWORKS",
@@ -50,6 +51,7 @@ NETWORKS = ("mlp", "mlp-early", "monotone-mlp", CASCADE, DISTANCE)  # compared w
 EXACT = "voxels"  # on its own grid, at the price of its memory
 ROWS = (*PAPER, "monotone-mlp", CASCADE, DISTANCE, "occupancy", EXACT)  # methods, in the table's order
 OF_DISTANCES = {DISTANCE: MlpDistance}  # rows whose bounder is one of distances
+DISTANCE_STEPS = {"ray": 128, "box": 512}  # evaluations that a query of these may take at most; most take a few
 
 
 def _of_parts(method: str) -> list[type[bounders.Bounder] | type[bounders.DistanceBounder]]:

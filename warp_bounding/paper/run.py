@@ -22,7 +22,7 @@ from typing import Any
 from warp_bounding.bounders import METHODS, DistanceBounder
 from warp_bounding.bounders.options import taken
 from warp_bounding.errors import BoundingError, FileFormatError, IndicatorError
-from warp_bounding.paper.columns import Variant
+from warp_bounding.paper.columns import DISTANCE_STEPS, Variant
 from warp_bounding.paper.folder import Folder
 from warp_bounding.paper.plan import Job, Selection, TimeLeft, plan
 from warp_bounding.paper.rows import Line
@@ -277,8 +277,10 @@ class TableRun(Run):
         """What a bounder of distances is asked; others have one kind of query."""
         if not job.variant.of_distances:
             return {}
-        length = {"length": self.folder.settings.length} if job.column.kind.has_length else {}
-        return {"query": job.column.query} | length
+        query, kind = job.column.query, job.column.kind
+        length = {"length": self.folder.settings.length} if kind.has_length else {}
+        steps = {"steps": DISTANCE_STEPS[query]} if query in DISTANCE_STEPS else {}
+        return {"query": query} | length | steps
 
     def _note(self, what: str) -> Callable[..., None]:
         """A progress callback that says what is going on where the callee does not."""

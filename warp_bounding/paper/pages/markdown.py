@@ -4,8 +4,7 @@ from collections.abc import Iterable, Sequence
 
 from warp_bounding.activations import activation_of
 from warp_bounding.errors import BoundingError
-from warp_bounding.kernels.distances.functions import BOX_STEPS, SEGMENT_STEPS
-from warp_bounding.paper.columns import CLASSIC, COLUMNS, EXACT, Column, Variant
+from warp_bounding.paper.columns import CLASSIC, COLUMNS, DISTANCE_STEPS, EXACT, Column, Variant
 from warp_bounding.paper.folder import Folder
 from warp_bounding.paper.pages.means import Mean, Means
 from warp_bounding.paper.pages.rank_plot import rank_plot
@@ -28,8 +27,8 @@ GROUPS = (
     ("Exact on its own grid, at the price of its memory: outside the ranking", lambda v: v.method == EXACT),
 )
 OF_DISTANCES_TOLD = (
-    f"- distance: one network of the distance an object, which points, rays and boxes of it are asked; a ray by {SEGMENT_STEPS} evaluations at "
-    f"most, a box by {BOX_STEPS}"
+    f"- distance: one network of the distance an object, which points, rays and boxes of it are asked; a ray by {DISTANCE_STEPS['ray']} evaluations at "
+    f"most, a box by {DISTANCE_STEPS['box']}"
 )
 HEADLINES = {
     "exact": "Truth is exact: any query that touches a cell of the object counts, however thin the touch.",

@@ -13,7 +13,7 @@ from warp_bounding.proof.search.best_first import halve
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.runtime.launch import working_seconds
 
-__all__ = ["excesses", "largest_excess"]
+__all__ = ["excesses", "largest_excess", "suspects"]
 
 CHUNK = 1 << 16  # boxes that are asked at a time
 NOISE = (
@@ -28,7 +28,7 @@ COARSEST, FINER = (
 )  # local units: the same of the first search, and by how much a search may be finer than the last one
 SAFE = 0.6  # of the time that is left: as much is planned for the next search
 WORTH = 0.7  # a search that can be no finer than this share of the last one is not begun
-HALVINGS = 10  # on each axis, at most
+HALVINGS, SUSPECTED = 10, 7  # on each axis, at most: of a proof, and where suspects are looked for
 
 
 def excesses(
@@ -42,6 +42,8 @@ def excesses(
     least: float = 0.0,
     seconds: float = float("inf"),
     longest: bool = False,
+    undecided: list[np.ndarray] | None = None,
+    most: float = float("inf"),
 ) -> tuple[np.ndarray, int, bool]:
     """Certified: by how much F exceeds the distance in boxes, at most.
 
@@ -55,6 +57,8 @@ def excesses(
         least: Excesses under it are not told apart.
         seconds: Time; when it is over, boxes count with what is known of them.
         longest: Halve the longest side of a box, whatever its bound suffers from.
+        undecided: Receives the middles of the smallest boxes whose excess is not known to be under the tolerance, ``(K, n)`` arrays.
+        most: Boxes that are looked at; when there are more, it is as if time were over.
 
     Returns:
         ``(N,)`` float64, local units, at least ``least``; how many boxes were looked at; and whether there was time for all.
@@ -82,9 +86,11 @@ def excesses(
         if excess is None:
             raise BounderError(f"{shape.name}: no distance is known of it")
         excess = excess / domain.unit + noise
-        over = working_seconds() > end
+        over = working_seconds() > end or boxes > most
         above = excess > allowed
         more = above & (level < halvings) & (not over)
+        if undecided is not None and level == halvings:
+            undecided.append((low[above] + high[above]) / 2)
         complete &= not (over and above.any())
         np.maximum.at(found, owner[~more], excess[~more])
         if more.any():
@@ -95,6 +101,29 @@ def excesses(
                 part = slice(i, i + CHUNK)
                 waiting.append((low[part], high[part], owner[part], level + 1))
     return found, boxes, complete
+
+
+def suspects(
+    bounder: DistanceBounder, shape: Shape, bar: float, most: int, *, boxes: float, seconds: float
+) -> np.ndarray:
+    """Where F may exceed the distance by more than a bar, as far as a short search tells: what random points do not find.
+
+    Args:
+        bounder: Its F.
+        shape: The object.
+        bar: Local units.
+        most: How many points at most.
+        boxes: How many boxes at most.
+        seconds: Time.
+
+    Returns:
+        ``(K, n)`` float64, local coordinates.
+    """
+    found: list[np.ndarray] = []
+    told = {"tolerance": bar, "halvings": SUSPECTED * bounder.ndim, "least": bar, "seconds": seconds, "most": boxes}
+    excesses(bounder, shape, *_between(*bounder.pieces(), _knots(bounder, shape)), undecided=found, **told)
+    v = np.concatenate(found) if found else np.empty((0, bounder.ndim))
+    return v if len(v) <= most else np.random.default_rng(0).permutation(v)[:most]
 
 
 def largest_excess(

@@ -3,7 +3,7 @@
 What F exceeds the distance by at the worst place is its slack, and is taken off everywhere. So samples are of two kinds. *Below*: random points of the
 domain, where each unit of ``d - F`` costs the same up to ``FAR`` from the object, and farther away less, as does nothing in the object, where F may
 be anything below 0. *Above*: a pool of the points where F exceeds the distance most, as far as they are known; random points and those around the worst
-ones are labelled anew at every refresh. The asymmetry grows while it trains, as in the recipe for points, and both sides get sharper.
+ones are labelled anew at every refresh, and now and then those that the proof's own search suspects. The asymmetry grows while it trains, as in the recipe for points, and both sides get sharper.
 
 In the object F is asked to be below a part of the depth with its sign turned, so that it has less of a bend to follow at the border; thin parts are bounded
 more tightly without. In four dimensions and more it may fall short of large distances by a share, which marches make up for with a few steps: boxes of a proof can then be larger
@@ -19,6 +19,7 @@ import torch
 from warp_bounding.bounders.distances.mlp import MlpDistance
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.indicators.shape import Shape
+from warp_bounding.proof.distances.excesses import suspects
 from warp_bounding.queries.boundary import border_points, held_points
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.training.engine.clock import Clock, cosine, geometric, interrupts
@@ -48,6 +49,9 @@ DEPTHS, DEEPEST = {1: 0.0, 2: 0.0, 3: 0.4}, 1.0
 EASE, EASED_FROM, EASED_IN = 0.2, 0.05, 4
 HARD, AROUND = 16_384, 8192  # the worst points kept, and points around them that are tried at a refresh
 MOVES = (2.0**-10, 2.0**-3)  # local units: how far around them
+# When the proof's own search looks for what random points do not find, used fractions; for what share of the budget, and at how many boxes at most; and what it
+# takes for suspicious: more than so many times the excess of the worst point known, and so much, local units.
+SEARCHES, SEARCH_SHARE, SEARCHED, SUSPICIOUS, LEAST_SUSPICIOUS = (0.5, 0.7, 0.85), 0.03, 3e6, 1.3, 1e-3
 BATCH = 2048  # of each kind, a step
 FAR = 0.25  # local units: up to this distance each unit of ``d - F`` costs the same
 WEIGHT = (3.0, 300.0)  # of what is above against what is below, at the begin and the end of training
@@ -62,15 +66,16 @@ class DistanceTrainer:
     """A network in training.
 
     Args:
+        cls: Of the bounder.
         shape: The object.
-        domain: Of the distance.
         hidden: Widths.
         activation: A name in ``ACTIVATIONS``.
         seed: Of everything random.
     """
 
-    def __init__(self, shape: Shape, domain: DistanceDomain, hidden: tuple[int, ...], activation: str, seed: int):
-        self.shape, self.domain, self.ndim = shape, domain, shape.ndim
+    def __init__(self, cls: type[MlpDistance], shape: Shape, hidden: tuple[int, ...], activation: str, seed: int):
+        self.shape, self.domain, self.ndim = shape, DistanceDomain.of(shape, cls.room), shape.ndim
+        self._cls, self._hidden = cls, hidden
         self.rng, self.generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
         self.network = TrainableNetwork(shape.ndim, hidden, activation)
         self.team = Team()
@@ -78,7 +83,7 @@ class DistanceTrainer:
         self._known, self._marks = held_points(shape, HARD, self.rng), shape.landmarks()
         self._depth = DEPTHS.get(self.ndim, DEEPEST)
         self._ease = EASE if self.ndim >= EASED_IN else 0.0
-        self._limit = domain.limit.astype(np.float64)
+        self._limit = self.domain.limit.astype(np.float64)
         gains = self._gains() if self.network.act.wave else self.network.act.support_gains
         self.network.initialise(*gains, self.generator)
         nothing = torch.empty(self.ndim, 0), torch.empty(0)
@@ -91,9 +96,12 @@ class DistanceTrainer:
 
     def run(self, clock: Clock) -> None:
         """Train until the clock's budget is used up."""
-        optimiser = Soap(self.network.layers, BETA1, BETA2)
+        optimiser, searches = Soap(self.network.layers, BETA1, BETA2), list(SEARCHES)
         for step, used in clock.steps():
             if step % REFRESH == 0:
+                if searches and used >= searches[0]:
+                    searches.pop(0)
+                    self._search(SEARCH_SHARE * clock.total if clock.timed else math.inf)
                 self._refresh()
                 clock.tell(used, f"FP {100 * self.rate:.1f} %, slack {self.over * self.domain.unit:.3g}")
             rate = cosine(RATE, RATE_END, WARM_UP, used)
@@ -159,6 +167,17 @@ class DistanceTrainer:
         if self.rate <= self._best[0]:
             self._best = (self.rate, self.network.flat.clone())
 
+    def _search(self, seconds: float) -> None:
+        """Add to the worst points those where the proof's own search suspects F to exceed the distance by much more than these."""
+        bar, now = SUSPICIOUS * max(self.over, 0.0) + LEAST_SUSPICIOUS, self.made(self.network.tensors())
+        found = self._labelled(suspects(now, self.shape, bar, HARD, boxes=SEARCHED, seconds=seconds))
+        self.hard = tuple(torch.cat(parts, -1) for parts in zip(self.hard, found, strict=True))
+
+    def made(self, tensors: dict[str, np.ndarray], device: str | None = "cpu") -> MlpDistance:
+        """A bounder of some tensors, without a threshold."""
+        sizes = {"hidden": list(self._hidden), "activation": self.network.act.name}
+        return self._cls(self.domain, tensors, sizes, device)
+
     def _evaluate(self, v: torch.Tensor) -> torch.Tensor:
         values = torch.empty(v.shape[1])
 
@@ -200,11 +219,9 @@ def train_distance(
     progress: Progress | None,
 ) -> tuple[MlpDistance, dict[str, Any]]:
     """Train a network's distance; see ``training.distance.DISTANCE_TRAINERS``. Ctrl-C ends it, and the best is taken."""
-    domain = DistanceDomain.of(shape, cls.room)
     clock = Clock(seconds, options["steps"], progress)
     with single_threaded_torch():
-        trainer = DistanceTrainer(shape, domain, tuple(options["hidden"]), options["activation"], seed)
+        trainer = DistanceTrainer(cls, shape, tuple(options["hidden"]), options["activation"], seed)
         interrupted = interrupts(lambda: trainer.run(clock))
         tensors = trainer.finish()
-    sizes = {"hidden": list(options["hidden"]), "activation": options["activation"]}
-    return cls(domain, tensors, sizes, device), {"steps": clock.count, "interrupted": interrupted}
+    return trainer.made(tensors, device), {"steps": clock.count, "interrupted": interrupted}
