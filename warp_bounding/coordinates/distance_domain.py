@@ -195,6 +195,13 @@ class DistanceDomain:
         """Object coordinates of ``v``, in float64."""
         return np.asarray(v, dtype=np.float64) / self.scale.astype(np.float64) + self.center
 
+    def sample_at(self, v: np.ndarray) -> np.ndarray:
+        """``to_object`` of samples ``(N, n)``, within the range of time: ``limit`` is that rounded up, and outside it nothing is known to compare with."""
+        x = self.to_object(v)
+        if self.time:
+            x[:, 0] = np.clip(x[:, 0], self.lower[0], self.upper[0])
+        return x
+
     def to_dict(self) -> dict:
         """JSON-ready numbers; float32 values survive the trip exactly."""
         numbers = {k: [float(a) for a in getattr(self, k)] for k in ("center", "scale", "limit", "lower", "upper")}

@@ -67,6 +67,15 @@ def test_nothing_is_told_of_other_times(rng):
         assert (bounder.query(x).numpy() == 1).all()
 
 
+def test_the_first_and_the_last_time_are_bounded_as_well_as_others(rng):
+    bounder, motion = far("solid"), moving("solid")
+    x, told = moments(motion, 4000, rng), []
+    for time in (TIMES[0], 3.0, TIMES[-1]):
+        x[:, 0] = time
+        told.append(bounder.distance(x).numpy().mean() / motion.distances(x)[:, 0].mean())
+    assert min(told) > 0.6 * max(told)
+
+
 @pytest.mark.parametrize("native", [True, False])
 @pytest.mark.parametrize("name", ["solid", "sheet"])
 def test_a_moving_point_against_a_moving_mesh(name, native, rng):

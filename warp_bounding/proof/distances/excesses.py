@@ -144,7 +144,7 @@ def largest_excess(
     limit, rng = bounder.domain.limit.astype(np.float64), np.random.default_rng(0)
     near = _near(bounder, shape, SAMPLES // 2, rng)
     v = np.concatenate([rng.uniform(-limit, limit, (SAMPLES // 2, bounder.ndim)), near])
-    x = bounder.domain.to_object(v)
+    x = bounder.domain.sample_at(v)
     known = shape.distances(x)
     if known is None:
         raise BounderError(f"{shape.name}: no distance is known of it")

@@ -124,7 +124,7 @@ class DistanceTrainer:
     def _labelled(self, v: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
         """Columns, and what F should be at points ``(N, n)``, local units: distances as known from above, else from below."""
         v = np.clip(v, -self._limit, self._limit).astype(np.float32)
-        x = self.domain.to_object(v)
+        x = self.domain.sample_at(v)
         low, high = self.shape.distances(x).T
         distance = np.where(np.isfinite(high), high, low) / self.domain.unit
         distance -= self._ease * np.maximum(distance - EASED_FROM, 0.0)
