@@ -6,7 +6,7 @@ import pytest
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.paper.drawing.base import Tools, Work
 from warp_bounding.paper.drawing.canvas import bounded, numbered, upright
-from warp_bounding.paper.drawing.masks import pack, packed, raster, unpack
+from warp_bounding.paper.drawing.masks import pack, pack_numbers, packed, raster, unpack, unpack_numbers
 from warp_bounding.paper.drawing.run import lacking, selected
 from warp_bounding.paper.drawing.settings import PAPER, FigureSettings
 from warp_bounding.paper.drawing.shapes import own_shape
@@ -72,9 +72,11 @@ def test_what_lacks_objects_is_skipped_or_refused(tmp_path):
 
 
 @pytest.mark.parametrize("shape", [(7,), (5, 9), (3, 4, 5)])
-def test_masks_come_back(shape):
+def test_masks_and_numbers_come_back(shape):
     mask = np.random.default_rng(0).random(shape) < 0.3
     assert (unpack(pack(mask)) == mask).all()
+    numbers = np.random.default_rng(0).random(shape)
+    assert np.allclose(unpack_numbers(pack_numbers(numbers)), numbers, atol=1e-3)
 
 
 def test_a_raster_shows_the_cells_and_stands_upright():

@@ -15,6 +15,7 @@ from warp_bounding.paper.figures.applications import Applications
 from warp_bounding.paper.figures.complexity import Complexity
 from warp_bounding.paper.figures.convergence import Convergence
 from warp_bounding.paper.figures.digits import Digits
+from warp_bounding.paper.figures.distances import Distances
 from warp_bounding.paper.figures.gallery import Gallery
 from warp_bounding.paper.figures.hierarchy import Hierarchy
 from warp_bounding.paper.figures.kdop import Kdop
@@ -37,6 +38,7 @@ FIGURES: tuple[Figure, ...] = (
     Complexity(),
     Hierarchy(),
     Sides(),
+    Distances(),
     Digits(),
     Applications(),
 )
