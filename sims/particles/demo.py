@@ -1,7 +1,7 @@
 """The demo ``particles``: 100,000 particles rain on the Stanford bunny while it turns, twists and swells.
 
 The classic broad phase is a box, fitted to the mesh anew in every step; a bounder of the motion is asked about time and place, and is never
-refitted. Two narrow phases, because the answer depends on them: robust *containment* looks for the closest point wherever a particle may be
+refitted. A bounder of the *distance* to the motion is asked when a drop can first touch it, and skips the steps until then. Two narrow phases, because the answer depends on them: robust *containment* looks for the closest point wherever a particle may be
 inside, near *contact* only as far as a particle falls in a step. And once the bunny is *porous*: drops seep through it, slowly, so that the
 narrow phase only has to say which ones are in it; there a bounder from the inside is asked, too, and what is certainly inside needs no
 narrow phase. Each simulation runs with no broad phase and with every bounder, from the
@@ -19,6 +19,7 @@ from sims.assets import Shape
 from sims.drawing import Drawn, draw_with
 from sims.particles.bounds import bounds_data
 from sims.particles.broad import MovingBox, OfMotion, OfSides
+from sims.particles.due import WhenDue
 from sims.particles.example import CONTACT, CONTAINMENT, Example, rain_data
 from sims.particles.scene import RESOLUTION, Scene
 from sims.prefitted import FitSpec, bounders_of
@@ -28,6 +29,7 @@ __all__ = ["MOVING_BOX", "SPECS", "Demo", "shapes", "simulate"]
 
 SCENE, INSIDE, INNER_NAME = "rain", "rain-inside", "inside"
 MOVING_BOX = "moving aabb"
+DISTANCE = "distance"
 CELLS = {"resolution": RESOLUTION}  # of methods that are made of cells; the others bound the moving mesh itself
 POROUS = "porous"
 NARROW = {
@@ -46,6 +48,7 @@ SPECS = {
     "bvh-1500": FitSpec("bvh", budget=120.0, options={"leaves": 1500}, **CELLS, kept=True),  # a tenth of voxels
     "aabb+mlp": FitSpec("aabb+mlp"),
     "learned-kdop+mlp": FitSpec("learned-kdop+mlp"),
+    DISTANCE: FitSpec("mlp", query="distance", budget=300.0, options={"hidden": (50, 50)}),
     "occupancy": FitSpec("occupancy", budget=120.0, options={"hidden": (50, 50)}),
 }
 INNER = FitSpec("mlp", budget=600.0, options={"hidden": (50, 50), "side": "inside"})  # from the inside
@@ -99,7 +102,9 @@ class Demo(base.Demo):
         bounders, box = self.of_shape(SCENE), MovingBox(self.scene)
         self.rows[INSIDE] = bounder_rows(self.within, self.scene.core, self.SAMPLES[self.quick])
         rows = [*self.rows[SCENE], {"bounder": MOVING_BOX, "fp_rate": box.fp_rate(self.scene.shape)}]
-        broad = {MOVING_BOX: box} | {name: OfMotion(bounder, self.scene) for name, bounder in bounders.items()}
+        broad = {MOVING_BOX: box}
+        for name, bounder in bounders.items():
+            broad[name] = (WhenDue if isinstance(bounder, wb.DistanceBounder) else OfMotion)(bounder, self.scene)
         inner = self.within[INNER_NAME]
         sided = {f"{n}+{INNER_NAME}": OfSides(bounders[n], inner, self.scene) for n in SIDED if n in bounders}
         options, examples = {"particles": self.particles, "steps": self.steps, "seed": self.seed}, {}
@@ -130,7 +135,7 @@ class Demo(base.Demo):
 
 def simulate(
     scene: Scene,
-    broad: dict[str, MovingBox | OfMotion | OfSides],
+    broad: dict[str, MovingBox | OfMotion | OfSides | WhenDue],
     *,
     reach: float = CONTAINMENT,
     porous: bool = False,
@@ -140,7 +145,7 @@ def simulate(
 ) -> dict[str, Example]:
     """The same rain without a broad phase and with each; see ``sims.base.simulate``."""
 
-    def rain(phase: MovingBox | OfMotion | OfSides | None, small: bool) -> Example:
+    def rain(phase: MovingBox | OfMotion | OfSides | WhenDue | None, small: bool) -> Example:
         count = min(particles, WARM_UP) if small else particles
         return Example(scene, phase, reach=reach, porous=porous, particles=count, seed=seed)
 

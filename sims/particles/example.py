@@ -1,6 +1,7 @@
 """One run of the rain, timed phase by phase."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -11,6 +12,7 @@ from sims.assets import surface
 from sims.drawing import CAPTIONS, draw_with
 from sims.particles.bounds import decisions
 from sims.particles.broad import MovingBox, OfMotion, OfSides
+from sims.particles.due import WhenDue
 from sims.particles.kernels import DT, collide, integrate, seep, touch
 from sims.particles.scene import Scene
 
@@ -27,13 +29,14 @@ class Example(base.Example):
         seconds: Per step: broad phase, narrow phase with the mesh's refit, whole step.
         calls: Per step: particles that the narrow phase was called for.
         touched: Per step: which particles were in contact, packed bits.
+        asked: Particles that a broad phase asked about which skips steps, in all.
         porous: Whether drops seep through the mesh, slowly, rather than slide off it.
     """
 
     def __init__(
         self,
         scene: Scene,
-        broad: MovingBox | OfMotion | OfSides | None = None,
+        broad: MovingBox | OfMotion | OfSides | WhenDue | None = None,
         *,
         reach: float = CONTAINMENT,
         porous: bool = False,
@@ -74,6 +77,9 @@ class Example(base.Example):
         self._everyone = wp.array(np.arange(particles), dtype=wp.int32, device=device)
         self._count = wp.array([particles], dtype=wp.int32, device=device)
         self.touched: list[np.ndarray] = []
+        self.asked = 0
+        if isinstance(broad, WhenDue):
+            broad.watch(self.velocities, self.lives)
 
     @property
     def time(self) -> float:
@@ -108,6 +114,8 @@ class Example(base.Example):
         self.seconds.append((found - moved if self.broad is not None else 0.0, end - found, end - start))
         self.calls.append(int(count.numpy()[0]))
         self.touched.append(np.packbits(self.contacts.numpy()))
+        if isinstance(self.broad, WhenDue):
+            self.asked += int(self.broad.asked.numpy().sum())
 
     def _move_mesh(self) -> None:
         vertices = self.scene.motion.vertices_at(self.time)
@@ -117,6 +125,10 @@ class Example(base.Example):
 
     def _launch(self, kernel: wp.Kernel, count: int, inputs: list, outputs: list) -> None:
         wb.launch_on_cores(kernel, count, inputs, outputs, self.scene.device)
+
+    def extra(self, reference: base.Example) -> dict[str, Any]:
+        """``asked``, where the broad phase skips steps."""
+        return {"asked": self.asked} if isinstance(self.broad, WhenDue) else {}
 
     def state(self) -> bytes:
         """Everything that the next step depends on, but time."""
