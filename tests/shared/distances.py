@@ -14,7 +14,7 @@ from warp_bounding.bounders import DISTANCES
 TOLD = {
     "bvh": {"leaves": 6},
     "learned-kdop": {"steps": 4},
-    "mlp": {"hidden": (12, 12), "steps": 200, "budget": 5.0},
+    "mlp": {"hidden": (12, 12), "steps": 800, "budget": 5.0},
     "distance-grid": {"nodes": 7},
 }
 
@@ -45,7 +45,12 @@ def far(method: str, name: str, margin: float = 0.0) -> wb.DistanceBounder:
         return wb.fit(thing(name), "distance", method, margin=margin, nodes=4, device="cpu", progress=False)
     if method == "bvh" and name == "torus":
         return wb.fit(thing(name), "distance", method, margin=margin, resolution=24, device="cpu", **TOLD[method])
-    return wb.fit(thing(name), "distance", method, margin=margin, device="cpu", progress=False, **TOLD.get(method, {}))
+    told = dict(TOLD.get(method, {}))
+    if (
+        "budget" in told and thing(name).ndim <= 3
+    ):  # seconds enough for the finest search on a slow machine; it ends when it is done
+        told["budget"] = 100.0
+    return wb.fit(thing(name), "distance", method, margin=margin, device="cpu", progress=False, **told)
 
 
 def points_around(thing, count: int, rng: np.random.Generator, reach: float = 1.0) -> np.ndarray:
