@@ -92,7 +92,8 @@ class Sides(Figure):
 
     def _certain(self, parts, name: str) -> str:
         _, never, always = self._masks(parts, name)
-        return f"certain: {100 * (never | always).mean():.0f} % of all"
+        share = np.floor(1000 * (never | always).mean()) / 10  # what is not certain everywhere is not told to be
+        return f"certain: {share:.1f} % of all"
 
     def facts(self, parts):
         lines = []

@@ -6,6 +6,7 @@ from warp_bounding.activations import activation_of
 from warp_bounding.errors import BoundingError
 from warp_bounding.paper.columns import CLASSIC, COLUMNS, DISTANCE_STEPS, EXACT, Column, Variant
 from warp_bounding.paper.folder import Folder
+from warp_bounding.paper.pages.made_with import made_with
 from warp_bounding.paper.pages.means import Mean, Means
 from warp_bounding.paper.pages.rank_plot import rank_plot
 from warp_bounding.paper.pages.table import table
@@ -27,7 +28,7 @@ GROUPS = (
     ("Exact on its own grid, at the price of its memory: outside the ranking", lambda v: v.method == EXACT),
 )
 OF_DISTANCES_TOLD = (
-    f"- distance: one network of the distance an object, which points, rays and boxes of it are asked; a ray by {DISTANCE_STEPS['ray']} evaluations at "
+    f"distance: one network of the distance an object, which points, rays and boxes of it are asked; a ray by {DISTANCE_STEPS['ray']} evaluations at "
     f"most, a box by {DISTANCE_STEPS['box']}"
 )
 HEADLINES = {
@@ -136,30 +137,17 @@ def _made_with(folder: Folder, rows: Sequence[Row]) -> list[str]:
     s = folder.settings
     dimensions = sorted({r.dimension for r in rows})
     counts = ", ".join(f"{len({r.object for r in rows if r.dimension == n})} in {n}D" for n in dimensions) or "none"
-    threads = " and ".join(sorted({str(r.threads) for r in rows})) or "?"
     sizes = ", ".join(f"{c.ndim}D {c.hidden}" for c in COLUMNS if not c.kind.is_region)
     monotone = activation_of(s.activation).monotone.name
     replaced = monotone != s.activation and any(r.method == "monotone-mlp" for r in rows)
-    commands = folder.commands or ["(no command yet)"]
-    return [
-        f"{len(rows):,} cells in [table1.csv](table1.csv), objects: {counts}; made with `{commands[0]}`.",
-        "",
-        "<details>",
-        "<summary>Commands, settings and versions</summary>",
-        "",
-        "```",
-        *commands,
-        "```",
-        "",
-        f"- {_budgets(s)}, its proof included; sizes as in the paper's supplement ({sizes}), activation {s.activation}, seed {s.seed}",
-        f"- rates over {s.samples:,} random queries (seed {s.sample_seed}), rays of length {s.length:g}",
-        *([f"- networks that are monotone by construction have {monotone} as their activation"] if replaced else []),
+    facts = [
+        f"{_budgets(s)}, its proof included; sizes as in the paper's supplement ({sizes}), activation {s.activation}, seed {s.seed}",
+        f"rates over {s.samples:,} random queries (seed {s.sample_seed}), rays of length {s.length:g}",
+        *([f"networks that are monotone by construction have {monotone} as their activation"] if replaced else []),
         *([OF_DISTANCES_TOLD] if any(r.variant.of_distances for r in rows) else []),
-        f"- device {s.device}, CPU threads {threads}",
-        *(f"- {version}" for version in sorted({r.versions for r in rows})),
-        "",
-        "</details>",
+        f"device {s.device}",
     ]
+    return made_with(folder, f"{len(rows):,} cells in [table1.csv](table1.csv), objects: {counts}", facts)
 
 
 def _budgets(settings: Settings) -> str:

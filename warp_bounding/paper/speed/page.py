@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from warp_bounding.errors import BoundingError
-from warp_bounding.paper.columns import Column, Variant
 from warp_bounding.paper.folder import Folder
+from warp_bounding.paper.pages.made_with import made_with
 from warp_bounding.paper.pages.markdown import NO_METHOD, NOT_YET
 from warp_bounding.paper.pages.table import table
 from warp_bounding.paper.speed.early_plot import early_plot
@@ -69,7 +69,7 @@ def _device(on: OnDevice) -> dict[str, Any]:
     columns: dict[str, dict] = {}
     for (variant, column), cell in on.cells.items():
         about = {"ns": cell.ns, "ms": cell.ms, "ratio": cell.ratio, "fp_rate": cell.fp_rate, "objects": cell.objects}
-        paper = {"paper_ms": paper_ms(variant.method, column) if _is_papers(variant, column) else None}
+        paper = {"paper_ms": paper_ms(variant.method, column) if variant.is_papers(column) else None}
         columns.setdefault(column.name, {})[variant.label] = about | paper
     gains = {e.column.name: {"gain": e.gain, "fp_mlp": e.fp_whole, "fp_early": e.fp_early} for e in on.early_out()}
     even = {}
@@ -85,10 +85,6 @@ def _device(on: OnDevice) -> dict[str, Any]:
 def _mean_gain(on: OnDevice) -> float | None:
     gains = [each.gain for each in on.early_out()]
     return sum(gains) / len(gains) - 1 if gains else None
-
-
-def _is_papers(variant: Variant, column: Column) -> bool:
-    return variant.is_papers(column)
 
 
 def page(folder: Folder, devices: Sequence[OnDevice], failed: Sequence[str] = (), *, picture: bool = False) -> str:
@@ -127,25 +123,13 @@ def _made_with(folder: Folder) -> list[str]:
     s, rows = folder.settings, list(folder.rows.values())
     objects = ", ".join(f"{name} in {n}D" for n, name in sorted({(r.dimension, r.object) for r in rows})) or "none"
     where = "generated shapes" if s.shapes == GENERATED else "objects of the paper's data"
-    commands = folder.commands or ["(no command yet)"]
-    return [
-        f"{len(rows):,} cells in [speed.csv](speed.csv), means in [speed.json](speed.json); {where}: {objects}; made with `{commands[0]}`.",
-        "",
-        "<details>",
-        "<summary>Commands, settings and versions</summary>",
-        "",
-        "```",
-        *commands,
-        "```",
-        "",
-        f"- {s.queries:,} random queries at a time, {s.rounds} rounds; rates over {s.samples:,} others, exact truth; rays of length {s.length:g}",
-        f"- {s.fits.budget_text} s for a learned fit, its proof included; where others are named, the last that fits; sizes as in the "
+    first = f"{len(rows):,} cells in [speed.csv](speed.csv), means in [speed.json](speed.json); {where}: {objects}"
+    facts = [
+        f"{s.queries:,} random queries at a time, {s.rounds} rounds; rates over {s.samples:,} others, exact truth; rays of length {s.length:g}",
+        f"{s.fits.budget_text} s for a learned fit, its proof included; where others are named, the last that fits; sizes as in the "
         f"paper's supplement, seed {s.seed}",
-        f"- CPU threads {' and '.join(sorted({str(r.threads) for r in rows})) or '?'}",
-        *(f"- {version}" for version in sorted({r.versions for r in rows})),
-        "",
-        "</details>",
     ]
+    return made_with(folder, first, facts)
 
 
 def _legend(folder: Folder) -> list[str]:
@@ -174,7 +158,7 @@ def _table_2(on: OnDevice) -> list[str]:
         cell = on.cells.get((variant, TABLE_2))
         if cell is None:
             continue
-        ms = paper_ms(variant.method, TABLE_2) if _is_papers(variant, TABLE_2) else None
+        ms = paper_ms(variant.method, TABLE_2) if variant.is_papers(TABLE_2) else None
         texts = (f"{cell.ms:.1f}", f"{cell.billions:.3f}", f"{cell.ratio:.3f}", f"{cell.fp_rate:.2f}")
         theirs = (None, None, None, None)
         if ms is not None:
@@ -220,7 +204,7 @@ def _every(on: OnDevice, *, relative: bool) -> list[str]:
                 cells.append(NOT_YET if variant.space_in(column) else NO_METHOD)
                 continue
             text, ms = _times(cell.ratio) if relative else f"{cell.ms:.0f}", None
-            if _is_papers(variant, column):
+            if variant.is_papers(column):
                 ms = paper_ms(variant.method, column)
             theirs = (
                 ""
