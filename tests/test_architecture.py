@@ -21,7 +21,7 @@ FLOORS = (
     "arithmetic",
     "runtime",
     "indicators",
-    "solids",
+    "arms solids",
     "geometry",
     "queries",
     "coordinates",

@@ -41,6 +41,7 @@ __all__ = [
     "Rates",
     "TwoSided",
     "__version__",
+    "arms",
     "cascade",
     "certify",
     "clear_segments",
@@ -93,7 +94,7 @@ _HOMES = {
     "warp_bounding.runtime.devices": ("device_of",),
     "warp_bounding.runtime.launch": ("launch_on_cores",),
 }
-_MODULES = ("solids",)
+_MODULES = ("arms", "solids")
 _WHERE = {name: home for home, names in _HOMES.items() for name in names}
 
 

@@ -95,7 +95,9 @@ def _run_demo(name: str, folder: Path, quick: bool) -> dict[str, Any]:
     """A demo's JSON; what it prints for people goes to standard error."""
     from importlib import import_module
 
-    return import_module(f"sims.{name}").run(folder, quick=quick, seed=0, device="cpu", console=console(True))
+    from sims.report import output
+
+    return import_module(f"sims.{name}").run(folder, quick=quick, seed=0, device="cpu", console=output(stderr=True))
 
 
 class _Reporter:

@@ -1,0 +1,271 @@
+"""What an arm's colliding configurations answer is true, against distances that are computed another way."""
+
+import numpy as np
+import pytest
+from arms import gap_at, random_arm
+
+import warp_bounding as wb
+from warp_bounding.arms import WORLD, Arm, ArmConfigurations, Body, Joint
+from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
+
+SLIDES = pytest.mark.parametrize("slides", [False, True])
+BLURRED = 1e-8  # metres: what the distances of the tests themselves may be off
+
+
+def cell(rng, n=3, slides=False, **options):
+    arm, obstacles = random_arm(rng, n, slides)
+    return arm, obstacles, ArmConfigurations(arm, obstacles, **options)
+
+
+def configurations(shape, rng, count):
+    return rng.uniform(shape.lower, shape.upper, (count, shape.ndim))
+
+
+def boxes(shape, rng, count):
+    x = configurations(shape, rng, count)
+    size = 10.0 ** rng.uniform(-4, -0.3, (count, 1)) * rng.random(x.shape)
+    return np.maximum(x - size, shape.lower), np.minimum(x + size, shape.upper)
+
+
+def within(lower, upper, rng):
+    share = rng.random(lower.shape)
+    share[::2] = np.round(share[::2])  # corners, which are the hardest
+    return np.clip(lower + share * (upper - lower), lower, upper)
+
+
+@SLIDES
+@pytest.mark.parametrize("n", [1, 2, 4, 6])
+def test_truth_is_that_of_the_bodies(n, slides, rng):
+    for _ in range(4):
+        arm, obstacles, shape = cell(rng, n, slides)
+        x = configurations(shape, rng, 50)
+        gaps = np.array([gap_at(arm, obstacles, q) for q in x])
+        answers = shape.decide(x)
+        assert (answers[gaps > BLURRED] == OUT).all()
+        assert (answers[gaps < -BLURRED] != OUT).all()
+        clear = gaps < -1e-3
+        assert (answers[clear] == IN).all(), gaps[clear][answers[clear] != IN]
+
+
+@SLIDES
+@pytest.mark.parametrize("n", [1, 3, 6])
+def test_boxes_are_free_and_full_where_it_is_said(n, slides, rng):
+    free = full = halves = 0
+    for _ in range(8):
+        _, _, shape = cell(rng, n, slides, weights=rng.uniform(0.2, 3, n))
+        lower, upper = boxes(shape, rng, 4000)
+        empty, inside, known = shape.empty(lower, upper), shape.inside(lower, upper), shape.half_spaces(lower, upper)
+        assert not (empty & inside).any()
+        assert (known.empty == empty).all()
+        for _ in range(8):
+            x = within(lower, upper, rng)
+            answers = shape.decide(x)
+            assert (answers[empty] == OUT).all()
+            assert (answers[inside] != OUT).all()
+            value = known.level + (known.slope * (x - known.center)).sum(axis=1)
+            assert (value[(answers == IN) & ~known.empty] >= 0).all()
+        free, full, halves = free + empty.sum(), full + inside.sum(), halves + known.slope.any(axis=1).sum()
+    assert free > 1000
+    assert full > 10
+    assert halves > 100
+
+
+@SLIDES
+@pytest.mark.parametrize("n", [1, 3, 6])
+def test_distances_are_lower_bounds(n, slides, rng):
+    told = 0
+    for _ in range(6):
+        _, _, shape = cell(rng, n, slides, weights=rng.uniform(0.2, 3, n))
+        x = configurations(shape, rng, 3000)
+        distance = shape.distance(x)
+        hits = x[shape.decide(x) == IN]
+        assert (distance[shape.decide(x) == IN] == 0).all()
+        for begin in range(0, len(x), 500):
+            if len(hits):
+                way = np.linalg.norm(x[begin : begin + 500, None] - hits[None], axis=2).min(axis=1)
+                assert (distance[begin : begin + 500] <= way).all()
+        way = rng.normal(size=x.shape)
+        way /= np.linalg.norm(way, axis=1)[:, None]
+        near = x + way * (distance * rng.random(len(x)))[:, None]
+        assert (shape.decide(near)[distance > 0] == OUT).all()
+        told += (distance > 0.01).sum()
+    assert told > 1000
+
+
+def test_clearances_of_boxes_are_lower_bounds(rng):
+    _, _, shape = cell(rng, 3)
+    lower, upper = boxes(shape, rng, 2000)
+    clear = shape.clearance(lower, upper)
+    x = configurations(shape, rng, 20000)
+    hits = x[shape.decide(x) == IN]
+    for low, high, claimed in zip(lower, upper, clear, strict=True):
+        way = np.linalg.norm(np.maximum(np.maximum(low - hits, hits - high), 0), axis=1).min()
+        assert claimed <= way
+    assert (clear > 0).any()
+
+
+def test_an_arm_that_touches_itself(rng):
+    step = np.eye(4)
+    step[0, 3] = 1.0
+    links = [Body.capsule([0, 0, 0], [1, 0, 0], 0.05, link=i) for i in range(3)]
+    arm = Arm([Joint(), Joint(step), Joint(step)], links)
+    shape = ArmConfigurations(arm)
+    x = configurations(shape, rng, 4000)
+    answers = shape.decide(x)
+    moved = x.copy()
+    moved[:, 0] = rng.uniform(-np.pi, np.pi, len(x))  # which no pair of its own links can tell
+    assert (shape.decide(moved) == answers).all()
+    assert (answers[np.abs(x[:, 1:]).max(axis=1) < 0.5] == OUT).all()
+    assert (answers[(np.abs(x[:, 1]) > 2.9) & (np.abs(x[:, 2]) < 2)] == IN).any()
+    lower, upper = boxes(shape, rng, 2000)
+    empty = shape.empty(lower, upper)
+    assert empty.any()
+    assert (shape.decide(within(lower, upper, rng))[empty] == OUT).all()
+    assert ArmConfigurations(Arm(arm.joints, links, touching=[(0, 2)]), [Body.sphere([9, 9, 9], 1)]).ndim == 3
+    with pytest.raises(wb.errors.IndicatorError, match="nothing that could touch"):
+        ArmConfigurations(Arm(arm.joints, links, touching=[(0, 2)]))
+
+
+def test_a_safety_distance_is_in_metres(rng):
+    arm, obstacles, shape = cell(rng, 3)
+    safe = ArmConfigurations(arm, obstacles, safety=0.05)
+    x = configurations(shape, rng, 60)
+    gaps = np.array([gap_at(arm, obstacles, q) for q in x])
+    assert (safe.decide(x)[gaps > 0.05 + BLURRED] == OUT).all()
+    assert (safe.decide(x)[gaps < 0.05 - BLURRED] != OUT).all()
+    assert safe.digest != shape.digest
+
+
+def test_weights_scale_coordinates_and_nothing_else(rng):
+    arm, obstacles, plain = cell(rng, 3)
+    weights = np.array([2.0, 0.5, 4.0])
+    shape = ArmConfigurations(arm, obstacles, weights=weights)
+    q = configurations(plain, rng, 500)
+    assert (shape.decide(q * weights) == plain.decide(q)).all()
+    assert np.array_equal(shape.lower, plain.lower * weights)
+
+
+def test_nothing_is_known_of_what_is_no_configuration(rng):
+    _, _, shape = cell(rng, 3)
+    beyond = np.array([[np.nan, 0, 0], [np.inf, 0, 0], [-np.inf, 0, 0], shape.upper + 0.1])
+    assert (shape.decide(beyond) == OUT).all()
+    assert (shape.distance(beyond[:3]) == 0).all()
+    lower, upper = beyond - 0.1, beyond + 0.1
+    assert not shape.empty(lower, upper)[:3].any()
+    assert not shape.inside(lower, upper).any()
+    assert shape.empty(shape.upper[None] + 0.1, shape.upper[None] + 0.2)[0]
+    assert not shape.empty(np.ones((1, 3)), np.zeros((1, 3)))[0]
+    assert len(shape.decide(np.zeros((0, 3)))) == 0
+
+
+def test_no_pair_is_undecided_but_at_contact(rng):
+    undecided = 0
+    for _ in range(5):
+        _, _, shape = cell(rng, 4)
+        undecided += (shape.decide(configurations(shape, rng, 20000)) == UNDECIDED).sum()
+    assert undecided <= 5
+
+
+def test_a_digest_tells_arms_apart(rng):
+    arm, obstacles, shape = cell(rng, 3)
+    others = [
+        ArmConfigurations(arm, obstacles[:-1]),
+        ArmConfigurations(arm, obstacles, weights=[1, 2, 3]),
+        ArmConfigurations(arm, obstacles, self_collision=True),
+        ArmConfigurations(Arm((*arm.joints[:2], Joint()), arm.bodies), obstacles),
+    ]
+    assert len({shape.digest, *(other.digest for other in others)}) == 5
+    assert ArmConfigurations(arm, obstacles, name="other").digest == shape.digest
+
+
+BAD = {
+    "link": (lambda: Arm([Joint()], [Body.sphere([0, 0, 0], 1, link=1)]), "is of link 1"),
+    "no joint": (lambda: Arm([], []), "1 to 16 joints, got 0"),
+    "no body": (lambda: Arm([Joint()], [Body.sphere([0, 0, 0], 1)]), "at least one body that a joint moves"),
+    "limits": (lambda: Joint(lower=1, upper=0), "the lower one first, got 1.0 and 0.0"),
+    "nan limit": (lambda: Joint(lower=np.nan), "expected limits"),
+    "far limit": (lambda: Joint(upper=100.0), "expected limits"),
+    "axis": (lambda: Joint(axis=[0, 0, 0]), "an axis of 3 numbers that are not all 0"),
+    "mirror": (lambda: Joint(np.diag([1.0, 1, -1, 1])), "without a scale or a mirror"),
+    "pose": (lambda: Joint(np.eye(3)), "shape \\(4, 4\\)"),
+    "points": (lambda: Body([[0, 0]]), "points of 3 numbers"),
+    "no points": (lambda: Body(np.zeros((0, 3))), "1 to 512 points"),
+    "nan point": (lambda: Body([[0, np.nan, 0]]), "finite numbers"),
+    "radius": (lambda: Body.sphere([0, 0, 0], -1), "a radius from 0"),
+    "corners": (lambda: Body.box([1, 0, 0], [0, 1, 1]), "the lower one first"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_is_no_arm_is_refused_in_one_line(name):
+    make, message = BAD[name]
+    with pytest.raises(wb.errors.IndicatorError, match=message) as caught:
+        make()
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_no_cell_is_refused_in_one_line(rng):
+    arm, obstacles, shape = cell(rng, 2)
+    for options, message in (
+        ({"obstacles": [Body.sphere([0, 0, 0], 1, link=0)]}, "is an obstacle, and it is of link 0"),
+        ({"weights": [1.0]}, "a weight for each of 2 joints"),
+        ({"weights": [1.0, -1.0]}, "a weight"),
+        ({"safety": -1.0}, "margin|safety"),
+    ):
+        with pytest.raises(wb.errors.IndicatorError, match=message):
+            ArmConfigurations(arm, **({"obstacles": obstacles} | options))
+    with pytest.raises(wb.errors.IndicatorError, match=r"no margin, got margin=0\.1; give a safety distance"):
+        shape.dilated(0.1)
+    assert shape.dilated(0.0) is shape
+
+
+def test_obstacles_that_swallow_the_base_are_refused():
+    arm = Arm([Joint()], [Body.capsule([0, 0, 0], [1, 0, 0], 0.1, link=0)])
+    shape = ArmConfigurations(arm, [Body.sphere([0, 0, 0], 3.0)])
+    with pytest.raises(wb.errors.BoundingError, match="nothing to leave out"):
+        wb.fit(shape, method="aabb", device="cpu")
+
+
+def test_reaches_are_upper_bounds(rng):
+    for slides in (False, True):
+        arm, _ = random_arm(rng, 5, slides)
+        reach = arm.reach()
+        frames = arm.frames(rng.uniform(arm.lower, arm.upper, (400, 5)))
+        for body, far in zip(arm.bodies, reach, strict=True):
+            for i in range(body.link + 1):
+                if arm.joints[i].slides:
+                    assert far[i] == 1.0
+                    continue
+                points = np.einsum("nij,pj->npi", frames[:, body.link, :3, :3], body.points)
+                points = points + frames[:, body.link, None, :3, 3] - frames[:, i, None, :3, 3]
+                axis = frames[:, i, :3, :3] @ arm.joints[i].axis
+                along = np.einsum("npi,ni->np", points, axis)
+                assert (np.linalg.norm(points - along[..., None] * axis[:, None], axis=2) <= far[i]).all()
+            assert (far[body.link + 1 :] == 0).all()
+
+
+@pytest.mark.parametrize("query", ["point", "distance"])
+def test_a_bounder_of_an_arm_is_proven(query, rng, tmp_path):
+    step = np.eye(4)
+    step[0, 3] = 0.5
+    links = [Body.capsule([0, 0, 0], [0.5, 0, 0], 0.05, link=i) for i in range(2)]
+    arm = Arm([Joint(), Joint(step)], links)
+    posts = [Body.capsule([0.3, 0.6, -1], [0.3, 0.6, 1], 0.1), Body.box([-0.8, -0.5, -1], [-0.6, 0.1, 1])]
+    shape = ArmConfigurations(arm, posts, weights=arm.reaching)
+    bounder = wb.fit(shape, query, method="mlp", budget=6.0, hidden=(16, 16), seed=0, device="cpu")
+    assert bounder.certificate.kind == "proven"
+    x = configurations(shape, rng, 100_000).astype(np.float32)
+    held = shape.decide(x) == IN
+    maybe = np.asarray(bounder.query(x)).astype(bool)
+    assert maybe[held].all()
+    assert maybe.mean() < 0.9
+    file = tmp_path / "arm.safetensors"
+    bounder.save(file)
+    assert wb.certify(wb.load(file, device="cpu"), shape).kind == "proven"
+
+
+def test_links_of_the_world_are_of_the_base():
+    base = Body.sphere([0, 0, 0], 0.1, link=WORLD)
+    arm = Arm([Joint(), Joint(), Joint()], [base, Body.capsule([0, 0, 0], [0.05, 0, 0], 0.01, link=2)])
+    shape = ArmConfigurations(arm)
+    assert (shape.decide(np.zeros((3, 3))) == IN).all()

@@ -1,0 +1,193 @@
+"""A serial arm: joints one after another, and the bodies that they move.
+
+The frame of link i is that of link i - 1, moved by the joint's ``origin`` and then by the joint's value: a turn about its axis, or a way
+along it. Frames are kept turned so that every axis is z, which is the arm's own affair (``_frames``): bodies are given in the frames
+that a user knows.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.arms.bodies import WORLD, Body, checked_pose
+
+__all__ = ["MOST_JOINTS", "Arm", "Joint"]
+
+MOST_JOINTS = 16  # ``kinematics.ALLOWANCE`` counts on it
+FARTHEST = 4 * np.pi  # of a limit in radians; farther there is nothing new, and sine and cosine are less accurate
+OUTWARD = 1 + 2.0**-40  # outweighs what float64 rounds in a reach
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """What one number of a configuration moves.
+
+    Attributes:
+        origin: ``(4, 4)``, the joint's frame in that of the link before, where its value is 0.
+        axis: ``(3,)``, in the joint's frame; made a unit vector.
+        lower: Least value; radians, or metres.
+        upper: Largest value.
+        slides: Whether it slides along the axis (prismatic) instead of turning about it.
+        name: For people.
+
+    Raises:
+        IndicatorError: For numbers that are none, or limits in the wrong order or too far.
+    """
+
+    origin: np.ndarray = field(default_factory=lambda: np.eye(4))
+    axis: np.ndarray = (0.0, 0.0, 1.0)
+    lower: float = -np.pi
+    upper: float = np.pi
+    slides: bool = False
+    name: str = "joint"
+
+    def __post_init__(self):
+        axis = np.array(self.axis, dtype=np.float64)
+        length = np.linalg.norm(axis) if axis.shape == (3,) else np.nan
+        if not 1e-6 < length < 1e6:
+            raise IndicatorError(f"{self.name}: expected an axis of 3 numbers that are not all 0, got {self.axis}")
+        lower, upper = float(self.lower), float(self.upper)
+        farthest = 1e6 if self.slides else FARTHEST
+        if not -farthest <= lower < upper <= farthest:
+            raise IndicatorError(
+                f"{self.name}: expected limits from {-farthest:.4g} to {farthest:.4g}, the lower one first, got {lower} and {upper}"
+            )
+        for name, value in (
+            ("origin", checked_pose(self.origin, self.name)),
+            ("axis", axis / length),
+            ("lower", lower),
+            ("upper", upper),
+        ):
+            object.__setattr__(self, name, value)
+
+    @property
+    def turned(self) -> np.ndarray:
+        """``(3, 3)`` rotation that takes z to the axis."""
+        z, side = self.axis, np.eye(3)[np.abs(self.axis).argmin()]
+        x = np.cross(side, z)
+        x = x / np.linalg.norm(x)
+        return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+class Arm:
+    """Joints and the bodies that they move; its configurations are ``(n,)`` joint values.
+
+    Args:
+        joints: In order from the base, at most ``MOST_JOINTS``.
+        bodies: Of all links; those of the base have the link ``WORLD``.
+        touching: Pairs of links that always touch or may, and are not checked against each other; neighbours are not in any case.
+        name: For people.
+
+    Attributes:
+        joints: The joints.
+        bodies: The bodies.
+        touching: Pairs of links, the lower number first.
+
+    Raises:
+        IndicatorError: For no joint, too many, or bodies of links that are not there.
+
+    Example:
+        >>> def link(i):
+        ...     return wb.arms.Body.capsule([0, 0, 0], [1, 0, 0], 0.1, link=i)
+        >>> step = np.eye(4)
+        >>> step[0, 3] = 1.0
+        >>> arm = wb.arms.Arm([wb.arms.Joint(), wb.arms.Joint(origin=step)], [link(0), link(1)])
+        >>> post = wb.arms.Body.sphere([0, 1.5, 0], 0.2)
+        >>> shape = wb.arms.ArmConfigurations(arm, [post])
+        >>> shape.contains(np.array([[0.0, 0.0], [np.pi / 2, 0.0]]))
+        array([False,  True])
+        >>> shape.empty(np.array([[-0.1, -0.1]]), np.array([[0.1, 0.1]]))
+        array([ True])
+    """
+
+    def __init__(
+        self,
+        joints: Sequence[Joint],
+        bodies: Sequence[Body],
+        *,
+        touching: Sequence[tuple[int, int]] = (),
+        name: str = "arm",
+    ):
+        self.joints, self.bodies, self.name = tuple(joints), tuple(bodies), name
+        if not 1 <= len(self.joints) <= MOST_JOINTS:
+            raise IndicatorError(f"{name}: expected 1 to {MOST_JOINTS} joints, got {len(self.joints)}")
+        links = range(WORLD, len(self.joints))
+        if not any(body.link != WORLD for body in self.bodies):
+            raise IndicatorError(f"{name}: expected at least one body that a joint moves")
+        for body in self.bodies:
+            if body.link not in links:
+                raise IndicatorError(f"{name}: {body.name} is of link {body.link}, and there are -1 to {links[-1]}")
+        for pair in touching:
+            if len(pair) != 2 or not all(link in links for link in pair):
+                raise IndicatorError(f"{name}: expected pairs of links from -1 to {links[-1]}, got {pair}")
+        self.touching = frozenset((min(pair), max(pair)) for pair in touching)
+
+    def __repr__(self) -> str:
+        return f"<Arm {self.name}: {len(self.joints)} joints, {len(self.bodies)} bodies>"
+
+    @property
+    def lower(self) -> np.ndarray:
+        """``(n,)`` float64, the joints' least values."""
+        return np.array([joint.lower for joint in self.joints])
+
+    @property
+    def upper(self) -> np.ndarray:
+        """``(n,)`` float64, the joints' largest values."""
+        return np.array([joint.upper for joint in self.joints])
+
+    @property
+    def moved(self) -> tuple[tuple[np.ndarray, ...], tuple[Body, ...]]:
+        """Each joint's origin ``(4, 4)`` and all bodies, in frames whose z is the joint's axis."""
+        origins, before = [], np.eye(3)
+        for joint in self.joints:
+            origin = joint.origin.copy()
+            origin[:3, 3] = before.T @ origin[:3, 3]
+            before_next = joint.turned
+            origin[:3, :3] = before.T @ origin[:3, :3] @ before_next
+            origins.append(origin)
+            before = before_next
+        turns = [joint.turned for joint in self.joints] + [np.eye(3)]  # the last one is that of ``WORLD``
+        return tuple(origins), tuple(replace(body, points=body.points @ turns[body.link]) for body in self.bodies)
+
+    def frames(self, q: np.ndarray) -> np.ndarray:
+        """Where the links are: ``(N, n, 4, 4)`` poses for ``(N, n)`` configurations, in the frames of ``Joint``; up to rounding."""
+        q = np.asarray(q, dtype=np.float64)
+        frame, found = np.broadcast_to(np.eye(4), (len(q), 4, 4)), []
+        for i, joint in enumerate(self.joints):
+            step, turn = np.broadcast_to(np.eye(4), (len(q), 4, 4)).copy(), joint.turned
+            if joint.slides:
+                step[:, :3, 3] = q[:, i, None] * joint.axis
+            else:
+                c, s, one = np.cos(q[:, i]), np.sin(q[:, i]), np.ones(len(q))
+                zero = np.zeros(len(q))
+                about = np.stack([c, -s, zero, s, c, zero, zero, zero, one], axis=1).reshape(-1, 3, 3)
+                step[:, :3, :3] = turn @ about @ turn.T
+            frame = frame @ joint.origin @ step
+            found.append(frame)
+        return np.stack(found, axis=1)
+
+    def reach(self) -> np.ndarray:
+        """``(bodies, n)`` float64: how far points of a body's hull are from each joint's axis at most; 1 for a joint that slides, 0 where it does not move the body."""
+        origins, bodies = self.moved
+        found = np.zeros((len(bodies), len(self.joints)))
+        for number, body in enumerate(bodies):
+            if body.link == WORLD:
+                continue
+            far = float(np.linalg.norm(body.points, axis=1).max()) * OUTWARD  # from the origin of the link
+            near = float(np.hypot(*body.points[:, :2].T).max()) * OUTWARD  # from its axis
+            for i in range(body.link, -1, -1):
+                joint = self.joints[i]
+                slide = max(abs(joint.lower), abs(joint.upper)) if joint.slides else 0.0
+                found[number, i] = 1.0 if joint.slides else near
+                x, y, z = origins[i][:3, 3]
+                # Seen from the frame before, the body lies within ``far`` (and the slide) of the joint's origin.
+                near = (np.hypot(x, y) + far + slide) * OUTWARD
+                far = (np.sqrt(x * x + y * y + z * z) + far + slide) * OUTWARD
+        return found
+
+    @property
+    def reaching(self) -> np.ndarray:
+        """``(n,)`` float64: by how many metres a joint moves the arm at most, per radian; weights for ``ArmConfigurations``."""
+        return self.reach().max(axis=0)

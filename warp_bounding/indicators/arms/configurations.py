@@ -1,0 +1,237 @@
+"""The configurations in which an arm collides, as a shape of as many coordinates as it has joints.
+
+Everything that a shape answers comes from float64 kernels (``answers``): truth, certified boxes, half-spaces and distances. Configurations
+beyond the joints' limits are not in the shape: there are none.
+"""
+
+import hashlib
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+import warp as wp
+
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.arms.answers import BLUR, FREE, FULL, HALVES, Collisions, kernels_of
+from warp_bounding.indicators.arms.arm import Arm
+from warp_bounding.indicators.arms.bodies import WORLD, Body
+from warp_bounding.indicators.arms.kinematics import ALLOWANCE, Chain
+from warp_bounding.indicators.arms.separation import Bodies
+from warp_bounding.indicators.functions.parameters import checked_number
+from warp_bounding.indicators.functions.solid import Formula
+from warp_bounding.indicators.half_spaces import HalfSpaces
+from warp_bounding.indicators.limits import checked_margin
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.runtime.launch import launch_on_cores
+
+__all__ = ["ArmConfigurations"]
+
+OUTWARD = 1 + 2.0**-40  # outweighs what sums of a few products round, relative to their size
+DEVICE = "cpu"
+
+
+class ArmConfigurations(Formula):
+    """All configurations in which an arm touches an obstacle, or itself.
+
+    A configuration q, joint values in radians (metres of a joint that slides), has the coordinates ``weights * q``. Distances are Euclidean in these
+    coordinates. With the weights of ``Arm.reaching`` one unit moves the arm by a metre at most.
+
+    Args:
+        arm: The arm.
+        obstacles: Bodies that do not move.
+        self_collision: Whether links may not touch each other and the base; by default only where there are no obstacles.
+        safety: Metres: what comes closer counts as touching.
+        weights: ``(n,)``, above 0; 1 for ``None``.
+        name: For people.
+
+    Attributes:
+        arm: The arm.
+        obstacles: The obstacles.
+        weights: ``(n,)`` float64.
+        safety: Metres.
+        self_collision: Whether the arm is checked against itself.
+
+    Raises:
+        IndicatorError: For obstacles that move, numbers that are none, or nothing that could touch.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        obstacles: Sequence[Body] = (),
+        *,
+        self_collision: bool | None = None,
+        safety: float = 0.0,
+        weights=None,
+        name: str = "arm",
+    ):
+        self.arm, self.obstacles, self.name = arm, tuple(obstacles), name
+        self.safety, self.self_collision = (
+            checked_margin(safety),
+            not obstacles if self_collision is None else bool(self_collision),
+        )
+        for body in self.obstacles:
+            if body.link != WORLD:
+                raise IndicatorError(f"{name}: {body.name} is an obstacle, and it is of link {body.link}")
+        weights = np.ones(len(arm.joints)) if weights is None else np.array(weights, dtype=np.float64)
+        if weights.shape != (len(arm.joints),):
+            raise IndicatorError(f"{name}: expected a weight for each of {len(arm.joints)} joints, got {weights}")
+        self.weights = np.array([checked_number(weight, "a weight", name) for weight in weights])
+        self._pairs = self._paired()
+        if not len(self._pairs):
+            raise IndicatorError(
+                f"{name}: there is nothing that could touch; give obstacles, or ask for collisions with itself"
+            )
+
+    def _paired(self) -> np.ndarray:
+        """Pairs of bodies ``(P, 2)`` that are checked: numbers of the arm's, and behind these of the obstacles."""
+        own, links = self.arm.bodies, [body.link for body in self.arm.bodies]
+        found = [
+            (len(own) + k, number)
+            for number, link in enumerate(links)
+            if link != WORLD
+            for k in range(len(self.obstacles))
+        ]
+        if self.self_collision:
+            for one, a in enumerate(links):
+                for other, b in enumerate(links):
+                    if a < b - 1 and (a, b) not in self.arm.touching:
+                        found.append((one, other))
+        return np.array(found, dtype=np.int32).reshape(-1, 2)
+
+    # --- where it is -------------------------------------------------------------------------------------------------
+
+    @property
+    def ndim(self) -> int:
+        return len(self.arm.joints)
+
+    @property
+    def lower(self) -> np.ndarray:
+        return self.arm.lower * self.weights
+
+    @property
+    def upper(self) -> np.ndarray:
+        return self.arm.upper * self.weights
+
+    @property
+    def _padding(self) -> np.ndarray:
+        return np.zeros(self.ndim)  # there are no configurations beyond the limits
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all numbers of joints, bodies, obstacles, pairs, weights and the safety; names do not enter."""
+        sha = hashlib.sha256(b"warp-bounding arm 1")
+        for joint in self.arm.joints:
+            numbers = [*joint.origin.ravel(), *joint.axis, joint.lower, joint.upper, joint.slides]
+            sha.update(np.array(numbers, dtype="<f8").tobytes())
+        for body in (*self.arm.bodies, *self.obstacles):
+            sha.update(np.array([*body.points.ravel(), body.radius, body.link], dtype="<f8").tobytes() + b";")
+        for array in (self._pairs, self.weights, self.safety):
+            sha.update(np.asarray(array, dtype="<f8").tobytes() + b";")
+        return sha.hexdigest()
+
+    # --- what it is --------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _collisions(self) -> Collisions:
+        origins, moved = self.arm.moved
+        bodies = (*moved, *self.obstacles)
+        reach = np.concatenate([self.arm.reach(), np.zeros((len(self.obstacles), self.ndim))])
+        found = Collisions()
+        found.chain, found.bodies = Chain(), Bodies()
+        turns = np.array([origin[:3, :3] for origin in origins])
+        found.chain.turn = wp.array(turns, dtype=wp.mat33d, device=DEVICE)
+        found.chain.at = wp.array([origin[:3, 3] for origin in origins], dtype=wp.vec3d, device=DEVICE)
+        found.chain.slides = wp.array([int(joint.slides) for joint in self.arm.joints], dtype=wp.int32, device=DEVICE)
+        counts = [len(body.points) for body in bodies]
+        balls = [body.ball for body in bodies]
+        arrays = {
+            "points": (np.concatenate([body.points for body in bodies]), wp.vec3d),
+            "first": (np.cumsum([0, *counts]), wp.int32),
+            "link": ([body.link for body in bodies], wp.int32),
+            "radius": ([body.radius for body in bodies], wp.float64),
+            "center": ([center for center, _ in balls], wp.vec3d),
+            "ball": ([radius * OUTWARD for _, radius in balls], wp.float64),
+        }
+        for field, (values, dtype) in arrays.items():
+            setattr(found.bodies, field, wp.array(np.asarray(values), dtype=dtype, device=DEVICE))
+        links = np.array([body.link for body in bodies])
+        behind = np.arange(self.ndim) > links[self._pairs[:, :1]]  # the joints that move a pair
+        speed = np.sqrt((((reach[self._pairs[:, 1]] * behind) / self.weights) ** 2).sum(axis=1)) * OUTWARD
+        found.pairs = wp.array(self._pairs, dtype=wp.vec2i, device=DEVICE)
+        found.reach = wp.array(reach, dtype=wp.float64, device=DEVICE)
+        found.speed = wp.array(speed, dtype=wp.float64, device=DEVICE)
+        found.weights = wp.array(self.weights, dtype=wp.float64, device=DEVICE)
+        found.lower = wp.array(self.lower, dtype=wp.float64, device=DEVICE)
+        found.upper = wp.array(self.upper, dtype=wp.float64, device=DEVICE)
+        found.safety = self.safety
+        far = max(np.abs(body.points).sum(axis=1).max() + body.radius for body in bodies) + self.safety
+        slides = sum(max(abs(joint.lower), abs(joint.upper)) for joint in self.arm.joints if joint.slides)
+        found.allowance = ALLOWANCE * (far + slides + sum(np.abs(origin[:3, 3]).sum() for origin in origins))
+        return found
+
+    def decide(self, x: np.ndarray) -> np.ndarray:
+        return self._ask_points(x)[0]
+
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        """Lower bounds ``(N,)`` of the distance from configurations to the next colliding one, in the shape's coordinates."""
+        return self._ask_points(x)[1]
+
+    def _ask_points(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x = np.ascontiguousarray(x, dtype=np.float64)
+        c, kernels = self._collisions, kernels_of(self.ndim)
+        near = float(np.linalg.norm(self.upper - self.lower))
+        answers, distances = (wp.empty(len(x), dtype=dtype, device=DEVICE) for dtype in (wp.uint8, wp.float64))
+        inputs = [c, self._array(x), near]
+        launch_on_cores(kernels.points, len(x), inputs, [answers, distances], DEVICE)
+        return answers.numpy(), distances.numpy()
+
+    def _array(self, x: np.ndarray) -> wp.array:
+        dtype = wp.types.vector(length=self.ndim, dtype=wp.float64)
+        return wp.array(np.ascontiguousarray(x, dtype=np.float64), dtype=dtype, device=DEVICE, copy=False)
+
+    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        return self._ask_boxes(lower, upper, FREE)[0] == FREE
+
+    def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        return self._ask_boxes(lower, upper, FULL)[0] == FULL
+
+    def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces:
+        answers, level, slope, axis, loss = self._ask_boxes(lower, upper, HALVES)
+        center = np.asarray(lower, dtype=np.float64) * 0.5 + np.asarray(upper, dtype=np.float64) * 0.5
+        return HalfSpaces(answers == FREE, center, level, slope, axis, loss)
+
+    def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Lower bounds ``(N,)`` of the distance from boxes to the next colliding configuration, in the shape's coordinates."""
+        lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
+        with np.errstate(all="ignore"):
+            half = np.linalg.norm((upper - lower) / 2, axis=1) * OUTWARD + BLUR * np.abs(lower + upper).max(axis=1)
+            found = (self.distance(lower / 2 + upper / 2) - half) * (1 / OUTWARD)
+        return np.where((lower <= upper).all(axis=1) & (found > 0), found, 0.0)
+
+    def _ask_boxes(self, lower: np.ndarray, upper: np.ndarray, asked: int) -> tuple[np.ndarray, ...]:
+        count = len(lower)
+        size = count if asked == HALVES else 0
+        vector = wp.types.vector(length=self.ndim, dtype=wp.float64)
+        outputs = [
+            wp.empty(count, dtype=wp.uint8, device=DEVICE),
+            *(wp.empty(size, dtype=dtype, device=DEVICE) for dtype in (wp.float64, vector, wp.int32, wp.float64)),
+        ]
+        inputs = [self._collisions, self._array(lower), self._array(upper), asked]
+        launch_on_cores(kernels_of(self.ndim).boxes, count, inputs, outputs, DEVICE)
+        return tuple(output.numpy() for output in outputs)
+
+    # --- what can be made of it --------------------------------------------------------------------------------------
+
+    def dilated(self, margin: float) -> Shape:
+        """Itself for 0.
+
+        Raises:
+            IndicatorError: For any other margin: bodies are dilated by ``safety``, in metres.
+        """
+        if self._new_margin(margin) is not None:
+            raise IndicatorError(
+                f"{self.name}: an arm's configurations have no margin, got margin={margin}; give a safety distance, in metres, "
+                "to ArmConfigurations"
+            )
+        return self
