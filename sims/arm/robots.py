@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from warp_bounding.arms import WORLD, Arm, ArmConfigurations, Body, Joint
+import warp_bounding as wb
 
 __all__ = ["CELLS", "Cell", "planar", "six_joints"]
 
@@ -27,12 +27,12 @@ class Cell(NamedTuple):
 
     name: str
     title: str
-    arm: Arm
-    obstacles: tuple[Body, ...]
+    arm: wb.arms.Arm
+    obstacles: tuple[wb.arms.Body, ...]
 
-    def shape(self, **options) -> ArmConfigurations:
+    def shape(self, **options) -> wb.arms.ArmConfigurations:
         """Its colliding configurations, in coordinates in which a unit moves the arm by a metre at most."""
-        return ArmConfigurations(self.arm, self.obstacles, weights=self.arm.reaching, name=self.name, **options)
+        return wb.arms.ArmConfigurations(self.arm, self.obstacles, weights=self.arm.reaching, name=self.name, **options)
 
 
 def _moved(x: float = 0.0, y: float = 0.0, z: float = 0.0, *, about_x: float = 0.0) -> np.ndarray:
@@ -40,59 +40,61 @@ def _moved(x: float = 0.0, y: float = 0.0, z: float = 0.0, *, about_x: float = 0
     return np.array([[1, 0, 0, x], [0, c, -s, y], [0, s, c, z], [0, 0, 0, 1]])
 
 
-def planar(lengths: Sequence[float], radius: float = 0.04, limit: float = np.pi) -> Arm:
+def planar(lengths: Sequence[float], radius: float = 0.04, limit: float = np.pi) -> wb.arms.Arm:
     """An arm in the plane z = 0 whose links have some lengths, metres; each is a capsule."""
     starts = [0.0, *lengths[:-1]]
-    joints = [Joint(_moved(x), lower=-limit, upper=limit, name=f"joint {i}") for i, x in enumerate(starts)]
-    links = [Body.capsule([0, 0, 0], [x, 0, 0], radius, link=i, name=f"link {i}") for i, x in enumerate(lengths)]
-    return Arm(joints, links, name=f"planar arm of {len(lengths)} joints")
+    joints = [wb.arms.Joint(_moved(x), lower=-limit, upper=limit, name=f"joint {i}") for i, x in enumerate(starts)]
+    links = [
+        wb.arms.Body.capsule([0, 0, 0], [x, 0, 0], radius, link=i, name=f"link {i}") for i, x in enumerate(lengths)
+    ]
+    return wb.arms.Arm(joints, links, name=f"planar arm of {len(lengths)} joints")
 
 
-def six_joints() -> Arm:
+def six_joints() -> wb.arms.Arm:
     """An arm of six joints on a pedestal, with a gripper of two fingers."""
-    joints, bodies, before = [], [Body.capsule([0, 0, 0], [0, 0, 0.04], 0.075, name="pedestal")], np.eye(4)
+    joints, bodies, before = [], [wb.arms.Body.capsule([0, 0, 0], [0, 0, 0.04], 0.075, name="pedestal")], np.eye(4)
     for i, ((a, alpha, d), radius) in enumerate(zip(SIX, RADII, strict=True)):
         side = OFFSET if i == 1 else 0.0
-        joints.append(Joint(before, lower=-np.pi, upper=np.pi, name=f"joint {i}"))
+        joints.append(wb.arms.Joint(before, lower=-np.pi, upper=np.pi, name=f"joint {i}"))
         ends = ([0, 0, d + side], [a, 0, d + side]) if a else ([0, 0, 0], [0, 0, d])
-        bodies.append(Body.capsule(*ends, radius, link=i, name=f"link {i}"))
+        bodies.append(wb.arms.Body.capsule(*ends, radius, link=i, name=f"link {i}"))
         if i == 1:
             for x, name in ((0.0, "shoulder"), (a, "elbow")):
-                bodies.append(Body.capsule([x, 0, 0], [x, 0, side], radius, link=i, name=name))
+                bodies.append(wb.arms.Body.capsule([x, 0, 0], [x, 0, side], radius, link=i, name=name))
         before = _moved(a, 0.0, d, about_x=alpha)
     tip = SIX[-1][2]
-    bodies.append(Body.box([-0.05, -0.02, tip], [0.05, 0.02, tip + 0.05], radius=0.01, link=5, name="gripper"))
+    bodies.append(wb.arms.Body.box([-0.05, -0.02, tip], [0.05, 0.02, tip + 0.05], radius=0.01, link=5, name="gripper"))
     for side in (-1, 1):
         lower, upper = [side * 0.04 - 0.008, -0.01, tip + 0.05], [side * 0.04 + 0.008, 0.01, tip + 0.11]
-        bodies.append(Body.box(lower, upper, radius=0.004, link=5, name="finger"))
-    return Arm(joints, bodies, touching=[(WORLD, 1)], name="arm of six joints")
+        bodies.append(wb.arms.Body.box(lower, upper, radius=0.004, link=5, name="finger"))
+    return wb.arms.Arm(joints, bodies, touching=[(wb.arms.WORLD, 1)], name="arm of six joints")
 
 
-def _post(x: float, y: float, radius: float, height: float = 1.0) -> Body:
-    return Body.capsule([x, y, -height], [x, y, height], radius, name="post")
+def _post(x: float, y: float, radius: float, height: float = 1.0) -> wb.arms.Body:
+    return wb.arms.Body.capsule([x, y, -height], [x, y, height], radius, name="post")
 
 
-def _block(x: float, y: float, width: float, depth: float, turned: float = 0.0) -> Body:
+def _block(x: float, y: float, width: float, depth: float, turned: float = 0.0) -> wb.arms.Body:
     """A block that stands on the plane, turned about its middle."""
     c, s = np.cos(turned), np.sin(turned)
     pose = np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, 0], [0, 0, 0, 1]])
-    return Body.box([-width / 2, -depth / 2, -1], [width / 2, depth / 2, 1], pose=pose, name="block")
+    return wb.arms.Body.box([-width / 2, -depth / 2, -1], [width / 2, depth / 2, 1], pose=pose, name="block")
 
 
-def _flat() -> tuple[Body, ...]:
+def _flat() -> tuple[wb.arms.Body, ...]:
     """What stands around the planar arms, whose links are a metre long together: posts, a wall with a gap, and blocks."""
     posts = (_post(0.35, 0.55, 0.07), _post(-0.5, 0.45, 0.09), _post(-0.62, -0.2, 0.06), _post(0.1, -0.62, 0.08))
     walls = (_block(0.75, 0.32, 0.06, 0.4, 0.3), _block(0.72, -0.38, 0.06, 0.42, -0.4))
     return (*posts, *walls, _block(-0.35, -0.68, 0.3, 0.08, 0.5), _post(-0.1, 0.85, 0.06))
 
 
-def _factory() -> tuple[Body, ...]:
+def _factory() -> tuple[wb.arms.Body, ...]:
     """A table, a shelf of three boards with its sides, and two posts."""
-    table = Body.box([-0.9, -0.9, -0.12], [0.9, 0.9, -0.085], name="table")
-    boards = [Body.box([0.45, -0.4, z], [0.8, 0.4, z + 0.02], name="board") for z in (0.12, 0.42, 0.72)]
-    sides = [Body.box([0.45, y, -0.08], [0.8, y + 0.02, 0.74], name="side") for y in (-0.42, 0.4)]
-    posts = [Body.capsule([x, y, 0], [x, y, 0.9], 0.05, name="post") for x, y in ((-0.35, 0.5), (-0.3, -0.55))]
-    crate = Body.box([-0.75, -0.2, -0.08], [-0.5, 0.2, 0.15], name="crate")
+    table = wb.arms.Body.box([-0.9, -0.9, -0.12], [0.9, 0.9, -0.085], name="table")
+    boards = [wb.arms.Body.box([0.45, -0.4, z], [0.8, 0.4, z + 0.02], name="board") for z in (0.12, 0.42, 0.72)]
+    sides = [wb.arms.Body.box([0.45, y, -0.08], [0.8, y + 0.02, 0.74], name="side") for y in (-0.42, 0.4)]
+    posts = [wb.arms.Body.capsule([x, y, 0], [x, y, 0.9], 0.05, name="post") for x, y in ((-0.35, 0.5), (-0.3, -0.55))]
+    crate = wb.arms.Body.box([-0.75, -0.2, -0.08], [-0.5, 0.2, 0.15], name="crate")
     return (table, *boards, *sides, *posts, crate)
 
 

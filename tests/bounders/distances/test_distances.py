@@ -253,3 +253,33 @@ def test_a_network_learns_the_distance(name, rng):
     away = shape.distances(x)[:, 0] > 0.2 * float(shape.extent.max())
     assert away.any()
     assert (bounder.distance(x[away]).numpy() > 0).mean() > 0.5
+
+
+@pytest.mark.parametrize("name", ["c", "tetrahedron"])
+def test_parts_have_a_slack_of_their_own(name, rng, tmp_path):
+    shape = thing(name)
+    options = {"method": "mlp", "hidden": (16, 16), "steps": 300, "seed": 0, "device": "cpu"}
+    whole, cut = (wb.fit(shape, "distance", thresholds=parts, **options) for parts in (1, 40))
+    assert cut.lattice.count > 8
+    assert cut.relief.max() > 0
+    assert cut.relief.min() == 0
+    assert wb.certify(cut, shape).proven
+    x = points_around(shape, 20_000, rng)
+    v = cut.domain.to_local(x)
+    edges = cut.lattice.edges[-1]
+    v[::3, -1] = rng.choice(edges, len(v[::3]))  # on an edge, where the slack jumps
+    x = np.concatenate([x, cut.domain.to_object(v)]).astype(np.float32)
+    known = shape.distances(x)
+    g, plain = (each.distance(x).numpy() for each in (cut, cut.to(native=False)))
+    assert (g <= known[:, 1]).all()
+    assert (plain <= known[:, 1]).all()
+    size = np.abs(cut.domain.to_local(x)).sum(axis=1) * cut.domain.unit
+    assert (np.abs(plain - g) <= 1e-5 * (size + cut.domain.unit)).all()
+    file = tmp_path / "cut.safetensors"
+    cut.save(file)
+    again = wb.load(file, device="cpu")
+    assert (again.distance(x).numpy() == g).all()
+    assert again.nbytes - whole.nbytes < 4 * cut.lattice.count + 200
+    maybe, t = (each.numpy() for each in cut.segments(x[:2000], x[2000:4000]))
+    assert not ((t > 0) & shape.contains(x[:2000])).any()
+    assert maybe[shape.contains(x[:2000])].all()

@@ -157,6 +157,19 @@ class DistanceBounder(AskingDistance):
         limit = self.domain.limit.astype(np.float64)
         return -limit[None], limit[None]
 
+    part_count: int = 1  # parts of the domain that have a slack of their own each; no piece lies in two of them
+
+    def part_of(self, v: np.ndarray) -> np.ndarray:
+        """``(N,)`` int, the parts in which local coordinates ``(N, n)`` lie."""
+        return np.zeros(len(v), dtype=np.int64)
+
+    def relieve(self, excess: np.ndarray) -> None:
+        """Let each part have a slack of its own, in place: F grows by that, and no threshold is known any more.
+
+        Args:
+            excess: ``(parts,)`` float64: F exceeds the distance in each part by no more, local units. The largest stays as it is.
+        """
+
     @property
     def steepness(self) -> float:
         """At least 1, and more than the numbers at corners change on the way of one local unit along any axis, all axes together."""

@@ -1,43 +1,110 @@
 """The distance as a network learns it: F is the network's output, asked at the nearest point of the domain.
 
 A network is smooth, and so is a distance away from the object, so that few weights tell it nearly. What it overestimates anywhere is its
-slack, which is proven (``proof.distances.excesses``).
+slack, which is proven (``proof.distances.excesses``). The domain may be cut into a lattice of parts: then each part has a *relief*, a byte, by which its own
+slack is smaller than that of the worst part; F is the network's output and the relief, and jumps at the edges.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import prod
 
 import numpy as np
+import warp as wp
 
 from warp_bounding.activations import activation_of
-from warp_bounding.arithmetic import UNIT64
+from warp_bounding.arithmetic import UNIT32, UNIT64
 from warp_bounding.bounders.distances.base import DistanceBounder
-from warp_bounding.bounders.neural.mlp import ACTIVATION, HIDDEN, Mlp, check_hidden
+from warp_bounding.bounders.local.lattice import NEAREST_TO_ZERO, Lattice
+from warp_bounding.bounders.neural.mlp import ACTIVATION, HIDDEN, MOST_THRESHOLDS, THRESHOLDS, Mlp, check_hidden
 from warp_bounding.bounders.options import STEPS
+from warp_bounding.coordinates.base import Numbers, vector_type
+from warp_bounding.errors import BounderError
 from warp_bounding.kernels.distances.source import FLUSHED, DistanceSource
+from warp_bounding.kernels.functions import Words
+from warp_bounding.kernels.lattice import PER_WORD, level_text, plain_level
+from warp_bounding.kernels.plain import twin
+from warp_bounding.kernels.source import Lanes
 from warp_bounding.networks.inference import MlpSource, head_numbers, layer_numbers
 from warp_bounding.networks.network import Network
 
-__all__ = ["MlpDistance", "MlpDistanceSource"]
+__all__ = ["AXES_OF_MANY", "MANY", "MlpDistance", "MlpDistanceSource"]
 
 MOST_AXES = 8  # 2^n corners of each box are asked for
 CORNER_ROUNDING = 256.0  # units, of all terms of a linear function: more than float64 rounds in it
 
 
+LEVELS = 255  # the highest level of relief
+STEPS_OF_RELIEF = (2.0**-100, 2.0**10)  # local units between two levels
+MANY, AXES_OF_MANY = (
+    256,
+    4,
+)  # parts of a domain of so many axes, where no number is given; of fewer axes one: slack is small there
+
+
 @dataclass(frozen=True)
 class MlpDistanceSource(DistanceSource, MlpSource):
-    """Native code of the network, in a distance."""
+    """Native code of the network, in a distance.
+
+    Numbers: the network's, and where the domain is cut, the inner edges of each axis in turn, and the step between two levels. Words: the levels.
+    """
+
+    count: int = 0  # how many numbers the network has, where the domain is cut
+    shape: tuple[int, ...] = ()  # parts along each axis
 
     whole = False
+
+    @property
+    def step_at(self) -> int:
+        """Index in ``w`` of the step."""
+        return self.count + sum(self.shape) - len(self.shape)
+
+    def _relief(self, vector: bool) -> str:
+        """C statements that add the relief to ``f``."""
+        return f"{level_text(self.shape, self.count, vector)} f = f + level_ * w[{self.step_at}];"
+
+    def body(self, lanes: Lanes) -> str:
+        """See ``Source``."""
+        network = super().body(lanes)
+        return f"{{ {network} }}\n{{ {self._relief(lanes.vector)} }}" if self.shape else network
+
+    def function_body(self) -> str:
+        """See ``Source``."""
+        network = super().function_body()
+        if not self.shape:
+            return network
+        return f"float relieved_;\n{{ {network}\n{self._relief(vector=False)} relieved_ = f; }}\nconst float f = relieved_;"
+
+    def plain(self) -> wp.Function:
+        """See ``Source``."""
+        network = super().plain()
+        if not self.shape:
+            return network
+        level_of, vector, start, step_at = plain_level(self.shape), vector_type(self.ndim), self.count, self.step_at
+
+        @twin(self, "relieved")
+        def f(w: Numbers, words: Words, at: int, v: vector) -> float:
+            return network(w, words, at, v) + level_of(w, words, at + start, v) * w[at + step_at]
+
+        return f
+
+
+def _parts(value) -> int:
+    return THRESHOLDS.check(value)
+
+
+PARTS = replace(THRESHOLDS, default=None, help="parts of the domain, each with a slack of its own", check=_parts)
 
 
 class MlpDistance(DistanceBounder):
     """A network's distance; see module.
 
-    Tensors: ``layers.i.weight`` ``(H, K)`` and ``layers.i.bias`` ``(H,)``, the last layer with H = 1. Sizes: ``hidden``, ``activation``.
+    Tensors: ``layers.i.weight`` ``(H, K)`` and ``layers.i.bias`` ``(H,)``, the last layer with H = 1; where the domain is cut ``edges``, the inner
+    edges of each axis in turn, ``levels`` ``(ceil(parts / 4),)`` uint32, a byte for each part, and ``step`` ``(1,)``, a power of two. Sizes: ``hidden``,
+    ``activation``, and ``shape``, the parts along each axis.
     """
 
     method = Mlp.method
-    options = (HIDDEN, ACTIVATION, STEPS)
+    options = (HIDDEN, ACTIVATION, PARTS, STEPS)
     moving = True
     room = 0.1
 
@@ -54,11 +121,91 @@ class MlpDistance(DistanceBounder):
         expected = {}
         for i in range(len(sizes) - 1):
             expected |= {f"layers.{i}.weight": (sizes[i + 1], sizes[i]), f"layers.{i}.bias": (sizes[i + 1],)}
+        shape = self._check_shape()
+        if shape:
+            expected |= {"edges": (sum(shape) - len(shape),), "levels": (-(-prod(shape) // PER_WORD),), "step": (1,)}
         self.expect_shapes(expected)
+        self.lattice = self._check_lattice(shape) if shape else None
         limit = self.domain.limit.astype(np.float64)
         *layers, (weight, bias) = self._layers()
         self.network = Network([*layers, (weight, bias)], self.activation, None, limit)
         self._negative = Network([*layers, (-weight, -bias)], self.activation, None, limit)
+
+    def _check_shape(self) -> list[int]:
+        shape = self.sizes.get("shape", [])
+        whole = isinstance(shape, list) and all(type(count) is int and count >= 1 for count in shape)
+        if not whole or (shape and (len(shape) != self.domain.ndim or prod(shape) > MOST_THRESHOLDS)):
+            raise BounderError(
+                f"{self.method}: expected {self.domain.ndim} counts, at most {MOST_THRESHOLDS} parts, got {shape!r}"
+            )
+        return shape
+
+    def _check_lattice(self, shape: list[int]) -> Lattice:
+        edges, step = self.tensors["edges"], float(self.tensors["step"][0])
+        lattice = Lattice(np.split(edges, np.cumsum([count - 1 for count in shape])[:-1]))
+        if not (all((np.diff(axis) > 0).all() for axis in lattice.edges) and (np.abs(edges) >= NEAREST_TO_ZERO).all()):
+            raise BounderError(f"{self.method}: edges must ascend, none of them 0")
+        if not (STEPS_OF_RELIEF[0] <= step <= STEPS_OF_RELIEF[1] and np.frexp(step)[0] == 0.5):
+            raise BounderError(f"{self.method}: expected a power of two as the step between two levels, got {step}")
+        return lattice
+
+    @staticmethod
+    def tensor_types(name: str) -> tuple[type, ...]:
+        """See ``DistanceBounder``."""
+        return (np.uint32,) if name == "levels" else (np.float32,)
+
+    @property
+    def relief(self) -> np.ndarray:
+        """``(parts,)`` float64, exact: by how much each part's slack is smaller, local units; in array order of the parts."""
+        levels = self.tensors["levels"].astype("<u4").view(np.uint8)[: self.lattice.count]
+        return levels * np.float64(self.tensors["step"][0])
+
+    def cut_in(self, parts: int) -> "MlpDistance":
+        """This one with a lattice of at most so many parts, about cubes, without any relief yet; itself for one part."""
+        limit, counts = self.domain.limit.astype(np.float64), np.ones(self.ndim, dtype=int)
+        while True:
+            longest = np.argmax(limit / counts)
+            if counts.prod() // counts[longest] * (counts[longest] + 1) > parts:
+                break
+            counts[longest] += 1
+        if parts < 2 or counts.prod() == 1:
+            return self
+        shape = tuple(int(count) for count in counts)
+        lattice = Lattice.of(-limit, limit, shape)
+        levels = np.zeros(-(-lattice.count // PER_WORD), np.uint32)
+        own = {"edges": np.concatenate(lattice.edges), "levels": levels, "step": np.ones(1, np.float32)}
+        return type(self)(self.domain, self.tensors | own, self.sizes | {"shape": list(shape)}, self._device)
+
+    @property
+    def part_count(self) -> int:
+        """See ``DistanceBounder``."""
+        return 1 if self.lattice is None else self.lattice.count
+
+    def part_of(self, v: np.ndarray) -> np.ndarray:
+        """See ``DistanceBounder``."""
+        return super().part_of(v) if self.lattice is None else self.lattice.place(v)
+
+    def relieve(self, excess: np.ndarray) -> None:
+        """See ``DistanceBounder``: what a part is better than the worst, rounded down to a level."""
+        if self.lattice is None:
+            return
+        room = (excess.max() - excess) * (1 - 2.0**-40)
+        step = 2.0 ** np.clip(np.ceil(np.log2(max(float(room.max()), 2.0**-60) / LEVELS)), -60, 10)
+        levels = np.clip(np.floor(room / step), 0, LEVELS).astype(np.uint8)
+        words = np.pad(levels, (0, -len(levels) % PER_WORD)).view("<u4").astype(np.uint32)
+        self.tensors = self.tensors | {"levels": words, "step": np.array([step], np.float32)}
+        for tensor in self.tensors.values():
+            tensor.setflags(write=False)
+        self._data = None
+
+    def pieces(self) -> tuple[np.ndarray, np.ndarray]:
+        """See ``DistanceBounder``: the parts, in array order."""
+        lower, upper = super().pieces()
+        return (lower, upper) if self.lattice is None else self.lattice.cut(lower, upper)[:2]
+
+    def _relief_in(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray | float:
+        """The relief of boxes that lie in a part each."""
+        return 0.0 if self.lattice is None else self.relief[self.lattice.place(lower / 2 + upper / 2)]
 
     def _layers(self) -> list[tuple[np.ndarray, np.ndarray]]:
         names = [f"layers.{i}" for i in range(len(self.hidden) + 1)]
@@ -67,10 +214,21 @@ class MlpDistance(DistanceBounder):
     @property
     def source(self) -> MlpDistanceSource:
         """See ``DistanceBounder``."""
-        return MlpDistanceSource(self.ndim, self.domain.time, hidden=self.hidden, activation=self.activation)
+        cut = {} if self.lattice is None else {"count": len(self._network_numbers()), "shape": self.lattice.shape}
+        return MlpDistanceSource(self.ndim, self.domain.time, hidden=self.hidden, activation=self.activation, **cut)
 
     def weights(self) -> np.ndarray:
         """See ``DistanceBounder``."""
+        numbers = self._network_numbers()
+        if self.lattice is None:
+            return numbers
+        return np.concatenate([numbers, self.tensors["edges"], self.tensors["step"]])
+
+    def words(self) -> np.ndarray:
+        """See ``DistanceBounder``."""
+        return super().words() if self.lattice is None else self.tensors["levels"]
+
+    def _network_numbers(self) -> np.ndarray:
         *layers, last = self._layers()
         return np.concatenate([*(layer_numbers(*layer) for layer in layers), head_numbers(*last)])
 
@@ -83,11 +241,16 @@ class MlpDistance(DistanceBounder):
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         """See ``DistanceBounder``."""
-        return self.network(np.asarray(v, dtype=np.float64))
+        v = np.asarray(v, dtype=np.float64)
+        return self.network(v) + (0.0 if self.lattice is None else self.relief[self.lattice.place(v)])
 
     def rounding_bound(self) -> float:
         """See ``DistanceBounder``."""
-        return self.network.rounding + FLUSHED
+        error = self.network.rounding + FLUSHED
+        if self.lattice is None:
+            return error
+        # The sum rounds once; a relief is a whole number of up to 8 bits times a power of two.
+        return error + 2 * UNIT32 * (self.network.largest + error + float(self.relief.max()))
 
     def corners(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See ``DistanceBounder``: F is under a linear function (``Network.bound``), and that is known by its numbers at the corners."""
@@ -96,7 +259,9 @@ class MlpDistance(DistanceBounder):
         signs = np.array([[1.0 if i >> k & 1 else -1.0 for k in range(n)] for i in range(2**n)])
         terms = np.abs(bounds.level) + (np.abs(bounds.slope) * (np.abs(lower) + np.abs(upper))).sum(axis=1)
         values = -bounds.level[:, None] - (bounds.slope * half) @ signs.T
-        return values + (CORNER_ROUNDING * UNIT64 * terms)[:, None], bounds.axis
+        relief = self._relief_in(lower, upper)
+        values = values + (CORNER_ROUNDING * UNIT64 * (terms + relief) + relief)[:, None]
+        return values, bounds.axis
 
     @property
     def steepness(self) -> float:

@@ -1,7 +1,6 @@
 """Native code of local thresholds: where v lies among the edges, the level that stands there, and what is left of f.
 
-Comparisons with edges are exact, so every device finds the same part of the domain, and what is proven of a part holds
-for each v in it. A threshold is ``step * (first + level)``, a power of two times a whole number under 2^24: float32
+The lattice is that of ``kernels.lattice``. A threshold is ``step * (first + level)``, a power of two times a whole number under 2^24: float32
 holds it, however it is computed.
 """
 
@@ -10,37 +9,15 @@ from math import prod
 
 import warp as wp
 
+from warp_bounding.kernels.lattice import level_text, plain_level
 from warp_bounding.kernels.plain import DENIED, Numbers, Words, plain_value, twin, vector_type
-from warp_bounding.kernels.source import Early, Lanes, Source, fill, literal
+from warp_bounding.kernels.source import Early, Lanes, Source, literal
 
-__all__ = ["CERTAIN", "EVERYWHERE", "NOWHERE", "PER_WORD", "LocalSource"]
+__all__ = ["CERTAIN", "EVERYWHERE", "NOWHERE", "LocalSource"]
 
 NOWHERE = 255  # the level of a part without positives: there every query is denied
 EVERYWHERE = 254  # the level of a part where the network denies next to nothing: there no query is
 CERTAIN = -DENIED  # f where no query is denied
-PER_WORD = 4  # levels, a byte each, in a word
-
-# The index of v's part, in array order: along each axis, how many edges v has reached.
-_PLACE = {
-    True: "I part_ = {};\n$axes",
-    False: "int part_ = 0;\n$axes",
-}
-_AXIS = {
-    True: "{ I i = {}; for (int e = $first; e < $last; ++e) i -= v[$k] >= w[e]; part_ = part_ * $count + i; }",
-    False: "{ int i = 0; for (int e = $first; e < $last; ++e) i += v[$k] >= w[e]; part_ = part_ * $count + i; }",
-}
-_LEVEL = {
-    True: """
-V level_;
-{
-    int at_[L]; float found_[L];  // in memory: lanes of a vector are dear one by one
-    *(J*)at_ = part_;
-    for (int l = 0; l < L; ++l) found_[l] = (float)(words.data[at_[l] >> 2] >> (8 * (at_[l] & 3)) & 255u);
-    level_ = *(const V*)found_;
-}
-""",
-    False: "const float level_ = (float)(words.data[part_ >> 2] >> (8 * (part_ & 3)) & 255u);\n",
-}
 
 
 @dataclass(frozen=True)
@@ -69,12 +46,7 @@ class LocalSource(Source):
 
     def _level(self, vector: bool) -> str:
         """C statements that compute ``level_`` from ``v``."""
-        lines, first = [], self.count
-        for k, count in enumerate(self.shape):
-            if count > 1:
-                lines.append(fill(_AXIS[vector], k=k, first=first, last=first + count - 1, count=count))
-            first += count - 1
-        return fill(_PLACE[vector], axes="\n".join(lines)) + _LEVEL[vector]
+        return level_text(self.shape, self.count, vector)
 
     def _rest(self) -> str:
         """C text of the threshold."""
@@ -101,25 +73,13 @@ class LocalSource(Source):
         return "\n".join([*lines, "const float f = local_f_;"])
 
     def plain(self) -> wp.Function:
-        member, vector, counts = (
-            plain_value(self.member),
-            vector_type(self.coordinates),
-            wp.types.vector(length=len(self.shape), dtype=wp.int32),
-        )
-        axes, start, scale_at, shape = len(self.shape), self.count, self.scale_at, counts(*self.shape)
+        member, vector, level_of = plain_value(self.member), vector_type(self.coordinates), plain_level(self.shape)
+        start, scale_at = self.count, self.scale_at
         nowhere, everywhere = float(NOWHERE), float(EVERYWHERE)
 
         @twin(self)
         def f(w: Numbers, words: Words, at: int, v: vector) -> float:
-            part, edge = wp.int32(0), at + start
-            for k in range(axes):
-                place = wp.int32(0)
-                for _ in range(shape[k] - 1):
-                    if v[k] >= w[edge]:
-                        place += 1
-                    edge += 1
-                part = part * shape[k] + place
-            level = float(words[part >> 2] >> wp.uint32(8 * (part & 3)) & wp.uint32(255))
+            level = level_of(w, words, at + start, v)
             if level == nowhere:
                 return DENIED
             if level == everywhere:

@@ -28,6 +28,11 @@ COARSEST, FINER = (
 )  # local units: the same of the first search, and by how much a search may be finer than the last one
 SAFE = 0.6  # of the time that is left: as much is planned for the next search
 WORTH = 0.7  # a search that can be no finer than this share of the last one is not begun
+GROUPS, LAST = (
+    16,
+    0.6,
+)  # of many parts: how many groups the last search takes in turn, and how much finer it is than the one before
+NEARLY = 0.05  # local units: a part counts with its points where F is no farther below the distance than this
 HALVINGS, SUSPECTED = 10, 7  # on each axis, at most: of a proof, and where suspects are looked for
 
 
@@ -128,8 +133,8 @@ def suspects(
 
 def largest_excess(
     bounder: DistanceBounder, shape: Shape, seconds: float, bar: float | None
-) -> tuple[float, int, bool, np.ndarray]:
-    """Certified: by how much F exceeds the distance in the whole domain, at most.
+) -> tuple[np.ndarray, int, bool, np.ndarray]:
+    """Certified: by how much F exceeds the distance in each part of the domain, at most.
 
     Args:
         bounder: Its F.
@@ -138,7 +143,7 @@ def largest_excess(
         bar: An excess up to this is good enough; ``None`` for little more than samples have.
 
     Returns:
-        The excess, local units; how many boxes were looked at; whether there was time; and points in object space where samples
+        The excesses ``(parts,)``, local units; how many boxes were looked at; whether there was time; and points in object space where samples
         have the largest excesses.
     """
     limit, rng = bounder.domain.limit.astype(np.float64), np.random.default_rng(0)
@@ -150,47 +155,79 @@ def largest_excess(
         raise BounderError(f"{shape.name}: no distance is known of it")
     sampled = bounder.reference(v) - known[:, 0] / bounder.domain.unit
     worst = x[np.argsort(-sampled)[:1024]]
-    most = float(sampled.max())
+    most, parts = float(sampled.max()), bounder.part_of(v)
     if bar is not None:
-        return (most, 0, True, worst) if most > bar else (*_searched(bounder, shape, bar, seconds, again=True), worst)
-    return (*_refined(bounder, shape, max(most, 0.0), seconds), worst)
+        if most > bar:
+            return np.full(bounder.part_count, most), 0, True, worst
+        return (*_searched(bounder, shape, np.full(bounder.part_count, bar), seconds, again=True), worst)
+    by_part = np.zeros(bounder.part_count)
+    np.maximum.at(by_part, parts, sampled)
+    weight = np.bincount(parts[: SAMPLES // 2][sampled[: SAMPLES // 2] > -NEARLY], minlength=bounder.part_count)
+    return (*_refined(bounder, shape, by_part, weight, seconds), worst)
 
 
-def _refined(bounder: DistanceBounder, shape: Shape, most: float, seconds: float) -> tuple[float, int, bool]:
-    """The least excess that searches prove in some time.
+def _refined(
+    bounder: DistanceBounder, shape: Shape, most: np.ndarray, weight: np.ndarray, seconds: float
+) -> tuple[np.ndarray, int, bool]:
+    """The least excesses of the parts that searches prove in some time; ``most`` is what samples have, ``weight`` what a part counts.
 
     What a search leaves undone counts with its largest box, so the next one is only begun where it is likely to end. Boxes are in number as
-    ``eps^(-n/2)``, with eps what is proven above ``most``, since a linear function's error goes with the square of a side.
+    ``eps^(-n/2)``, with eps what is proven above ``most``, since a linear function's error goes with the square of a side. Of many parts the last search
+    takes one group after another, those first that count most, and what it leaves undone stays as it was.
     """
     end, eps, boxes = working_seconds() + seconds, COARSEST, 0
-    best, complete = np.inf, True
+    best, complete = np.full(len(most), np.inf), True
     while True:
         started = working_seconds()
         excess, looked, complete = _searched(bounder, shape, most + eps, end - started)
-        boxes, best = boxes + looked, min(best, excess)
+        boxes, best = boxes + looked, np.minimum(best, excess)
         now = working_seconds()
         if not complete or eps <= EPS:
             return best, boxes, complete
         planned = eps * ((now - started) / max(SAFE * (end - now), 1e-9)) ** (2 / bounder.ndim)
         finer = max(EPS, planned, eps / FINER)
         if finer > WORTH * eps:
-            return best, boxes, False
+            break
         eps = finer
+    if len(most) > 1:
+        order = np.argsort(-weight, kind="stable")
+        for group in np.array_split(order, min(GROUPS, len(order))):
+            left = end - working_seconds()
+            if left <= 0:
+                break
+            chosen = np.isin(np.arange(len(most)), group)
+            excess, looked, _ = _searched(bounder, shape, most + LAST * eps, left, chosen)
+            boxes, best[chosen] = boxes + looked, np.minimum(best, excess)[chosen]
+    return best, boxes, False
 
 
 def _searched(
-    bounder: DistanceBounder, shape: Shape, bar: float, seconds: float, *, again: bool = False
-) -> tuple[float, int, bool]:
-    """The largest excess of the domain, one up to ``bar`` as this; how many boxes were looked at, and whether there was time.
+    bounder: DistanceBounder,
+    shape: Shape,
+    bars: np.ndarray,
+    seconds: float,
+    chosen: np.ndarray | None = None,
+    *,
+    again: bool = False,
+) -> tuple[np.ndarray, int, bool]:
+    """The largest excesses ``(parts,)``, one up to the part's ``bars`` as this; how many boxes were looked at, and whether there was time.
 
-    ``again``, to certify what another search has found: by other boxes, which begin with thirds, and are halved along their longest sides.
+    ``chosen`` are the parts that are asked for, all for ``None``. ``again``, to certify what another search has found: by other boxes, which begin with
+    thirds, and are halved along their longest sides.
     """
-    told = {"tolerance": bar, "halvings": HALVINGS * bounder.ndim, "least": bar, "seconds": seconds, "longest": again}
+    least = float(bars.min())
+    told = {"halvings": HALVINGS * bounder.ndim, "least": least, "seconds": seconds, "longest": again}
     lower, upper = _between(*bounder.pieces(), _knots(bounder, shape))
     if again:
         lower, upper = _thirds(lower, upper)
-    found, boxes, complete = excesses(bounder, shape, lower, upper, **told)
-    return float(found.max()), boxes, complete
+    parts = bounder.part_of(lower / 2 + upper / 2)
+    if chosen is not None:
+        kept = chosen[parts]
+        lower, upper, parts = lower[kept], upper[kept], parts[kept]
+    found, boxes, complete = excesses(bounder, shape, lower, upper, tolerance=bars[parts], **told)
+    by_part = np.full(len(bars), least)
+    np.maximum.at(by_part, parts, found)
+    return by_part, boxes, complete
 
 
 def _thirds(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

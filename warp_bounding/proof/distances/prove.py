@@ -32,6 +32,7 @@ class Found(NamedTuple):
         seconds: How long that took.
         complete: False if time ran out.
         worst: ``(P, n)`` points in object space at which ``d - F`` is small, candidates for a counterexample.
+        excess: ``(parts,)``, by how much F exceeds d in each part of the domain at most.
     """
 
     least: float
@@ -39,6 +40,7 @@ class Found(NamedTuple):
     seconds: float
     complete: bool = True
     worst: np.ndarray | None = None
+    excess: np.ndarray | None = None
 
 
 def distance_shape(bounder: DistanceBounder, shape) -> Shape:
@@ -64,7 +66,7 @@ def search(bounder: DistanceBounder, shape: Shape, seconds: float, target: float
     """Find L by a search, or whether it reaches a target."""
     started = working_seconds()
     excess, boxes, complete, worst = largest_excess(bounder, shape, seconds, None if target is None else -target)
-    return Found(-excess, boxes, working_seconds() - started, complete, worst)
+    return Found(-float(excess.max()), boxes, working_seconds() - started, complete, worst, excess)
 
 
 def prove_distance(
@@ -93,6 +95,7 @@ def prove_distance(
         found = Found(0.0, of_volume.boxes, of_volume.seconds)
     else:
         found = search(bounder, shape, seconds)
+        bounder.relieve(found.excess)
     settle_distance(bounder, shape, found)
     return found
 

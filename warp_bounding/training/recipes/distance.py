@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from warp_bounding.bounders.distances.mlp import MlpDistance
+from warp_bounding.bounders.distances.mlp import AXES_OF_MANY, MANY, MlpDistance
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.distances.excesses import suspects
@@ -70,11 +70,15 @@ class DistanceTrainer:
         shape: The object.
         hidden: Widths.
         activation: A name in ``ACTIVATIONS``.
+        parts: Of the domain, each with a slack of its own.
         seed: Of everything random.
     """
 
-    def __init__(self, cls: type[MlpDistance], shape: Shape, hidden: tuple[int, ...], activation: str, seed: int):
+    def __init__(
+        self, cls: type[MlpDistance], shape: Shape, hidden: tuple[int, ...], activation: str, parts: int, seed: int
+    ):
         self.shape, self.domain, self.ndim = shape, DistanceDomain.of(shape, cls.room), shape.ndim
+        self._parts = parts
         self._cls, self._hidden = cls, hidden
         self.rng, self.generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
         self.network = TrainableNetwork(shape.ndim, hidden, activation)
@@ -88,6 +92,7 @@ class DistanceTrainer:
         self.network.initialise(*gains, self.generator)
         nothing = torch.empty(self.ndim, 0), torch.empty(0)
         self.points, self.hard = nothing, nothing
+        self._cut = self.made(self.network.tensors())  # its parts are those of all networks to come
         self._best = (math.inf, self.network.flat.clone())
         self.rate, self.over = (
             1.0,
@@ -161,11 +166,16 @@ class DistanceTrainer:
         self.over, worst = float(above.max()), above.topk(min(HARD, len(above)))[1]
         self.hard = tried[0][:, worst], tried[1][worst]
         # the fresh points are half near the border, so this is no rate of any protocol; it only chooses
-        inside, distance = self._evaluate(fresh[0]) - self.over, fresh[1]
+        over, distance = torch.zeros(self._cut.part_count), fresh[1]
+        over.scatter_reduce_(0, self._part_of(tried[0]), above, "amax")
+        inside = self._evaluate(fresh[0]) - over[self._part_of(fresh[0])]
         rates = [((inside <= radius) & (distance > radius)).float().mean() for radius in JUDGED]
         self.rate = float(sum(rates)) / len(rates)
         if self.rate <= self._best[0]:
             self._best = (self.rate, self.network.flat.clone())
+
+    def _part_of(self, v: torch.Tensor) -> torch.Tensor:
+        return torch.from_numpy(self._cut.part_of(v.T.numpy()))
 
     def _search(self, seconds: float) -> None:
         """Add to the worst points those where the proof's own search suspects F to exceed the distance by much more than these."""
@@ -176,7 +186,7 @@ class DistanceTrainer:
     def made(self, tensors: dict[str, np.ndarray], device: str | None = "cpu") -> MlpDistance:
         """A bounder of some tensors, without a threshold."""
         sizes = {"hidden": list(self._hidden), "activation": self.network.act.name}
-        return self._cls(self.domain, tensors, sizes, device)
+        return self._cls(self.domain, tensors, sizes, device).cut_in(self._parts)
 
     def _evaluate(self, v: torch.Tensor) -> torch.Tensor:
         values = torch.empty(v.shape[1])
@@ -219,9 +229,11 @@ def train_distance(
     progress: Progress | None,
 ) -> tuple[MlpDistance, dict[str, Any]]:
     """Train a network's distance; see ``training.distance.DISTANCE_TRAINERS``. Ctrl-C ends it, and the best is taken."""
-    clock = Clock(seconds, options["steps"], progress)
+    clock, parts = Clock(seconds, options["steps"], progress), options["thresholds"]
+    if parts is None:
+        parts = MANY if shape.ndim >= AXES_OF_MANY else 1
     with single_threaded_torch():
-        trainer = DistanceTrainer(cls, shape, tuple(options["hidden"]), options["activation"], seed)
+        trainer = DistanceTrainer(cls, shape, tuple(options["hidden"]), options["activation"], parts, seed)
         interrupted = interrupts(lambda: trainer.run(clock))
         tensors = trainer.finish()
     return trainer.made(tensors, device), {"steps": clock.count, "interrupted": interrupted}

@@ -1,0 +1,1 @@
+"""Arms and their cells, whose colliding configurations are bounded."""
