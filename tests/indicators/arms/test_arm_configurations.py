@@ -232,6 +232,15 @@ def test_weights_scale_coordinates_and_nothing_else(rng):
     assert np.array_equal(shape.lower, plain.lower * weights)
 
 
+def test_a_query_at_a_limit_is_one_of_the_shape(rng):
+    arm = Arm([Joint()], [Body.capsule([0, 0, 0], [-1, 0, 0], 0.1, link=0)])
+    shape = ArmConfigurations(arm, [Body.sphere([1, 0, 0], 0.2)], weights=[0.3])
+    at = (np.array([[-np.pi], [np.pi]]) * 0.3).astype(np.float32)
+    assert (shape.decide(at) == IN).all()
+    bounder = wb.fit(shape, method="aabb", device="cpu")
+    assert np.asarray(bounder.query(at)).all()
+
+
 def test_nothing_is_known_of_what_is_no_configuration(rng):
     _, _, shape = cell(rng, 3)
     beyond = np.array([[np.nan, 0, 0], [np.inf, 0, 0], [-np.inf, 0, 0], shape.upper + 0.1])

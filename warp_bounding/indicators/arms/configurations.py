@@ -1,7 +1,7 @@
 """The configurations in which an arm collides, as a shape of as many coordinates as it has joints.
 
 Everything that a shape answers comes from float64 kernels (``answers``): truth, certified boxes, half-spaces and distances. Configurations
-beyond the joints' limits are not in the shape: there are none.
+beyond the joints' limits are not in the shape: there are none. The limits are rounded outwards to float32, so that a query at a limit is asked about.
 """
 
 import hashlib
@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 import warp as wp
 
+from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.arms.answers import BLUR, FREE, FULL, HALVES, Collisions, kernels_of
 from warp_bounding.indicators.arms.arm import Arm
@@ -107,11 +108,11 @@ class ArmConfigurations(Formula):
 
     @property
     def lower(self) -> np.ndarray:
-        return self.arm.lower * self.weights
+        return round_down(self.arm.lower * self.weights).astype(np.float64)
 
     @property
     def upper(self) -> np.ndarray:
-        return self.arm.upper * self.weights
+        return round_up(self.arm.upper * self.weights).astype(np.float64)
 
     @property
     def _padding(self) -> np.ndarray:
