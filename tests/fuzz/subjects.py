@@ -107,9 +107,9 @@ def _cascade(methods: str, name: str, query: str) -> Callable[[], Bounder]:
     return lambda: Cascade.of([made(method, name, query) for method in methods.split("+")])
 
 
-def _distance(method: str, name: str) -> Callable[[], DistanceBounder]:
+def _distance(method: str, name: str, **options) -> Callable[[], DistanceBounder]:
     told = {"budget": 4.0, "metric": "spacetime", "device": "cpu", "progress": False}
-    return lambda: wb.fit(shape(name), "distance", method, **told, **DISTANT.get(method, {}))
+    return lambda: wb.fit(shape(name), "distance", method, **told, **DISTANT.get(method, {}), **options)
 
 
 def subjects() -> list[Subject]:
@@ -127,6 +127,7 @@ def subjects() -> list[Subject]:
         for method, kind in DISTANCES.items():
             if kind.supports(shape(name).ndim):
                 found.append(Subject(f"{method} distance {name}", name, _distance(method, name)))
+    found.append(Subject("mlp distance c in parts", "c", _distance(Mlp.method, "c", thresholds=20)))
     for query, methods in CASCADES:
         found.append(Subject(f"{methods} {query} c", "c", _cascade(methods, "c", query)))
     return found
