@@ -241,6 +241,33 @@ def test_a_query_at_a_limit_is_one_of_the_shape(rng):
     assert np.asarray(bounder.query(at)).all()
 
 
+def test_limits_that_float32_widens_count():
+    most = float(np.float32(0.1))  # above 0.1
+    joints = [Joint(), Joint(axis=(1, 0, 0), lower=0, upper=0.1, slides=True)]
+    arm = Arm(joints, [Body.sphere([0, 0, 0], 1e-4, link=1)])
+    shape = ArmConfigurations(arm, [Body.sphere([-most - 2e-4 + 1e-9, 0, 0], 1e-4)])
+    assert shape.decide([[np.pi, most]])[0] == IN
+    box = np.array([[-np.pi, most]]), np.array([[np.pi, most]])
+    assert not shape.empty(*box)[0]
+    assert not shape.half_spaces(*box).empty[0]
+
+
+def test_boxes_that_go_far_beyond_the_limits():
+    arm = Arm([Joint(axis=(1, 0, 0), lower=0, upper=1, slides=True)], [Body.sphere([0, 0, 0], 0.1, link=0)])
+    shape = ArmConfigurations(arm, [Body.sphere([0.5, 0, 0], 0.1)])
+    assert shape.decide([[0.5]])[0] == IN
+    for far in (1.0, 1e10, 1e155, 1e308):
+        box = np.array([[-far]]), np.array([[far]])
+        assert not shape.empty(*box)[0]
+        assert not shape.half_spaces(*box).empty[0]
+    assert shape.empty(np.array([[2.0]]), np.array([[1e300]]))[0]
+
+
+def test_large_bodies_are_turned():
+    arm = Arm([Joint(axis=(1, 1, 1))], [Body.sphere([1e6] * 3, 1, link=0)])
+    assert ArmConfigurations(arm, [Body.sphere([0, 0, 0], 1)]).decide(np.zeros((1, 1)))[0] == OUT
+
+
 def test_nothing_is_known_of_what_is_no_configuration(rng):
     _, _, shape = cell(rng, 3)
     beyond = np.array([[np.nan, 0, 0], [np.inf, 0, 0], [-np.inf, 0, 0], shape.upper + 0.1])
@@ -306,6 +333,8 @@ def test_what_is_no_cell_is_refused_in_one_line(rng):
         ({"obstacles": [Body.sphere([0, 0, 0], 1, link=0)]}, "is an obstacle, and it is of link 0"),
         ({"weights": [1.0]}, "a weight for each of 2 joints"),
         ({"weights": [1.0, -1.0]}, "a weight"),
+        ({"weights": [1.0, 1e-40]}, "weights from 2"),
+        ({"weights": [1e39, 1.0]}, "weights from 2"),
         ({"safety": -1.0}, "margin|safety"),
     ):
         with pytest.raises(wb.errors.IndicatorError, match=message):

@@ -12,6 +12,8 @@ how far the body is from the axis of joint i at most (``Arm.reach``).
 ``d2p/dq_i dq_j = z_i x (z_j x (p - o_j))`` for i before j. So the gap is above a linear function for each corner. A box over which all of them stay above
 the radii is free of the pair.
 
+A joint that slides may be taken first, at which corners go straight on; all bounds above need ``rho`` only for values within the limits, where what collides is.
+
 *Half-spaces.* Where they do not, a configuration of the box that collides has a corner whose linear function is no more than 0. One linear
 function that lies under all of them in the box, over all pairs that are left, gives a half-space.
 
@@ -253,7 +255,7 @@ def kernels_of(n: int) -> Kernels:
         axes: wp.array(dtype=wp.int32),
         losses: wp.array(dtype=wp.float64),
     ):
-        """What is certain about closed boxes of configurations: that asked for, ``FREE``, ``FULL`` or ``HALVES``."""
+        """What is certain about closed boxes of configurations, within the limits: that asked for, ``FREE``, ``FULL`` or ``HALVES``."""
         t = first + wp.tid()
         answers[t] = wp.uint8(_OPEN)
         if asked == _HALVES:
@@ -262,15 +264,11 @@ def kernels_of(n: int) -> Kernels:
             axes[t] = 0
             losses[t] = _ZERO
         low, high = lower[t], upper[t]
-        half, within, apart = values(), wp.bool(True), wp.bool(False)
+        half, within = values(), wp.bool(True)
         for i in range(n):
             if not (low[i] <= high[i] and wp.abs(low[i]) < _INFINITY and wp.abs(high[i]) < _INFINITY):
                 return
             within = within and low[i] >= c.lower[i] and high[i] <= c.upper[i]
-            apart = apart or low[i] > c.upper[i] or high[i] < c.lower[i]
-        if apart:
-            answers[t] = wp.uint8(_FREE)
-            return
         q, small = middle(c, low, high), wp.bool(True)
         for i in range(n):
             size = wp.max(wp.abs(low[i]), wp.abs(high[i]))

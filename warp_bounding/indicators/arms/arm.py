@@ -6,7 +6,7 @@ that a user knows.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -60,6 +60,8 @@ class Joint:
             ("lower", lower),
             ("upper", upper),
         ):
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
             object.__setattr__(self, name, value)
 
     @property
@@ -138,18 +140,17 @@ class Arm:
         return np.array([joint.upper for joint in self.joints])
 
     @property
-    def moved(self) -> tuple[tuple[np.ndarray, ...], tuple[Body, ...]]:
-        """Each joint's origin ``(4, 4)`` and all bodies, in frames whose z is the joint's axis."""
+    def moved(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+        """Each joint's origin ``(4, 4)`` and the points ``(P, 3)`` of all bodies, in frames whose z is the joint's axis."""
         origins, before = [], np.eye(3)
         for joint in self.joints:
-            origin = joint.origin.copy()
+            origin, turned = joint.origin.copy(), joint.turned
             origin[:3, 3] = before.T @ origin[:3, 3]
-            before_next = joint.turned
-            origin[:3, :3] = before.T @ origin[:3, :3] @ before_next
+            origin[:3, :3] = before.T @ origin[:3, :3] @ turned
             origins.append(origin)
-            before = before_next
+            before = turned
         turns = [joint.turned for joint in self.joints] + [np.eye(3)]  # the last one is that of ``WORLD``
-        return tuple(origins), tuple(replace(body, points=body.points @ turns[body.link]) for body in self.bodies)
+        return tuple(origins), tuple(body.points @ turns[body.link] for body in self.bodies)
 
     def frames(self, q: np.ndarray) -> np.ndarray:
         """Where the links are: ``(N, n, 4, 4)`` poses for ``(N, n)`` configurations, in the frames of ``Joint``; up to rounding."""
@@ -168,19 +169,26 @@ class Arm:
             found.append(frame)
         return np.stack(found, axis=1)
 
-    def reach(self) -> np.ndarray:
-        """``(bodies, n)`` float64: how far points of a body's hull are from each joint's axis at most; 1 for a joint that slides, 0 where it does not move the body."""
-        origins, bodies = self.moved
-        found = np.zeros((len(bodies), len(self.joints)))
-        for number, body in enumerate(bodies):
+    def reach(self, largest: np.ndarray | None = None) -> np.ndarray:
+        """How far points of the bodies' hulls are from the joints' axes at most.
+
+        Args:
+            largest: ``(n,)``, largest absolute values of the joints; those of the limits for ``None``.
+
+        Returns:
+            ``(bodies, n)`` float64: metres; 1 for a joint that slides, 0 where a joint does not move the body.
+        """
+        largest = np.maximum(np.abs(self.lower), np.abs(self.upper)) if largest is None else largest
+        origins, moved = self.moved
+        found = np.zeros((len(moved), len(self.joints)))
+        for number, (body, points) in enumerate(zip(self.bodies, moved, strict=True)):
             if body.link == WORLD:
                 continue
-            far = float(np.linalg.norm(body.points, axis=1).max()) * OUTWARD  # from the origin of the link
-            near = float(np.hypot(*body.points[:, :2].T).max()) * OUTWARD  # from its axis
+            far = float(np.linalg.norm(points, axis=1).max()) * OUTWARD  # from the origin of the link
+            near = float(np.hypot(*points[:, :2].T).max()) * OUTWARD  # from its axis
             for i in range(body.link, -1, -1):
-                joint = self.joints[i]
-                slide = max(abs(joint.lower), abs(joint.upper)) if joint.slides else 0.0
-                found[number, i] = 1.0 if joint.slides else near
+                slide = float(largest[i]) if self.joints[i].slides else 0.0
+                found[number, i] = 1.0 if self.joints[i].slides else near
                 x, y, z = origins[i][:3, 3]
                 # Seen from the frame before, the body lies within ``far`` (and the slide) of the joint's origin.
                 near = (np.hypot(x, y) + far + slide) * OUTWARD

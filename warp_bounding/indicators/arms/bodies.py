@@ -10,7 +10,7 @@ import numpy as np
 
 from warp_bounding.errors import IndicatorError
 
-__all__ = ["MOST_POINTS", "WORLD", "Body"]
+__all__ = ["MOST_POINTS", "WORLD", "Body", "ball_of", "checked_pose"]
 
 WORLD = -1  # the link that does not move
 MOST_POINTS = 512  # of a body
@@ -87,11 +87,11 @@ class Body:
         """This body and all within a further radius of it."""
         return replace(self, radius=self.radius + radius)
 
-    @property
-    def ball(self) -> tuple[np.ndarray, float]:
-        """Centre ``(3,)`` and radius of a ball that holds the points (not what lies around them), up to rounding."""
-        center = (self.points.min(axis=0) + self.points.max(axis=0)) / 2
-        return center, float(np.linalg.norm(self.points - center, axis=1).max())
+
+def ball_of(points: np.ndarray) -> tuple[np.ndarray, float]:
+    """Centre ``(3,)`` and radius of a ball that holds points ``(P, 3)``, up to rounding."""
+    center = (points.min(axis=0) + points.max(axis=0)) / 2
+    return center, float(np.linalg.norm(points - center, axis=1).max())
 
 
 RIGID = 1e-6  # by how much a pose's rotation may miss being one; files give six digits or so

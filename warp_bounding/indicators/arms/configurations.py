@@ -15,7 +15,7 @@ from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.arms.answers import BLUR, FREE, FULL, HALVES, Collisions, kernels_of
 from warp_bounding.indicators.arms.arm import Arm
-from warp_bounding.indicators.arms.bodies import WORLD, Body
+from warp_bounding.indicators.arms.bodies import WORLD, Body, ball_of
 from warp_bounding.indicators.arms.kinematics import ALLOWANCE, Chain
 from warp_bounding.indicators.arms.separation import Bodies
 from warp_bounding.indicators.functions.parameters import checked_number
@@ -28,6 +28,7 @@ from warp_bounding.runtime.launch import launch_on_cores
 __all__ = ["ArmConfigurations"]
 
 OUTWARD = 1 + 2.0**-40  # outweighs what sums of a few products round, relative to their size
+LEAST_WEIGHT = 2.0**-20  # and the largest one over it: limits are normal float32 numbers then
 DEVICE = "cpu"
 
 
@@ -78,6 +79,9 @@ class ArmConfigurations(Formula):
         if weights.shape != (len(arm.joints),):
             raise IndicatorError(f"{name}: expected a weight for each of {len(arm.joints)} joints, got {weights}")
         self.weights = np.array([checked_number(weight, "a weight", name) for weight in weights])
+        if not ((self.weights >= LEAST_WEIGHT) & (self.weights <= 1 / LEAST_WEIGHT)).all():
+            raise IndicatorError(f"{name}: expected weights from 2^-20 to 2^20, got {weights}")
+        self.weights.setflags(write=False)
         self._pairs = self._paired()
         if not len(self._pairs):
             raise IndicatorError(
@@ -136,19 +140,20 @@ class ArmConfigurations(Formula):
     @cached_property
     def _collisions(self) -> Collisions:
         origins, moved = self.arm.moved
-        bodies = (*moved, *self.obstacles)
-        reach = np.concatenate([self.arm.reach(), np.zeros((len(self.obstacles), self.ndim))])
+        bodies = (*self.arm.bodies, *self.obstacles)
+        points = (*moved, *(body.points for body in self.obstacles))
+        largest = np.maximum(np.abs(self.lower), np.abs(self.upper)) / self.weights * OUTWARD
+        reach = np.concatenate([self.arm.reach(largest), np.zeros((len(self.obstacles), self.ndim))])
         found = Collisions()
         found.chain, found.bodies = Chain(), Bodies()
         turns = np.array([origin[:3, :3] for origin in origins])
         found.chain.turn = wp.array(turns, dtype=wp.mat33d, device=DEVICE)
         found.chain.at = wp.array([origin[:3, 3] for origin in origins], dtype=wp.vec3d, device=DEVICE)
         found.chain.slides = wp.array([int(joint.slides) for joint in self.arm.joints], dtype=wp.int32, device=DEVICE)
-        counts = [len(body.points) for body in bodies]
-        balls = [body.ball for body in bodies]
+        balls = [ball_of(each) for each in points]
         arrays = {
-            "points": (np.concatenate([body.points for body in bodies]), wp.vec3d),
-            "first": (np.cumsum([0, *counts]), wp.int32),
+            "points": (np.concatenate(points), wp.vec3d),
+            "first": (np.cumsum([0, *map(len, points)]), wp.int32),
             "link": ([body.link for body in bodies], wp.int32),
             "radius": ([body.radius for body in bodies], wp.float64),
             "center": ([center for center, _ in balls], wp.vec3d),
@@ -166,8 +171,8 @@ class ArmConfigurations(Formula):
         found.lower = wp.array(self.lower, dtype=wp.float64, device=DEVICE)
         found.upper = wp.array(self.upper, dtype=wp.float64, device=DEVICE)
         found.safety = self.safety
-        far = max(np.abs(body.points).sum(axis=1).max() + body.radius for body in bodies) + self.safety
-        slides = sum(max(abs(joint.lower), abs(joint.upper)) for joint in self.arm.joints if joint.slides)
+        far = max(np.abs(body.points).sum(axis=1).max() + body.radius for body in bodies) * 2 + self.safety
+        slides = sum(most for joint, most in zip(self.arm.joints, largest, strict=True) if joint.slides)
         found.allowance = ALLOWANCE * (far + slides + sum(np.abs(origin[:3, 3]).sum() for origin in origins))
         return found
 
@@ -192,15 +197,26 @@ class ArmConfigurations(Formula):
         return wp.array(np.ascontiguousarray(x, dtype=np.float64), dtype=dtype, device=DEVICE, copy=False)
 
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        return self._ask_boxes(lower, upper, FREE)[0] == FREE
+        (lower, upper), apart = self._within(lower, upper)
+        return apart | (self._ask_boxes(lower, upper, FREE)[0] == FREE)
+
+    def _within(self, lower: np.ndarray, upper: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+        """The parts of boxes within the limits, where colliding configurations are, and which boxes have none; what is no box stays as it is."""
+        lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
+        real = (np.isfinite(lower) & np.isfinite(upper) & (lower <= upper)).all(axis=1)
+        apart = real & ((lower > self.upper) | (upper < self.lower)).any(axis=1)
+        clipped = real & ~apart
+        low, high = (np.where(clipped[:, None], np.clip(x, self.lower, self.upper), x) for x in (lower, upper))
+        return (low, high), apart
 
     def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         return self._ask_boxes(lower, upper, FULL)[0] == FULL
 
     def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces:
+        (lower, upper), apart = self._within(lower, upper)
         answers, level, slope, axis, loss = self._ask_boxes(lower, upper, HALVES)
-        center = np.asarray(lower, dtype=np.float64) * 0.5 + np.asarray(upper, dtype=np.float64) * 0.5
-        return HalfSpaces(answers == FREE, center, level, slope, axis, loss)
+        center = lower * 0.5 + upper * 0.5
+        return HalfSpaces(apart | (answers == FREE), center, level, slope, axis, loss)
 
     def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Lower bounds ``(N,)`` of the distance from boxes to the next colliding configuration, in the shape's coordinates."""
