@@ -17,7 +17,7 @@ from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.bounders import Bounder, compose, method_class
 from warp_bounding.bounders.composition.composition import AND, SPLIT, Composition, Tree
 from warp_bounding.bounders.composition.cover import Region, check_cover, split_regions
-from warp_bounding.bounders.local.local import NEAREST_TO_ZERO
+from warp_bounding.bounders.local.lattice import NEAREST_TO_ZERO
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.options import settled
 from warp_bounding.bounders.slabs.aabb import Aabb

@@ -19,7 +19,7 @@ from warp_bounding.bounders.composition.cover import Region, check_cover, common
 from warp_bounding.bounders.composition.moves import Moves, common_domain, moves_of
 from warp_bounding.bounders.composition.source import ROW, CompositionSource
 from warp_bounding.bounders.composition.source import SPLIT as SPLIT_CODE
-from warp_bounding.bounders.local.local import NEAREST_TO_ZERO
+from warp_bounding.bounders.local.lattice import NEAREST_TO_ZERO
 from warp_bounding.bounders.members import (
     BIT_FIELDS,
     check_members,

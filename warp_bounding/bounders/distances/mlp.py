@@ -14,7 +14,7 @@ import warp as wp
 from warp_bounding.activations import activation_of
 from warp_bounding.arithmetic import UNIT32, UNIT64
 from warp_bounding.bounders.distances.base import DistanceBounder
-from warp_bounding.bounders.local.lattice import NEAREST_TO_ZERO, Lattice
+from warp_bounding.bounders.local.lattice import Lattice, packed, unpacked
 from warp_bounding.bounders.neural.mlp import ACTIVATION, HIDDEN, MOST_THRESHOLDS, THRESHOLDS, Mlp, check_hidden
 from warp_bounding.bounders.options import STEPS
 from warp_bounding.coordinates.base import Numbers, vector_type
@@ -88,11 +88,7 @@ class MlpDistanceSource(DistanceSource, MlpSource):
         return f
 
 
-def _parts(value) -> int:
-    return THRESHOLDS.check(value)
-
-
-PARTS = replace(THRESHOLDS, default=None, help="parts of the domain, each with a slack of its own", check=_parts)
+PARTS = replace(THRESHOLDS, default=None, help="parts of the domain, each with a slack of its own")
 
 
 class MlpDistance(DistanceBounder):
@@ -141,10 +137,7 @@ class MlpDistance(DistanceBounder):
         return shape
 
     def _check_lattice(self, shape: list[int]) -> Lattice:
-        edges, step = self.tensors["edges"], float(self.tensors["step"][0])
-        lattice = Lattice(np.split(edges, np.cumsum([count - 1 for count in shape])[:-1]))
-        if not (all((np.diff(axis) > 0).all() for axis in lattice.edges) and (np.abs(edges) >= NEAREST_TO_ZERO).all()):
-            raise BounderError(f"{self.method}: edges must ascend, none of them 0")
+        lattice, step = Lattice.stored(self.tensors["edges"], shape, self.method), float(self.tensors["step"][0])
         if not (STEPS_OF_RELIEF[0] <= step <= STEPS_OF_RELIEF[1] and np.frexp(step)[0] == 0.5):
             raise BounderError(f"{self.method}: expected a power of two as the step between two levels, got {step}")
         return lattice
@@ -157,8 +150,7 @@ class MlpDistance(DistanceBounder):
     @property
     def relief(self) -> np.ndarray:
         """``(parts,)`` float64, exact: by how much each part's slack is smaller, local units; in array order of the parts."""
-        levels = self.tensors["levels"].astype("<u4").view(np.uint8)[: self.lattice.count]
-        return levels * np.float64(self.tensors["step"][0])
+        return unpacked(self.tensors["levels"], self.lattice.count) * np.float64(self.tensors["step"][0])
 
     def cut_in(self, parts: int) -> "MlpDistance":
         """This one with a lattice of at most so many parts, about cubes, without any relief yet; itself for one part."""
@@ -192,8 +184,7 @@ class MlpDistance(DistanceBounder):
         room = (excess.max() - excess) * (1 - 2.0**-40)
         step = 2.0 ** np.clip(np.ceil(np.log2(max(float(room.max()), 2.0**-60) / LEVELS)), -60, 10)
         levels = np.clip(np.floor(room / step), 0, LEVELS).astype(np.uint8)
-        words = np.pad(levels, (0, -len(levels) % PER_WORD)).view("<u4").astype(np.uint32)
-        self.tensors = self.tensors | {"levels": words, "step": np.array([step], np.float32)}
+        self.tensors = self.tensors | {"levels": packed(levels), "step": np.array([step], np.float32)}
         for tensor in self.tensors.values():
             tensor.setflags(write=False)
         self._data = None

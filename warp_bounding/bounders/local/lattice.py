@@ -5,7 +5,10 @@ from math import prod
 
 import numpy as np
 
-__all__ = ["NEAREST_TO_ZERO", "Lattice"]
+from warp_bounding.errors import BounderError
+from warp_bounding.kernels.lattice import PER_WORD
+
+__all__ = ["NEAREST_TO_ZERO", "Lattice", "packed", "unpacked"]
 
 # Edges keep this far from 0, so that a device that takes tiny v for 0 finds the same part.
 NEAREST_TO_ZERO = 2.0**-64
@@ -77,3 +80,25 @@ class Lattice:
             first = np.searchsorted(axis, lower[:, k], side="right")
             pairs.append((first, np.maximum(first, np.searchsorted(axis, upper[:, k], side="left"))))
         return pairs
+
+    @classmethod
+    def stored(cls, edges: np.ndarray, shape: tuple[int, ...], method: str) -> "Lattice":
+        """The lattice of a file: the edges of each axis in turn.
+
+        Raises:
+            BounderError: If they do not ascend, or one of them is too near to 0.
+        """
+        lattice = cls(np.split(edges, np.cumsum([count - 1 for count in shape])[:-1]))
+        if not (all((np.diff(axis) > 0).all() for axis in lattice.edges) and (np.abs(edges) >= NEAREST_TO_ZERO).all()):
+            raise BounderError(f"{method}: edges must ascend, none of them 0")
+        return lattice
+
+
+def packed(levels: np.ndarray) -> np.ndarray:
+    """``(ceil(parts / 4),)`` uint32, words of levels ``(parts,)`` uint8."""
+    return np.pad(levels, (0, -len(levels) % PER_WORD)).view("<u4").astype(np.uint32)
+
+
+def unpacked(words: np.ndarray, count: int) -> np.ndarray:
+    """``(count,)`` uint8, the levels in words."""
+    return words.astype("<u4").view(np.uint8)[:count]

@@ -13,7 +13,7 @@ import numpy as np
 
 from warp_bounding.arithmetic import TINY, UNIT32, gamma
 from warp_bounding.bounders.base import Bounder, BoxBounds
-from warp_bounding.bounders.local.lattice import NEAREST_TO_ZERO, Lattice
+from warp_bounding.bounders.local.lattice import Lattice, packed, unpacked
 from warp_bounding.bounders.local.source import CERTAIN, EVERYWHERE, NOWHERE, LocalSource
 from warp_bounding.bounders.members import holding, members_of
 from warp_bounding.bounders.neural.mlp import MOST_THRESHOLDS, Mlp
@@ -69,10 +69,9 @@ class Local(Bounder):
         first = np.floor(least / step)
         levels = np.where(thresholds > 0, NOWHERE, EVERYWHERE).astype(np.uint8)
         levels[some] = np.clip(np.floor((thresholds[some] - least) / step), 0, LEVELS - 1)
-        words = np.pad(levels, (0, -len(levels) % PER_WORD)).view("<u4").astype(np.uint32)
         tensors, sizes = holding([member])
         scale = np.array([first, step], np.float32)
-        tensors |= {"edges": np.concatenate(lattice.edges), "levels": words, "scale": scale}
+        tensors |= {"edges": np.concatenate(lattice.edges), "levels": packed(levels), "scale": scale}
         return cls(member.domain, tensors, sizes | {"shape": list(lattice.shape)}, member._device)
 
     def check_tensors(self) -> None:
@@ -86,13 +85,7 @@ class Local(Bounder):
         (self.member,) = self.members
         expected = {"edges": (sum(shape) - len(shape),), "levels": (-(-prod(shape) // PER_WORD),), "scale": (2,)}
         self.expect_shapes(shapes | expected)
-        ends = np.cumsum([count - 1 for count in shape])[:-1]
-        self.lattice = Lattice(np.split(self.tensors["edges"], ends))
-        edges = self.tensors["edges"]
-        if not (
-            all((np.diff(axis) > 0).all() for axis in self.lattice.edges) and (np.abs(edges) >= NEAREST_TO_ZERO).all()
-        ):
-            raise BounderError(f"{self.method}: edges must ascend, none of them 0")
+        self.lattice = Lattice.stored(self.tensors["edges"], shape, self.method)
         first, step = (float(x) for x in self.tensors["scale"])
         if not (
             STEPS[0] <= step <= STEPS[1]
@@ -106,7 +99,7 @@ class Local(Bounder):
     @cached_property
     def thresholds(self) -> np.ndarray:
         """``(parts,)`` float64, exact; infinity where every query is denied, minus infinity where none is."""
-        levels = self.tensors["levels"].astype("<u4").view(np.uint8)[: self.lattice.count].astype(np.float64)
+        levels = unpacked(self.tensors["levels"], self.lattice.count).astype(np.float64)
         first, step = self.tensors["scale"].astype(np.float64)
         named = {NOWHERE: np.inf, EVERYWHERE: -np.inf}
         return np.select([levels == level for level in named], list(named.values()), (levels + first) * step)
