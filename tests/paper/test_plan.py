@@ -77,6 +77,18 @@ def test_durations(seconds, text):
     assert duration(seconds) == text
 
 
+def test_a_network_of_local_thresholds_takes_the_time_of_one_that_has_one():
+    local, ray = Variant("mlp-local"), Column(3, "ray")
+    settings = Settings(10.0, "3d-ray:mlp=240,3d:distance=90")
+    assert settings.budget_of(ray, local) == settings.budget_of(ray, Variant("mlp")) == 240
+    assert settings.budget_of(ray, Variant("distance")) == 90  # which is fitted by method="mlp", too
+    assert Settings(10.0, "mlp-local=3").budget_of(ray, Variant("mlp")) == 10
+    assert local.fitted == ("mlp", {"thresholds": 256})
+    assert not local.of_distances
+    assert local.space_in(ray) == Variant("mlp").space_in(ray)
+    assert local.space_in(Column(3, "plane")) is None
+
+
 def test_a_cascade_takes_the_time_of_its_last_part_unless_it_is_named():
     box, words = Column(3, "box"), "3d=20,learned-kdop=5,3d-box:mlp=90"
     settings = Settings(10.0, words)

@@ -5,10 +5,11 @@ figures were measured with truth found by sampling, and its volumes were fitted 
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from warp_bounding import bounders
 from warp_bounding.bounders.distances.mlp import MlpDistance
+from warp_bounding.bounders.local.local import Local
 from warp_bounding.bounders.options import STEPS
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.evaluation.distances import ASKED
@@ -17,7 +18,10 @@ from warp_bounding.queries import QUERIES, Query
 __all__ = [
     "COLUMNS",
     "DISTANCE_STEPS",
+    "FITTED",
     "LEARNED",
+    "LOCAL",
+    "LOCAL_PARTS",
     "METHODS",
     "NETWORKS",
     "SPACES",
@@ -47,16 +51,32 @@ PAPER = {  # false positives in per cent; columns as in ``COLUMNS``
 }
 CASCADE = "learned-kdop+mlp"
 DISTANCE = "distance"  # a network that learned the distance: one fit an object, which all of these queries are asked
-NETWORKS = ("mlp", "mlp-early", "monotone-mlp", CASCADE, DISTANCE)  # compared with the paper's best network
+LOCAL = "mlp-local"  # an ``mlp`` with a threshold for each part of its domain
+LOCAL_PARTS = 256  # about how many
+NETWORKS = ("mlp", "mlp-early", "monotone-mlp", LOCAL, CASCADE, DISTANCE)  # compared with the paper's best network
 EXACT = "voxels"  # on its own grid, at the price of its memory
-ROWS = (*PAPER, "monotone-mlp", CASCADE, DISTANCE, "occupancy", EXACT)  # methods, in the table's order
-OF_DISTANCES = {DISTANCE: MlpDistance}  # rows whose bounder is one of distances
+ROWS = (*PAPER, "monotone-mlp", LOCAL, CASCADE, DISTANCE, "occupancy", EXACT)  # methods, in the table's order
 DISTANCE_STEPS = {"ray": 128, "box": 512}  # evaluations that a query of these may take at most; most take a few
 
 
+class Fitted(NamedTuple):
+    """What ``fit`` makes for a row that is not named after its method."""
+
+    kind: type[bounders.Bounder] | type[bounders.DistanceBounder]  # the class of its bounder
+    method: str  # as ``fit`` takes it
+    options: dict[str, Any]  # of ``fit``, besides those of the table
+
+
+FITTED = {
+    LOCAL: Fitted(Local, "mlp", {"thresholds": LOCAL_PARTS}),
+    DISTANCE: Fitted(MlpDistance, "mlp", {}),
+}
+
+
 def _of_parts(method: str) -> list[type[bounders.Bounder] | type[bounders.DistanceBounder]]:
-    """The registered classes of a method, or of the parts of a cascade."""
-    return [OF_DISTANCES.get(name) or bounders.METHODS[name] for name in method.split("+")]
+    """The registered classes of a method as ``fit`` takes it, or of the parts of a cascade."""
+    named = (FITTED[method].method if method in FITTED else method).split("+")
+    return [bounders.METHODS[name] for name in named]
 
 
 LEARNED = tuple(m for m in ROWS if any(STEPS in cls.options for cls in _of_parts(m)))  # a fit takes a budget
@@ -151,7 +171,14 @@ class Variant(NamedTuple):
     @property
     def of_distances(self) -> type[bounders.DistanceBounder] | None:
         """The class of its bounder, where that bounds distances; else ``None``."""
-        return OF_DISTANCES.get(self.method)
+        kind = FITTED[self.method].kind if self.method in FITTED else None
+        return kind if kind is not None and issubclass(kind, bounders.DistanceBounder) else None
+
+    @property
+    def fitted(self) -> tuple[str, dict[str, Any]]:
+        """The method and the options that make it what it is, as ``fit`` takes them."""
+        made = FITTED.get(self.method)
+        return (made.method, dict(made.options)) if made else (self.method, {})
 
     @property
     def ranked(self) -> bool:
@@ -161,6 +188,8 @@ class Variant(NamedTuple):
     def _supports(self, column: Column, space: str) -> bool:
         if self.of_distances:
             return space == SPACES[0] and column.query in ASKED and self.of_distances.supports(column.ndim)
+        if self.method in FITTED:
+            return FITTED[self.method].kind.supports(column.query, column.ndim, space)
         return bounders.supports(self.method, column.query, column.ndim, space)
 
     def space_in(self, column: Column) -> str | None:

@@ -167,7 +167,7 @@ class Run(ABC):
         from warp_bounding.bounders import save
         from warp_bounding.training import fit
 
-        settings, method, query = self.folder.settings.fits, job.variant.method, job.column.kind
+        settings, query, (method, own) = self.folder.settings.fits, job.column.kind, job.variant.fitted
         told = {"hidden": job.column.hidden, "activation": settings.activation, "leaves": job.variant.leaves}
         of_distances, about = job.variant.of_distances, {"query": query.name, "method": method}
         if of_distances:
@@ -175,7 +175,7 @@ class Run(ABC):
             about = {"query": DISTANCE.name, "method": of_distances.method, "metric": METRICS[1]}
         else:
             known = taken((METHODS[name] for name in method.split("+")), query.name)
-        options = {name: value for name, value in told.items() if name in known and value is not None}
+        options = {name: value for name, value in told.items() if name in known and value is not None} | own
         if not of_distances:
             options |= {"last": last} if last is not None else {}
             options |= {"length": settings.length} if query.has_length else {}
