@@ -29,6 +29,8 @@ METHODS = (
     ("distance-grid", {"nodes": 16, "storage": "uint8"}),
     ("distance-grid", {"nodes": 24, "storage": "uint8"}),
     ("distance-grid", {"nodes": 32}),
+    ("distance-grid", {"nodes": 12, "storage": "uint8", "refine": 4}),
+    ("distance-grid", {"nodes": 24, "storage": "uint8", "refine": 2}),
     ("mlp", {"hidden": (24, 24), "budget": 120}),
     ("mlp", {"hidden": (32, 32), "budget": 120}),
 )

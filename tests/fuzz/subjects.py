@@ -128,6 +128,8 @@ def subjects() -> list[Subject]:
             if kind.supports(shape(name).ndim):
                 found.append(Subject(f"{method} distance {name}", name, _distance(method, name)))
     found.append(Subject("mlp distance c in parts", "c", _distance(Mlp.method, "c", thresholds=20)))
+    refined = _distance("distance-grid", "c", refine=4)
+    found.append(Subject("distance-grid distance c refined", "c", refined))
     for query, methods in CASCADES:
         found.append(Subject(f"{methods} {query} c", "c", _cascade(methods, "c", query)))
     return found
