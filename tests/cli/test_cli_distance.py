@@ -46,6 +46,19 @@ def test_from_fit_to_soak(method, own, files, capsys):
     assert "none missed" in out
 
 
+def test_a_proof_goes_on_where_its_time_was_over(files, capsys):
+    path, source, left = files / "d.safetensors", files / "blob.npy", files / "left"
+    told = ("fit", source, "--query", "distance", "--method", "distance-grid", "--nodes", 6, "--refine", 2, "-o", path)
+    assert run(capsys, *told, "--samples", 1000)[0] == 0
+    status, out, _ = run(capsys, "certify", path, source, "--budget", 1e-9, "--checkpoint", left)
+    assert status == 1
+    assert f"goes on from {left}" in out.replace("\n", "")
+    assert left.exists()
+    status, out, _ = run(capsys, "certify", path, source, "--checkpoint", left)
+    assert (status, left.exists()) == (0, False)
+    check_bad(*run(capsys, "certify", path, source, "--checkpoint", path))
+
+
 def test_mistakes(files, capsys):
     path, source = files / "d.safetensors", files / "blob.npy"
     told = ("fit", source, "--query", "distance", "-o", path, "--samples", 1000)

@@ -50,9 +50,7 @@ def tighten(file: File, bounder: Bounder | DistanceBounder, grid: IndicatorGrid,
         rng: Whether to choose the voxels.
     """
     if isinstance(bounder, DistanceBounder):
-        least = (
-            0.0 if bounder.volume is not None else -float(largest_excess(bounder, grid, SEARCH_SECONDS, None)[0].max())
-        )
+        least = 0.0 if bounder.volume is not None else -float(largest_excess(bounder, grid, SEARCH_SECONDS)[0].max())
         tightest = float(round_down(np.nextafter(least - bounder.rounding_bound(), -np.inf)))
         if np.isfinite(tightest):
             file.document["threshold"] = min(tightest, 0.0)

@@ -23,7 +23,7 @@ from warp_bounding.indicators.formats.usd import USD_SUFFIXES
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, write_whole
 from warp_bounding.version import __version__
 
-__all__ = ["FORMAT", "INFO_FIELDS", "read", "save"]
+__all__ = ["FORMAT", "INFO_FIELDS", "digest_of", "read", "save"]
 
 FORMAT = 1
 KEY = "warp_bounding"
@@ -47,7 +47,7 @@ def save(bounder: Subject, path: str | os.PathLike) -> None:
         "certificate": bounder.certificate.to_dict() if bounder.certificate else None,
         **{field: bounder.info.get(field) for field in INFO_FIELDS},
     }
-    text = json.dumps({"sha256": _digest(bounder.tensors, document), "bounder": document}, allow_nan=False)
+    text = json.dumps({"sha256": digest_of(bounder.tensors, document), "bounder": document}, allow_nan=False)
     write_whole(path, safetensors.numpy.save(bounder.tensors, metadata={KEY: text}), BOUNDER_FILE)
 
 
@@ -71,7 +71,7 @@ def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         raise FileFormatError(f"{path}: format {version} is {known}")
     # The digest covers values, not their spelling: a file edited from 1.0 to 1.00 would pass it.
     same_text = json.dumps(signed) == text
-    if digest != _digest(tensors, document) or not same_text:
+    if digest != digest_of(tensors, document) or not same_text:
         raise FileFormatError(f"{path}: the content does not match its SHA-256; the file is damaged or was edited")
     return tensors, document
 
@@ -97,7 +97,7 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], str]:
         raise FileFormatError(f"{path}: not a complete safetensors file ({error})") from error
 
 
-def _digest(tensors: dict[str, np.ndarray], document: dict) -> str:
+def digest_of(tensors: dict[str, np.ndarray], document: dict) -> str:
     """SHA-256 of the document as JSON with sorted keys, then of each tensor's name, type, shape and bytes, by name."""
     sha = hashlib.sha256(json.dumps(document, sort_keys=True, separators=(",", ":")).encode())
     for name in sorted(tensors):

@@ -20,6 +20,9 @@ def command(
     length: Annotated[float | None, typer.Option(help="Not proven unless FILE claims rays of this length.")] = None,
     resolution: Annotated[int | None, typer.Option(help="Not proven unless FILE claims this resolution.")] = None,
     query: Annotated[str | None, typer.Option(help="Not proven unless FILE claims this kind of query.")] = None,
+    checkpoint: Annotated[
+        str | None, typer.Option(help="Of a distance: go on from this file, and keep what is left of the proof there.")
+    ] = None,
     threshold: Threshold = None,
     spacing: Spacing = None,
     origin: Origin = None,
@@ -47,7 +50,7 @@ def command(
     bounder = load(file, device="cpu")
     indicator = read_shape(shape, threshold, spacing, origin)
     with bar("certify") as update:
-        certificate = certify(bounder, indicator, **expected, seconds=budget, progress=update)
+        certificate = certify(bounder, indicator, **expected, seconds=budget, progress=update, checkpoint=checkpoint)
     fitted = bounder.info.get("indicator")
     same = certificate.indicator == fitted
     if json:

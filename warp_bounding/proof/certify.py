@@ -6,6 +6,7 @@ search; so is the search over the normals of planes. A bounder whose method has 
 (``statistics``).
 """
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -51,6 +52,7 @@ def certify(
     query: str | None = None,
     seconds: float = 900.0,
     progress: Callable[[int, int], None] | None = None,
+    checkpoint: str | os.PathLike | None = None,
 ) -> Certificate:
     """Prove from scratch that a bounder has no false negative on a shape, or find out why that is not so.
 
@@ -67,6 +69,8 @@ def certify(
         query: The kind of query that is expected; the bounder's own if ``None``.
         seconds: Time allowed for all parts together; compiling kernels is not counted.
         progress: Called with cells done and cells in all; counts begin anew for each part of a conjunction.
+        checkpoint: Of a learned distance or a ``distance-grid``: a file that holds what is left of a proof whose time was over, or that was stopped; the
+            same call goes on from there. It is removed when the proof has ended.
 
     Returns:
         A certificate of kind ``"proven"``; ``"statistical"`` (the method has no proof; fresh positives were asked, and
@@ -83,7 +87,9 @@ def certify(
     numbers = {"margin": margin, "length": length, "resolution": resolution}
     expected = {"query": query} | {name: _exactly(name, value) for name, value in numbers.items()}
     if isinstance(bounder, DistanceBounder):
-        return certify_distance(bounder, shape, expected, seconds, progress, of_points=certify)
+        return certify_distance(bounder, shape, expected, seconds, progress, checkpoint, of_points=certify)
+    if checkpoint is not None:
+        raise BounderError(f"{bounder.method}: a checkpoint is for proofs of distances")
     other = other_claim(bounder, expected)
     try:
         grid = as_fitted(bounder, shape)

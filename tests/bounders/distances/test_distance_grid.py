@@ -105,7 +105,7 @@ def test_excesses_hold(rng):
         v = rng.uniform(lower[cell], upper[cell], (400, 2))
         above = raised.reference(v) - shape.distances(raised.domain.to_object(v))[:, 1] / raised.domain.unit
         assert above.max() <= found[cell] + 1e-12
-    (most,), _, _, _ = largest_excess(raised, shape, 60.0, None)
+    (most,), _, _, _ = largest_excess(raised, shape, 60.0)
     v = rng.uniform(lower.min(axis=0), upper.max(axis=0), (100_000, 2))
     above = raised.reference(v) - shape.distances(raised.domain.to_object(v))[:, 0] / raised.domain.unit
     assert above.max() <= most <= above.max() + 0.01

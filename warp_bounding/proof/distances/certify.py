@@ -1,5 +1,6 @@
 """Proving from scratch what a distance's file claims: ``d - F >= threshold + E`` on the whole domain, and the object lies in it."""
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -8,9 +9,11 @@ import numpy as np
 from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.document import document
-from warp_bounding.errors import BoundingError
+from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.indicators.shape import IN, Shape
-from warp_bounding.proof.distances.prove import distance_shape, other_motion, search
+from warp_bounding.proof.distances.checkpoint import Checkpoint
+from warp_bounding.proof.distances.excesses import excess_within
+from warp_bounding.proof.distances.prove import distance_shape, other_motion
 from warp_bounding.proof.prove import OUTSIDE, other_claim, other_dimension, reaches_outside
 from warp_bounding.proof.shape_check import points_outside
 from warp_bounding.runtime.launch import working_seconds
@@ -18,6 +21,7 @@ from warp_bounding.runtime.launch import working_seconds
 __all__ = ["certify_distance"]
 
 LOOSE = "the threshold does not cover what float32 rounds"
+GOES_ON = "; the same command goes on from {}"
 CLOSE = "F comes closer to the distance than the proof allows"
 
 
@@ -27,6 +31,7 @@ def certify_distance(
     expected: dict[str, str | float | None],
     seconds: float,
     progress: Callable[[int, int], None] | None,
+    checkpoint: str | os.PathLike | None = None,
     *,
     of_points: Callable[..., Certificate],
 ) -> Certificate:
@@ -38,9 +43,15 @@ def certify_distance(
         expected: The claim that is expected (``other_claim``).
         seconds: Time allowed.
         progress: As ``certify`` takes it.
+        checkpoint: As ``certify`` takes it.
         of_points: ``certify`` itself, for the volume of a closed form.
     """
     started, threshold, error = working_seconds(), float(bounder.threshold), bounder.rounding_bound()
+    before = 0.0  # seconds of the part that a checkpoint holds
+    if checkpoint is not None and bounder.volume is not None:
+        raise BounderError(
+            f"{bounder.method}: a checkpoint is for a distance that is searched for; this proof is short"
+        )
     other = other_claim(bounder, expected)
     try:
         grid = distance_shape(bounder, shape)
@@ -49,7 +60,7 @@ def certify_distance(
         return replace(found, indicator=getattr(shape, "digest", ""))
 
     def result(status: str, message: str, least: float, boxes: int = 0, counterexample=None) -> Certificate:
-        spent = working_seconds() - started
+        spent = before + working_seconds() - started
         return document(bounder, grid, status, threshold, least, boxes, spent, message, counterexample)
 
     reason = other or other_dimension(bounder, grid) or bounder.domain.fault() or other_motion(bounder, grid)
@@ -65,9 +76,11 @@ def certify_distance(
         suspects = None if of_volume.counterexample is None else np.array([of_volume.counterexample])
         least, boxes, told = (0.0 if of_volume.proven else -np.inf), of_volume.boxes, of_volume.message
     else:
-        found = search(bounder, grid, seconds, float(np.nextafter(threshold + error, np.inf)))
-        least, boxes, suspects = found.least, found.boxes, found.worst
-        told = CLOSE if found.complete else f"no decision within {seconds:.3g} s"
+        held = None if checkpoint is None else Checkpoint(checkpoint, bounder, grid)
+        bar = -float(np.nextafter(threshold + error, np.inf))
+        excess, boxes, complete, suspects = excess_within(bounder, grid, bar, seconds, held, progress)
+        least, before = -excess, held.seconds if held else 0.0
+        told = CLOSE if complete else f"no decision within {seconds:.3g} s{GOES_ON.format(checkpoint) if held else ''}"
     if threshold <= 0 and float(np.nextafter(threshold + error, np.inf)) <= least < np.inf:
         return result("proven", "Proven from scratch: the distance is never overestimated.", least, boxes)
     point = None if suspects is None else _overestimated(bounder, grid, suspects)

@@ -4,18 +4,22 @@ F is known in a box by numbers at its corners (``DistanceBounder.corners``), and
 pieces at once: two trees, one of space and one of the object. So slopes cancel, and a box may be as large as F and the distance are nearly linear in it.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.shape import Shape
+from warp_bounding.proof.distances.checkpoint import Boxes, Checkpoint, Left
 from warp_bounding.proof.search.best_first import halve
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.runtime.launch import working_seconds
 
-__all__ = ["excesses", "largest_excess", "suspects"]
+__all__ = ["excess_within", "excesses", "largest_excess", "suspects"]
 
 CHUNK = 1 << 16  # boxes that are asked at a time
+PARTS = 10_000  # that progress is told in
 NOISE = (
     1e-12  # relative: more than float64 rounds in the map of a box to object space, and in the values at its corners
 )
@@ -49,6 +53,8 @@ def excesses(
     longest: bool = False,
     undecided: list[np.ndarray] | None = None,
     most: float = float("inf"),
+    held: Checkpoint | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> tuple[np.ndarray, int, bool]:
     """Certified: by how much F exceeds the distance in boxes, at most.
 
@@ -64,6 +70,8 @@ def excesses(
         longest: Halve the longest side of a box, whatever its bound suffers from.
         undecided: Receives the middles of the smallest boxes whose excess is not known to be under the tolerance, ``(K, n)`` arrays.
         most: Boxes that are looked at; when there are more, it is as if time were over.
+        held: Where to begin, and to write now and then what is left: everything, when time is over or an exception ends the search.
+        progress: Called with how much of the boxes' volume is done, in parts of ``PARTS``.
 
     Returns:
         ``(N,)`` float64, local units, at least ``least``; how many boxes were looked at; and whether there was time for all.
@@ -71,41 +79,64 @@ def excesses(
     Raises:
         BounderError: If the shape has no distance.
     """
-    end, domain, tolerance = working_seconds() + seconds, bounder.domain, np.broadcast_to(tolerance, len(lower))
-    found, boxes, complete = np.full(len(lower), least), 0, True
-    waiting = [
-        (lower[i : i + CHUNK], upper[i : i + CHUNK], np.arange(i, min(i + CHUNK, len(lower))), 0)
-        for i in range(0, len(lower), CHUNK)
-    ][::-1]
-    while waiting:
-        low, high, owner, level = waiting.pop()
-        boxes += len(low)
-        values, axis = bounder.corners(low, high)
-        sides = domain.to_object(low), domain.to_object(high)
-        room = NOISE * (np.abs(sides).max(initial=0.0) + domain.unit)
-        noise = NOISE * (1 + np.abs(values).max(axis=1)) * bounder.steepness
-        under = least - 2 * float(noise.max(initial=0.0))  # so that what is added does not lift it above a tolerance
-        allowed = tolerance[owner]
-        enough = np.where(level < halvings, allowed, np.inf) * domain.unit
-        excess = shape.excess(sides[0] - room, sides[1] + room, values * domain.unit, under * domain.unit, enough)
-        if excess is None:
-            raise BounderError(f"{shape.name}: no distance is known of it")
-        excess = excess / domain.unit + noise
-        over = working_seconds() > end or boxes > most
-        above = excess > allowed
-        more = above & (level < halvings) & (not over)
-        if undecided is not None and level == halvings:
-            undecided.append((low[above] + high[above]) / 2)
-        complete &= not (over and above.any())
-        np.maximum.at(found, owner[~more], excess[~more])
-        if more.any():
-            axis = np.argmax(high - low, axis=1) if longest else axis
-            low, high = halve(low[more], high[more], axis[more])
-            owner = np.tile(owner[more], 2)
-            for i in range(0, len(low), CHUNK):
-                part = slice(i, i + CHUNK)
-                waiting.append((low[part], high[part], owner[part], level + 1))
+    started, domain, tolerance = working_seconds(), bounder.domain, np.broadcast_to(tolerance, len(lower))
+    left = held.load() if held else None
+    if left is None:
+        each = [slice(i, i + CHUNK) for i in range(0, len(lower), CHUNK)]
+        every = np.arange(len(lower))
+        left = Left([Boxes(lower[i], upper[i], every[i], 0) for i in each][::-1], np.full(len(lower), least), 0, 0.0)
+    waiting, found, boxes, before = left
+    complete, all_volume, file = True, _volume(lower, upper), held
+    undone = sum(_volume(each.lower, each.upper) for each in waiting)
+    try:
+        while waiting:
+            now = working_seconds() - started
+            over = now > seconds or boxes > most
+            if held:
+                held.save(Left(waiting, found, boxes, before + now), now=over)
+                held = None if over else held  # what follows is no part of the search any more
+            low, high, owner, level = waiting[-1]  # taken off when all that is left of it is on the list
+            values, axis = bounder.corners(low, high)
+            sides = domain.to_object(low), domain.to_object(high)
+            room = NOISE * (np.abs(sides).max(initial=0.0) + domain.unit)
+            noise = NOISE * (1 + np.abs(values).max(axis=1)) * bounder.steepness
+            under = least - 2 * float(
+                noise.max(initial=0.0)
+            )  # so that what is added does not lift it above a tolerance
+            allowed = tolerance[owner]
+            enough = np.where(level < halvings, allowed, np.inf) * domain.unit
+            excess = shape.excess(sides[0] - room, sides[1] + room, values * domain.unit, under * domain.unit, enough)
+            if excess is None:
+                raise BounderError(f"{shape.name}: no distance is known of it")
+            excess = excess / domain.unit + noise
+            above = excess > allowed
+            more = above & (level < halvings) & (not over)
+            if undecided is not None and level == halvings:
+                undecided.append((low[above] + high[above]) / 2)
+            complete &= not (over and above.any())
+            np.maximum.at(found, owner[~more], excess[~more])
+            children = []
+            if more.any():
+                axis = np.argmax(high - low, axis=1) if longest else axis
+                halves = (*halve(low[more], high[more], axis[more]), np.tile(owner[more], 2))
+                parts = (slice(i, i + CHUNK) for i in range(0, len(halves[0]), CHUNK))
+                children = [Boxes(*(side[part] for side in halves), level + 1) for part in parts]
+            waiting[-1:] = children
+            boxes += len(low)
+            undone -= _volume(low[~more], high[~more])
+            if progress is not None:
+                progress(round(PARTS * (1 - min(max(undone / all_volume, 0.0), 1.0))), PARTS)
+    except BaseException:
+        if held:
+            held.save(Left(waiting, found, boxes, before + working_seconds() - started), now=True)
+        raise
+    if file and complete:
+        file.remove()
     return found, boxes, complete
+
+
+def _volume(lower: np.ndarray, upper: np.ndarray) -> float:
+    return float((upper - lower).prod(axis=1).sum())
 
 
 def suspects(
@@ -131,21 +162,56 @@ def suspects(
     return v if len(v) <= most else np.random.default_rng(0).permutation(v)[:most]
 
 
-def largest_excess(
-    bounder: DistanceBounder, shape: Shape, seconds: float, bar: float | None
-) -> tuple[np.ndarray, int, bool, np.ndarray]:
-    """Certified: by how much F exceeds the distance in each part of the domain, at most.
+def largest_excess(bounder: DistanceBounder, shape: Shape, seconds: float) -> tuple[np.ndarray, int, bool, np.ndarray]:
+    """Certified: by how much F exceeds the distance in each part of the domain, at most: little more than samples have.
 
     Args:
         bounder: Its F.
         shape: The object.
         seconds: Time; when it is over the bound is what is known by then.
-        bar: An excess up to this is good enough; ``None`` for little more than samples have.
 
     Returns:
         The excesses ``(parts,)``, local units; how many boxes were looked at; whether there was time; and points in object space where samples
         have the largest excesses.
     """
+    v, sampled, worst = _sampled(bounder, shape)
+    parts, by_part = bounder.part_of(v), np.zeros(bounder.part_count)
+    np.maximum.at(by_part, parts, sampled)
+    weight = np.bincount(parts[: SAMPLES // 2][sampled[: SAMPLES // 2] > -NEARLY], minlength=bounder.part_count)
+    return (*_refined(bounder, shape, by_part, weight, seconds), worst)
+
+
+def excess_within(
+    bounder: DistanceBounder,
+    shape: Shape,
+    bar: float,
+    seconds: float,
+    held: Checkpoint | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[float, int, bool, np.ndarray]:
+    """Certified: by how much F exceeds the distance, at most; by other boxes than ``largest_excess`` has.
+
+    Args:
+        bounder: Its F.
+        shape: The object.
+        bar: An excess up to this is good enough, local units.
+        seconds: Time.
+        held: As ``excesses`` takes it.
+        progress: As ``excesses`` takes it.
+
+    Returns:
+        As ``largest_excess``, of all parts together. Where samples have more than the bar, nothing is searched.
+    """
+    _, sampled, worst = _sampled(bounder, shape)
+    if sampled.max() > bar:
+        return float(sampled.max()), 0, True, worst
+    bars = np.full(bounder.part_count, bar)
+    excess, boxes, complete = _searched(bounder, shape, bars, seconds, again=True, held=held, progress=progress)
+    return float(excess.max()), boxes, complete, worst
+
+
+def _sampled(bounder: DistanceBounder, shape: Shape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points of the domain, half of them uniform, in local coordinates; by how much F exceeds the distance there; and those in object space where that is most."""
     limit, rng = bounder.domain.limit.astype(np.float64), np.random.default_rng(0)
     near = _near(bounder, shape, SAMPLES // 2, rng)
     v = np.concatenate([rng.uniform(-limit, limit, (SAMPLES // 2, bounder.ndim)), near])
@@ -154,16 +220,7 @@ def largest_excess(
     if known is None:
         raise BounderError(f"{shape.name}: no distance is known of it")
     sampled = bounder.reference(v) - known[:, 0] / bounder.domain.unit
-    worst = x[np.argsort(-sampled)[:1024]]
-    most, parts = float(sampled.max()), bounder.part_of(v)
-    if bar is not None:
-        if most > bar:
-            return np.full(bounder.part_count, most), 0, True, worst
-        return (*_searched(bounder, shape, np.full(bounder.part_count, bar), seconds, again=True), worst)
-    by_part = np.zeros(bounder.part_count)
-    np.maximum.at(by_part, parts, sampled)
-    weight = np.bincount(parts[: SAMPLES // 2][sampled[: SAMPLES // 2] > -NEARLY], minlength=bounder.part_count)
-    return (*_refined(bounder, shape, by_part, weight, seconds), worst)
+    return v, sampled, x[np.argsort(-sampled)[:1024]]
 
 
 def _refined(
@@ -209,14 +266,15 @@ def _searched(
     chosen: np.ndarray | None = None,
     *,
     again: bool = False,
+    **told,
 ) -> tuple[np.ndarray, int, bool]:
     """The largest excesses ``(parts,)``, one up to the part's ``bars`` as this; how many boxes were looked at, and whether there was time.
 
     ``chosen`` are the parts that are asked for, all for ``None``. ``again``, to certify what another search has found: by other boxes, which begin with
-    thirds, and are halved along their longest sides.
+    thirds, and are halved along their longest sides. The rest is for ``excesses``.
     """
     least = float(bars.min())
-    told = {"halvings": HALVINGS * bounder.ndim, "least": least, "seconds": seconds, "longest": again}
+    told |= {"halvings": HALVINGS * bounder.ndim, "least": least, "seconds": seconds, "longest": again}
     lower, upper = _between(*bounder.pieces(), _knots(bounder, shape))
     if again:
         lower, upper = _thirds(lower, upper)

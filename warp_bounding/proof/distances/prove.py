@@ -62,10 +62,10 @@ def other_motion(bounder: DistanceBounder, shape: Shape) -> str | None:
     return None
 
 
-def search(bounder: DistanceBounder, shape: Shape, seconds: float, target: float | None = None) -> Found:
-    """Find L by a search, or whether it reaches a target."""
+def search(bounder: DistanceBounder, shape: Shape, seconds: float) -> Found:
+    """Find the best L that there is time for."""
     started = working_seconds()
-    excess, boxes, complete, worst = largest_excess(bounder, shape, seconds, None if target is None else -target)
+    excess, boxes, complete, worst = largest_excess(bounder, shape, seconds)
     return Found(-float(excess.max()), boxes, working_seconds() - started, complete, worst, excess)
 
 
