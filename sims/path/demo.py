@@ -13,12 +13,12 @@ from rich.markup import escape
 import warp_bounding as wb
 from sims import base
 from sims.drawing import Drawn
-from sims.path.broad import Boxes, BroadPhase, First, Marching, Samples, Segments, TwoSided
 from sims.path.exact import ExactWorld
 from sims.path.pictures import draw
 from sims.path.planner import Example
 from sims.path.report import described, price, solved
 from sims.path.worlds import World, generated, worlds_at
+from sims.planning.broad import Boxes, BroadPhase, First, Marching, Samples, Segments, TwoSided
 from sims.prefitted import FitSpec, bounders_of, owner, stored
 from sims.report import Run
 

@@ -19,6 +19,7 @@ import numpy as np
 import warp as wp
 
 import warp_bounding as wb
+from sims.planning.roadmap import Exact
 
 __all__ = ["ExactWorld"]
 
@@ -129,12 +130,13 @@ def meet_segments(
                 answers[i] = _DOUBT
 
 
-class ExactWorld:
+class ExactWorld(Exact):
     """The narrow phase of the planner.
 
     Attributes:
         grid: Its cells.
         doubts: Segments that integers had to decide so far.
+        checks: States and segments that were asked so far.
     """
 
     def __init__(self, grid: wb.IndicatorGrid, device: str = "cpu"):
@@ -186,6 +188,7 @@ class ExactWorld:
 
     def _launch(self, kernel: wp.Kernel, places: list[np.ndarray]) -> np.ndarray:
         count = len(places[0])
+        self.checks += count
         answers = wp.empty(count, dtype=wp.uint8, device=self.device)
         arrays = [wp.array(place, dtype=wp.vec2, device=self.device) for place in places]
         if count:

@@ -13,6 +13,7 @@ import numpy as np
 
 import warp_bounding as wb
 from sims.path.moving_ai import read_map, read_scen, scen_beside
+from sims.planning.roadmap import Place
 
 __all__ = ["World", "generated", "maze", "problems_of", "random_states", "rooms", "worlds_at"]
 
@@ -24,7 +25,7 @@ LOOPS = 6  # openings of the maze beyond those of a tree
 
 
 @dataclass(frozen=True)
-class World:
+class World(Place):
     """A named 2D world.
 
     Attributes:
@@ -40,6 +41,16 @@ class World:
     scene: str
     fitted: bool = False
     problems: np.ndarray | None = None
+
+    def draw(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        return random_states(self.grid, count, rng)
+
+    def problems_of(self, count: int, seed: int) -> np.ndarray:
+        return problems_of(self, count, seed)
+
+    def measured(self, x: np.ndarray) -> np.ndarray:
+        """In cells."""
+        return self.grid.cell_coordinate(x)
 
 
 def generated() -> list[World]:

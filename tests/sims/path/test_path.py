@@ -8,10 +8,10 @@ from rich.console import Console
 
 import warp_bounding as wb
 from sims.base import compare
-from sims.path.broad import BroadPhase
 from sims.path.demo import SPECS, phases, run, shapes, simulate
 from sims.path.planner import Example
 from sims.path.worlds import World
+from sims.planning.broad import BroadPhase
 from sims.prefitted import FitSpec
 
 STEPS, STATES, PROBLEMS = 60, 400, 12

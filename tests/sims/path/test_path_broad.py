@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import warp_bounding as wb
-from sims.path.broad import (
+from sims.path.demo import BY_QUERY
+from sims.path.exact import ExactWorld
+from sims.planning.broad import (
     FREE,
     HIT,
     MAYBE,
@@ -16,8 +18,6 @@ from sims.path.broad import (
     _boxes,
     clear_by_boxes,
 )
-from sims.path.demo import BY_QUERY
-from sims.path.exact import ExactWorld
 
 STEPS = 60  # of training: the proof, not the fit, is what is tested
 
