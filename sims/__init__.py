@@ -5,4 +5,4 @@ without bounders (``base`` has what all of them share). ``prefitted`` has the bo
 ``drawing`` is what its name says.
 """
 
-DEMOS = ("particles", "cloth", "path", "shadows", "digits")
+DEMOS = ("particles", "cloth", "path", "shadows", "digits", "arm")

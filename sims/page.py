@@ -21,8 +21,9 @@ CALLS = {
     "path": "exact checks",
     "shadows": "mesh rays",
     "digits": "pixels run",
+    "arm": "configurations checked",
 }
-STEP = {"particles": "step", "cloth": "step", "path": "world", "shadows": "picture", "digits": "batch"}
+STEP = {"particles": "step", "cloth": "step", "path": "world", "shadows": "picture", "digits": "batch", "arm": "cell"}
 ABOUT = {
     "particles": "100,000 particles rain on the moving bunny; `moving aabb` is fitted anew in every step, the others never. *Porous*: drops seep through it, and "
     "the narrow phase says which ones are in it; `+inside`: with a second network, from the inside, of which it need not.",
@@ -32,6 +33,8 @@ ABOUT = {
     "shadows": "The bunny and a chair in the sun: shadow rays of all pixels against both meshes. `distance` marches along rays, and is proven for the mesh "
     "itself; the others are bounders of rays, proven for its cells.",
     "digits": "Random digits of a generative model, an implicit decoder: it is run for the pixels that a bounder leaves. *FP %*: of the box of latent numbers and pixels.",
+    "arm": "Roadmaps of planar arms with three and four joints: configurations and whole edges, cleared by a bounder or checked one configuration after another, at "
+    "most 2 cm apart. *Meshes*: the same bounders, and triangle meshes as the narrow phase (Coal, Pinocchio, one core).",
 }
 
 

@@ -1,1 +1,8 @@
-"""Arms and their cells, whose colliding configurations are bounded."""
+"""Arms that plan among obstacles: the configurations that collide are bounded, in as many dimensions as there are joints.
+
+``Example(place, exact, broad)`` plans all problems of a cell at once; ``run`` does the whole demo.
+"""
+
+from sims.arm.demo import SPECS, Demo, Example, run, shapes
+
+__all__ = ["SPECS", "Demo", "Example", "run", "shapes"]

@@ -52,6 +52,7 @@ class ArmConfigurations(Formula):
         weights: ``(n,)`` float64.
         safety: Metres.
         self_collision: Whether the arm is checked against itself.
+        pairs: ``(P, 2)``, pairs of bodies that are checked: numbers of the arm's, and behind these of the obstacles.
 
     Raises:
         IndicatorError: For obstacles that move, numbers that are none, or nothing that could touch.
@@ -82,8 +83,9 @@ class ArmConfigurations(Formula):
         if not ((self.weights >= LEAST_WEIGHT) & (self.weights <= 1 / LEAST_WEIGHT)).all():
             raise IndicatorError(f"{name}: expected weights from 2^-20 to 2^20, got {weights}")
         self.weights.setflags(write=False)
-        self._pairs = self._paired()
-        if not len(self._pairs):
+        self.pairs = self._paired()
+        self.pairs.setflags(write=False)
+        if not len(self.pairs):
             raise IndicatorError(
                 f"{name}: there is nothing that could touch; give obstacles, or ask for collisions with itself"
             )
@@ -131,7 +133,7 @@ class ArmConfigurations(Formula):
             sha.update(np.array(numbers, dtype="<f8").tobytes())
         for body in (*self.arm.bodies, *self.obstacles):
             sha.update(np.array([*body.points.ravel(), body.radius, body.link], dtype="<f8").tobytes() + b";")
-        for array in (self._pairs, self.weights, self.safety):
+        for array in (self.pairs, self.weights, self.safety):
             sha.update(np.asarray(array, dtype="<f8").tobytes() + b";")
         return sha.hexdigest()
 
@@ -162,9 +164,9 @@ class ArmConfigurations(Formula):
         for field, (values, dtype) in arrays.items():
             setattr(found.bodies, field, wp.array(np.asarray(values), dtype=dtype, device=DEVICE))
         links = np.array([body.link for body in bodies])
-        behind = np.arange(self.ndim) > links[self._pairs[:, :1]]  # the joints that move a pair
-        speed = np.sqrt((((reach[self._pairs[:, 1]] * behind) / self.weights) ** 2).sum(axis=1)) * OUTWARD
-        found.pairs = wp.array(self._pairs, dtype=wp.vec2i, device=DEVICE)
+        behind = np.arange(self.ndim) > links[self.pairs[:, :1]]  # the joints that move a pair
+        speed = np.sqrt((((reach[self.pairs[:, 1]] * behind) / self.weights) ** 2).sum(axis=1)) * OUTWARD
+        found.pairs = wp.array(self.pairs, dtype=wp.vec2i, device=DEVICE)
         found.reach = wp.array(reach, dtype=wp.float64, device=DEVICE)
         found.speed = wp.array(speed, dtype=wp.float64, device=DEVICE)
         found.weights = wp.array(self.weights, dtype=wp.float64, device=DEVICE)

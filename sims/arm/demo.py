@@ -1,0 +1,180 @@
+"""Running the demo ``arm``: cells, bounders, the planner with each of them, one table, one picture.
+
+Bounders of the planar arms come with the demo. Of each cell the rounded hulls are the narrow phase; of the one of four joints, where Coal and
+Pinocchio are installed, triangle meshes too, by the same bounders.
+"""
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import warp_bounding as wb
+from sims import base
+from sims.arm.exact import STEP, Hulls, Meshes, Stepped
+from sims.arm.pictures import draw, draw_one
+from sims.arm.robots import CELLS
+from sims.arm.workplace import Workplace
+from sims.drawing import Drawn
+from sims.planning.broad import Boxes, BroadPhase, First, Samples, Segments
+from sims.planning.roadmap import Roadmap
+from sims.prefitted import FitSpec
+from sims.report import Run
+
+__all__ = ["SPECS", "Demo", "Example", "places", "run", "shapes", "simulate"]
+
+HIDDEN = (50, 50)
+CELLS_OF_BOXES = 24  # a side, of the grid that a hierarchy of boxes is made of
+BUDGET = 420.0  # seconds a network
+SPECS: dict[str, FitSpec] = {
+    "aabb": FitSpec("aabb", query="box"),
+    "bvh": FitSpec("bvh", query="box", options={"hidden": HIDDEN}, resolution=CELLS_OF_BOXES, kept=True),
+    "learned-kdop": FitSpec("learned-kdop", query="box", budget=10.0),
+    "mlp": FitSpec("mlp", budget=BUDGET, options={"hidden": HIDDEN}),
+    "occupancy": FitSpec("occupancy", budget=60.0, options={"hidden": HIDDEN}),
+}
+SHOWN = ("planar-3", "planar-4")  # cells whose bounders come with the demo
+MESHED = "planar-4"  # the one that is planned with meshes, too
+STATES, PROBLEMS = (4000, 600), (100, 10)  # full, quick
+MESH_STATES = (1500, 200)  # of the roadmap with meshes
+REPEATS = (2, 1)
+WARM_UP = 50
+COLUMNS = {"fewer": "fewer", "solved": "solved", "collisions": "collide"}
+
+
+def places(names: tuple[str, ...] = SHOWN) -> list[Workplace]:
+    """The cells that the demo plans in."""
+    return [Workplace(CELLS[name]) for name in names]
+
+
+def shapes() -> dict[str, wb.arms.ArmConfigurations]:
+    """Their colliding configurations, by the name under which bounders lie."""
+    return {place.scene: place.shape for place in places()}
+
+
+class Example(Roadmap):
+    """All problems of one cell, planned at once; lengths are metres that the arm moves at most."""
+
+    def render(self, folder: Path) -> list[Path]:
+        """Draw the arm along its longest path."""
+        return [draw_one(self, Path(folder))]
+
+
+@dataclass
+class Demo(base.Demo):
+    """Planning for arms; see ``sims.arm`` and ``sims.base.Demo``. The only step plans everything in a cell.
+
+    Attributes:
+        states: Random configurations of a roadmap; 4,000, or 600 if quick. With meshes 1,500, or 200.
+        problems: Problems a cell; 100, or 10 if quick.
+    """
+
+    states: int | None = None
+    problems: int | None = None
+    device: str = "cpu"
+
+    NAME = "arm"
+    SPECS = SPECS
+    SAMPLES = (200_000, 20_000)
+    CALLS = "checks"
+    MISSED = "colliding states and edges"
+
+    def set_up(self) -> dict[str, wb.arms.ArmConfigurations]:
+        self.mesh_states = MESH_STATES[self.quick] if self.states is None else self.states
+        self.choose(states=STATES, problems=PROBLEMS)
+        if self.states < 2 or self.problems < 1:
+            raise wb.BoundingError(f"expected at least 2 states and 1 problem, got {self.states} and {self.problems}")
+        self.places = places()
+        self.steps, self.shape = 1, ", ".join(place.name for place in self.places)
+        return {place.scene: place.shape for place in self.places}
+
+    def simulate(self) -> tuple[list[Run], str, dict[str, str]]:
+        runs, self.examples = [], {}
+        for place in self.places:
+            bounders = self.of_shape(place.scene)
+            kinds = [(place.name, Hulls, self.states)]
+            if place.cell.name == MESHED and all(find_spec(name) for name in ("coal", "pinocchio")):
+                kinds.append((f"{place.name}, meshes", Meshes, self.mesh_states))
+            for section, exact, states in kinds:
+                options = {"states": states, "problems": self.problems, "seed": self.seed}
+                examples = simulate(place, exact(place), bounders, repeats=REPEATS[self.quick], **options)
+                own = {name: {place.scene: bounder} for name, bounder in bounders.items()}
+                runs += base.compare(examples, own, self.rows[place.scene], section)
+                self.examples[section] = examples
+        title = f"exact checks of configurations, at most {100 * STEP:g} cm apart along edges"
+        return runs, title, COLUMNS
+
+    def tell(self, runs: list[Run]) -> None:
+        """What is saved, what is solved, and what a check costs."""
+        for section, examples in self.examples.items():
+            none = examples["none"]
+            price = 1e3 * none.milliseconds()[1] / max(none.checks, 1)
+            unsolved = len(none.problems) - none.solved
+            self.console.print(
+                f"{section}: {none.solved} of {len(none.problems)} problems solved, {none.mean_length:.2f} m on average, {unsolved} without a path in the "
+                f"roadmap; an exact check takes {price:.2g} us.",
+                markup=False,
+            )
+        for run in runs:
+            if not run.conservative and run.extra["collisions"]:
+                self.console.print(f"[red]{run.bounder}[/] in {run.section}: {run.extra['collisions']} of its {run.extra['solved']} paths collide.")  # fmt: skip
+        if not any("meshes" in section for section in self.examples):
+            self.console.print(
+                "Planning with meshes too needs Coal and Pinocchio: pip install 'warp-bounding[arms]'", markup=False
+            )
+
+    def draw(self) -> Drawn:
+        names = ("mlp", "occupancy")
+        pairs = [tuple(self.examples[place.name][name] for name in names) for place in self.places]
+        return Drawn([draw(self.out, pairs, [self.of_shape(place.scene) for place in self.places], names)])
+
+    def more(self) -> dict[str, Any]:
+        """``cells`` and ``bounders``: a row a cell and bounder."""
+        rows = [{"cell": place.name, **row} for place in self.places for row in self.rows[place.scene]]
+        told = [
+            {
+                "cell": section,
+                "problems": len(examples["none"].problems),
+                "solved": examples["none"].solved,
+                "us_per_check": 1e3 * examples["none"].milliseconds()[1] / max(examples["none"].checks, 1),
+            }
+            for section, examples in self.examples.items()
+        ]
+        return {"cells": told, "bounders": rows}
+
+
+run = Demo.run
+
+
+def phases(bounders: dict[str, wb.Bounder]) -> dict[str, BroadPhase]:
+    """The broad phases of a cell's bounders, and the cascade of boxes and the network."""
+    made: dict[str, BroadPhase] = {}
+    for name, bounder in bounders.items():
+        if not bounder.conservative:
+            made[name] = Samples(bounder, [1 / STEP] * bounder.ndim, 1.0)
+        else:
+            made[name] = (Boxes if bounder.query_kind == "box" else Segments)(bounder)
+    if {"learned-kdop", "mlp"} <= made.keys():
+        made["learned-kdop+mlp"] = First(made["learned-kdop"], made["mlp"])
+    if "occupancy" in made:
+        made["occupancy"] = made.pop("occupancy")  # what has no proof comes last
+    return made
+
+
+def simulate(
+    place: Workplace, exact: Stepped, bounders: dict[str, wb.Bounder], *, repeats: int = 1, **options
+) -> dict[str, Example]:
+    """The same problems without a broad phase and with each; see ``sims.base.simulate``.
+
+    Args:
+        place: Where.
+        exact: The narrow phase.
+        bounders: By name.
+        repeats: How often each run is done, for its time.
+        options: Of ``Roadmap``.
+    """
+
+    def planned(phase: BroadPhase | None, small: bool) -> Example:
+        return Example(place, exact, phase, **options | ({"states": WARM_UP, "problems": 1} if small else {}))
+
+    return base.simulate(f"planning, {place.name}", phases(bounders), planned, repeats)

@@ -1,0 +1,211 @@
+"""Pictures of arms that plan: the path with the proven network, that with the network that has no proof, and a slice of configuration space.
+
+Runs are those of ``demo``. Arms in a plane are seen from above. Drawn with matplotlib, without a display.
+"""
+
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import warp_bounding as wb
+from sims.arm.workplace import Workplace
+from sims.drawing import INK, with_palette
+
+if TYPE_CHECKING:
+    from sims.arm.demo import Example
+
+__all__ = ["draw", "draw_one", "longest_path", "shapes_at", "slice_of"]
+
+STONE, LINK = "#c9bfb2", "#b9cbdc"
+PROVEN, UNPROVEN, COLLISION = "#1f6fb4", "#e08a00", "#d1242f"
+WIDTH, DPI, COLOURS = 4.6, 110, 160  # of a panel, inches; dots an inch; of the picture's palette
+CORNERS = 24  # of a circle
+APART = 0.25  # between poses that are drawn along a path, in the place's coordinates
+SAMPLES = 200  # of a path's edge, where it is asked for the part that collides: for drawing only
+RESOLUTION = 300  # of a slice, along a side
+REACH = 1.08  # of a picture around the base, metres
+
+
+def draw(
+    folder: Path,
+    pairs: list[tuple["Example", "Example"]],
+    bounders: list[dict[str, wb.Bounder]],
+    names: tuple[str, str],
+) -> Path:
+    """``arm.png``: a row per cell.
+
+    Args:
+        folder: Made if there is none.
+        pairs: Per cell the two runs, finished.
+        bounders: Per cell, by name.
+        names: Of the two broad phases.
+
+    Returns:
+        The file.
+    """
+    figure, axes = _canvas(len(pairs), 3)
+    for row, (pair, own) in enumerate(zip(pairs, bounders, strict=True)):
+        problem = longest_path(pair[1], pair[0])
+        for column, (example, colour) in enumerate(zip(pair, (PROVEN, UNPROVEN), strict=True)):
+            ax = axes[row][column]
+            _cell(ax, example.world)
+            _path(ax, example, problem, colour)
+            kind = "proven" if column == 0 else "not proven"
+            collided, solved = int(example.collisions().sum()), example.solved
+            ax.set_title(f"{names[column]}, {kind}: {collided} of {solved} paths collide", loc="left", fontsize=10)
+        axes[row][0].set_ylabel(pair[0].world.name)
+        middle = pair[0].states[0] if problem is None else _middle(pair[0].paths[problem])
+        _slice(axes[row][2], pair[0].world, own, names, middle)
+    _legend(figure, names)
+    return _save(figure, Path(folder), "arm.png")
+
+
+def draw_one(example: "Example", folder: Path) -> Path:
+    """``arm-NAME.png``: one run's cell, and the arm along its longest path."""
+    figure, axes = _canvas(1, 1)
+    _cell(axes[0][0], example.world)
+    _path(axes[0][0], example, longest_path(example, example), PROVEN)
+    axes[0][0].set_title(f"{example.solved} of {len(example.problems)} problems solved", loc="left", fontsize=10)
+    return _save(figure, Path(folder), f"{example.world.scene}.png")
+
+
+def longest_path(example: "Example", other: "Example") -> int | None:
+    """The problem, solved in both runs, with the longest path; among those that collide in the first run, if there are any."""
+    both = np.flatnonzero(np.isfinite(example.lengths) & np.isfinite(other.lengths))
+    if not len(both):
+        return None
+    collided = both[example.collisions()[both]]
+    chosen = collided if len(collided) else both
+    return int(chosen[np.argmax(example.lengths[chosen])])
+
+
+def shapes_at(place: Workplace, x: np.ndarray) -> list[np.ndarray]:
+    """Outlines ``(K, 2)``, metres, of the arm's bodies seen from above, at one configuration ``(n,)``."""
+    arm = place.shape.arm
+    frames = arm.frames(place.joint_values(x[None]))[0]
+    return [_outline(body, frames[body.link]) for body in arm.bodies if body.link != wb.arms.WORLD]
+
+
+def _outline(body: wb.arms.Body, frame: np.ndarray | None = None) -> np.ndarray:
+    """The outline of a body seen from above."""
+    from scipy.spatial import ConvexHull
+
+    points = body.points if frame is None else body.points @ frame[:3, :3].T + frame[:3, 3]
+    turn = np.linspace(0, 2 * np.pi, CORNERS, endpoint=False)
+    circle = np.stack([np.cos(turn), np.sin(turn)], axis=1) * max(body.radius, 1e-6)
+    around = (points[:, None, :2] + circle).reshape(-1, 2)
+    return around[ConvexHull(around).vertices]
+
+
+def _middle(path: np.ndarray) -> np.ndarray:
+    return path[len(path) // 2]
+
+
+def _along(path: np.ndarray, spacing: float) -> np.ndarray:
+    """Configurations along a path, its ends included."""
+    found = [path[:1].astype(np.float64)]
+    for a, b in pairwise(path.astype(np.float64)):
+        count = max(1, round(np.linalg.norm(b - a) / spacing))
+        found.append(a + np.arange(1, count + 1)[:, None] / count * (b - a))
+    return np.concatenate(found)
+
+
+def _canvas(rows: int, columns: int):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH * columns, WIDTH * rows + 0.5), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns, squeeze=False)
+
+
+def _polygons(ax, outlines: list[np.ndarray], **style) -> None:
+    from matplotlib.collections import PolyCollection
+
+    ax.add_collection(PolyCollection(outlines, **style))
+
+
+def _cell(ax, place: Workplace) -> None:
+    """What stands around the arm."""
+    _polygons(ax, [_outline(body) for body in place.shape.obstacles], facecolors=STONE, edgecolors="none", zorder=1)
+    ax.set_xlim(-REACH, REACH)
+    ax.set_ylim(-REACH, REACH)
+    ax.set_aspect("equal")
+    ax.set_xticks([])
+    ax.set_yticks([])
+    for side in ax.spines.values():
+        side.set_color(INK)
+
+
+def _path(ax, example: "Example", problem: int | None, colour: str) -> None:
+    """The arm along a path: where it begins in white, where it ends in black, and in red where it collides."""
+    place = example.world
+    if problem is None or example.paths[problem] is None:
+        return
+    poses = _along(example.paths[problem], APART)
+    for number, pose in enumerate(poses):
+        first, last = number == 0, number == len(poses) - 1
+        face = "white" if first else INK if last else LINK
+        style = {"alpha": 1.0, "zorder": 6} if first or last else {"alpha": 0.35, "zorder": 2}
+        _polygons(ax, shapes_at(place, pose), facecolors=face, edgecolors=INK if first or last else colour, linewidths=0.7, **style)  # fmt: skip
+    tips = np.array([shapes_at(place, pose)[-1].mean(axis=0) for pose in _along(example.paths[problem], APART / 10)])
+    ax.plot(*tips.T, color=colour, linewidth=1.6, zorder=5)
+    fine = _along(example.paths[problem], APART / SAMPLES)
+    hit = fine[place.shape.contains(fine)]
+    for pose in hit[:: max(1, len(hit) // 4)]:
+        _polygons(ax, shapes_at(place, pose), facecolors=COLLISION, edgecolors=COLLISION, alpha=0.7, zorder=7)
+    ax.plot(0, 0, "o", color=INK, ms=5, zorder=8)
+
+
+def slice_of(place: Workplace, middle: np.ndarray, count: int = RESOLUTION) -> tuple[np.ndarray, np.ndarray]:
+    """Configurations ``(count^2, n)`` float32 with all values of joints 0 and 1, the others as in ``middle``; and the values ``(2, count)``, degrees."""
+    lower, upper = place.shape.lower, place.shape.upper
+    values = np.linspace(lower[:2], upper[:2], count).T
+    x = np.tile(np.asarray(middle, dtype=np.float32), (count * count, 1))
+    x[:, :2] = np.stack(np.meshgrid(*values, indexing="ij"), axis=-1).reshape(-1, 2)
+    return x, np.degrees(values / place.shape.weights[:2, None])
+
+
+def _slice(ax, place: Workplace, bounders: dict[str, wb.Bounder], names: tuple[str, str], middle: np.ndarray) -> None:
+    """Configurations that collide, and where bounders of points begin to say maybe."""
+    from matplotlib.colors import ListedColormap
+
+    x, (first, second) = slice_of(place, middle)
+    held = place.shape.contains(x.astype(np.float64)).reshape(RESOLUTION, RESOLUTION)
+    box = (first[0], first[-1], second[0], second[-1])
+    ax.imshow(held.T, cmap=ListedColormap(["white", STONE]), origin="lower", extent=box, aspect="auto")
+    for name, colour in zip(names, (PROVEN, UNPROVEN), strict=True):
+        maybe = bounders[name].query(x).numpy().reshape(RESOLUTION, RESOLUTION)
+        ax.contour(first, second, maybe.T, levels=[0.5], colors=colour, linewidths=1.0)
+    ax.set_xlabel("joint 0, degrees")
+    ax.set_ylabel("joint 1, degrees")
+    if place.shape.ndim > 2:
+        others = ", ".join(f"{value:.0f}" for value in np.degrees(place.joint_values(middle[None])[0, 2:]))
+        ax.set_title(f"configurations, the other joints at {others}", loc="left", fontsize=10)
+
+
+def _legend(figure, names: tuple[str, str]) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    handles = [
+        Patch(facecolor=STONE, label="obstacles, colliding configurations"),
+        Patch(facecolor="white", edgecolor=INK, label="start"),
+        Patch(facecolor=INK, label="goal"),
+        Line2D([], [], color=PROVEN, linewidth=1.6, label=f"{names[0]}: path of the tip, bound"),
+        Line2D([], [], color=UNPROVEN, linewidth=1.6, label=f"{names[1]}: path, bound"),
+        Patch(facecolor=COLLISION, label="collision"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=9)
+
+
+def _save(figure, folder: Path, name: str) -> Path:
+    from PIL import Image
+
+    folder.mkdir(parents=True, exist_ok=True)
+    figure.set_dpi(DPI)
+    figure.canvas.draw()
+    with_palette(Image.fromarray(np.asarray(figure.canvas.buffer_rgba())), COLOURS).save(folder / name, optimize=True)
+    return folder / name
