@@ -14,5 +14,6 @@ Example:
 from warp_bounding.indicators.arms.arm import Arm, Joint
 from warp_bounding.indicators.arms.bodies import WORLD, Body
 from warp_bounding.indicators.arms.configurations import ArmConfigurations
+from warp_bounding.indicators.arms.urdf import load_urdf
 
-__all__ = ["WORLD", "Arm", "ArmConfigurations", "Body", "Joint"]
+__all__ = ["WORLD", "Arm", "ArmConfigurations", "Body", "Joint", "load_urdf"]

@@ -12,7 +12,6 @@ import warp_bounding as wb
 from sims.arm.meshes import MeshModel
 from sims.arm.workplace import Workplace
 from sims.planning.roadmap import Exact
-from warp_bounding.indicators.shape import OUT
 
 __all__ = ["STEP", "Hulls", "Meshes", "Stepped"]
 
@@ -78,7 +77,7 @@ class Hulls(Stepped):
     """The arm's rounded hulls, in Warp; what float64 cannot decide counts as a collision."""
 
     def hits(self, x: np.ndarray) -> np.ndarray:
-        return self.place.shape.decide(x) != OUT
+        return self.place.shape.contains(x)
 
 
 class Meshes(Stepped):

@@ -5,16 +5,13 @@ Runs are those of ``demo``. Arms in a plane are seen from above. Drawn with matp
 
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 import warp_bounding as wb
 from sims.arm.workplace import Workplace
 from sims.drawing import INK, with_palette
-
-if TYPE_CHECKING:
-    from sims.arm.demo import Example
+from sims.planning.roadmap import Roadmap
 
 __all__ = ["draw", "draw_one", "longest_path", "shapes_at", "slice_of"]
 
@@ -30,7 +27,7 @@ REACH = 1.08  # of a picture around the base, metres
 
 def draw(
     folder: Path,
-    pairs: list[tuple["Example", "Example"]],
+    pairs: list[tuple[Roadmap, Roadmap]],
     bounders: list[dict[str, wb.Bounder]],
     names: tuple[str, str],
 ) -> Path:
@@ -62,7 +59,7 @@ def draw(
     return _save(figure, Path(folder), "arm.png")
 
 
-def draw_one(example: "Example", folder: Path) -> Path:
+def draw_one(example: Roadmap, folder: Path) -> Path:
     """``arm-NAME.png``: one run's cell, and the arm along its longest path."""
     figure, axes = _canvas(1, 1)
     _cell(axes[0][0], example.world)
@@ -71,7 +68,7 @@ def draw_one(example: "Example", folder: Path) -> Path:
     return _save(figure, Path(folder), f"{example.world.scene}.png")
 
 
-def longest_path(example: "Example", other: "Example") -> int | None:
+def longest_path(example: Roadmap, other: Roadmap) -> int | None:
     """The problem, solved in both runs, with the longest path; among those that collide in the first run, if there are any."""
     both = np.flatnonzero(np.isfinite(example.lengths) & np.isfinite(other.lengths))
     if not len(both):
@@ -139,7 +136,7 @@ def _cell(ax, place: Workplace) -> None:
         side.set_color(INK)
 
 
-def _path(ax, example: "Example", problem: int | None, colour: str) -> None:
+def _path(ax, example: Roadmap, problem: int | None, colour: str) -> None:
     """The arm along a path: where it begins in white, where it ends in black, and in red where it collides."""
     place = example.world
     if problem is None or example.paths[problem] is None:

@@ -1,0 +1,196 @@
+"""Arms from URDF files, as robots' makers write them: the joints that move, in a chain, and convex hulls of the links' collision geometry.
+
+A body holds all of its geometry: boxes and balls as they are, a prism around a cylinder, the convex hull of a mesh. Read with yourdfpy, which is asked for when a file is read.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.arms.arm import Arm, Joint
+from warp_bounding.indicators.arms.bodies import MOST_POINTS, WORLD, Body
+
+__all__ = ["hull_of", "load_urdf"]
+
+SIDES = 16  # of a prism around a cylinder
+TURNING, SLIDING, FIXED = ("revolute", "continuous"), ("prismatic",), ("fixed",)
+OUTWARD = 1 + 1e-12  # outweighs what float64 rounds
+
+
+class _Step(NamedTuple):
+    """A joint that moves, and where it stands: its frame in that of the link before."""
+
+    joint: Any
+    origin: np.ndarray
+
+
+def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), name: str | None = None) -> Arm:
+    """The arm of a URDF file.
+
+    Args:
+        path: The file; meshes are looked for as it names them, beside it and in the folders above it.
+        held: Values at which joints stand that are not to move, such as a gripper's, by name; radians or metres.
+        touching: Pairs of links that are not checked against each other, as ``Arm`` takes them: numbers of joints that move, in order.
+        name: For people; the robot's own if ``None``.
+
+    Raises:
+        IndicatorError: For what is no URDF, a mesh that is missing, a joint of an unknown type or without limits, joints in no chain, or if yourdfpy is not
+            installed.
+
+    Example:
+        >>> arm = wb.arms.load_urdf("arm.urdf", held={"finger": 0.02})
+        >>> [joint.name for joint in arm.joints]
+        ['shoulder', 'elbow']
+    """
+    robot, held = _read(Path(path)), dict(held or {})
+    if unknown := sorted(set(held) - {joint.name for joint in robot.joints}):
+        raise IndicatorError(f"{path}: held names no joint of it: {', '.join(unknown)}")
+    children: dict[str, list[Any]] = {}
+    for joint in robot.joints:
+        children.setdefault(joint.parent, []).append(joint)
+    roots = {link.name for link in robot.links} - {joint.child for joint in robot.joints}
+    if len(roots) != 1:
+        raise IndicatorError(f"{path}: expected one base, got {', '.join(sorted(roots)) or 'none'}")
+    links, bodies, steps = {link.name: link for link in robot.links}, [], []
+
+    def visit(link: str, number: int, at: np.ndarray) -> None:
+        """Take a link and what is fixed to it, ``at`` in the frame of a joint that moves; then the joints that move it on."""
+        bodies.extend(_bodies(links[link], number, at, Path(path)))
+        onward = []
+        for joint in children.get(link, ()):
+            origin = at @ (np.eye(4) if joint.origin is None else joint.origin)
+            if joint.type in FIXED or joint.name in held:
+                visit(joint.child, number, origin @ _moved(joint, held.get(joint.name, 0.0)))
+                continue
+            if joint.type not in (*TURNING, *SLIDING):
+                known = ", ".join((*TURNING, *SLIDING, *FIXED))
+                raise IndicatorError(f"{path}: joint {joint.name}: expected a type of {known}, got {joint.type}")
+            if joint.mimic is not None:
+                raise IndicatorError(f"{path}: joint {joint.name} follows {joint.mimic.joint}; hold it, held={{{joint.name!r}: value}}")  # fmt: skip
+            onward.append(_Step(joint, origin))
+        for step in onward:
+            if len(steps) != number + 1:
+                raise IndicatorError(
+                    f"{path}: joints {steps[number + 1].joint.name} and {step.joint.name} both move, and neither moves the other; hold one, "
+                    f"held={{{step.joint.name!r}: value}}"
+                )
+            steps.append(step)
+            visit(step.joint.child, number + 1, np.eye(4))
+
+    visit(roots.pop(), WORLD, np.eye(4))
+    return Arm(
+        [_joint(*step, path) for step in steps], bodies, touching=touching, name=name or robot.name or Path(path).stem
+    )
+
+
+def _read(path: Path):
+    try:
+        import yourdfpy
+    except ImportError as error:
+        raise IndicatorError("URDF files need yourdfpy: pip install 'warp-bounding[arms]'") from error
+    if not path.is_file():
+        raise IndicatorError(f"{path}: no such file")
+    try:
+        return yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False).robot
+    except Exception as error:  # whatever its reader raises, of XML and of what is in it
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise IndicatorError(f"{path}: no URDF that can be read ({reason})") from error
+
+
+def _moved(joint, value: float) -> np.ndarray:
+    """The motion of a joint at a value that it is held at."""
+    if joint.type in FIXED:
+        return np.eye(4)
+    one = Joint(axis=_axis(joint), slides=joint.type in SLIDING, name=joint.name)
+    return Arm([one], [Body.sphere([0, 0, 0], 1.0, link=0)]).frames(np.array([[value]]))[0, 0]
+
+
+def _axis(joint) -> np.ndarray:
+    return np.array([1.0, 0.0, 0.0]) if joint.axis is None else np.asarray(joint.axis, dtype=np.float64)
+
+
+def _joint(joint, origin: np.ndarray, path) -> Joint:
+    lower, upper = -np.pi, np.pi
+    if joint.type != "continuous":
+        limit = joint.limit
+        if limit is None or limit.lower is None or limit.upper is None:
+            raise IndicatorError(f"{path}: joint {joint.name} has no limits")
+        lower, upper = limit.lower, limit.upper
+    return Joint(origin, _axis(joint), lower, upper, joint.type in SLIDING, joint.name)
+
+
+def _bodies(link, number: int, at: np.ndarray, path: Path) -> list[Body]:
+    """A link's collision geometry, ``at`` in the frame of its joint."""
+    found = []
+    for part in link.collisions:
+        pose = at @ (np.eye(4) if part.origin is None else part.origin)
+        shape, told = part.geometry, {"link": number, "name": part.name or link.name}
+        if shape.sphere is not None:
+            body = Body.sphere([0, 0, 0], shape.sphere.radius, **told)
+        elif shape.box is not None:
+            half = np.asarray(shape.box.size, dtype=np.float64) / 2
+            body = Body.box(-half, half, **told)
+        elif shape.cylinder is not None:
+            turn = 2 * np.pi * np.arange(SIDES) / SIDES
+            around = shape.cylinder.radius / np.cos(np.pi / SIDES) * OUTWARD
+            ring = np.stack([np.cos(turn) * around, np.sin(turn) * around], axis=1)
+            ends = [np.column_stack([ring, np.full(SIDES, side * shape.cylinder.length / 2)]) for side in (-1, 1)]
+            body = Body(np.concatenate(ends), **told)
+        elif shape.mesh is not None:
+            body = hull_of(_vertices(shape.mesh, path), **told)
+        else:
+            raise IndicatorError(f"{path}: link {link.name}: expected a box, cylinder, sphere or mesh")
+        found.append(body.moved(pose))
+    return found
+
+
+def _vertices(mesh, path: Path) -> np.ndarray:
+    import trimesh
+    import yourdfpy.urdf
+
+    found = yourdfpy.urdf.filename_handler_magic(mesh.filename, str(path.parent))
+    if not Path(found).is_file():
+        raise IndicatorError(f"{path}: mesh {mesh.filename} is missing")
+    try:
+        vertices = trimesh.load(found, force="mesh").vertices
+    except Exception as error:  # whatever its reader raises
+        raise IndicatorError(f"{found}: no mesh that can be read ({error})") from error
+    return np.asarray(vertices) * (1.0 if mesh.scale is None else np.asarray(mesh.scale, dtype=np.float64))
+
+
+def hull_of(points: np.ndarray, *, link: int = WORLD, name: str = "hull") -> Body:
+    """A body that holds the convex hull of points ``(N, 3)``: itself, or of too many points a hull of some, grown by what is left out.
+
+    Raises:
+        IndicatorError: For points without a hull, such as all in a plane.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+    from trimesh.triangles import closest_point
+
+    points = np.asarray(points, dtype=np.float64)
+    try:
+        corners = points[ConvexHull(points).vertices]
+        if len(corners) <= MOST_POINTS:
+            return Body(corners, link=link, name=name)
+        chosen = corners[_spread(corners)]
+        hull = ConvexHull(chosen)
+    except (QhullError, ValueError) as error:
+        raise IndicatorError(f"{name}: its points have no convex hull of a volume") from error
+    outside = corners[(corners @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) > 0]
+    triangles, off = chosen[hull.simplices], 0.0
+    for x in outside:  # any point of the hull is no nearer than its nearest one
+        nearest = closest_point(triangles, np.broadcast_to(x, (len(triangles), 3)))
+        off = max(off, float(np.linalg.norm(x - nearest, axis=1).min()))
+    return Body(chosen, off * (1 + 1e-6) + 1e-12 * np.abs(corners).max(), link, name)
+
+
+def _spread(points: np.ndarray) -> np.ndarray:
+    """``MOST_POINTS`` indices of points, each the farthest from those before it."""
+    chosen, away = [0], np.linalg.norm(points - points[0], axis=1)
+    while len(chosen) < MOST_POINTS:
+        chosen.append(int(away.argmax()))
+        away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return np.array(chosen)
