@@ -1,0 +1,289 @@
+"""What bounds an arm's colliding configurations in how many bytes: `python benchmarks/arms.py --out results/arm`.
+
+The cells of ``sims.arm.robots``. False positives are per cent of all random configurations within the limits, and of those that a roadmap's edges in these cells ask for: points along edges from
+random states to their nearest ones. Rivals without a class of their own are built here, as tight as they get at the network's memory, and not timed: a bit for each box of a grid that is cut by
+the axes' lengths, a tree of halved boxes of three bits a leaf, and balls of free configurations. One JSON row each, written as it is known; run again, it goes on where it stopped.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+import warp_bounding as wb
+from sims.arm.robots import CELLS
+from sims.arm.workplace import Workplace
+from warp_bounding.paper.run import versions
+from warp_bounding.proof import soak
+from warp_bounding.runtime.launch import cpu_threads
+
+SAMPLES, TIMED, ROUNDS = 400_000, 1_000_000, 7
+STATES, NEIGHBOURS, ALONG = 4000, 12, 200_000  # the roadmap whose edges are asked, and at how many points
+HIDDEN = {"planar-2": (25, 25), "planar-3": (50, 50), "planar-4": (50, 50), "six": (75, 75)}
+BUDGET = {"planar-2": 60.0, "planar-3": 240.0, "planar-4": 420.0, "six": 420.0}
+CELLS_ALONG = {2: 256, 3: 96, 4: 32}  # along the longest axis, of the cells that a hierarchy of boxes is made of
+DASH = "–"
+
+
+class Sampled(NamedTuple):
+    """Configurations, and which of them collide."""
+
+    x: np.ndarray
+    held: np.ndarray
+
+    def fp_rate(self, maybe: np.ndarray) -> float:
+        """Per cent of all that are free and answered with maybe."""
+        return float(100 * (maybe & ~self.held).mean())
+
+
+# --- rivals that are no bounders of ours -------------------------------------------------------------------------------
+
+
+def bitmap(shape: wb.arms.ArmConfigurations, nbytes: int) -> Callable[[np.ndarray], np.ndarray]:
+    """A bit for each box of a grid, boxes as nearly cubes as whole numbers allow."""
+    extent = shape.upper - shape.lower
+    side = (extent.prod() / (8 * nbytes)) ** (1 / shape.ndim)
+    counts = np.maximum(np.floor(extent / side).astype(int), 1)
+    while (grown := counts + (np.arange(len(counts)) == np.argmax(extent / counts))).prod() <= 8 * nbytes:
+        counts = grown
+    cell = extent / counts
+    lower = (
+        shape.lower + np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), -1).reshape(-1, len(counts)) * cell
+    )
+    maybe = ~shape.empty(lower, lower + cell).reshape(counts)
+    return lambda x: maybe[tuple(np.clip(((x - shape.lower) / cell).astype(int), 0, counts - 1).T)]
+
+
+def tree_of_boxes(shape: wb.arms.ArmConfigurations, nbytes: int) -> Callable[[np.ndarray], np.ndarray]:
+    """Boxes halved along their longest side as long as something is both free and not: a bit a node, and one a leaf."""
+    lower, upper, split = [shape.lower], [shape.upper], {}
+    state, waiting, leaves = {0: shape.empty(shape.lower[None], shape.upper[None])[0]}, [0], 1
+    while waiting and 3 * leaves - 1 < 8 * nbytes:
+        room = (8 * nbytes - 3 * leaves + 1) // 3
+        now, waiting = waiting[:room], waiting[room:]
+        if not now:
+            break
+        low, high = np.array([lower[i] for i in now]), np.array([upper[i] for i in now])
+        axis = np.argmax(high - low, axis=1)
+        middle = (low + high)[np.arange(len(now)), axis] / 2
+        halves = [(low.copy(), high.copy()) for _ in range(2)]
+        halves[0][1][np.arange(len(now)), axis] = middle
+        halves[1][0][np.arange(len(now)), axis] = middle
+        answers = [(shape.empty(*half), shape.inside(*half)) for half in halves]
+        for row, parent in enumerate(now):
+            if all(inside[row] for _, inside in answers):
+                continue
+            split[parent] = (axis[row], middle[row], len(lower))
+            leaves += 1
+            for (low, high), (empty, inside) in zip(halves, answers, strict=True):
+                number = len(lower)
+                lower.append(low[row])
+                upper.append(high[row])
+                state[number] = bool(empty[row])
+                if not empty[row] and not inside[row]:
+                    waiting.append(number)
+
+    def maybe(x: np.ndarray) -> np.ndarray:
+        found, going = np.zeros(len(x), dtype=bool), [(0, np.arange(len(x)))]
+        while going:
+            node, rows = going.pop()
+            if not len(rows):
+                continue
+            if node not in split:
+                found[rows] = not state[node]
+                continue
+            axis, middle, child = split[node]
+            right = x[rows, axis] > middle
+            going += [(child, rows[~right]), (child + 1, rows[right])]
+        return found
+
+    return maybe
+
+
+def free_balls(shape: wb.arms.ArmConfigurations, nbytes: int) -> Callable[[np.ndarray], np.ndarray]:
+    """Balls of free configurations, each the one that covers the most of what is left, of many that were tried."""
+    rng, count = np.random.default_rng(3), nbytes // (4 * (shape.ndim + 1))
+    x = rng.uniform(shape.lower, shape.upper, (60_000, shape.ndim))
+    free = x[~shape.contains(x)]
+    radius = shape.distance(free)
+    order = np.argsort(-radius)[:20_000]
+    centers, radii, left = free[order], radius[order], np.ones(len(free), dtype=bool)
+    inside = cKDTree(free).query_ball_point(centers, radii)
+    gains = np.array([len(own) for own in inside])
+    chosen: list[int] = []
+    while len(chosen) < count and gains.max() > 0:
+        best = int(gains.argmax())
+        gain = int(left[inside[best]].sum())  # gains only shrink: the first whose own is still the largest is the best
+        if gain < gains[best]:
+            gains[best] = gain
+            continue
+        chosen.append(best)
+        left[inside[best]], gains[best] = False, 0
+
+    def maybe(y: np.ndarray) -> np.ndarray:
+        found = np.ones(len(y), dtype=bool)
+        for center, size in zip(centers[chosen], radii[chosen], strict=True):
+            found &= ((y - center) ** 2).sum(axis=1) > size**2
+        return found
+
+    return maybe
+
+
+BUILT = {"bitmap": bitmap, "tree of boxes": tree_of_boxes, "free balls": free_balls}
+FITTED = {
+    "aabb": ("aabb", {}),
+    "learned-kdop": ("learned-kdop", {}),
+    "bvh": ("bvh", {}),
+    "mlp": ("mlp", {}),
+    "mlp-local": ("mlp", {"thresholds": 256}),
+}
+
+
+# --- measuring ---------------------------------------------------------------------------------------------------------
+
+
+def along_edges(place: Workplace) -> np.ndarray:
+    """``(ALONG, n)`` float32, points of a roadmap's edges between free states."""
+    rng = np.random.default_rng(7)
+    states = place.draw(2 * STATES, rng)
+    states = states[~place.shape.contains(states)][:STATES]
+    near = cKDTree(states).query(states, NEIGHBOURS + 1)[1][:, 1:]
+    first = rng.integers(len(states), size=ALONG)
+    a, b = states[first], states[near[first, rng.integers(NEIGHBOURS, size=ALONG)]]
+    return (a + rng.random((ALONG, 1)) * (b - a)).astype(np.float32)
+
+
+def measure(place: Workplace, label: str, samples: tuple[Sampled, Sampled], budget: float, attacked: int) -> dict:
+    """One row."""
+    shape, name, started = place.shape, place.cell.name, time.perf_counter()
+    network = sum((k + 1) * h for k, h in zip((shape.ndim, *HIDDEN[name]), (*HIDDEN[name], 1), strict=True)) * 4
+    row: dict = {"cell": name, "label": label}
+    if label in BUILT:
+        ask = BUILT[label](shape, network)
+        row |= {"bytes": network, "certificate": "by construction", "missed": None, "fit_seconds": time.perf_counter() - started}  # fmt: skip
+    else:
+        method, told = FITTED[label]
+        if method == "mlp":
+            told = told | {"hidden": HIDDEN[name], "budget": budget}
+        if method == "bvh":
+            told = {"hidden": HIDDEN[name], "resolution": CELLS_ALONG[shape.ndim]}
+        fitted = wb.fit(shape, method=method, device="cpu", progress=False, **told)
+        with tempfile.TemporaryDirectory() as folder:
+            fitted.save(Path(folder) / "bounder.safetensors")
+            bounder = wb.load(Path(folder) / "bounder.safetensors", device="cpu")
+        attack = soak(bounder, shape, attacked, seed=1)
+        row |= {
+            "bytes": bounder.nbytes,
+            "certificate": bounder.certificate.kind,
+            "message": bounder.certificate.message,
+            "attacked": attack.done,
+            "missed": attack.missed,
+            "fit_seconds": fitted.info["training"]["seconds"],
+            "proof_seconds": bounder.certificate.seconds,
+            "nanoseconds": nanoseconds(bounder, samples[0].x),
+        }
+
+        def ask(x: np.ndarray) -> np.ndarray:
+            return bounder.query(x).numpy() == 1
+
+    answers = [ask(sampled.x) for sampled in samples]
+    assert not any((sampled.held & ~maybe).any() for sampled, maybe in zip(samples, answers, strict=True)), label
+    rates = [sampled.fp_rate(maybe) for sampled, maybe in zip(samples, answers, strict=True)]
+    row |= {"fp_rate": rates[0], "fp_rate_along": rates[1], "positives": float(100 * samples[0].held.mean())}
+    return row | {"budget": budget, "threads": cpu_threads(), "versions": versions()}
+
+
+def nanoseconds(bounder: wb.Bounder, x: np.ndarray) -> float:
+    """Of one configuration in a batch, the fastest of ``ROUNDS``."""
+    import warp as wp
+
+    x = np.resize(x, (TIMED, x.shape[1]))
+    queries, out = wp.array(x, dtype=float, device="cpu"), wp.empty(TIMED, dtype=wp.uint8, device="cpu")
+    asked, times = bounder.prepare(queries, out=out), []
+    for _ in range(ROUNDS + 1):
+        start = time.perf_counter()
+        asked.launch()
+        times.append(time.perf_counter() - start)
+    return 1e9 * min(times[1:]) / TIMED
+
+
+def page(rows: list[dict], command: str) -> str:
+    """The page, in Markdown."""
+    lines = [
+        "# Arms: colliding configurations in a network's memory",
+        "",
+        f"`{command}`",
+        "",
+        f"{'; '.join(dict.fromkeys(row['versions'] for row in rows))}; {rows[0]['threads']} threads of a CPU. *FP %*: of {SAMPLES:,} random configurations within the limits, those that are",
+        "free and get *maybe*; *along edges*: of points along the edges of a roadmap between free states, where a planner asks. *Bitmap*, *tree of boxes* and *free balls* have the",
+        "network's memory, and are built by `benchmarks/arms.py` as tight as they get in it; everything else is a bounder, asked ten million hard configurations unless its row says less.",
+    ]
+    for name, cell in CELLS.items():
+        own = [row for row in rows if row["cell"] == name]
+        if not own:
+            continue
+        lines += ["", f"## {cell.title}", "", f"{own[0]['positives']:.1f} % of the configurations collide.", ""]
+        lines += [
+            "| | bytes | FP % | along edges | certificate | missed | ns | fit s | proof s |",
+            "|---|---|---|---|---|---|---|---|---|",
+        ]
+        for row in sorted(own, key=lambda row: [*FITTED, *BUILT].index(row["label"])):
+            missed = (
+                f"{0 if row['missed'] is None else 1} of {row['attacked'] / 1e6:.1f} million"
+                if "attacked" in row
+                else DASH
+            )
+            ns, proof = (f"{row[key]:.1f}" if key in row else DASH for key in ("nanoseconds", "proof_seconds"))
+            lines.append(
+                f"| {row['label']} | {row['bytes']:,} | {row['fp_rate']:.2f} | {row['fp_rate_along']:.2f} | {row['certificate']} | {missed} | {ns} | {row['fit_seconds']:.0f} | "
+                f"{proof} |"
+            )
+    return "\n".join(lines) + "\n"
+
+
+def rows_of(file: Path) -> list[dict]:
+    """The rows that are there."""
+    return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+
+
+def main() -> int:
+    """Measure what is missing, then write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("results/arm"))
+    parser.add_argument("--cells", default=",".join(CELLS), help="some of them, by name")
+    parser.add_argument("--methods", default=",".join([*BUILT, *FITTED]), help="some of them, by label")
+    parser.add_argument("--effort", type=float, default=1.0, help="multiplies the seconds of every fit")
+    parser.add_argument(
+        "--attacked", type=int, default=10_000_000, help="hard configurations that each bounder is asked"
+    )
+    parser.add_argument("--page", action="store_true", help="only make the page of the rows that are there")
+    options = parser.parse_args()
+    file = options.out / "arm.jsonl"
+    options.out.mkdir(parents=True, exist_ok=True)
+    done = {(row["cell"], row["label"]) for row in rows_of(file)}
+    for name in () if options.page else options.cells.split(","):
+        place = Workplace(CELLS[name])
+        shape = place.shape
+        x = np.random.default_rng(11).uniform(shape.lower, shape.upper, (SAMPLES, shape.ndim)).astype(np.float32)
+        samples = tuple(Sampled(y, shape.contains(y)) for y in (x, along_edges(place)))
+        for label in options.methods.split(","):
+            if (name, label) in done or (label == "bvh" and shape.ndim not in CELLS_ALONG):
+                continue
+            row = measure(place, label, samples, options.effort * BUDGET[name], options.attacked)
+            with file.open("a") as rows:
+                rows.write(json.dumps(row) + "\n")
+            print({key: row[key] for key in ("cell", "label", "bytes", "fp_rate", "fp_rate_along", "certificate")}, flush=True)  # fmt: skip
+    if rows := rows_of(file):
+        (options.out / "README.md").write_text(page(rows, "python benchmarks/arms.py --out results/arm"))
+    return int(any(row["missed"] is not None for row in rows_of(file)))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
