@@ -15,12 +15,14 @@ from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import prove
 from warp_bounding.proof import segments as segments_module
 
-CASES = [("mlp", "c"), ("mlp", "blob"), ("mlp-early", "blob"), ("mlp", "five")]
+CASES = [("mlp", "c"), ("mlp", "blob"), ("mlp-early", "blob"), ("mlp", "five"), ("local", "c"), ("local", "blob")]
 
 
 @cache
 def fitted(method: str, name: str) -> wb.Bounder:
     hidden = EARLY if method == "mlp-early" else HIDDEN
+    if method == "local":
+        return wb.fit(shape(name), hidden=hidden, steps=300, thresholds=20, device="cpu")
     return wb.fit(shape(name), method=method, hidden=hidden, steps=300, device="cpu")
 
 

@@ -19,6 +19,7 @@ from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.bounders.distances.registry import DISTANCES
 from warp_bounding.bounders.distances.volume import VolumeDistance
+from warp_bounding.bounders.local.local import Local
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError, QueryError
@@ -31,6 +32,9 @@ __all__ = ["clear_segments"]
 MOST_DEPTH = 30  # of a march: its steps are 2^30 at most
 LARGEST_MOVE = 1e37  # object units: by which the ends of a segment are rounded; others are not cleared
 DEPTH = 8  # a piece is halved at most this often
+AROUND = (
+    2.0**-28
+)  # local units: more than a point of a piece may be off, where it is asked which part of a domain it lies in
 INSIDE = 1e-9  # of the domain's half-widths: segments are clipped this far outside the domain
 LARGEST_LOCAL = 2.0**20  # half-widths of the domain: a segment is bounded only if no coordinate of a or w is larger
 
@@ -39,7 +43,7 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
     """Which segments are proven to meet the object nowhere.
 
     Args:
-        bounder: A network (``mlp``, ``mlp-early``) of points, a volume of points that has a distance (``DISTANCES``), or a
+        bounder: A network (``mlp``, ``mlp-early``, with thresholds of parts or one) of points, a volume of points that has a distance (``DISTANCES``), or a
             distance bounder, proven or not; if it is proven, so is the answer.
         starts: ``(N, n)``, object space; taken as they are, float32 or float64.
         ends: ``(N, n)``, object space.
@@ -65,7 +69,7 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
     if (
         not isinstance(bounder, Bounder)
         or bounder.domain is not bounder.domain.base
-        or not isinstance(bounder, Mlp)
+        or not isinstance(bounder, (Mlp, Local))
         or bounder.domain.time
         or bounder.domain.unbounded
     ):
@@ -81,7 +85,8 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
     a, w, owner = a[inside], w[inside], segments[inside]
     low = np.concatenate([a, w, first[inside, None]], axis=1)
     high = np.concatenate([a, w, last[inside, None]], axis=1)
-    parts, along = [_Part(part) for part in bounder.parts], 2 * bounder.ndim
+    parts = [_LocalPart(part) if isinstance(part, Local) else _Part(part) for part in bounder.parts]
+    along = 2 * bounder.ndim
     failed = ~known
     for level in range(depth + 1):
         cleared = np.zeros(len(low), dtype=bool)
@@ -142,12 +147,16 @@ class _Part:
     """One network of a conjunction: it clears the pieces on which its f is under its threshold."""
 
     def __init__(self, part: Mlp):
+        self._bound(part)
+        self.target = np.nextafter(-(float(part.threshold) + part.rounding_bound()), np.inf)
+
+    def _bound(self, part: Mlp) -> None:
+        """Keep what bounds of -f along a piece need."""
         network = part.network
         self.shape, self.part = network.kernel_shape(SegmentChart(part.ndim)), part
         self.weights = network.packed.copy()
         self.weights[-1 - network.output.weight.shape[1] :] *= -1.0  # the output layer's, so that -f is bounded
         self.padding = network.padding_for(part.domain.limit.astype(np.float64) * (1 + 2 * INSIDE))
-        self.target = np.nextafter(-(float(part.threshold) + part.rounding_bound()), np.inf)
 
     def clears(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """``(N,)`` bool: pieces on which f is proven to stay under threshold + E."""
@@ -156,6 +165,25 @@ class _Part:
     def lets_through(self, points: np.ndarray) -> np.ndarray:
         """``(N,)`` bool: points ``v`` at which f is not under threshold + E."""
         return ~(-self.part.reference(points) > self.target)
+
+
+class _LocalPart(_Part):
+    """A network at thresholds of the parts of its domain: a piece is cleared by the least threshold of those that it meets."""
+
+    def __init__(self, part: Local):
+        self._bound(part.member)
+        self.whole = part
+        self.target = np.nextafter(-(float(part.threshold) + part.rounding_bound()), np.inf)
+
+    def clears(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        n = self.whole.ndim
+        ends = [low[:, :n] + side[:, 2 * n :] * low[:, n : 2 * n] for side in (low, high)]
+        least, _, _ = self.whole.thresholds_in(np.minimum(*ends) - AROUND, np.maximum(*ends) + AROUND)
+        lower = bound_boxes(self.shape, self.weights, self.padding, low, high).lower
+        return lower > np.nextafter(self.target - least, np.inf)
+
+    def lets_through(self, points: np.ndarray) -> np.ndarray:
+        return ~(-self.whole.reference(points) > self.target)
 
 
 def _within(a: np.ndarray, w: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

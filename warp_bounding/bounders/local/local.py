@@ -121,15 +121,21 @@ class Local(Bounder):
         v = np.asarray(v, dtype=np.float64)
         return np.clip(self.member.reference(v) - self.thresholds[self.lattice.place(v)], DENIED, CERTAIN)
 
+    def thresholds_in(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The least and the largest threshold of the parts that boxes ``(N, n)`` meet, and which boxes meet one only."""
+        ranges, every = self.lattice.ranges(lower, upper), self.thresholds.reshape(self.lattice.shape)
+        single = np.all([first == last for first, last in ranges], axis=0)
+        least = every[tuple(first for first, _ in ranges)]
+        most = least.copy()
+        for row in np.flatnonzero(~single):
+            inside = every[tuple(slice(first[row], last[row] + 1) for first, last in ranges)]
+            least[row], most[row] = inside.min(), inside.max()
+        return least, most, single
+
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """See ``Bounder``. A box inside one part has the part's threshold everywhere, on its upper sides too."""
-        bounds, ranges = self.member.bound(lower, upper), self.lattice.ranges(lower, upper)
-        single = np.all([first == last for first, last in ranges], axis=0)
-        place = np.ravel_multi_index([first for first, _ in ranges], self.lattice.shape)
-        most = self.thresholds[place]
-        for row in np.flatnonzero(~single):
-            inside = tuple(slice(first[row], last[row] + 1) for first, last in ranges)
-            most[row] = self.thresholds.reshape(self.lattice.shape)[inside].max()
+        bounds = self.member.bound(lower, upper)
+        _, most, single = self.thresholds_in(lower, upper)
         # Not cut at DENIED: a part that is denied by its level is, whatever the threshold.
         least = np.minimum(np.nextafter(bounds.lower - most, -np.inf), CERTAIN)
         value = np.where(single, np.clip(bounds.value - most, DENIED, CERTAIN), self.reference(bounds.point))
