@@ -110,6 +110,11 @@ class Shape(ABC):
         return DETAILS / size
 
     @property
+    def waves(self) -> np.ndarray | None:
+        """``(K, n)`` float64, per object unit: whether a point x lies in it follows from the sines and cosines of ``waves @ x``, as far as that is known."""
+        return None
+
+    @property
     def _padding(self) -> np.ndarray:
         padding = np.full(self.ndim, PADDING * self.extent.max())
         if self.time:

@@ -17,6 +17,7 @@ __all__ = ["MOST_JOINTS", "Arm", "Joint"]
 
 MOST_JOINTS = 16  # ``kinematics.ALLOWANCE`` counts on it
 FARTHEST = 4 * np.pi  # of a limit in radians; farther there is nothing new, and sine and cosine are less accurate
+PARALLEL = 1e-12  # by how much the cosine of the angle between parallel axes may miss 1
 OUTWARD = 1 + 2.0**-40  # outweighs what float64 rounds in a reach
 
 
@@ -151,6 +152,24 @@ class Arm:
             before = turned
         turns = [joint.turned for joint in self.joints] + [np.eye(3)]  # the last one is that of ``WORLD``
         return tuple(origins), tuple(body.points @ turns[body.link] for body in self.bodies)
+
+    @property
+    def angles(self) -> np.ndarray:
+        """``(K, n)``, sums of joint values, one for each joint that turns: of itself and of those before it whose axes are parallel to its own, one after another.
+
+        What turns about parallel axes turns by the sum, so places in an arm are made of products of sines and cosines of these, one of each run of axes.
+        """
+        frames, found, row = self.frames(np.zeros((1, len(self.joints))))[0], [], np.zeros(len(self.joints))
+        before = None
+        for i, joint in enumerate(self.joints):
+            if joint.slides:
+                continue
+            axis = frames[i, :3, :3] @ joint.axis
+            along = 0.0 if before is None else float(axis @ before)
+            row = row * np.sign(along) if abs(along) > 1 - PARALLEL else np.zeros(len(self.joints))
+            row[i], before = 1.0, axis
+            found.append(row)
+        return np.array(found).reshape(-1, len(self.joints))
 
     def frames(self, q: np.ndarray) -> np.ndarray:
         """Where the links are: ``(N, n, 4, 4)`` poses for ``(N, n)`` configurations, in the frames of ``Joint``; up to rounding."""

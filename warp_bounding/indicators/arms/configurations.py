@@ -124,6 +124,12 @@ class ArmConfigurations(Formula):
     def _padding(self) -> np.ndarray:
         return np.zeros(self.ndim)  # there are no configurations beyond the limits
 
+    @property
+    def waves(self) -> np.ndarray | None:
+        """The angles of ``Arm.angles``, ``None`` where nothing turns. A network whose first hidden layer has twice as many neurons begins with their sines and cosines."""
+        angles = self.arm.angles
+        return angles / self.weights if len(angles) else None
+
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all numbers of joints, bodies, obstacles, pairs, weights and the safety; names do not enter."""

@@ -24,6 +24,10 @@ from warp_bounding.training.samples.base import Samples
 
 __all__ = ["NetworkTrainer"]
 
+WAVE_DECAY = (
+    0.03  # of a network that begins with the waves of its shape: one layer more makes f bend more, and its proof longer
+)
+
 
 class NetworkTrainer:
     """A network in training.
@@ -59,11 +63,11 @@ class NetworkTrainer:
         self.recipe = recipe or recipe_of(samples.query, samples.ndim)
         self.samples, self.generator = samples, samples.generator
         self.network = TrainableNetwork(samples.ndim, hidden, activation, octaves)
+        self.decay = 0.0
         self._initialise()
         self.team = Team()
         self.workers = [Evaluator(self.network) for _ in range(self.team.size)]
         self.false_positives = self.false_negatives = 1.0
-        self.decay = 0.0
         self.hard = samples.positives(0)
         self._best = (math.inf, self.network.flat.clone())
         self._batches: tuple[Batches, Batches] | None = None
@@ -75,6 +79,9 @@ class NetworkTrainer:
         network.initialise(*(getattr(self.recipe, g) for g in gains), self.generator)
         # An axis of few cells carries less detail than its range in v would suggest.
         network.layers[0][:, : samples.ndim] *= samples.detail.T
+        if waves and samples.waves is not None and samples.waves.shape == network.layers[0].shape:
+            network.layers[0].copy_(samples.waves)
+            self.decay = WAVE_DECAY
 
     def _optimiser(self) -> Soap:
         return Soap(self.network.layers, self.recipe.beta1, self.recipe.beta2)

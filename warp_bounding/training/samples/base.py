@@ -33,6 +33,7 @@ class Samples:
         ndim: Length of ``v``.
         generator: Source of everything random.
         detail: ``(ndim, 1)``, the object's cells along each axis of ``v``, relative to the axis with most.
+        waves: ``(2 K, ndim + 1)``, a first layer whose sines are those and the cosines of the object's waves (``Shape.waves``); ``None`` where it has none.
         vertices: ``(ndim, K)``, all of the positives where a minimum of f is likely, such as corners; may be none.
     """
 
@@ -40,6 +41,7 @@ class Samples:
     ndim: int
     generator: torch.Generator
     detail: torch.Tensor
+    waves: torch.Tensor | None = None
     vertices: torch.Tensor
 
     def uniform(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:

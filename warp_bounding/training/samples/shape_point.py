@@ -47,6 +47,7 @@ class ShapePointSamples(Samples):
         if shape.time:
             size[0] = size[1:].max()
         self.detail = size / size.max()
+        self.waves = _first_layer(shape, domain)
         landmarks = columns(domain.to_local(shape.landmarks()))
         self.vertices = torch.cat([landmarks, self._border[:, :FEW]], 1)
 
@@ -105,3 +106,13 @@ class ShapePointSamples(Samples):
     def locate(self, v: np.ndarray) -> torch.Tensor:
         x = self.domain.to_object(v)
         return columns(v[self.shape.contains(x)])
+
+
+def _first_layer(shape: Shape, domain: Domain) -> torch.Tensor | None:
+    """Sines and cosines of a shape's waves as a layer of sines of v."""
+    if shape.waves is None:
+        return None
+    weight, phase = shape.waves / domain.scale.astype(np.float64), shape.waves @ domain.center.astype(np.float64)
+    rows = np.column_stack([weight, phase])
+    shifted = rows + np.append(np.zeros(weight.shape[1]), np.pi / 2)
+    return torch.from_numpy(np.concatenate([rows, shifted]).astype(np.float32))
