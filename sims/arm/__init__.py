@@ -3,6 +3,6 @@
 ``Example(place, exact, broad)`` plans all problems of a cell at once; ``run`` does the whole demo.
 """
 
-from sims.arm.demo import SPECS, Demo, Example, run, shapes
+from sims.arm.demo import SCENE_SPECS, SPECS, Demo, Example, run, shapes
 
-__all__ = ["SPECS", "Demo", "Example", "run", "shapes"]
+__all__ = ["SCENE_SPECS", "SPECS", "Demo", "Example", "run", "shapes"]

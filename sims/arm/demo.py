@@ -4,7 +4,7 @@ Bounders of the planar arms come with the demo. Of each cell the rounded hulls a
 Pinocchio are installed, triangle meshes too, by the same bounders.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -18,19 +18,23 @@ from sims.arm.workplace import Workplace
 from sims.drawing import Drawn
 from sims.planning.broad import Boxes, BroadPhase, First, Samples, Segments
 from sims.planning.roadmap import Roadmap
-from sims.prefitted import FitSpec
+from sims.prefitted import FitSpec, bounders_of, owner
 from sims.report import Run
 
-__all__ = ["SPECS", "Demo", "Example", "places", "run", "shapes", "simulate"]
+__all__ = ["SCENE_SPECS", "SPECS", "Demo", "Example", "phases", "places", "run", "shapes", "simulate", "specs_of"]
 
 HIDDEN = (50, 50)
+BEHIND_ANGLES, PARTS = (
+    (48, 48),
+    256,
+)  # of the proven network: hidden layers behind one of the joints' angles; parts with thresholds of their own
 CELLS_OF_BOXES = 24  # a side, of the grid that a hierarchy of boxes is made of
 BUDGET = 420.0  # seconds a network
 SPECS: dict[str, FitSpec] = {
     "aabb": FitSpec("aabb", query="box"),
     "bvh": FitSpec("bvh", query="box", options={"hidden": HIDDEN}, resolution=CELLS_OF_BOXES, kept=True),
     "learned-kdop": FitSpec("learned-kdop", query="box", budget=10.0),
-    "mlp": FitSpec("mlp", budget=BUDGET, options={"hidden": HIDDEN}),
+    "mlp": FitSpec("mlp", budget=BUDGET, options={"hidden": BEHIND_ANGLES, "thresholds": PARTS}),
     "occupancy": FitSpec("occupancy", budget=60.0, options={"hidden": HIDDEN}),
 }
 SHOWN = ("planar-3", "planar-4")  # cells whose bounders come with the demo
@@ -42,6 +46,17 @@ WARM_UP = 50
 COLUMNS = {"fewer": "fewer", "solved": "solved", "collisions": "collide"}
 
 
+def specs_of(shape: wb.arms.ArmConfigurations, specs: dict[str, FitSpec] = SPECS) -> dict[str, FitSpec]:
+    """Specs for one arm: the proven network begins with a layer of sines and cosines of the arm's angles."""
+    hidden = (2 * len(shape.arm.angles), *BEHIND_ANGLES)
+    return {
+        name: replace(spec, options=spec.options | {"hidden": hidden})
+        if spec.options.get("hidden") == BEHIND_ANGLES
+        else spec
+        for name, spec in specs.items()
+    }
+
+
 def places(names: tuple[str, ...] = SHOWN) -> list[Workplace]:
     """The cells that the demo plans in."""
     return [Workplace(CELLS[name]) for name in names]
@@ -50,6 +65,9 @@ def places(names: tuple[str, ...] = SHOWN) -> list[Workplace]:
 def shapes() -> dict[str, wb.arms.ArmConfigurations]:
     """Their colliding configurations, by the name under which bounders lie."""
     return {place.scene: place.shape for place in places()}
+
+
+SCENE_SPECS = {scene: specs_of(shape) for scene, shape in shapes().items()}
 
 
 class Example(Roadmap):
@@ -87,6 +105,26 @@ class Demo(base.Demo):
         self.places = places()
         self.steps, self.shape = 1, ", ".join(place.name for place in self.places)
         return {place.scene: place.shape for place in self.places}
+
+    def fit(self, shapes: dict[str, wb.arms.ArmConfigurations]) -> dict[str, dict[str, wb.Bounder]]:
+        """See ``sims.base.Demo``; each arm has specs of its own."""
+        whose = (
+            None
+            if self.bounder_file is None
+            else owner(self.bounder_file, shapes, self.specs["mlp"]) or next(iter(shapes))
+        )
+        found = {
+            scene: bounders_of(
+                scene,
+                shape,
+                specs_of(shape, self.specs),
+                file=self.bounder_file if scene == whose else None,
+                device=self.device,
+                **self.fits,
+            )
+            for scene, shape in shapes.items()
+        }
+        return {method: {scene: found[scene][method] for scene in shapes} for method in self.specs}
 
     def simulate(self) -> tuple[list[Run], str, dict[str, str]]:
         runs, self.examples = [], {}

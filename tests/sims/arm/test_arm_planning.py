@@ -28,7 +28,10 @@ def place():
 @pytest.fixture(scope="module")
 def bounders(place):
     own = {"bvh": {"leaves": 24}, "learned-kdop": {"steps": 20}}
-    own |= {name: {"hidden": (16, 16), "steps": 120} for name in ("mlp", "occupancy")}
+    own |= {
+        "mlp": {"hidden": (4, 12, 12), "steps": 200, "thresholds": 16},
+        "occupancy": {"hidden": (16, 16), "steps": 120},
+    }
     made = {}
     for name, spec in SPECS.items():
         told = {"query": spec.query, "method": spec.method, "resolution": spec.resolution} | own.get(name, {})
