@@ -24,9 +24,8 @@ from warp_bounding.training.samples.base import Samples
 
 __all__ = ["NetworkTrainer"]
 
-WAVE_DECAY = (
-    0.03  # of a network that begins with the waves of its shape: one layer more makes f bend more, and its proof longer
-)
+# Of a network that begins with the waves of its shape: one layer more makes f bend more, and its proof longer.
+WAVE_DECAY = 0.1
 
 
 class NetworkTrainer:
