@@ -57,8 +57,8 @@ def test_a_broken_promise_is_status_1(asked, capsys, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["dancing"], "demo must be one of particles, cloth, path, shadows, digits, got dancing"),
-        ([], "demo must be one of particles, cloth, path, shadows, digits, got none"),
+        (["dancing"], "demo must be one of particles, cloth, path, shadows, digits, arm, got dancing"),
+        ([], "demo must be one of particles, cloth, path, shadows, digits, arm, got none"),
         (["cloth", "--assets", "folder"], "--assets writes meshes and runs no demo, got 'cloth' too"),
         (["particles", "--world", "maze.png"], "demo particles has no option --world"),
         (["path", "--steps", "3"], "demo path has no option --steps"),
@@ -102,11 +102,12 @@ def test_every_demo_has_its_parts(name):
     module = import_module(f"sims.{name}")
     assert callable(module.run)
     assert all(callable(getattr(module.Example, part)) for part in ("step", "render", "test_final"))
-    kinds = {"path": wb.IndicatorGrid, "particles": wb.IndicatorMotion}
+    kinds = {"path": wb.IndicatorGrid, "particles": wb.IndicatorMotion, "arm": wb.arms.ArmConfigurations}
     kind = (kinds | {"digits": wb.IndicatorNetwork | wb.IndicatorFunction}).get(name, wb.IndicatorMesh)
     assert all(isinstance(shape, kind) for shape in module.shapes().values())
-    assert name in ("path", "digits") or all(shape.margin > 0 for shape in module.shapes().values())
-    methods = {"mlp", "occupancy"} if name == "digits" else {"aabb", "mlp", "mlp-early", "learned-kdop", "occupancy"}
+    assert name in ("path", "digits", "arm") or all(shape.margin > 0 for shape in module.shapes().values())
+    methods = {"mlp", "occupancy"} | (set() if name == "digits" else {"aabb", "learned-kdop"})
+    methods |= set() if name in ("digits", "arm") else {"mlp-early"}
     assert methods <= set(module.SPECS)
 
 
