@@ -185,13 +185,16 @@ run = Demo.run
 
 
 def phases(bounders: dict[str, wb.Bounder]) -> dict[str, BroadPhase]:
-    """The broad phases of a cell's bounders, and the cascade of boxes and the network."""
+    """The broad phases of a cell's bounders, and the cascade of boxes and the network.
+
+    Edges that one bound does not clear are not halved: to ask the network at the configurations that would be checked is cheaper, and clears more.
+    """
     made: dict[str, BroadPhase] = {}
     for name, bounder in bounders.items():
         if not bounder.conservative:
             made[name] = Samples(bounder, [1 / STEP] * bounder.ndim, 1.0)
         else:
-            made[name] = (Boxes if bounder.query_kind == "box" else Segments)(bounder)
+            made[name] = Boxes(bounder) if bounder.query_kind == "box" else Segments(bounder, halvings=0)
     if {"learned-kdop", "mlp"} <= made.keys():
         made["learned-kdop+mlp"] = First(made["learned-kdop"], made["mlp"])
     if "occupancy" in made:

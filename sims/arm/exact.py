@@ -11,7 +11,7 @@ import numpy as np
 import warp_bounding as wb
 from sims.arm.meshes import MeshModel
 from sims.arm.workplace import Workplace
-from sims.planning.roadmap import Exact
+from sims.planning.roadmap import Cleared, Exact
 
 __all__ = ["STEP", "Hulls", "Meshes", "Stepped"]
 
@@ -40,8 +40,8 @@ class Stepped(Exact):
         self.checks += len(x)
         return self.hits(x.astype(np.float64)) if len(x) else np.zeros(0, dtype=bool)
 
-    def segments(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        """Which edges collide at a configuration along them; one of no length is its state.
+    def segments(self, starts: np.ndarray, ends: np.ndarray, cleared: Cleared | None = None) -> np.ndarray:
+        """Which edges collide at a configuration along them; one of no length is its state. Configurations that the broad phase clears are not checked.
 
         Raises:
             QueryError: For another shape or dtype, or numbers that are not finite.
@@ -60,8 +60,13 @@ class Stepped(Exact):
                 asked = asked[~hit[asked]]
                 if not len(asked):
                     break
-                self.checks += len(asked)
-                hit[asked] = self.hits(begin[asked] + (odd / 2**level) * way[asked])
+                x, rows = begin[asked] + (odd / 2**level) * way[asked], asked
+                if cleared is not None:
+                    left = ~cleared(x)
+                    x, rows = x[left], rows[left]
+                self.checks += len(rows)
+                if len(rows):
+                    hit[rows] = self.hits(x)
         return hit
 
     def _checked(self, x: np.ndarray) -> np.ndarray:

@@ -166,12 +166,13 @@ class ExactWorld(Exact):
         """
         return self._launch(meet_states, [self._checked(x)]) == HIT
 
-    def segments(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    def segments(self, starts: np.ndarray, ends: np.ndarray, cleared=None) -> np.ndarray:
         """Which closed segments collide: ``(N,)`` bool.
 
         Args:
             starts: ``(N, 2)`` float32, object space.
             ends: ``(N, 2)`` float32.
+            cleared: Not asked: a segment is decided as a whole.
 
         Raises:
             QueryError: For another shape or dtype, or numbers that are not finite or a billion cells away.

@@ -146,10 +146,14 @@ class Boxes(BroadPhase):
 
 
 class Segments(_OfPoints):
-    """A network of points, and proofs along whole edges."""
+    """A network of points, and proofs along whole edges, which are halved ``halvings`` times at most."""
+
+    def __init__(self, bounder: wb.Bounder, halvings: int = NETWORK_HALVINGS):
+        super().__init__(bounder)
+        self.halvings = halvings
 
     def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        return wb.clear_segments(self.bounder, starts, ends, depth=NETWORK_HALVINGS)
+        return wb.clear_segments(self.bounder, starts, ends, depth=self.halvings)
 
 
 class Marching(BroadPhase):

@@ -10,6 +10,7 @@ What this does not do: choose edges lazily or smooth paths; all edges of the roa
 
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,7 +19,7 @@ import numpy as np
 from sims import base
 from sims.planning.broad import FREE, HIT, MAYBE, BroadPhase
 
-__all__ = ["NEIGHBOURS", "Exact", "Place", "Roadmap"]
+__all__ = ["NEIGHBOURS", "Cleared", "Exact", "Place", "Roadmap"]
 
 NEIGHBOURS = 12  # that a state is connected with
 
@@ -45,6 +46,9 @@ class Place(ABC):
         """``(N, n)`` float64, states in the coordinates in which lengths are told."""
 
 
+Cleared = Callable[[np.ndarray], np.ndarray]
+
+
 class Exact(ABC):
     """The narrow phase of a planner.
 
@@ -59,8 +63,14 @@ class Exact(ABC):
         """Which states ``(N, n)`` float32 collide: ``(N,)`` bool."""
 
     @abstractmethod
-    def segments(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        """Which edges between states ``(N, n)`` float32 collide: ``(N,)`` bool."""
+    def segments(self, starts: np.ndarray, ends: np.ndarray, cleared: Cleared | None = None) -> np.ndarray:
+        """Which edges between states collide: ``(N,)`` bool.
+
+        Args:
+            starts: ``(N, n)`` float32.
+            ends: ``(N, n)`` float32.
+            cleared: What the broad phase says of states along edges, ``(K, n)`` float64: those that need no check. For those who check edges state by state.
+        """
 
 
 @dataclass
@@ -143,13 +153,24 @@ class Roadmap(base.Example):
         if self.broad is not None:
             answers = self.broad.classify(starts, ends)
         left = np.flatnonzero(answers == MAYBE)
-        middle, before = time.perf_counter(), self.exact.checks
-        hits = self.exact.states(starts[left]) if ends is None else self.exact.segments(starts[left], ends[left])
+        middle, before, asking = time.perf_counter(), self.exact.checks, 0.0
+
+        def cleared(x: np.ndarray) -> np.ndarray:
+            nonlocal asking
+            begun = time.perf_counter()
+            found = self.broad.states(x)
+            asking += time.perf_counter() - begun
+            return found
+
+        if ends is None:
+            hits = self.exact.states(starts[left])
+        else:
+            hits = self.exact.segments(starts[left], ends[left], cleared if self.broad is not None else None)
         free = answers == FREE
         free[left] = ~hits
         end = time.perf_counter()
-        self._spent[0] += middle - start if self.broad is not None else 0.0
-        self._spent[1] += end - middle if self.broad is not None else end - start
+        self._spent[0] += middle - start + asking if self.broad is not None else 0.0
+        self._spent[1] += end - middle - asking if self.broad is not None else end - start
         self.checks += self.exact.checks - before
         self._batches.append(_Batch(starts, starts if ends is None else ends, answers))
         return free

@@ -98,6 +98,23 @@ def test_edges_stop_at_the_first_collision_and_do_not_miss_one(place, rng):
     assert exact.checks < sum(np.linalg.norm(b - a, axis=1)) / STEP
 
 
+def test_what_is_cleared_along_an_edge_is_not_checked(place, rng):
+    a, b = place.draw(200, rng), place.draw(200, rng)
+    whole, part, none = Hulls(place), Hulls(place), Hulls(place)
+    hit, asked = whole.segments(a, b), []
+
+    def cleared(x):
+        asked.append(len(x))
+        free = ~place.shape.contains(x)
+        free[::2] = False
+        return free
+
+    assert (part.segments(a, b, cleared) == hit).all()
+    assert part.checks < 0.8 * whole.checks == 0.8 * sum(asked)
+    assert not none.segments(a, b, lambda x: np.ones(len(x), bool)).any()
+    assert none.checks == 0
+
+
 def test_mistakes(place):
     exact = Hulls(place)
     for x in (np.zeros((3, 2)), np.zeros((3, 3), np.float32), np.full((1, 2), np.nan, np.float32)):
