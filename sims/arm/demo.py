@@ -34,7 +34,7 @@ SPECS: dict[str, FitSpec] = {
     "aabb": FitSpec("aabb", query="box"),
     "bvh": FitSpec("bvh", query="box", options={"hidden": HIDDEN}, resolution=CELLS_OF_BOXES, kept=True),
     "learned-kdop": FitSpec("learned-kdop", query="box", budget=10.0),
-    "mlp": FitSpec("mlp", budget=BUDGET, options={"hidden": BEHIND_ANGLES, "thresholds": PARTS}),
+    "mlp": FitSpec("mlp", budget=BUDGET, options={"hidden": HIDDEN}),
     "occupancy": FitSpec("occupancy", budget=60.0, options={"hidden": HIDDEN}),
 }
 SHOWN = ("planar-3", "planar-4")  # cells whose bounders come with the demo
@@ -47,14 +47,11 @@ COLUMNS = {"fewer": "fewer", "solved": "solved", "collisions": "collide"}
 
 
 def specs_of(shape: wb.arms.ArmConfigurations, specs: dict[str, FitSpec] = SPECS) -> dict[str, FitSpec]:
-    """Specs for one arm: the proven network begins with a layer of sines and cosines of the arm's angles."""
-    hidden = (2 * len(shape.arm.angles), *BEHIND_ANGLES)
-    return {
-        name: replace(spec, options=spec.options | {"hidden": hidden})
-        if spec.options.get("hidden") == BEHIND_ANGLES
-        else spec
-        for name, spec in specs.items()
-    }
+    """Specs for one arm: of many joints the proven network begins with a layer of sines and cosines of the arm's angles."""
+    if shape.ndim <= FEW_JOINTS:
+        return specs
+    angles = {"hidden": (2 * len(shape.arm.angles), *BEHIND_ANGLES), "thresholds": PARTS}
+    return specs | {"mlp": replace(specs["mlp"], options=specs["mlp"].options | angles)}
 
 
 def places(names: tuple[str, ...] = SHOWN) -> list[Workplace]:
