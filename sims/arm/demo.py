@@ -24,10 +24,9 @@ from sims.report import Run
 __all__ = ["SCENE_SPECS", "SPECS", "Demo", "Example", "phases", "places", "run", "shapes", "simulate", "specs_of"]
 
 HIDDEN = (50, 50)
-BEHIND_ANGLES, PARTS = (
-    (48, 48),
-    256,
-)  # of the proven network: hidden layers behind one of the joints' angles; parts with thresholds of their own
+# Of the proven network of four joints on: hidden layers behind one of the joints' angles; parts with thresholds of their own.
+BEHIND_ANGLES, PARTS = (48, 48), 256
+FEW_JOINTS = 3  # up to so many, two layers and one threshold are tighter in the same time, since their proof ends
 CELLS_OF_BOXES = 24  # a side, of the grid that a hierarchy of boxes is made of
 BUDGET = 420.0  # seconds a network
 SPECS: dict[str, FitSpec] = {
