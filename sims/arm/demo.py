@@ -28,12 +28,12 @@ HIDDEN = (50, 50)
 BEHIND_ANGLES, PARTS = (48, 48), 256
 FEW_JOINTS = 3  # up to so many, two layers and one threshold are tighter in the same time, since their proof ends
 CELLS_OF_BOXES = 24  # a side, of the grid that a hierarchy of boxes is made of
-BUDGET = 420.0  # seconds a network
+BUDGETS = (240.0, 420.0)  # seconds a network, of few joints and of more
 SPECS: dict[str, FitSpec] = {
     "aabb": FitSpec("aabb", query="box"),
     "bvh": FitSpec("bvh", query="box", options={"hidden": HIDDEN}, resolution=CELLS_OF_BOXES, kept=True),
     "learned-kdop": FitSpec("learned-kdop", query="box", budget=10.0),
-    "mlp": FitSpec("mlp", budget=BUDGET, options={"hidden": HIDDEN}),
+    "mlp": FitSpec("mlp", budget=BUDGETS[0], options={"hidden": HIDDEN}),
     "occupancy": FitSpec("occupancy", budget=60.0, options={"hidden": HIDDEN}),
 }
 SHOWN = ("planar-3", "planar-4")  # cells whose bounders come with the demo
@@ -50,7 +50,7 @@ def specs_of(shape: wb.arms.ArmConfigurations, specs: dict[str, FitSpec] = SPECS
     if shape.ndim <= FEW_JOINTS:
         return specs
     angles = {"hidden": (2 * len(shape.arm.angles), *BEHIND_ANGLES), "thresholds": PARTS}
-    return specs | {"mlp": replace(specs["mlp"], options=specs["mlp"].options | angles)}
+    return specs | {"mlp": replace(specs["mlp"], budget=BUDGETS[1], options=specs["mlp"].options | angles)}
 
 
 def places(names: tuple[str, ...] = SHOWN) -> list[Workplace]:
