@@ -94,7 +94,7 @@ def fit(
             ``False`` nothing. Ctrl-C ends training; the best network so far is then proven.
         **options: The method's own (``METHODS[method].options``); an option that no part of a cascade takes is refused.
             ``hidden``: widths of an mlp's hidden layers, ``(50, 50)``; of a bvh, which has as many leaves as take the
-            memory of such a network.
+            memory of such a network. Of an arm's configurations ``(2 K, 48, 48)`` begins with sines and cosines of its K angles.
             ``activation``: ``"sin"``, ``"relu"`` or ``"tanh"`` for an mlp; a monotone-mlp takes tanh in place of sin.
             ``octaves``: of an mlp's positional encoding; 0 for none, 4 as in the paper's supplement.
             ``recipe``: of an mlp's training, ``"default"`` or ``"paper"``.
