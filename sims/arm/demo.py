@@ -16,7 +16,7 @@ from sims.arm.pictures import draw, draw_one
 from sims.arm.robots import CELLS
 from sims.arm.workplace import Workplace
 from sims.drawing import Drawn
-from sims.planning.broad import Boxes, BroadPhase, First, Samples, Segments
+from sims.planning.broad import BroadPhase, First, Samples, Segments
 from sims.planning.roadmap import Roadmap
 from sims.prefitted import FitSpec, bounders_of, owner
 from sims.report import Run
@@ -27,17 +27,18 @@ HIDDEN = (50, 50)
 # Of the proven network of four joints on: hidden layers behind one of the joints' angles; parts with thresholds of their own.
 BEHIND_ANGLES, PARTS = (48, 48), 256
 FEW_JOINTS = 3  # up to so many, two layers and one threshold are tighter in the same time, since their proof ends
-CELLS_OF_BOXES = 24  # a side, of the grid that a hierarchy of boxes is made of
+CELLS_OF_BOXES = (64, 32)  # a side, of the grid that a hierarchy of boxes is made of; of few joints and of more
 BUDGETS = (240.0, 420.0)  # seconds a network, of few joints and of more
 SPECS: dict[str, FitSpec] = {
-    "aabb": FitSpec("aabb", query="box"),
-    "bvh": FitSpec("bvh", query="box", options={"hidden": HIDDEN}, resolution=CELLS_OF_BOXES, kept=True),
-    "learned-kdop": FitSpec("learned-kdop", query="box", budget=10.0),
+    "aabb": FitSpec("aabb"),
+    "bvh": FitSpec("bvh", options={"hidden": HIDDEN}, resolution=CELLS_OF_BOXES[0], kept=True),
+    "learned-kdop": FitSpec("learned-kdop", budget=10.0),
     "mlp": FitSpec("mlp", budget=BUDGETS[0], options={"hidden": HIDDEN}),
     "occupancy": FitSpec("occupancy", budget=60.0, options={"hidden": HIDDEN}),
 }
 SHOWN = ("planar-3", "planar-4")  # cells whose bounders come with the demo
 MESHED = "planar-4"  # the one that is planned with meshes, too
+MARCHED = 5  # the logarithm of the steps that a march along an edge may take
 STATES, PROBLEMS = (4000, 600), (100, 10)  # full, quick
 MESH_STATES = (1500, 200)  # of the roadmap with meshes
 REPEATS = (2, 1)
@@ -50,7 +51,8 @@ def specs_of(shape: wb.arms.ArmConfigurations, specs: dict[str, FitSpec] = SPECS
     if shape.ndim <= FEW_JOINTS:
         return specs
     angles = {"hidden": (2 * len(shape.arm.angles), *BEHIND_ANGLES), "thresholds": PARTS}
-    return specs | {"mlp": replace(specs["mlp"], budget=BUDGETS[1], options=specs["mlp"].options | angles)}
+    boxes = {"bvh": replace(specs["bvh"], resolution=CELLS_OF_BOXES[1])}
+    return specs | boxes | {"mlp": replace(specs["mlp"], budget=BUDGETS[1], options=specs["mlp"].options | angles)}
 
 
 def places(names: tuple[str, ...] = SHOWN) -> list[Workplace]:
@@ -183,14 +185,14 @@ run = Demo.run
 def phases(bounders: dict[str, wb.Bounder]) -> dict[str, BroadPhase]:
     """The broad phases of a cell's bounders, and the cascade of boxes and the network.
 
-    Edges that one bound does not clear are not halved: to ask the network at the configurations that would be checked is cheaper, and clears more.
+    Along edges volumes march by their distance. Edges that one bound of a network does not clear are not halved: to ask the network at the configurations that would be checked is cheaper, and clears more.
     """
     made: dict[str, BroadPhase] = {}
     for name, bounder in bounders.items():
         if not bounder.conservative:
             made[name] = Samples(bounder, [1 / STEP] * bounder.ndim, 1.0)
         else:
-            made[name] = Boxes(bounder) if bounder.query_kind == "box" else Segments(bounder, halvings=0)
+            made[name] = Segments(bounder, halvings=0 if name == "mlp" else MARCHED)
     if {"learned-kdop", "mlp"} <= made.keys():
         made["learned-kdop+mlp"] = First(made["learned-kdop"], made["mlp"])
     if "occupancy" in made:
