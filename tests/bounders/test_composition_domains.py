@@ -14,7 +14,7 @@ from safetensors import safe_open
 import warp_bounding as wb
 from warp_bounding.bounders.composition.composition import Composition
 from warp_bounding.bounders.composition.moves import common_domain, moves_of
-from warp_bounding.bounders.file_format import _digest
+from warp_bounding.bounders.file_format import digest_of
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.errors import BounderError, FileFormatError
 from warp_bounding.kernels.functions import batch_kernel
@@ -183,7 +183,7 @@ def edited(path, change):
         tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
         document = json.loads(file.metadata()["warp_bounding"])["bounder"]
     change(document)
-    text = json.dumps({"sha256": _digest(tensors, document), "bounder": document})
+    text = json.dumps({"sha256": digest_of(tensors, document), "bounder": document})
     raw = path.read_bytes()
     size = struct.unpack("<Q", raw[:8])[0]
     header = json.loads(raw[8 : 8 + size])

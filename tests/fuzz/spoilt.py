@@ -37,7 +37,7 @@ class File:
 
     def write(self, path: Path) -> None:
         """With a digest that fits."""
-        entry = json.dumps({"sha256": file_format._digest(self.tensors, self.document), "bounder": self.document})
+        entry = json.dumps({"sha256": file_format.digest_of(self.tensors, self.document), "bounder": self.document})
         path.write_bytes(safetensors.numpy.save(self.tensors, metadata={file_format.KEY: entry}))
 
     def agree(self, rng: np.random.Generator, cells: int) -> None:

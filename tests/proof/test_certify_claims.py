@@ -29,7 +29,7 @@ def edited(path, change):
     tensors, entry = file_format._read(path)
     document = json.loads(entry)["bounder"]
     change(document)
-    entry = json.dumps({"sha256": file_format._digest(tensors, document), "bounder": document})
+    entry = json.dumps({"sha256": file_format.digest_of(tensors, document), "bounder": document})
     path.write_bytes(file_format.safetensors.numpy.save(tensors, metadata={file_format.KEY: entry}))
     return path
 

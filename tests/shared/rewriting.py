@@ -16,7 +16,7 @@ def rewrite(path, change, tensors=None):
     with safetensors.safe_open(path, framework="numpy") as file:
         document = json.loads(file.metadata()[file_format.KEY])["bounder"]
     change(document)
-    entry = json.dumps({"sha256": file_format._digest(held, document), "bounder": document})
+    entry = json.dumps({"sha256": file_format.digest_of(held, document), "bounder": document})
     path.write_bytes(safetensors.numpy.save(held, metadata={file_format.KEY: entry}))
 
 
