@@ -30,7 +30,7 @@ FEW_JOINTS = 3  # up to so many, two layers and one threshold are tighter in the
 CELLS_OF_BOXES = (64, 32)  # a side, of the grid that a hierarchy of boxes is made of; of few joints and of more
 BUDGETS = (240.0, 420.0)  # seconds a network, of few joints and of more
 SPECS: dict[str, FitSpec] = {
-    "aabb": FitSpec("aabb"),
+    "aabb": FitSpec("aabb", kept=True),
     "bvh": FitSpec("bvh", options={"hidden": HIDDEN}, resolution=CELLS_OF_BOXES[0], kept=True),
     "learned-kdop": FitSpec("learned-kdop", budget=10.0),
     "mlp": FitSpec("mlp", budget=BUDGETS[0], options={"hidden": HIDDEN}),
@@ -39,8 +39,8 @@ SPECS: dict[str, FitSpec] = {
 SHOWN = ("planar-3", "planar-4")  # cells whose bounders come with the demo
 MESHED = "planar-4"  # the one that is planned with meshes, too
 MARCHED = 5  # the logarithm of the steps that a march along an edge may take
-STATES, PROBLEMS = (4000, 600), (100, 10)  # full, quick
-MESH_STATES = (1500, 200)  # of the roadmap with meshes
+STATES, PROBLEMS = (4000, 250), (100, 8)  # full, quick
+MESH_STATES = (1500, 120)  # of the roadmap with meshes
 REPEATS = (2, 1)
 WARM_UP = 50
 COLUMNS = {"fewer": "fewer", "solved": "solved", "collisions": "collide"}
@@ -81,8 +81,8 @@ class Demo(base.Demo):
     """Planning for arms; see ``sims.arm`` and ``sims.base.Demo``. The only step plans everything in a cell.
 
     Attributes:
-        states: Random configurations of a roadmap; 4,000, or 600 if quick. With meshes 1,500, or 200.
-        problems: Problems a cell; 100, or 10 if quick.
+        states: Random configurations of a roadmap; 4,000, or 250 if quick. With meshes 1,500, or 120.
+        problems: Problems a cell; 100, or 8 if quick.
     """
 
     states: int | None = None
