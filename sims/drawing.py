@@ -25,6 +25,7 @@ __all__ = [
     "draw_with",
     "panels",
     "polygons",
+    "save_figure",
     "upright",
     "with_palette",
     "write",
@@ -92,6 +93,17 @@ def with_palette(image, colours: int = COLOURS):
     from PIL import Image
 
     return image.convert("RGB").quantize(colours, Image.Quantize.MAXCOVERAGE, kmeans=2, dither=Image.Dither.NONE)
+
+
+def save_figure(figure, path: Path, dpi: int, colours: int = COLOURS) -> Path:
+    """Write a matplotlib figure, drawn on an Agg canvas, as a PNG file with a palette; its folder is made if there is none."""
+    from PIL import Image
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.set_dpi(dpi)
+    figure.canvas.draw()
+    with_palette(Image.fromarray(np.asarray(figure.canvas.buffer_rgba())), colours).save(path, optimize=True)
+    return path
 
 
 def _windows() -> list[dict[str, str]]:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from warp_bounding.paper.columns import CASCADE, COLUMNS, DISTANCE, PAPER, VARIANTS
+from warp_bounding.paper.columns import CASCADE, COLUMNS, DISTANCE, LOCAL, PAPER, VARIANTS
 from warp_bounding.paper.pages.means import Means
 from warp_bounding.paper.rows import Row
 
@@ -132,6 +132,13 @@ def test_what_is_said_of_distances_in_table1(rows):
     seconds = {n: [row.proof_seconds for row in own if row.dimension == n] for n in (3, 4)}
     told = f"3D in {min(seconds[3]):.0f} to {max(seconds[3]):.0f} s and 4D in up to {max(seconds[4]):.0f}"
     assert told in PROSE
+    rays = [row for row in rows if (row.dimension, row.query, row.protocol) == (3, "ray", "exact")]
+    one, many = ([row for row in rays if row.method == method and row.leaves is None] for method in ("mlp", LOCAL))
+    means = [sum(row.fp_rate for row in own) / len(own) for own in (one, many)]
+    assert len(one) == len(many) == 9
+    assert f"takes the network's {means[0]:.2f} % in 3D to {means[1]:.2f}" in PROSE
+    assert "only one of nine proofs ends in time then" in PROSE
+    assert [row.certificate for row in many].count("proven") == 1
 
 
 def test_what_is_said_of_table1(rows):

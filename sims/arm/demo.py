@@ -7,7 +7,7 @@ Pinocchio are installed, triangle meshes too, by the same bounders.
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import warp_bounding as wb
 from sims import base
@@ -17,6 +17,7 @@ from sims.arm.robots import CELLS
 from sims.arm.workplace import Workplace
 from sims.drawing import Drawn
 from sims.planning.broad import BroadPhase, First, Samples, Segments
+from sims.planning.demo import PlanningDemo
 from sims.planning.roadmap import Roadmap
 from sims.prefitted import FitSpec, bounders_of, owner
 from sims.report import Run
@@ -43,7 +44,6 @@ STATES, PROBLEMS = (4000, 250), (100, 8)  # full, quick
 MESH_STATES = (1500, 120)  # of the roadmap with meshes
 REPEATS = (2, 1)
 WARM_UP = 50
-COLUMNS = {"fewer": "fewer", "solved": "solved", "collisions": "collide"}
 
 
 def specs_of(shape: wb.arms.ArmConfigurations, specs: dict[str, FitSpec] = SPECS) -> dict[str, FitSpec]:
@@ -77,7 +77,7 @@ class Example(Roadmap):
 
 
 @dataclass
-class Demo(base.Demo):
+class Demo(PlanningDemo):
     """Planning for arms; see ``sims.arm`` and ``sims.base.Demo``. The only step plans everything in a cell.
 
     Attributes:
@@ -85,21 +85,13 @@ class Demo(base.Demo):
         problems: Problems a cell; 100, or 8 if quick.
     """
 
-    states: int | None = None
-    problems: int | None = None
-    device: str = "cpu"
-
     NAME = "arm"
     SPECS = SPECS
-    SAMPLES = (200_000, 20_000)
-    CALLS = "checks"
-    MISSED = "colliding states and edges"
+    SIZES: ClassVar = {"states": STATES, "problems": PROBLEMS}
 
     def set_up(self) -> dict[str, wb.arms.ArmConfigurations]:
         self.mesh_states = MESH_STATES[self.quick] if self.states is None else self.states
-        self.choose(states=STATES, problems=PROBLEMS)
-        if self.states < 2 or self.problems < 1:
-            raise wb.BoundingError(f"expected at least 2 states and 1 problem, got {self.states} and {self.problems}")
+        self.choose_sizes()
         self.places = places()
         self.steps, self.shape = 1, ", ".join(place.name for place in self.places)
         return {place.scene: place.shape for place in self.places}
@@ -138,7 +130,7 @@ class Demo(base.Demo):
                 runs += base.compare(examples, own, self.rows[place.scene], section)
                 self.examples[section] = examples
         title = f"exact checks of configurations, at most {100 * STEP:g} cm apart along edges"
-        return runs, title, COLUMNS
+        return runs, title, self.COLUMNS
 
     def tell(self, runs: list[Run]) -> None:
         """What is saved, what is solved, and what a check costs."""

@@ -10,7 +10,7 @@ import numpy as np
 
 import warp_bounding as wb
 from sims.arm.workplace import Workplace
-from sims.drawing import INK, with_palette
+from sims.drawing import INK, save_figure
 from sims.planning.roadmap import Roadmap
 
 __all__ = ["draw", "draw_one", "longest_path", "shapes_at", "slice_of"]
@@ -56,7 +56,7 @@ def draw(
         middle = pair[0].states[0] if problem is None else _middle(pair[0].paths[problem])
         _slice(axes[row][2], pair[0].world, own, names, middle)
     _legend(figure, names)
-    return _save(figure, Path(folder), "arm.png")
+    return save_figure(figure, Path(folder) / "arm.png", DPI, COLOURS)
 
 
 def draw_one(example: Roadmap, folder: Path) -> Path:
@@ -65,7 +65,7 @@ def draw_one(example: Roadmap, folder: Path) -> Path:
     _cell(axes[0][0], example.world)
     _path(axes[0][0], example, longest_path(example, example), PROVEN)
     axes[0][0].set_title(f"{example.solved} of {len(example.problems)} problems solved", loc="left", fontsize=10)
-    return _save(figure, Path(folder), f"{example.world.scene}.png")
+    return save_figure(figure, Path(folder) / f"{example.world.scene}.png", DPI, COLOURS)
 
 
 def longest_path(example: Roadmap, other: Roadmap) -> int | None:
@@ -196,13 +196,3 @@ def _legend(figure, names: tuple[str, str]) -> None:
         Patch(facecolor=COLLISION, label="collision"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=9)
-
-
-def _save(figure, folder: Path, name: str) -> Path:
-    from PIL import Image
-
-    folder.mkdir(parents=True, exist_ok=True)
-    figure.set_dpi(DPI)
-    figure.canvas.draw()
-    with_palette(Image.fromarray(np.asarray(figure.canvas.buffer_rgba())), COLOURS).save(folder / name, optimize=True)
-    return folder / name

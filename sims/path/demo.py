@@ -6,7 +6,7 @@ holds the world's digest, so that they are used again for the very same cells on
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from rich.markup import escape
 
@@ -19,6 +19,7 @@ from sims.path.planner import Example
 from sims.path.report import described, price, solved
 from sims.path.worlds import World, generated, worlds_at
 from sims.planning.broad import Boxes, BroadPhase, First, Marching, Samples, Segments, TwoSided
+from sims.planning.demo import PlanningDemo
 from sims.prefitted import FitSpec, bounders_of, owner, stored
 from sims.report import Run
 
@@ -47,7 +48,6 @@ STATES, PROBLEMS = (4000, 2500), (200, 40)  # full, quick
 REPEATS = (3, 1)  # of a run, for its time
 WARM_UP = 300  # states of the run that loads kernels outside the timed part
 WIDE = 116  # columns of a terminal, where the table has room for more than all demos' tables have
-COLUMNS = {"fewer": "fewer", "solved": "solved", "collisions": "collide"}
 
 
 def shapes(device: str = "cpu") -> dict[str, wb.IndicatorGrid]:
@@ -56,7 +56,7 @@ def shapes(device: str = "cpu") -> dict[str, wb.IndicatorGrid]:
 
 
 @dataclass
-class Demo(base.Demo):
+class Demo(PlanningDemo):
     """Planning in 2D worlds; see ``sims.path`` and ``sims.base.Demo``. The only step plans everything in a world.
 
     Attributes:
@@ -66,20 +66,12 @@ class Demo(base.Demo):
     """
 
     world: str | Path | None = None
-    states: int | None = None
-    problems: int | None = None
-    device: str = "cpu"
-
     NAME = "path"
     SPECS = SPECS
-    SAMPLES = (200_000, 20_000)
-    CALLS = "checks"
-    MISSED = "colliding states and edges"
+    SIZES: ClassVar = {"states": STATES, "problems": PROBLEMS}
 
     def set_up(self) -> dict[str, wb.IndicatorGrid]:
-        self.choose(states=STATES, problems=PROBLEMS)
-        if self.states < 2 or self.problems < 1:
-            raise wb.BoundingError(f"expected at least 2 states and 1 problem, got {self.states} and {self.problems}")
+        self.choose_sizes()
         if self.budget is not None and not self.budget > 0:
             raise wb.BoundingError(f"budget must be a positive number of seconds, got {self.budget}")
         self.worlds = generated() if self.world is None else worlds_at(self.world)
@@ -118,7 +110,7 @@ class Demo(base.Demo):
             runs += base.compare(examples, own, self.rows[world.scene], section)
             self.examples.append(examples)
         about = f"{self.states:,} random states and {examples['none'].neighbours} neighbours each"
-        return runs, f"{about}: exact checks of states and edges", COLUMNS if self.console.width >= WIDE else {}
+        return runs, f"{about}: exact checks of states and edges", self.COLUMNS if self.console.width >= WIDE else {}
 
     def tell(self, runs: list[Run]) -> None:
         """What collides, what is saved, what is solved, and whether it pays."""

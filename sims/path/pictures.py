@@ -10,7 +10,7 @@ import numpy as np
 
 import warp_bounding as wb
 from sims.base import Example
-from sims.drawing import INK, with_palette
+from sims.drawing import INK, save_figure
 
 __all__ = ["draw", "draw_one", "worst_path"]
 
@@ -60,7 +60,7 @@ def draw(
             if problem is not None and column == 1 and collided:
                 _close_up(ax, example, bounder, problem)
     _legend(figure, names)
-    return _save(figure, Path(folder), "path.png")
+    return save_figure(figure, Path(folder) / "path.png", DPI, COLOURS)
 
 
 def draw_one(example: Example, folder: Path) -> Path:
@@ -75,7 +75,7 @@ def draw_one(example: Example, folder: Path) -> Path:
     solved = np.flatnonzero(np.isfinite(example.lengths))
     _path(ax, example, solved[np.argmax(example.lengths[solved])] if len(solved) else None, PROVEN)
     ax.set_title(f"{example.world.name}: {example.solved} of {len(example.problems)} problems solved", loc="left")
-    return _save(figure, Path(folder), f"{example.world.scene}.png")
+    return save_figure(figure, Path(folder) / f"{example.world.scene}.png", DPI, COLOURS)
 
 
 def worst_path(example: Example, other: Example) -> int | None:
@@ -204,13 +204,3 @@ def _legend(figure, names: tuple[str, str]) -> None:
         Line2D([], [], color=COLLISION, linewidth=3.6, label="collision"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=9)
-
-
-def _save(figure, folder: Path, name: str) -> Path:
-    from PIL import Image
-
-    folder.mkdir(parents=True, exist_ok=True)
-    figure.set_dpi(DPI)
-    figure.canvas.draw()
-    with_palette(Image.fromarray(np.asarray(figure.canvas.buffer_rgba())), COLOURS).save(folder / name, optimize=True)
-    return folder / name
