@@ -6,6 +6,7 @@ the axes' lengths, a tree of halved boxes of three bits a leaf, and balls of fre
 """
 
 import argparse
+import itertools
 import json
 import sys
 import tempfile
@@ -18,17 +19,18 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import warp_bounding as wb
+from sims.arm.demo import specs_of
 from sims.arm.robots import CELLS
 from sims.arm.workplace import Workplace
+from sims.prefitted import bounder_from, fit, stored
 from warp_bounding.paper.run import versions
-from warp_bounding.proof import soak
+from warp_bounding.proof import proven_share, soak
 from warp_bounding.runtime.launch import cpu_threads
 
 SAMPLES, TIMED, ROUNDS = 400_000, 1_000_000, 7
 STATES, NEIGHBOURS, ALONG = 4000, 12, 200_000  # the roadmap whose edges are asked, and at how many points
-HIDDEN = {"planar-2": (25, 25), "planar-3": (50, 50), "planar-4": (50, 50), "six": (75, 75)}
-BUDGET = {"planar-2": 60.0, "planar-3": 240.0, "planar-4": 420.0, "six": 420.0}
-CELLS_ALONG = {2: 256, 3: 96, 4: 32}  # along the longest axis, of the cells that a hierarchy of boxes is made of
+SHARE_SECONDS = 60.0  # for the share of the volume that is proven of a bounder that samples attest
+MOST_GRID = 4  # coordinates of cells, which a hierarchy of boxes is made of
 DASH = "–"
 
 
@@ -137,13 +139,7 @@ def free_balls(shape: wb.arms.ArmConfigurations, nbytes: int) -> Callable[[np.nd
 
 
 BUILT = {"bitmap": bitmap, "tree of boxes": tree_of_boxes, "free balls": free_balls}
-FITTED = {
-    "aabb": ("aabb", {}),
-    "learned-kdop": ("learned-kdop", {}),
-    "bvh": ("bvh", {}),
-    "mlp": ("mlp", {}),
-    "mlp-local": ("mlp", {"thresholds": 256}),
-}
+FITTED = ("aabb", "learned-kdop", "bvh", "mlp")
 
 
 # --- measuring ---------------------------------------------------------------------------------------------------------
@@ -160,21 +156,21 @@ def along_edges(place: Workplace) -> np.ndarray:
     return (a + rng.random((ALONG, 1)) * (b - a)).astype(np.float32)
 
 
-def measure(place: Workplace, label: str, samples: tuple[Sampled, Sampled], budget: float, attacked: int) -> dict:
+def measure(place: Workplace, label: str, samples: tuple[Sampled, Sampled], effort: float, attacked: int) -> dict:
     """One row."""
     shape, name, started = place.shape, place.cell.name, time.perf_counter()
-    network = sum((k + 1) * h for k, h in zip((shape.ndim, *HIDDEN[name]), (*HIDDEN[name], 1), strict=True)) * 4
+    specs = specs_of(shape)
     row: dict = {"cell": name, "label": label}
     if label in BUILT:
-        ask = BUILT[label](shape, network)
-        row |= {"bytes": network, "certificate": "by construction", "missed": None, "fit_seconds": time.perf_counter() - started}  # fmt: skip
+        memory = nbytes_of(shape.ndim, specs["mlp"].options)
+        ask = BUILT[label](shape, memory)
+        row |= {"bytes": memory, "certificate": "by construction", "missed": None, "fit_seconds": time.perf_counter() - started}  # fmt: skip
     else:
-        method, told = FITTED[label]
-        if method == "mlp":
-            told = told | {"hidden": HIDDEN[name], "budget": budget}
-        if method == "bvh":
-            told = {"hidden": HIDDEN[name], "resolution": CELLS_ALONG[shape.ndim]}
-        fitted = wb.fit(shape, method=method, device="cpu", progress=False, **told)
+        spec = specs[label]
+        if (file := stored(place.scene, label)).exists():
+            fitted = bounder_from(file, shape, spec, device="cpu")
+        else:
+            fitted = fit(spec, shape, budget=effort * spec.budget, device="cpu")
         with tempfile.TemporaryDirectory() as folder:
             fitted.save(Path(folder) / "bounder.safetensors")
             bounder = wb.load(Path(folder) / "bounder.safetensors", device="cpu")
@@ -187,6 +183,9 @@ def measure(place: Workplace, label: str, samples: tuple[Sampled, Sampled], budg
             "missed": attack.missed,
             "fit_seconds": fitted.info["training"]["seconds"],
             "proof_seconds": bounder.certificate.seconds,
+            "proven_share": 1.0
+            if bounder.certificate.proven
+            else proven_share(bounder, shape, seconds=SHARE_SECONDS).volume,
             "nanoseconds": nanoseconds(bounder, samples[0].x),
         }
 
@@ -197,7 +196,13 @@ def measure(place: Workplace, label: str, samples: tuple[Sampled, Sampled], budg
     assert not any((sampled.held & ~maybe).any() for sampled, maybe in zip(samples, answers, strict=True)), label
     rates = [sampled.fp_rate(maybe) for sampled, maybe in zip(samples, answers, strict=True)]
     row |= {"fp_rate": rates[0], "fp_rate_along": rates[1], "positives": float(100 * samples[0].held.mean())}
-    return row | {"budget": budget, "threads": cpu_threads(), "versions": versions()}
+    return row | {"threads": cpu_threads(), "versions": versions()}
+
+
+def nbytes_of(joints: int, options: dict) -> int:
+    """Bytes of a network's numbers and of its parts' thresholds."""
+    widths = (joints, *options["hidden"], 1)
+    return 4 * sum((k + 1) * h for k, h in itertools.pairwise(widths)) + options.get("thresholds", 0)
 
 
 def nanoseconds(bounder: wb.Bounder, x: np.ndarray) -> float:
@@ -223,7 +228,7 @@ def page(rows: list[dict], command: str) -> str:
         "",
         f"{'; '.join(dict.fromkeys(row['versions'] for row in rows))}; {rows[0]['threads']} threads of a CPU. *FP %*: of {SAMPLES:,} random configurations within the limits, those that are",
         "free and get *maybe*; *along edges*: of points along the edges of a roadmap between free states, where a planner asks. *Bitmap*, *tree of boxes* and *free balls* have the",
-        "network's memory, and are built by `benchmarks/arms.py` as tight as they get in it; everything else is a bounder, asked ten million hard configurations unless its row says less.",
+        "network's memory, and are built by `benchmarks/arms.py` as tight as they get in it; everything else is a bounder, asked ten million hard configurations unless its row says less. *Proven*: share of the volume, where samples attest the rest.",
     ]
     for name, cell in CELLS.items():
         own = [row for row in rows if row["cell"] == name]
@@ -231,8 +236,8 @@ def page(rows: list[dict], command: str) -> str:
             continue
         lines += ["", f"## {cell.title}", "", f"{own[0]['positives']:.1f} % of the configurations collide.", ""]
         lines += [
-            "| | bytes | FP % | along edges | certificate | missed | ns | fit s | proof s |",
-            "|---|---|---|---|---|---|---|---|---|",
+            "| | bytes | FP % | along edges | certificate | missed | ns | fit s | proof s | proven % |",
+            "|---|---|---|---|---|---|---|---|---|---|",
         ]
         for row in sorted(own, key=lambda row: [*FITTED, *BUILT].index(row["label"])):
             missed = (
@@ -241,9 +246,10 @@ def page(rows: list[dict], command: str) -> str:
                 else DASH
             )
             ns, proof = (f"{row[key]:.1f}" if key in row else DASH for key in ("nanoseconds", "proof_seconds"))
+            share = f"{100 * row['proven_share']:.1f}" if "proven_share" in row else DASH
             lines.append(
                 f"| {row['label']} | {row['bytes']:,} | {row['fp_rate']:.2f} | {row['fp_rate_along']:.2f} | {row['certificate']} | {missed} | {ns} | {row['fit_seconds']:.0f} | "
-                f"{proof} |"
+                f"{proof} | {share} |"
             )
     return "\n".join(lines) + "\n"
 
@@ -274,9 +280,9 @@ def main() -> int:
         x = np.random.default_rng(11).uniform(shape.lower, shape.upper, (SAMPLES, shape.ndim)).astype(np.float32)
         samples = tuple(Sampled(y, shape.contains(y)) for y in (x, along_edges(place)))
         for label in options.methods.split(","):
-            if (name, label) in done or (label == "bvh" and shape.ndim not in CELLS_ALONG):
+            if (name, label) in done or (label == "bvh" and shape.ndim > MOST_GRID):
                 continue
-            row = measure(place, label, samples, options.effort * BUDGET[name], options.attacked)
+            row = measure(place, label, samples, options.effort, options.attacked)
             with file.open("a") as rows:
                 rows.write(json.dumps(row) + "\n")
             print({key: row[key] for key in ("cell", "label", "bytes", "fp_rate", "fp_rate_along", "certificate")}, flush=True)  # fmt: skip

@@ -19,15 +19,29 @@ from sims.drawing import Drawn
 from sims.planning.broad import BroadPhase, First, Samples, Segments
 from sims.planning.demo import PlanningDemo
 from sims.planning.roadmap import Roadmap
+from sims.planning.rrt_connect import RrtConnect
 from sims.prefitted import FitSpec, bounders_of, owner
 from sims.report import Run
 
-__all__ = ["SCENE_SPECS", "SPECS", "Demo", "Example", "phases", "places", "run", "shapes", "simulate", "specs_of"]
+__all__ = [
+    "SCENE_SPECS",
+    "SPECS",
+    "Demo",
+    "Example",
+    "Trees",
+    "phases",
+    "places",
+    "run",
+    "shapes",
+    "simulate",
+    "specs_of",
+]
 
 HIDDEN = (50, 50)
 # Of the proven network of four joints on: hidden layers behind one of the joints' angles; parts with thresholds of their own.
-BEHIND_ANGLES, PARTS = (48, 48), 256
+BEHIND_ANGLES, PARTS = (46, 46), 1024
 FEW_JOINTS = 3  # up to so many, two layers and one threshold are tighter in the same time, since their proof ends
+PROVEN_JOINTS, OF_MANY = 4, (72, 72)  # up to so many a proof is tight; hidden layers of arms of more
 CELLS_OF_BOXES = (64, 32)  # a side, of the grid that a hierarchy of boxes is made of; of few joints and of more
 BUDGETS = (240.0, 420.0)  # seconds a network, of few joints and of more
 SPECS: dict[str, FitSpec] = {
@@ -47,10 +61,13 @@ WARM_UP = 50
 
 
 def specs_of(shape: wb.arms.ArmConfigurations, specs: dict[str, FitSpec] = SPECS) -> dict[str, FitSpec]:
-    """Specs for one arm: of many joints the proven network begins with a layer of sines and cosines of the arm's angles."""
+    """Specs for one arm: of many joints the network begins with a layer of sines and cosines of the arm's angles; of too many for a proof samples attest it."""
     if shape.ndim <= FEW_JOINTS:
         return specs
-    angles = {"hidden": (2 * len(shape.arm.angles), *BEHIND_ANGLES), "thresholds": PARTS}
+    waves = 2 * len(shape.arm.angles)
+    angles = {"hidden": (waves, *BEHIND_ANGLES), "thresholds": PARTS}
+    if shape.ndim > PROVEN_JOINTS:
+        angles = {"hidden": (waves, *OF_MANY), "certificate": "statistical"}
     boxes = {"bvh": replace(specs["bvh"], resolution=CELLS_OF_BOXES[1])}
     return specs | boxes | {"mlp": replace(specs["mlp"], budget=BUDGETS[1], options=specs["mlp"].options | angles)}
 
@@ -70,6 +87,18 @@ SCENE_SPECS = {scene: specs_of(shape) for scene, shape in shapes().items()}
 
 class Example(Roadmap):
     """All problems of one cell, planned at once; lengths are metres that the arm moves at most."""
+
+    SMALL: ClassVar = {"states": WARM_UP, "problems": 1}
+
+    def render(self, folder: Path) -> list[Path]:
+        """Draw the arm along its longest path."""
+        return [draw_one(self, Path(folder))]
+
+
+class Trees(RrtConnect):
+    """The same problems, each planned by itself."""
+
+    SMALL: ClassVar = {"samples": WARM_UP, "problems": 1}
 
     def render(self, folder: Path) -> list[Path]:
         """Draw the arm along its longest path."""
@@ -120,12 +149,17 @@ class Demo(PlanningDemo):
         runs, self.examples = [], {}
         for place in self.places:
             bounders = self.of_shape(place.scene)
-            kinds = [(place.name, Hulls, self.states)]
-            if place.cell.name == MESHED and all(find_spec(name) for name in ("coal", "pinocchio")):
-                kinds.append((f"{place.name}, meshes", Meshes, self.mesh_states))
-            for section, exact, states in kinds:
-                options = {"states": states, "problems": self.problems, "seed": self.seed}
-                examples = simulate(place, exact(place), bounders, repeats=REPEATS[self.quick], **options)
+            kinds = [(place.name, Hulls, Example, {"states": self.states})]
+            if place.cell.name == MESHED:
+                meshes = all(find_spec(name) for name in ("coal", "pinocchio"))
+                if meshes:
+                    kinds.append((f"{place.name}, meshes", Meshes, Example, {"states": self.mesh_states}))
+                name = f"{place.name}, {'meshes, ' * meshes}RRT-Connect"
+                kinds.append((name, Meshes if meshes else Hulls, Trees, {}))
+            for section, exact, planner, own in kinds:
+                options = own | {"problems": self.problems, "seed": self.seed}
+                repeats = REPEATS[self.quick]
+                examples = simulate(place, exact(place), bounders, planner=planner, repeats=repeats, **options)
                 own = {name: {place.scene: bounder} for name, bounder in bounders.items()}
                 runs += base.compare(examples, own, self.rows[place.scene], section)
                 self.examples[section] = examples
@@ -139,8 +173,8 @@ class Demo(PlanningDemo):
             price = 1e3 * none.milliseconds()[1] / max(none.checks, 1)
             unsolved = len(none.problems) - none.solved
             self.console.print(
-                f"{section}: {none.solved} of {len(none.problems)} problems solved, {none.mean_length:.2f} m on average, {unsolved} without a path in the "
-                f"roadmap; an exact check takes {price:.2g} us.",
+                f"{section}: {none.solved} of {len(none.problems)} problems solved, {none.mean_length:.2f} m on average, {unsolved} without a path; "
+                f"an exact check takes {price:.2g} us.",
                 markup=False,
             )
         for run in runs:
@@ -193,7 +227,13 @@ def phases(bounders: dict[str, wb.Bounder]) -> dict[str, BroadPhase]:
 
 
 def simulate(
-    place: Workplace, exact: Stepped, bounders: dict[str, wb.Bounder], *, repeats: int = 1, **options
+    place: Workplace,
+    exact: Stepped,
+    bounders: dict[str, wb.Bounder],
+    *,
+    planner: type[Example] | type[Trees] = Example,
+    repeats: int = 1,
+    **options,
 ) -> dict[str, Example]:
     """The same problems without a broad phase and with each; see ``sims.base.simulate``.
 
@@ -201,11 +241,12 @@ def simulate(
         place: Where.
         exact: The narrow phase.
         bounders: By name.
+        planner: What plans.
         repeats: How often each run is done, for its time.
-        options: Of ``Roadmap``.
+        options: The planner's own.
     """
 
     def planned(phase: BroadPhase | None, small: bool) -> Example:
-        return Example(place, exact, phase, **options | ({"states": WARM_UP, "problems": 1} if small else {}))
+        return planner(place, exact, phase, **options | (planner.SMALL if small else {}))
 
     return base.simulate(f"planning, {place.name}", phases(bounders), planned, repeats)

@@ -11,13 +11,14 @@ import numpy as np
 import warp_bounding as wb
 from sims.arm.meshes import MeshModel
 from sims.arm.workplace import Workplace
-from sims.planning.roadmap import Cleared, Exact
+from sims.planning.planner import Cleared, Exact
 
 __all__ = ["STEP", "Hulls", "Meshes", "Stepped"]
 
 STEP = (
     0.02  # metres: the most that two configurations along an edge that are checked differ, in the place's coordinates
 )
+AT_ONCE = 4096  # configurations along few edges: the broad phase is asked about all of them, since each call costs as much as many of them
 
 
 class Stepped(Exact):
@@ -54,6 +55,8 @@ class Stepped(Exact):
         halvings = np.ceil(np.log2(np.maximum(length / STEP, 1.0))).astype(int)
         hit, still = np.zeros(len(starts), dtype=bool), length == 0
         hit[still] = self.states(starts[still])
+        if cleared is not None and (2.0**halvings).sum() <= AT_ONCE:
+            cleared = _asked_before(cleared, begin, way, halvings)
         for level in range(1, int(halvings.max(initial=0)) + 1):
             asked = np.flatnonzero((halvings >= level) & ~hit)
             for odd in range(1, 2**level, 2):
@@ -98,3 +101,12 @@ class Meshes(Stepped):
 
     def hits(self, x: np.ndarray) -> np.ndarray:
         return self.model.hits(self.place.joint_values(x))
+
+
+def _asked_before(cleared: Cleared, begin: np.ndarray, way: np.ndarray, halvings: np.ndarray) -> Cleared:
+    """What ``cleared`` says, asked once about all configurations that halving some edges can come to."""
+    times = [np.arange(1, 2**count) / 2**count for count in halvings]
+    rows = np.repeat(np.arange(len(begin)), [len(each) for each in times])
+    x = begin[rows] + np.concatenate([np.empty(0), *times])[:, None] * way[rows]
+    known = {place.tobytes() for place in x[cleared(x)]} if len(x) else set()
+    return lambda asked: np.array([place.tobytes() in known for place in asked], dtype=bool)

@@ -7,7 +7,7 @@ import numpy as np
 
 import warp_bounding as wb
 
-__all__ = ["CELLS", "Cell", "planar", "six_joints"]
+__all__ = ["CELLS", "Cell", "four_joints", "planar", "six_joints"]
 
 # Lengths and offsets of the six-joint arm, metres: those of an arm that lifts 5 kg and reaches 0.85 m (Denavit-Hartenberg a, alpha, d).
 SIX = (
@@ -20,6 +20,8 @@ SIX = (
 )
 RADII = (0.07, 0.06, 0.05, 0.045, 0.045, 0.04)  # metres, of its links
 OFFSET = 0.12  # metres: the upper arm beside the shoulder
+HELD = (-1.5, 0.0)  # radians: its wrist, where four joints move
+BALLS, BALL = 14, 0.1  # how many balls hang around the arm of four joints, and their radius, metres
 
 
 class Cell(NamedTuple):
@@ -50,18 +52,39 @@ def planar(lengths: Sequence[float], radius: float = 0.04, limit: float = np.pi)
     return wb.arms.Arm(joints, links, name=f"planar arm of {len(lengths)} joints")
 
 
+def _turned(angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+
+def _links(held: Sequence[float] = ()) -> tuple[list[wb.arms.Joint], list[wb.arms.Body]]:
+    """Joints and links of the six-joint arm; the last joints may be held at some angles."""
+    joints, bodies, before, free = [], [], np.eye(4), len(SIX) - len(held)
+    for i, ((a, alpha, d), radius) in enumerate(zip(SIX, RADII, strict=True)):
+        side, pose = OFFSET if i == 1 else 0.0, np.eye(4)
+        if i < free:
+            joints.append(wb.arms.Joint(before, lower=-np.pi, upper=np.pi, name=f"joint {i}"))
+        else:
+            pose = before @ _turned(held[i - free])
+        parts = {f"link {i}": ([0, 0, d + side], [a, 0, d + side]) if a else ([0, 0, 0], [0, 0, d])}
+        if i == 1:
+            parts |= {"shoulder": ([0, 0, 0], [0, 0, side]), "elbow": ([a, 0, 0], [a, 0, side])}
+        for name, ends in parts.items():
+            ends = [pose[:3, :3] @ end + pose[:3, 3] for end in ends]
+            bodies.append(wb.arms.Body.capsule(*ends, radius, link=min(i, free - 1), name=name))
+        before = pose @ _moved(a, 0.0, d, about_x=alpha)
+    return joints, bodies
+
+
+def four_joints() -> wb.arms.Arm:
+    """The first four joints of the six-joint arm, whose wrist is held and has no gripper."""
+    return wb.arms.Arm(*_links(HELD), name="arm of four joints")
+
+
 def six_joints() -> wb.arms.Arm:
     """An arm of six joints on a pedestal, with a gripper of two fingers."""
-    joints, bodies, before = [], [wb.arms.Body.capsule([0, 0, 0], [0, 0, 0.04], 0.075, name="pedestal")], np.eye(4)
-    for i, ((a, alpha, d), radius) in enumerate(zip(SIX, RADII, strict=True)):
-        side = OFFSET if i == 1 else 0.0
-        joints.append(wb.arms.Joint(before, lower=-np.pi, upper=np.pi, name=f"joint {i}"))
-        ends = ([0, 0, d + side], [a, 0, d + side]) if a else ([0, 0, 0], [0, 0, d])
-        bodies.append(wb.arms.Body.capsule(*ends, radius, link=i, name=f"link {i}"))
-        if i == 1:
-            for x, name in ((0.0, "shoulder"), (a, "elbow")):
-                bodies.append(wb.arms.Body.capsule([x, 0, 0], [x, 0, side], radius, link=i, name=name))
-        before = _moved(a, 0.0, d, about_x=alpha)
+    joints, bodies = _links()
+    bodies.insert(0, wb.arms.Body.capsule([0, 0, 0], [0, 0, 0.04], 0.075, name="pedestal"))
     tip = SIX[-1][2]
     bodies.append(wb.arms.Body.box([-0.05, -0.02, tip], [0.05, 0.02, tip + 0.05], radius=0.01, link=5, name="gripper"))
     for side in (-1, 1):
@@ -98,6 +121,18 @@ def _factory() -> tuple[wb.arms.Body, ...]:
     return (table, *boards, *sides, *posts, crate)
 
 
+def _hanging() -> tuple[wb.arms.Body, ...]:
+    """Balls in reach, at random places above the ground and not over the base."""
+    rng, found = np.random.default_rng(3), []
+    while len(found) < BALLS:
+        place = rng.normal(size=3)
+        place *= rng.uniform(0.35, 0.9) / np.linalg.norm(place)
+        place[2] = abs(place[2])
+        if np.hypot(*place[:2]) > 0.25:
+            found.append(wb.arms.Body.sphere(place, BALL, name="ball"))
+    return tuple(found)
+
+
 def _planar_cell(count: int, lengths: Sequence[float]) -> Cell:
     return Cell(f"planar-{count}", f"Planar arm, {count} joints", planar(lengths), _flat())
 
@@ -108,6 +143,7 @@ CELLS = {
         _planar_cell(2, (0.55, 0.45)),
         _planar_cell(3, (0.4, 0.35, 0.25)),
         _planar_cell(4, (0.32, 0.28, 0.22, 0.18)),
+        Cell("four", "Arm of four joints among balls", four_joints(), _hanging()),
         Cell("six", "Arm of six joints", six_joints(), _factory()),
     )
 }

@@ -6,7 +6,7 @@ import numpy as np
 
 import warp_bounding as wb
 from sims.arm.robots import Cell
-from sims.planning.roadmap import Place
+from sims.planning.planner import Place
 
 __all__ = ["Workplace"]
 

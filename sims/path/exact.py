@@ -19,7 +19,7 @@ import numpy as np
 import warp as wp
 
 import warp_bounding as wb
-from sims.planning.roadmap import Exact
+from sims.planning.planner import Exact
 
 __all__ = ["ExactWorld"]
 

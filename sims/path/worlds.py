@@ -13,7 +13,7 @@ import numpy as np
 
 import warp_bounding as wb
 from sims.path.moving_ai import read_map, read_scen, scen_beside
-from sims.planning.roadmap import Place
+from sims.planning.planner import Place
 
 __all__ = ["World", "generated", "maze", "problems_of", "random_states", "rooms", "worlds_at"]
 

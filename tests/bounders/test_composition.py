@@ -11,7 +11,7 @@ from warp_bounding.bounders import compose
 from warp_bounding.bounders.composition.composition import Composition
 from warp_bounding.bounders.composition.cover import split_regions
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.clipped import part_of
+from warp_bounding.indicators.parts.clipped import part_of
 from warp_bounding.kernels.functions import batch_kernel
 from warp_bounding.kernels.source import DENIED, Lanes
 from warp_bounding.proof import prove

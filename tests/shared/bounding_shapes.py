@@ -14,7 +14,7 @@ from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import IndicatorGrid
-from warp_bounding.indicators.clipped import part_of
+from warp_bounding.indicators.parts.clipped import part_of
 from warp_bounding.proof import prove
 
 HIDDEN = (8,)  # of every fitted network: each new size costs a compilation

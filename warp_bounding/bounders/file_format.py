@@ -27,7 +27,19 @@ __all__ = ["FORMAT", "INFO_FIELDS", "digest_of", "read", "save"]
 
 FORMAT = 1
 KEY = "warp_bounding"
-INFO_FIELDS = ("indicator", "name", "grid_shape", "margin", "resolution", "shape", "seed", "note", "training", "rates")
+INFO_FIELDS = (
+    "indicator",
+    "name",
+    "grid_shape",
+    "margin",
+    "resolution",
+    "shape",
+    "seed",
+    "note",
+    "pieces",
+    "training",
+    "rates",
+)
 
 
 def save(bounder: Subject, path: str | os.PathLike) -> None:

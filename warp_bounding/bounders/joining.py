@@ -2,18 +2,20 @@
 
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.cascade import Cascade
-from warp_bounding.bounders.composition.composition import AND, OR, SPLIT, Composition, Tree
+from warp_bounding.bounders.composition.composition import Composition
 from warp_bounding.bounders.composition.cover import Region, check_cover
+from warp_bounding.bounders.composition.tree import AND, OR, SPLIT, Tree
 from warp_bounding.bounders.operators import JOINED
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.document import conjunction, together
 from warp_bounding.errors import BounderError
+from warp_bounding.indicators.parts.pieces import Pieces
 from warp_bounding.indicators.shape import Shape
 
 __all__ = ["both", "cascade", "compose", "either"]
 
 SAME = ("indicator", "margin", "resolution")  # entries of ``info`` that all parts must share
-ABOUT = (*SAME, "shape", "name", "grid_shape", "seed", "note")  # those that the whole has of one of them
+ABOUT = (*SAME, "shape", "name", "grid_shape", "seed", "note", "pieces")  # those that the whole has of one of them
 
 CLAIMED = ("indicator", "margin", "length", "resolution")  # fields of certificates
 
@@ -60,7 +62,8 @@ def either(*bounders: Bounder) -> Composition:
     Args:
         bounders: Bounders of the same queries of the same object; of compositions and cascades, the parts. Of points,
             some may bound the shape itself and others its cells, at resolutions of their own: what holds the cells
-            holds the shape, and the whole is proven for the shape.
+            holds the shape, and the whole is proven for the shape. Or bounders of pieces of a shape (``Shape.piece``): the whole is
+            one of their union, of the shape itself where no piece is missing.
 
     Returns:
         The composition. It is proven if all parts are, statistical if one of them is, and without a certificate if one has
@@ -116,6 +119,7 @@ def _joined(kind: str, bounders: list[Bounder]) -> Composition:
     parts: list[Bounder] = []
     regions: list[Region | None] = []
     cells: list[int | None] = []
+    held: list[list[int] | None] = []
     for bounder in bounders:
         if not isinstance(bounder, Bounder):
             raise BounderError(f"expected bounders, got {type(bounder).__name__}")
@@ -124,9 +128,14 @@ def _joined(kind: str, bounders: list[Bounder]) -> Composition:
         parts += own
         regions += bounder.regions if isinstance(bounder, Composition) else [None] * len(own)
         cells += _resolutions(bounder, own)
+        held += _held(bounder, own)
+    if len({_indicator(bounder) for bounder in bounders}) > 1 and kind == OR and all(map(_pieces, bounders)):
+        return _of_pieces(tree, parts, held, bounders)
     mixed = len({bounder.info.get("resolution") for bounder in bounders}) > 1
     first = _about(bounders, mixed)
-    whole = Composition.of(tree, parts, regions, cells if mixed else _inner(cells)).freeze(0.0, None)
+    whole = Composition.of(tree, parts, regions, cells if mixed else _inner(cells), held if any(held) else None).freeze(
+        0.0, None
+    )
     whole.info = {key: first.info.get(key) for key in ABOUT}
     whole.info["training"] = {"parts": [bounder.info.get("training") for bounder in bounders]}
     certificates = [bounder.certificate for bounder in bounders]
@@ -134,6 +143,48 @@ def _joined(kind: str, bounders: list[Bounder]) -> Composition:
         _check_objects(certificates, ("margin", "length") if mixed else CLAIMED)
         whole.freeze(0.0, together(whole, certificates, first.certificate.indicator))
     return whole
+
+
+def _of_pieces(tree: Tree, parts: list[Bounder], held: list[list[int] | None], bounders: list[Bounder]) -> Composition:
+    """Bounders of pieces of one shape as one of their union."""
+    union, *others = (_pieces(bounder) for bounder in bounders)
+    for other in others:
+        if (other.whole, other.count) != (union.whole, union.count):
+            raise BounderError("expected bounders of pieces of the same shape")
+        union = union.joined(other)
+    for key in ("margin", "resolution"):
+        found = {bounder.info.get(key) for bounder in bounders}
+        if len(found) > 1:
+            raise BounderError(
+                f"expected bounders of pieces of the same shape, got {key} {' and '.join(map(str, found))}"
+            )
+    whole = Composition.of(tree, parts, None, None, held).freeze(0.0, None)
+    widest = max(bounders, key=lambda bounder: bounder.ndim)
+    whole.info = {key: widest.info.get(key) for key in ABOUT} | {"indicator": union.digest}
+    whole.info["pieces"] = None if union.all else union.to_dict()
+    whole.info["training"] = {"parts": [bounder.info.get("training") for bounder in bounders]}
+    certificates = [bounder.certificate for bounder in (*(b for b in bounders if b is not widest), widest)]
+    if all(certificates):
+        whole.freeze(0.0, together(whole, certificates, union.digest))
+    return whole
+
+
+def _indicator(bounder: Bounder) -> str | None:
+    return bounder.info.get("indicator")
+
+
+def _pieces(bounder: Bounder) -> Pieces | None:
+    """The pieces that a bounder holds; ``None`` where it is not known to hold any, or holds the shape."""
+    told = bounder.info.get("pieces")
+    return None if told is None else Pieces.from_dict(told)
+
+
+def _held(bounder: Bounder, parts: list[Bounder]) -> list[list[int] | None]:
+    """The numbers of the pieces that each part holds."""
+    if isinstance(bounder, Composition):
+        return bounder.held
+    own = _pieces(bounder)
+    return [None if own is None else list(own.held)] * len(parts)
 
 
 def _about(bounders: list[Bounder], mixed: bool) -> Bounder:

@@ -15,6 +15,7 @@ from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.coordinates.domain import json_number
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError
+from warp_bounding.indicators.parts.pieces import Pieces
 from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.runtime.whole_file import file_path
 
@@ -91,6 +92,8 @@ def _check_info(document: dict) -> None:
         raise FileFormatError(f"the margin {margin!r} is not a length")
     if resolution is not None and not isinstance(resolution, int):
         raise FileFormatError(f"the resolution {resolution!r} is not a whole number")
+    if document.get("pieces") is not None:
+        Pieces.from_dict(document["pieces"])
     rates = document.get("rates")
     if rates is not None and not all(0 <= rates[key] <= 100 for key in ("fp_rate", "fp_rate_aabb")):
         raise FileFormatError(f"the rates {rates!r} are none")

@@ -8,7 +8,7 @@ import warp as wp
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.coordinates.base import vector_type
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.complement import SIDES, outside_of
+from warp_bounding.indicators.parts.complement import SIDES, outside_of
 from warp_bounding.kernels.functions import Data
 from warp_bounding.runtime.launch import launch_on_cores
 from warp_bounding.runtime.native import named

@@ -105,7 +105,8 @@ def together(bounder: Subject, certificates: list[Certificate], indicator: str) 
 
     A chain of tests has the threshold of its last part; a composition by *and* and *or* has one of its own.
     """
-    known = conjunction(sorted(certificates, key=lambda c: c.resolution is None))  # the whole is about the shape itself
+    # The whole is about the shape itself, and has as many coordinates as the part with most.
+    known = conjunction(sorted(certificates, key=lambda c: (c.resolution is None, len(c.delta))))
     if not bounder.composed:
         return known
     if bounder.delta_share is not None:  # parts have domains of their own, and the whole has less room for rounding

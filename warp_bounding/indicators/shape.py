@@ -9,7 +9,7 @@ Whatever a shape cannot decide it counts as object; ``decide`` tells these cases
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.half_spaces import HalfSpaces
 from warp_bounding.indicators.limits import checked_margin
+from warp_bounding.indicators.parts.pieces import Pieces
 
 __all__ = ["DETAILS", "IN", "OUT", "UNDECIDED", "Shape"]
 
@@ -253,6 +254,22 @@ class Shape(ABC):
         """
 
     # --- what can be made of it --------------------------------------------------------------------------------------
+
+    @property
+    def pieces(self) -> Pieces | None:
+        """Which pieces of which whole this is, where it can be bounded piece by piece; ``None`` where it cannot."""
+        return None
+
+    def piece(self, held: Sequence[int]) -> "Shape":
+        """The union of some pieces, whose bounders ``a | b`` puts together; it may have fewer coordinates, the first ones, where it depends on no others.
+
+        Args:
+            held: Numbers of pieces, those of the whole.
+
+        Raises:
+            IndicatorError: For numbers of no pieces, or a shape that is not taken apart.
+        """
+        raise IndicatorError(f"{self.name}: it has no pieces")
 
     @abstractmethod
     def dilated(self, margin: float) -> "Shape":

@@ -8,9 +8,11 @@ from warp_bounding.proof.covers.base import positive_boxes
 from warp_bounding.proof.prove import charted, least_value, prove, prove_or_attest, settle
 from warp_bounding.proof.search.best_first import Search, minimum
 from warp_bounding.proof.segments import clear_segments
+from warp_bounding.proof.share import Share, proven_share
 
 __all__ = [
     "Search",
+    "Share",
     "Soak",
     "attempt_confidence",
     "attest",
@@ -25,6 +27,7 @@ __all__ = [
     "positive_boxes",
     "prove",
     "prove_or_attest",
+    "proven_share",
     "settle",
     "soak",
     "try_positives",

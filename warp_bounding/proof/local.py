@@ -68,11 +68,39 @@ def prove_local(
         corners = positives.boxes()
     lower, upper, _ = lattice.cut(*corners)
     kinds = {"groups": lattice.place(lower), "group_of": lattice.place, "group_count": lattice.count}
-    search = minimum(f, lower, upper, points=points, positives=positives, **kinds, **limits)
+    lost = Lost(values, place, found)
+    search = minimum(f, lower, upper, points=points, positives=positives, price=lost, **kinds, **limits)
     least = search.by_group
     bounder, proven = at_least(member, lattice, needless(least, values, place), values, place)
     settle(bounder, shape, replace(search, lower_bound=proven))
     return bounder, search
+
+
+class Lost:
+    """What it costs that the least f in a part is known to be no less than a bound: how many negatives are let through that need not be.
+
+    Args:
+        values: f of negatives ``(N,)``.
+        place: Their parts.
+        least: ``(parts,)``, the least f of positives that is known in each.
+    """
+
+    def __init__(self, values: np.ndarray, place: np.ndarray, least: np.ndarray):
+        self._span = max(float(np.ptp(values)), 1e-30) * 4
+        self._first, self._least = float(values.min()), least
+        self._sorted = np.sort(self._key(values, place))
+        self._denied = np.searchsorted(self._sorted, self._key(least, np.arange(len(least))))
+
+    def _key(self, f: np.ndarray, place: np.ndarray) -> np.ndarray:
+        """Grows with the part, and in a part with f."""
+        return place + np.clip((f - self._first) / self._span, -0.25, 0.5) + 0.25
+
+    def __call__(self, bound: np.ndarray, place: np.ndarray) -> np.ndarray:
+        """``(K,)``; of bounds that cost no negative, those farther from the least f cost more."""
+        with np.errstate(invalid="ignore"):
+            gap = np.nan_to_num((self._least[place] - bound) / self._span, nan=1.0, posinf=1.0)
+        denied = np.searchsorted(self._sorted, self._key(bound, place))
+        return np.maximum(self._denied[place] - denied, 0) + np.clip(gap, 0.0, 0.5)
 
 
 def at_least(

@@ -15,8 +15,8 @@ from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.document import document
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import load_indicator
-from warp_bounding.indicators.complement import Complement
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.parts.complement import Complement
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.attest.falsify import Walk
 from warp_bounding.proof.attest.statistics import attest
@@ -145,15 +145,26 @@ def prove(
     return search
 
 
-def prove_or_attest(bounder: Bounder, grid: Shape, *, seed: int = 0, **limits) -> Search | None:
-    """``prove``, with its limits; of a shape that certifies nothing, lower the threshold by a search and attest it.
+def prove_or_attest(
+    bounder: Bounder,
+    grid: Shape,
+    *,
+    seed: int = 0,
+    points: np.ndarray | None = None,
+    attested: bool = False,
+    **limits,
+) -> Search | None:
+    """``prove``, with its limits; where the shape certifies nothing, or no proof is wanted, lower the threshold by a search and attest it.
 
     Returns:
         What ``prove`` does, or ``None``.
     """
-    if grid.certified:
-        return prove(bounder, grid, **limits)
-    walk, start = Walk(bounder, grid, seed), border_points(grid, STARTS, np.random.default_rng(seed)).astype(np.float32)
+    if grid.certified and not attested:
+        return prove(bounder, grid, points=points, **limits)
+    walk, start = Walk(bounder, grid, seed), border_points(grid, STARTS, np.random.default_rng(seed))
+    if points is not None:
+        start = np.concatenate([bounder.domain.to_object(points), start])
+    start = start.astype(np.float32)
     values = walk.down(start[grid.contains(start)])[1]
     attest(bounder, grid, least=float(values.min(initial=np.inf)), room=ROOM, seed=seed)
     return None

@@ -17,8 +17,8 @@ from warp_bounding.coordinates.region_domain import SPACES, domain_of
 from warp_bounding.errors import BounderError, BoundingWarning
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, IndicatorMotion, load_indicator
-from warp_bounding.indicators.complement import SIDES, Complement
 from warp_bounding.indicators.limits import MAX_RESOLUTION, check_memory
+from warp_bounding.indicators.parts.complement import SIDES, Complement
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof import prove_or_attest
 from warp_bounding.queries import QUERIES, check_query
@@ -99,6 +99,8 @@ def fit(
             ``octaves``: of an mlp's positional encoding; 0 for none, 4 as in the paper's supplement.
             ``recipe``: of an mlp's training, ``"default"`` or ``"paper"``.
             ``thresholds``: of an mlp of points, rays or boxes: about how many parts of the domain, each with a threshold.
+            ``certificate``: of an mlp of points, ``"statistical"`` for a threshold that samples attest, where a proof in many
+            dimensions leaves nothing; ``proven_share`` then tells how much of it is proven all the same.
             ``metric``: of a distance, where coordinate 0 of a grid is time: ``"spacetime"`` takes it as one more coordinate.
             ``k``: half-spaces of a kdop or learned-kdop. ``leaves``: leaf boxes of a bvh.
             ``steps``: training steps instead of seconds; the result is then repeatable to the bit on the same machine.
@@ -231,8 +233,15 @@ def described(shape: Shape, seed: int, record: dict[str, Any]) -> dict[str, Any]
         "shape": shape.shape_digest if isinstance(shape, IndicatorGrid) else None,
         "seed": int(seed),
         "note": shape.note,
+        "pieces": pieces_told(shape),
         "training": record,
     }
+
+
+def pieces_told(shape: Shape) -> dict[str, Any] | None:
+    """Which pieces of which whole a shape is, where it is not all of them."""
+    own = shape.pieces
+    return None if own is None or own.all else own.to_dict()
 
 
 def check_numbers(budget: float, seed: int, margin: float) -> None:

@@ -9,7 +9,6 @@ time for that, the adversary's value sets the threshold and fresh positives atte
 networks that share layers; each gets a threshold of its own, in the same way.
 """
 
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -27,6 +26,7 @@ from warp_bounding.runtime.progress import Progress
 from warp_bounding.training.engine.adversary import Adversary, adversarial_minimum
 from warp_bounding.training.engine.clock import Clock, interrupts
 from warp_bounding.training.engine.team import single_threaded_torch
+from warp_bounding.training.network_options import NetworkOptions
 from warp_bounding.training.problem import Problem, Trained
 from warp_bounding.training.proof_time import (
     HOPEFUL,
@@ -49,7 +49,7 @@ from warp_bounding.training.samples import samples_of
 from warp_bounding.training.samples.least_box import least_boxes
 from warp_bounding.training.thresholds import Costs, decide, decide_parts, lattice_of, negatives_of, tolerance
 
-__all__ = ["RECIPE_TRAINERS", "NetworkOptions", "fit_network"]
+__all__ = ["RECIPE_TRAINERS", "fit_network"]
 
 # By the recipe's name; exits, monotone networks, planes and occupancies have trainers of their own (``_trainer``).
 RECIPE_TRAINERS = dict(zip(RECIPES, (NetworkTrainer, PaperTrainer), strict=True))
@@ -87,24 +87,6 @@ PLANE_TOLERANCE = 1e-3  # gap at which the proof of planes ends, in domain half-
 # Limits where the budget is in steps: boxes of the final proof, of points and planes and of rays and boxes; rounds of
 # the final adversarial search; steps of Newton's method for each exit.
 PROOF_BOXES, REGION_PROOF_BOXES, SEARCH_ROUNDS, EXIT_STEPS = 20_000_000, 300_000, 12, 40
-
-
-@dataclass(frozen=True)
-class NetworkOptions:
-    """What kind of network, and how long it may take; see ``fit``."""
-
-    hidden: tuple[int, ...]
-    activation: str
-    budget: float
-    steps: int | None = None
-    octaves: int = 0
-    recipe: str = RECIPES[0]
-    thresholds: int = 1
-
-    @property
-    def stored(self) -> dict:
-        """The sizes that a bounder stores."""
-        return {"hidden": list(self.hidden), "activation": self.activation, "octaves": self.octaves}
 
 
 def fit_network(
@@ -200,7 +182,7 @@ class _Fit:
 
     def _mine_points(self, trainer: NetworkTrainer, used: float) -> None:
         """Let the prover search the network as it is; the lowest points that it finds become training samples."""
-        if not self.problem.grid.certified:
+        if not self.problem.grid.certified or self.options.attested:
             return
         problem, clock, budget = self.problem, self.clock, self.options.budget
         bounder = self._bounder(MonotoneMlp if self.monotone else Mlp, trainer.network.tensors())
@@ -293,7 +275,8 @@ class _Fit:
         points, grid = self._moved(trainer.worst_points()), self.problem.grid
         eps = PLANE_TOLERANCE if self.of_planes else tolerance(part, self.problem, points)
         limit = self._limit(parts_left)
-        search = prove_or_attest(part, grid, eps=eps, points=points, seed=self.problem.seed, **limit)
+        limit |= {"eps": eps, "points": points, "attested": self.options.attested}
+        search = prove_or_attest(part, grid, seed=self.problem.seed, **limit)
         if search is None:
             return {"gap": eps}
         return {"gap": float(search.upper_bound - search.lower_bound)}

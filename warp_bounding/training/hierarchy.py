@@ -15,8 +15,9 @@ import numpy as np
 
 from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.bounders import Bounder, compose, method_class
-from warp_bounding.bounders.composition.composition import AND, SPLIT, Composition, Tree
+from warp_bounding.bounders.composition.composition import Composition
 from warp_bounding.bounders.composition.cover import Region, check_cover, split_regions
+from warp_bounding.bounders.composition.tree import AND, SPLIT, Tree
 from warp_bounding.bounders.local.lattice import NEAREST_TO_ZERO
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.options import settled
@@ -27,8 +28,8 @@ from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import load_indicator
-from warp_bounding.indicators.clipped import part_of
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.parts.clipped import part_of
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof import prove
 from warp_bounding.queries.boundary import border_points

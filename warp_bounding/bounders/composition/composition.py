@@ -3,12 +3,12 @@
 *And* of two conservative tests is conservative for what both are; *or* is for what either is. So each part is proven by
 itself, for the object or for the part of it that lies in the part's *region*, a box, and what is left to show is that
 the regions cover the object (``cover``). A part may also bound the cells of a shape that the others bound itself: the
-cells hold the shape, and what the part is proven for, it is proven for in coordinates of its own (``moves``).
+cells hold the shape, and what the part is proven for, it is proven for in coordinates of its own (``moves``). And a part
+may hold some pieces of a shape that is a union of several (``Shape.piece``); it may then have fewer coordinates, the first ones.
 
 f is 1 where the answer is *maybe*, else ``DENIED``.
 """
 
-from collections.abc import Iterator
 from functools import cached_property, reduce
 from typing import Any
 
@@ -19,7 +19,7 @@ from warp_bounding.bounders.composition.cover import Region, check_cover, common
 from warp_bounding.bounders.composition.moves import Moves, common_domain, moves_of
 from warp_bounding.bounders.composition.source import ROW, CompositionSource
 from warp_bounding.bounders.composition.source import SPLIT as SPLIT_CODE
-from warp_bounding.bounders.local.lattice import NEAREST_TO_ZERO
+from warp_bounding.bounders.composition.tree import AND, OR, SPLIT, Tree, children_of, parts_of, rows_of, steps_of
 from warp_bounding.bounders.members import (
     BIT_FIELDS,
     check_members,
@@ -31,21 +31,15 @@ from warp_bounding.bounders.members import (
 )
 from warp_bounding.bounders.registry import composed
 from warp_bounding.certificates.certificate import Certificate
-from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.clipped import part_of
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.parts.clipped import part_of
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.kernels.source import ALIGN, DENIED, aligned
 
-__all__ = ["AND", "OR", "SPLIT", "Composition", "Tree"]
+__all__ = ["Composition"]
 
-AND, OR, SPLIT = "and", "or", "split"
 MOST_PARTS = 1024
-MOST_NESTED = 32
-# The number of a part; or a list, AND or OR first, then trees; or SPLIT, an axis, a place along it, the tree for v below
-# the place and the one for others.
-Tree = int | list
 
 
 @composed
@@ -55,7 +49,8 @@ class Composition(Bounder):
     Tensors: those of part i, each under ``i.`` and its role there; ``thresholds`` ``(parts,)``; ``regions`` ``(parts, 2,
     n)``, the box, object space, of what each part is proven for, largest float32 numbers where it has no end. A split
     sends a point to one of two trees, by one of its coordinates v. Sizes:
-    ``parts``, a list of ``method`` and ``sizes``, and ``domain`` and ``resolution`` of parts with their own; ``tree``.
+    ``parts``, a list of ``method`` and ``sizes``, ``domain`` and ``resolution`` of parts with their own, and the numbers of the
+    pieces that a part ``held``, where that is not all of the shape; ``tree``.
     """
 
     method = "composition"
@@ -74,6 +69,7 @@ class Composition(Bounder):
         parts: list[Bounder],
         regions: list[Region | None] | None = None,
         resolutions: list[int | None] | None = None,
+        held: list[list[int] | None] | None = None,
     ) -> "Composition":
         """Parts at their own thresholds, without a certificate.
 
@@ -83,13 +79,19 @@ class Composition(Bounder):
             regions: For each part the box that it is proven in; ``None`` where that is everywhere.
             resolutions: For each part that of the cells which it bounds, where another part bounds the shape itself; the
                 domain is that of the first such part, and others may have their own. ``None`` where all bound the same.
+            held: For each part the numbers of the pieces that it holds, ``None`` for a part that holds the shape; the domain is that
+                of a part with most coordinates. ``None`` where no part is of a piece.
 
         Raises:
             BounderError: If they are bounders of other queries or domains, or cannot be put together.
         """
-        check_members(cls.method, parts, domains=resolutions is None)
-        resolutions = resolutions or [None] * len(parts)
-        first, most = parts[resolutions.index(None)].domain, float(np.finfo(np.float32).max)
+        check_members(cls.method, parts, domains=resolutions is None and held is None)
+        resolutions, held = resolutions or [None] * len(parts), held or [None] * len(parts)
+        widest = max(part.domain.space_ndim for part in parts)
+        whole = [
+            cells is None and part.domain.space_ndim == widest for cells, part in zip(resolutions, parts, strict=True)
+        ]
+        first, most = parts[whole.index(True)].domain, float(np.finfo(np.float32).max)
         own = [part.domain.to_dict() != first.to_dict() for part in parts]
         domain = first
         if any(own):
@@ -99,9 +101,10 @@ class Composition(Bounder):
             if region is not None:
                 box[:] = np.clip(region, -most, most)
         tensors, sizes = holding(parts)
-        for entry, part, cells in zip(sizes["parts"], parts, resolutions, strict=True):
+        for entry, part, cells, own in zip(sizes["parts"], parts, resolutions, held, strict=True):
             entry |= {} if part.domain.to_dict() == domain.to_dict() else {"domain": part.domain.to_dict()}
             entry |= {} if cells is None else {"resolution": cells}
+            entry |= {} if own is None else {"held": list(own)}
         tensors |= {"thresholds": np.array([part.threshold for part in parts], np.float32), "regions": boxes}
         return cls(domain, tensors, sizes | {"tree": tree}, parts[0]._device)
 
@@ -112,13 +115,16 @@ class Composition(Bounder):
         except BounderError as error:
             raise BounderError(f"{self.method}: {error}") from error
         count, tree = len(self.members), self.sizes.get("tree")
-        if list(_parts_of(tree, self.domain)) != list(range(count)):
+        if list(parts_of(tree, self.domain)) != list(range(count)):
             raise BounderError(
                 f"{self.method}: expected a tree with each of {count} parts once, in order, got {tree!r}"
             )
         self.expect_shapes(shapes | {"thresholds": (count,), "regions": (count, 2, self.domain.space_ndim)})
         if not (self.tensors["regions"][:, 0] <= self.tensors["regions"][:, 1]).all():
             raise BounderError(f"{self.method}: a region's lower corner is above its upper one")
+        self.held = [_numbers_of(entry) for entry in self.sizes["parts"]]
+        if any(own is not None for own in self.held) and np.isfinite(self.regions).any():
+            raise BounderError(f"{self.method}: parts of pieces have no regions")
         for part, threshold in zip(self.members, self.tensors["thresholds"], strict=True):
             part.freeze(threshold, None)
 
@@ -145,7 +151,10 @@ class Composition(Bounder):
         Raises:
             BounderError: If the regions do not cover the object; the message names a point.
         """
-        check_cover(shape, self.covered(self.tree))
+        if any(own is not None for own in self.held):
+            self._check_pieces(shape)
+        else:
+            check_cover(shape, self.covered(self.tree))
         laid: dict[int | None, Shape] = {None: shape}  # the shape, and its cells where a part bounds these
         for cells in {part.info.get("resolution") for part in self.members} - {None}:
             laid[cells] = shape if isinstance(shape, IndicatorGrid) else shape.to_grid(resolution=cells)
@@ -154,8 +163,33 @@ class Composition(Bounder):
         # A part may be several tests that must all pass, such as a network with exits.
         return [(each, own) for part, own in pairs if own is not None for each in part.parts]
 
+    def _check_pieces(self, shape: Shape) -> None:
+        if shape.pieces is None:
+            raise BounderError(f"{shape.name}: it has no pieces, and parts of this bounder hold some each")
+        if left := sorted(set(shape.pieces.held) - self.pieces_of(self.tree, set(shape.pieces.held))):
+            raise BounderError(f"{shape.name}: no part holds the pieces {left}")
+        for part, own in zip(self.members, self.owed(shape), strict=True):
+            if own.ndim != part.ndim:
+                raise BounderError(
+                    f"{own.name}: {own.ndim} coordinates, and the part that is said to hold it has {part.ndim}"
+                )
+
+    def pieces_of(self, tree: Tree, every: set[int]) -> set[int]:
+        """Numbers of the pieces that this part of the tree holds, if each bounder in it does what it is for.
+
+        Args:
+            tree: A part of the tree.
+            every: What a part holds that is of no piece.
+        """
+        if isinstance(tree, int):
+            return every if self.held[tree] is None else set(self.held[tree]) & every
+        held = [self.pieces_of(child, every) for child in children_of(tree)]
+        return set.union(*held) if tree[0] == OR else set.intersection(*held)
+
     def owed(self, shape: Shape) -> list[Shape | None]:
-        """What each part must hold of a shape: what is in its region; ``None`` where the shape does not reach there."""
+        """What each part must hold of a shape: its pieces, or what is in its region; ``None`` where the shape does not reach there."""
+        if any(own is not None for own in self.held):
+            return [shape if own is None else shape.piece(own) for own in self.held]
         reached = [(low <= shape.upper).all() and (high >= shape.lower).all() for low, high in self.regions]
         return [part_of(shape, box) if here else None for here, box in zip(reached, self.regions, strict=True)]
 
@@ -176,10 +210,10 @@ class Composition(Bounder):
     @property
     def delta_share(self) -> np.ndarray | None:
         """See ``Bounder``: what is left of the error that a part's proof covers, for parts in domains of their own."""
-        if self.moves is None:
+        if all(part.domain is self.domain for part in self.members):
             return None
-        first = next(part.domain for part in self.members if part.info.get("resolution") is None)
-        return self.domain.delta / first.delta
+        own = [part.domain for part in self.members if part.info.get("resolution") is None]
+        return self.domain.delta / next(domain for domain in own if domain.space_ndim == self.ndim).delta
 
     @property
     def provable(self) -> bool:
@@ -192,16 +226,14 @@ class Composition(Bounder):
     @property
     def source(self) -> CompositionSource:
         places = sum(map(has_bits, self.members)) > 1
-        return self.source_of(
-            CompositionSource, tuple(self._codes), _rows_of(self.tree), places, self.moves is not None
-        )
+        return self.source_of(CompositionSource, tuple(self._codes), rows_of(self.tree), places, self.moves is not None)
 
     def weights(self) -> np.ndarray:
         """See ``Bounder``; the layout is described in ``bounders.composition.source``."""
-        count, row, fields = _rows_of(self.tree), self.source.row, word_places(self.members)
+        count, row, fields = rows_of(self.tree), self.source.row, word_places(self.members)
         place, rows = aligned(row * (count + 2)), np.zeros((count + 2, row), np.float32)
         held = [np.zeros(place, np.float32)]
-        for i, (step, yes, no) in enumerate(_steps(self.tree, 0, count, count + 1)):
+        for i, (step, yes, no) in enumerate(steps_of(self.tree, 0, count, count + 1)):
             if isinstance(step, tuple):
                 rows[i, :ROW] = SPLIT_CODE, step[0], yes, no, step[1]
                 continue
@@ -226,7 +258,7 @@ class Composition(Bounder):
     def nbytes(self) -> int:
         """See ``Bounder``: domain, rows and the parts' numbers; the regions are the proof's."""
         header = 4 * (len(self.domain.header) + 1 + len(self.domain.extra))
-        return 4 * self.source.row * _rows_of(self.tree) + header + sum(part.nbytes - header for part in self.members)
+        return 4 * self.source.row * rows_of(self.tree) + header + sum(part.nbytes - header for part in self.members)
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         v = np.asarray(v, dtype=np.float64)
@@ -235,7 +267,8 @@ class Composition(Bounder):
     def _decide(self, tree: Tree, v: np.ndarray) -> np.ndarray:
         if isinstance(tree, int):
             own = v if self.moves is None else self.moves.of(tree, v)
-            return self.members[tree].reference(own) >= float(self.members[tree].threshold)
+            part = self.members[tree]
+            return part.reference(own[:, : part.domain.ndim]) >= float(part.threshold)
         if tree[0] == SPLIT:
             found, below = np.zeros(len(v), dtype=bool), v[:, tree[1]] < np.float32(tree[2])
             for child, side in zip(tree[3:], (below, ~below), strict=True):
@@ -259,7 +292,7 @@ class Composition(Bounder):
             if self.moves is not None:
                 error = self.moves.error[tree]
                 lower, upper = self.moves.of(tree, lower) - error, self.moves.of(tree, upper) + error
-            low, high, owner = part.cut(lower, upper)
+            low, high, owner = part.cut(lower[:, : part.domain.ndim], upper[:, : part.domain.ndim])
             sure = np.ones(len(lower), dtype=bool)
             np.logical_and.at(sure, owner, part.bound(low, high).lower >= float(part.threshold) + part.rounding_bound())
             return sure
@@ -280,55 +313,11 @@ class Composition(Bounder):
         return 0.0  # ``bound`` is about what devices compute
 
 
-def _rows_of(tree: Tree) -> int:
-    """How many parts and splits a tree has."""
-    if isinstance(tree, int):
-        return 1
-    split = tree[0] == SPLIT
-    return split + sum(_rows_of(child) for child in tree[3 if split else 1 :])
-
-
-def _is_split(tree: list, domain: AnyDomain) -> bool:
-    """Whether a tree that calls itself a split is one for points of a domain."""
-    if (
-        len(tree) != 5
-        or not domain.tested_as_point
-        or domain.parametric
-        or type(tree[1]) is not int
-        or not 0 <= tree[1] < domain.ndim
+def _numbers_of(entry: dict[str, Any]) -> list[int] | None:
+    """The numbers of pieces in a part's entry, checked; ``None`` where it has none."""
+    held = entry.get("held")
+    if held is not None and not (
+        isinstance(held, list) and held and all(type(number) is int and number >= 0 for number in held)
     ):
-        return False
-    return type(tree[2]) is float and abs(tree[2]) >= NEAREST_TO_ZERO and float(np.float32(tree[2])) == tree[2]
-
-
-def _parts_of(tree: Any, domain: AnyDomain, depth: int = 0) -> Iterator[int]:
-    """The numbers of the parts of a tree, in order; -1 where something is no tree."""
-    if type(tree) is int:
-        yield tree
-    elif isinstance(tree, list) and tree and tree[0] == SPLIT and depth < MOST_NESTED and _is_split(tree, domain):
-        for child in tree[3:]:
-            yield from _parts_of(child, domain, depth + 1)
-    elif isinstance(tree, list) and len(tree) > 1 and tree[0] in (AND, OR) and depth < MOST_NESTED:
-        for child in tree[1:]:
-            yield from _parts_of(child, domain, depth + 1)
-    else:
-        yield -1
-
-
-def _steps(tree: Tree, at: int, yes: int, no: int) -> Iterator[tuple[int | tuple[int, float], int, int]]:
-    """The rows of a tree that begin at row ``at``: a part, or axis and place of a split; and the rows to go to from it."""
-    if isinstance(tree, int):
-        yield tree, yes, no
-    elif tree[0] == SPLIT:
-        below = at + 1
-        above = below + _rows_of(tree[3])
-        yield (tree[1], tree[2]), above, below
-        yield from _steps(tree[3], below, yes, no)
-        yield from _steps(tree[4], above, yes, no)
-    else:
-        for child in tree[1:]:
-            then = at + _rows_of(child)
-            last = child is tree[-1]
-            on = (yes if last else then, no) if tree[0] == AND else (yes, no if last else then)
-            yield from _steps(child, at, *on)
-            at = then
+        raise BounderError(f"composition: expected numbers of pieces, got {held!r}")
+    return held

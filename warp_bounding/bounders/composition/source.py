@@ -222,11 +222,7 @@ def _decided(test: Early) -> str:
 
 def _of_code(source: CompositionSource, index: int) -> wp.Function:
     """The plain f of a part, by the number of its code, from ``index`` on."""
-    own, vector, last = (
-        plain_value(source.codes[index]),
-        vector_type(source.coordinates),
-        index + 1 == len(source.codes),
-    )
+    own, vector, last = _of_first(source, index), vector_type(source.coordinates), index + 1 == len(source.codes)
     if last:
 
         @twin(source, f"code_{index}")
@@ -243,3 +239,25 @@ def _of_code(source: CompositionSource, index: int) -> wp.Function:
         return others(w, words, at, v, code)
 
     return either
+
+
+def _of_first(source: CompositionSource, index: int) -> wp.Function:
+    """The plain f of a code, of the whole's v: a part may have the first coordinates only."""
+    code = source.codes[index]
+    value, vector, short, count = (
+        plain_value(code),
+        vector_type(source.coordinates),
+        vector_type(code.coordinates),
+        code.coordinates,
+    )
+    if count == source.coordinates:
+        return value
+
+    @twin(source, f"first_{index}")
+    def first(w: Numbers, words: Words, at: int, v: vector) -> float:
+        own = short()
+        for k in range(count):
+            own[k] = v[k]
+        return value(w, words, at, own)
+
+    return first

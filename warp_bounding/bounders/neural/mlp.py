@@ -83,6 +83,14 @@ THRESHOLDS = Option(
     int,
     _NOT_PLANES,
 )
+CERTIFICATES = ("proven", "statistical")
+CERTIFICATE = Option(
+    "certificate",
+    CERTIFICATES[0],
+    "proven; or statistical, for a threshold that samples attest where a proof in many dimensions leaves nothing",
+    one_of("certificate", CERTIFICATES),
+    queries=("point",),
+)
 
 
 class Mlp(Bounder):
@@ -95,7 +103,7 @@ class Mlp(Bounder):
 
     method = "mlp"
     exact_on_cells = False
-    options = (HIDDEN, ACTIVATION, OCTAVES, RECIPE, THRESHOLDS, STEPS)
+    options = (HIDDEN, ACTIVATION, OCTAVES, RECIPE, THRESHOLDS, CERTIFICATE, STEPS)
     source_kind: ClassVar[type[MlpSource]] = MlpSource
 
     @classmethod

@@ -1,25 +1,6 @@
 """What the colliding configurations of an arm answer, in float64 kernels: about points and closed boxes of configurations.
 
-A *pair* is two bodies that may touch, and the joints ``first .. last`` that move one against the other: those behind the link of the one
-(the world or a link before) up to that of the other. Seen from the one's link, corner p of the other is a function of these joint
-values alone.
-
-*First order.* Where each joint value differs by ``h_i`` at most from the centre's, p has moved by no more than ``sum_i rho_i 2 sin(h_i / 2)``, rho_i being
-how far the body is from the axis of joint i at most (``Arm.reach``).
-
-*Second order.* With n the direction that tells the hulls apart at the centre, ``n . p`` is there ``n . p_c + sum_i c_i d_i``, ``c_i = n . dp/dq_i``, up to
-``1/2 sum_ij |d_i| |d_j| |d2p/dq_i dq_j|``, and the second derivative is at most rho of the later of the two joints, since
-``d2p/dq_i dq_j = z_i x (z_j x (p - o_j))`` for i before j. So the gap is above a linear function for each corner. A box over which all of them stay above
-the radii is free of the pair.
-
-A joint that slides may be taken first, at which corners go straight on; all bounds above need ``rho`` only for values within the limits, where what collides is.
-
-*Half-spaces.* Where they do not, a configuration of the box that collides has a corner whose linear function is no more than 0. One linear
-function that lies under all of them in the box, over all pairs that are left, gives a half-space.
-
-*Distance.* In coordinates ``x_i = w_i q_i``, a ball of radius r around a configuration moves the other body by at most
-``r |(rho_i / w_i)_i|``; and along n by at most ``r |(c_i / w_i)_i| + r^2 / 2 |(rho_max(i, j) / (w_i w_j))_ij|``, the last a Frobenius norm. The larger of the two radii
-that follow is a distance which the pair cannot undercut.
+What is known of single pairs of bodies comes from ``pairs``.
 """
 
 from functools import cache
@@ -27,8 +8,9 @@ from typing import NamedTuple
 
 import warp as wp
 
-from warp_bounding.indicators.arms.kinematics import Chain, kinematics_of
-from warp_bounding.indicators.arms.separation import Bodies, Separation, corner, farthest, separation
+from warp_bounding.indicators.arms.kinematics import kinematics_of
+from warp_bounding.indicators.arms.pairs import OUTWARD, Collisions, pairs_of
+from warp_bounding.indicators.arms.separation import farthest, separation
 from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
 from warp_bounding.runtime.native import named
 
@@ -40,35 +22,15 @@ HALVES = 3  # asked for: half-spaces, where nothing else is known
 MOST_OPEN = 8  # pairs of a box that a half-space is made of; where more are left there is none
 LARGEST_HALF = 1.0  # radians: the second order is of no use for larger boxes
 BLUR = 2.0**-50  # of a coordinate: by how much the centre of a box and its half may be off
-OUTWARD, INWARD = 1 + 2.0**-40, 1 - 2.0**-40  # outweigh what sums of a few products round, relative to their size
 
 _OPEN, _FREE, _FULL, _HALVES = wp.constant(OPEN), wp.constant(FREE), wp.constant(FULL), wp.constant(HALVES)
 _IN, _OUT, _UNDECIDED = wp.constant(IN), wp.constant(OUT), wp.constant(UNDECIDED)
 _MOST_OPEN = wp.constant(MOST_OPEN)
 _LARGEST_HALF = wp.constant(wp.float64(LARGEST_HALF))
-_OUTWARD, _INWARD = wp.constant(wp.float64(OUTWARD)), wp.constant(wp.float64(INWARD))
+_OUTWARD = wp.constant(wp.float64(OUTWARD))
 _BLUR = wp.constant(wp.float64(BLUR))
-_ZERO, _HALF, _ONE, _TWO = (wp.constant(wp.float64(value)) for value in (0.0, 0.5, 1.0, 2.0))
-_HALF_TURN = wp.constant(wp.float64(3.14159265358979))
+_ZERO, _HALF, _ONE = (wp.constant(wp.float64(value)) for value in (0.0, 0.5, 1.0))
 _INFINITY = wp.constant(wp.float64(float("inf")))
-
-
-@wp.struct
-class Collisions:
-    """An arm, what it may touch, and in which coordinates."""
-
-    chain: Chain
-    bodies: Bodies
-    pairs: wp.array(dtype=wp.vec2i)  # the one, the other, whose link is behind that of the one
-    reach: wp.array(dtype=wp.float64, ndim=2)  # of each body from each joint's axis
-    speed: wp.array(
-        dtype=wp.float64
-    )  # of each pair, metres by which it comes nearer at most, per unit of distance in the shape's coordinates
-    weights: wp.array(dtype=wp.float64)
-    lower: wp.array(dtype=wp.float64)  # limits, in the shape's coordinates
-    upper: wp.array(dtype=wp.float64)
-    safety: wp.float64  # metres, what comes closer counts as touching
-    allowance: wp.float64  # metres, by how much a gap may be off
 
 
 class Kernels(NamedTuple):
@@ -82,115 +44,13 @@ class Kernels(NamedTuple):
 def kernels_of(n: int) -> Kernels:
     """The kernels for arms of n joints."""
     arm = kinematics_of(n)
-    values, turns, places = arm.values, arm.turns, arm.places
-    rotations_of, origins_of, link, rate = arm.rotations, arm.origins, arm.link, arm.rate
+    values, rotations_of, origins_of, link = arm.values, arm.rotations, arm.origins, arm.link
+    own = pairs_of(n)
+    center_of, balls_apart, arcs, swept, bend = own.center_of, own.balls_apart, own.arcs, own.swept, own.bend
+    slopes, bound, room_of, middle, meets = own.slopes, own.bound, own.room_of, own.middle, own.meets
+    radius_of = own.radius_of
     normals = wp.types.matrix(shape=(MOST_OPEN, 3), dtype=wp.float64)
     numbers = wp.types.vector(length=MOST_OPEN, dtype=wp.int32)
-
-    @named(f"arm_apart_{n}").func
-    def balls_apart(c: Collisions, turn: turns, at: places, pair: wp.vec2i) -> wp.float64:
-        """How far the balls around two hulls are from each other."""
-        one, other = pair[0], pair[1]
-        a, b = link(turn, at, c.bodies.link[one]), link(turn, at, c.bodies.link[other])
-        way = (b.turn * c.bodies.center[other] + b.at) - (a.turn * c.bodies.center[one] + a.at)
-        return wp.length(way) - c.bodies.ball[one] - c.bodies.ball[other]
-
-    @named(f"arm_swept_{n}").func
-    def swept(c: Collisions, pair: wp.vec2i, half: values) -> wp.float64:
-        """How far a pair comes nearer at most in a box; first order."""
-        most = wp.float64(0.0)
-        for i in range(c.bodies.link[pair[0]] + 1, c.bodies.link[pair[1]] + 1):
-            way = half[i]
-            if c.chain.slides[i] == 0:
-                way = _TWO * wp.sin(wp.min(half[i], _HALF_TURN) * _HALF)
-            most += c.reach[pair[1], i] * way
-        return most * _OUTWARD
-
-    @named(f"arm_bend_{n}").func
-    def bend(c: Collisions, pair: wp.vec2i, half: values) -> wp.float64:
-        """By how much a linear function of a pair may be off in a box; second order."""
-        most = wp.float64(0.0)
-        begin, end = c.bodies.link[pair[0]] + 1, c.bodies.link[pair[1]] + 1
-        before = wp.float64(0.0)
-        for j in range(begin, end):
-            most += c.reach[pair[1], j] * half[j] * (before + _HALF * half[j])
-            before += half[j]
-        return most * _OUTWARD
-
-    @named(f"arm_slopes_{n}").func
-    def slopes(c: Collisions, turn: turns, at: places, pair: wp.vec2i, normal: wp.vec3d, x: wp.vec3d) -> values:
-        """How ``normal . x`` changes with each joint, of the place x of a corner of the other body."""
-        found = values()
-        for i in range(c.bodies.link[pair[0]] + 1, c.bodies.link[pair[1]] + 1):
-            found[i] = wp.dot(normal, rate(c.chain, turn, at, i, x))
-        return found
-
-    @named(f"arm_bound_{n}").func
-    def bound(
-        c: Collisions,
-        turn: turns,
-        at: places,
-        pair: wp.vec2i,
-        normal: wp.vec3d,
-        room: wp.float64,
-        half: values,
-        slope: values,
-    ) -> wp.float64:
-        """A number under ``gap - slope . (q - center)`` in a box, of all corners."""
-        one, other = pair[0], pair[1]
-        b = link(turn, at, c.bodies.link[other])
-        level = wp.dot(normal, farthest(c.bodies, one, link(turn, at, c.bodies.link[one]), normal)) + room
-        least = wp.float64(wp.inf)
-        for k in range(c.bodies.first[other], c.bodies.first[other + 1]):
-            x = corner(c.bodies, b, k)
-            own = slopes(c, turn, at, pair, normal, x)
-            value = wp.dot(normal, x) - level
-            for i in range(n):
-                value -= wp.abs(own[i] - slope[i]) * half[i]
-            least = wp.min(least, value)
-        return least
-
-    @named(f"arm_room_{n}").func
-    def room_of(c: Collisions, pair: wp.vec2i) -> wp.float64:
-        """The radii of a pair, and what may be off."""
-        return (c.bodies.radius[pair[0]] + c.bodies.radius[pair[1]] + c.safety) * _OUTWARD + c.allowance
-
-    @named(f"arm_middle_{n}").func
-    def middle(c: Collisions, lower: values, upper: values) -> values:
-        q = values()
-        for i in range(n):
-            q[i] = (lower[i] * _HALF + upper[i] * _HALF) / c.weights[i]
-        return q
-
-    @named(f"arm_meets_{n}").func
-    def meets(c: Collisions, s: Separation, pair: wp.vec2i, way: wp.float64) -> bool:
-        """Do two bodies touch for certain, even if they go apart by some way?"""
-        radii = (c.bodies.radius[pair[0]] + c.bodies.radius[pair[1]] + c.safety) * _INWARD - c.allowance
-        return s.apart + way <= radii or s.depth > way + c.allowance
-
-    @named(f"arm_radius_{n}").func
-    def radius_of(
-        c: Collisions, turn: turns, at: places, pair: wp.vec2i, normal: wp.vec3d, gap: wp.float64, reach: wp.float64
-    ) -> wp.float64:
-        """A distance, in the shape's coordinates, that a pair with a gap cannot undercut."""
-        begin, end = c.bodies.link[pair[0]] + 1, c.bodies.link[pair[1]] + 1
-        b = link(turn, at, c.bodies.link[pair[1]])
-        steep, bent, before = wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
-        for k in range(c.bodies.first[pair[1]], c.bodies.first[pair[1] + 1]):
-            own = slopes(c, turn, at, pair, normal, corner(c.bodies, b, k))
-            square = wp.float64(0.0)
-            for i in range(begin, end):
-                part = (wp.abs(own[i]) + c.allowance) / c.weights[i]
-                square += part * part
-            steep = wp.max(steep, square)
-        for j in range(begin, end):
-            share, part = _ONE / (c.weights[j] * c.weights[j]), c.reach[pair[1], j] / c.weights[j]
-            bent += part * part * (_TWO * before + share)
-            before += share
-        slope, curve = wp.sqrt(steep) * _OUTWARD, wp.sqrt(bent) * _OUTWARD
-        # The root of slope r + curve r^2 / 2 = gap, written so that nothing cancels.
-        root = _TWO * gap / (slope + wp.sqrt(slope * slope + _TWO * curve * gap))
-        return wp.max(gap / reach, root) * _INWARD
 
     @named(f"arm_points_{n}").kernel
     def points(
@@ -217,10 +77,14 @@ def kernels_of(n: int) -> Kernels:
         turn = rotations_of(c.chain, q)
         at = origins_of(c.chain, q, turn)
         touches, unsure, nearest = wp.bool(False), wp.bool(False), near + wp.float64(0.0)
+        moving, center = wp.int32(-1), wp.vec3d()
         for number in range(c.pairs.shape[0]):
             pair = c.pairs[number]
             room, reach = room_of(c, pair), c.speed[number]
-            if balls_apart(c, turn, at, pair) - room > nearest * reach:
+            if pair[1] != moving:
+                moving = pair[1]
+                center = center_of(c, turn, at, moving)
+            if balls_apart(c, turn, at, pair, center) - room > nearest * reach:
                 continue
             a, b = link(turn, at, c.bodies.link[pair[0]]), link(turn, at, c.bodies.link[pair[1]])
             s = separation(c.bodies, pair[0], a, pair[1], b, room + nearest * reach)
@@ -278,11 +142,19 @@ def kernels_of(n: int) -> Kernels:
         at = origins_of(c.chain, q, turn)
         directions, left = normals(), numbers()
         count, known = wp.int32(0), wp.bool(True)
-        lowest, slope = wp.float64(wp.inf), values()
+        lowest, slope, arc = wp.float64(wp.inf), values(), arcs(c, half)
+        moving, still, center, way = wp.int32(-1), wp.int32(-2), wp.vec3d(), wp.float64(0.0)
         for number in range(c.pairs.shape[0]):
             pair = c.pairs[number]
-            room, way = room_of(c, pair), swept(c, pair, half)
-            if balls_apart(c, turn, at, pair) > room + way:
+            room = room_of(c, pair)
+            if pair[1] != moving:
+                moving = pair[1]
+                still = wp.int32(-2)
+                center = center_of(c, turn, at, moving)
+            if c.bodies.link[pair[0]] != still:
+                still = c.bodies.link[pair[0]]
+                way = swept(c, pair, arc)
+            if balls_apart(c, turn, at, pair, center) > room + way:
                 continue
             a, b = link(turn, at, c.bodies.link[pair[0]]), link(turn, at, c.bodies.link[pair[1]])
             s = separation(c.bodies, pair[0], a, pair[1], b, room + way)
@@ -329,10 +201,10 @@ def kernels_of(n: int) -> Kernels:
         other = c.bodies.link[pair[1]]
         b = link(turn, at, other)
         x = farthest(c.bodies, pair[1], b, -normal)
-        own = slopes(c, turn, at, pair, normal, x)
+        steps = slopes(c, turn, at, pair, normal, x)
         axis, most, loss = wp.int32(0), wp.float64(-1.0), wp.float64(0.0)
         for i in range(n):
-            part = wp.abs(own[i] - slope[i]) * half[i]
+            part = wp.abs(steps[i] - slope[i]) * half[i]
             for j in range(n):
                 part += _HALF * c.reach[pair[1], wp.max(i, j)] * half[i] * half[j]
             loss += part

@@ -130,6 +130,18 @@ class Arm:
     def __repr__(self) -> str:
         return f"<Arm {self.name}: {len(self.joints)} joints, {len(self.bodies)} bodies>"
 
+    def first(self, count: int) -> "Arm":
+        """The arm that ends behind its first ``count`` joints, with what these move.
+
+        Raises:
+            IndicatorError: For no joints, or more than there are.
+        """
+        if not 1 <= count <= len(self.joints):
+            raise IndicatorError(f"{self.name}: expected 1 to {len(self.joints)} joints, got {count}")
+        bodies = [body for body in self.bodies if body.link < count]
+        touching = [pair for pair in self.touching if pair[1] < count]
+        return Arm(self.joints[:count], bodies, touching=touching, name=self.name)
+
     @property
     def lower(self) -> np.ndarray:
         """``(n,)`` float64, the joints' least values."""

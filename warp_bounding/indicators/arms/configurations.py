@@ -22,6 +22,7 @@ from warp_bounding.indicators.functions.parameters import checked_number
 from warp_bounding.indicators.functions.solid import Formula
 from warp_bounding.indicators.half_spaces import HalfSpaces
 from warp_bounding.indicators.limits import checked_margin
+from warp_bounding.indicators.parts.pieces import Pieces
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.runtime.launch import launch_on_cores
 
@@ -68,7 +69,11 @@ class ArmConfigurations(Formula):
         weights=None,
         name: str = "arm",
     ):
-        self.arm, self.obstacles, self.name = arm, tuple(obstacles), name
+        self.arm, self.obstacles, self.name, self._pieces = arm, tuple(obstacles), name, None
+        self._lay_out(safety, self_collision, weights)
+
+    def _lay_out(self, safety: float, self_collision: bool | None, weights) -> None:
+        arm, obstacles, name = self.arm, self.obstacles, self.name
         self.safety, self.self_collision = (
             checked_margin(safety),
             not obstacles if self_collision is None else bool(self_collision),
@@ -104,7 +109,11 @@ class ArmConfigurations(Formula):
                 for other, b in enumerate(links):
                     if a < b - 1 and (a, b) not in self.arm.touching:
                         found.append((one, other))
-        return np.array(found, dtype=np.int32).reshape(-1, 2)
+        pairs = np.array(found, dtype=np.int32).reshape(-1, 2)
+        if self._pieces is None:
+            return pairs
+        links = np.array([*links, *(WORLD for _ in self.obstacles)])
+        return pairs[np.isin(links[pairs].max(axis=1), self._pieces.held)]
 
     # --- where it is -------------------------------------------------------------------------------------------------
 
@@ -133,6 +142,8 @@ class ArmConfigurations(Formula):
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all numbers of joints, bodies, obstacles, pairs, weights and the safety; names do not enter."""
+        if self._pieces is not None:
+            return self._pieces.digest
         sha = hashlib.sha256(b"warp-bounding arm 1")
         for joint in self.arm.joints:
             numbers = [*joint.origin.ravel(), *joint.axis, joint.lower, joint.upper, joint.slides]
@@ -202,7 +213,8 @@ class ArmConfigurations(Formula):
 
     def _array(self, x: np.ndarray) -> wp.array:
         dtype = wp.types.vector(length=self.ndim, dtype=wp.float64)
-        return wp.array(np.ascontiguousarray(x, dtype=np.float64), dtype=dtype, device=DEVICE, copy=False)
+        x = np.ascontiguousarray(x, dtype=np.float64)
+        return wp.array(x, dtype=dtype, shape=(len(x),), device=DEVICE, copy=False)
 
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         (lower, upper), apart = self._within(lower, upper)
@@ -247,6 +259,36 @@ class ArmConfigurations(Formula):
         return tuple(output.numpy() for output in outputs)
 
     # --- what can be made of it --------------------------------------------------------------------------------------
+
+    @property
+    def pieces(self) -> Pieces:
+        """A piece for each link: the configurations in which it touches an obstacle, the base, or a link before it."""
+        return self._pieces or Pieces(self.digest, self.ndim, tuple(range(self.ndim)))
+
+    def piece(self, held: Sequence[int]) -> "ArmConfigurations":
+        """The configurations in which some links touch what stands around, or links before them: of the joints up to the last of these.
+
+        Args:
+            held: Numbers of links.
+
+        Raises:
+            IndicatorError: For numbers of no links, links of another piece, or links that could touch nothing.
+
+        Example:
+            >>> last = wb.arms.ArmConfigurations(arm, obstacles).piece([2])
+        """
+        own = self.pieces
+        asked = Pieces.of(own.whole, own.count, held, self.name)
+        if not set(asked.held) <= set(own.held):
+            raise IndicatorError(f"{self.name}: a piece of links {own.held} has no links {asked.held}")
+        if asked == own:
+            return self
+        count = asked.held[-1] + 1
+        found = object.__new__(ArmConfigurations)
+        found.arm, found.obstacles, found._pieces = self.arm.first(count), self.obstacles, asked
+        found.name = f"{self.name}, links {', '.join(map(str, asked.held))}"
+        found._lay_out(self.safety, self.self_collision, self.weights[:count])
+        return found
 
     def dilated(self, margin: float) -> Shape:
         """Itself for 0.

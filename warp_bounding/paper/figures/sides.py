@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.indicators.complement import SIDES
+from warp_bounding.indicators.parts.complement import SIDES
 from warp_bounding.paper.drawing.base import Figure, objects_named
 from warp_bounding.paper.drawing.canvas import INK, SOLID, page, show, tinted
 from warp_bounding.paper.drawing.masks import pack, packed, raster, unpack

@@ -2,13 +2,16 @@
 
 Every box gets a certified lower bound from the method (``Bounder.bound``) and a few concrete points. Boxes whose bound
 is not more than ``eps`` under the least value found are closed, the others halved. What is returned is sound whenever
-the search ends: the least bound over all closed *and* open boxes. Boxes wait in chunks, and the chunk with the lowest
-bound comes first, so that a search that is stopped early has raised its bound as far as it could; when too many wait,
-the newest chunk comes first instead, whose halves close soon, and memory stays bounded.
+the search ends: the least bound over all closed *and* open boxes. Boxes wait in chunks, and the chunk whose boxes matter
+most comes first, those with the largest gap where nothing else is said, so that a search that is stopped early has raised
+its bound as far as it could. When many wait, those are closed as they are that will not matter by the end, as far as that
+can be told, and when too many do, the half that matters least: memory stays bounded, and the search goes on where it counts,
+but it can no longer end with the gap that was asked for.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +22,10 @@ from warp_bounding.runtime.launch import working_seconds
 __all__ = ["WORST", "Search", "halve", "lowest", "minimum"]
 
 CHUNK = 32768  # boxes that are bounded at a time
-MOST_WAITING = 6_000_000  # boxes (about 0.5 GB in 4D): where more wait, the newest chunk comes first
+MANY, TOO_MANY = 5_000_000, 15_000_000  # boxes that wait (a million takes about 0.1 GB in 4D)
+AGAIN = 1.2  # times as many as after the last time: when boxes are looked through again
+# The gap falls with the boxes bounded, to this power, about; those that wait and cost less than a share of what that leaves are closed.
+FALLS, SHARE = 0.6, 0.5
 QUARTER = 1.7  # a box whose bound is too loose by more than this factor is quartered at once
 NEAR = 16.0  # gaps above the least value found: positives of a shape under it are kept as samples
 WORST = 2048  # low points that are kept, as samples for training
@@ -67,6 +73,7 @@ def minimum(
     groups: np.ndarray | None = None,
     group_of: Callable[[np.ndarray], np.ndarray] | None = None,
     group_count: int = 1,
+    price: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
 ) -> Search:
     """Certified minimum of ``f`` over boxes, or over those of their points that are positives of a shape.
 
@@ -88,6 +95,8 @@ def minimum(
         groups: ``(N,)`` int, the group of each box, from 0 on; all are one group if ``None``.
         group_of: The groups of ``points``; needed where there are groups.
         group_count: How many groups there are, those without a box among them.
+        price: What it costs that a group's minimum is known to be no less than a bound: called with bounds ``(K,)`` and their groups, it
+            grows as bounds fall. Boxes of the highest price come first. The gap if ``None``.
 
     Returns:
         The result; sound also where it is not complete.
@@ -102,10 +111,19 @@ def minimum(
     resolved = 4 * float((bounder.reference(probe) - bounder.bound(probe, probe).lower).max())
     eps = np.broadcast_to(np.maximum(eps, resolved), best.shape)
 
-    def advance(low: np.ndarray, high: np.ndarray, parent: np.ndarray, group: np.ndarray) -> list[tuple]:
+    def goals() -> np.ndarray:
+        """For each group f that is of no interest any more: near its least value found, or no less than what has been closed."""
+        return np.minimum(best - eps, closed)
+
+    def prices(bound: np.ndarray, group: np.ndarray) -> np.ndarray:
+        with np.errstate(invalid="ignore"):  # nothing is known of a group: its best value is infinite, as is the price
+            gap = np.nan_to_num(best[group] - bound, nan=np.inf)
+            return gap if price is None else price(bound, group)
+
+    def advance(low: np.ndarray, high: np.ndarray, parent: np.ndarray, group: np.ndarray, _) -> list[_Chunk]:
         """Bound a chunk; its halves that stay open, in chunks."""
         nonlocal done, low_points, low_values
-        open_ = parent < (best - eps)[group]
+        open_ = parent < goals()[group]
         np.minimum.at(closed, group[~open_], parent[~open_])
         low, high, parent, group = low[open_], high[open_], parent[open_], group[open_]
         if not len(low):
@@ -116,8 +134,8 @@ def minimum(
         points, values, of_points, axis = bounds.point, bounds.value, group, bounds.axis.copy()
         if positives is not None:
             small = positives.too_small(low, high)  # before anything is cut off: the bounds are of whole boxes
-            asked = np.flatnonzero(bound < (best - eps)[group])
-            goal = (best - eps)[group[asked]]
+            asked = np.flatnonzero(bound < goals()[group])
+            goal = goals()[group[asked]]
             held = positives.held(low[asked], high[asked], bounds.part(asked), goal)
             bound[asked], axis[asked] = np.fmax(held.lower, bound[asked]), held.axis
             low[asked], high[asked] = held.corners
@@ -127,7 +145,7 @@ def minimum(
             points, values, of_points = points[near], values[near], group[near]
         low_points, low_values = lowest(low_points, low_values, points, values)
         np.minimum.at(best, of_points, values)
-        open_ = bound < (best - eps)[group]
+        open_ = bound < goals()[group]
         if positives is not None:
             open_ &= ~small
         np.minimum.at(closed, group[~open_], bound[~open_])
@@ -143,31 +161,71 @@ def minimum(
             halves = halve(low[loose], high[loose], axis[loose])
             halves = halve(*halves, np.tile(bounds.next_axis[loose], 2))
             parts.append((*halves, np.tile(bound[loose], 4), np.tile(group[loose], 4)))
-        return _chunks(*(np.concatenate(part) for part in zip(*parts, strict=True))) if parts else []
+        if not parts:
+            return []
+        low, high, bound, group = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return _chunks(low, high, bound, group, prices(bound, group))
 
     def least() -> np.ndarray:
         found = closed.copy()
-        for _, _, bound, group in waiting:
-            np.minimum.at(found, group, bound)
+        for chunk in waiting:
+            np.minimum.at(found, chunk.group, chunk.bound)
         return found
 
-    start = _chunks(lower, upper, np.full(len(lower), -np.inf), groups)
-    waiting = [rest for chunk in start for rest in advance(*chunk)]
+    nowhere = np.full(len(lower), -np.inf)
+    start = _chunks(lower, upper, nowhere, groups, -nowhere)
+    waiting, gave_up = [rest for chunk in start for rest in advance(*chunk)], False
+    looked_at = MANY
     while waiting and done < boxes and working_seconds() - started < seconds:
-        crowded = sum(len(chunk[2]) for chunk in waiting) > MOST_WAITING
-        chunk = waiting.pop(-1 if crowded else min(range(len(waiting)), key=lambda i: waiting[i][2][0]))
-        waiting += advance(*chunk)
+        waiting += advance(*waiting.pop(max(range(len(waiting)), key=lambda i: waiting[i].price[0])))
+        count = sum(len(chunk.bound) for chunk in waiting)
+        if count > looked_at * AGAIN:
+            spent = working_seconds() - started
+            used = max(done / boxes, spent / seconds) if min(boxes, seconds) > 0 else 1.0
+            level = SHARE * max(chunk.price[0] for chunk in waiting) * used**FALLS
+            waiting, rest = _split(waiting, level, TOO_MANY // 2 if count > TOO_MANY else count)
+            looked_at = max(MANY, sum(len(chunk.bound) for chunk in waiting))
+            for chunk in rest:
+                np.minimum.at(closed, chunk.group, chunk.bound)
+                gave_up = True
         if progress:
-            progress(done, sum(len(chunk[2]) for chunk in waiting), float(best.min() - least().min()))
+            progress(done, sum(len(chunk.bound) for chunk in waiting), float(best.min() - least().min()))
     found, spent = least(), working_seconds() - started
-    return Search(float(found.min()), float(best.min()), low_points, done, spent, complete=not waiting, by_group=found)
+    complete = not waiting and not gave_up
+    return Search(float(found.min()), float(best.min()), low_points, done, spent, complete, by_group=found)
 
 
-def _chunks(low: np.ndarray, high: np.ndarray, bound: np.ndarray, group: np.ndarray) -> list[tuple[np.ndarray, ...]]:
-    """Boxes in chunks of ``CHUNK``, lowest bounds first."""
-    order = np.argsort(bound, kind="stable")
-    held = [each[order] for each in (low, high, bound, group)]
-    return [tuple(each[i : i + CHUNK] for each in held) for i in range(0, len(low), CHUNK)]
+class _Chunk(NamedTuple):
+    """Boxes that wait: corners, bounds, groups, and prices, the highest first."""
+
+    low: np.ndarray
+    high: np.ndarray
+    bound: np.ndarray
+    group: np.ndarray
+    price: np.ndarray
+
+
+def _chunks(*columns: np.ndarray) -> list[_Chunk]:
+    """Boxes, given by the columns of ``_Chunk``, in chunks of ``CHUNK``."""
+    order = np.argsort(-columns[-1], kind="stable")
+    held = [each[order] for each in columns]
+    return [_Chunk(*(each[i : i + CHUNK] for each in held)) for i in range(0, len(order), CHUNK)]
+
+
+def _split(chunks: list[_Chunk], level: float, most: int) -> tuple[list[_Chunk], list[_Chunk]]:
+    """The boxes of a price above a level, those of the highest prices where there would be more than ``most``, and the others."""
+    price = np.concatenate([chunk.price for chunk in chunks])
+    dear = price > level
+    if dear.sum() > most:
+        dear = np.zeros(len(price), dtype=bool)
+        dear[np.argpartition(-price, most)[:most]] = True
+    kept, rest, begin = [], [], 0
+    for chunk in chunks:
+        own, begin = dear[begin : begin + len(chunk.price)], begin + len(chunk.price)
+        for part, held in ((own, kept), (~own, rest)):
+            if part.any():
+                held.append(_Chunk(*(each[part] for each in chunk)))
+    return kept, rest
 
 
 def halve(low: np.ndarray, high: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,134 @@
+"""Meshes that deform with pose numbers, against the mesh at each pose."""
+
+import numpy as np
+import pytest
+import trimesh
+
+import warp_bounding as wb
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
+
+
+def blob(poses: int = 2, margin: float = 0.0) -> wb.IndicatorBlendShapes:
+    """A ball that is drawn out along x, and one end of it bent upwards."""
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    x, y, z = ball.vertices.T
+    out, up = np.stack([x, 0 * y, 0 * z], 1), np.stack([0 * x, 0 * y, np.maximum(x, 0) ** 2], 1)
+    return wb.IndicatorBlendShapes(
+        ball.vertices,
+        [out, up][:poses],
+        ball.faces,
+        lower=[-0.4, -0.8][:poses],
+        upper=[0.8, 0.8][:poses],
+        margin=margin,
+    )
+
+
+def asked(shape, rng, count: int) -> np.ndarray:
+    return rng.uniform(shape.sample_lower, shape.sample_upper, (count, shape.ndim))
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.1])
+def test_truth_is_that_of_the_mesh_at_the_pose(margin, rng):
+    shape = blob(margin=margin)
+    for pose in ([-0.4, 0.0], [0.3, 0.7], [0.8, -0.8]):
+        mesh = trimesh.Trimesh(shape.at(pose), shape.faces, process=False)
+        x = asked(shape, rng, 1500)
+        x[:, 3:] = pose
+        _, far, _ = trimesh.proximity.closest_point(mesh, x[:, :3])
+        truth = mesh.contains(x[:, :3]) | (far <= margin)
+        sure = np.abs(far - margin) > 1e-9
+        assert (shape.contains(x) == truth)[sure].all()
+        assert 0.02 < truth.mean() < 0.9
+
+
+def test_points_on_the_surface_are_not_lost(rng):
+    shape = blob()
+    x = shape.landmarks()
+    assert (shape.decide(x) != OUT).all()
+    assert (shape.decide(shape.points(500, rng)) == IN).all() or (shape.decide(x) == UNDECIDED).any()
+    assert not shape.contains(np.append(np.zeros(3), [0.9, 0.0])[None]).any()  # no such pose
+    assert not shape.contains(np.full((1, 5), np.nan)).any()
+    assert shape.contains(np.append(np.zeros(3), shape.upper[3:])[None]).all()
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.1])
+def test_boxes_are_empty_and_full_where_it_is_said(margin, rng):
+    shape = blob(margin=margin)
+    lower = asked(shape, rng, 20_000)
+    upper = lower + rng.uniform(0, 0.3, lower.shape) * rng.choice([0.1, 1.0], (len(lower), 1))
+    empty, inside = shape.empty(lower, upper), shape.inside(lower, upper)
+    assert 0.2 < empty.mean() < 0.9
+    assert inside.mean() > 0.001
+    assert not (empty & inside).any()
+    for _ in range(40):
+        share = rng.random(lower.shape)
+        share = np.where(rng.random(lower.shape) < 0.5, np.round(share), share)
+        truth = shape.contains(lower + share * (upper - lower))
+        assert not (empty & truth).any()
+        within = lower + share * (upper - lower) <= shape.upper
+        assert (truth | ~within.all(axis=1))[inside].all()
+    assert not shape.empty(upper, lower).any()
+    assert not shape.empty(np.full((1, 5), np.nan), np.zeros((1, 5))).any()
+    beyond = shape.upper + 1
+    assert shape.empty(beyond[None], beyond[None] + 1).all()
+
+
+def test_what_is_far_larger_than_a_box_needs_no_luck(rng):
+    """Boxes that are nearly points: what is certain of them is what is certain of points."""
+    shape = blob()
+    x = asked(shape, rng, 5000)
+    truth = shape.decide(x)
+    assert (shape.empty(x - 1e-9, x + 1e-9)[truth == OUT]).mean() > 0.999
+    assert (shape.inside(x - 1e-9, x + 1e-9)[truth == IN]).mean() > 0.999
+
+
+@pytest.mark.parametrize("method", ["mlp", "learned-kdop"])
+def test_a_bounder_of_one_pose_number_is_proven(method, tmp_path):
+    shape = blob(1)
+    options = {"hidden": (12, 12), "steps": 200} if method == "mlp" else {}
+    bounder = wb.fit(shape, method=method, device="cpu", progress=False, **options)
+    assert bounder.certificate.proven
+    assert wb.evaluate(bounder, shape, samples=50_000).fn == 0
+    bounder.save(tmp_path / "b.safetensors")
+    again = wb.load(tmp_path / "b.safetensors", device="cpu")
+    assert wb.certify(again, shape, seconds=120).proven
+    assert not wb.certify(again, blob(1, margin=0.2), seconds=20).proven
+
+
+def test_a_digest_tells_them_apart():
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    delta = [ball.vertices]
+
+    def made(**options):
+        return wb.IndicatorBlendShapes(ball.vertices, delta, ball.faces, **options)
+
+    shapes = [made(), made(upper=[2.0]), wb.IndicatorBlendShapes(ball.vertices, [2 * ball.vertices], ball.faces)]
+    assert len({shape.digest for shape in shapes}) == 3
+    assert made(name="x").digest == shapes[0].digest
+    assert shapes[0].dilated(0.1).digest == shapes[0].digest
+    assert (shapes[0].dilated(0.1).upper[:3] > shapes[0].upper[:3] + 0.09).all()
+
+
+@pytest.mark.parametrize(
+    "name", ["open", "deltas", "vertices", "nan", "faces", "names", "limits", "order", "many", "text", "margin"]
+)
+def test_what_is_no_blend_is_refused_in_one_line(name):
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    given = {"vertices": ball.vertices, "deltas": [ball.vertices], "faces": ball.faces}
+    given |= {
+        "open": {"faces": ball.faces[1:]},
+        "deltas": {"deltas": [ball.vertices[1:]]},
+        "vertices": {"vertices": ball.vertices[:, :2]},
+        "nan": {"deltas": [ball.vertices * np.nan]},
+        "faces": {"faces": ball.faces.astype(float)},
+        "names": {"faces": ball.faces + 100},
+        "limits": {"lower": [0.0, 1.0]},
+        "order": {"lower": [1.0], "upper": [1.0]},
+        "many": {"deltas": [ball.vertices] * 6},
+        "text": {"vertices": "ball"},
+        "margin": {"margin": -1.0},
+    }[name]
+    with pytest.raises(IndicatorError) as error:
+        wb.IndicatorBlendShapes(**given)
+    assert "\n" not in str(error.value)

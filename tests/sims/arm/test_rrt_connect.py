@@ -1,0 +1,90 @@
+"""RRT-Connect: trees that meet, the same to the bit with a proven bounder, and nothing found where there is nothing."""
+
+import numpy as np
+import pytest
+
+import warp_bounding as wb
+from sims.arm.exact import Hulls, Stepped
+from sims.arm.robots import Cell, planar
+from sims.arm.workplace import Workplace
+from sims.planning.broad import Samples, Segments
+from sims.planning.rrt_connect import RrtConnect
+
+PROBLEMS = 6
+
+
+@pytest.fixture(scope="module")
+def place():
+    posts = [wb.arms.Body.sphere([x, y, 0], 0.08, name="post") for x, y in ((0.6, 0.3), (-0.5, 0.45), (0.1, -0.65))]
+    return Workplace(Cell("posts", "Two joints among posts", planar((0.45, 0.4)), tuple(posts)))
+
+
+@pytest.fixture(scope="module")
+def alone(place):
+    example = RrtConnect(place, Hulls(place), problems=PROBLEMS)
+    example.step()
+    return example
+
+
+def test_paths_lead_from_start_to_goal_and_are_free(place, alone):
+    assert alone.solved >= PROBLEMS - 1
+    assert not alone.collisions().any()
+    for problem, path, length in zip(alone.problems, alone.paths, alone.lengths, strict=True):
+        if path is None:
+            assert not np.isfinite(length)
+            continue
+        assert (path[[0, -1]] == problem).all()
+        steps = np.linalg.norm(np.diff(path.astype(np.float64), axis=0), axis=1)
+        assert (steps <= alone.reach * (1 + 1e-6)).all()
+        assert length == pytest.approx(steps.sum())
+
+
+@pytest.mark.parametrize("method", ["aabb", "learned-kdop"])
+def test_a_proven_bounder_changes_nothing_but_the_work(method, place, alone):
+    options = {"steps": 20} if method == "learned-kdop" else {}
+    bounder = wb.fit(place.shape, method=method, device="cpu", progress=False, **options)
+    example = RrtConnect(place, Hulls(place), Segments(bounder), problems=PROBLEMS)
+    example.step()
+    example.test_final(alone)
+    assert example.checks <= alone.checks
+    again = example.state()
+    example.step()
+    assert example.state() == again
+
+
+def test_what_clears_too_much_is_found_out(place, alone):
+    bounder = wb.fit(place.shape, method="aabb", device="cpu", progress=False)
+    bounder.freeze(2.0, None)  # denies nearly everything
+    example = RrtConnect(place, Hulls(place), Samples(bounder, [50.0, 50.0], 1.0), problems=PROBLEMS)
+    example.step()
+    assert example.missed(alone)
+
+
+def test_no_way_is_no_path(place):
+    class Walls(Stepped):
+        def hits(self, x):
+            return (np.abs(x) < 0.5).any(axis=1)
+
+    example = RrtConnect(place, Walls(place), samples=60, problems=PROBLEMS)
+    example.step()
+    across = ~example.blocked & ((example.problems[:, 0] > 0) != (example.problems[:, 1] > 0)).any(axis=1)
+    assert across.any()
+    assert not np.isfinite(example.lengths[across]).any()
+    assert all(example.paths[number] is None for number in np.flatnonzero(across))
+
+
+def test_edges_asked_at_once_are_asked_alike(place, rng):
+    shape = place.shape
+    ends = rng.uniform(shape.lower, shape.upper, (2, 20, 2)).astype(np.float32)
+    asked = []
+
+    def cleared(x):
+        asked.append(len(x))
+        return x[:, 0] > 0.3
+
+    one = Hulls(place)
+    few = [bool(one.segments(a[None], b[None], cleared)[0]) for a, b in zip(*ends, strict=True)]
+    assert len(asked) <= 20
+    other = Hulls(place)
+    assert few == other.segments(*ends, cleared).tolist()
+    assert one.checks == other.checks

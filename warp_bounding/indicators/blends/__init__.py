@@ -1,0 +1,1 @@
+"""Meshes that deform with a few pose numbers: points of place and pose."""

@@ -1,0 +1,175 @@
+"""What a mesh of blend shapes answers, in float64 kernels: about points and closed boxes of place and pose.
+
+A vertex is at ``v + sum_k p_k d_k``. For any direction u of length 1, ``u . (x - vertex)`` is a linear function of place and pose, so that
+its least value over a box is known exactly, and the least of the three of a triangle's vertices tells how far the triangle stays from
+the place, all over the box, along u. Whatever u is, that is a lower bound of the distance; the best is the way from the triangle's
+nearest point, at the box's centre. Where it is above the margin for every triangle, no place of the box is within the margin of the
+surface at any of its poses, and either all of them are inside or none is, since the surface never passes between two of them. The winding number
+at the centre tells which: it is a whole number there, and a sum of as many angles as there are triangles.
+"""
+
+from functools import cache
+from typing import NamedTuple
+
+import warp as wp
+
+from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
+from warp_bounding.indicators.triangles.arithmetic import closest_on_triangle
+from warp_bounding.runtime.native import named
+
+__all__ = ["FREE", "FULL", "OPEN", "Blends", "Kernels", "kernels_of"]
+
+OPEN, FREE, FULL = 0, 1, 2  # answers about boxes: nothing is known, nothing of the object is there, all is object
+OUTWARD, INWARD = 1 + 2.0**-40, 1 - 2.0**-40  # outweigh what sums of a few products round, relative to their size
+BLUR = 2.0**-50  # of a coordinate: by how much the centre of a box and its half may be off
+
+_OPEN, _FREE, _FULL = wp.constant(OPEN), wp.constant(FREE), wp.constant(FULL)
+_IN, _OUT, _UNDECIDED = wp.constant(IN), wp.constant(OUT), wp.constant(UNDECIDED)
+_OUTWARD, _INWARD, _BLUR = (wp.constant(wp.float64(value)) for value in (OUTWARD, INWARD, BLUR))
+_ZERO, _HALF, _TWO = (wp.constant(wp.float64(value)) for value in (0.0, 0.5, 2.0))
+# Of a triangle's seen angle: sine and cosine, times the product of the corners' distances, err by less than 2^-48 of this product.
+VAGUE, NOISE = 2.0**-28, 2.0**-45
+_VAGUE, _NOISE = wp.constant(wp.float64(VAGUE)), wp.constant(wp.float64(NOISE))
+_QUARTER = wp.constant(wp.float64(0.25))
+_TURN = wp.constant(wp.float64(12.566370614359172))  # of a winding number: the angle of all directions
+_INFINITY = wp.constant(wp.float64(float("inf")))
+
+
+@wp.struct
+class Blends:
+    """A mesh, and how its vertices move with each pose number."""
+
+    vertices: wp.array(dtype=wp.vec3d)
+    deltas: wp.array(dtype=wp.vec3d, ndim=2)  # of each pose number, each vertex
+    faces: wp.array(dtype=wp.vec3i)
+    margin: wp.float64
+    allowance: wp.float64  # by how much a gap may be off
+
+
+class Kernels(NamedTuple):
+    """For one number of coordinates, of which three are the place."""
+
+    points: wp.Kernel  # truth of points
+    boxes: wp.Kernel  # whether closed boxes are free, or full
+
+
+@cache
+def kernels_of(n: int) -> Kernels:
+    """The kernels for points of n coordinates."""
+    values, poses = wp.types.vector(length=n, dtype=wp.float64), n - 3
+
+    @named(f"blend_vertex_{n}").func
+    def vertex(b: Blends, i: int, x: values) -> wp.vec3d:
+        """A vertex at a pose."""
+        found = b.vertices[i]
+        for k in range(poses):
+            found += b.deltas[k, i] * x[3 + k]
+        return found
+
+    @named(f"blend_above_{n}").func
+    def above(b: Blends, i: int, at: wp.vec3d, direction: wp.vec3d, half: values) -> wp.float64:
+        """``direction . (place - vertex)`` at least, over a box, for the place less the vertex at its centre."""
+        least = wp.dot(direction, at)
+        for k in range(3):
+            least -= wp.abs(direction[k]) * half[k]
+        for k in range(poses):
+            least -= wp.abs(wp.dot(direction, b.deltas[k, i])) * half[3 + k]
+        return least
+
+    @named(f"blend_gap_{n}").func
+    def gap(b: Blends, face: wp.vec3i, p: wp.vec3d, q: wp.vec3d, r: wp.vec3d, half: values) -> wp.float64:
+        """How far a triangle stays from the place all over a box, at least; p, q and r are its corners less the place."""
+        near = closest_on_triangle(wp.vec3d(), p, q, r)
+        length = wp.length(near)
+        if not length > b.allowance:
+            return -length
+        direction = -near / length
+        least = wp.min(
+            wp.min(above(b, face[0], -p, direction, half), above(b, face[1], -q, direction, half)),
+            above(b, face[2], -r, direction, half),
+        )
+        return least * wp.where(least > _ZERO, _INWARD, _OUTWARD) - b.allowance
+
+    @named(f"blend_angle_{n}").func
+    def angle(p: wp.vec3d, q: wp.vec3d, r: wp.vec3d) -> wp.float64:
+        """The angle under which a triangle is seen from 0 (Van Oosterom and Strackee 1983); NaN where rounding could change it by more than 2^-20, or its sign."""
+        a, b, c = wp.length(p), wp.length(q), wp.length(r)
+        size = a * b * c
+        across = wp.dot(p, wp.cross(q, r))
+        below = size + wp.dot(p, q) * c + wp.dot(q, r) * a + wp.dot(r, p) * b
+        side = wp.abs(across)
+        if not wp.max(side, wp.abs(below)) > _VAGUE * size or (below < _ZERO and not side > _NOISE * size):
+            return wp.float64(wp.nan)
+        return _TWO * wp.atan2(across, below)
+
+    @named(f"blend_points_{n}").kernel
+    def points(
+        first: int,
+        # inputs
+        b: Blends,
+        x: wp.array(dtype=values),
+        # outputs
+        answers: wp.array(dtype=wp.uint8),
+    ):
+        """Truth of points; the limits of poses are the caller's affair."""
+        t = first + wp.tid()
+        answers[t] = wp.uint8(_OUT)
+        at, turns, least, most = x[t], wp.float64(0.0), wp.float64(wp.inf), wp.float64(wp.inf)
+        for i in range(n):
+            if not wp.abs(at[i]) < _INFINITY:
+                return
+        place = wp.vec3d(at[0], at[1], at[2])
+        for i in range(b.faces.shape[0]):
+            face = b.faces[i]
+            p, q, r = vertex(b, face[0], at) - place, vertex(b, face[1], at) - place, vertex(b, face[2], at) - place
+            turns += angle(p, q, r)
+            least = wp.min(least, gap(b, face, p, q, r, values()))
+            most = wp.min(most, wp.length(closest_on_triangle(wp.vec3d(), p, q, r)) + b.allowance)
+        around = wp.abs(turns) / _TURN
+        if most <= b.margin or (least > _ZERO and around > _HALF):
+            answers[t] = wp.uint8(_IN)
+        elif not (least > b.margin and around < _QUARTER):
+            answers[t] = wp.uint8(_UNDECIDED)
+
+    @named(f"blend_boxes_{n}").kernel
+    def boxes(
+        first: int,
+        # inputs
+        b: Blends,
+        lower: wp.array(dtype=values),
+        upper: wp.array(dtype=values),
+        asked: int,
+        # outputs
+        answers: wp.array(dtype=wp.uint8),
+    ):
+        """Whether closed boxes are ``FREE``, or ``FULL``, whichever is asked."""
+        t = first + wp.tid()
+        answers[t] = wp.uint8(_OPEN)
+        low, high = lower[t], upper[t]
+        center, half = values(), values()
+        for i in range(n):
+            if not (low[i] <= high[i] and wp.abs(low[i]) < _INFINITY and wp.abs(high[i]) < _INFINITY):
+                return
+            center[i] = low[i] * _HALF + high[i] * _HALF
+            size = wp.max(wp.abs(low[i]), wp.abs(high[i]))
+            half[i] = ((high[i] * _HALF - low[i] * _HALF) + size * _BLUR) * _OUTWARD
+        place, bar, turns = wp.vec3d(center[0], center[1], center[2]), b.margin, wp.float64(0.0)
+        if asked == _FULL:
+            bar = wp.float64(0.0)
+        for i in range(b.faces.shape[0]):
+            face = b.faces[i]
+            p, q, r = (
+                vertex(b, face[0], center) - place,
+                vertex(b, face[1], center) - place,
+                vertex(b, face[2], center) - place,
+            )
+            if not gap(b, face, p, q, r, half) > bar:
+                return
+            turns += angle(p, q, r)
+        around = wp.abs(turns) / _TURN
+        if asked == _FREE and around < _QUARTER:
+            answers[t] = wp.uint8(_FREE)
+        if asked == _FULL and around > _HALF:
+            answers[t] = wp.uint8(_FULL)
+
+    return Kernels(points, boxes)

@@ -1,0 +1,87 @@
+"""How much of a domain a proof that did not end has decided."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.errors import BounderError
+from warp_bounding.proof.prove import as_fitted, mismatch, reaches_outside
+from warp_bounding.proof.search.best_first import halve
+from warp_bounding.proof.search.vacancy import ShapePositives
+from warp_bounding.runtime.launch import working_seconds
+
+__all__ = ["Share", "proven_share"]
+
+CHUNK = 16_384  # boxes that are bounded at a time
+MOST_WAITING = 4_000_000  # boxes: where more wait, the rest of a generation counts as not proven
+
+
+class Share(NamedTuple):
+    """What was proven.
+
+    Attributes:
+        volume: Share of the domain's volume, 0 to 1, in which no *no* can be wrong.
+        boxes: Boxes that were bounded.
+        seconds: That it took.
+    """
+
+    volume: float
+    boxes: int
+    seconds: float
+
+
+def proven_share(bounder: Bounder, shape, *, seconds: float = 60.0, boxes: float = float("inf")) -> Share:
+    """In how much of its domain a bounder of points is proven to deny nothing of a shape, at the threshold that it has.
+
+    For bounders whose certificate is statistical. The domain is halved, largest boxes first: a box is proven where f reaches the threshold on all of
+    it, or on all of it that can be object, or where the shape certifies that nothing is there.
+
+    Args:
+        bounder: Of points, its parts proven one by one counted alike.
+        shape: What it bounds; anything that ``load_indicator`` takes.
+        seconds: Time after which what is left counts as not proven.
+        boxes: The same of boxes; the result is then the same on every machine.
+
+    Raises:
+        BounderError: For another kind of bounder, or a shape that cannot be the bounded one.
+    """
+    shape = as_fitted(bounder, shape)
+    if (
+        bounder.domain is not bounder.domain.base
+        or bounder.composed
+        or len(bounder.parts) > 1
+        or shape.resolution is not None
+    ):
+        raise BounderError(f"a share of the domain is told of single bounders of points of shapes, got {bounder!r}")
+    if reason := mismatch(bounder, shape):
+        raise BounderError(reason)
+    if reaches_outside(bounder, shape):
+        raise BounderError("the shape reaches outside the domain that the bounder was made for")
+    started, positives = working_seconds(), ShapePositives(bounder, shape)
+    target = float(np.nextafter(float(bounder.threshold) + bounder.rounding_bound(), np.inf))
+    low, high = positives.boxes()
+    whole = float((high - low).prod(axis=1).sum())
+    left, done = [(low, high)], 0
+    open_ = whole
+    while left:
+        following: list[tuple[np.ndarray, np.ndarray]] = []
+        while left:
+            low, high = left.pop(0)
+            if working_seconds() - started > seconds or done >= boxes:
+                return Share(1 - open_ / whole, done, working_seconds() - started)
+            if len(low) > CHUNK:
+                left[:0] = [(low[part], high[part]) for part in (slice(CHUNK), slice(CHUNK, None))]
+                continue
+            bounds, volume = positives.bound(low, high), (high - low).prod(axis=1)
+            done += len(low)
+            below = ~(bounds.lower >= target)
+            asked = np.flatnonzero(below)
+            found = positives.held(low[asked], high[asked], bounds.part(asked), np.full(len(asked), target))
+            low, high = (np.asarray(corner) for corner in found.corners)
+            still = ~(found.lower >= target)
+            open_ -= float(volume.sum() - (high - low).prod(axis=1)[still].sum())
+            if still.any() and sum(len(rest[0]) for rest in following) < MOST_WAITING:
+                following.append(halve(low[still], high[still], found.axis[still]))
+        left = following
+    return Share(1 - open_ / whole, done, working_seconds() - started)
