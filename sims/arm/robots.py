@@ -24,6 +24,9 @@ HELD = (-1.5, 0.0)  # radians: its wrist, where four joints move
 BALLS, BALL = 14, 0.1  # how many balls hang around the arm of four joints, and their radius, metres
 
 
+LENGTHS = {2: (0.55, 0.45), 3: (0.4, 0.35, 0.25), 4: (0.32, 0.28, 0.22, 0.18)}  # metres, of the planar arms' links
+
+
 class Cell(NamedTuple):
     """An arm at work."""
 
@@ -137,12 +140,17 @@ def _planar_cell(count: int, lengths: Sequence[float]) -> Cell:
     return Cell(f"planar-{count}", f"Planar arm, {count} joints", planar(lengths), _flat())
 
 
+def _corridor() -> tuple[wb.arms.Body, ...]:
+    """Other things around the planar arms: two long walls, a block before and posts behind."""
+    walls = (_block(0.1, 0.7, 0.9, 0.06, 0.15), _block(0.05, -0.66, 0.8, 0.06, -0.1))
+    return (*walls, _block(0.8, 0.05, 0.1, 0.3), _post(-0.6, 0.25, 0.08), _post(-0.55, -0.35, 0.07))
+
+
 CELLS = {
     cell.name: cell
     for cell in (
-        _planar_cell(2, (0.55, 0.45)),
-        _planar_cell(3, (0.4, 0.35, 0.25)),
-        _planar_cell(4, (0.32, 0.28, 0.22, 0.18)),
+        *(_planar_cell(count, lengths) for count, lengths in LENGTHS.items()),
+        Cell("corridor-4", "Planar arm, 4 joints, in a corridor", planar(LENGTHS[4]), _corridor()),
         Cell("four", "Arm of four joints among balls", four_joints(), _hanging()),
         Cell("six", "Arm of six joints", six_joints(), _factory()),
     )

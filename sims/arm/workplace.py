@@ -17,15 +17,16 @@ class Workplace(Place):
     Attributes:
         cell: The arm and what stands around it.
         scene: Name under which its bounders lie.
+        itself: Whether the arm must not touch itself either.
     """
 
-    def __init__(self, cell: Cell):
-        self.cell, self.name, self.scene = cell, cell.title, f"arm-{cell.name}"
+    def __init__(self, cell: Cell, itself: bool = False):
+        self.cell, self.name, self.scene, self.itself = cell, cell.title, f"arm-{cell.name}", itself
 
     @cached_property
     def shape(self) -> wb.arms.ArmConfigurations:
         """The configurations that collide."""
-        return self.cell.shape()
+        return self.cell.shape(self_collision=self.itself)
 
     def draw(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Uniform within the joints' limits, which are float32 numbers."""

@@ -24,6 +24,7 @@ __all__ = [
     "MAYBE",
     "Boxes",
     "BroadPhase",
+    "Every",
     "First",
     "Marching",
     "Samples",
@@ -234,4 +235,23 @@ class First(BroadPhase):
     def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
         cleared = self.first.edges(starts, ends)
         cleared[~cleared] = self.second.edges(starts[~cleared], ends[~cleared])
+        return cleared
+
+
+class Every(BroadPhase):
+    """Broad phases of parts of what can collide, such as a cell and the arm itself: cleared is what all of them clear."""
+
+    def __init__(self, *phases: BroadPhase):
+        self.phases = phases
+
+    def states(self, x: np.ndarray) -> np.ndarray:
+        cleared = np.ones(len(x), dtype=bool)
+        for phase in self.phases:
+            cleared[cleared] = phase.states(x[cleared])
+        return cleared
+
+    def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        cleared = np.ones(len(starts), dtype=bool)
+        for phase in self.phases:
+            cleared[cleared] = phase.edges(starts[cleared], ends[cleared])
         return cleared

@@ -123,6 +123,16 @@ def test_asked_in_a_kernel():
     assert not (shape().contains(x) & ~answers.numpy()).any()
 
 
+def test_whole_segments(rng):
+    whole, own = fitted((0, 1)) | fitted((2,)), shape()
+    starts, ends = (rng.uniform(own.lower, own.upper, (4000, 3)).astype(np.float32) for _ in range(2))
+    ends = starts + np.float32(0.2) * (ends - starts)
+    clear = wb.clear_segments(whole, starts, ends)
+    assert clear.any()
+    for t in np.linspace(0, 1, 33):
+        assert not own.contains((1 - t) * starts[clear].astype(np.float64) + t * ends[clear]).any()
+
+
 def test_some_pieces_are_not_the_whole(tmp_path):
     part = fitted((2,))
     part.save(tmp_path / "part.safetensors")

@@ -1,6 +1,7 @@
 """Segments: what is cleared meets the object nowhere, and most of what is free is cleared."""
 
-from functools import cache
+import operator
+from functools import cache, reduce
 
 import numpy as np
 import pytest
@@ -16,10 +17,14 @@ from warp_bounding.proof import prove
 from warp_bounding.proof import segments as segments_module
 
 CASES = [("mlp", "c"), ("mlp", "blob"), ("mlp-early", "blob"), ("mlp", "five"), ("local", "c"), ("local", "blob")]
+CASES += [("mlp&local", "blob"), ("mlp|local", "blob"), ("mlp-early|mlp&local", "blob")]
 
 
 @cache
 def fitted(method: str, name: str) -> wb.Bounder:
+    for sign, joined in (("|", operator.or_), ("&", operator.and_)):
+        if sign in method:
+            return reduce(joined, [fitted(part, name) for part in method.split(sign)])
     hidden = EARLY if method == "mlp-early" else HIDDEN
     if method == "local":
         return wb.fit(shape(name), hidden=hidden, steps=300, thresholds=20, device="cpu")

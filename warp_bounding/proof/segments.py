@@ -16,6 +16,9 @@ import numpy as np
 
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.cascade import Cascade
+from warp_bounding.bounders.composition.composition import Composition
+from warp_bounding.bounders.composition.tree import AND, SPLIT, Tree, children_of
 from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.bounders.distances.registry import DISTANCES
 from warp_bounding.bounders.distances.volume import VolumeDistance
@@ -43,8 +46,8 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
     """Which segments are proven to meet the object nowhere.
 
     Args:
-        bounder: A network (``mlp``, ``mlp-early``, with thresholds of parts or one) of points, a volume of points that has a distance (``DISTANCES``), or a
-            distance bounder, proven or not; if it is proven, so is the answer.
+        bounder: A network (``mlp``, ``mlp-early``, with thresholds of parts or one) of points, several of them put together by ``&`` and ``|``, a volume of points
+            that has a distance (``DISTANCES``), or a distance bounder, proven or not; if it is proven, so is the answer.
         starts: ``(N, n)``, object space; taken as they are, float32 or float64.
         ends: ``(N, n)``, object space.
         depth: How often a piece is halved at most, or the logarithm of the steps of a march; a larger depth clears more segments
@@ -69,7 +72,7 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
     if (
         not isinstance(bounder, Bounder)
         or bounder.domain is not bounder.domain.base
-        or not isinstance(bounder, (Mlp, Local))
+        or not _of_networks(bounder)
         or bounder.domain.time
         or bounder.domain.unbounded
     ):
@@ -85,20 +88,15 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
     a, w, owner = a[inside], w[inside], segments[inside]
     low = np.concatenate([a, w, first[inside, None]], axis=1)
     high = np.concatenate([a, w, last[inside, None]], axis=1)
-    parts = [_LocalPart(part) if isinstance(part, Local) else _Part(part) for part in bounder.parts]
+    whole = _asked(bounder, bounder.ndim)
     along = 2 * bounder.ndim
     failed = ~known
     for level in range(depth + 1):
-        cleared = np.zeros(len(low), dtype=bool)
-        for part in parts:
-            cleared[~cleared] = part.clears(low[~cleared], high[~cleared])
+        cleared = whole.clears(low, high)
         low, high, owner = low[~cleared], high[~cleared], owner[~cleared]
         middle = (low[:, along:] + high[:, along:]) / 2
         points = low[:, : bounder.ndim] + middle * low[:, bounder.ndim : along]
-        hopeless = np.ones(len(low), dtype=bool)
-        for part in parts:  # no part denies this point, so no half that holds it will be cleared
-            hopeless[hopeless] = part.lets_through(points[hopeless])
-        failed[owner[hopeless]] = True
+        failed[owner[whole.lets_through(points)]] = True  # no half that holds such a point will be cleared
         left = ~failed[owner]
         low, high, owner = low[left], high[left], owner[left]
         if level == depth or not len(owner):
@@ -143,47 +141,107 @@ def _marched(bounder: DistanceBounder, starts: np.ndarray, ends: np.ndarray, ste
     return known & (bounder.segments(*rounded, radius, steps)[0].numpy() == 0)
 
 
-class _Part:
-    """One network of a conjunction: it clears the pieces on which its f is under its threshold."""
+def _of_networks(bounder: Bounder) -> bool:
+    """Whether a bounder is a network, or consists of some, all asked about coordinates of the whole."""
+    if isinstance(bounder, Cascade | Composition):
+        same = isinstance(bounder, Cascade) or bounder.moves is None
+        return same and all(map(_of_networks, bounder.members))
+    return isinstance(bounder, Mlp | Local)
 
-    def __init__(self, part: Mlp):
-        self._bound(part)
+
+def _asked(bounder: Bounder, ndim: int, tree: Tree | None = None) -> "_Part | _Parts":
+    """What is asked about pieces: of a composition that part of its tree."""
+    if isinstance(bounder, Composition):
+        tree = bounder.tree if tree is None else tree
+        if isinstance(tree, int):
+            return _asked(bounder.members[tree], ndim)
+        if tree[0] == SPLIT:
+            raise BounderError("segments need networks that are asked everywhere, got a hierarchy with splits")
+        return _Parts([_asked(bounder, ndim, child) for child in children_of(tree)], tree[0] == AND)
+    if isinstance(bounder, Local):
+        return _LocalPart(bounder, ndim)
+    if len(bounder.parts) > 1:
+        return _Parts([_asked(part, ndim) for part in bounder.parts], True)
+    return _Part(bounder.parts[0], ndim)
+
+
+class _Parts:
+    """Several: a piece is cleared where one clears it, if all must say *maybe*, else where all do."""
+
+    def __init__(self, parts: list, all_must: bool):
+        self.parts, self.all_must = parts, all_must
+
+    def clears(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        return self._told(
+            [lambda rows, part=part: part.clears(low[rows], high[rows]) for part in self.parts], len(low), self.all_must
+        )
+
+    def lets_through(self, points: np.ndarray) -> np.ndarray:
+        asked = [lambda rows, part=part: part.lets_through(points[rows]) for part in self.parts]
+        return self._told(asked, len(points), not self.all_must)
+
+    @staticmethod
+    def _told(asked: list, count: int, any_will_do: bool) -> np.ndarray:
+        """``(count,)`` bool; each is asked only about the rows that those before it have left open."""
+        found = np.full(count, not any_will_do)
+        for ask in asked:
+            rows = np.flatnonzero(found != any_will_do)
+            found[rows] = ask(rows)
+        return found
+
+
+class _Part:
+    """One network: it clears the pieces on which its f is under its threshold.
+
+    Args:
+        part: Of points, of the first coordinates of the whole.
+        ndim: How many coordinates the whole has.
+    """
+
+    def __init__(self, part: Mlp, ndim: int):
+        self._bound(part, ndim)
         self.target = np.nextafter(-(float(part.threshold) + part.rounding_bound()), np.inf)
 
-    def _bound(self, part: Mlp) -> None:
+    def _bound(self, part: Mlp, ndim: int) -> None:
         """Keep what bounds of -f along a piece need."""
-        network = part.network
+        network, own = part.network, np.arange(part.ndim)
         self.shape, self.part = network.kernel_shape(SegmentChart(part.ndim)), part
+        self.columns = [*own, *(own + ndim), 2 * ndim]
         self.weights = network.packed.copy()
         self.weights[-1 - network.output.weight.shape[1] :] *= -1.0  # the output layer's, so that -f is bounded
         self.padding = network.padding_for(part.domain.limit.astype(np.float64) * (1 + 2 * INSIDE))
 
+    def lowest(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Lower bounds ``(N,)`` of -f on pieces."""
+        corners = (np.ascontiguousarray(each[:, self.columns]) for each in (low, high))
+        return bound_boxes(self.shape, self.weights, self.padding, *corners).lower
+
     def clears(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """``(N,)`` bool: pieces on which f is proven to stay under threshold + E."""
-        return bound_boxes(self.shape, self.weights, self.padding, low, high).lower > self.target
+        return self.lowest(low, high) > self.target
 
     def lets_through(self, points: np.ndarray) -> np.ndarray:
         """``(N,)`` bool: points ``v`` at which f is not under threshold + E."""
-        return ~(-self.part.reference(points) > self.target)
+        return ~(-self.part.reference(points[:, : self.part.ndim]) > self.target)
 
 
 class _LocalPart(_Part):
     """A network at thresholds of the parts of its domain: a piece is cleared by the least threshold of those that it meets."""
 
-    def __init__(self, part: Local):
-        self._bound(part.member)
+    def __init__(self, part: Local, ndim: int):
+        self._bound(part.member, ndim)
         self.whole = part
         self.target = np.nextafter(-(float(part.threshold) + part.rounding_bound()), np.inf)
 
     def clears(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         n = self.whole.ndim
-        ends = [low[:, :n] + side[:, 2 * n :] * low[:, n : 2 * n] for side in (low, high)]
+        at, way, times = np.split(low[:, self.columns], [n, 2 * n], axis=1)
+        ends = [at + time * way for time in (times, high[:, self.columns[-1:]])]
         least, _, _ = self.whole.thresholds_in(np.minimum(*ends) - AROUND, np.maximum(*ends) + AROUND)
-        lower = bound_boxes(self.shape, self.weights, self.padding, low, high).lower
-        return lower > np.nextafter(self.target - least, np.inf)
+        return self.lowest(low, high) > np.nextafter(self.target - least, np.inf)
 
     def lets_through(self, points: np.ndarray) -> np.ndarray:
-        return ~(-self.whole.reference(points) > self.target)
+        return ~(-self.whole.reference(points[:, : self.whole.ndim]) > self.target)
 
 
 def _within(a: np.ndarray, w: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -5,9 +5,9 @@ import pytest
 
 import warp_bounding as wb
 from sims.arm.exact import Hulls, Stepped
-from sims.arm.robots import Cell, planar
+from sims.arm.robots import CELLS, Cell, planar
 from sims.arm.workplace import Workplace
-from sims.planning.broad import Samples, Segments
+from sims.planning.broad import Every, Samples, Segments
 from sims.planning.rrt_connect import RrtConnect
 
 PROBLEMS = 6
@@ -88,3 +88,21 @@ def test_edges_asked_at_once_are_asked_alike(place, rng):
     other = Hulls(place)
     assert few == other.segments(*ends, cleared).tolist()
     assert one.checks == other.checks
+
+
+def test_a_cell_and_the_arm_itself():
+    """Two bounders, of the cell and of the arm alone, clear only what neither says maybe to; together they change no answer."""
+    cell = CELLS["planar-3"]
+    both, own = Workplace(cell, itself=True), wb.arms.ArmConfigurations(cell.arm, weights=cell.arm.reaching)
+    around, alone = (
+        wb.fit(shape, method="learned-kdop", steps=20, device="cpu", progress=False) for shape in (cell.shape(), own)
+    )
+    x = both.draw(4000, np.random.default_rng(2))
+    phase = Every(Segments(around), Segments(alone))
+    cleared = phase.states(x)
+    assert not both.shape.contains(x[cleared]).any()
+    assert (both.shape.contains(x) == (cell.shape().contains(x) | own.contains(x))).all()
+    runs = [RrtConnect(both, Hulls(both), each, samples=300, problems=3) for each in (None, phase)]
+    for run in runs:
+        run.step()
+    runs[1].test_final(runs[0])
