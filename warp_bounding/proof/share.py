@@ -21,7 +21,7 @@ class Share(NamedTuple):
     """What was proven.
 
     Attributes:
-        volume: Share of the domain's volume, 0 to 1, in which no *no* can be wrong.
+        volume: Share of the volume that was looked at, 0 to 1, in which no *no* can be wrong.
         boxes: Boxes that were bounded.
         seconds: That it took.
     """
@@ -31,7 +31,16 @@ class Share(NamedTuple):
     seconds: float
 
 
-def proven_share(bounder: Bounder, shape, *, seconds: float = 60.0, boxes: float = float("inf")) -> Share:
+def proven_share(
+    bounder: Bounder,
+    shape,
+    *,
+    seconds: float = 60.0,
+    boxes: float = float("inf"),
+    places: int | None = None,
+    side: float = 2.0**-6,
+    seed: int = 0,
+) -> Share:
     """In how much of its domain a bounder of points is proven to deny nothing of a shape, at the threshold that it has.
 
     For bounders whose certificate is statistical. The domain is halved, largest boxes first: a box is proven where f reaches the threshold on all of
@@ -42,6 +51,9 @@ def proven_share(bounder: Bounder, shape, *, seconds: float = 60.0, boxes: float
         shape: What it bounds; anything that ``load_indicator`` takes.
         seconds: Time after which what is left counts as not proven.
         boxes: The same of boxes; the result is then the same on every machine.
+        places: Look at so many random boxes rather than at all of the domain, which in many dimensions is far more than there is time for.
+        side: Of such a box, as a share of the domain's.
+        seed: Of their places.
 
     Raises:
         BounderError: For another kind of bounder, or a shape that cannot be the bounded one.
@@ -61,6 +73,8 @@ def proven_share(bounder: Bounder, shape, *, seconds: float = 60.0, boxes: float
     started, positives = working_seconds(), ShapePositives(bounder, shape)
     target = float(np.nextafter(float(bounder.threshold) + bounder.rounding_bound(), np.inf))
     low, high = positives.boxes()
+    if places is not None:
+        low, high = _random(low, high, places, side, seed)
     whole = float((high - low).prod(axis=1).sum())
     left, done = [(low, high)], 0
     open_ = whole
@@ -85,3 +99,13 @@ def proven_share(bounder: Bounder, shape, *, seconds: float = 60.0, boxes: float
                 following.append(halve(low[still], high[still], found.axis[still]))
         left = following
     return Share(1 - open_ / whole, done, working_seconds() - started)
+
+
+def _random(low: np.ndarray, high: np.ndarray, count: int, side: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Random boxes in the hull of some boxes; raises ``BounderError`` for a count or a side that makes no sense."""
+    if count < 1 or not 0 < side <= 1:
+        raise BounderError(f"expected at least one place and a side above 0 and up to 1, got {count} and {side}")
+    low, high = low.min(axis=0), high.max(axis=0)
+    size = (high - low) * side
+    corner = np.random.default_rng(seed).uniform(low, high - size, (count, len(low)))
+    return corner, corner + size
