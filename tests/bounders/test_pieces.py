@@ -174,6 +174,13 @@ def test_a_file_that_lies_about_pieces(tmp_path):
     rewrite(file, lie)
     assert not wb.certify(wb.load(file, device="cpu"), shape(), seconds=20).proven
 
+    def nothing(document):
+        del document["sizes"]["parts"][0]["held"]
+
+    rewrite(file, nothing)
+    with pytest.raises(FileFormatError, match="that holds no pieces"):
+        wb.load(file, device="cpu")
+
     def none(document):
         document["sizes"]["parts"][0]["held"] = ["x"]
 

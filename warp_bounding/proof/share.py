@@ -57,6 +57,12 @@ def proven_share(
 
     Raises:
         BounderError: For another kind of bounder, or a shape that cannot be the bounded one.
+
+    Example:
+        >>> solid = wb.solids.Sphere([0, 0, 0], 1.0)
+        >>> box = wb.fit(solid, method="aabb", device="cpu")
+        >>> wb.proven_share(box, solid).volume
+        1.0
     """
     shape = as_fitted(bounder, shape)
     if (

@@ -125,6 +125,11 @@ class Composition(Bounder):
         self.held = [_numbers_of(entry) for entry in self.sizes["parts"]]
         if any(own is not None for own in self.held) and np.isfinite(self.regions).any():
             raise BounderError(f"{self.method}: parts of pieces have no regions")
+        for part, own in zip(self.members, self.held, strict=True):
+            if own is None and part.ndim != self.ndim:
+                raise BounderError(
+                    f"{self.method}: a part of {part.ndim} coordinates, of {self.ndim}, that holds no pieces"
+                )
         for part, threshold in zip(self.members, self.tensors["thresholds"], strict=True):
             part.freeze(threshold, None)
 

@@ -275,7 +275,11 @@ class ArmConfigurations(Formula):
             IndicatorError: For numbers of no links, links of another piece, or links that could touch nothing.
 
         Example:
-            >>> last = wb.arms.ArmConfigurations(arm, obstacles).piece([2])
+            >>> links = [wb.arms.Body.capsule([0, 0, 0], [1, 0, 0], 0.1, link=i) for i in range(2)]
+            >>> arm = wb.arms.Arm([wb.arms.Joint(), wb.arms.Joint()], links)
+            >>> shape = wb.arms.ArmConfigurations(arm, [wb.arms.Body.sphere([0, 0.8, 0], 0.2)])
+            >>> shape.piece([0]).ndim, shape.piece([1]).ndim
+            (1, 2)
         """
         own = self.pieces
         asked = Pieces.of(own.whole, own.count, held, self.name)
