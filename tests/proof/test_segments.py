@@ -104,7 +104,7 @@ def test_bounds_along_segments_hold(activation, octaves, rng):
     t = np.sort(rng.random((400, 2)), axis=1)
     w /= np.maximum(1.0, np.abs(a + w).max(axis=1, keepdims=True) / bounder.domain.limit.min())  # ends in the domain
     w = np.where(np.abs(a + w) > bounder.domain.limit, 0.0, w)
-    part = segments_module._Part(bounder)
+    part = segments_module._Part(bounder, bounder.ndim)
     low, high = (np.concatenate([a, w, t[:, [k]]], axis=1) for k in (0, 1))
     lower = segments_module.bound_boxes(part.shape, part.weights, part.padding, low, high).lower
     for share in np.linspace(0, 1, 101):

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import warp_bounding as wb
+from sims.arm.demo import Trees
 from sims.arm.exact import Hulls, Stepped
 from sims.arm.robots import CELLS, Cell, planar
 from sims.arm.workplace import Workplace
 from sims.planning.broad import Every, Samples, Segments
-from sims.planning.rrt_connect import RrtConnect
 
 PROBLEMS = 6
 
@@ -21,7 +21,7 @@ def place():
 
 @pytest.fixture(scope="module")
 def alone(place):
-    example = RrtConnect(place, Hulls(place), problems=PROBLEMS)
+    example = Trees(place, Hulls(place), problems=PROBLEMS)
     example.step()
     return example
 
@@ -43,7 +43,7 @@ def test_paths_lead_from_start_to_goal_and_are_free(place, alone):
 def test_a_proven_bounder_changes_nothing_but_the_work(method, place, alone):
     options = {"steps": 20} if method == "learned-kdop" else {}
     bounder = wb.fit(place.shape, method=method, device="cpu", progress=False, **options)
-    example = RrtConnect(place, Hulls(place), Segments(bounder), problems=PROBLEMS)
+    example = Trees(place, Hulls(place), Segments(bounder), problems=PROBLEMS)
     example.step()
     example.test_final(alone)
     assert example.checks <= alone.checks
@@ -55,7 +55,7 @@ def test_a_proven_bounder_changes_nothing_but_the_work(method, place, alone):
 def test_what_clears_too_much_is_found_out(place, alone):
     bounder = wb.fit(place.shape, method="aabb", device="cpu", progress=False)
     bounder.freeze(2.0, None)  # denies nearly everything
-    example = RrtConnect(place, Hulls(place), Samples(bounder, [50.0, 50.0], 1.0), problems=PROBLEMS)
+    example = Trees(place, Hulls(place), Samples(bounder, [50.0, 50.0], 1.0), problems=PROBLEMS)
     example.step()
     assert example.missed(alone)
 
@@ -65,7 +65,7 @@ def test_no_way_is_no_path(place):
         def hits(self, x):
             return (np.abs(x) < 0.5).any(axis=1)
 
-    example = RrtConnect(place, Walls(place), samples=60, problems=PROBLEMS)
+    example = Trees(place, Walls(place), samples=60, problems=PROBLEMS)
     example.step()
     across = ~example.blocked & ((example.problems[:, 0] > 0) != (example.problems[:, 1] > 0)).any(axis=1)
     assert across.any()
@@ -102,7 +102,7 @@ def test_a_cell_and_the_arm_itself():
     cleared = phase.states(x)
     assert not both.shape.contains(x[cleared]).any()
     assert (both.shape.contains(x) == (cell.shape().contains(x) | own.contains(x))).all()
-    runs = [RrtConnect(both, Hulls(both), each, samples=300, problems=3) for each in (None, phase)]
+    runs = [Trees(both, Hulls(both), each, samples=300, problems=3) for each in (None, phase)]
     for run in runs:
         run.step()
     runs[1].test_final(runs[0])

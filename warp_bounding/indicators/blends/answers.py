@@ -153,9 +153,8 @@ def kernels_of(n: int) -> Kernels:
             center[i] = low[i] * _HALF + high[i] * _HALF
             size = wp.max(wp.abs(low[i]), wp.abs(high[i]))
             half[i] = ((high[i] * _HALF - low[i] * _HALF) + size * _BLUR) * _OUTWARD
-        place, bar, turns = wp.vec3d(center[0], center[1], center[2]), b.margin, wp.float64(0.0)
-        if asked == _FULL:
-            bar = wp.float64(0.0)
+        place, turns = wp.vec3d(center[0], center[1], center[2]), wp.float64(0.0)
+        bar = wp.where(asked == _FULL, _ZERO, b.margin)
         for i in range(b.faces.shape[0]):
             face = b.faces[i]
             p, q, r = (
