@@ -182,7 +182,8 @@ def minimum(
         if count > looked_at * AGAIN:
             spent = working_seconds() - started
             used = max(done / boxes, spent / seconds) if min(boxes, seconds) > 0 else 1.0
-            level = SHARE * max(chunk.price[0] for chunk in waiting) * used**FALLS
+            known = [float(chunk.price[0]) for chunk in waiting if np.isfinite(chunk.price[0])]
+            level = SHARE * max(known, default=0.0) * used**FALLS
             waiting, rest = _split(waiting, level, TOO_MANY // 2 if count > TOO_MANY else count)
             looked_at = max(MANY, sum(len(chunk.bound) for chunk in waiting))
             for chunk in rest:
