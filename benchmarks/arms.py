@@ -251,7 +251,7 @@ def page(rows: list[dict], command: str) -> str:
                 else DASH
             )
             ns, proof = (f"{row[key]:.1f}" if key in row else DASH for key in ("nanoseconds", "proof_seconds"))
-            share = f"{100 * row['proven_share']:.1f}" if "proven_share" in row else DASH
+            share = f"{np.floor(1000 * row['proven_share'] + 1e-9) / 10:.1f}" if "proven_share" in row else DASH
             lines.append(
                 f"| {row['label']} | {row['bytes']:,} | {row['fp_rate']:.2f} | {row['fp_rate_along']:.2f} | {row['certificate']} | {missed} | {ns} | {row['fit_seconds']:.0f} | "
                 f"{proof} | {share} |"
