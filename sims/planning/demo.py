@@ -11,7 +11,7 @@ __all__ = ["PlanningDemo"]
 
 @dataclass
 class PlanningDemo(base.Demo):
-    """A demo of roadmaps; see ``sims.base.Demo``.
+    """A demo of planners; see ``sims.base.Demo``.
 
     Attributes:
         states: Random states of a roadmap; ``SIZES`` if ``None``.

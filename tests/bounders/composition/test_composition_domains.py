@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 import warp as wp
-from asking import check_compiles
+from asking import ask, check_compiles
 from safetensors import safe_open
 
 import warp_bounding as wb
@@ -101,15 +101,9 @@ def test_nested_and_asked_in_a_kernel():
     check(whole, first | second, x, shape().contains(x))
     assert wb.certify(whole, shape()).proven
 
-    @wp.kernel
-    def ask(data: wb.Data, q: wp.array(dtype=wp.vec3), answers: wp.array(dtype=wp.bool)):
-        i = wp.tid()
-        answers[i] = wp.static(whole.func)(data, q[i])
-
-    answers = wp.zeros(len(x), dtype=wp.bool, device="cpu")
-    wp.launch(ask, len(x), [whole.data, wp.array(x, dtype=wp.vec3, device="cpu"), answers], device="cpu")
-    assert (answers.numpy() == maybe(whole, x)).mean() > 0.9999
-    assert not (shape().contains(x) & ~answers.numpy()).any()
+    answers = ask(whole, x).astype(bool)
+    assert (answers == maybe(whole, x)).mean() > 0.9999
+    assert not (shape().contains(x) & ~answers).any()
 
 
 def test_a_placed_shape_and_what_its_certificate_covers():

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-import warp as wp
+from asking import ask
 from rewriting import rewrite
 
 import warp_bounding as wb
@@ -112,15 +112,9 @@ def test_bounders_of_pieces_together(methods, tmp_path):
 def test_asked_in_a_kernel():
     whole, x = fitted((0, 1)) | fitted((2,)), asked(5000)
 
-    @wp.kernel
-    def ask(data: wb.Data, q: wp.array(dtype=wp.vec3), answers: wp.array(dtype=wp.bool)):
-        i = wp.tid()
-        answers[i] = wp.static(whole.func)(data, q[i])
-
-    answers = wp.zeros(len(x), dtype=wp.bool, device="cpu")
-    wp.launch(ask, len(x), [whole.data, wp.array(x, dtype=wp.vec3, device="cpu"), answers], device="cpu")
-    assert (answers.numpy() == maybe(whole, x)).mean() > 0.9999
-    assert not (shape().contains(x) & ~answers.numpy()).any()
+    answers = ask(whole, x).astype(bool)
+    assert (answers == maybe(whole, x)).mean() > 0.9999
+    assert not (shape().contains(x) & ~answers).any()
 
 
 def test_whole_segments(rng):

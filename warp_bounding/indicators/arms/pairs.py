@@ -36,7 +36,7 @@ __all__ = ["OUTWARD", "Collisions", "pairs_of"]
 OUTWARD, INWARD = 1 + 2.0**-40, 1 - 2.0**-40  # outweigh what sums of a few products round, relative to their size
 
 _OUTWARD, _INWARD = wp.constant(wp.float64(OUTWARD)), wp.constant(wp.float64(INWARD))
-_ZERO, _HALF, _ONE, _TWO = (wp.constant(wp.float64(value)) for value in (0.0, 0.5, 1.0, 2.0))
+_HALF, _ONE, _TWO = (wp.constant(wp.float64(value)) for value in (0.5, 1.0, 2.0))
 _HALF_TURN = wp.constant(wp.float64(3.14159265358979))
 
 

@@ -17,7 +17,7 @@ from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.blends.answers import FREE, FULL, Blends, kernels_of
 from warp_bounding.indicators.functions.solid import Formula
-from warp_bounding.indicators.shape import DETAILS, IN, OUT, Shape
+from warp_bounding.indicators.shape import DETAILS, OUT, Shape
 from warp_bounding.runtime.launch import launch_on_cores
 
 __all__ = ["IndicatorBlendShapes"]
@@ -221,7 +221,7 @@ class IndicatorBlendShapes(Formula):
         corners = self.faces[faces]
         moved = self.vertices[corners] + np.einsum("nk,knci->nci", poses, self.deltas[:, corners])
         x = np.column_stack([np.einsum("nc,nci->ni", weights, moved), poses])
-        return x[self.decide(x) == IN]
+        return x[self.decide(x) != OUT]
 
     # --- what can be made of it --------------------------------------------------------------------------------------
 
