@@ -1,11 +1,14 @@
 """Meshes that deform with pose numbers, against the mesh at each pose."""
 
+import itertools
+
 import numpy as np
 import pytest
 import trimesh
 
 import warp_bounding as wb
 from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.blends.patches import patches_of
 from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
 
 
@@ -87,6 +90,39 @@ def test_what_is_far_larger_than_a_box_needs_no_luck(rng):
     truth = shape.decide(x)
     assert (shape.empty(x - 1e-9, x + 1e-9)[truth == OUT]).mean() > 0.999
     assert (shape.inside(x - 1e-9, x + 1e-9)[truth == IN]).mean() > 0.999
+
+
+def test_rays_through_corners_and_along_edges_decide_nothing_wrong():
+    """A box's faces are split along a diagonal, and rays along x through its middle, its sides and its corners meet edges."""
+    made = trimesh.creation.box()
+    shape = wb.IndicatorBlendShapes(made.vertices, [made.vertices * [1.0, 0, 0]], made.faces)
+    y, z = np.meshgrid(np.linspace(-0.75, 0.75, 13), np.linspace(-0.75, 0.75, 13), indexing="ij")
+    for x, within in ((-2.0, False), (-0.25, True), (0.75, True), (1.25, False)):
+        asked = np.column_stack([np.full(y.size, x), y.ravel(), z.ravel(), np.ones(y.size)])
+        inside = within & (np.abs(asked[:, 1:3]) < 0.5).all(axis=1)
+        onto = (np.abs(asked[:, 1:3]) <= 0.5).all(axis=1) & ~inside if within else np.zeros(len(asked), dtype=bool)
+        assert (shape.decide(asked) == np.where(onto, UNDECIDED, np.where(inside, IN, OUT))).all()
+        small = 2.0**-20
+        assert (shape.empty(asked - small, asked + small) == (~inside & ~onto)).all()
+        kept = asked.copy()
+        kept[:, 3] = 1 - small
+        assert (shape.inside(kept - small, kept + small) == inside).all()
+
+
+def test_patches_hold_their_faces_at_every_pose(rng):
+    shape = blob()
+    patches = patches_of(shape.vertices, shape.deltas, shape.faces)
+    assert sorted(map(tuple, patches.faces)) == sorted(map(tuple, shape.faces))
+    assert (np.diff(patches.first) > 0).all()
+    assert len(patches.low) > 20
+    for pose in rng.uniform(*shape._limits, (20, 2)):
+        at = shape.at(pose)
+        ends = [pose[:, None, None] * each for each in (patches.low_deltas, patches.high_deltas)]
+        low, high = patches.low + np.minimum(*ends).sum(axis=0), patches.high + np.maximum(*ends).sum(axis=0)
+        for patch, (first, last) in enumerate(itertools.pairwise(patches.first)):
+            own = at[patches.faces[first:last].ravel()]
+            assert (own >= low[patch] - 1e-12).all()
+            assert (own <= high[patch] + 1e-12).all()
 
 
 @pytest.mark.parametrize("method", ["mlp", "learned-kdop"])

@@ -293,9 +293,9 @@ class Shape(ABC):
         """
 
     def _new_margin(self, margin: float) -> float | None:
-        """A margin to dilate by, checked; ``None`` where the shape has it already."""
+        """A margin to dilate by, checked; ``None`` where the shape has it already, or there is none."""
         margin = checked_margin(margin)
-        if margin == self.margin:
+        if margin in (0.0, self.margin):
             return None
         if self.margin:
             raise IndicatorError(f"{self.name}: the shape is dilated by {self.margin} already, got margin={margin}")

@@ -5,7 +5,9 @@ its least value over a box is known exactly, and the least of the three of a tri
 the place, all over the box, along u. Whatever u is, that is a lower bound of the distance; the best is the way from the triangle's
 nearest point, at the box's centre. Where it is above the margin for every triangle, no place of the box is within the margin of the
 surface at any of its poses, and either all of them are inside or none is, since the surface never passes between two of them. The winding number
-at the centre tells which: it is a whole number there, and a sum of as many angles as there are triangles.
+at the centre tells which: how often the surface passes a ray along x, one way less the other; where the ray comes so near an edge that
+rounding could decide, it is the sum of the angles under which all triangles are seen. Triangles lie in patches, and those of a patch whose box at these poses is far away, or beside the
+ray, need no look.
 """
 
 from functools import cache
@@ -26,7 +28,7 @@ BLUR = 2.0**-50  # of a coordinate: by how much the centre of a box and its half
 _OPEN, _FREE, _FULL = wp.constant(OPEN), wp.constant(FREE), wp.constant(FULL)
 _IN, _OUT, _UNDECIDED = wp.constant(IN), wp.constant(OUT), wp.constant(UNDECIDED)
 _OUTWARD, _INWARD, _BLUR = (wp.constant(wp.float64(value)) for value in (OUTWARD, INWARD, BLUR))
-_ZERO, _HALF, _TWO = (wp.constant(wp.float64(value)) for value in (0.0, 0.5, 2.0))
+_ZERO, _HALF, _ONE, _TWO, _EIGHT = (wp.constant(wp.float64(value)) for value in (0.0, 0.5, 1.0, 2.0, 8.0))
 # Of a triangle's seen angle: sine and cosine, times the product of the corners' distances, err by less than 2^-48 of this product.
 VAGUE, NOISE = 2.0**-28, 2.0**-45
 _VAGUE, _NOISE = wp.constant(wp.float64(VAGUE)), wp.constant(wp.float64(NOISE))
@@ -42,6 +44,11 @@ class Blends:
     vertices: wp.array(dtype=wp.vec3d)
     deltas: wp.array(dtype=wp.vec3d, ndim=2)  # of each pose number, each vertex
     faces: wp.array(dtype=wp.vec3i)
+    first: wp.array(dtype=int)  # faces of patch i: from the i-th number on, up to the next
+    low: wp.array(dtype=wp.vec3d)  # corners of each patch's box, at pose 0
+    high: wp.array(dtype=wp.vec3d)
+    low_deltas: wp.array(dtype=wp.vec3d, ndim=2)  # and least and largest deltas in it, of each pose number
+    high_deltas: wp.array(dtype=wp.vec3d, ndim=2)
     margin: wp.float64
     allowance: wp.float64  # by how much a gap may be off
 
@@ -102,6 +109,69 @@ def kernels_of(n: int) -> Kernels:
             return wp.float64(wp.nan)
         return _TWO * wp.atan2(across, below)
 
+    @named(f"blend_corner_{n}").func
+    def corner(b: Blends, patch: int, x: values, half: values, side: wp.float64) -> wp.vec3d:
+        """A corner of a patch's box at all poses of a box: the lower one for side -1, the upper one for 1."""
+        found = wp.where(side < _ZERO, b.low[patch], b.high[patch])
+        for k in range(poses):
+            least, most = x[3 + k] - half[3 + k], x[3 + k] + half[3 + k]
+            for j in range(3):
+                low, high = b.low_deltas[k, patch][j] * side, b.high_deltas[k, patch][j] * side
+                found[j] += side * wp.max(wp.max(least * low, least * high), wp.max(most * low, most * high))
+        return found
+
+    @named(f"blend_apart_{n}").func
+    def apart(b: Blends, patch: int, x: values, half: values) -> wp.float64:
+        """How far a patch stays from the place all over a box, at least, along an axis."""
+        low, high = corner(b, patch, x, half, -_ONE), corner(b, patch, x, half, _ONE)
+        found = -_INFINITY
+        for j in range(3):
+            found = wp.max(found, wp.max(low[j] - x[j], x[j] - high[j]) - half[j])
+        return found - b.allowance
+
+    @named(f"blend_passed_{n}").func
+    def passed(p: wp.vec3d, q: wp.vec3d, r: wp.vec3d, off: wp.float64) -> wp.float64:
+        """Whether a triangle passes the ray from 0 along x: 1 one way, -1 the other, else 0; NaN where corners that are off by so much could change it."""
+        a, b, c = p[1] * q[2] - p[2] * q[1], q[1] * r[2] - q[2] * r[1], r[1] * p[2] - r[2] * p[1]
+        reach = wp.max(wp.abs(p[1]), wp.max(wp.abs(q[1]), wp.abs(r[1])))
+        reach += wp.max(wp.abs(p[2]), wp.max(wp.abs(q[2]), wp.abs(r[2]))) + off
+        vague = _EIGHT * off * reach
+        least, most = wp.min(a, wp.min(b, c)), wp.max(a, wp.max(b, c))
+        if least < -vague and most > vague:
+            return wp.float64(0.0)
+        if not (least > vague or most < -vague):
+            return wp.float64(wp.nan)
+        where = b * p[0] + c * q[0] + a * r[0]
+        doubt = _TWO * vague * (wp.abs(p[0]) + wp.abs(q[0]) + wp.abs(r[0])) + _TWO * off * wp.abs(a + b + c)
+        if not wp.abs(where) > doubt:
+            return wp.float64(wp.nan)
+        side = wp.where(least > _ZERO, _ONE, -_ONE)
+        return wp.where(where * side > _ZERO, side, wp.float64(0.0))
+
+    @named(f"blend_winding_{n}").func
+    def winding(b: Blends, x: values) -> wp.float64:
+        """How often the surface winds around a place at a pose."""
+        place, turns = wp.vec3d(x[0], x[1], x[2]), wp.float64(0.0)
+        for patch in range(b.low.shape[0]):
+            low, high = corner(b, patch, x, values(), -_ONE) - place, corner(b, patch, x, values(), _ONE) - place
+            beside = wp.max(wp.max(low[1], -high[1]), wp.max(low[2], -high[2]))
+            if wp.max(beside, -high[0]) <= b.allowance:
+                for i in range(b.first[patch], b.first[patch + 1]):
+                    face = b.faces[i]
+                    p, q, r = (
+                        vertex(b, face[0], x) - place,
+                        vertex(b, face[1], x) - place,
+                        vertex(b, face[2], x) - place,
+                    )
+                    turns += passed(p, q, r, b.allowance)
+        if wp.isnan(turns):
+            turns = wp.float64(0.0)
+            for i in range(b.faces.shape[0]):
+                face = b.faces[i]
+                p, q, r = vertex(b, face[0], x) - place, vertex(b, face[1], x) - place, vertex(b, face[2], x) - place
+                turns += angle(p, q, r) / _TURN
+        return wp.abs(turns)
+
     @named(f"blend_points_{n}").kernel
     def points(
         first: int,
@@ -114,18 +184,23 @@ def kernels_of(n: int) -> Kernels:
         """Truth of points; the limits of poses are the caller's affair."""
         t = first + wp.tid()
         answers[t] = wp.uint8(_OUT)
-        at, turns, least, most = x[t], wp.float64(0.0), wp.float64(wp.inf), wp.float64(wp.inf)
+        at, least, most = x[t], wp.float64(wp.inf), wp.float64(wp.inf)
         for i in range(n):
             if not wp.abs(at[i]) < _INFINITY:
                 return
         place = wp.vec3d(at[0], at[1], at[2])
-        for i in range(b.faces.shape[0]):
-            face = b.faces[i]
-            p, q, r = vertex(b, face[0], at) - place, vertex(b, face[1], at) - place, vertex(b, face[2], at) - place
-            turns += angle(p, q, r)
-            least = wp.min(least, gap(b, face, p, q, r, values()))
-            most = wp.min(most, wp.length(closest_on_triangle(wp.vec3d(), p, q, r)) + b.allowance)
-        around = wp.abs(turns) / _TURN
+        for patch in range(b.low.shape[0]):
+            if not apart(b, patch, at, values()) > b.margin:
+                for i in range(b.first[patch], b.first[patch + 1]):
+                    face = b.faces[i]
+                    p, q, r = (
+                        vertex(b, face[0], at) - place,
+                        vertex(b, face[1], at) - place,
+                        vertex(b, face[2], at) - place,
+                    )
+                    least = wp.min(least, gap(b, face, p, q, r, values()))
+                    most = wp.min(most, wp.length(closest_on_triangle(wp.vec3d(), p, q, r)) + b.allowance)
+        around = winding(b, at)
         if most <= b.margin or (least > _ZERO and around > _HALF):
             answers[t] = wp.uint8(_IN)
         elif not (least > b.margin and around < _QUARTER):
@@ -153,19 +228,20 @@ def kernels_of(n: int) -> Kernels:
             center[i] = low[i] * _HALF + high[i] * _HALF
             size = wp.max(wp.abs(low[i]), wp.abs(high[i]))
             half[i] = ((high[i] * _HALF - low[i] * _HALF) + size * _BLUR) * _OUTWARD
-        place, turns = wp.vec3d(center[0], center[1], center[2]), wp.float64(0.0)
+        place = wp.vec3d(center[0], center[1], center[2])
         bar = wp.where(asked == _FULL, _ZERO, b.margin)
-        for i in range(b.faces.shape[0]):
-            face = b.faces[i]
-            p, q, r = (
-                vertex(b, face[0], center) - place,
-                vertex(b, face[1], center) - place,
-                vertex(b, face[2], center) - place,
-            )
-            if not gap(b, face, p, q, r, half) > bar:
-                return
-            turns += angle(p, q, r)
-        around = wp.abs(turns) / _TURN
+        for patch in range(b.low.shape[0]):
+            if not apart(b, patch, center, half) > bar:
+                for i in range(b.first[patch], b.first[patch + 1]):
+                    face = b.faces[i]
+                    p, q, r = (
+                        vertex(b, face[0], center) - place,
+                        vertex(b, face[1], center) - place,
+                        vertex(b, face[2], center) - place,
+                    )
+                    if not gap(b, face, p, q, r, half) > bar:
+                        return
+        around = winding(b, center)
         if asked == _FREE and around < _QUARTER:
             answers[t] = wp.uint8(_FREE)
         if asked == _FULL and around > _HALF:

@@ -16,6 +16,7 @@ import warp as wp
 from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.blends.answers import FREE, FULL, Blends, kernels_of
+from warp_bounding.indicators.blends.patches import patches_of
 from warp_bounding.indicators.functions.solid import Formula
 from warp_bounding.indicators.shape import DETAILS, OUT, Shape
 from warp_bounding.runtime.launch import launch_on_cores
@@ -162,9 +163,10 @@ class IndicatorBlendShapes(Formula):
     @cached_property
     def _blends(self) -> Blends:
         found = Blends()
-        found.vertices = wp.array(self.vertices, dtype=wp.vec3d, device=DEVICE)
-        found.deltas = wp.array(self.deltas, dtype=wp.vec3d, device=DEVICE)
-        found.faces = wp.array(self.faces, dtype=wp.vec3i, device=DEVICE)
+        patches = patches_of(self.vertices, self.deltas, self.faces)
+        for name, values in {**patches._asdict(), "vertices": self.vertices, "deltas": self.deltas}.items():
+            dtype = {"faces": wp.vec3i, "first": wp.int32}.get(name, wp.vec3d)
+            setattr(found, name, wp.array(values, dtype=dtype, device=DEVICE))
         found.margin = self.margin
         found.allowance = ALLOWANCE * (self._size + float(np.abs(self._box[0][:PLACE]).max()))
         return found
