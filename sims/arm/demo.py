@@ -16,7 +16,7 @@ from sims.arm.pictures import draw, draw_one
 from sims.arm.robots import CELLS
 from sims.arm.workplace import Workplace
 from sims.drawing import Drawn
-from sims.planning.broad import BroadPhase, First, Samples, Segments
+from sims.planning.broad import BroadPhase, First, Points, Samples, Segments
 from sims.planning.demo import PlanningDemo
 from sims.planning.roadmap import Roadmap
 from sims.planning.rrt_connect import RrtConnect
@@ -89,6 +89,7 @@ class Example(Roadmap):
     """All problems of one cell, planned at once; lengths are metres that the arm moves at most."""
 
     SMALL: ClassVar = {"states": WARM_UP, "problems": 1}
+    FEW = False
 
     def render(self, folder: Path) -> list[Path]:
         """Draw the arm along its longest path."""
@@ -99,6 +100,7 @@ class Trees(RrtConnect):
     """The same problems, each planned by itself."""
 
     SMALL: ClassVar = {"samples": WARM_UP, "problems": 1}
+    FEW = True  # states are asked at a time
 
     def render(self, folder: Path) -> list[Path]:
         """Draw the arm along its longest path."""
@@ -208,8 +210,10 @@ class Demo(PlanningDemo):
 run = Demo.run
 
 
-def phases(bounders: dict[str, wb.Bounder]) -> dict[str, BroadPhase]:
+def phases(bounders: dict[str, wb.Bounder], *, few: bool = False) -> dict[str, BroadPhase]:
     """The broad phases of a cell's bounders, and the cascade of boxes and the network.
+
+    A planner that asks about few states at a time gets no whole edges cleared: a call for one of them takes longer than to ask about all that would be checked.
 
     Along edges volumes march by their distance. Edges that one bound of a network does not clear are not halved: to ask the network at the configurations that would be checked is cheaper, and clears more.
     """
@@ -217,6 +221,8 @@ def phases(bounders: dict[str, wb.Bounder]) -> dict[str, BroadPhase]:
     for name, bounder in bounders.items():
         if not bounder.conservative:
             made[name] = Samples(bounder, [1 / STEP] * bounder.ndim, 1.0)
+        elif few:
+            made[name] = Points(bounder)
         else:
             made[name] = Segments(bounder, halvings=0 if name == "mlp" else MARCHED)
     if {"learned-kdop", "mlp"} <= made.keys():
@@ -249,4 +255,5 @@ def simulate(
     def planned(phase: BroadPhase | None, small: bool) -> Example:
         return planner(place, exact, phase, **options | (planner.SMALL if small else {}))
 
-    return base.simulate(f"planning, {place.name}", phases(bounders), planned, repeats)
+    made = phases(bounders, few=planner.FEW)
+    return base.simulate(f"planning, {place.name}", made, planned, repeats)

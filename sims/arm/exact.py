@@ -5,6 +5,7 @@ of Pinocchio does. Both check an edge at points that halve it again and again un
 """
 
 from abc import abstractmethod
+from functools import cache
 
 import numpy as np
 
@@ -18,7 +19,6 @@ __all__ = ["STEP", "Hulls", "Meshes", "Stepped"]
 STEP = (
     0.02  # metres: the most that two configurations along an edge that are checked differ, in the place's coordinates
 )
-AT_ONCE = 4096  # configurations along few edges: the broad phase is asked about all of them, since each call costs as much as many of them
 
 
 class Stepped(Exact):
@@ -54,9 +54,10 @@ class Stepped(Exact):
         length = np.linalg.norm(way, axis=1)
         halvings = np.ceil(np.log2(np.maximum(length / STEP, 1.0))).astype(int)
         hit, still = np.zeros(len(starts), dtype=bool), length == 0
+        if len(starts) == 1 and not still[0]:
+            hit[0] = self._along(begin[0], way[0], int(halvings[0]), cleared)
+            return hit
         hit[still] = self.states(starts[still])
-        if cleared is not None and (2.0**halvings).sum() <= AT_ONCE:
-            cleared = _asked_before(cleared, begin, way, halvings)
         for level in range(1, int(halvings.max(initial=0)) + 1):
             asked = np.flatnonzero((halvings >= level) & ~hit)
             for odd in range(1, 2**level, 2):
@@ -71,6 +72,17 @@ class Stepped(Exact):
                 if len(rows):
                     hit[rows] = self.hits(x)
         return hit
+
+    def _along(self, begin: np.ndarray, way: np.ndarray, halvings: int, cleared: Cleared | None) -> bool:
+        """Whether one edge collides. The broad phase is asked about all of it at once, since each call costs as much as many configurations."""
+        x = begin + _halving(halvings)[:, None] * way
+        if cleared is not None and len(x):
+            x = x[~cleared(x)]
+        for number in range(len(x)):
+            self.checks += 1
+            if self.hits(x[number : number + 1])[0]:
+                return True
+        return False
 
     def _checked(self, x: np.ndarray) -> np.ndarray:
         x, n = np.asarray(x), self.place.shape.ndim
@@ -103,10 +115,7 @@ class Meshes(Stepped):
         return self.model.hits(self.place.joint_values(x))
 
 
-def _asked_before(cleared: Cleared, begin: np.ndarray, way: np.ndarray, halvings: np.ndarray) -> Cleared:
-    """What ``cleared`` says, asked once about all configurations that halving some edges can come to."""
-    times = [np.arange(1, 2**count) / 2**count for count in halvings]
-    rows = np.repeat(np.arange(len(begin)), [len(each) for each in times])
-    x = begin[rows] + np.concatenate([np.empty(0), *times])[:, None] * way[rows]
-    known = {place.tobytes() for place in x[cleared(x)]} if len(x) else set()
-    return lambda asked: np.array([place.tobytes() in known for place in asked], dtype=bool)
+@cache
+def _halving(count: int) -> np.ndarray:
+    """``(2^count - 1,)``: times that halve an edge so often, in the order in which they are checked."""
+    return np.array([odd / 2**level for level in range(1, count + 1) for odd in range(1, 2**level, 2)])

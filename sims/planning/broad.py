@@ -5,9 +5,10 @@ An edge is a closed straight segment between float32 states. It is cleared
 * by a network of points, where bound propagation proves that the network denies every point of it (``warp_bounding.clear_segments``);
 * by a bounder of boxes, where it denies the axis-aligned boxes of pieces that together cover it (``clear_by_boxes``);
 * by a bounder of distances, which marches along it: each distance is a step that nothing can stand in the way of (``Marching``);
+* not at all by ``Points``, for planners that go on edge by edge: what checks an edge asks about the states along it;
 * by ``Samples``, where a bounder denies points along it. That is how it is often done, and no proof of anything.
 
-All but the last are proofs wherever the bounder has one. What is not cleared is not blocked, but has to be checked exactly; but for
+All but ``Samples`` are proofs wherever the bounder has one. What is not cleared is not blocked, but has to be checked exactly; but for
 ``TwoSided``, which asks a bounder from the inside too: what certainly lies in an obstacle, or leads through one, collides, and needs
 no check either.
 """
@@ -15,6 +16,7 @@ no check either.
 from abc import ABC, abstractmethod
 
 import numpy as np
+import warp as wp
 
 import warp_bounding as wb
 
@@ -27,6 +29,7 @@ __all__ = [
     "Every",
     "First",
     "Marching",
+    "Points",
     "Samples",
     "Segments",
     "TwoSided",
@@ -38,6 +41,7 @@ FREE, MAYBE, HIT = 0, 1, 2  # answers of ``BroadPhase.classify``; those of ``war
 HALVINGS = 3  # of an edge, for boxes: eight pieces at most
 NETWORK_HALVINGS = 4  # for networks, whose bounds are loose where a network varies a lot along a piece
 SPACING = 0.5  # cells between samples
+AT_ONCE = 64  # states that are asked without a call of its own being set up
 ROUNDING = 2.0**-48  # of a point along an edge, relative to the ends: eight roundings of 2^-53, four times over
 PIECES = 8  # of an edge: between them are the points that a bounder from the inside is asked
 
@@ -200,6 +204,33 @@ def _between(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
     """``(N, PIECES - 1, n)`` float64: the points between the pieces of segments."""
     way, times = ends.astype(np.float64) - starts, np.arange(1, PIECES) / PIECES
     return starts[:, None] + times[:, None] * way[:, None]
+
+
+class Points(_OfPoints):
+    """A bounder of points that is asked about few states at a time, again and again; it clears no edge as a whole.
+
+    A call of ``query`` takes longer than the answers to thousands of states; few of them are written to where a launch that is prepared once reads them.
+    """
+
+    def __init__(self, bounder: wb.Bounder):
+        super().__init__(bounder)
+        if not wp.get_device(bounder.device).is_cpu:
+            raise wb.BounderError(
+                f"expected a bounder on a CPU, where few states are asked at once, got {bounder.device}"
+            )
+        x = wp.zeros((AT_ONCE, bounder.ndim), dtype=wp.float32, device=bounder.device)
+        self._prepared = bounder.prepare(x)
+        self._x, self._answers = x.numpy(), self._prepared.out.numpy()
+
+    def states(self, x: np.ndarray) -> np.ndarray:
+        if len(x) > AT_ONCE:
+            return super().states(x)
+        self._x[: len(x)] = x
+        self._prepared.launch()
+        return self._answers[: len(x)] == 0
+
+    def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        return np.zeros(len(starts), dtype=bool)
 
 
 class Samples(_OfPoints):

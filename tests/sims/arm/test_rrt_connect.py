@@ -8,7 +8,7 @@ from sims.arm.demo import Trees
 from sims.arm.exact import Hulls, Stepped
 from sims.arm.robots import CELLS, Cell, planar
 from sims.arm.workplace import Workplace
-from sims.planning.broad import Every, Samples, Segments
+from sims.planning.broad import Every, Points, Samples, Segments
 
 PROBLEMS = 6
 
@@ -39,11 +39,13 @@ def test_paths_lead_from_start_to_goal_and_are_free(place, alone):
         assert length == pytest.approx(steps.sum())
 
 
-@pytest.mark.parametrize("method", ["aabb", "learned-kdop"])
-def test_a_proven_bounder_changes_nothing_but_the_work(method, place, alone):
+@pytest.mark.parametrize(
+    ("method", "phase"), [("aabb", Segments), ("learned-kdop", Segments), ("learned-kdop", Points)]
+)
+def test_a_proven_bounder_changes_nothing_but_the_work(method, phase, place, alone):
     options = {"steps": 20} if method == "learned-kdop" else {}
     bounder = wb.fit(place.shape, method=method, device="cpu", progress=False, **options)
-    example = Trees(place, Hulls(place), Segments(bounder), problems=PROBLEMS)
+    example = Trees(place, Hulls(place), phase(bounder), problems=PROBLEMS)
     example.step()
     example.test_final(alone)
     assert example.checks <= alone.checks
@@ -88,6 +90,16 @@ def test_edges_asked_at_once_are_asked_alike(place, rng):
     other = Hulls(place)
     assert few == other.segments(*ends, cleared).tolist()
     assert one.checks == other.checks
+
+
+def test_few_states_are_answered_as_by_a_query(place, rng):
+    bounder = wb.fit(place.shape, method="learned-kdop", steps=20, device="cpu", progress=False)
+    phase, x = Points(bounder), place.draw(300, rng)
+    truth = bounder.query(x).numpy() == 0
+    assert 0 < truth.sum() < len(x)
+    for first, last in ((0, 300), (0, 64), (64, 65), (100, 100), (120, 180)):
+        assert (phase.states(x[first:last]) == truth[first:last]).all()
+    assert not phase.edges(x, x).any()
 
 
 def test_a_cell_and_the_arm_itself():
