@@ -9,7 +9,17 @@ import typer
 from warp_bounding.bounders import DISTANCES, METHODS, Bounder, DistanceBounder
 from warp_bounding.bounders.options import STEPS, Option
 from warp_bounding.certificates.statement import NOT_CONSERVATIVE
-from warp_bounding.cli.options import Device, Json, Origin, Spacing, Threshold, read_shape, whole_number
+from warp_bounding.cli.options import (
+    Device,
+    Json,
+    Origin,
+    Queries,
+    Spacing,
+    Threshold,
+    read_queries,
+    read_shape,
+    whole_number,
+)
 from warp_bounding.cli.output import bar, certificate_summary, console, print_json, quiet_warp, warn
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, check_writable
 
@@ -60,6 +70,7 @@ def command(
         str,
         typer.Option(help="outside: no is certainly not in the object; inside: no is certainly in it (points)."),
     ] = "outside",
+    queries: Queries = None,
     metric: Annotated[
         str | None,
         typer.Option(
@@ -86,11 +97,12 @@ def command(
     quiet_warp(device)
     known = _options()
     count = whole_number("samples", samples)
-    check_writable(output, shape, kind=BOUNDER_FILE)
+    check_writable(output, shape, *([] if queries is None else [queries]), kind=BOUNDER_FILE)
+    asked = None if queries is None else read_queries(queries)
     indicator = read_shape(shape, threshold, spacing, origin)
     started = time.perf_counter()
     with bar("fit") as update:
-        of_queries = {"query": query, "length": length, "space": space}
+        of_queries = {"query": query, "length": length, "space": space, "queries": asked}
         of_object = {"margin": margin, "force": force, "resolution": resolution, "side": side}
         of_method = {name: known[name].parse(value) for name, value in told.items() if value is not None}
         of_method |= {} if metric is None else {"metric": metric}

@@ -1,12 +1,25 @@
 """Options that several commands have, and what they mean."""
 
+from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from warp_bounding.errors import IndicatorError, QueryError
 
-__all__ = ["BounderFile", "Device", "Json", "Origin", "Spacing", "Threshold", "read_shape", "whole_number"]
+__all__ = [
+    "BounderFile",
+    "Device",
+    "Json",
+    "Origin",
+    "Queries",
+    "Spacing",
+    "Threshold",
+    "read_queries",
+    "read_shape",
+    "whole_number",
+]
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output, and nothing else there.")]
 Device = Annotated[str, typer.Option(help="Warp device: cpu, cuda:0, ...")]
@@ -20,6 +33,11 @@ Spacing = Annotated[
 ]
 Origin = Annotated[
     str | None, typer.Option(help="Where the centre of an array's or image's first cell is: -12.5,3; rows first.")
+]
+
+Queries = Annotated[
+    str | None,
+    typer.Option(help="A .npy file, (Q, m), of queries as your simulation asks them: where false positives count."),
 ]
 
 
@@ -38,6 +56,20 @@ def read_shape(path: str, threshold: str | None, spacing: str | None, origin: st
         spacing=sizes[0] if sizes and len(sizes) == 1 else sizes,
         origin=None if origin is None else _numbers("origin", origin),
     )
+
+
+def read_queries(path: str) -> np.ndarray:
+    """A ``.npy`` array of queries; see ``Bounder.query`` for what must be in it.
+
+    Raises:
+        QueryError: If there is no such file, or it holds something else.
+    """
+    from warp_bounding.indicators.formats.reading import reading
+
+    if not Path(path).is_file():
+        raise QueryError(f"{path}: {'a folder, expected a file' if Path(path).is_dir() else 'no such file'}")
+    with reading(path, "a NumPy .npy array of queries"), open(path, "rb") as file:
+        return np.lib.format.read_array(file, allow_pickle=False)
 
 
 def _numbers(name: str, text: str) -> list[float]:

@@ -2,13 +2,12 @@
 
 import io
 import time
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 
-from warp_bounding.cli.options import BounderFile, Device, Json
+from warp_bounding.cli.options import BounderFile, Device, Json, read_queries
 from warp_bounding.cli.output import console, print_json, quiet_warp
 from warp_bounding.errors import QueryError
 from warp_bounding.runtime.whole_file import ARRAY_FILE, check_writable, write_whole
@@ -33,7 +32,7 @@ def command(
 
     quiet_warp(device)
     check_writable(output, file, points, kind=ARRAY_FILE)
-    bounder, queries = load(file, device=device), _read(points)
+    bounder, queries = load(file, device=device), read_queries(points)
     started = time.perf_counter()
     try:
         mask = bounder.query(queries).numpy()
@@ -53,13 +52,3 @@ def command(
         asked = f"{len(mask):,} {bounder.query_kind} queries"
         console(False).print(f"{bounder.method}: maybe for {maybe:,} of {asked}{share}; written to {output}")
     return 0
-
-
-def _read(path: str) -> np.ndarray:
-    """A ``.npy`` array; see ``Bounder.query`` for what must be in it."""
-    from warp_bounding.indicators.formats.reading import reading
-
-    if not Path(path).is_file():
-        raise QueryError(f"{path}: {'a folder, expected a file' if Path(path).is_dir() else 'no such file'}")
-    with reading(path, "a NumPy .npy array of queries"), open(path, "rb") as file:
-        return np.lib.format.read_array(file, allow_pickle=False)

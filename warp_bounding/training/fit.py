@@ -1,23 +1,19 @@
 """``fit``: from a shape to a bounder, in a given time. ``METHODS`` has the methods, ``trainers`` how each is made."""
 
-import math
 import time
-import warnings
 from dataclasses import replace
 from functools import partial
 from typing import Any
-
-import numpy as np
 
 from warp_bounding.bounders import METHODS, Bounder, DistanceBounder, cascade, method_class
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.neural.mlp import THRESHOLDS
 from warp_bounding.bounders.options import settled
 from warp_bounding.coordinates.region_domain import SPACES, domain_of
-from warp_bounding.errors import BounderError, BoundingWarning
+from warp_bounding.errors import BounderError
 from warp_bounding.evaluation import quick_rates
-from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, IndicatorMotion, load_indicator
-from warp_bounding.indicators.limits import MAX_RESOLUTION, check_memory
+from warp_bounding.indicators import IndicatorGrid, load_indicator
+from warp_bounding.indicators.limits import check_memory
 from warp_bounding.indicators.parts.complement import SIDES, Complement
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof import prove_or_attest
@@ -26,11 +22,19 @@ from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.runtime.devices import device_of
 from warp_bounding.runtime.launch import compile_seconds
 from warp_bounding.runtime.progress import Progress, reported
+from warp_bounding.training.checks import (
+    check_distance,
+    check_extent,
+    check_numbers,
+    check_regions,
+    warn_of_coarse_cells,
+)
 from warp_bounding.training.distance import fit_distance
 from warp_bounding.training.problem import Problem
+from warp_bounding.training.samples.callers import CallersQueries
 from warp_bounding.training.trainers import trainer_of
 
-__all__ = ["LEAST_SHARE", "SHAPE_BOXES", "SHAPE_EPS", "Stopwatch", "check_numbers", "described", "fit"]
+__all__ = ["LEAST_SHARE", "SHAPE_BOXES", "SHAPE_EPS", "Stopwatch", "described", "fit"]
 
 FRONT_SHARE = 0.1  # of the rest of the budget: what each learned part of a cascade before its networks gets
 COORDINATE_BYTES = 32  # per occupied cell and axis: its index, two corners and what is computed from them
@@ -57,6 +61,7 @@ def fit(
     length: float | None = None,
     space: str | None = None,
     side: str = SIDES[0],
+    queries=None,
     last: Bounder | None = None,
     device: str | None = None,
     progress: Progress | bool | None = None,
@@ -88,6 +93,9 @@ def fit(
         side: ``"outside"``: *no* means certainly not in the object. ``"inside"``: *no* means certainly in it, and *maybe*
             that it may not be; the bounder holds the shape's complement, and the proof is about that. For points, and of
             methods that lay no cells; with an outer bounder it makes a ``two_sided`` one.
+        queries: ``(Q, m)`` numbers, object space: queries of the caller's own, as its simulation asks them. What learns
+            (an ``mlp`` by the default recipe, a ``learned-kdop``, a ``relu-field``) then has its false positives elsewhere where it can; every proof is about all
+            queries all the same. Thousands of them should do; of more than a million some are taken.
         last: The last part of a cascade, if it is fitted already; then only the parts before it are fitted.
         device: Warp device of the bounder; the default device if ``None``.
         progress: Called with done, total and a note. ``None`` shows a bar on standard error if that is a terminal,
@@ -112,7 +120,7 @@ def fit(
 
     Raises:
         IndicatorError: If the shape cannot be read or bounded.
-        QueryError: For an unknown kind of query.
+        QueryError: For an unknown kind of query, or ``queries`` that are none of it.
         BounderError: For an unknown method, an option that makes no sense or that the method does not take, or a margin
             larger than the object without ``force``.
 
@@ -127,10 +135,10 @@ def fit(
     check_numbers(budget, seed, margin)
     spent = Stopwatch()
     if query == DISTANCE.name:
-        _check_distance(method, length, space, side, last)
+        check_distance(method, length, space, side, last, queries)
         device_of(device, BounderError)
         shape = load_indicator(shape)
-        _check_extent(shape, margin, force)
+        check_extent(shape, margin, force)
         run = {"budget": budget, "seed": int(seed), "device": device, "progress": progress}
         own = {
             "margin": margin,
@@ -141,11 +149,11 @@ def fit(
         found, spent = fit_distance(shape, method, options, **run, **own), spent.seconds()
         found.info["training"] |= spent
         return found
-    _check(query, method, length, space, side)
+    check_regions(query, method, length, space, side)
     length, space = length or 1.0, space or SPACES[0]
     device_of(device, BounderError)
     shape = load_indicator(shape)
-    _check_extent(shape, margin, force)
+    check_extent(shape, margin, force)
     if side == SIDES[1]:
         shape = Complement(shape)
     grid = _bounded(shape, query, method, space, resolution, margin, options.get(THRESHOLDS.name, 1) == 1)
@@ -156,7 +164,8 @@ def fit(
         raise BounderError(f"last must be the last of several methods, {method!r}, got {last!r}")
     told = settled(classes, query, options)
     domain, repeatable = domain_of(grid, query, length, space), any(each.get("steps") for each in told)
-    problem = Problem(grid, domain, query, int(seed), device, repeatable=repeatable)
+    callers = None if queries is None else CallersQueries(queries, grid, domain, int(seed))
+    problem = Problem(grid, domain, query, int(seed), device, callers=callers, repeatable=repeatable)
     with reported(progress, f"fit {method}") as update:
         parts = _fit_parts(problem, classes if last is None else classes[:-1], classes, told, budget, spent, update)
     if last is not None:
@@ -244,30 +253,6 @@ def pieces_told(shape: Shape) -> dict[str, Any] | None:
     return None if own is None or own.all else own.to_dict()
 
 
-def check_numbers(budget: float, seed: int, margin: float) -> None:
-    """Refuse a budget, a seed or a margin that makes no sense, with ``BounderError``."""
-    if not _is_number(budget) or budget <= 0:
-        raise BounderError(f"budget must be a positive number of seconds, got {budget!r}")
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**63:
-        raise BounderError(f"seed must be a whole number from 0 to 2^63 - 1, got {seed!r}")
-    if not _is_number(margin) or margin < 0:
-        raise BounderError(f"margin must be a length of at least 0, got {margin!r}")
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and bool(np.isfinite(value))
-
-
-def _check_extent(shape: IndicatorGrid | IndicatorMesh | IndicatorMotion, margin: float, force: bool) -> None:
-    """Refuse a margin that leaves nothing of the object's form, before any time is spent on it."""
-    extent = float(shape.extent.max())
-    if margin > extent and not force:
-        raise BounderError(
-            f"margin must be at most the object's extent, {extent:.4g}, got {margin:g}; force=True (--force) takes it all "
-            "the same"
-        )
-
-
 def _bounded(
     shape, query: str, method: str, space: str, resolution: int | None, margin: float, one_threshold: bool
 ) -> Shape:
@@ -287,57 +272,9 @@ def _bounded(
             resolution = REGION_RESOLUTION
     grid = shape.to_grid(resolution=resolution, margin=margin)
     if not own:
-        _warn_of_coarse_cells(grid)
+        warn_of_coarse_cells(grid)
     occupied = int(grid.occupancy.sum())
     check_memory(
         occupied * grid.ndim * COORDINATE_BYTES, f"fitting {occupied:,} occupied cells", "give a coarser resolution"
     )
     return grid
-
-
-def _warn_of_coarse_cells(grid: IndicatorGrid) -> None:
-    """Warn where cells reach farther beyond the object than the margin: that costs false positives."""
-    size = 1 / float(grid.cells_per_unit[-1])
-    if 0 < grid.margin < size:
-        finer = math.ceil(grid.resolution * size / grid.margin)
-        advice = (
-            f"resolution={finer} has cells of the margin's size"
-            if finer <= MAX_RESOLUTION
-            else "give a finer resolution"
-        )
-        text = (
-            f"margin {grid.margin:g} is under the size of a cell, {size:.3g}: the object's cells at resolution "
-            f"{grid.resolution} are bounded, and they are wider than the margin; {advice}"
-        )
-        warnings.warn(text, BoundingWarning, stacklevel=4)
-
-
-def _check_distance(method: str, length, space, side: str, last) -> None:
-    """Refuse what only other queries have."""
-    if not isinstance(method, str):
-        raise BounderError(f"method must be a name, got {method!r}")
-    for name, given, default in (
-        ("length", length, None),
-        ("space", space, None),
-        ("last", last, None),
-        ("side", side, SIDES[0]),
-    ):
-        if given != default:
-            raise BounderError(f"{name} is not for distances, got {name}={given!r}")
-
-
-def _check(query: str, method: str, length: float | None, space: str | None, side: str) -> None:
-    if not isinstance(method, str):
-        raise BounderError(f"method must be a name, or several joined by +, got {method!r}")
-    if side not in SIDES:
-        raise BounderError(f"side must be one of {', '.join(SIDES)}, got {side!r}")
-    if side == SIDES[1] and QUERIES[query].is_region:
-        raise BounderError(f"side={side} is for point queries, got {query} queries")
-    if length is not None and not QUERIES[query].has_length:
-        raise BounderError(f"length is for ray queries, got length={length} for {query} queries")
-    if length is not None and (not _is_number(length) or length <= 0):
-        raise BounderError(f"length must be a positive number, got {length!r}")
-    if space is not None and not QUERIES[query].is_region:
-        raise BounderError(f"space is for ray, plane and box queries, got space={space} for point queries")
-    if space is not None and space not in SPACES:
-        raise BounderError(f"space must be one of {', '.join(SPACES)}, got {space!r}")

@@ -36,7 +36,8 @@ from warp_bounding.queries.boundary import border_points
 from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.devices import device_of
 from warp_bounding.runtime.progress import Progress, reported
-from warp_bounding.training.fit import LEAST_SHARE, SHAPE_BOXES, SHAPE_EPS, Stopwatch, check_numbers, described
+from warp_bounding.training.checks import check_numbers
+from warp_bounding.training.fit import LEAST_SHARE, SHAPE_BOXES, SHAPE_EPS, Stopwatch, described
 from warp_bounding.training.problem import Problem
 from warp_bounding.training.trainers import trainer_of
 

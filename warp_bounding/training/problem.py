@@ -9,6 +9,8 @@ from warp_bounding.bounders.base import Bounder
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.queries import sample
+from warp_bounding.training.samples.callers import CALLERS_SHARE, CallersQueries
 
 __all__ = ["Problem", "Trained"]
 
@@ -32,7 +34,16 @@ class Problem:
     front: tuple[Bounder, ...] = ()
     in_front: bool = False  # whether the bounder stands before a network in a cascade
     target: Domain | None = None  # where a network of points is asked, if it is trained in another domain, its own
+    callers: CallersQueries | None = None  # queries of the caller's own: where false positives count
     repeatable: bool = False  # whether the result is to be the same on every run, so that no clock may enter
+
+    def sample(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """``(count, m)`` float32, random queries that stand for what will be asked: of the protocol, or for the greater part the caller's own."""
+        if self.callers is None:
+            return sample(self.query, self.grid, count, rng)
+        own = round(CALLERS_SHARE * count)
+        usual = sample(self.query, self.grid, count - own, rng)
+        return np.concatenate([self.callers.draw(own, rng), np.asarray(usual, dtype=np.float32)])
 
     def asked(self, x: np.ndarray) -> np.ndarray:
         """``(N,)`` bool: whether all of ``front`` let these queries, in object space, through."""

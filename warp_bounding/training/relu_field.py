@@ -13,11 +13,8 @@ import torch
 
 from warp_bounding.bounders.relu_field.cover import positive_boxes
 from warp_bounding.bounders.relu_field.relu_field import FieldMap, ReluField, break_points, corners_of, field_breaks
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.queries import oracle, sample
+from warp_bounding.queries import oracle
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.training.engine.clock import Clock, geometric, interrupts
 from warp_bounding.training.engine.team import single_threaded_torch
@@ -53,7 +50,7 @@ def train_relu_field(
     Ctrl-C ends training; the field as it is is then repaired.
     """
     clock = Clock(seconds, options["steps"], progress)
-    trainer = _Trainer(problem.grid, problem.domain, problem.seed, options.get("nodes"))
+    trainer = _Trainer(problem, options.get("nodes"))
     clock.reserved = min(REPAIR_SHARE * seconds + clock.seconds, 0.8 * seconds)
     with single_threaded_torch():
         interrupted = interrupts(lambda: trainer.run(clock))
@@ -63,8 +60,9 @@ def train_relu_field(
 
 
 class _Trainer:
-    def __init__(self, grid: IndicatorGrid, domain: Domain | RegionDomain, seed: int, nodes: int | None):
-        self.grid, self.domain, self.field = grid, domain, FieldMap.of(grid, domain, nodes)
+    def __init__(self, problem: Problem, nodes: int | None):
+        grid, domain, seed = problem.grid, problem.domain, problem.seed
+        self.problem, self.domain, self.field = problem, domain, FieldMap.of(grid, domain, nodes)
         self.rng, self.generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
         self.oracle = oracle(domain.query, grid, "cpu", domain.oracle_length)
         boxes = [[self.field.coordinates(side) for side in pair] for pair in positive_boxes(grid, domain, self.field)]
@@ -122,7 +120,7 @@ class _Trainer:
 
     def _refresh(self) -> None:
         """Fresh negatives, and positives: the lowest of many, and of those before."""
-        x = sample(self.domain.query, self.grid, POOL, self.rng)
+        x = self.problem.sample(POOL, self.rng)
         truth = self.oracle(x)
         t = self.field.coordinates(self.domain.to_local(x[~truth] if not truth.all() else x[:64]))
         self.negative, self.share = self._at(t), max(float((~truth).mean()), 1e-3)

@@ -18,7 +18,7 @@ from warp_bounding.proof.covers.monotone_box import of_points
 from warp_bounding.proof.local import at_least, needless, worthwhile
 from warp_bounding.proof.parts import least_by_part
 from warp_bounding.proof.search.pace import GROWTH
-from warp_bounding.queries import oracle, sample
+from warp_bounding.queries import oracle
 from warp_bounding.queries.positives import draw_positives
 from warp_bounding.training.problem import Problem
 
@@ -37,7 +37,7 @@ class Costs:
     """Values of f at negatives, as a device computes them, which tell what a threshold costs."""
 
     def __init__(self, bounder: Mlp, problem: Problem):
-        x = sample(problem.query, problem.grid, SAMPLES, np.random.default_rng(0))
+        x = problem.sample(SAMPLES, np.random.default_rng(0))
         truth = oracle(problem.query, problem.grid, bounder.device, bounder.domain.oracle_length)(x)
         values = bounder.values(x).numpy()[~truth & problem.asked(x)]
         self.values, self.query = np.sort(values[np.isfinite(values)]), problem.query
@@ -86,7 +86,7 @@ def lattice_of(problem: Problem, count: int) -> Lattice:
 
 def negatives_of(problem: Problem) -> np.ndarray:
     """``(N, ndim)`` coordinates v of random queries that are certainly no positives, and that reach the bounder."""
-    x = sample(problem.query, problem.grid, SAMPLES, np.random.default_rng(0))
+    x = problem.sample(SAMPLES, np.random.default_rng(0))
     truth = oracle(problem.query, problem.grid, "cpu", problem.domain.oracle_length)(x)
     v = problem.domain.to_local(x[~truth & problem.asked(x)])
     return v[(np.abs(v) <= problem.domain.limit).all(axis=1)]

@@ -18,8 +18,7 @@ from warp_bounding.bounders.polytopes.learned_kdop import LearnedKdop, classic_n
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.queries import oracle, sample
+from warp_bounding.queries import oracle
 from warp_bounding.queries.plane import PLANE
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.training.engine.clock import Clock, geometric, interrupts
@@ -57,7 +56,7 @@ def train_learned_kdop(
         k = FRONT_FACES
     clock = Clock(seconds, options["steps"], progress)
     support, generator = support_of(grid, domain), torch.Generator().manual_seed(problem.seed)
-    faces, (v, share) = problem_of(domain, support), _negatives(grid, domain, problem.seed)
+    faces, (v, share) = problem_of(domain, support), _negatives(problem)
     classic = _classic(domain, k)
     start = _unit(tensor(classic))
     if k is not None and k > len(start):
@@ -153,12 +152,13 @@ def _unit(normals: torch.Tensor) -> torch.Tensor:
     return normals / normals.norm(dim=1, keepdim=True).clamp(min=1e-9)
 
 
-def _negatives(grid: IndicatorGrid, domain: Domain | RegionDomain, seed: int) -> tuple[torch.Tensor, float]:
+def _negatives(problem: Problem) -> tuple[torch.Tensor, float]:
     """``v`` of sampled negatives, of other queries where there are none, and their share of all queries."""
-    rng, truth = np.random.default_rng(seed), oracle(domain.query, grid, "cpu", domain.oracle_length)
+    domain, rng = problem.domain, np.random.default_rng(problem.seed)
+    truth = oracle(domain.query, problem.grid, "cpu", domain.oracle_length)
     found, count, total = [], 0, 0
     while count < FEW * SAMPLES and total < MOST_SAMPLES:
-        x = sample(domain.query, grid, SAMPLES, rng)
+        x = problem.sample(SAMPLES, rng)
         found.append(x[~truth(x)])
         count, total = count + len(found[-1]), total + SAMPLES
     x = np.concatenate(found) if count else x[:64]

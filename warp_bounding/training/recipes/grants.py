@@ -21,7 +21,7 @@ from torch.nn.functional import softplus
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.neural.mlp_early import MlpEarly, grant_of
 from warp_bounding.kernels.source import GRANTED
-from warp_bounding.queries import oracle, sample
+from warp_bounding.queries import oracle
 from warp_bounding.training.problem import Problem
 
 __all__ = ["COST", "granted"]
@@ -66,7 +66,7 @@ def granted(bounder: MlpEarly, problem: Problem) -> MlpEarly:
 
 def _asked(bounder: MlpEarly, problem: Problem, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Random queries ``(N, columns)`` that reach the network, and whether each is answered with *maybe*."""
-    x = np.asarray(sample(problem.query, problem.grid, count, rng), dtype=np.float32)
+    x = np.asarray(problem.sample(count, rng), dtype=np.float32)
     x = x[problem.asked(x) & np.isfinite(bounder.parts[-1].values(x).numpy())]
     return x, bounder.query(x).numpy() != 0
 

@@ -11,7 +11,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 
 from warp_bounding.activations import activation_of
 from warp_bounding.networks.heads import head_of
-from warp_bounding.queries import oracle, sample
+from warp_bounding.queries import oracle
 from warp_bounding.training.engine.clock import Clock, cosine, geometric
 from warp_bounding.training.engine.row_network import RowNetwork, tensors_of
 from warp_bounding.training.engine.soap import Soap
@@ -36,7 +36,7 @@ class OccupancyTrainer:
 
     def __init__(self, problem: Problem, hidden: tuple[int, ...], activation: str, octaves: int = 0):
         grid, domain, seed = problem.grid, problem.domain, problem.seed
-        self.grid, self.domain, self.head, self.team = grid, domain, head_of(domain.query), Team()
+        self.problem, self.domain, self.head, self.team = problem, domain, head_of(domain.query), Team()
         self.generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
         self._oracle = oracle(domain.query, grid, "cpu", domain.oracle_length)
         act = activation_of(activation)
@@ -53,7 +53,7 @@ class OccupancyTrainer:
 
     def draw(self, count: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Rows of inputs, offsets of planes (else zeros), and the truth as 0 and 1."""
-        q = sample(self.domain.query, self.grid, count, self._rng)
+        q = self.problem.sample(count, self._rng)
         truth = torch.from_numpy(np.asarray(self._oracle(q), dtype=np.float32))
         v = torch.from_numpy(self.domain.to_local(q).astype(np.float32))
         offset = v[:, -1].clone() if self.head.offsets else torch.zeros(count)

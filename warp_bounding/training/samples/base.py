@@ -13,6 +13,7 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries import oracle, sample
+from warp_bounding.training.samples.callers import CALLERS_SHARE, CallersQueries
 from warp_bounding.training.samples.cell_points import CellPoints, ObjectPoints, columns
 from warp_bounding.training.samples.shape_points import ShapePoints
 
@@ -35,6 +36,7 @@ class Samples:
         detail: ``(ndim, 1)``, the object's cells along each axis of ``v``, relative to the axis with most.
         waves: ``(2 K, ndim + 1)``, a first layer whose sines are those and the cosines of the object's waves (``Shape.waves``); ``None`` where it has none.
         vertices: ``(ndim, K)``, all of the positives where a minimum of f is likely, such as corners; may be none.
+        callers: Queries of the caller's own, which take the place of some of the negatives; ``None`` where there are none.
     """
 
     query = ""
@@ -43,13 +45,21 @@ class Samples:
     detail: torch.Tensor
     waves: torch.Tensor | None = None
     vertices: torch.Tensor
+    callers: CallersQueries | None = None
 
     def uniform(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
         """``v`` ``(ndim, count)`` of samples of the protocol, and their truth ``(count,)``."""
         raise NotImplementedError
 
     def negatives(self, count: int) -> torch.Tensor:
-        """``v`` of the negatives among ``count`` samples of the protocol, or of a few other queries where none is."""
+        """``v`` of the negatives among ``count`` samples: of the protocol, and of the caller's own where there are such; of a few other queries where none is."""
+        if self.callers is None:
+            return self.usual_negatives(count)
+        own = round(CALLERS_SHARE * count)
+        return torch.cat([self.callers.negatives(own, self.generator), self.usual_negatives(count - own)], 1)
+
+    def usual_negatives(self, count: int) -> torch.Tensor:
+        """``negatives`` of the protocol."""
         raise NotImplementedError
 
     def positives(self, count: int) -> torch.Tensor:
@@ -106,7 +116,7 @@ class LabelledRegions(Samples):
         q = sample(self.query, self.grid, count, self._rng)
         return columns(self.domain.to_local(q)), torch.from_numpy(self._oracle(q))
 
-    def negatives(self, count: int) -> torch.Tensor:
+    def usual_negatives(self, count: int) -> torch.Tensor:
         # Where (almost) every region meets the object, a few positives stand for them: the loss needs a few columns,
         # and the threshold, which is set on positives, does not depend on them.
         for _ in range(ATTEMPTS):
@@ -137,9 +147,9 @@ class RegionSamples(LabelledRegions):
         place = (self.coordinates(state) / (APART * self.cells.unit.repeat(2, 1))).floor()
         return first_ones(state, place, most)
 
-    def negatives(self, count: int) -> torch.Tensor:
+    def usual_negatives(self, count: int) -> torch.Tensor:
         self.cells.grow()
-        return super().negatives(count)
+        return super().usual_negatives(count)
 
     def settled(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
         n = self.grid.ndim

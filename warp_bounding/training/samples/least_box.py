@@ -57,9 +57,9 @@ class LeastBoxesOfShape(LabelledRegions):
         self.point_detail, self.vertices = self.points.detail, self.points.vertices.repeat(2, 1)
         self.detail = self.point_detail.repeat(2, 1)
 
-    def negatives(self, count: int) -> torch.Tensor:
+    def usual_negatives(self, count: int) -> torch.Tensor:
         self.points.grow()
-        return super().negatives(count)
+        return super().usual_negatives(count)
 
     def positives(self, count: int) -> torch.Tensor:
         return self.points.positives(count)

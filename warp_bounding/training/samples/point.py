@@ -32,7 +32,7 @@ class PointSamples(Samples):
         cell = torch.minimum(torch.round(t).long().clamp_(min=0), self._shape - 1)
         return self.cells.to_local(t), self._table[(cell * self._stride).sum(0)]
 
-    def negatives(self, count: int) -> torch.Tensor:
+    def usual_negatives(self, count: int) -> torch.Tensor:
         v, truth = self.uniform(count)
         if truth.all():
             cells = self.cells.pick(columns(np.argwhere(~self.grid.occupancy)), FEWEST_NEGATIVES)

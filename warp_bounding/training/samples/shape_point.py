@@ -76,7 +76,7 @@ class ShapePointSamples(Samples):
         chosen = torch.randint(len(self._truth), (count,), generator=self.generator)
         return self._labelled.index_select(1, chosen), self._truth[chosen]
 
-    def negatives(self, count: int) -> torch.Tensor:
+    def usual_negatives(self, count: int) -> torch.Tensor:
         self.grow()
         return self._pick(self._free, max(round(count * self._free.shape[1] / len(self._truth)), 1))
 

@@ -1,0 +1,133 @@
+"""A fit to the queries that a simulation asks, beside the usual fit: `python benchmarks/own_queries.py --out results/own-queries`.
+
+The rain on the moving bunny is run once without a broad phase, and what it asks is kept: some particles at each step's time. Networks of the same size are fitted in the same time,
+to random queries and to these, each seed of training on its own. Then it rains anew, from another seed, and the calls of the narrow phase are counted: nothing of what is counted was trained on.
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+
+import warp_bounding as wb
+from sims.particles.broad import OfMotion
+from sims.particles.demo import SCENE, SPECS, shapes
+from sims.particles.example import Example
+from sims.particles.scene import Scene
+from sims.prefitted import bounded, bounder_from, stored
+from warp_bounding.paper.run import versions
+from warp_bounding.runtime.launch import cpu_threads
+
+PARTICLES, STEPS, KEPT = (
+    (100_000, 10_000),
+    150,
+    2000,
+)  # of the rain, full and quick; particles of each step that are kept
+HIDDEN, SECONDS, SEEDS = (50, 50), 240.0, (0,)
+RAINS = (0, 1)  # seeds: of the rain that is fitted to, and of the one that is counted
+FITS = {"usual": False, "to its own queries": True}
+
+
+class Recorder:
+    """No broad phase: all are candidates, and some of what would be asked is kept."""
+
+    def __init__(self):
+        self.kept, self._rng = [], np.random.default_rng(5)
+
+    def candidates(self, time: float, points: wp.array, positions: wp.array) -> tuple[wp.array, wp.array]:
+        """All of them."""
+        x = positions.numpy()[self._rng.choice(len(positions), min(KEPT, len(positions)), replace=False)]
+        self.kept.append(np.column_stack([np.full(len(x), time), x]).astype(np.float32))
+        count = len(positions)
+        return wp.array(np.arange(count), dtype=wp.int32, device="cpu"), wp.array([count], dtype=wp.int32, device="cpu")
+
+
+def rained(scene: Scene, broad, particles: int, seed: int) -> Example:
+    """A rain, ended."""
+    example = Example(scene, broad, particles=particles, seed=seed)
+    for _ in range(STEPS):
+        example.step()
+    return example
+
+
+def measured(scene: Scene, label: str, bounder: wb.Bounder, reference: Example, particles: int) -> dict:
+    """A row: what a rain that nothing was fitted to costs with a bounder."""
+    run = rained(scene, OfMotion(bounder, scene), particles, RAINS[1])
+    run.test_final(reference)
+    return {
+        "label": label,
+        "calls": float(np.mean(run.calls)),
+        "touching": float(np.mean([np.unpackbits(bits).sum() for bits in reference.touched])),
+        "fp_rate": wb.evaluate(bounder, scene.shape, samples=200_000).fp_rate,
+        "bytes": bounder.nbytes,
+        "certificate": bounder.certificate.kind,
+        "seconds": bounder.info["training"]["seconds"],
+    }
+
+
+def page(rows: list[dict], command: str) -> str:
+    """The page, in Markdown."""
+    seconds = dict.fromkeys(f"{row['budget']:g}" for row in rows if "budget" in row)
+    lines = ["# A fit to a simulation's own queries", "", f"`{command}`", ""]
+    lines += [
+        f"{rows[0]['versions']}; {rows[0]['threads']} threads of a CPU. Rain on the moving bunny, {rows[0]['particles']:,} particles, {STEPS} steps, seed {RAINS[1]}; *calls*: particles a step that the narrow phase is",
+        f"asked about, of which {rows[0]['touching']:,.0f} touch. Networks {'-'.join(map(str, HIDDEN))}, {', '.join(seconds)} seconds each, fitted to random queries, or to {STEPS * KEPT:,} that the rain of seed {RAINS[0]} asks. No contact is missed; all runs end alike to the bit.",
+        "",
+        "| fit | training's seed | bytes | calls | fewer than usual | FP % of random queries | certificate |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    usual = {row["seed"]: row["calls"] for row in rows if row["label"] == "usual"}
+    for row in rows:
+        seed = row.get("seed")
+        fewer = f"{usual[seed] / row['calls']:.2f} times" if seed in usual and row["label"] != "usual" else "–"
+        lines.append(
+            f"| {row['label']} | {'–' if seed is None else seed} | {row['bytes']:,} | {row['calls']:,.0f} | {fewer} | {row['fp_rate']:.2f} | {row['certificate']} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def main() -> int:
+    """Measure what is missing, then write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("results/own-queries"))
+    parser.add_argument("--effort", type=float, default=1.0, help="multiplies the seconds of every fit")
+    parser.add_argument("--quick", action="store_true", help="fewer particles")
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    file, particles = options.out / "own-queries.jsonl", PARTICLES[options.quick]
+    rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    scene, recorder = Scene.bunny("cpu"), Recorder()
+    shape = shapes()[SCENE]
+    rained(scene, recorder, particles, RAINS[0])
+    asked, reference = np.concatenate(recorder.kept), rained(scene, None, particles, RAINS[1])
+    about = {"particles": particles, "threads": cpu_threads(), "versions": versions()}
+
+    def add(row: dict) -> None:
+        rows.append(row | about)
+        with file.open("a") as out:
+            out.write(json.dumps(rows[-1]) + "\n")
+        print({key: row[key] for key in ("label", "calls", "fp_rate", "certificate")}, flush=True)
+
+    for label in ("mlp", "bvh"):
+        if not any(row["label"] == f"stored {label}" for row in rows):
+            bounder = bounder_from(stored(SCENE, label), shape, SPECS[label], device="cpu")
+            add(measured(scene, f"stored {label}", bounder, reference, particles))
+    for seed in SEEDS:
+        for label, own in FITS.items():
+            if any(row["label"] == label and row["seed"] == seed for row in rows):
+                continue
+            given = {"hidden": HIDDEN, "budget": options.effort * SECONDS, "seed": seed}
+            bounder = wb.fit(
+                bounded(SPECS["mlp"], shape), margin=shape.margin, device="cpu", queries=asked if own else None, **given
+            )
+            own_row = measured(scene, label, bounder, reference, particles)
+            add(own_row | {"seed": seed, "budget": given["budget"]})
+    (options.out / "README.md").write_text(page(rows, "python benchmarks/own_queries.py --out results/own-queries"))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
