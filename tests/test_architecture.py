@@ -34,6 +34,7 @@ FLOORS = (
     "proof",
     "evaluation",
     "training",
+    "choice",
     "newton",
     "paper",
     "cli",

@@ -26,6 +26,7 @@ __all__ = [
     "BoundingError",
     "BoundingWarning",
     "Certificate",
+    "Choice",
     "Complement",
     "Data",
     "DistanceBounder",
@@ -45,6 +46,7 @@ __all__ = [
     "arms",
     "cascade",
     "certify",
+    "choose",
     "clear_segments",
     "compact",
     "device_of",
@@ -94,6 +96,7 @@ _HOMES = {
     "warp_bounding.proof": ("certify", "clear_segments", "proven_share"),
     "warp_bounding.evaluation": ("Rates", "evaluate"),
     "warp_bounding.training": ("fit", "hierarchy"),
+    "warp_bounding.choice": ("Choice", "choose"),
     "warp_bounding.runtime.devices": ("device_of",),
     "warp_bounding.runtime.launch": ("launch_on_cores",),
 }

@@ -20,6 +20,7 @@ def _app():
 
     from warp_bounding.cli import (
         certify,
+        choose,
         demo,
         evaluate,
         figures,
@@ -41,7 +42,7 @@ def _app():
         pretty_exceptions_enable=False,
     )
     fit.state_options()
-    for module in (fit, query, certify, soak, evaluate, info, table1, recipes, speed, proofs, figures, demo):
+    for module in (fit, choose, query, certify, soak, evaluate, info, table1, recipes, speed, proofs, figures, demo):
         name, command = module.__name__.rpartition(".")[2], module.command
         app.command(name=name, cls=getattr(module, "Help", None), help=_paragraphs(command.__doc__))(command)
 

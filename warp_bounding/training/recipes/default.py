@@ -25,7 +25,7 @@ from warp_bounding.training.samples.base import Samples
 __all__ = ["NetworkTrainer"]
 
 # Of a network that begins with the waves of its shape: one layer more makes f bend more, and its proof longer.
-WAVE_DECAY = 0.05
+WAVE_DECAY = 0.03
 
 
 class NetworkTrainer:

@@ -1,0 +1,153 @@
+"""Choices: the cheapest of what was measured, whatever is asked, and nothing lost when it is stopped."""
+
+import json
+
+import numpy as np
+import pytest
+
+import warp_bounding as wb
+from warp_bounding.choice.choose import _Work
+from warp_bounding.choice.plot import cost_plot
+from warp_bounding.errors import BounderError, FileFormatError, QueryError
+from warp_bounding.solids import Sphere
+
+BALL = Sphere([0.0, 0.0, 0.0], 1.0)
+QUIET = {"device": "cpu", "progress": False}
+SMALL = {**QUIET, "networks": (), "budget": 4.0}
+
+
+@pytest.fixture(scope="module")
+def points():
+    return np.random.default_rng(3).uniform(-1.4, 1.4, (20_000, 3)).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def chosen(points):
+    return wb.choose(BALL, narrow_ns=2000.0, queries=points, networks=((8, 8),), budget=16.0, **QUIET)
+
+
+def test_the_cheapest_is_chosen_and_proven(chosen, points):
+    able = [row for row in chosen.rows if not row.why_not]
+    assert chosen.row.cost == min(row.cost for row in able)
+    assert chosen.bounder.certificate.proven
+    assert {"none", "aabb", "sphere", "mlp 8-8"} <= {row.label for row in chosen.rows}
+    assert chosen.positives == pytest.approx(BALL.contains(points).mean(), abs=0.02)
+    for row in able:
+        assert row.missed == 0
+        assert row.cost == pytest.approx(row.nanoseconds + 2000.0 * row.share)
+        assert row.share >= chosen.positives
+    assert chosen.prices[0].price == 0
+    assert chosen.label in [stretch.label for stretch in chosen.prices]
+    assert chosen.label in chosen.why
+
+
+def test_what_is_told_is_what_the_bounder_does(chosen):
+    fresh = np.random.default_rng(4).uniform(-1.4, 1.4, (50_000, 3)).astype(np.float32)
+    assert chosen.bounder.query(fresh).numpy().mean() == pytest.approx(chosen.row.share, abs=0.02)
+    assert json.loads(json.dumps(chosen.to_dict()))["label"] == chosen.label
+
+
+def test_a_free_narrow_phase_needs_nobody(points):
+    choice = wb.choose(BALL, narrow_ns=0.0, queries=points, **SMALL)
+    assert choice.bounder is None
+    assert choice.label == "none"
+    assert "none pays" in choice.why
+
+
+def test_memory_is_a_limit(points):
+    choice = wb.choose(BALL, narrow_ns=1e5, queries=points, memory=100, **SMALL)
+    assert choice.bounder.nbytes <= 100
+    assert any("memory" in row.why_not for row in choice.rows)
+    with pytest.raises(BounderError, match=r"no candidate has 3 bytes or less; the nearest is sphere"):
+        wb.choose(BALL, narrow_ns=1e5, queries=points, memory=3, **SMALL)
+
+
+def test_bounders_of_ones_own_are_measured_too(points):
+    own = wb.fit(BALL, method="sphere", device="cpu")
+    choice = wb.choose(BALL, narrow_ns=1e5, queries=points, bounders={"mine": own}, **SMALL)
+    assert "mine" in {row.label for row in choice.rows}
+    with pytest.raises(BounderError, match="expected ones of point queries in 3D"):
+        wb.choose(BALL, "point", narrow_ns=1.0, bounders={"rays": wb.fit(BALL.to_grid(resolution=8), "ray", "aabb", device="cpu")}, **SMALL)  # fmt: skip
+
+
+def test_what_denies_too_much_is_not_chosen(points):
+    wrong = wb.fit(BALL, method="sphere", device="cpu")
+    wrong.freeze(0.9, wrong.certificate)
+    choice = wb.choose(BALL, narrow_ns=1e6, queries=points, bounders={"wrong": wrong}, **SMALL)
+    row = next(row for row in choice.rows if row.label == "wrong")
+    assert row.missed > 0
+    assert "denies" in row.why_not
+    assert choice.label != "wrong"
+
+
+@pytest.mark.parametrize("query", ["ray", "plane", "box"])
+def test_other_kinds_of_query(query):
+    grid = BALL.to_grid(resolution=8)
+    choice = wb.choose(grid, query, narrow_ns=1e4, **SMALL)
+    assert choice.row.cost <= 1e4
+    assert len(choice.rows) > 2
+
+
+def test_it_goes_on_where_it_was_stopped(points, tmp_path, monkeypatch):
+    given = {"narrow_ns": 2000.0, "queries": points, "networks": ((6, 6),), "budget": 12.0, "folder": tmp_path / "c"}
+    real, fitted = _Work._fitted, []
+
+    def stop(work, candidate, seconds):
+        fitted.append(candidate.label)
+        if len(fitted) == 6:
+            raise RuntimeError("killed")
+        return real(work, candidate, seconds)
+
+    monkeypatch.setattr(_Work, "_fitted", stop)
+    with pytest.raises(RuntimeError):
+        wb.choose(BALL, **given, **QUIET)
+    monkeypatch.setattr(_Work, "_fitted", real)
+    before = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "c").iterdir()}
+    assert len(before) > 3
+    choice = wb.choose(BALL, **given, **QUIET)
+    after = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "c").iterdir()}
+    assert before.items() <= after.items()  # nothing was fitted twice
+    assert choice.bounder is not None
+
+
+def test_folders_of_others_are_left_alone(points, tmp_path):
+    wb.choose(BALL, narrow_ns=1e4, queries=points, folder=tmp_path / "c", **SMALL)
+    with pytest.raises(FileFormatError, match="another seed, 0 and not 1"):
+        wb.choose(BALL, narrow_ns=1e4, queries=points, folder=tmp_path / "c", seed=1, **SMALL)
+    settings = tmp_path / "c" / "choice.json"
+    settings.write_text(settings.read_text().replace('"version": "', '"version": "9.'))
+    with pytest.raises(FileFormatError, match="another version"):
+        wb.choose(BALL, narrow_ns=1e4, queries=points, folder=tmp_path / "c", **SMALL)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.tex").write_text("x")
+    with pytest.raises(FileFormatError, match="holds other files"):
+        wb.choose(BALL, narrow_ns=1e4, folder=tmp_path / "mine", **SMALL)
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.tex"]
+
+
+def test_the_plot(chosen):
+    files = cost_plot(chosen)
+    assert files["png"].startswith(b"\x89PNG")
+    assert chosen.label in files["svg"].decode()
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "told"),
+    [
+        ({"narrow_ns": -1.0}, BounderError, "narrow_ns must be a number of nanoseconds of at least 0, got -1.0"),
+        ({"narrow_ns": float("nan")}, BounderError, "narrow_ns must be"),
+        ({"narrow_ns": 1.0, "memory": 0}, BounderError, "memory must be a whole number of bytes"),
+        ({"narrow_ns": 1.0, "memory": 1.5}, BounderError, "memory must be a whole number of bytes"),
+        ({"narrow_ns": 1.0, "queries": np.zeros((0, 3))}, QueryError, "at least one of them"),
+        ({"narrow_ns": 1.0, "queries": np.zeros((4, 2))}, QueryError, r"must be \(Q, 3\)"),
+        ({"narrow_ns": 1.0, "queries": np.full((4, 3), np.nan)}, QueryError, "NaN"),
+        ({"narrow_ns": 1.0, "length": 2.0}, BounderError, "length is for ray queries"),
+        ({"narrow_ns": 1.0, "query": "sphere"}, QueryError, "sphere"),
+        ({"narrow_ns": 1.0, "budget": 0}, BounderError, "budget"),
+        ({"narrow_ns": 1.0, "statistical": "no"}, BounderError, "statistical"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(given, error, told):
+    with pytest.raises(error, match=told) as raised:
+        wb.choose(BALL, **({**SMALL, **given}))
+    assert "\n" not in str(raised.value)

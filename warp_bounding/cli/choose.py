@@ -1,0 +1,142 @@
+"""``warp-bounding choose``: which bounder for these queries and this narrow phase; fit, measure, compare, save."""
+
+import json as json_text
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from warp_bounding.cli.options import Device, Json, Origin, Queries, Spacing, Threshold, read_queries, read_shape
+from warp_bounding.cli.output import bar, console, print_json, quiet_warp
+from warp_bounding.errors import BounderError
+from warp_bounding.runtime.whole_file import BOUNDER_FILE, FileKind, check_writable, write_whole
+
+__all__ = ["command"]
+
+UNITS = {"": 1, "k": 1024, "m": 1024**2}
+PICTURE = FileKind(".png", 0, b"\x89PNG")
+
+
+def command(
+    shape: Annotated[str, typer.Argument(metavar="SHAPE", help="Image, voxel file, array, mesh or USD file.")],
+    output: Annotated[str, typer.Option("--output", "-o", help="File to write the chosen bounder to (.safetensors).")],
+    narrow_ns: Annotated[float, typer.Option(help="What your exact test takes for one query, nanoseconds.")],
+    query: Annotated[str, typer.Option(help="Kind of query: point, ray, plane or box.")] = "point",
+    queries: Queries = None,
+    memory: Annotated[
+        str | None, typer.Option(help="Most bytes that a query may read, such as 16k (16,384) or 4000.")
+    ] = None,
+    margin: Annotated[float, typer.Option(help="Dilate the object by this length first, object units.")] = 0.0,
+    length: Annotated[float | None, typer.Option(help="Length of a ray, object units (default: 1)")] = None,
+    budget: Annotated[float, typer.Option(help="Seconds for all fits.")] = 120.0,
+    seed: Annotated[int, typer.Option(help="Random seed.")] = 0,
+    statistical: Annotated[
+        bool, typer.Option("--statistical", help="A bounder that samples attest may be chosen, too.")
+    ] = False,
+    folder: Annotated[
+        str | None,
+        typer.Option(help="Where candidates are kept, so that a choice goes on (default: beside the output, .choice)."),
+    ] = None,
+    threshold: Threshold = None,
+    spacing: Spacing = None,
+    origin: Origin = None,
+    device: Device = "cpu",
+    json: Json = False,
+) -> int:
+    """Choose a broad phase for SHAPE: fit candidates of every method, measure them, save the one that costs the least.
+
+    What counts is t + p * narrow-ns: the nanoseconds that a bounder takes for a query, and the share of the queries that it leaves to your
+    exact test. The answer may be that none pays; then nothing is written. A plot of cost against the narrow phase's price
+    lies beside the output (.png). Ctrl-C ends fitting, and what is there is compared; the same command goes on where a killed one stopped.
+    """
+    from warp_bounding.choice import choose
+    from warp_bounding.choice.plot import cost_plot
+
+    quiet_warp(device)
+    limit = None if memory is None else _bytes(memory)
+    inputs = [shape, *([] if queries is None else [queries])]
+    picture = str(Path(output).with_suffix(PICTURE.suffix))
+    check_writable(output, *inputs, kind=BOUNDER_FILE)
+    check_writable(picture, *inputs, kind=PICTURE)
+    asked = None if queries is None else read_queries(queries)
+    indicator = read_shape(shape, threshold, spacing, origin)
+    kept = Path(output).with_suffix(".choice") if folder is None else Path(folder)
+    with bar("choose") as update:
+        choice = choose(
+            indicator,
+            query,
+            narrow_ns=narrow_ns,
+            queries=asked,
+            memory=limit,
+            device=device,
+            budget=budget,
+            seed=seed,
+            margin=margin,
+            length=length,
+            statistical=statistical,
+            folder=kept,
+            progress=update,
+        )
+    if choice.bounder is not None:
+        choice.bounder.save(output)
+    write_whole(picture, cost_plot(choice)["png"], PICTURE)
+    told = choice.to_dict() | {"path": output if choice.bounder is not None else None, "plot": picture}
+    write_whole(kept / "rows.json", json_text.dumps(_without_nan(told), indent=1).encode())
+    if json:
+        print_json(_without_nan(told))
+    else:
+        _print(choice, output, picture)
+    return 1 if choice.about["interrupted"] else 0
+
+
+def _print(choice, output: str, picture: str) -> None:
+    from rich.table import Table
+
+    out = console(False)
+    where = f"{choice.threads} threads of a CPU" if choice.threads else choice.device
+    table = Table(title=f"{choice.queries:,} queries, {100 * choice.positives:.3g} % meet the object; {where}")
+    for name in ("", "bytes", "ns", "left %", "cost ns", "certificate", "fit s", ""):
+        table.add_column(name, justify="left" if name in ("", "certificate") else "right")
+    for row in choice.rows:
+        measured = row.cost == row.cost  # not NaN
+        table.add_row(
+            row.label,
+            f"{row.nbytes:,}" if row.nbytes or measured else "",
+            *((f"{row.nanoseconds:.3g}", f"{100 * row.share:.3g}", f"{row.cost:.4g}") if measured else ("", "", "")),
+            row.certificate,
+            f"{row.seconds:.0f}" if row.seconds else "",
+            row.why_not,
+            style="bold" if row.label == choice.label else "dim" if row.why_not else "",
+        )
+    out.print(table)
+    out.print(choice.why + ".")
+    out.print(
+        "Best by the narrow phase's price: " + "; ".join(f"{s.label} from {s.price:.3g} ns" for s in choice.prices)
+    )
+    if choice.about["interrupted"]:
+        out.print("Interrupted: some candidates were not fitted; the same command goes on.")
+    out.print(
+        f"written to {output} and {picture}" if choice.bounder is not None else f"no bounder is written; {picture}"
+    )
+
+
+def _without_nan(value):
+    """For JSON, which has no NaN."""
+    if isinstance(value, dict):
+        return {key: _without_nan(own) for key, own in value.items()}
+    if isinstance(value, list):
+        return [_without_nan(own) for own in value]
+    return None if isinstance(value, float) and value != value else value
+
+
+def _bytes(text: str) -> int:
+    """A number of bytes such as 16k; raises ``BounderError`` for other words."""
+    word = text.strip().lower().removesuffix("b")
+    unit = word[-1:] if word[-1:] in ("k", "m") else ""
+    try:
+        value = float(word.removesuffix(unit)) * UNITS[unit]
+    except ValueError:
+        value = 0.0
+    if not 1 <= value < 2**40:
+        raise BounderError(f"memory must be a number of bytes such as 16k or 4000, got {text!r}")
+    return int(value)
