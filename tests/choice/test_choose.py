@@ -11,9 +11,16 @@ from warp_bounding.choice.plot import cost_plot
 from warp_bounding.errors import BounderError, FileFormatError, QueryError
 from warp_bounding.solids import Sphere
 
+DISK = np.linalg.norm(np.indices((12, 12)) - 5.5, axis=0) < 5  # of cells: fitted in no time
 BALL = Sphere([0.0, 0.0, 0.0], 1.0)
 QUIET = {"device": "cpu", "progress": False}
 SMALL = {**QUIET, "networks": (), "budget": 4.0}
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """Closed forms are fitted once: choices of the same queries go on in the same folder, whatever the price and the memory."""
+    return {**SMALL, "folder": tmp_path_factory.mktemp("choice") / "c"}
 
 
 @pytest.fixture(scope="module")
@@ -22,8 +29,8 @@ def points():
 
 
 @pytest.fixture(scope="module")
-def chosen(points):
-    return wb.choose(BALL, narrow_ns=2000.0, queries=points, networks=((8, 8),), budget=16.0, **QUIET)
+def chosen(points, kept):
+    return wb.choose(BALL, narrow_ns=2000.0, queries=points, **{**kept, "networks": ((8, 8),)})
 
 
 def test_the_cheapest_is_chosen_and_proven(chosen, points):
@@ -47,33 +54,33 @@ def test_what_is_told_is_what_the_bounder_does(chosen):
     assert json.loads(json.dumps(chosen.to_dict()))["label"] == chosen.label
 
 
-def test_a_free_narrow_phase_needs_nobody(points):
-    choice = wb.choose(BALL, narrow_ns=0.0, queries=points, **SMALL)
+def test_a_free_narrow_phase_needs_nobody(points, kept):
+    choice = wb.choose(BALL, narrow_ns=0.0, queries=points, **kept)
     assert choice.bounder is None
     assert choice.label == "none"
     assert "none pays" in choice.why
 
 
-def test_memory_is_a_limit(points):
-    choice = wb.choose(BALL, narrow_ns=1e5, queries=points, memory=100, **SMALL)
+def test_memory_is_a_limit(points, kept):
+    choice = wb.choose(BALL, narrow_ns=1e5, queries=points, memory=100, **kept)
     assert choice.bounder.nbytes <= 100
     assert any("memory" in row.why_not for row in choice.rows)
-    with pytest.raises(BounderError, match=r"no candidate has 3 bytes or less; the nearest is sphere"):
-        wb.choose(BALL, narrow_ns=1e5, queries=points, memory=3, **SMALL)
+    with pytest.raises(BounderError, match=r"no candidate has 3 bytes or less; the nearest is aabb with 64"):
+        wb.choose(BALL, narrow_ns=1e5, queries=points, memory=3, **kept)
 
 
-def test_bounders_of_ones_own_are_measured_too(points):
+def test_bounders_of_ones_own_are_measured_too(points, kept):
     own = wb.fit(BALL, method="sphere", device="cpu")
-    choice = wb.choose(BALL, narrow_ns=1e5, queries=points, bounders={"mine": own}, **SMALL)
+    choice = wb.choose(BALL, narrow_ns=1e5, queries=points, bounders={"mine": own}, **kept)
     assert "mine" in {row.label for row in choice.rows}
     with pytest.raises(BounderError, match="expected ones of point queries in 3D"):
         wb.choose(BALL, "point", narrow_ns=1.0, bounders={"rays": wb.fit(BALL.to_grid(resolution=8), "ray", "aabb", device="cpu")}, **SMALL)  # fmt: skip
 
 
-def test_what_denies_too_much_is_not_chosen(points):
+def test_what_denies_too_much_is_not_chosen(points, kept):
     wrong = wb.fit(BALL, method="sphere", device="cpu")
     wrong.freeze(0.9, wrong.certificate)
-    choice = wb.choose(BALL, narrow_ns=1e6, queries=points, bounders={"wrong": wrong}, **SMALL)
+    choice = wb.choose(BALL, narrow_ns=1e6, queries=points, bounders={"wrong": wrong}, **kept)
     row = next(row for row in choice.rows if row.label == "wrong")
     assert row.missed > 0
     assert "denies" in row.why_not
@@ -88,8 +95,8 @@ def test_other_kinds_of_query(query):
     assert len(choice.rows) > 2
 
 
-def test_it_goes_on_where_it_was_stopped(points, tmp_path, monkeypatch):
-    given = {"narrow_ns": 2000.0, "queries": points, "networks": ((6, 6),), "budget": 12.0, "folder": tmp_path / "c"}
+def test_it_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
+    given = {"narrow_ns": 2000.0, "networks": (), "budget": 4.0, "folder": tmp_path / "c"}
     real, fitted = _Work._fitted, []
 
     def stop(work, candidate, seconds):
@@ -100,28 +107,28 @@ def test_it_goes_on_where_it_was_stopped(points, tmp_path, monkeypatch):
 
     monkeypatch.setattr(_Work, "_fitted", stop)
     with pytest.raises(RuntimeError):
-        wb.choose(BALL, **given, **QUIET)
+        wb.choose(DISK, **given, **QUIET)
     monkeypatch.setattr(_Work, "_fitted", real)
     before = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "c").iterdir()}
     assert len(before) > 3
-    choice = wb.choose(BALL, **given, **QUIET)
+    choice = wb.choose(DISK, **given, **QUIET)
     after = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "c").iterdir()}
     assert before.items() <= after.items()  # nothing was fitted twice
     assert choice.bounder is not None
 
 
-def test_folders_of_others_are_left_alone(points, tmp_path):
-    wb.choose(BALL, narrow_ns=1e4, queries=points, folder=tmp_path / "c", **SMALL)
+def test_folders_of_others_are_left_alone(tmp_path):
+    wb.choose(DISK, narrow_ns=1e4, folder=tmp_path / "c", **SMALL)
     with pytest.raises(FileFormatError, match="another seed, 0 and not 1"):
-        wb.choose(BALL, narrow_ns=1e4, queries=points, folder=tmp_path / "c", seed=1, **SMALL)
+        wb.choose(DISK, narrow_ns=1e4, folder=tmp_path / "c", seed=1, **SMALL)
     settings = tmp_path / "c" / "choice.json"
     settings.write_text(settings.read_text().replace('"version": "', '"version": "9.'))
     with pytest.raises(FileFormatError, match="another version"):
-        wb.choose(BALL, narrow_ns=1e4, queries=points, folder=tmp_path / "c", **SMALL)
+        wb.choose(DISK, narrow_ns=1e4, folder=tmp_path / "c", **SMALL)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.tex").write_text("x")
     with pytest.raises(FileFormatError, match="holds other files"):
-        wb.choose(BALL, narrow_ns=1e4, folder=tmp_path / "mine", **SMALL)
+        wb.choose(DISK, narrow_ns=1e4, folder=tmp_path / "mine", **SMALL)
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.tex"]
 
 

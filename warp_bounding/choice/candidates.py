@@ -20,7 +20,7 @@ CLOSED_SIZES: dict[str, list[dict[str, Any]]] = {
     "voxels": [{"resolution": cells} for cells in (16, 32, 64, 128)],
     "kdop": [{}, {"k": 26}],
 }
-HEADER = 64  # bytes that a network's memory is more than its numbers, at least
+BYTES = 4  # of a number
 
 
 @dataclass(frozen=True)
@@ -73,25 +73,23 @@ def candidates_of(query: str, shape: Shape, networks: tuple[tuple[int, ...], ...
     for name, cls in METHODS.items():
         if not (cls.conservative and cls.supports(query, ndim)):
             continue
-        if not trainer_of(cls).proves:
-            sizes = [
-                options
-                for options in CLOSED_SIZES.get(name, [{}])
-                if _known(cls, options, query) and not (own_cells and "resolution" in options)
-            ]
-            closed += [Candidate(name, options) for options in sizes or [{}]]
-        else:
-            learned += [_network(name, {"hidden": widths}, ndim, query) for widths in networks]
-    plain = [_network(Mlp.method, {"hidden": w}, ndim, query) for w in networks] if networks else []
-    if plain and Mlp.supports(query, ndim):
-        with_parts = [{"hidden": w, "thresholds": PARTS[w]} for w in networks if w in PARTS]
-        learned += [_network(Mlp.method, own, ndim, query) for own in with_parts if _known(Mlp, own, query)]
+        if trainer_of(cls).proves:
+            # of all kinds of network but the plain one the largest size only: each size compiles kernels of its own
+            widths = networks if cls is Mlp else networks[-1:]
+            learned += [_network(name, {"hidden": own}, ndim) for own in widths]
+            continue
+        sizes = CLOSED_SIZES.get(name, [{}])
+        known = [own for own in sizes if _known(cls, own, query) and not (own_cells and "resolution" in own)]
+        closed += [Candidate(name, own) for own in known or [{}]]
+    if Mlp.supports(query, ndim):
+        with_parts = [{"hidden": widths, "thresholds": PARTS[widths]} for widths in networks if widths in PARTS]
+        learned += [_network(Mlp.method, own, ndim) for own in with_parts if _known(Mlp, own, query)]
         if BEHIND in networks and METHODS[FRONT].supports(query, ndim):
-            learned.append(_network(f"{FRONT}+{Mlp.method}", {"hidden": BEHIND}, ndim, query))
+            learned.append(_network(f"{FRONT}+{Mlp.method}", {"hidden": BEHIND}, ndim))
     return closed + learned
 
 
-def _network(method: str, options: dict[str, Any], ndim: int, query: str) -> Candidate:
+def _network(method: str, options: dict[str, Any], ndim: int) -> Candidate:
     widths = options["hidden"]
     numbers = sum(k * h + h for k, h in pairwise((ndim, *widths, 1)))  # regions have more inputs
-    return Candidate(method, options, True, 4 * numbers + HEADER // 2)
+    return Candidate(method, options, True, BYTES * numbers)

@@ -37,7 +37,8 @@ __all__ = ["choose"]
 SAMPLES = 200_000  # random queries, where the caller has none
 TIMED, TURNS = 200_000, 9  # queries of a timed launch, at least, and launches of each
 LEAST_SECONDS = 3.0  # of a network's fit in the first round
-QUICK_SHARE = 0.25  # of the budget, for closed forms that take their time
+# Of the budget, for what is no network; most of that are closed forms, found at once, and few learn, of which each may take this part of it.
+QUICK_SHARE, QUICK_PART = 0.25, 1 / 3
 
 
 @dataclass(frozen=True)
@@ -182,8 +183,7 @@ class _Work:
             if self.interrupted:
                 break
             _tell(update, QUICK_SHARE * number / max(len(quick), 1), each.label)
-            seconds = max(QUICK_SHARE * budget / max(len(quick), 1), LEAST_SECONDS)
-            tried += self._fitted(each, seconds)
+            tried += self._fitted(each, QUICK_PART * QUICK_SHARE * budget)
         rivals = [each for each in candidates if each.network and self._fits(each)]
         return tried + self._races(rivals, tried, (1 - QUICK_SHARE) * budget, update)
 
