@@ -44,7 +44,7 @@ FLOOR = {name: floor for floor, names in enumerate(FLOORS) for name in names.spl
 MOST_FILES = 16  # of a folder
 MOST_LINES = 350  # of a file
 # Two commands of the command line start the demos and draw as they do; nothing else imports upwards, and they do so when called.
-LAZY = {"warp_bounding/cli/demo.py": "sims", "warp_bounding/cli/figures.py": "sims"}
+LAZY = {"warp_bounding/cli/demo.py": "sims", "warp_bounding/cli/paper/figures.py": "sims"}
 
 
 def parsed(folder: str) -> dict[str, ast.Module]:

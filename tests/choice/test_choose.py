@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import warp_bounding as wb
-from warp_bounding.choice.choose import _Work
 from warp_bounding.choice.plot import cost_plot
+from warp_bounding.choice.work import Work
 from warp_bounding.errors import BounderError, FileFormatError, QueryError
 from warp_bounding.solids import Sphere
 
@@ -97,7 +97,7 @@ def test_other_kinds_of_query(query):
 
 def test_it_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
     given = {"narrow_ns": 2000.0, "networks": (), "budget": 4.0, "folder": tmp_path / "c"}
-    real, fitted = _Work._fitted, []
+    real, fitted = Work._fitted, []
 
     def stop(work, candidate, seconds):
         fitted.append(candidate.label)
@@ -105,10 +105,10 @@ def test_it_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
             raise RuntimeError("killed")
         return real(work, candidate, seconds)
 
-    monkeypatch.setattr(_Work, "_fitted", stop)
+    monkeypatch.setattr(Work, "_fitted", stop)
     with pytest.raises(RuntimeError):
         wb.choose(DISK, **given, **QUIET)
-    monkeypatch.setattr(_Work, "_fitted", real)
+    monkeypatch.setattr(Work, "_fitted", real)
     before = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "c").iterdir()}
     assert len(before) > 3
     choice = wb.choose(DISK, **given, **QUIET)

@@ -55,7 +55,7 @@ def figures(monkeypatch):
     line = Line()
     line.log, line.fails = [], ""
     monkeypatch.setattr("warp_bounding.paper.figures.FIGURES", (line, Data()))
-    monkeypatch.setattr("warp_bounding.cli.figures._draw_solids", lambda scenes: [])
+    monkeypatch.setattr("warp_bounding.cli.paper.figures._draw_solids", lambda scenes: [])
     return line
 
 
@@ -110,7 +110,7 @@ def test_no_display_is_one_line(capsys, tmp_path, figures, monkeypatch):
     def nothing(scenes):
         raise BoundingError("this machine has no OpenGL for off-screen drawing (libEGL or libOSMesa)")
 
-    monkeypatch.setattr("warp_bounding.cli.figures._draw_solids", nothing)
+    monkeypatch.setattr("warp_bounding.cli.paper.figures._draw_solids", nothing)
     status, _, err = run(capsys, "figures", "line", "--out", tmp_path / "out")
     assert status == 1
     assert "failed: line: this machine has no OpenGL" in err

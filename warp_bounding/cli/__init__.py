@@ -18,21 +18,8 @@ __all__ = ["app", "main"]
 def _app():
     import typer
 
-    from warp_bounding.cli import (
-        certify,
-        choose,
-        demo,
-        evaluate,
-        figures,
-        fit,
-        info,
-        proofs,
-        query,
-        recipes,
-        soak,
-        speed,
-        table1,
-    )
+    from warp_bounding.cli import certify, choose, demo, evaluate, fit, info, query, soak
+    from warp_bounding.cli.paper import figures, proofs, recipes, speed, table1
 
     app = typer.Typer(
         name="warp-bounding",

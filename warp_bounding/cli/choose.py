@@ -30,6 +30,9 @@ def command(
     length: Annotated[float | None, typer.Option(help="Length of a ray, object units (default: 1)")] = None,
     budget: Annotated[float, typer.Option(help="Seconds for all fits.")] = 120.0,
     seed: Annotated[int, typer.Option(help="Random seed.")] = 0,
+    networks: Annotated[
+        str, typer.Option(help="Hidden widths of the networks that are tried, such as 24-24,50-50; none for none.")
+    ] = "16-16,24-24,50-50",
     statistical: Annotated[
         bool, typer.Option("--statistical", help="A bounder that samples attest may be chosen, too.")
     ] = False,
@@ -54,6 +57,7 @@ def command(
 
     quiet_warp(device)
     limit = None if memory is None else _bytes(memory)
+    sizes = _sizes(networks)
     inputs = [shape, *([] if queries is None else [queries])]
     picture = str(Path(output).with_suffix(PICTURE.suffix))
     check_writable(output, *inputs, kind=BOUNDER_FILE)
@@ -73,6 +77,7 @@ def command(
             seed=seed,
             margin=margin,
             length=length,
+            networks=sizes,
             statistical=statistical,
             folder=kept,
             progress=update,
@@ -127,6 +132,16 @@ def _without_nan(value):
     if isinstance(value, list):
         return [_without_nan(own) for own in value]
     return None if isinstance(value, float) and value != value else value
+
+
+def _sizes(text: str) -> tuple[tuple[int, ...], ...]:
+    """Hidden widths such as 24-24,50-50; raises ``BounderError`` for other words."""
+    if text.strip().lower() == "none":
+        return ()
+    try:
+        return tuple(tuple(int(width) for width in word.split("-")) for word in text.split(","))
+    except ValueError:
+        raise BounderError(f"networks must be widths such as 24-24,50-50, or none, got {text!r}") from None
 
 
 def _bytes(text: str) -> int:

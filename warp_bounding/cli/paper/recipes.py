@@ -7,7 +7,7 @@ import typer
 
 from warp_bounding.cli.options import Json
 from warp_bounding.cli.output import console, print_json, quiet_warp
-from warp_bounding.cli.tables import Columns, Objects, Reporter, command_line, selected, words_of
+from warp_bounding.cli.paper.tables import Columns, Objects, Reporter, command_line, selected, words_of
 from warp_bounding.errors import QueryError
 
 __all__ = ["command"]

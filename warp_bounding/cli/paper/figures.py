@@ -8,7 +8,7 @@ import typer
 
 from warp_bounding.cli.options import Json
 from warp_bounding.cli.output import console, print_json, quiet_warp
-from warp_bounding.cli.tables import command_line
+from warp_bounding.cli.paper.tables import command_line
 from warp_bounding.errors import BoundingError
 
 __all__ = ["command"]

@@ -7,7 +7,7 @@ import typer
 
 from warp_bounding.cli.options import Json
 from warp_bounding.cli.output import console, print_json, quiet_warp
-from warp_bounding.cli.tables import Columns, Objects, Reporter, command_line, selected
+from warp_bounding.cli.paper.tables import Columns, Objects, Reporter, command_line, selected
 
 __all__ = ["command"]
 

@@ -1,0 +1,70 @@
+"""``warp-bounding choose``: a bounder, a plot and a table, or one line that says what is wrong."""
+
+import json
+
+import numpy as np
+import pytest
+from commands import check_bad, run
+
+
+@pytest.fixture
+def disk(tmp_path):
+    np.save(tmp_path / "disk.npy", np.linalg.norm(np.indices((12, 12)) - 5.5, axis=0) < 5)
+    return tmp_path / "disk.npy"
+
+
+def choose(capsys, disk, *options, price=5000, name="c"):
+    output = disk.parent / f"{name}.safetensors"
+    sizes = [] if "--networks" in options else ["--networks", "none"]
+    return output, run(capsys, "choose", disk, "-o", output, "--narrow-ns", price, "--budget", 4, *sizes, *options)
+
+
+def test_what_is_written_goes_on_and_is_asked(capsys, disk):
+    output, (status, out, err) = choose(capsys, disk)
+    assert status == 0, err
+    assert "ns a query in all" in out
+    assert "Best by the narrow phase's price: none from 0 ns" in out
+    assert output.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+    rows = json.loads((disk.parent / "c.choice" / "rows.json").read_text())
+    assert rows["path"] == str(output)
+    np.save(disk.parent / "x.npy", np.zeros((10, 2)))
+    assert run(capsys, "query", output, disk.parent / "x.npy", "-o", disk.parent / "y.npy")[0] == 0
+    # another price needs no new fit, and nobody pays at 0
+    before = {path: path.stat().st_mtime_ns for path in (disk.parent / "c.choice").glob("*.safetensors")}
+    again, (status, out, err) = choose(capsys, disk, "--json", "--folder", disk.parent / "c.choice", price=0, name="d")
+    assert status == 0, err
+    told = json.loads(out)
+    assert told["label"] == "none"
+    assert told["path"] is None
+    assert not again.exists()
+    assert before == {path: path.stat().st_mtime_ns for path in (disk.parent / "c.choice").glob("*.safetensors")}
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--memory", "much"], "memory must be a number of bytes such as 16k or 4000, got 'much'"),
+        (["--memory", "0"], "memory must be a number of bytes"),
+        (["--queries", "nope.npy"], "nope.npy: no such file"),
+        (["--query", "ball"], "ball"),
+        (["--networks", "24x24"], "networks must be widths such as 24-24,50-50, or none, got '24x24'"),
+        (["--networks", "0-5"], "hidden must be"),
+        (["--length", "2"], "length is for ray queries"),
+    ],
+)
+def test_bad_input_is_one_line(capsys, disk, options, told):
+    _, (status, out, err) = choose(capsys, disk, *options)
+    check_bad(status, out, err)
+    assert told in err
+
+
+def test_nothing_of_others_is_overwritten(capsys, disk):
+    disk.with_name("notes.txt").write_text("a thesis")
+    status, out, err = run(capsys, "choose", disk, "-o", disk.with_name("notes.txt"), "--narrow-ns", 1)
+    check_bad(status, out, err)
+    assert disk.with_name("notes.txt").read_text() == "a thesis"
+    (disk.parent / "e.choice").mkdir()
+    (disk.parent / "e.choice" / "a").write_text("x")
+    _, (status, out, err) = choose(capsys, disk, name="e")
+    check_bad(status, out, err)
+    assert "holds other files" in err

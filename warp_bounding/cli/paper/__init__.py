@@ -1,0 +1,1 @@
+"""The commands that make the paper's tables and figures."""
