@@ -119,8 +119,8 @@ def test_versions_agree():
 
 
 @pytest.mark.skipif(not (ROOT / "README.md").exists(), reason="there is no README.md yet")
-def test_the_readme_compiles_and_names_what_exists():
-    text = (ROOT / "README.md").read_text()
+def test_readme_and_guide_compile_and_name_what_exists():
+    text = (ROOT / "README.md").read_text() + (ROOT / "docs/guide.md").read_text()
     blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     assert blocks
     for block in blocks:
@@ -131,8 +131,8 @@ def test_the_readme_compiles_and_names_what_exists():
 
 
 @pytest.mark.skipif(not (ROOT / "README.md").exists(), reason="there is no README.md yet")
-def test_the_readme_names_every_method():
-    section = (ROOT / "README.md").read_text().partition("\n## Methods\n")[2].partition("\n## ")[0]
+def test_the_guide_names_every_method():
+    section = (ROOT / "docs/guide.md").read_text().partition("\n## Methods\n")[2].partition("\n## ")[0]
     named = re.findall(
         r"`([^`]+)`", "".join(row.split("|")[1] for row in section.splitlines() if row.startswith("| `"))
     )

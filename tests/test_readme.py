@@ -1,4 +1,4 @@
-"""The README runs as it is printed: every snippet and every command, in order, in one folder and one namespace.
+"""The README and the guide run as they are printed: every snippet and every command, in order, in one folder and one namespace.
 
 What would take minutes is shortened, by ``SHORTER`` (words of the text that are replaced, such as the seconds of a fit by a few steps), by ``SMALL``
 (options that are added to a command), and by tiny fits of the networks of tables. Commands that set up an environment or run a whole demo (its
@@ -26,7 +26,8 @@ for name in ("torch", "trimesh", "matplotlib", "PIL"):
     pytest.importorskip(name, reason=f"{name} is not installed: pip install '.[train]'")
 
 ROOT = Path(__file__).resolve().parents[1]
-README = (ROOT / "README.md").read_text()
+PAGES = [ROOT / "README.md", *(ROOT / "docs" / f"{name}.md" for name in ("guide", "simulations", "tables", "claims"))]
+SHOWN = "\n".join(page.read_text() for page in PAGES)  # the guide goes on where the README ends
 SHORTER = {
     "budget=60.0": "budget=3.0, steps=20",
     "--budget 60 ": "--budget 30 --steps 20 ",
@@ -35,10 +36,11 @@ SHORTER = {
     "random((1_000_000, 3)": "random((100_000, 3)",
     "figures all --quick ": "figures progressive --quick --effort 0.05 --samples 4000 ",
 }
-SMALL = {  # one column of twelve, and its network
+SMALL = {  # one column of twelve, and its network; no networks
     "table1": "--columns 2d-point --methods aabb,mlp --samples 4000",
     "speed": "--columns 2d-point --methods aabb,mlp --samples 4000 --queries 4000",
     "proofs": "--columns 2d-point --methods mlp --samples 4000 --positives 20000 --seconds 20",
+    "choose": "--networks none --budget 6",
 }
 FENCED = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
 PROGRAMS = ("warp-bounding", "python", "make", "pip")
@@ -185,7 +187,7 @@ def place(tmp_path, monkeypatch):
 
 def test_everything_shown_runs(place):
     missing = {"cull.collide("} if find_spec("newton") is None else set()
-    asked = run(README, place / "here", place / "data")
+    asked = run(SHOWN, place / "here", place / "data")
     assert asked == set(after({})) - missing
 
 
@@ -206,10 +208,10 @@ def test_what_is_broken_is_found(place, text):
 
 
 def test_what_is_shortened_is_there():
-    assert all(long in README for long in SHORTER)
+    assert all(long in SHOWN for long in SHORTER)
 
 
-@pytest.mark.parametrize("words", inline(README), ids=shlex.join)
+@pytest.mark.parametrize("words", dict.fromkeys(map(tuple, inline(SHOWN))), ids=shlex.join)
 def test_commands_in_prose_are_understood(words):
     read(words)
 
@@ -223,7 +225,8 @@ def test_commands_that_are_none_are_not_understood(words):
         read(shlex.split(words))
 
 
-def test_links_lead_somewhere():
-    links = re.findall(r"\]\((?!http)([^)#]+)\)", README)
-    assert len(links) > 10
-    assert [link for link in links if not (ROOT / link).exists()] == []
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page):
+    links = re.findall(r"\]\((?!http)([^)#]+)", page.read_text())
+    assert links
+    assert [link for link in links if not (page.parent / link).exists()] == []

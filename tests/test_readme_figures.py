@@ -1,4 +1,4 @@
-"""The README's figures are those of the files in ``results``: its tables cell by cell, its sentences by what they must say.
+"""The figures of the README and of the pages it leads to are those of the files in ``results``: tables cell by cell, sentences by what they must say.
 
 What no file holds is not checked: what a query costs, the batch against torch, the dragon's rays.
 """
@@ -16,7 +16,8 @@ from warp_bounding.paper.pages.means import Means
 from warp_bounding.paper.rows import Row
 
 ROOT = Path(__file__).resolve().parents[1]
-TEXT = (ROOT / "README.md").read_text()
+PAGES = [ROOT / "README.md", *(ROOT / "docs" / f"{name}.md" for name in ("guide", "simulations", "tables", "claims"))]
+TEXT = "\n".join(page.read_text() for page in PAGES)
 PROSE = " ".join(TEXT.split())
 RESULTS = ROOT / "results"
 EXACT, SAMPLED = "exact truth", "the paper's, sampled truth"
@@ -24,7 +25,7 @@ NOTES = {"¹": 2, "²": 3}  # objects that are not proven: of nine in 3D, of thr
 
 
 def table(head: str) -> list[list[str]]:
-    """Cells of the README's only table whose first line has these words, without its head."""
+    """Cells of the only table whose first line has these words, without its head."""
     (found,) = (block for block in re.findall(r"(?:^\|.*\n)+", TEXT, re.MULTILINE) if head in block.splitlines()[0])
     return [[cell.strip() for cell in line.strip().strip("|").split("|")] for line in found.splitlines()[2:]]
 
@@ -83,8 +84,8 @@ def rows():
 
 @pytest.fixture(scope="module")
 def shown() -> dict[str, dict[str, list[str]]]:
-    """The README's part of Table 1: cells by protocol and row."""
-    parts, found = {EXACT: {}, SAMPLED: {}}, table("| 4D point |")
+    """What is shown of Table 1: cells by protocol and row."""
+    parts, found = {EXACT: {}, SAMPLED: {}}, table("| | 2D point |")
     protocol = None
     for label, *cells in found:
         if label.startswith("**"):
@@ -123,6 +124,12 @@ def test_what_the_paper_is_compared_with_has_its_protocol(rows, shown):
         ahead += lower
     assert f"the cascade and `distance` are ahead in {ahead} of {len(COLUMNS)} columns" in PROSE
     assert "the paper's best network" not in "".join(shown[EXACT])
+
+
+def test_the_short_table_is_part_of_the_long_one(shown):
+    short = {plain(label).split(",")[0]: cells for label, *cells in table("| mean of all objects |")}
+    assert short
+    assert all(cells == shown[SAMPLED][name] for name, cells in short.items())
 
 
 def test_what_is_said_of_distances_in_table1(rows):
@@ -208,6 +215,31 @@ def test_what_is_said_of_arms(demos):
     assert f"four joints {fewer[2]:.1f} times fewer checks, and the plan takes {100 * time:.0f} % of the time" in PROSE
 
 
+def test_what_is_said_of_an_arm_with_itself():
+    told = json.loads((RESULTS / "self-collision/self-collision.json").read_text())
+    alone, rows = told["alone"], told["rows"]
+    assert alone["certificate"] == "proven"
+    assert all(row["identical"] for row in rows)
+    pairs = list(zip(rows[::2], rows[1::2], strict=True))
+    fewer = [none["checks"] / both["checks"] for none, both in pairs]
+    time = [100 * both["step_ms"] / none["step_ms"] for none, both in pairs]
+    assert f"({alone['bytes'] / 1000:.1f} kB, proven, {alone['fp_rate']:.1f} % false positives)" in PROSE
+    assert f"In two cells {fewer[0]:.1f} and {fewer[1]:.1f} times fewer checks, and the plan takes {time[0]:.0f} and {time[1]:.0f} % of the time" in PROSE  # fmt: skip
+
+
+def test_what_is_said_of_bodies_that_deform():
+    rows = [json.loads(line) for line in (RESULTS / "deforming/deforming.jsonl").read_text().splitlines()]
+    assert not any(row["missed"] or row.get("attack_missed") for row in rows)
+    planes, boxes, networks = (
+        [row for row in rows if row["label"] == label] for label in ("learned-kdop", "box, refitted", "mlp")
+    )
+    assert all(network["left"] > box["left"] for network, box in zip(networks, boxes, strict=True))
+    left = [f"{row['left']:.1f}" for row in (*planes, *boxes)]
+    assert f"leaves {left[0]} and {left[1]} % of the particles around a finger and a ball, a box that is refitted to each pose {left[2]} and {left[3]} %" in PROSE  # fmt: skip
+    time = [one["step_ms"] / other["step_ms"] for one, other in zip(planes, boxes, strict=True)]
+    assert f"a step takes {time[0]:.2f} and {time[1]:.2f} of its time" in PROSE
+
+
 PLANNED = ("none", "mlp", "bvh", "mlp+inside", "bvh+inside", "distance", "distance-grid")
 
 
@@ -275,6 +307,6 @@ def test_what_is_said_of_proofs():
     missed = sum(int(row["missed_sampled"]) for row in rows)
     prover = sum(row["found_by"] == "prover" for row in rows if int(row["missed_sampled"]))
     zero = [row for row in rows if row["missed_zero"]]
-    assert f"of the [{len(rows)} networks](results/proofs/README.md)" in PROSE
+    assert f"of the [{len(rows)} networks](../results/proofs/README.md)" in PROSE
     assert f"**{missed} had a false negative** that a search then found, {prover} of them the prover's" in PROSE
     assert f"{sum(int(row['missed_zero']) for row in zero)} of {len(zero)}" in PROSE
