@@ -104,6 +104,8 @@ def choose(
         shape,
         query,
         options | {"queries": None if queries is None else learned},
+        bounded,
+        length,
         own,
         np.asarray(oracle(query, bounded, "cpu", length)(own), dtype=bool),
         float(narrow_ns),

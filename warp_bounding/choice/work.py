@@ -15,13 +15,14 @@ from warp_bounding.choice.result import NONE, Choice, Row
 from warp_bounding.choice.timing import TURNS, times_of
 from warp_bounding.errors import BounderError, BoundingError, BoundingWarning
 from warp_bounding.indicators.shape import Shape
+from warp_bounding.queries import QUERIES
 from warp_bounding.runtime.launch import cpu_threads
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.training import fit
 
 __all__ = ["Tried", "Work"]
 
-LEAST_SECONDS = 3.0  # of a network's fit in the first round
+LEAST_SECONDS = 1.0  # of a network's fit in the first round
 # Of the budget, for what is no network; most of that are closed forms, found at once, and few learn, of which each may take this part of it.
 QUICK_SHARE, QUICK_PART = 0.25, 1 / 3
 
@@ -43,6 +44,8 @@ class Work:
         shape: As it came.
         query: Kind of query.
         options: Of every fit.
+        bounded: The shape, dilated.
+        length: Of rays.
         own: ``(Q, m)`` queries to measure with.
         truth: ``(Q,)`` bool, which of them meet the object.
         narrow_ns: Price of the narrow phase.
@@ -57,6 +60,8 @@ class Work:
     shape: Shape
     query: str
     options: dict
+    bounded: Shape
+    length: float
     own: np.ndarray
     truth: np.ndarray
     narrow_ns: float
@@ -84,17 +89,17 @@ class Work:
                 break
             _tell(update, QUICK_SHARE * number / max(len(quick), 1), each.label)
             tried += self._fitted(each, QUICK_PART * QUICK_SHARE * budget)
-        rivals = [each for each in candidates if each.network and self._fits(each)]
+        rivals = [each for each in candidates if each.network]
         return tried + self._races(rivals, tried, (1 - QUICK_SHARE) * budget, update)
 
     def _races(self, rivals: list[Candidate], tried: list[Tried], budget: float, update) -> list[Tried]:
         """Networks: all of them with little time, then the better half with twice as much, and so on."""
-        # seconds depend on no clock, so that a choice that goes on finds what it has fitted
+        # seconds depend on no clock and no limit, so that a choice that goes on, or has other ones, finds what it has fitted
         count, found = len(rivals), {}
-        rounds = max(math.ceil(math.log2(count)), 1) if rivals else 0
+        rounds = math.ceil(math.log2(count)) + 1 if rivals else 0  # in the last one, one is left
         for number in range(rounds):
             best = min([self.narrow_ns, *(each.row.cost for each in tried if not each.row.why_not)])
-            rivals = [each for each in rivals if self._may_win(found.get(each.label), best)]
+            rivals = [each for each in rivals if self._fits(each) and self._may_win(found.get(each.label), best)]
             if number:  # the better half by what they cost so far
                 order = sorted(rivals, key=lambda each: found[each.label].row.cost)
                 rivals = order[: math.ceil(count / 2**number)]
@@ -113,6 +118,8 @@ class Work:
 
     def _may_win(self, found: Tried | None, best: float) -> bool:
         """Whether a network could become the cheapest if it left nothing but the positives."""
+        if found is not None and self.memory is not None and found.bounder.nbytes > self.memory:
+            return False
         nanoseconds = 0.0 if found is None else found.row.nanoseconds
         return nanoseconds + self.positives * self.narrow_ns < best
 
@@ -128,9 +135,7 @@ class Work:
         if bounder is None:
             try:
                 with warnings.catch_warnings():
-                    warnings.simplefilter(
-                        "ignore", BoundingWarning
-                    )  # of cells that are coarse: the row tells what it costs
+                    warnings.simplefilter("ignore", BoundingWarning)  # of coarse cells: the row tells what they cost
                     bounder = fit(
                         self.shape,
                         self.query,
@@ -147,13 +152,11 @@ class Work:
             except KeyboardInterrupt:
                 self.interrupted = True
                 return []
-            if (bounder.info.get("training") or {}).get("interrupted"):
+            if bounder.info["training"].get("interrupted"):
                 self.interrupted = True
             else:
                 self.kept.put(candidate.label, seconds, bounder)
-        return [
-            self._measured(candidate.label, bounder, float((bounder.info.get("training") or {}).get("seconds") or 0))
-        ]
+        return [self._measured(candidate.label, bounder, float(bounder.info["training"]["seconds"]))]
 
     def _pass(self, label: str, why: str, nbytes: int = 0) -> None:
         self.passed.append(Row(label, nbytes, math.nan, math.nan, math.nan, why_not=why))
@@ -166,7 +169,9 @@ class Work:
     def _measured(self, label: str, bounder: Bounder, seconds: float) -> Tried:
         """A candidate with its row; its time is taken once more at the end."""
         maybe = bounder.query(self.own).numpy() == 1
-        missed, share = int((self.truth & ~maybe).sum()), float(maybe.mean())
+        doubtful = self.own[self.truth & ~maybe]  # of a shape without cells some may be undecided, and not missed
+        missed = int(QUERIES[self.query].certain(self.bounded, doubtful, self.length).sum()) if len(doubtful) else 0
+        share = float(maybe.mean())
         kind = "" if bounder.certificate is None else bounder.certificate.kind
         nanoseconds = times_of({label: bounder}, self.own, TURNS // 3)[label]
         why = ""
@@ -182,9 +187,7 @@ class Work:
     def chosen(self, tried: list[Tried], queries: int) -> Choice:
         """The choice, with times taken in turns."""
         if self.memory is not None and not any(each.bounder.nbytes <= self.memory for each in tried):
-            sizes = [(each.bounder.nbytes, each.label) for each in tried] + [
-                (r.nbytes, r.label) for r in self.passed if r.nbytes
-            ]
+            sizes = [(each.bounder.nbytes, each.label) for each in tried]
             nearest = f"; the nearest is {min(sizes)[1]} with {min(sizes)[0]:,}" if sizes else ""
             raise BounderError(f"memory: no candidate has {self.memory:,} bytes or less{nearest}")
         times = times_of({each.label: each.bounder for each in tried}, self.own, TURNS)
