@@ -41,7 +41,7 @@ HIDDEN = (50, 50)
 # Of the proven network of four joints on: hidden layers behind one of the joints' angles; parts with thresholds of their own.
 BEHIND_ANGLES, PARTS = (44, 44), 2048
 FEW_JOINTS = 3  # up to so many, two layers and one threshold are tighter in the same time, since their proof ends
-PROVEN_JOINTS, OF_MANY = 4, (72, 72)  # up to so many a proof is tight; hidden layers of arms of more
+PROVEN_JOINTS, OF_MANY = 4, (66, 66)  # up to so many a proof is tight; hidden layers of arms of more
 CELLS_OF_BOXES = (64, 32)  # a side, of the grid that a hierarchy of boxes is made of; of few joints and of more
 BUDGETS = (240.0, 420.0)  # seconds a network, of few joints and of more
 SPECS: dict[str, FitSpec] = {
