@@ -7,7 +7,6 @@ the axes' lengths, a tree of halved boxes of three bits a leaf, and balls of fre
 
 import argparse
 import itertools
-import json
 import sys
 import tempfile
 import time
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from kept_rows import KeptRows
 from scipy.spatial import cKDTree
 
 import warp_bounding as wb
@@ -24,9 +24,7 @@ from sims.arm.demo import specs_of
 from sims.arm.robots import CELLS
 from sims.arm.workplace import Workplace
 from sims.prefitted import bounder_from, fit, stored
-from warp_bounding.paper.run import versions
 from warp_bounding.proof import proven_share, soak
-from warp_bounding.runtime.launch import cpu_threads
 
 SAMPLES, TIMED, ROUNDS = 400_000, 1_000_000, 7
 STATES, NEIGHBOURS, ALONG = 4000, 12, 200_000  # the roadmap whose edges are asked, and at how many points
@@ -206,7 +204,7 @@ def measure(place: Workplace, label: str, samples: tuple[Sampled, Sampled], effo
     assert not any((sampled.held & ~maybe).any() for sampled, maybe in zip(samples, answers, strict=True)), label
     rates = [sampled.fp_rate(maybe) for sampled, maybe in zip(samples, answers, strict=True)]
     row |= {"fp_rate": rates[0], "fp_rate_along": rates[1], "positives": float(100 * samples[0].held.mean())}
-    return row | {"threads": cpu_threads(), "versions": versions()}
+    return row
 
 
 def nbytes_of(joints: int, options: dict) -> int:
@@ -229,14 +227,15 @@ def nanoseconds(bounder: wb.Bounder, x: np.ndarray) -> float:
     return 1e9 * min(times[1:]) / TIMED
 
 
-def page(rows: list[dict], command: str) -> str:
+def page(kept: KeptRows, command: str) -> str:
     """The page, in Markdown."""
+    rows = kept.rows
     lines = [
         "# Arms: colliding configurations in a network's memory",
         "",
         f"`{command}`",
         "",
-        f"{'; '.join(dict.fromkeys(row['versions'] for row in rows))}; {rows[0]['threads']} threads of a CPU. *FP %*: of {SAMPLES:,} random configurations within the limits, those that are",
+        f"{kept.about}. *FP %*: of {SAMPLES:,} random configurations within the limits, those that are",
         "free and get *maybe*; *along edges*: of points along the edges of a roadmap between free states, where a planner asks. *Bitmap*, *tree of boxes* and *free balls* have the",
         "network's memory, and are built by `benchmarks/arms.py` as tight as they get in it; everything else is a bounder, asked ten million hard configurations unless its row says less. *Proven*: where samples attest a threshold, the share of the volume of 20,000 random boxes, a 32nd of the domain wide, in which a minute's search proves it.",
     ]
@@ -264,11 +263,6 @@ def page(rows: list[dict], command: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def rows_of(file: Path) -> list[dict]:
-    """The rows that are there."""
-    return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
-
-
 def main() -> int:
     """Measure what is missing, then write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -281,24 +275,21 @@ def main() -> int:
     )
     parser.add_argument("--page", action="store_true", help="only make the page of the rows that are there")
     options = parser.parse_args()
-    file = options.out / "arm.jsonl"
-    options.out.mkdir(parents=True, exist_ok=True)
-    done = {(row["cell"], row["label"]) for row in rows_of(file)}
+    kept = KeptRows(options.out, "arm")
     for name in () if options.page else options.cells.split(","):
         place = Workplace(CELLS[name])
         shape = place.shape
         x = np.random.default_rng(11).uniform(shape.lower, shape.upper, (SAMPLES, shape.ndim)).astype(np.float32)
         samples = tuple(Sampled(y, shape.contains(y)) for y in (x, along_edges(place)))
         for label in options.methods.split(","):
-            if (name, label) in done or (label == "bvh" and shape.ndim > MOST_GRID):
+            if kept.have(cell=name, label=label) or (label == "bvh" and shape.ndim > MOST_GRID):
                 continue
             row = measure(place, label, samples, options.effort, options.attacked)
-            with file.open("a") as rows:
-                rows.write(json.dumps(row) + "\n")
+            kept.add(row)
             print({key: row[key] for key in ("cell", "label", "bytes", "fp_rate", "fp_rate_along", "certificate")}, flush=True)  # fmt: skip
-    if rows := rows_of(file):
-        (options.out / "README.md").write_text(page(rows, "python benchmarks/arms.py --out results/arm"))
-    return int(any(row["missed"] is not None for row in rows_of(file)))
+    if len(kept):
+        kept.write(page(kept, "python benchmarks/arms.py --out results/arm"))
+    return int(any(row["missed"] is not None for row in kept.rows))
 
 
 if __name__ == "__main__":

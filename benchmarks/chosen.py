@@ -6,12 +6,12 @@ proven bounder of its table, in turns. Where no bounder pays, what it took is no
 """
 
 import argparse
-import json
 import sys
 from pathlib import Path
 
 import numpy as np
 import warp as wp
+from kept_rows import KeptRows
 
 import warp_bounding as wb
 from sims.particles.broad import OfMotion
@@ -28,8 +28,6 @@ from sims.shadows.example import Example as Shadows
 from sims.shadows.kernels import cast, face_sun
 from sims.shadows.scene import LENGTH, LIFT, SCENES, margin_of
 from sims.shadows.scene import Scene as StillLife
-from warp_bounding.paper.run import versions
-from warp_bounding.runtime.launch import cpu_threads
 
 PARTICLES, STEPS, KEPT, RECORDED = 100_000, 60, 4000, 30
 PICTURES = 8
@@ -77,8 +75,6 @@ def told(choice, examples: dict, section: str) -> dict:
         "identical": all(example.identical(examples[NONE]) for example in examples.values()),
         "costs": cost,
         "rows": [each.to_dict() for each in choice],
-        "versions": versions(),
-        "threads": cpu_threads(),
     }
 
 
@@ -149,17 +145,17 @@ def of_shadows(budget: float) -> dict:
     return told(choices, shadows(scene, methods, steps=PICTURES), "shadows")
 
 
-def page(rows: list[dict], command: str) -> str:
+def page(kept: KeptRows, command: str) -> str:
     """The page, in Markdown."""
     lines = ["# What `choose` takes for the demos", "", f"`{command}`", ""]
     lines += [
-        f"{rows[0]['versions']}; {rows[0]['threads']} threads of a CPU. Milliseconds of broad and narrow phase together, medians of a step. *Best*: of the demo's own table, no broad phase among them. What is taken is found from some of a run's queries and",
+        f"{kept.about}. Milliseconds of broad and narrow phase together, medians of a step. *Best*: of the demo's own table, no broad phase among them. What is taken is found from some of a run's queries and",
         "the mean price of a call in it; candidates are the demo's own bounders and fresh closed forms. All runs end alike to the bit.",
         "",
         "| demo | price of a call, ns | taken | ms | best of the table | ms | taken / best | without, ms |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for row in rows:
+    for row in kept.rows:
         lines.append(
             f"| {row['section']} | {row['narrow_ns']:.0f} | {', '.join(row['labels'])} | {row['ms']:.2f} | {row['best']} | {row['best_ms']:.2f} | {row['ms'] / row['best_ms']:.2f} | {row['none_ms']:.2f} |"
         )
@@ -172,19 +168,15 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("results/chosen"))
     parser.add_argument("--budget", type=float, default=30.0, help="seconds of a choice's own fits")
     options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
-    file = options.out / "chosen.jsonl"
-    rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    kept = KeptRows(options.out, "chosen")
     jobs = {f"particles, {section}": lambda section=section: of_rain(section, options.budget) for section in SECTIONS}
     jobs["shadows"] = lambda: of_shadows(options.budget)
     for name, job in jobs.items():
-        if not any(row["section"] == name for row in rows):
-            rows.append(job())
-            with file.open("a") as out:
-                out.write(json.dumps(rows[-1]).replace("NaN", "null") + "\n")
-            print({key: rows[-1][key] for key in ("section", "labels", "ms", "best", "best_ms")}, flush=True)
-    (options.out / "README.md").write_text(page(rows, "python benchmarks/chosen.py --out results/chosen"))
-    return int(not all(row["identical"] for row in rows))
+        if not kept.have(section=name):
+            kept.add(row := job())
+            print({key: row[key] for key in ("section", "labels", "ms", "best", "best_ms")}, flush=True)
+    kept.write(page(kept, "python benchmarks/chosen.py --out results/chosen"))
+    return int(not all(row["identical"] for row in kept.rows))
 
 
 if __name__ == "__main__":

@@ -5,7 +5,6 @@ every broad phase, and the network behind the box, says which particles may touc
 """
 
 import argparse
-import json
 import sys
 import time
 from pathlib import Path
@@ -13,11 +12,10 @@ from pathlib import Path
 import numpy as np
 import trimesh
 import warp as wp
+from kept_rows import KeptRows
 
 import warp_bounding as wb
-from warp_bounding.paper.run import versions
 from warp_bounding.proof import soak
-from warp_bounding.runtime.launch import cpu_threads
 
 PARTICLES, STEPS, DRIFT = 200_000, 24, 0.01
 HIDDEN, BUDGET, PARTS, ATTACKED = (48, 48), 240.0, 1024, 10_000_000
@@ -189,18 +187,19 @@ def measured(shape: wb.IndicatorBlendShapes, budget: float, attacked: int) -> li
                 "attack_missed": attack.missed is not None,
                 "fp_rate": wb.evaluate(own, shape, samples=100_000).fp_rate,
             }
-        rows.append(row | {"versions": versions(), "threads": cpu_threads()})
+        rows.append(row)
     return rows
 
 
-def page(rows: list[dict], command: str) -> str:
+def page(kept: KeptRows, command: str) -> str:
     """The page, in Markdown."""
+    rows = kept.rows
     lines = [
         "# Bodies that deform: a bounder over place and pose",
         "",
         f"`{command}`",
         "",
-        f"{rows[0]['versions']}; {rows[0]['threads']} threads of a CPU. {PARTICLES:,} particles, {STEPS} steps with another pose each, medians. *Left*: of the particles, after the broad phase; *narrow*: Warp's hierarchy",
+        f"{kept.about}. {PARTICLES:,} particles, {STEPS} steps with another pose each, medians. *Left*: of the particles, after the broad phase; *narrow*: Warp's hierarchy",
         "refitted to the pose and asked about what is left. Bounders are of five coordinates, place and two pose numbers, and never refitted. *FP %*: of random places at random poses.",
     ]
     for body in dict.fromkeys(row["body"] for row in rows):
@@ -238,20 +237,15 @@ def main() -> int:
     parser.add_argument("--effort", type=float, default=1.0, help="multiplies the seconds of the fits")
     parser.add_argument("--attacked", type=int, default=ATTACKED, help="hard queries that each bounder is asked")
     options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
-    file = options.out / "deforming.jsonl"
-    rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    kept = KeptRows(options.out, "deforming")
     for make in (finger, ball):
         shape = make()
-        if any(row["body"] == shape.name for row in rows):
-            continue
-        found = measured(shape, options.effort * BUDGET, options.attacked)
-        with file.open("a") as out:
-            out.write("".join(json.dumps(row) + "\n" for row in found))
-        rows += found
-        print(page(found, ""), flush=True)
-    (options.out / "README.md").write_text(page(rows, "python benchmarks/deforming.py --out results/deforming"))
-    return int(any(row["missed"] or row.get("attack_missed") for row in rows))
+        if not kept.have(body=shape.name):
+            for row in measured(shape, options.effort * BUDGET, options.attacked):
+                kept.add(row)
+            print(page(kept, ""), flush=True)
+    kept.write(page(kept, "python benchmarks/deforming.py --out results/deforming"))
+    return int(any(row["missed"] or row.get("attack_missed") for row in kept.rows))
 
 
 if __name__ == "__main__":

@@ -5,20 +5,18 @@ and asks again, until the edge's end is reached or nothing is gained. Counted ar
 """
 
 import argparse
-import json
 import sys
 from pathlib import Path
 
 import numpy as np
+from kept_rows import KeptRows
 from scipy.spatial import cKDTree
 
 import warp_bounding as wb
 from sims.arm.exact import Hulls
 from sims.arm.robots import CELLS
 from sims.arm.workplace import Workplace
-from warp_bounding.paper.run import versions
 from warp_bounding.proof import soak
-from warp_bounding.runtime.launch import cpu_threads
 
 STATES, NEIGHBOURS, EDGES, STEPS = 4000, 12, 20_000, 64
 SECONDS, ATTACKED = 300.0, 10_000_000
@@ -56,14 +54,12 @@ def main() -> int:
     parser.add_argument("--effort", type=float, default=1.0, help="multiplies the seconds of every fit")
     parser.add_argument("--attacked", type=int, default=ATTACKED, help="hard queries that each distance is asked")
     options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
-    file = options.out / "marching.jsonl"
-    rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    kept = KeptRows(options.out, "marching")
     place = Workplace(CELLS[CELL])
     a, b = edges_of(place)
     hits = Hulls(place).segments(a, b)
     for label, own in FITS.items():
-        if any(row["label"] == label for row in rows):
+        if kept.have(label=label):
             continue
         bounder = wb.fit(
             place.shape,
@@ -90,13 +86,10 @@ def main() -> int:
             "proof_seconds": bounder.certificate.seconds,
             "free": float(100 * (~hits).mean()),
             "length": float(np.linalg.norm(b.astype(np.float64) - a, axis=1).mean()),
-            "versions": versions(),
-            "threads": cpu_threads(),
         }
-        rows.append(row)
-        with file.open("a") as out:
-            out.write(json.dumps(row) + "\n")
+        kept.add(row)
         print(row, flush=True)
+    rows = kept.rows
     lines = [
         "# Marching along edges in an arm's configurations",
         "",
@@ -104,7 +97,7 @@ def main() -> int:
         "",
     ]
     lines += [
-        f"{rows[0]['versions']}; {rows[0]['threads']} threads of a CPU. {CELLS[CELL].title}; {EDGES:,} edges of a roadmap between free states, {rows[0]['length']:.2f} long on average, {rows[0]['free']:.0f} % of them free (checked at configurations 2 cm apart). *Evaluations*: of",
+        f"{kept.about}. {CELLS[CELL].title}; {EDGES:,} edges of a roadmap between free states, {rows[0]['length']:.2f} long on average, {rows[0]['free']:.0f} % of them free (checked at configurations 2 cm apart). *Evaluations*: of",
         f"the distance, an edge, {STEPS} at most: until it is cleared or a step gains nothing. *Cleared*: of the free edges. No edge that collides is cleared.",
         "",
         "| distance | bytes | slack | certificate | proof s | asked, missed | evaluations | of those that it clears | cleared % |",
@@ -115,7 +108,7 @@ def main() -> int:
         f"{'–' if row['evaluations_cleared'] is None else format(row['evaluations_cleared'], '.1f')} | {row['cleared']:.1f} |"
         for row in rows
     ]
-    (options.out / "README.md").write_text("\n".join(lines) + "\n")
+    kept.write("\n".join(lines) + "\n")
     return int(any(row["missed"] for row in rows))
 
 

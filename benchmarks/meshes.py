@@ -8,7 +8,6 @@ the end, and by ``--page`` alone.
 """
 
 import argparse
-import json
 import sys
 import tempfile
 import time
@@ -17,11 +16,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
+from kept_rows import KeptRows
 
 import warp_bounding as wb
-from warp_bounding.paper.run import versions
 from warp_bounding.proof import soak
-from warp_bounding.runtime.launch import cpu_threads
 
 MESHES = {  # by name: the package that brings the file along, and where in it
     "bunny": ("warp", "examples/assets/bunny.usd"),
@@ -131,14 +129,7 @@ def measure(mesh: wb.IndicatorMesh, label: str, budget: float, seed: int, attack
         "resolution": fitted.info["resolution"],
         "budget": budget,
         "seed": seed,
-        "threads": cpu_threads(),
-        "versions": versions(),
     }
-
-
-def rows_of(file: Path) -> list[dict]:
-    """The rows that are there."""
-    return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
 
 
 def tightest(rows: list[dict], prefix: str, most: float) -> dict | None:
@@ -249,30 +240,25 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--page", action="store_true", help="only make the page of the rows that are there")
     options = parser.parse_args()
-    file = options.out / "meshes.jsonl"
-    options.out.mkdir(parents=True, exist_ok=True)
-    done = {(row["mesh"], row["label"]) for row in rows_of(file)}
+    kept = KeptRows(options.out, "meshes")
     for name in () if options.page else options.meshes.split(","):
         mesh = mesh_of(name)
         for label in options.methods.split(","):
-            if (name, label) in done:
+            if kept.have(mesh=name, label=label):
                 continue
             row = {
                 "mesh": name,
                 "shape": repr(mesh).strip("<>"),
                 "aligned_area": round(aligned_area(mesh), 2),
             } | measure(mesh, label, options.budget, options.seed, options.attacked)
-            with file.open("a") as rows:
-                rows.write(json.dumps(row) + "\n")
+            kept.add(row)
             print(
                 {key: row[key] for key in ("mesh", "label", "bytes", "fp_rate", "fn", "missed", "certificate")},
                 flush=True,
             )
-    if rows := rows_of(file):
-        (options.out / "README.md").write_text(
-            page(rows, options.out, "python benchmarks/meshes.py --out results/meshes")
-        )
-    return int(any(row["missed"] is not None or row["fn"] for row in rows_of(file)))
+    if len(kept):
+        kept.write(page(kept.rows, options.out, "python benchmarks/meshes.py --out results/meshes"))
+    return int(any(row["missed"] is not None or row["fn"] for row in kept.rows))
 
 
 if __name__ == "__main__":

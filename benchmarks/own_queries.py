@@ -5,12 +5,12 @@ to random queries and to these, each seed of training on its own. Then it rains 
 """
 
 import argparse
-import json
 import sys
 from pathlib import Path
 
 import numpy as np
 import warp as wp
+from kept_rows import KeptRows
 
 import warp_bounding as wb
 from sims.particles.broad import OfMotion
@@ -18,8 +18,6 @@ from sims.particles.demo import SCENE, SPECS, shapes
 from sims.particles.example import Example
 from sims.particles.scene import Scene
 from sims.prefitted import bounded, bounder_from, stored
-from warp_bounding.paper.run import versions
-from warp_bounding.runtime.launch import cpu_threads
 
 PARTICLES, STEPS, KEPT = (
     (100_000, 10_000),
@@ -68,12 +66,13 @@ def measured(scene: Scene, label: str, bounder: wb.Bounder, reference: Example, 
     }
 
 
-def page(rows: list[dict], command: str) -> str:
+def page(kept: KeptRows, command: str) -> str:
     """The page, in Markdown."""
+    rows = kept.rows
     seconds = dict.fromkeys(f"{row['budget']:g}" for row in rows if "budget" in row)
     lines = ["# A fit to a simulation's own queries", "", f"`{command}`", ""]
     lines += [
-        f"{rows[0]['versions']}; {rows[0]['threads']} threads of a CPU. Rain on the moving bunny, {rows[0]['particles']:,} particles, {STEPS} steps, seed {RAINS[1]}; *calls*: particles a step that the narrow phase is",
+        f"{kept.about}. Rain on the moving bunny, {rows[0]['particles']:,} particles, {STEPS} steps, seed {RAINS[1]}; *calls*: particles a step that the narrow phase is",
         f"asked about, of which {rows[0]['touching']:,.0f} touch. Networks {'-'.join(map(str, HIDDEN))}, {', '.join(seconds)} seconds each, fitted to random queries, or to {STEPS * KEPT:,} that the rain of seed {RAINS[0]} asks. No contact is missed; all runs end alike to the bit.",
         "",
         "| fit | training's seed | bytes | calls | fewer than usual | FP % of random queries | certificate |",
@@ -96,28 +95,23 @@ def main() -> int:
     parser.add_argument("--effort", type=float, default=1.0, help="multiplies the seconds of every fit")
     parser.add_argument("--quick", action="store_true", help="fewer particles")
     options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
-    file, particles = options.out / "own-queries.jsonl", PARTICLES[options.quick]
-    rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    kept, particles = KeptRows(options.out, "own-queries"), PARTICLES[options.quick]
     scene, recorder = Scene.bunny("cpu"), Recorder()
     shape = shapes()[SCENE]
     rained(scene, recorder, particles, RAINS[0])
     asked, reference = np.concatenate(recorder.kept), rained(scene, None, particles, RAINS[1])
-    about = {"particles": particles, "threads": cpu_threads(), "versions": versions()}
 
     def add(row: dict) -> None:
-        rows.append(row | about)
-        with file.open("a") as out:
-            out.write(json.dumps(rows[-1]) + "\n")
+        kept.add(row | {"particles": particles})
         print({key: row[key] for key in ("label", "calls", "fp_rate", "certificate")}, flush=True)
 
     for label in ("mlp", "bvh"):
-        if not any(row["label"] == f"stored {label}" for row in rows):
+        if not kept.have(label=f"stored {label}"):
             bounder = bounder_from(stored(SCENE, label), shape, SPECS[label], device="cpu")
             add(measured(scene, f"stored {label}", bounder, reference, particles))
     for seed in SEEDS:
         for label, own in FITS.items():
-            if any(row["label"] == label and row["seed"] == seed for row in rows):
+            if kept.have(label=label, seed=seed):
                 continue
             given = {"hidden": HIDDEN, "budget": options.effort * SECONDS, "seed": seed}
             bounder = wb.fit(
@@ -125,7 +119,7 @@ def main() -> int:
             )
             own_row = measured(scene, label, bounder, reference, particles)
             add(own_row | {"seed": seed, "budget": given["budget"]})
-    (options.out / "README.md").write_text(page(rows, "python benchmarks/own_queries.py --out results/own-queries"))
+    kept.write(page(kept, "python benchmarks/own_queries.py --out results/own-queries"))
     return 0
 
 
