@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from kept_rows import KeptRows
 from scipy.spatial import cKDTree
+from shared.kept_rows import KeptRows
 
 import warp_bounding as wb
 from sims.arm.demo import specs_of

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import warp as wp
-from kept_rows import KeptRows
+from shared.kept_rows import KeptRows
 
 import warp_bounding as wb
 from sims.particles.broad import OfMotion

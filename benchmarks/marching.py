@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from kept_rows import KeptRows
 from scipy.spatial import cKDTree
+from shared.kept_rows import KeptRows
 
 import warp_bounding as wb
 from sims.arm.exact import Hulls

@@ -16,7 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-from kept_rows import KeptRows
+from shared.kept_rows import KeptRows
 
 import warp_bounding as wb
 from warp_bounding.proof import soak

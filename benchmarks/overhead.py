@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import warp as wp
-from racing import clock, options, race, show, tell
+from shared.racing import clock, options, race, show, tell
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS

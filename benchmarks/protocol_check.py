@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import warp as wp
-from racing import options, show
+from shared.racing import options, show
 
 from warp_bounding.bounders import METHODS
 from warp_bounding.indicators import load_indicator

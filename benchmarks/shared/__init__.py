@@ -1,0 +1,1 @@
+"""What several benchmarks share: timing in turns, and rows that are kept."""
