@@ -128,7 +128,7 @@ def test_patches_hold_their_faces_at_every_pose(rng):
 @pytest.mark.parametrize("method", ["mlp", "learned-kdop"])
 def test_a_bounder_of_one_pose_number_is_proven(method, tmp_path):
     shape = blob(1, halvings=0)
-    options = {"hidden": (12, 12), "steps": 200} if method == "mlp" else {}
+    options = {"hidden": (12, 12), "steps": 200} if method == "mlp" else {"steps": 60}
     bounder = wb.fit(shape, method=method, device="cpu", progress=False, **options)
     assert bounder.certificate.proven
     assert wb.evaluate(bounder, shape, samples=50_000).fn == 0
