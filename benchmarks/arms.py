@@ -35,8 +35,7 @@ SHARE_SECONDS, PLACES, SIDE = (
 )  # for the share of the volume that is proven of a bounder that samples attest
 SHOWN = ("planar-3", "planar-4", "four", "six")  # cells that are measured
 MOST_GRID = 4  # coordinates of cells, which a hierarchy of boxes is made of
-# Of the network in a cell: seconds, where they differ, and options that are tighter there.
-OF_CELL = {"four": (900.0, {"hidden": (8, 47, 47), "thresholds": 1024})}
+FEWER_PARTS = {"four": {"hidden": (8, 47, 47), "thresholds": 1024}}  # of the network: tighter in this cell
 DASH = "–"
 
 
@@ -166,8 +165,7 @@ def measure(place: Workplace, label: str, samples: tuple[Sampled, Sampled], effo
     """One row."""
     shape, name, started = place.shape, place.cell.name, time.perf_counter()
     specs = dict(specs_of(shape))
-    seconds, tighter = OF_CELL.get(name, (specs["mlp"].budget, {}))
-    specs["mlp"] = replace(specs["mlp"], budget=seconds, options=specs["mlp"].options | tighter)
+    specs["mlp"] = replace(specs["mlp"], options=specs["mlp"].options | FEWER_PARTS.get(name, {}))
     row: dict = {"cell": name, "label": label}
     if label in BUILT:
         memory = nbytes_of(shape.ndim, specs["mlp"].options)
