@@ -30,6 +30,7 @@ PAGES = [ROOT / "README.md", *(ROOT / "docs" / f"{name}.md" for name in ("guide"
 SHOWN = "\n".join(page.read_text() for page in PAGES)  # the guide goes on where the README ends
 SHORTER = {
     "budget=60.0": "budget=3.0, steps=20",
+    "budget=8.0": "budget=1.0",
     "--budget 60 ": "--budget 30 --steps 20 ",
     "--samples 10000000 ": "--samples 50000 ",
     "--count 1e8 ": "--count 1e5 ",
@@ -40,7 +41,7 @@ SMALL = {  # one column of twelve, and its network; no networks
     "table1": "--columns 2d-point --methods aabb,mlp --samples 4000",
     "speed": "--columns 2d-point --methods aabb,mlp --samples 4000 --queries 4000",
     "proofs": "--columns 2d-point --methods mlp --samples 4000 --positives 20000 --seconds 20",
-    "choose": "--networks none --budget 6",
+    "choose": "--networks none --budget 1",
 }
 FENCED = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
 PROGRAMS = ("warp-bounding", "python", "make", "pip")

@@ -167,7 +167,8 @@ KILLED = """
 import sys, time
 from test_figures import Line
 import warp_bounding.paper.figures as home
-from warp_bounding.cli import figures, main
+from warp_bounding.cli import main
+from warp_bounding.cli.paper import figures
 
 class Slow(Line):
     def parts(self, work):

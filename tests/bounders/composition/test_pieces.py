@@ -12,7 +12,7 @@ from warp_bounding.bounders.composition.composition import Composition
 from warp_bounding.errors import BounderError, FileFormatError, IndicatorError
 from warp_bounding.indicators.parts.pieces import Pieces
 
-STEPS, COUNT = 150, 60_000
+STEPS, COUNT = 400, 60_000
 
 
 @cache
@@ -120,9 +120,9 @@ def test_asked_in_a_kernel():
 def test_whole_segments(rng):
     whole, own = fitted((0, 1)) | fitted((2,)), shape()
     starts, ends = (rng.uniform(own.lower, own.upper, (4000, 3)).astype(np.float32) for _ in range(2))
-    ends = starts + np.float32(0.2) * (ends - starts)
+    ends = starts + np.float32(0.05) * (ends - starts)
     clear = wb.clear_segments(whole, starts, ends)
-    assert clear.any()
+    assert clear.mean() > 0.01
     for t in np.linspace(0, 1, 33):
         assert not own.contains((1 - t) * starts[clear].astype(np.float64) + t * ends[clear]).any()
 

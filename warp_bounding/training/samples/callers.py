@@ -13,7 +13,7 @@ from warp_bounding.training.samples.cell_points import columns
 __all__ = ["CALLERS_SHARE", "CallersQueries"]
 
 # Of the samples that stand for what is asked. The others are the protocol's, for what the caller's few queries do not tell of their like.
-CALLERS_SHARE = 0.9
+CALLERS_SHARE = 0.8
 MOST = 1 << 20  # queries that are kept, a random choice of more
 
 
@@ -45,9 +45,11 @@ class CallersQueries:
         self._free = columns(v[(np.abs(v) <= domain.limit).all(axis=1)])
 
     def negatives(self, count: int, generator: torch.Generator) -> torch.Tensor:
-        """``v`` of ``count`` random negatives among them, of those that a network could let through; none where there are none."""
+        """``v`` of those among ``count`` random ones of them that are negatives, and can be anything else for a network."""
         free = self._free.shape[1]
-        chosen = torch.randint(max(free, 1), (count if free else 0,), generator=generator)
+        if not free:
+            return self._free
+        chosen = torch.randint(free, (round(count * free / len(self.x)),), generator=generator)
         return self._free.index_select(1, chosen)
 
     def draw(self, count: int, rng: np.random.Generator) -> np.ndarray:
