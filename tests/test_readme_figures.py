@@ -202,12 +202,14 @@ def test_demos(demos):
 
 
 def test_what_is_said_of_arms(demos):
-    three, four, meshes = (
+    three, four, meshes, trees = (
         {name: run for (section, name), run in demos["arm"].items() if section == f"Planar arm, {which}"}
-        for which in ("3 joints", "4 joints", "4 joints, meshes")
+        for which in ("3 joints", "4 joints", "4 joints, meshes", "4 joints, meshes, RRT-Connect")
     )
     fewer = [own["none"]["calls"] / own["mlp"]["calls"] for own in (three, four, meshes)]
     time = meshes["mlp"]["ms_step"] / meshes["none"]["ms_step"]
+    less, longer = (trees["none"]["calls"] / trees["mlp"]["calls"], trees["mlp"]["ms_step"] / trees["none"]["ms_step"])
+    assert f"{less:.1f} times fewer checks, and {100 * longer:.0f} % of the time" in PROSE
     rates = [[f"{own[name]['fp_rate']:.1f}" for name in ("mlp", "aabb", "bvh")] for own in (three, four)]
     assert f"Three joints: {fewer[0]:.0f} times fewer checks than without, {rates[0][0]} % false positives" in PROSE
     assert f"the box has {rates[0][1]}, a hierarchy of boxes {rates[0][2]}" in PROSE
