@@ -80,9 +80,7 @@ def test_numbers_of_no_pieces(held):
         shape().piece([1]).piece([2])
 
 
-@pytest.mark.parametrize(
-    "methods", [("mlp", "mlp"), ("learned-kdop", "mlp"), ("mlp", "learned-kdop"), ("aabb", "sphere")]
-)
+@pytest.mark.parametrize("methods", [("mlp", "mlp"), ("mlp", "learned-kdop"), ("aabb", "sphere")])
 def test_bounders_of_pieces_together(methods, tmp_path):
     one, other, x = fitted((0, 1), methods[0]), fitted((2,), methods[1]), asked()
     assert (one.ndim, other.ndim) == (2, 3)
