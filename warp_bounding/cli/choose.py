@@ -99,18 +99,18 @@ def _print(choice, output: str, picture: str) -> None:
 
     out = console(False)
     where = f"{choice.threads} threads of a CPU" if choice.threads else choice.device
-    table = Table(title=f"{choice.queries:,} queries, {100 * choice.positives:.3g} % meet the object; {where}")
-    for name in ("", "bytes", "ns", "left %", "cost ns", "certificate", "fit s", ""):
-        table.add_column(name, justify="left" if name in ("", "certificate") else "right")
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    for name in ("", "bytes", "ns", "left %", "cost ns", "fit s", "certificate"):
+        table.add_column(name, justify="left" if name in ("", "certificate") else "right", no_wrap=True)
+    out.print(f"{choice.queries:,} queries, {100 * choice.positives:.3g} % meet the object; {where}")
     for row in choice.rows:
         measured = row.cost == row.cost  # not NaN
         table.add_row(
             row.label,
             f"{row.nbytes:,}" if row.nbytes or measured else "",
             *((f"{row.nanoseconds:.3g}", f"{100 * row.share:.3g}", f"{row.cost:.4g}") if measured else ("", "", "")),
-            row.certificate,
             f"{row.seconds:.0f}" if row.seconds else "",
-            row.why_not,
+            row.why_not or row.certificate,
             style="bold" if row.label == choice.label else "dim" if row.why_not else "",
         )
     out.print(table)
