@@ -112,6 +112,7 @@ def test_rays_through_corners_and_along_edges_decide_nothing_wrong():
 def test_patches_hold_their_faces_at_every_pose(rng):
     shape = blob()
     patches = patches_of(shape.vertices, shape.deltas, shape.faces)
+    allowed = float(shape._blends.allowance)  # what the kernels take off for the rounding of such sums
     assert sorted(map(tuple, patches.faces)) == sorted(map(tuple, shape.faces))
     assert (np.diff(patches.first) > 0).all()
     assert len(patches.low) > 20
@@ -121,8 +122,8 @@ def test_patches_hold_their_faces_at_every_pose(rng):
         low, high = patches.low + np.minimum(*ends).sum(axis=0), patches.high + np.maximum(*ends).sum(axis=0)
         for patch, (first, last) in enumerate(itertools.pairwise(patches.first)):
             own = at[patches.faces[first:last].ravel()]
-            assert (own >= low[patch] - 1e-12).all()
-            assert (own <= high[patch] + 1e-12).all()
+            assert (own >= low[patch] - allowed).all()
+            assert (own <= high[patch] + allowed).all()
 
 
 @pytest.mark.parametrize("method", ["mlp", "learned-kdop"])

@@ -73,6 +73,14 @@ def kernels_of(n: int) -> Kernels:
             found += b.deltas[k, i] * x[3 + k]
         return found
 
+    @named(f"blend_seen_{n}").func
+    def seen(b: Blends, face: wp.vec3i, x: values) -> wp.mat33d:
+        """A triangle's corners at a pose, less the place: rows."""
+        place = wp.vec3d(x[0], x[1], x[2])
+        return wp.matrix_from_rows(
+            vertex(b, face[0], x) - place, vertex(b, face[1], x) - place, vertex(b, face[2], x) - place
+        )
+
     @named(f"blend_above_{n}").func
     def above(b: Blends, i: int, at: wp.vec3d, direction: wp.vec3d, half: values) -> wp.float64:
         """``direction . (place - vertex)`` at least, over a box, for the place less the vertex at its centre."""
@@ -158,18 +166,14 @@ def kernels_of(n: int) -> Kernels:
             if wp.max(beside, -high[0]) <= b.allowance:
                 for i in range(b.first[patch], b.first[patch + 1]):
                     face = b.faces[i]
-                    p, q, r = (
-                        vertex(b, face[0], x) - place,
-                        vertex(b, face[1], x) - place,
-                        vertex(b, face[2], x) - place,
-                    )
-                    turns += passed(p, q, r, b.allowance)
+                    corners = seen(b, face, x)
+                    turns += passed(corners[0], corners[1], corners[2], b.allowance)
         if wp.isnan(turns):
             turns = wp.float64(0.0)
             for i in range(b.faces.shape[0]):
                 face = b.faces[i]
-                p, q, r = vertex(b, face[0], x) - place, vertex(b, face[1], x) - place, vertex(b, face[2], x) - place
-                turns += angle(p, q, r) / _TURN
+                corners = seen(b, face, x)
+                turns += angle(corners[0], corners[1], corners[2]) / _TURN
         return wp.abs(turns)
 
     @named(f"blend_points_{n}").kernel
@@ -188,16 +192,12 @@ def kernels_of(n: int) -> Kernels:
         for i in range(n):
             if not wp.abs(at[i]) < _INFINITY:
                 return
-        place = wp.vec3d(at[0], at[1], at[2])
         for patch in range(b.low.shape[0]):
             if not apart(b, patch, at, values()) > b.margin:
                 for i in range(b.first[patch], b.first[patch + 1]):
                     face = b.faces[i]
-                    p, q, r = (
-                        vertex(b, face[0], at) - place,
-                        vertex(b, face[1], at) - place,
-                        vertex(b, face[2], at) - place,
-                    )
+                    corners = seen(b, face, at)
+                    p, q, r = corners[0], corners[1], corners[2]
                     least = wp.min(least, gap(b, face, p, q, r, values()))
                     most = wp.min(most, wp.length(closest_on_triangle(wp.vec3d(), p, q, r)) + b.allowance)
         around = winding(b, at)
@@ -228,17 +228,13 @@ def kernels_of(n: int) -> Kernels:
             center[i] = low[i] * _HALF + high[i] * _HALF
             size = wp.max(wp.abs(low[i]), wp.abs(high[i]))
             half[i] = ((high[i] * _HALF - low[i] * _HALF) + size * _BLUR) * _OUTWARD
-        place = wp.vec3d(center[0], center[1], center[2])
         bar = wp.where(asked == _FULL, _ZERO, b.margin)
         for patch in range(b.low.shape[0]):
             if not apart(b, patch, center, half) > bar:
                 for i in range(b.first[patch], b.first[patch + 1]):
                     face = b.faces[i]
-                    p, q, r = (
-                        vertex(b, face[0], center) - place,
-                        vertex(b, face[1], center) - place,
-                        vertex(b, face[2], center) - place,
-                    )
+                    corners = seen(b, face, center)
+                    p, q, r = corners[0], corners[1], corners[2]
                     if not gap(b, face, p, q, r, half) > bar:
                         return
         around = winding(b, center)
