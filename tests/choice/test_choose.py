@@ -14,7 +14,8 @@ from warp_bounding.solids import Sphere
 DISK = np.linalg.norm(np.indices((12, 12)) - 5.5, axis=0) < 5  # of cells: fitted in no time
 BALL = Sphere([0.0, 0.0, 0.0], 1.0)
 QUIET = {"device": "cpu", "progress": False}
-SMALL = {**QUIET, "networks": (), "budget": 4.0}
+FEW = ("aabb", "sphere", "bvh", "mlp")  # methods
+SMALL = {**QUIET, "networks": (), "budget": 4.0, "methods": FEW}
 
 
 @pytest.fixture(scope="module")
@@ -90,9 +91,34 @@ def test_what_denies_too_much_is_not_chosen(points, kept):
 @pytest.mark.parametrize("query", ["ray", "plane", "box"])
 def test_other_kinds_of_query(query):
     grid = BALL.to_grid(resolution=8)
-    choice = wb.choose(grid, query, narrow_ns=1e4, **SMALL)
+    choice = wb.choose(grid, query, narrow_ns=1e4, **{**SMALL, "methods": ("aabb", "bvh", "distance-grid")})
     assert choice.row.cost <= 1e4
-    assert len(choice.rows) > 2
+    asked = [row for row in choice.rows if row.label.startswith("distance-grid")]
+    assert len(asked) == (0 if query == "plane" else 2)
+    assert not any("denies" in row.why_not for row in choice.rows)
+
+
+def test_distances_are_asked_as_they_answer(rng):
+    """A distance stands in for a bounder of rays: the share it leaves is what it answers."""
+    grid = BALL.to_grid(resolution=8)
+    far = wb.fit(grid, "distance", "distance-grid", nodes=16, device="cpu")
+    x = np.concatenate([rng.uniform(-2, 2, (4000, 3)), rng.normal(size=(4000, 3))], axis=1).astype(np.float32)
+    choice = wb.choose(
+        grid, "ray", narrow_ns=1e7, queries=x, length=0.7, bounders={"far": far}, **{**SMALL, "methods": ()}
+    )
+    assert isinstance(choice.bounder, wb.DistanceBounder)
+    assert [row.label for row in choice.rows] == ["far", "none"]
+    assert choice.row.share == pytest.approx(far.rays(x, length=0.7)[0].numpy().mean(), abs=0.03)
+    with pytest.raises(BounderError, match="expected ones of plane queries in 3D"):
+        wb.choose(grid, "plane", narrow_ns=1.0, bounders={"far": far}, **SMALL)
+
+
+def test_the_overhead_of_asking_counts(points, kept):
+    given = {"narrow_ns": 500.0, "queries": points, **kept}
+    assert wb.choose(BALL, **given).bounder is not None
+    choice = wb.choose(BALL, overhead_ns=500.0, **given)
+    assert choice.bounder is None
+    assert all(row.nanoseconds > 500 for row in choice.rows if row.label != "none")
 
 
 def test_it_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
@@ -143,6 +169,8 @@ def test_the_plot(chosen):
     [
         ({"narrow_ns": -1.0}, BounderError, "narrow_ns must be a number of nanoseconds of at least 0, got -1.0"),
         ({"narrow_ns": float("nan")}, BounderError, "narrow_ns must be"),
+        ({"narrow_ns": 1.0, "overhead_ns": -1.0}, BounderError, "overhead_ns must be a number of nanoseconds"),
+        ({"narrow_ns": 1.0, "methods": ("mlp", "tree")}, BounderError, "methods must be some of .* got .tree."),
         ({"narrow_ns": 1.0, "memory": 0}, BounderError, "memory must be a whole number of bytes"),
         ({"narrow_ns": 1.0, "memory": 1.5}, BounderError, "memory must be a whole number of bytes"),
         ({"narrow_ns": 1.0, "queries": np.zeros((0, 3))}, QueryError, "at least one of them"),

@@ -1,16 +1,22 @@
-"""What is tried: every method that can bound such queries, in several sizes where sizes differ, and cascades."""
+"""What is tried: every method that can bound such queries, in several sizes where sizes differ, cascades, and distances that can be asked such queries."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
-from warp_bounding.bounders import METHODS, Bounder
+from warp_bounding.bounders import DISTANCES, METHODS, Bounder
+from warp_bounding.bounders.distances.grid import DistanceGrid
+from warp_bounding.bounders.distances.mlp import MlpDistance
 from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.errors import BounderError
+from warp_bounding.evaluation.distances import ASKED
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
+from warp_bounding.queries import QUERIES
 from warp_bounding.training.trainers import trainer_of
 
-__all__ = ["NETWORKS", "Candidate", "candidates_of"]
+__all__ = ["DISTANCE_NETWORK", "NETWORKS", "Candidate", "candidates_of", "check_methods"]
 
 NETWORKS = ((16, 16), (24, 24), (50, 50))  # hidden widths that are tried
 PARTS = {(24, 24): 256, (50, 50): 1024}  # thresholds of the networks that have some
@@ -20,6 +26,8 @@ CLOSED_SIZES: dict[str, list[dict[str, Any]]] = {
     "voxels": [{"resolution": cells} for cells in (16, 32, 64, 128)],
     "kdop": [{}, {"k": 26}],
 }
+DISTANCE_NETWORK = "distance"  # a network of the distance, among methods: "mlp" is the bounder's
+NODES = {2: (32, 64, 128), 3: (16, 32), 4: (8, 16)}  # of distance grids, along the longest side, by dimension
 BYTES = 4  # of a number
 
 
@@ -32,12 +40,14 @@ class Candidate:
         options: Of the method, and ``resolution``.
         network: Whether training pays by the second: it is tried with little time first.
         least_bytes: It will have so much memory at least, where that is known.
+        distance: Whether the distance is fitted, and asked what the queries are.
     """
 
     method: str
     options: dict[str, Any] = field(default_factory=dict)
     network: bool = False
     least_bytes: int = 0
+    distance: bool = False
 
     @property
     def label(self) -> str:
@@ -48,10 +58,10 @@ class Candidate:
             "leaves": lambda count: f"{count} leaves",
             "resolution": lambda count: f"{count} cells",
             "k": lambda count: f"k {count}",
+            "nodes": lambda count: f"{count} nodes",
         }
-        return " ".join(
-            [self.method, ", ".join(words.get(key, str)(value) for key, value in self.options.items())]
-        ).strip()
+        name = DISTANCE_NETWORK if self.distance and self.network else self.method
+        return " ".join([name, ", ".join(words.get(key, str)(value) for key, value in self.options.items())]).strip()
 
 
 def _known(cls: type[Bounder], options: dict[str, Any], query: str) -> bool:
@@ -60,14 +70,53 @@ def _known(cls: type[Bounder], options: dict[str, Any], query: str) -> bool:
     return all(name in names or name == "resolution" for name in options)
 
 
-def candidates_of(query: str, shape: Shape, networks: tuple[tuple[int, ...], ...] = NETWORKS) -> list[Candidate]:
+def check_methods(methods: Iterable[str] | None) -> frozenset[str]:
+    """Names of methods that are to be tried; all of them for ``None``.
+
+    Raises:
+        BounderError: For a name that is none of them.
+    """
+    names = [*METHODS, DistanceGrid.method, DISTANCE_NETWORK, f"{FRONT}+{Mlp.method}"]
+    wanted = frozenset(names if methods is None else [methods] if isinstance(methods, str) else methods)
+    for name in wanted:
+        if name not in names:
+            raise BounderError(f"methods must be some of {', '.join(names)}, got {name!r}")
+    return wanted
+
+
+def candidates_of(
+    query: str, shape: Shape, networks: tuple[tuple[int, ...], ...] = NETWORKS, methods: frozenset[str] | None = None
+) -> list[Candidate]:
     """All that is tried for a kind of query about a shape, what takes no time first.
 
     Args:
         query: Kind of query.
         shape: What is to be bounded.
         networks: Hidden widths.
+        methods: What ``check_methods`` has returned; all of them for ``None``.
     """
+    every = [*_of_queries(query, shape, networks), *_of_distances(query, shape, networks)]
+    wanted = check_methods(None) if methods is None else methods
+    found = [each for each in every if each.label.split()[0] in wanted]
+    return sorted(found, key=lambda each: each.network)  # what takes no time first, else as they are
+
+
+def _of_distances(query: str, shape: Shape, networks: tuple[tuple[int, ...], ...]) -> list[Candidate]:
+    """Distances that can be asked such queries: grids of any, networks of rays and boxes alone, since for points one that learns just their answers is tighter."""
+    if query not in ASKED or (shape.time and QUERIES[query].is_region):
+        return []
+    found = []
+    if DISTANCES[DistanceGrid.method].supports(shape.ndim) and (DistanceGrid.moving or not shape.time):
+        found += [
+            Candidate(DistanceGrid.method, {"nodes": nodes}, distance=True) for nodes in NODES.get(shape.ndim, ())
+        ]
+    if QUERIES[query].is_region and MlpDistance.supports(shape.ndim):
+        found += [_network(Mlp.method, {"hidden": own}, shape.ndim, distance=True) for own in networks[-2:]]
+    return found
+
+
+def _of_queries(query: str, shape: Shape, networks: tuple[tuple[int, ...], ...]) -> list[Candidate]:
+    """Bounders of these very queries."""
     own_cells, ndim = isinstance(shape, IndicatorGrid), shape.ndim
     closed, learned = [], []
     for name, cls in METHODS.items():
@@ -89,7 +138,7 @@ def candidates_of(query: str, shape: Shape, networks: tuple[tuple[int, ...], ...
     return closed + learned
 
 
-def _network(method: str, options: dict[str, Any], ndim: int) -> Candidate:
+def _network(method: str, options: dict[str, Any], ndim: int, *, distance: bool = False) -> Candidate:
     widths = options["hidden"]
     numbers = sum(k * h + h for k, h in pairwise((ndim, *widths, 1)))  # regions have more inputs
-    return Candidate(method, options, True, BYTES * numbers)
+    return Candidate(method, options, True, BYTES * numbers, distance)

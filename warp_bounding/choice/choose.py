@@ -10,9 +10,9 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from warp_bounding.bounders import Bounder
+from warp_bounding.bounders import Bounder, DistanceBounder
 from warp_bounding.bounders.neural.mlp import check_hidden
-from warp_bounding.choice.candidates import NETWORKS, candidates_of
+from warp_bounding.choice.candidates import NETWORKS, candidates_of, check_methods
 from warp_bounding.choice.kept import Kept
 from warp_bounding.choice.result import NONE, Choice
 from warp_bounding.choice.work import Work
@@ -43,8 +43,10 @@ def choose(
     seed: int = 0,
     margin: float = 0.0,
     length: float | None = None,
+    methods: Iterable[str] | None = None,
     networks: Iterable[tuple[int, ...]] = NETWORKS,
-    bounders: Mapping[str, Bounder] | None = None,
+    bounders: Mapping[str, Bounder | DistanceBounder] | None = None,
+    overhead_ns: float = 0.0,
     statistical: bool = False,
     folder=None,
     progress: Progress | bool | None = None,
@@ -65,8 +67,12 @@ def choose(
         seed: Seed of everything random.
         margin: The object is dilated by this length first, object units.
         length: Length of a ray, object units; 1 if ``None``. Other queries have none.
+        methods: Names of methods that are tried: those in ``METHODS``, ``"learned-kdop+mlp"``, and of distances ``"distance-grid"`` and ``"distance"``,
+            a network; all of them if ``None``, only ``bounders`` for ``()``.
         networks: Hidden widths of the networks that are tried; none of them for ``()``.
-        bounders: Bounders of this very shape that you have already, by name; they are measured with the others.
+        bounders: Bounders of this very shape that you have already, by name; they are measured with the others. Distances are
+            asked points, rays or boxes.
+        overhead_ns: What your step takes for a query if any bounder is asked, beside the bounder itself, such as for lists of what is left.
         statistical: Whether a bounder that samples attest may be chosen, too; else only proven ones are.
         folder: Where candidates are kept as they are fitted; a call with the same settings goes on there. ``None`` keeps nothing.
         progress: Called with done, total and a note. ``None`` shows a bar on standard error if that is a terminal,
@@ -78,7 +84,7 @@ def choose(
     Raises:
         IndicatorError: If the shape cannot be read or bounded.
         QueryError: For an unknown kind of query, or queries that are none of it.
-        BounderError: For a price, memory or budget that makes no sense, or memory that holds no candidate at all.
+        BounderError: For a price, memory or budget that makes no sense, an unknown method, or memory that holds no candidate at all.
         FileFormatError: For a folder that holds something else.
 
     Example:
@@ -89,7 +95,8 @@ def choose(
     """
     check_query(query)
     check_numbers(budget, seed, margin)
-    _check(query, narrow_ns, memory, length, statistical)
+    _check(query, narrow_ns, overhead_ns, memory, length, statistical)
+    wanted = check_methods(methods)
     device = str(device_of(device, BounderError))
     shape, length = load_indicator(shape), length or 1.0
     bounded, rng = shape.dilated(margin) if margin else shape, np.random.default_rng(seed)
@@ -109,13 +116,14 @@ def choose(
         own,
         np.asarray(oracle(query, bounded, "cpu", length)(own), dtype=bool),
         float(narrow_ns),
+        float(overhead_ns),
         memory,
         device,
         statistical,
         Kept(folder, settings),
     )
     with reported(progress, "choose") as update:
-        tried = work.all(candidates_of(query, shape, sizes), budget, bounders or {}, update)
+        tried = work.all(candidates_of(query, shape, sizes, wanted), budget, bounders or {}, update)
     return work.chosen(tried, len(told.x))
 
 
@@ -128,9 +136,10 @@ def _halves(x: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.nda
     return x[first], x[~first]
 
 
-def _check(query: str, narrow_ns, memory, length, statistical) -> None:
-    if not is_number(narrow_ns) or narrow_ns < 0:
-        raise BounderError(f"narrow_ns must be a number of nanoseconds of at least 0, got {narrow_ns!r}")
+def _check(query: str, narrow_ns, overhead_ns, memory, length, statistical) -> None:
+    for name, value in (("narrow_ns", narrow_ns), ("overhead_ns", overhead_ns)):
+        if not is_number(value) or value < 0:
+            raise BounderError(f"{name} must be a number of nanoseconds of at least 0, got {value!r}")
     whole = isinstance(memory, (int, np.integer)) and not isinstance(memory, bool)
     if memory is not None and not (whole and memory > 0):
         raise BounderError(f"memory must be a whole number of bytes of at least 1, got {memory!r}")

@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from warp_bounding.bounders import Bounder
+from warp_bounding.bounders import Bounder, DistanceBounder
 from warp_bounding.choice.prices import Line, Stretch, cheapest
 
 __all__ = ["NONE", "Choice", "Row"]
@@ -18,7 +18,7 @@ class Row:
     Attributes:
         label: Method and size; ``"none"`` is no broad phase.
         nbytes: Of memory that a query can read.
-        nanoseconds: A query takes, in a batch.
+        nanoseconds: A query takes, in a batch, the overhead of asking included.
         share: Of the queries that it leaves to the narrow phase.
         cost: ``nanoseconds + share * narrow_ns``.
         certificate: Its kind; ``"by construction"`` for no broad phase, and empty where there is none.
@@ -48,7 +48,7 @@ class Choice:
     """The broad phase that costs the least, with all that it was compared with.
 
     Attributes:
-        bounder: The bounder, ``None`` where none pays.
+        bounder: The bounder, ``None`` where none pays; where its label says so a distance, which answers by ``query``, ``rays`` or ``boxes``.
         label: Of its row.
         rows: Of all candidates, the cheapest first.
         narrow_ns: Price of the narrow phase, nanoseconds a call.
@@ -66,7 +66,7 @@ class Choice:
         (True, True)
     """
 
-    bounder: Bounder | None
+    bounder: Bounder | DistanceBounder | None
     label: str
     rows: tuple[Row, ...]
     narrow_ns: float

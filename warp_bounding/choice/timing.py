@@ -1,34 +1,57 @@
-"""What bounders take for a query in a batch."""
+"""What bounders, and distances that stand in for one, answer to queries in a batch, and what they take for it."""
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import warp as wp
 
-from warp_bounding.bounders import Bounder
+from warp_bounding.bounders import Bounder, DistanceBounder
+from warp_bounding.evaluation.distances import ASKED, parts_of
 
-__all__ = ["TURNS", "times_of"]
+__all__ = ["TURNS", "Batch", "times_of"]
 
 TIMED, TURNS = 200_000, 9  # queries of a timed launch, at least, and launches of each
 
 
-def times_of(bounders: Mapping[str, Bounder], x: np.ndarray, turns: int) -> dict[str, float]:
-    """Of one query in a batch of these, the fastest of some launches, which take turns: whatever else the machine does slows all alike."""
-    x = np.resize(x, (max(len(x), TIMED), x.shape[1]))
-    asked = {}
-    for label, bounder in bounders.items():
-        queries = wp.array(x, dtype=wp.float32, device=bounder.device)
-        asked[label] = bounder.prepare(queries)
+class Batch:
+    """Queries of one kind that all candidates are asked.
+
+    Args:
+        query: Kind of query.
+        x: ``(N, m)`` float32, object space.
+        length: Of rays.
+    """
+
+    def __init__(self, query: str, x: np.ndarray, length: float):
+        self.query, self.x, self.length = query, x, length
+
+    def asked_of(self, bounder: Bounder | DistanceBounder) -> Callable[[], wp.array]:
+        """What asks a bounder all of them, again and again; they lie on its device before."""
+        if not isinstance(bounder, DistanceBounder):
+            return bounder.prepare(wp.array(self.x, dtype=wp.float32, device=bounder.device)).launch
+        parts = [wp.array(x, dtype=wp.float32, device=bounder.device) for x in parts_of(self.query, self.x)]
+        ask = ASKED[self.query](bounder, self.length, {})
+        return lambda: ask(*parts)
+
+    def maybe(self, bounder: Bounder | DistanceBounder) -> np.ndarray:
+        """``(N,)`` bool: which ones it does not deny."""
+        return self.asked_of(bounder)().numpy() == 1
+
+
+def times_of(bounders: Mapping[str, Bounder | DistanceBounder], batch: Batch, turns: int) -> dict[str, float]:
+    """Nanoseconds of one query of a batch, the fastest of some launches, which take turns: whatever else the machine does slows all alike."""
+    many = Batch(batch.query, np.resize(batch.x, (max(len(batch.x), TIMED), batch.x.shape[1])), batch.length)
+    asked = {label: many.asked_of(bounder) for label, bounder in bounders.items()}
     times = dict.fromkeys(bounders, math.inf)
     for turn in range(turns + 1):
-        for label, prepared in asked.items():
+        for label, launch in asked.items():
             device = wp.get_device(bounders[label].device)
             wp.synchronize_device(device)
             start = time.perf_counter()
-            prepared.launch()
+            launch()
             wp.synchronize_device(device)
             if turn:  # the first one loads kernels
                 times[label] = min(times[label], time.perf_counter() - start)
-    return {label: 1e9 * seconds / len(x) for label, seconds in times.items()}
+    return {label: 1e9 * seconds / len(many.x) for label, seconds in times.items()}

@@ -8,14 +8,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import warp as wp
 
-from warp_bounding.bounders import Bounder
+from warp_bounding.bounders import Bounder, DistanceBounder
 from warp_bounding.choice.candidates import Candidate
 from warp_bounding.choice.kept import Kept
 from warp_bounding.choice.result import NONE, Choice, Row
-from warp_bounding.choice.timing import TURNS, times_of
+from warp_bounding.choice.timing import TURNS, Batch, times_of
 from warp_bounding.errors import BounderError, BoundingError, BoundingWarning
+from warp_bounding.evaluation.distances import ASKED
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries import QUERIES
+from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.runtime.launch import cpu_threads
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.training import fit
@@ -32,7 +34,7 @@ class Tried:
     """A fitted candidate, and what it costs."""
 
     label: str
-    bounder: Bounder
+    bounder: Bounder | DistanceBounder
     row: Row
 
 
@@ -49,6 +51,7 @@ class Work:
         own: ``(Q, m)`` queries to measure with.
         truth: ``(Q,)`` bool, which of them meet the object.
         narrow_ns: Price of the narrow phase.
+        overhead_ns: Of asking any bounder at all.
         memory: Limit of bytes, or ``None``.
         device: Where it is measured.
         statistical: Whether what samples attest may be chosen.
@@ -65,6 +68,7 @@ class Work:
     own: np.ndarray
     truth: np.ndarray
     narrow_ns: float
+    overhead_ns: float
     memory: int | None
     device: str
     statistical: bool
@@ -73,22 +77,34 @@ class Work:
     interrupted: bool = False
 
     @property
+    def batch(self) -> Batch:
+        """The queries to measure with."""
+        return Batch(self.query, self.own, self.length)
+
+    @property
     def positives(self) -> float:
         """Share of the queries that meet the object."""
         return float(self.truth.mean())
 
-    def all(self, candidates: list[Candidate], budget: float, bounders: Mapping[str, Bounder], update) -> list[Tried]:
+    def all(
+        self, candidates: list[Candidate], budget: float, bounders: Mapping[str, Bounder | DistanceBounder], update
+    ) -> list[Tried]:
         """Everything fitted that is worth it."""
         tried = []
         for label, bounder in bounders.items():
             self._check_own(label, bounder)
             tried.append(self._measured(label, bounder.to(self.device), 0.0))
-        quick = [each for each in candidates if not each.network]
+        quick, part, late = [each for each in candidates if not each.network], QUICK_PART * QUICK_SHARE * budget, set()
         for number, each in enumerate(quick):
             if self.interrupted:
                 break
+            if each.method in late:  # sizes come in order, and each takes several times as long as the one before
+                self._pass(each.label, "a smaller one took longer than its part of the budget")
+                continue
             _tell(update, QUICK_SHARE * number / max(len(quick), 1), each.label)
-            tried += self._fitted(each, QUICK_PART * QUICK_SHARE * budget)
+            found = self._fitted(each, part)
+            late |= {each.method for one in found if one.row.seconds > part}
+            tried += found
         rivals = [each for each in candidates if each.network]
         return tried + self._races(rivals, tried, (1 - QUICK_SHARE) * budget, update)
 
@@ -138,13 +154,12 @@ class Work:
                     warnings.simplefilter("ignore", BoundingWarning)  # of coarse cells: the row tells what they cost
                     bounder = fit(
                         self.shape,
-                        self.query,
+                        DISTANCE.name if candidate.distance else self.query,
                         candidate.method,
                         budget=seconds,
                         device=self.device,
                         progress=False,
-                        **self.options,
-                        **candidate.options,
+                        **self._options_of(candidate),
                     )
             except BoundingError as error:
                 self._pass(candidate.label, " ".join(str(error).split()))
@@ -158,22 +173,32 @@ class Work:
                 self.kept.put(candidate.label, seconds, bounder)
         return [self._measured(candidate.label, bounder, float(bounder.info["training"]["seconds"]))]
 
+    def _options_of(self, candidate: Candidate) -> dict:
+        """Of its fit; a distance is of the shape alone."""
+        common = self.options
+        if candidate.distance:
+            common = {name: common[name] for name in ("margin", "seed")}
+        return common | candidate.options
+
     def _pass(self, label: str, why: str, nbytes: int = 0) -> None:
         self.passed.append(Row(label, nbytes, math.nan, math.nan, math.nan, why_not=why))
 
-    def _check_own(self, label: str, bounder: Bounder) -> None:
-        if bounder.query_kind != self.query or bounder.ndim != self.shape.ndim or label == NONE:
+    def _check_own(self, label: str, bounder: Bounder | DistanceBounder) -> None:
+        able = bounder.query_kind == self.query
+        if isinstance(bounder, DistanceBounder):
+            able = self.query in ASKED and not (bounder.domain.time and QUERIES[self.query].is_region)
+        if not able or bounder.ndim != self.shape.ndim or label == NONE:
             expected = f"{self.query} queries in {self.shape.ndim}D"
             raise BounderError(f"bounders: expected ones of {expected}, got {label!r}: {bounder!r}")
 
-    def _measured(self, label: str, bounder: Bounder, seconds: float) -> Tried:
+    def _measured(self, label: str, bounder: Bounder | DistanceBounder, seconds: float) -> Tried:
         """A candidate with its row; its time is taken once more at the end."""
-        maybe = bounder.query(self.own).numpy() == 1
+        maybe = self.batch.maybe(bounder)
         doubtful = self.own[self.truth & ~maybe]  # of a shape without cells some may be undecided, and not missed
         missed = int(QUERIES[self.query].certain(self.bounded, doubtful, self.length).sum()) if len(doubtful) else 0
         share = float(maybe.mean())
         kind = "" if bounder.certificate is None else bounder.certificate.kind
-        nanoseconds = times_of({label: bounder}, self.own, TURNS // 3)[label]
+        nanoseconds = self.overhead_ns + times_of({label: bounder}, self.batch, TURNS // 3)[label]
         why = ""
         if missed:
             why = f"denies {missed:,} queries that meet the object"
@@ -190,10 +215,10 @@ class Work:
             sizes = [(each.bounder.nbytes, each.label) for each in tried]
             nearest = f"; the nearest is {min(sizes)[1]} with {min(sizes)[0]:,}" if sizes else ""
             raise BounderError(f"memory: no candidate has {self.memory:,} bytes or less{nearest}")
-        times = times_of({each.label: each.bounder for each in tried}, self.own, TURNS)
+        times = times_of({each.label: each.bounder for each in tried}, self.batch, TURNS)
         rows = [Row(NONE, 0, 0.0, 1.0, self.narrow_ns, "by construction")]
         for each in tried:
-            nanoseconds = times[each.label]
+            nanoseconds = self.overhead_ns + times[each.label]
             rows.append(replace(each.row, nanoseconds=nanoseconds, cost=nanoseconds + each.row.share * self.narrow_ns))
         rows.sort(key=lambda row: (bool(row.why_not), row.cost))
         best = rows[0].label

@@ -28,11 +28,17 @@ def command(
     ] = None,
     margin: Annotated[float, typer.Option(help="Dilate the object by this length first, object units.")] = 0.0,
     length: Annotated[float | None, typer.Option(help="Length of a ray, object units (default: 1)")] = None,
+    overhead_ns: Annotated[
+        float, typer.Option(help="What your step takes for a query if any bounder is asked, beside the bounder itself.")
+    ] = 0.0,
     budget: Annotated[float, typer.Option(help="Seconds for all fits.")] = 120.0,
     seed: Annotated[int, typer.Option(help="Random seed.")] = 0,
     networks: Annotated[
         str, typer.Option(help="Hidden widths of the networks that are tried, such as 24-24,50-50; none for none.")
     ] = "16-16,24-24,50-50",
+    methods: Annotated[
+        str | None, typer.Option(help="Methods that are tried, such as bvh,mlp,distance-grid (default: all).")
+    ] = None,
     statistical: Annotated[
         bool, typer.Option("--statistical", help="A bounder that samples attest may be chosen, too.")
     ] = False,
@@ -77,7 +83,9 @@ def command(
             seed=seed,
             margin=margin,
             length=length,
+            methods=None if methods is None else [word.strip() for word in methods.split(",")],
             networks=sizes,
+            overhead_ns=overhead_ns,
             statistical=statistical,
             folder=kept,
             progress=update,

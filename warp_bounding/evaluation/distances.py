@@ -19,16 +19,20 @@ from warp_bounding.queries.distance import METRICS, in_metric
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.ray import RAY
 
-__all__ = ["ASKED", "evaluate_distance", "quick_distance_rates", "within"]
+__all__ = ["ASKED", "evaluate_distance", "parts_of", "quick_distance_rates", "within"]
 
 
-Ask = Callable[[np.ndarray], wp.array]
-# By kind of query: called with a bounder, the length of rays and what else it is told, it returns how that is asked.
-ASKED: dict[str, Callable[[DistanceBounder, float, dict], Ask]] = {
+# By kind of query: called with a bounder, the length of rays and what else it is told, it returns how that is asked about ``parts_of`` queries.
+ASKED: dict[str, Callable[[DistanceBounder, float, dict], Callable[..., wp.array]]] = {
     POINT.name: lambda bounder, length, told: bounder.query,
     RAY.name: lambda bounder, length, told: lambda x: bounder.rays(x, length=length, **told)[0],
-    BOX.name: lambda bounder, length, told: lambda x: bounder.boxes(*np.split(x, 2, axis=1), **told),
+    BOX.name: lambda bounder, length, told: lambda lower, upper: bounder.boxes(lower, upper, **told),
 }
+
+
+def parts_of(query: str, x: np.ndarray) -> list[np.ndarray]:
+    """``(N, m)`` queries as a distance takes them: boxes by their corners."""
+    return [np.ascontiguousarray(part) for part in np.split(x, 2, axis=1)] if query == BOX.name else [x]
 
 
 def within(shape: Shape, radius: float) -> Callable[[np.ndarray], np.ndarray]:
@@ -104,7 +108,10 @@ def evaluate_distance(
             truth_by(protocol, query, judge, bounder.device, length, seed),
             {} if steps is None else {"steps": steps},
         )
-        around, ask = judge, ASKED[query](bounder, length, given)
+        around, asked = judge, ASKED[query](bounder, length, given)
+
+        def ask(x: np.ndarray) -> wp.array:
+            return asked(*parts_of(query, x))
     else:
         radius = told["radius"] = 0.0 if radius is None else float(radius)
         judge, around, truth_of = _judge_of_points(bounder, shape, fitted, radius)
