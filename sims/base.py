@@ -21,6 +21,7 @@ from rich.console import Console
 
 import warp_bounding as wb
 from sims.assets import Shape
+from sims.chosen import Taken
 from sims.drawing import Drawn
 from sims.prefitted import FitSpec, fitted
 from sims.report import Run, bounder_rows, kept, output, result, run_table, shown, verdict
@@ -118,6 +119,9 @@ def simulate(what: str, phases: Mapping[str, Any], make: Callable[[Any, bool], E
     for phase in shown(phases.values(), "loading kernels (compiled at first use, a minute)"):
         make(phase, True).step()
     examples = {name: make(phase, False) for name, phase in phases.items()}
+    for name, phase in phases.items():
+        if phase is None:
+            examples[name].certificate = "by construction"  # where none is chosen, too
     for _ in shown(range(steps), f"{what}, {len(examples)} runs in turns"):
         for example in examples.values():
             example.step()
@@ -197,6 +201,7 @@ class Demo(ABC):
     console: Console | None = None
     specs: dict[str, FitSpec] | None = None
     notes: list[str] = field(default_factory=list, init=False)  # broken promises beside those of the runs, with markup
+    taken: dict[str, Taken] = field(default_factory=dict, init=False)  # what ``choose`` takes, by section
 
     NAME: ClassVar[str]
     SPECS: ClassVar[dict[str, FitSpec]]
@@ -230,6 +235,8 @@ class Demo(ABC):
         runs, title, columns = self.simulate()
         self.console.print(run_table(title, runs, steps=self.steps, calls=self.CALLS, extra=columns))
         self.console.print(verdict(runs, self.MISSED))
+        for section, taken in self.taken.items():
+            self.console.print(taken.sentence(section), markup=False)
         self.tell(runs)
         for _ in shown([None], "drawing"):  # once: the progress bar tells what takes so long
             drawn = self.draw()
@@ -237,6 +244,8 @@ class Demo(ABC):
             self.console.print(note)
         self.console.print(drawn.lines(), markup=False)
         told = result(self.NAME, self.shape, self.steps, runs, drawn.paths, **self.more())
+        if self.taken:
+            told["chosen"] = {section: taken.to_dict() for section, taken in self.taken.items()}
         return told | {"identical": kept(runs) and not self.notes}
 
     def fit(self, shapes: dict[str, Shape]) -> dict[str, dict[str, wb.Bounder]]:

@@ -10,7 +10,7 @@ import warp_bounding as wb
 from sims.particles.kernels import box_mask, box_of, split, with_time
 from sims.particles.scene import Scene
 
-__all__ = ["MovingBox", "OfMotion", "OfSides"]
+__all__ = ["Everyone", "MovingBox", "OfMotion", "OfSides"]
 
 EMPTY = np.array([[np.inf] * 3, [-np.inf] * 3], dtype=np.float32)
 
@@ -61,6 +61,31 @@ class MovingBox:
             inside = ((x[:, 1:] >= low) & (x[:, 1:] <= high)).all(axis=1)
             false += int((inside & ~shape.contains(x)).sum())
         return 100.0 * false / (times * each)
+
+
+class Everyone:
+    """No broad phase; what would be asked is kept.
+
+    Attributes:
+        kept: A step each, ``(K, 4)`` float32, times and places of some particles.
+    """
+
+    def __init__(self, most: int, seed: int = 0):
+        """Keep so many particles of each step."""
+        self.kept: list[np.ndarray] = []
+        self._most, self._rng = most, np.random.default_rng(seed)
+
+    def candidates(self, time: float, points: wp.array, positions: wp.array) -> tuple[wp.array, wp.array]:
+        """All of them; see ``MovingBox.candidates``."""
+        count, device = len(positions), positions.device
+        some = np.sort(self._rng.permutation(count)[: self._most])
+        self.kept.append(np.insert(positions.numpy()[some], 0, time, axis=1))
+        return wp.array(np.arange(count), dtype=wp.int32, device=device), wp.array([count], dtype=wp.int32, device=device)
+
+    @property
+    def queries(self) -> np.ndarray:
+        """``(N, 4)`` float32, of all steps."""
+        return np.concatenate(self.kept)
 
 
 class OfMotion:

@@ -16,9 +16,10 @@ from typing import Any
 import warp_bounding as wb
 from sims import base
 from sims.assets import Shape
+from sims.chosen import CHOSEN, Taken, take
 from sims.drawing import Drawn, draw_with
 from sims.particles.bounds import bounds_data
-from sims.particles.broad import MovingBox, OfMotion, OfSides
+from sims.particles.broad import Everyone, MovingBox, OfMotion, OfSides
 from sims.particles.due import WhenDue
 from sims.particles.example import CONTACT, CONTAINMENT, Example, rain_data
 from sims.particles.scene import RESOLUTION, Scene
@@ -57,6 +58,7 @@ SEEPING = (MOVING_BOX, "voxels", "mlp", "learned-kdop+mlp", "occupancy")  # what
 SIDED = ("voxels", "mlp")  # of these, what is also asked together with a bounder from the inside
 PICTURED = ("kdop", "learned-kdop", "mlp")  # their bounds, side by side
 RAINED = ("mlp", "occupancy")  # their runs, side by side
+RECORDED, KEPT = 30, 4000  # steps whose queries ``choose`` is told, and how many of each
 WARM_UP = 4096  # particles of the run that loads kernels outside the timed part
 PARTICLES, STEPS = (100_000, 10_000), (150, 24)  # full, quick
 
@@ -107,17 +109,33 @@ class Demo(base.Demo):
             broad[name] = (WhenDue if isinstance(bounder, wb.DistanceBounder) else OfMotion)(bounder, self.scene)
         inner = self.within[INNER_NAME]
         sided = {f"{n}+{INNER_NAME}": OfSides(bounders[n], inner, self.scene) for n in SIDED if n in bounders}
-        options, examples = {"particles": self.particles, "steps": self.steps, "seed": self.seed}, {}
+        options, examples, runs = {"particles": self.particles, "steps": self.steps, "seed": self.seed}, {}, []
         for section, narrow in NARROW.items():
             asked = {n: broad[n] for n in SEEPING if n in broad} if section == POROUS else broad
-            if section == POROUS:  # what has no proof comes last
-                asked = dict(sorted((asked | sided).items(), key=lambda run: run[0] in UNPROVEN))
+            own, known = self.bounders | {INNER_NAME: self.within}, rows
+            if section == POROUS:
+                asked = asked | sided
+            else:
+                taken = self.taken[section] = self.take(narrow["reach"])
+                found = taken.bounders
+                asked = asked | {CHOSEN: None if found is None else OfMotion(found[SCENE], self.scene)}
+                own, known = own | {CHOSEN: found or {}}, rows + taken.rows(rows, SCENE)
+            asked = dict(sorted(asked.items(), key=lambda run: run[0] in UNPROVEN))  # what has no proof comes last
             examples[section] = simulate(self.scene, asked, **narrow, **options)
-        own = self.bounders | {INNER_NAME: self.within}
-        runs = [run for section, each in examples.items() for run in base.compare(each, own, rows, section)]
+            runs += base.compare(examples[section], own, known, section)
         self.examples = next(iter(examples.values()))
         about = f"{self.particles:,} particles, {self.steps} steps"
         return runs, f"{about}, by narrow phase: calls and milliseconds a step (median)", {}
+
+    def take(self, reach: float) -> Taken:
+        """What ``choose`` takes for a narrow phase; a distance is asked when a drop is due, and is no candidate."""
+        everyone = Everyone(KEPT, self.seed)
+        run = Example(self.scene, everyone, reach=reach, particles=self.particles, seed=self.seed)
+        for _ in range(min(self.steps, RECORDED)):
+            run.step()
+        price = 1e9 * sum(spent[1] for spent in run.seconds) / sum(run.calls)
+        own = {name: found for name, found in self.bounders.items() if name != DISTANCE}
+        return take({SCENE: self.scene.shape}, own, {SCENE: everyone.queries}, price, device=str(self.scene.device))
 
     def draw(self) -> Drawn:
         bounders, examples, reference = self.of_shape(SCENE), self.examples, self.examples["none"]

@@ -1,0 +1,98 @@
+"""The row ``chosen`` of a demo: what ``wb.choose`` takes of the demo's own bounders.
+
+It is told what a simulation's author can tell: some of the queries of a run without a broad phase, and what a call of the narrow phase
+takes there. Nothing is fitted.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+import warp_bounding as wb
+from sims.assets import Shape
+from sims.report import UNPROVEN
+from warp_bounding.choice import Choice
+
+__all__ = ["CHOSEN", "Taken", "take"]
+
+CHOSEN = "chosen"  # name of the row
+MOST = 100_000  # queries that are told: half of them are measured
+
+
+@dataclass
+class Taken:
+    """Choices, one a shape.
+
+    Attributes:
+        choices: By name of the shape.
+    """
+
+    choices: dict[str, Choice] = field(default_factory=dict)
+
+    @property
+    def bounders(self) -> dict[str, wb.Bounder | wb.DistanceBounder] | None:
+        """By name of the shape; ``None`` where no broad phase is the answer for some of them: then all do without."""
+        found = {name: choice.bounder for name, choice in self.choices.items()}
+        return None if None in found.values() else found
+
+    def rows(self, rows: list[dict], name: str) -> list[dict]:
+        """What is known of the bounder of a shape, among these, as a row of its own."""
+        return [row | {"bounder": CHOSEN} for row in rows if row["bounder"] == self.choices[name].label]
+
+    def sentence(self, where: str = "") -> str:
+        """What was taken, and at which price."""
+        told = [
+            f"{choice.label}{f' for {name}' if len(self.choices) > 1 else ''} at {choice.narrow_ns:.3g} ns a call"
+            for name, choice in self.choices.items()
+        ]
+        return f"{where}: choose takes {', '.join(told)}." if where else f"choose takes {', '.join(told)}."
+
+    def to_dict(self) -> dict:
+        """All rows of all choices, JSON-ready."""
+        return {name: choice.to_dict() for name, choice in self.choices.items()}
+
+
+def take(
+    shapes: Mapping[str, Shape],
+    bounders: Mapping[str, Mapping[str, wb.Bounder | wb.DistanceBounder]],
+    asked: Mapping[str, np.ndarray],
+    narrow_ns: float,
+    query: str = "point",
+    *,
+    device: str = "cpu",
+    **options,
+) -> Taken:
+    """Choose for each shape, among the proven bounders of a demo.
+
+    Args:
+        shapes: What is bounded, by name.
+        bounders: By name of the method, then of the shape; those of other queries are no candidates.
+        asked: ``(Q, m)`` queries of each shape.
+        narrow_ns: What a call of the narrow phase takes.
+        query: Kind of query.
+        device: Warp device.
+        options: More of what ``wb.choose`` takes.
+    """
+    taken = Taken()
+    for name, shape in shapes.items():
+        x = asked[name]
+        if len(x) > MOST:
+            x = x[np.sort(np.random.default_rng(0).permutation(len(x))[:MOST])]
+        own = {
+            method: found[name]
+            for method, found in bounders.items()
+            if method not in UNPROVEN and found[name].query_kind in (query, "distance")
+        }
+        taken.choices[name] = wb.choose(
+            shape,
+            query,
+            queries=x,
+            narrow_ns=narrow_ns,
+            methods=(),
+            bounders=own,
+            device=device,
+            progress=False,
+            **options,
+        )
+    return taken
