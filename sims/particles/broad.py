@@ -80,7 +80,9 @@ class Everyone:
         count, device = len(positions), positions.device
         some = np.sort(self._rng.permutation(count)[: self._most])
         self.kept.append(np.insert(positions.numpy()[some], 0, time, axis=1))
-        return wp.array(np.arange(count), dtype=wp.int32, device=device), wp.array([count], dtype=wp.int32, device=device)
+        return wp.array(np.arange(count), dtype=wp.int32, device=device), wp.array(
+            [count], dtype=wp.int32, device=device
+        )
 
     @property
     def queries(self) -> np.ndarray:

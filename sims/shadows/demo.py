@@ -16,11 +16,14 @@ do not expect a network to save time here, with meshes of some thousand faces on
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
+
 import warp_bounding as wb
 from sims import base
 from sims.assets import Shape
+from sims.chosen import CHOSEN, Taken, take
 from sims.drawing import Drawn
-from sims.prefitted import FitSpec
+from sims.prefitted import FitSpec, bounded
 from sims.report import UNPROVEN, Run
 from sims.shadows.example import Example
 from sims.shadows.pictures import OVERSAMPLING, draw
@@ -30,6 +33,7 @@ __all__ = ["SPECS", "Demo", "simulate"]
 
 RAYS = {"length": LENGTH}
 HIDDEN = (50, 50)
+DISTANCE = "distance"
 
 
 def _rays(method: str, budget: float = 60.0, **options) -> FitSpec:
@@ -44,7 +48,7 @@ SPECS = {
     "learned-kdop": _rays("learned-kdop", 10.0, k=40),
     "mlp": _rays("mlp", 420.0, hidden=HIDDEN),
     "mlp-early": _rays("mlp-early", 120.0, hidden=HIDDEN),
-    "distance": FitSpec("mlp", "distance", 150.0, {"hidden": HIDDEN}),  # of the mesh itself
+    DISTANCE: FitSpec("mlp", "distance", 150.0, {"hidden": HIDDEN}),  # of the mesh itself
     "aabb+mlp": _rays("aabb+mlp"),
     "learned-kdop+mlp": _rays("learned-kdop+mlp"),
     "occupancy": _rays("occupancy", 30.0, hidden=HIDDEN),
@@ -79,15 +83,35 @@ class Demo(base.Demo):
             raise wb.BoundingError(f"steps must be at least 1, got {self.steps}")
         self.scene = Scene.still_life(*SIZES[self.quick], self.device)
         self.shape = " and ".join(self.scene.shapes)
-        return {name: shape.dilated(margin_of(shape)) for name, shape in self.scene.shapes.items()}
+        self.shapes = {name: shape.dilated(margin_of(shape)) for name, shape in self.scene.shapes.items()}
+        return self.shapes
 
     def simulate(self) -> tuple[list[Run], str, dict[str, str]]:
-        self.examples = simulate(self.scene, self.bounders, steps=self.steps)
+        taken = self.taken[""] = self.take()
+        methods = self.bounders | {CHOSEN: taken.bounders}
+        methods = dict(sorted(methods.items(), key=lambda run: run[0] in UNPROVEN))  # what has no proof comes last
+        self.examples = simulate(self.scene, methods, steps=self.steps)
         self.rays = sum(self.examples["none"].rays)
         width, height = SIZES[self.quick]
         about = f"{self.steps} pictures, {width} x {height} pixels, {self.rays // self.steps:,} shadow rays"
-        runs = base.compare(self.examples, self.bounders, [row for own in self.rows.values() for row in own])
+        rows = [row for name, own in self.rows.items() for row in own + taken.rows(own, name)]
+        runs = base.compare(self.examples, self.bounders | {CHOSEN: taken.bounders or {}}, rows)
         return runs, f"{about}, {len(self.scene.shapes)} objects; per picture", {}
+
+    def take(self) -> Taken:
+        """What ``choose`` takes for each object, told of the rays of a series, and what a call takes in it."""
+        run = Example(self.scene, steps=self.steps)
+        for _ in range(self.steps):
+            run.step()
+        price = 1e9 * sum(spent[1] for spent in run.seconds) / sum(run.calls)
+        rays = np.concatenate([run.cast(sun)[1].numpy() for sun in run.suns])
+        shapes = {name: bounded(SPECS["mlp"], shape) for name, shape in self.shapes.items()}
+        own = {
+            name: found for name, found in self.bounders.items() if name != DISTANCE
+        }  # of the mesh and not of its cells
+        return take(
+            shapes, own, dict.fromkeys(shapes, rays), price, "ray", length=LENGTH, device=str(self.scene.device)
+        )
 
     def draw(self) -> Drawn:
         width, height = SIZES[False]
@@ -110,7 +134,7 @@ class Demo(base.Demo):
         return {**about, "device": str(self.scene.device), "bounders": self.rows}
 
 
-def simulate(scene: Scene, methods: dict[str, dict[str, wb.Bounder]], *, steps: int = 8) -> dict[str, Example]:
+def simulate(scene: Scene, methods: dict[str, dict[str, wb.Bounder] | None], *, steps: int = 8) -> dict[str, Example]:
     """The same pictures without a broad phase and with the bounders of each method; see ``sims.base.simulate``.
 
     Args:

@@ -85,18 +85,23 @@ class Example(base.Example):
         self.hits: list[int] = []
         self.shadows: list[np.ndarray] = []
 
+    def cast(self, sun: np.ndarray) -> tuple[np.ndarray, wp.array]:
+        """What is asked with the sun in a direction: numbers of the pixels that face it, and their rays, ``(N, 6)`` float32."""
+        device, seen, towards = self.scene.device, self.scene.seen, wp.vec3(*map(float, sun))
+        facing = wp.empty(len(seen.pixels), dtype=wp.uint8, device=device)
+        wb.launch_on_cores(face_sun, len(seen.pixels), [towards, seen.normals], [facing], device)
+        chosen = np.flatnonzero(facing.numpy()).astype(np.int32)
+        rays = wp.empty((len(chosen), 6), dtype=float, device=device)
+        lit = wp.array(chosen, dtype=wp.int32, device=device)
+        wb.launch_on_cores(cast, len(chosen), [towards, LIFT, lit, seen.points, seen.normals], [rays], device)
+        return chosen, rays
+
     def step(self) -> None:
         """One picture of shadows, timed phase by phase. What the camera sees is known before."""
         scene, device, seen = self.scene, self.scene.device, self.scene.seen
         start = base.now(device)
-        sun = wp.vec3(*map(float, self.suns[len(self.shadows) % len(self.suns)]))
-        facing = wp.empty(len(seen.pixels), dtype=wp.uint8, device=device)
-        wb.launch_on_cores(face_sun, len(seen.pixels), [sun, seen.normals], [facing], device)
-        chosen = np.flatnonzero(facing.numpy()).astype(np.int32)
+        chosen, rays = self.cast(self.suns[len(self.shadows) % len(self.suns)])
         count = len(chosen)
-        rays = wp.empty((count, 6), dtype=float, device=device)
-        lit = wp.array(chosen, dtype=wp.int32, device=device)
-        wb.launch_on_cores(cast, count, [sun, LIFT, lit, seen.points, seen.normals], [rays], device)
         all_of_them = wp.array([count], dtype=wp.int32, device=device)
         shadow = np.zeros(scene.camera.width * scene.camera.height, dtype=np.uint8)
         broad = narrow = 0.0
