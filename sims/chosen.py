@@ -60,6 +60,7 @@ def take(
     narrow_ns: float,
     query: str = "point",
     *,
+    distances: bool = False,
     device: str = "cpu",
     **options,
 ) -> Taken:
@@ -71,10 +72,11 @@ def take(
         asked: ``(Q, m)`` queries of each shape.
         narrow_ns: What a call of the narrow phase takes.
         query: Kind of query.
+        distances: Whether bounders of distances are asked the same queries.
         device: Warp device.
         options: More of what ``wb.choose`` takes.
     """
-    taken = Taken()
+    taken, kinds = Taken(), (query, *["distance"] * distances)
     for name, shape in shapes.items():
         x = asked[name]
         if len(x) > MOST:
@@ -82,7 +84,7 @@ def take(
         own = {
             method: found[name]
             for method, found in bounders.items()
-            if method not in UNPROVEN and found[name].query_kind in (query, "distance")
+            if method not in UNPROVEN and found[name].query_kind in kinds
         }
         taken.choices[name] = wb.choose(
             shape,

@@ -4,12 +4,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 import warp_bounding as wb
 from sims import base
 from sims.assets import Shape
-from sims.cloth.example import Example, cloth_data
+from sims.chosen import CHOSEN, Taken, take
+from sims.cloth.example import Example, cloth_data, one_thread
 from sims.cloth.field import Field, field_table, run_field, sentences
 from sims.cloth.scene import SHAPES, SPECS, Scene, dilated
 from sims.drawing import Drawn, draw_with
@@ -21,6 +23,7 @@ SIDES, STEPS, ROUNDS = (65, 33), (600, 360), (11, 3)  # full, quick; 480 steps a
 QUICK_FIELD = {"rows": 3, "particles": 4000}
 ALL_CORES = "mlp"
 PICTURED = ("mlp", "occupancy")
+BOXES, RECORDED = "aabb", 400  # of the runs that tell ``choose`` what is asked, and their steps
 COLUMNS = {"contacts": "contacts", "deepest": "deepest"}
 
 
@@ -54,15 +57,35 @@ class Demo(base.Demo):
             raise wb.BoundingError(f"steps must be at least 1, got {self.steps}")
         self.scene = Scene(side=self.side, seed=self.seed)
         self.shape = " and ".join(SHAPES)
-        return {name: dilated(name) for name in SHAPES}
+        self.shapes = {name: dilated(name) for name in SHAPES}
+        return self.shapes
 
     def simulate(self) -> tuple[list[Run], str, dict[str, str]]:
         if not compiled():
             self.console.print("Newton's kernels are compiled now, once on this machine; that takes about a minute.")
-        self.examples = simulate(self.scene, self.bounders, steps=self.steps)
-        rows = [row for own in self.rows.values() for row in own]
+        taken = self.taken[""] = self.take()
+        self.examples = simulate(self.scene, self.bounders | {CHOSEN: taken.bounders}, steps=self.steps)
+        rows = [row for name, own in self.rows.items() for row in own + taken.rows(own, name)]
         title = f"{self.scene.particles:,} particles of cloth on {self.shape}, one thread, {self.steps} steps"
-        return base.compare(self.examples, self.bounders, rows), title, COLUMNS
+        return base.compare(self.examples, self.bounders | {CHOSEN: taken.bounders or {}}, rows), title, COLUMNS
+
+    def take(self) -> Taken:
+        """What ``choose`` takes for each shape, on one thread.
+
+        Newton's pass takes most of its time whatever the pairs are: what a pair costs is what a run with boxes saves for each pair that it
+        spares. And what these boxes take, which are decided at once, is what asking takes.
+        """
+        runs, kept = [Example(self.scene), Example(self.scene, self.bounders[BOXES])], []
+        for _ in range(min(self.steps, RECORDED)):
+            for run in runs:
+                run.step()
+            kept.append(runs[0].state.particle_q.numpy())
+        (_, own, _), (asking, left, _) = (run.milliseconds() for run in runs)
+        pairs, few = (float(np.median(run.calls)) for run in runs)
+        price = 1e6 * max(own - left, 0.0) / max(pairs - few, 1.0)
+        asked = {name: self.scene.from_shape(name, np.concatenate(kept)) for name in self.shapes}
+        with one_thread():
+            return take(self.shapes, self.bounders, asked, price, overhead_ns=1e6 * asking / pairs)
 
     def tell(self, runs: list[Run]) -> None:
         """What a bounder saves, how deep the cloth has sunk, and the many meshes."""
@@ -97,15 +120,18 @@ def compiled() -> bool:
     return any(folder.glob("wp_newton*xpbd.kernels*"))
 
 
-def simulate(scene: Scene, bounders: dict[str, dict[str, wb.Bounder]], *, steps: int) -> dict[str, Example]:
+def simulate(scene: Scene, bounders: dict[str, dict[str, wb.Bounder] | None], *, steps: int) -> dict[str, Example]:
     """The same cloth without a broad phase and with each bounder; see ``sims.base.simulate``.
 
     Args:
         scene: The scene.
-        bounders: By name of the method, then of the shape.
+        bounders: By name of the method, then of the shape; ``None`` for a run without a broad phase.
         steps: How many.
     """
-    wanted = {name: {"bounders": found, "unproven": name in UNPROVEN} for name, found in bounders.items()}
+    wanted = {
+        name: None if found is None else {"bounders": found, "unproven": name in UNPROVEN}
+        for name, found in bounders.items()
+    }
     if ALL_CORES in bounders:
         wanted[f"{ALL_CORES}, all cores"] = {"bounders": bounders[ALL_CORES], "all_cores": True}
     examples = base.simulate("cloth", wanted, lambda options, small: Example(scene, **(options or {})), steps)
@@ -116,7 +142,8 @@ def simulate(scene: Scene, bounders: dict[str, dict[str, wb.Bounder]], *, steps:
 
 def saved(runs: list[Run]) -> str:
     """Whether a bounder makes the contact pass faster, its own cost included, and what that is of a step."""
-    passes = {run.bounder: run.ms_broad + run.ms_narrow for run in runs if run.conservative}
+    asked = [run for run in runs if run.conservative and run.bounder != CHOSEN]
+    passes = {run.bounder: run.ms_broad + run.ms_narrow for run in asked}
     own = passes.pop("none")
     best = min(passes, key=passes.get)
     if passes[best] < own:

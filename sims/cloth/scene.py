@@ -218,6 +218,12 @@ class Scene:
             wp.launch(_depth, dim=len(q), inputs=inputs, outputs=[depth], device="cpu")
         return depth.numpy()
 
+    def from_shape(self, name: str, points: np.ndarray) -> np.ndarray:
+        """``(N, 3)`` float32, points of the world as a shape sees them."""
+        place = np.array(places()[name], dtype=np.float64)
+        turn = np.array(wp.quat_to_matrix(wp.quat(*place[3:])), dtype=np.float64).reshape(3, 3)
+        return ((points - place[:3]) @ turn).astype(np.float32)
+
     def world_vertices(self, name: str) -> np.ndarray:
         """``(V, 3)`` float64, of a shape in its place."""
         place = np.array(places()[name], dtype=np.float64)

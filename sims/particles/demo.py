@@ -134,8 +134,8 @@ class Demo(base.Demo):
         for _ in range(min(self.steps, RECORDED)):
             run.step()
         price = 1e9 * sum(spent[1] for spent in run.seconds) / sum(run.calls)
-        own = {name: found for name, found in self.bounders.items() if name != DISTANCE}
-        return take({SCENE: self.scene.shape}, own, {SCENE: everyone.queries}, price, device=str(self.scene.device))
+        asked, device = {SCENE: everyone.queries}, str(self.scene.device)
+        return take({SCENE: self.scene.shape}, self.bounders, asked, price, device=device)
 
     def draw(self) -> Drawn:
         bounders, examples, reference = self.of_shape(SCENE), self.examples, self.examples["none"]

@@ -8,17 +8,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
 from rich.markup import escape
 
 import warp_bounding as wb
 from sims import base
+from sims.chosen import CHOSEN, Taken, take
 from sims.drawing import Drawn
 from sims.path.exact import ExactWorld
 from sims.path.pictures import draw
 from sims.path.planner import Example
 from sims.path.report import described, price, solved
 from sims.path.worlds import World, generated, worlds_at
-from sims.planning.broad import Boxes, BroadPhase, First, Marching, Samples, Segments, TwoSided
+from sims.planning.broad import Asked, Boxes, BroadPhase, First, Marching, Samples, Segments, TwoSided
 from sims.planning.demo import PlanningDemo
 from sims.prefitted import FitSpec, bounders_of, owner, stored
 from sims.report import Run
@@ -41,6 +43,7 @@ SPECS: dict[str, FitSpec] = {
     "occupancy": FitSpec("occupancy", budget=30.0, options={"hidden": HIDDEN}),
 }
 SIDED = ("mlp", "bvh", "distance", "distance-grid")  # what is asked together with it, too
+BOXES = "bvh"  # of the run that tells ``choose`` what is asked
 BY_QUERY = {"point": Segments, "box": Boxes, "distance": Marching}  # how bounders with a proof clear states and edges
 CASCADE = "aabb+mlp"  # boxes first, then a network's segments: bounders of different queries, so the planner puts them together
 USERS_BUDGET = 20.0  # seconds a network, for a user's world
@@ -105,12 +108,29 @@ class Demo(PlanningDemo):
         runs, self.examples = [], []
         for world in self.worlds:
             bounders, section = self.of_shape(world.scene), world.name if len(self.worlds) > 1 else ""
-            examples = simulate(world, bounders, repeats=REPEATS[self.quick], **options)
-            own = {name: {world.scene: bounder} for name, bounder in bounders.items()}
-            runs += base.compare(examples, own, self.rows[world.scene], section)
+            taken = self.taken[world.name] = self.take(world)
+            found = {CHOSEN: None} if taken.bounders is None else {CHOSEN: taken.bounders[world.scene]}
+            examples = simulate(world, bounders | found, repeats=REPEATS[self.quick], **options)
+            own = {name: {world.scene: bounder} for name, bounder in bounders.items()} | {CHOSEN: taken.bounders or {}}
+            rows = self.rows[world.scene]
+            runs += base.compare(examples, own, rows + taken.rows(rows, world.scene), section)
             self.examples.append(examples)
         about = f"{self.states:,} random states and {examples['none'].neighbours} neighbours each"
         return runs, f"{about}: exact checks of states and edges", self.COLUMNS if self.console.width >= WIDE else {}
+
+    def take(self, world: World) -> Taken:
+        """What ``choose`` takes for a world: told the boxes of states and of pieces of edges that a planner asks, and what they spare."""
+        bounders, exact = self.of_shape(world.scene), ExactWorld(world.grid, self.device or "cpu")
+        asked = Asked(bounders[BOXES])
+        options = {"states": self.states, "problems": self.problems, "seed": self.seed}
+        runs = [Example(world, phase, exact=exact, **options) for phase in (None, Boxes(asked))]
+        for run in runs:
+            run.step()
+        boxes = np.concatenate(asked.kept)
+        price = 1e9 * runs[0].seconds[0][1] / len(boxes)
+        own = {name: {world.scene: bounder} for name, bounder in bounders.items() if name != INSIDE}
+        shapes, device = {world.scene: world.grid}, self.device or "cpu"
+        return take(shapes, own, {world.scene: boxes}, price, "box", distances=True, device=device)
 
     def tell(self, runs: list[Run]) -> None:
         """What collides, what is saved, what is solved, and whether it pays."""
@@ -137,13 +157,15 @@ class Demo(PlanningDemo):
 run = Demo.run
 
 
-def phases(bounders: dict[str, wb.Bounder], world: World) -> dict[str, BroadPhase]:
+def phases(bounders: dict[str, wb.Bounder | None], world: World) -> dict[str, BroadPhase | None]:
     """The broad phases of a world's bounders, their cascade, and both sides together."""
     made: dict[str, BroadPhase] = {}
     for name, bounder in bounders.items():
         if name == INSIDE:
             continue  # by itself it clears nothing
-        if not bounder.conservative:
+        if bounder is None:
+            made[name] = None
+        elif not bounder.conservative:
             made[name] = Samples(bounder, world.grid.cells_per_unit)
         else:
             made[name] = BY_QUERY[bounder.query_kind](bounder)

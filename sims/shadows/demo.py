@@ -33,7 +33,6 @@ __all__ = ["SPECS", "Demo", "simulate"]
 
 RAYS = {"length": LENGTH}
 HIDDEN = (50, 50)
-DISTANCE = "distance"
 
 
 def _rays(method: str, budget: float = 60.0, **options) -> FitSpec:
@@ -48,7 +47,7 @@ SPECS = {
     "learned-kdop": _rays("learned-kdop", 10.0, k=40),
     "mlp": _rays("mlp", 420.0, hidden=HIDDEN),
     "mlp-early": _rays("mlp-early", 120.0, hidden=HIDDEN),
-    DISTANCE: FitSpec("mlp", "distance", 150.0, {"hidden": HIDDEN}),  # of the mesh itself
+    "distance": FitSpec("mlp", "distance", 150.0, {"hidden": HIDDEN}),  # of the mesh itself
     "aabb+mlp": _rays("aabb+mlp"),
     "learned-kdop+mlp": _rays("learned-kdop+mlp"),
     "occupancy": _rays("occupancy", 30.0, hidden=HIDDEN),
@@ -106,12 +105,8 @@ class Demo(base.Demo):
         price = 1e9 * sum(spent[1] for spent in run.seconds) / sum(run.calls)
         rays = np.concatenate([run.cast(sun)[1].numpy() for sun in run.suns])
         shapes = {name: bounded(SPECS["mlp"], shape) for name, shape in self.shapes.items()}
-        own = {
-            name: found for name, found in self.bounders.items() if name != DISTANCE
-        }  # of the mesh and not of its cells
-        return take(
-            shapes, own, dict.fromkeys(shapes, rays), price, "ray", length=LENGTH, device=str(self.scene.device)
-        )
+        asked, device = dict.fromkeys(shapes, rays), str(self.scene.device)
+        return take(shapes, self.bounders, asked, price, "ray", length=LENGTH, device=device)
 
     def draw(self) -> Drawn:
         width, height = SIZES[False]
