@@ -120,7 +120,7 @@ def simulate(what: str, phases: Mapping[str, Any], make: Callable[[Any, bool], E
         make(phase, True).step()
     examples = {name: make(phase, False) for name, phase in phases.items()}
     for name, phase in phases.items():
-        if phase is None:
+        if phase is None and name != "none":
             examples[name].certificate = "by construction"  # where none is chosen, too
     for _ in shown(range(steps), f"{what}, {len(examples)} runs in turns"):
         for example in examples.values():

@@ -11,12 +11,10 @@ import numpy as np
 
 import warp_bounding as wb
 from sims.assets import Shape
-from sims.report import UNPROVEN
-from warp_bounding.choice import Choice
+from sims.report import CHOSEN, UNPROVEN
 
-__all__ = ["CHOSEN", "Taken", "take"]
+__all__ = ["Taken", "take"]
 
-CHOSEN = "chosen"  # name of the row
 MOST = 100_000  # queries that are told: half of them are measured
 
 
@@ -28,7 +26,7 @@ class Taken:
         choices: By name of the shape.
     """
 
-    choices: dict[str, Choice] = field(default_factory=dict)
+    choices: dict[str, wb.Choice] = field(default_factory=dict)
 
     @property
     def bounders(self) -> dict[str, wb.Bounder | wb.DistanceBounder] | None:
@@ -60,7 +58,6 @@ def take(
     narrow_ns: float,
     query: str = "point",
     *,
-    distances: bool = False,
     device: str = "cpu",
     **options,
 ) -> Taken:
@@ -72,11 +69,10 @@ def take(
         asked: ``(Q, m)`` queries of each shape.
         narrow_ns: What a call of the narrow phase takes.
         query: Kind of query.
-        distances: Whether bounders of distances are asked the same queries.
         device: Warp device.
         options: More of what ``wb.choose`` takes.
     """
-    taken, kinds = Taken(), (query, *["distance"] * distances)
+    taken = Taken()
     for name, shape in shapes.items():
         x = asked[name]
         if len(x) > MOST:
@@ -84,7 +80,7 @@ def take(
         own = {
             method: found[name]
             for method, found in bounders.items()
-            if method not in UNPROVEN and found[name].query_kind in kinds
+            if method not in UNPROVEN and found[name].query_kind == query
         }
         taken.choices[name] = wb.choose(
             shape,

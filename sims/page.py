@@ -11,7 +11,7 @@ from pathlib import Path
 
 import warp_bounding as wb
 from sims import DEMOS
-from sims.report import UNPROVEN
+from sims.report import CHOSEN, UNPROVEN
 
 __all__ = ["page"]
 
@@ -57,7 +57,8 @@ def page(folder: Path) -> str:
         "states and edges that the run without a broad phase has and this one lacks. *FP %*: false positives among random",
         "queries, against the shape itself, dilated by what the narrow phase needs: the mesh, the moving mesh, or the world's",
         "grid. *Of cells*: the same against the cells of a mesh, for bounders that bound these. A `statistical` certificate is",
-        "no proof.",
+        "no proof. `chosen`: what `wb.choose` takes of the table's proven bounders, told what is asked in a run without a broad phase",
+        "and what a call of the narrow phase takes in it (the planner's by `wb.choose_among`).",
     ]
     for answer in answers:
         parts += ["", *_demo(answer)]
@@ -86,6 +87,7 @@ def _demo(answer: dict) -> list[str]:
         lines += [f"*{section}*", ""] if section else []
         lines += ["| broad phase | " + " | ".join(heads) + " | certificate | result |", "|---" * (len(heads) + 3) + "|"]
         lines += [_row(run, answer["steps"], extra, cells, run is runs[0]) for run in runs]
+        lines += ["", _choice(answer["chosen"][section], runs)] if section in answer.get("chosen", {}) else []
         lines.append("")
     if "field" in answer:
         lines += _field(answer["field"])
@@ -104,6 +106,15 @@ def _row(run: dict, steps: int, extra: list[str], cells_too: bool, first: bool) 
     cells += ["" if rate is None else f"{rate:.2f}" for rate in rates]
     cells += [run["certificate"] or "none", "identical" if run["identical"] else "differs"]
     return "| " + " | ".join(cells) + " |"
+
+
+def _choice(chosen: dict, runs: list[dict]) -> str:
+    """What ``choose`` has taken, and what that costs beside the best of the table."""
+    cost = {run["bounder"]: run["ms_broad"] + run["ms_narrow"] for run in runs if run["bounder"] not in UNPROVEN}
+    own = cost.pop(CHOSEN)
+    best = min(cost, key=cost.get)
+    told = sorted({f"{each['label']} at {each['narrow_ns']:.3g} ns a call" for each in chosen.values()})
+    return f"`chosen`: {', '.join(told)}; broad and narrow phase together {own:.2f} ms, {own / cost[best]:.2f} times those of {best}, the best of the table."
 
 
 def _field(rows: list[dict]) -> list[str]:

@@ -17,8 +17,9 @@ from rich.table import Table
 import warp_bounding as wb
 from sims.assets import Shape
 
-__all__ = ["UNPROVEN", "Run", "bounder_rows", "kept", "output", "result", "run_table", "shown", "verdict"]
+__all__ = ["CHOSEN", "UNPROVEN", "Run", "bounder_rows", "kept", "output", "result", "run_table", "shown", "verdict"]
 
+CHOSEN = "chosen"  # the row of what ``choose`` takes, beside the very bounder's own
 UNPROVEN = ("occupancy",)  # what is shown to go wrong; every other run must keep the promise
 SAMPLES = 400_000  # random queries of a rate of false positives
 WIDTH = 140  # columns of a line where standard output is no terminal
@@ -152,7 +153,7 @@ def kept(runs: list[Run]) -> bool:
 def verdict(runs: list[Run], what: str = "contacts") -> str:
     """A few sentences, with markup: what was kept, and what the unproven ones lost."""
     broken = [run for run in runs if run.conservative and (run.missed or not run.identical)]
-    proven = sum(run.certificate == "proven" for run in runs)
+    proven = sum(run.certificate == "proven" and run.bounder != CHOSEN for run in runs)  # which is one of the others
     lines = []
     if broken:
         names = ", ".join(_named(run) for run in broken)

@@ -47,6 +47,7 @@ __all__ = [
     "cascade",
     "certify",
     "choose",
+    "choose_among",
     "clear_segments",
     "compact",
     "device_of",
@@ -96,7 +97,7 @@ _HOMES = {
     "warp_bounding.proof": ("certify", "clear_segments", "proven_share"),
     "warp_bounding.evaluation": ("Rates", "evaluate"),
     "warp_bounding.training": ("fit", "hierarchy"),
-    "warp_bounding.choice": ("Choice", "choose"),
+    "warp_bounding.choice": ("Choice", "choose", "choose_among"),
     "warp_bounding.runtime.devices": ("device_of",),
     "warp_bounding.runtime.launch": ("launch_on_cores",),
 }

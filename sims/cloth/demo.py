@@ -10,12 +10,12 @@ import warp as wp
 import warp_bounding as wb
 from sims import base
 from sims.assets import Shape
-from sims.chosen import CHOSEN, Taken, take
+from sims.chosen import Taken, take
 from sims.cloth.example import Example, cloth_data, one_thread
 from sims.cloth.field import Field, field_table, run_field, sentences
 from sims.cloth.scene import SHAPES, SPECS, Scene, dilated
 from sims.drawing import Drawn, draw_with
-from sims.report import UNPROVEN, Run
+from sims.report import CHOSEN, UNPROVEN, Run
 
 __all__ = ["Demo", "simulate"]
 

@@ -16,7 +16,7 @@ from typing import Any
 import warp_bounding as wb
 from sims import base
 from sims.assets import Shape
-from sims.chosen import CHOSEN, Taken, take
+from sims.chosen import Taken, take
 from sims.drawing import Drawn, draw_with
 from sims.particles.bounds import bounds_data
 from sims.particles.broad import Everyone, MovingBox, OfMotion, OfSides
@@ -24,7 +24,7 @@ from sims.particles.due import WhenDue
 from sims.particles.example import CONTACT, CONTAINMENT, Example, rain_data
 from sims.particles.scene import RESOLUTION, Scene
 from sims.prefitted import FitSpec, bounders_of
-from sims.report import UNPROVEN, Run, bounder_rows
+from sims.report import CHOSEN, UNPROVEN, Run, bounder_rows
 
 __all__ = ["MOVING_BOX", "SPECS", "Demo", "shapes", "simulate"]
 

@@ -5,25 +5,25 @@ holds the world's digest, so that they are used again for the very same cells on
 """
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
 from rich.markup import escape
 
 import warp_bounding as wb
 from sims import base
-from sims.chosen import CHOSEN, Taken, take
+from sims.chosen import Taken
 from sims.drawing import Drawn
 from sims.path.exact import ExactWorld
 from sims.path.pictures import draw
 from sims.path.planner import Example
 from sims.path.report import described, price, solved
 from sims.path.worlds import World, generated, worlds_at
-from sims.planning.broad import Asked, Boxes, BroadPhase, First, Marching, Samples, Segments, TwoSided
+from sims.planning.broad import Boxes, BroadPhase, First, Marching, Samples, Segments, TwoSided
 from sims.planning.demo import PlanningDemo
 from sims.prefitted import FitSpec, bounders_of, owner, stored
-from sims.report import Run
+from sims.report import CHOSEN, UNPROVEN, Run
 
 __all__ = ["SPECS", "Demo", "phases", "run", "shapes", "simulate"]
 
@@ -43,7 +43,6 @@ SPECS: dict[str, FitSpec] = {
     "occupancy": FitSpec("occupancy", budget=30.0, options={"hidden": HIDDEN}),
 }
 SIDED = ("mlp", "bvh", "distance", "distance-grid")  # what is asked together with it, too
-BOXES = "bvh"  # of the run that tells ``choose`` what is asked
 BY_QUERY = {"point": Segments, "box": Boxes, "distance": Marching}  # how bounders with a proof clear states and edges
 CASCADE = "aabb+mlp"  # boxes first, then a network's segments: bounders of different queries, so the planner puts them together
 USERS_BUDGET = 20.0  # seconds a network, for a user's world
@@ -108,29 +107,26 @@ class Demo(PlanningDemo):
         runs, self.examples = [], []
         for world in self.worlds:
             bounders, section = self.of_shape(world.scene), world.name if len(self.worlds) > 1 else ""
-            taken = self.taken[world.name] = self.take(world)
-            found = {CHOSEN: None} if taken.bounders is None else {CHOSEN: taken.bounders[world.scene]}
-            examples = simulate(world, bounders | found, repeats=REPEATS[self.quick], **options)
-            own = {name: {world.scene: bounder} for name, bounder in bounders.items()} | {CHOSEN: taken.bounders or {}}
+            broad = phases(bounders, world)
+            taken = self.taken[world.name] = self.take(world, broad)
+            label = taken.choices[world.scene].label
+            more = {CHOSEN: broad.get(label)}
+            examples = simulate(world, bounders, more=more, repeats=REPEATS[self.quick], **options)
+            own = {name: {world.scene: bounder} for name, bounder in bounders.items()}
+            own[CHOSEN] = {part: bounders[part] for part in label.split("+") if part in bounders}
             rows = self.rows[world.scene]
             runs += base.compare(examples, own, rows + taken.rows(rows, world.scene), section)
             self.examples.append(examples)
         about = f"{self.states:,} random states and {examples['none'].neighbours} neighbours each"
         return runs, f"{about}: exact checks of states and edges", self.COLUMNS if self.console.width >= WIDE else {}
 
-    def take(self, world: World) -> Taken:
-        """What ``choose`` takes for a world: told the boxes of states and of pieces of edges that a planner asks, and what they spare."""
-        bounders, exact = self.of_shape(world.scene), ExactWorld(world.grid, self.device or "cpu")
-        asked = Asked(bounders[BOXES])
-        options = {"states": self.states, "problems": self.problems, "seed": self.seed}
-        runs = [Example(world, phase, exact=exact, **options) for phase in (None, Boxes(asked))]
-        for run in runs:
-            run.step()
-        boxes = np.concatenate(asked.kept)
-        price = 1e9 * runs[0].seconds[0][1] / len(boxes)
-        own = {name: {world.scene: bounder} for name, bounder in bounders.items() if name != INSIDE}
-        shapes, device = {world.scene: world.grid}, self.device or "cpu"
-        return take(shapes, own, {world.scene: boxes}, price, "box", distances=True, device=device)
+    def take(self, world: World, broad: dict[str, BroadPhase]) -> Taken:
+        """What is the cheapest in a world, told the states and edges of a run without a broad phase, and what a check takes in it."""
+        exact = ExactWorld(world.grid, self.device or "cpu")
+        run = Example(world, exact=exact, states=self.states, problems=self.problems, seed=self.seed)
+        run.step()
+        asked = {name: partial(run.left_by, phase) for name, phase in broad.items() if name not in UNPROVEN}
+        return Taken({world.scene: wb.choose_among(asked, run.checks, narrow_ns=1e9 * run.seconds[0][1] / run.checks)})
 
     def tell(self, runs: list[Run]) -> None:
         """What collides, what is saved, what is solved, and whether it pays."""
@@ -157,15 +153,13 @@ class Demo(PlanningDemo):
 run = Demo.run
 
 
-def phases(bounders: dict[str, wb.Bounder | None], world: World) -> dict[str, BroadPhase | None]:
+def phases(bounders: dict[str, wb.Bounder], world: World) -> dict[str, BroadPhase]:
     """The broad phases of a world's bounders, their cascade, and both sides together."""
     made: dict[str, BroadPhase] = {}
     for name, bounder in bounders.items():
         if name == INSIDE:
             continue  # by itself it clears nothing
-        if bounder is None:
-            made[name] = None
-        elif not bounder.conservative:
+        if not bounder.conservative:
             made[name] = Samples(bounder, world.grid.cells_per_unit)
         else:
             made[name] = BY_QUERY[bounder.query_kind](bounder)
@@ -180,20 +174,28 @@ def phases(bounders: dict[str, wb.Bounder | None], world: World) -> dict[str, Br
 
 
 def simulate(
-    world: World, bounders: dict[str, wb.Bounder], *, repeats: int = 1, device: str = "cpu", **options
+    world: World,
+    bounders: dict[str, wb.Bounder],
+    *,
+    more: dict[str, BroadPhase | None] | None = None,
+    repeats: int = 1,
+    device: str = "cpu",
+    **options,
 ) -> dict[str, Example]:
     """The same problems without a broad phase and with each; see ``sims.base.simulate``.
 
     Args:
         world: Where.
         bounders: By name.
+        more: Broad phases beside these.
         repeats: How often each run is done, for its time.
         device: Warp device.
         options: Of ``Example``.
     """
-    exact = ExactWorld(world.grid, device)
+    exact, broad = ExactWorld(world.grid, device), phases(bounders, world) | (more or {})
+    broad = dict(sorted(broad.items(), key=lambda run: run[0] in UNPROVEN))  # what has no proof comes last
 
     def planned(phase: BroadPhase | None, small: bool) -> Example:
         return Example(world, phase, exact=exact, **options | ({"states": WARM_UP, "problems": 1} if small else {}))
 
-    return base.simulate(f"planning in {world.name}", phases(bounders, world), planned, repeats)
+    return base.simulate(f"planning in {world.name}", broad, planned, repeats)

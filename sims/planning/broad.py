@@ -24,7 +24,6 @@ __all__ = [
     "FREE",
     "HIT",
     "MAYBE",
-    "Asked",
     "Boxes",
     "BroadPhase",
     "Every",
@@ -149,25 +148,6 @@ class Boxes(BroadPhase):
 
     def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
         return clear_by_boxes(self.bounder, starts, ends)
-
-
-class Asked:
-    """A bounder that keeps what it is asked.
-
-    Attributes:
-        kept: A call each, ``(K, m)`` float32.
-    """
-
-    def __init__(self, bounder: wb.Bounder):
-        self._bounder, self.kept = bounder, []
-
-    def __getattr__(self, name: str):
-        return getattr(self._bounder, name)
-
-    def query(self, x: np.ndarray) -> wp.array:
-        """As of the bounder."""
-        self.kept.append(np.asarray(x, dtype=np.float32))
-        return self._bounder.query(x)
 
 
 class Segments(_OfPoints):

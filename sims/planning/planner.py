@@ -152,6 +152,14 @@ class Planner(base.Example):
         self._batches.append(_Batch(starts, starts if ends is None else ends, answers))
         return free
 
+    def left_by(self, broad: BroadPhase) -> np.ndarray:
+        """``(K,)`` bool: which states and edges of the last ``step`` a broad phase leaves to exact checks."""
+        answers = []
+        for batch in self._batches:
+            ends = None if batch.ends is batch.starts else batch.ends
+            answers.append(broad.classify(batch.starts, ends))
+        return np.concatenate(answers) == MAYBE
+
     def found(self) -> list[bytes]:
         """Lengths and paths, as a part of ``state``."""
         paths = [b"none" if path is None else path.tobytes() for path in self.paths]

@@ -21,10 +21,10 @@ import numpy as np
 import warp_bounding as wb
 from sims import base
 from sims.assets import Shape
-from sims.chosen import CHOSEN, Taken, take
+from sims.chosen import Taken, take
 from sims.drawing import Drawn
 from sims.prefitted import FitSpec, bounded
-from sims.report import UNPROVEN, Run
+from sims.report import CHOSEN, UNPROVEN, Run
 from sims.shadows.example import Example
 from sims.shadows.pictures import OVERSAMPLING, draw
 from sims.shadows.scene import LENGTH, RESOLUTION, SCENES, Scene, margin_of
@@ -104,7 +104,7 @@ class Demo(base.Demo):
             run.step()
         price = 1e9 * sum(spent[1] for spent in run.seconds) / sum(run.calls)
         rays = np.concatenate([run.cast(sun)[1].numpy() for sun in run.suns])
-        shapes = {name: bounded(SPECS["mlp"], shape) for name, shape in self.shapes.items()}
+        shapes = {name: bounded(next(iter(self.specs.values())), shape) for name, shape in self.shapes.items()}
         asked, device = dict.fromkeys(shapes, rays), str(self.scene.device)
         return take(shapes, self.bounders, asked, price, "ray", length=LENGTH, device=device)
 

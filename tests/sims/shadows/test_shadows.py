@@ -264,7 +264,8 @@ def test_the_whole_demo(tmp_path, monkeypatch, capsys):
     assert result["demo"] == "shadows"
     assert result["steps"] == 2
     runs = {row["bounder"]: row for row in result["runs"]}
-    assert list(runs) == ["none", *specs]
+    assert list(runs) == ["none", *(name for name in specs if name != "occupancy"), "chosen", "occupancy"]
+    assert set(result["chosen"][""]) == set(result["bounders"])
     assert all(runs[name]["certificate"] == "proven" for name in specs if name != "occupancy")
     assert runs["occupancy"]["certificate"] == ""
     assert runs["none"]["narrow_calls"] == 2 * result["rays"]
