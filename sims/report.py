@@ -176,5 +176,6 @@ def _named(run: Run) -> str:
 def result(demo: str, shape: str, steps: int, runs: list[Run], pictures: list, **more) -> dict:
     """What a demo returns, JSON-ready; ``identical`` is ``kept``: of the conservative runs."""
     head = {"demo": demo, "shape": shape, "steps": steps, "runs": [run.to_dict() for run in runs]}
-    head["machine"] = f"Python {platform.python_version()}, Warp {wp.__version__}, {os.cpu_count()} cores"
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    head["machine"] = f"Python {platform.python_version()}, Warp {wp.__version__}, {cores} cores"
     return head | {"identical": kept(runs), "pictures": [str(p) for p in pictures]} | more
