@@ -43,11 +43,11 @@ def ball(cells: int = 32) -> IndicatorGrid:
     return IndicatorGrid(sum(np.meshgrid(axis**2, axis**2, axis**2)) < 0.6, name="ball")
 
 
-def network(domain: Domain, activation: str):
+def network(domain: Domain, activation: str, hidden: tuple[int, ...] = HIDDEN):
     """A bounder with random weights of the usual size, and the same network as a torch module in object coordinates."""
-    trained = TrainableNetwork(3, HIDDEN, activation)
+    trained = TrainableNetwork(3, hidden, activation)
     trained.initialise(20.0 if activation == "sin" else 3.0, 3.0, torch.Generator().manual_seed(0))
-    sizes = {"hidden": list(HIDDEN), "activation": activation, "octaves": 0}
+    sizes = {"hidden": list(hidden), "activation": activation, "octaves": 0}
     bounder = METHODS["mlp"](domain, trained.tensors(), sizes, "cpu").freeze(0.0, None)
     modules = []
     for index, layer in enumerate(trained.layers):

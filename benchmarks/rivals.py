@@ -1,0 +1,306 @@
+"""Speed of what is asked most, beside what users have already: `python benchmarks/rivals.py --out results/speed/rivals`.
+
+Points around the bunny, dilated: networks, boxes in a tree, cells, against torch, Warp's tree over the very same boxes (``wp.Bvh``) and Warp's query of the closest point on the mesh
+within the margin, which is exact. Rays: against Warp's rays, its tree, and trimesh with Embree. Pairs: the cull of Newton's contact pass, one thread.
+
+In each round every contestant of a group is timed once, in turn; ratios are taken within a round, and the median is told. The floor of a network is its multiply-adds: how many, and what they
+would take at the rate of a large product of float32 matrices (torch), on the same cores, in the same rounds.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import torch
+import trimesh
+import warp as wp
+from inference import CHUNKS, chunked, in_kernel, network
+from shared.kept_rows import KeptRows
+from shared.racing import race
+
+import warp_bounding as wb
+from sims.assets import asset_mesh, surface
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.runtime.launch import cpu_threads
+
+MARGIN, LENGTH = 0.012, 3.0  # object units; rays end outside of the object, as Embree's do
+NETWORKS = ((24, 24), (50, 50))
+LEAVES = (64, 256)
+ONE_CORE = "one core"
+PRODUCT = 1024  # rows and columns of the matrices whose product is the rate of multiply-adds
+Calls = dict[str, Callable]
+
+
+@wp.kernel(enable_backward=False)
+def _in_boxes(first: int, boxes: wp.uint64, x: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.uint8)):
+    i = first + wp.tid()
+    query = wp.bvh_query_aabb(boxes, x[i], x[i])
+    found = int(0)  # noqa: UP018, RUF046  a variable of the kernel
+    out[i] = wp.uint8(0)
+    if wp.bvh_query_next(query, found):
+        out[i] = wp.uint8(1)
+
+
+@wp.kernel(enable_backward=False)
+def _ray_in_boxes(
+    first: int, boxes: wp.uint64, length: float, rays: wp.array2d(dtype=float), out: wp.array(dtype=wp.uint8)
+):
+    i = first + wp.tid()
+    origin, way = wp.vec3(rays[i, 0], rays[i, 1], rays[i, 2]), wp.vec3(rays[i, 3], rays[i, 4], rays[i, 5])
+    query = wp.bvh_query_ray(boxes, origin, way)
+    found = int(0)  # noqa: UP018, RUF046  a variable of the kernel
+    out[i] = wp.uint8(0)
+    if wp.bvh_query_next(query, found, length):
+        out[i] = wp.uint8(1)
+
+
+@wp.kernel(enable_backward=False)
+def _near_mesh(first: int, mesh: wp.uint64, margin: float, x: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.uint8)):
+    i = first + wp.tid()
+    query = wp.mesh_query_point_sign_normal(mesh, x[i], margin)
+    out[i] = wp.uint8(0)
+    if query.result:
+        out[i] = wp.uint8(1)
+
+
+@wp.kernel(enable_backward=False)
+def _ray_on_mesh(
+    first: int, mesh: wp.uint64, length: float, rays: wp.array2d(dtype=float), out: wp.array(dtype=wp.uint8)
+):
+    i = first + wp.tid()
+    origin, way = wp.vec3(rays[i, 0], rays[i, 1], rays[i, 2]), wp.vec3(rays[i, 3], rays[i, 4], rays[i, 5])
+    out[i] = wp.uint8(0)
+    if wp.mesh_query_ray_anyhit(mesh, origin, way, length):
+        out[i] = wp.uint8(1)
+
+
+def tree_of(bounder: wb.Bounder) -> wp.Bvh:
+    """Warp's tree over the leaf boxes of a ``bvh``."""
+    past = bounder.tensors["past"].astype(np.int64)
+    leaf = past == np.arange(len(past)) + 1
+    corners = [bounder.domain.base.to_object(bounder.tensors[name][leaf]) for name in ("low", "high")]
+    return wp.Bvh(*(wp.array(x.astype(np.float32), dtype=wp.vec3, device="cpu") for x in corners))
+
+
+def of_all_cores(kernel: wp.Kernel, count: int, inputs: list, out: wp.array) -> Callable:
+    """A launch of a kernel on all cores."""
+    return lambda: wb.launch_on_cores(kernel, count, inputs, [out], "cpu")
+
+
+def rate() -> tuple[Callable, int]:
+    """A product of matrices, and its multiply-adds."""
+    a, b = torch.rand(PRODUCT, PRODUCT), torch.rand(PRODUCT, PRODUCT)
+    return (lambda: torch.mm(a, b)), PRODUCT**3
+
+
+def points(count: int) -> tuple[Calls, dict[str, dict]]:
+    """Contestants, and what is known of them."""
+    mesh = asset_mesh("bunny").dilated(MARGIN)
+    low, high = mesh.sample_lower, mesh.sample_upper
+    x = np.random.default_rng(0).uniform(low, high, (count, 3)).astype(np.float32)
+    array, tensor = wp.array(x, dtype=wp.vec3, device="cpu"), torch.from_numpy(x)
+    calls, known = {}, {}
+    for widths in NETWORKS:
+        label = "mlp " + "-".join(map(str, widths))
+        # random weights, which take as long as any; the domain holds all points, so that each is asked
+        bounder, module = network(Domain.of(wb.solids.Box(low, high)), "sin", widths)
+        sizes = (3, *widths, 1)
+        adds = sum(a * b for a, b in pairwise(sizes))
+        best = min(CHUNKS, key=lambda size: min(np.median(race({"": chunked(module, tensor, size)}, 3)[""], axis=0)))
+        out = wp.empty(count, dtype=wp.uint8, device="cpu")
+        calls[label] = bounder.prepare(array, out=out).launch
+        calls[f"{label}, candidates"] = bounder.prepare(array, candidates=True).launch
+        calls[f"{label}, function, {ONE_CORE}"] = in_kernel(bounder, array, out)
+        calls[f"{label}, torch"] = chunked(module, tensor, best)
+        for name in (label, f"{label}, function, {ONE_CORE}", f"{label}, candidates"):
+            known[name] = {"of": label, "multiply_adds": adds, "one_core": ONE_CORE in name}
+        known[f"{label}, torch"] = {"of": label, "chunk": best}
+    for leaves in LEAVES:
+        bounder, out = (
+            wb.fit(asset_mesh("bunny"), method="bvh", leaves=leaves, margin=MARGIN, device="cpu"),
+            wp.empty(count, dtype=wp.uint8, device="cpu"),
+        )
+        tree, own, label = tree_of(bounder), wp.empty(count, dtype=wp.uint8, device="cpu"), f"bvh {leaves}"
+        calls[label] = bounder.prepare(array, out=out).launch
+        calls[f"{label}, wp.Bvh of the same boxes"] = of_all_cores(_in_boxes, count, [tree.id, array], own)
+        known[label] = known[f"{label}, wp.Bvh of the same boxes"] = {"of": label}
+        calls[label](), calls[f"{label}, wp.Bvh of the same boxes"]()
+        assert (out.numpy() != own.numpy()).mean() < 1e-4, "the trees differ"  # by more than by how corners are rounded
+        known[label] = {"of": label, "tree": tree}
+    for label, method, options in (("kdop", "kdop", {}), ("voxels 32", "voxels", {"resolution": 32})):
+        bounder = wb.fit(asset_mesh("bunny"), method=method, margin=MARGIN, device="cpu", **options)
+        calls[label], known[label] = bounder.prepare(array).launch, {"of": label}
+    plain = asset_mesh("bunny")
+    triangles, out = surface(plain.vertices, plain.faces, "cpu"), wp.empty(count, dtype=wp.uint8, device="cpu")
+    label = "wp.mesh_query_point, exact"
+    calls[label], known[label] = (
+        of_all_cores(_near_mesh, count, [triangles.id, MARGIN, array], out),
+        {"of": "mlp 24-24", "tree": triangles},
+    )
+    return calls, known
+
+
+def rays(count: int) -> tuple[Calls, dict[str, dict]]:
+    """Contestants, and what is known of them."""
+    mesh = asset_mesh("bunny")
+    rng, low, high = np.random.default_rng(1), mesh.sample_lower, mesh.sample_upper
+    way = rng.normal(size=(count, 3))
+    x = np.concatenate([rng.uniform(low, high, (count, 3)), way / np.linalg.norm(way, axis=1)[:, None]], axis=1).astype(
+        np.float32
+    )
+    array = wp.array(x, dtype=wp.float32, device="cpu")
+    calls, known = {}, {}
+    for label, method, options in (
+        ("kdop", "kdop", {}),
+        ("bvh 64", "bvh", {"leaves": 64}),
+        ("bvh 256", "bvh", {"leaves": 256}),
+        ("mlp 50-50", "mlp", {"hidden": (50, 50), "steps": 20}),
+    ):
+        bounder, out = (
+            wb.fit(mesh, "ray", method, length=LENGTH, resolution=32, device="cpu", progress=False, **options),
+            wp.empty(count, dtype=wp.uint8, device="cpu"),
+        )
+        calls[label], known[label] = bounder.prepare(array, out=out).launch, {"of": label}
+        if method == "bvh":
+            tree, name = tree_of(bounder), f"{label}, wp.Bvh of the same boxes"
+            calls[name], known[name] = (
+                of_all_cores(
+                    _ray_in_boxes, count, [tree.id, LENGTH, array], wp.empty(count, dtype=wp.uint8, device="cpu")
+                ),
+                {"of": label, "tree": tree},
+            )
+    triangles = surface(mesh.vertices, mesh.faces, "cpu")
+    label = "wp.mesh_query_ray_anyhit, exact"
+    calls[label] = of_all_cores(
+        _ray_on_mesh, count, [triangles.id, LENGTH, array], wp.empty(count, dtype=wp.uint8, device="cpu")
+    )
+    known[label] = {"of": "bvh 64", "tree": triangles}
+    embree = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).ray
+    if "embree" in type(embree).__module__:
+        label = f"trimesh with Embree, exact, {ONE_CORE}"
+        calls[label], known[label] = (
+            lambda: embree.intersects_any(x[:, :3], x[:, 3:]),
+            {"of": "bvh 64", "one_core": True},
+        )
+    return calls, known
+
+
+def pairs() -> tuple[Calls, dict[str, dict], int]:
+    """Newton's contact pass without and with a cull, and the cull alone; one thread."""
+    import newton
+
+    from sims.cloth.example import one_thread
+    from sims.cloth.field import GAPS, Field
+    from sims.cloth.scene import SHAPES, SPECS, dilated
+    from sims.prefitted import fitted
+    from warp_bounding.newton import ParticleCull
+
+    field, found = (
+        Field(),
+        fitted(
+            {name: dilated(name) for name in SHAPES},
+            {name: SPECS[name] for name in ("aabb", "mlp", "distance")},
+            scenes="cloth-",
+            device="cpu",
+        ),
+    )
+    pipeline = newton.CollisionPipeline(field.model, soft_contact_gap=min(GAPS))
+    state, contacts = field.model.state(), pipeline.contacts()
+
+    def alone(call: Callable) -> Callable:
+        def run():
+            with one_thread():
+                return call()
+
+        return run
+
+    calls, known = {}, {}
+    for name, of_shape in found.items():
+        cull = ParticleCull(pipeline, {index: of_shape[shape] for index, shape in field.shapes.items()})
+        calls[f"cull, {name}"] = alone(lambda cull=cull: cull.candidates(state))
+        calls[f"pass with {name}"] = alone(lambda cull=cull: cull.collide(state, contacts))
+        known |= {label: {"of": "cull, aabb", "one_core": True} for label in (f"cull, {name}", f"pass with {name}")}
+    calls["Newton's pass"] = alone(lambda: pipeline.collide(state, contacts))
+    known["Newton's pass"] = {"of": "cull, aabb", "one_core": True}
+    return calls, known, len(pipeline.soft_rigid_contact_pairs)
+
+
+def measured(group: str, calls: Calls, known: dict[str, dict], count: int, rounds: int) -> list[dict]:
+    """Rows of a group."""
+    product, adds = rate()
+    times = {name: found[:, 0] for name, found in race(calls | {"": product}, rounds).items()}
+    rows = []
+    for name, about in known.items():
+        row = {
+            "group": group,
+            "contestant": name,
+            "of": about["of"],
+            "count": count,
+            "ns": 1e9 * float(np.median(times[name])) / count,
+        }
+        row["times"] = float(np.median(times[name] / times[about["of"]]))
+        if "multiply_adds" in about:
+            cores = cpu_threads() if about["one_core"] else 1
+            row["floor_ns"] = 1e9 * float(np.median(times[""])) / adds * about["multiply_adds"] * cores
+            row["multiply_adds"] = about["multiply_adds"]
+        rows.append(row)
+    return rows
+
+
+def page(kept: KeptRows, command: str) -> str:
+    """The page, in Markdown."""
+    lines = [
+        "# What is asked most, beside what users have already",
+        "",
+        f"`{command}`",
+        "",
+        f"{kept.about}. {trimesh.__name__} {trimesh.__version__}, torch {torch.__version__}.",
+        "",
+    ]
+    lines += [line.strip() for line in __doc__.strip().splitlines()[2:]]
+    for group in dict.fromkeys(row["group"] for row in kept.rows):
+        rows = [row for row in kept.rows if row["group"] == group]
+        lines += [
+            "",
+            f"## {group}",
+            "",
+            f"{rows[0]['count']:,} at a time.",
+            "",
+            "| | ns | times | of | multiply-adds | floor, ns |",
+            "|---|---|---|---|---|---|",
+        ]
+        for row in rows:
+            floor = f"{row['multiply_adds']:,} | {row['floor_ns']:.2f}" if "floor_ns" in row else " | "
+            lines.append(f"| {row['contestant']} | {row['ns']:.2f} | {row['times']:.2f} | {row['of']} | {floor} |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> int:
+    """Measure what is missing, then write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("results/speed/rivals"))
+    parser.add_argument("--count", type=int, default=1_000_000)
+    parser.add_argument("--rounds", type=int, default=15)
+    options = parser.parse_args()
+    wp.config.quiet = True
+    torch.set_num_threads(cpu_threads())
+    torch.set_grad_enabled(False)
+    kept = KeptRows(options.out, "rivals")
+    groups = {
+        "points": lambda: (*points(options.count), options.count),
+        "rays": lambda: (*rays(options.count), options.count),
+        "pairs of Newton": pairs,
+    }
+    for group, made in groups.items():
+        if not kept.have(group=group):
+            for row in measured(group, *made(), options.rounds):
+                kept.add(row)
+    kept.write(page(kept, "python benchmarks/rivals.py --out results/speed/rivals"))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
