@@ -3,7 +3,7 @@
 Points around the bunny, dilated: networks, boxes in a tree, cells, against torch, Warp's tree over the very same boxes (``wp.Bvh``) and Warp's query of the closest point on the mesh
 within the margin, which is exact. Rays: against Warp's rays, its tree, and trimesh with Embree. Pairs: the cull of Newton's contact pass, one thread.
 
-In each round every contestant of a group is timed once, in turn; ratios are taken within a round, and the median is told. The floor of a network is its multiply-adds: how many, and what they
+In each round every contestant of a group is timed once, in turn, after a pause; ratios are taken within a round, and the median is told. The floor of a network is its multiply-adds: how many, and what they
 would take at the rate of a large product of float32 matrices (torch), on the same cores, in the same rounds.
 """
 
@@ -30,6 +30,7 @@ MARGIN, LENGTH = 0.012, 3.0  # object units; rays end outside of the object, as 
 NETWORKS = ((24, 24), (50, 50))
 LEAVES = (64, 256)
 ONE_CORE = "one core"
+PAUSE = 0.02  # seconds; torch's threads wait busily after their work, and would be in the way of the next one
 PRODUCT = 1024  # rows and columns of the matrices whose product is the rate of multiply-adds
 Calls = dict[str, Callable]
 
@@ -231,7 +232,7 @@ def pairs() -> tuple[Calls, dict[str, dict], int]:
 def measured(group: str, calls: Calls, known: dict[str, dict], count: int, rounds: int) -> list[dict]:
     """Rows of a group."""
     product, adds = rate()
-    times = {name: found[:, 0] for name, found in race(calls | {"": product}, rounds).items()}
+    times = {name: found[:, 0] for name, found in race(calls | {"": product}, rounds, pause=PAUSE).items()}
     rows = []
     for name, about in known.items():
         row = {

@@ -19,13 +19,19 @@ def clock(function: Callable) -> tuple[float, float]:
     return time.perf_counter() - start, time.process_time() - busy
 
 
-def race(contestants: dict[str, Callable], rounds: int, measure: Callable = clock) -> dict[str, np.ndarray]:
-    """What ``measure`` says of every contestant in every round, ``(rounds, ...)``, after one warm-up."""
+def race(
+    contestants: dict[str, Callable], rounds: int, measure: Callable = clock, pause: float = 0.0
+) -> dict[str, np.ndarray]:
+    """What ``measure`` says of every contestant in every round, ``(rounds, ...)``, after one warm-up.
+
+    Between them is a pause, in seconds, where one leaves threads behind that wait busily, as torch's do for some milliseconds.
+    """
     for function in contestants.values():
         function()
     times = {name: [] for name in contestants}
     for _ in range(rounds):
         for name, function in contestants.items():
+            time.sleep(pause)
             times[name].append(measure(function))
     return {name: np.array(values) for name, values in times.items()}
 
