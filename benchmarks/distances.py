@@ -1,17 +1,22 @@
 """Distances of a mesh: bytes, false positives of points at several radii and of segments, evaluations a segment, ns a point and a segment, in lanes and one by one.
 
-Run from the repository: ``python benchmarks/distances.py``. The mesh is the bunny that comes with Warp; lengths are shares of half its longest side.
+Run from the repository: ``python benchmarks/distances.py --out results/distances``. The mesh is the bunny that comes with Warp; lengths are shares of half its longest side.
 All times are medians of runs that take turns. Truth is the mesh itself. The last rows are Warp's own exact queries of the mesh, in a kernel on one core as the last column.
 """
 
+import argparse
 import os
+import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import warp as wp
+from shared.kept_rows import KeptRows
+from shared.racing import race
 
 import warp_bounding as wb
+from sims.assets import asset_mesh, surface
 from warp_bounding.indicators.shape import IN, OUT
 from warp_bounding.kernels.distances.batch import march_kernel
 
@@ -90,68 +95,108 @@ def evaluations(bounder: wb.DistanceBounder, a: np.ndarray, b: np.ndarray) -> fl
     return total / len(a)
 
 
-def main() -> None:
-    wp.config.quiet = True
-    wp.init()
-    shape = wb.load_indicator(str(next(Path(wp.__file__).parent.rglob("bunny.usd"))))
-    size, rng = float(shape.extent.max()), np.random.default_rng(0)
-    lower, upper = shape.lower - 0.1 * size, shape.upper + 0.1 * size
-    x = rng.uniform(lower, upper, (POINTS, 3)).astype(np.float32)
-    away, started = shape.distances(x)[:, 0], time.perf_counter()
-    near = (shape.points(POINTS, rng) + rng.normal(size=(POINTS, 3)) * 0.02 * size).astype(np.float32)
-    shape.distances(near)
-    print(f"labels near the mesh: {POINTS / (time.perf_counter() - started) / 1e6:.2f} million a second")
-    a = rng.uniform(lower, upper, (SEGMENTS, 3)).astype(np.float32)
-    d = rng.normal(size=a.shape)
-    b = (a + d / np.linalg.norm(d, axis=1, keepdims=True) * size / 2).astype(np.float32)
-    truth = shape.decide_segments(a.astype(np.float64), b.astype(np.float64))
-    print(
-        "| method | bytes | "
-        + " | ".join(f"FP % at {r}" for r in RADII)
-        + " | segments | evaluations | ns a point | ns a segment | one by one | ns a point in a kernel, one core |"
-    )
-    print("|---" * (len(RADII) + 8) + "|")
-    points, found = wp.array(x, dtype=wp.vec3, device="cpu"), wp.empty(POINTS, dtype=float, device="cpu")
-    for method, options in METHODS:
-        bounder = wb.fit(shape, "distance", method, device="cpu", progress=False, **options)
-        g = bounder.distance(x).numpy()
-        rates = [100 * ((g <= r * size / 2) & (away > r * size / 2)).mean() for r in RADII]
-        maybe = bounder.segments(a, b)[0].numpy()
-        assert not ((maybe == 0) & (truth == IN)).any()
+class Asked:
+    """The mesh, and what all bounders of its distance are asked."""
+
+    def __init__(self):
+        self.shape, rng = asset_mesh("bunny"), np.random.default_rng(0)
+        self.size = float(self.shape.extent.max())
+        lower, upper = self.shape.lower - 0.1 * self.size, self.shape.upper + 0.1 * self.size
+        self.x = rng.uniform(lower, upper, (POINTS, 3)).astype(np.float32)
+        self.away = self.shape.distances(self.x)[:, 0]
+        self.a = rng.uniform(lower, upper, (SEGMENTS, 3)).astype(np.float32)
+        d = rng.normal(size=self.a.shape)
+        self.b = (self.a + d / np.linalg.norm(d, axis=1, keepdims=True) * self.size / 2).astype(np.float32)
+        self.truth = self.shape.decide_segments(self.a.astype(np.float64), self.b.astype(np.float64))
+        self.points = wp.array(self.x, dtype=wp.vec3, device="cpu")
+        self.found = wp.empty(POINTS, dtype=float, device="cpu")
+
+    def row(self, label: str, bounder: wb.DistanceBounder) -> dict:
+        """What a bounder answers, and what it takes."""
+        g, maybe = bounder.distance(self.x).numpy(), bounder.segments(self.a, self.b)[0].numpy()
+        assert not ((maybe == 0) & (self.truth == IN)).any()
+        assert (g <= self.away).all()
+        half = self.size / 2
         kernel = march_kernel(bounder.source, True, False)
-        flat = [wp.array(part.ravel(), dtype=float, device="cpu") for part in (a, b)]
+        flat = [wp.array(part.ravel(), dtype=float, device="cpu") for part in (self.a, self.b)]
         out = [wp.empty(SEGMENTS, dtype=kind, device="cpu") for kind in (wp.uint8, wp.float32)]
         zero = wp.zeros(1, dtype=float, device="cpu")
 
-        def alone(bounder=bounder, kernel=kernel, flat=flat, zero=zero, out=out) -> None:
+        def alone() -> None:
             wb.launch_on_cores(kernel, SEGMENTS, [bounder.data, *flat, zero, 0, zero, 0, STEPS], out, "cpu")
 
-        ways = (lambda: bounder.distance(x), lambda: bounder.segments(a, b), alone)  # noqa: B023 (called here)
-        taken = [[] for _ in ways]
-        for _ in range(ROUNDS):
-            for way, times in zip(ways, taken, strict=True):
-                begun = time.perf_counter()
-                way()
-                times.append(time.perf_counter() - begun)
-        point, lanes, one = (np.median(times) for times in taken)
-        told = ", ".join(f"{key} {value}" for key, value in options.items() if key != "budget")
-        numbers = [f"{rate:.2f}" for rate in rates] + [f"{100 * ((maybe == 1) & (truth == OUT)).mean():.2f}"]
-        numbers += [f"{evaluations(bounder, a, b):.1f}"]
-        numbers += [f"{point / POINTS * 1e9:.0f}", f"{lanes / SEGMENTS * 1e9:.0f}", f"{one / SEGMENTS * 1e9:.0f}"]
-        numbers += [f"{on_one_core(asking(bounder), [bounder.data, points], found):.0f}"]
-        print(f"| {method} {told} | {bounder.nbytes:,} | {' | '.join(numbers)} |", flush=True)
-    held = 12 * (len(shape.vertices) + len(shape.faces))
-    corners, faces = (
-        wp.array(shape.vertices, dtype=wp.vec3, device="cpu"),
-        wp.array(shape.faces.ravel(), dtype=int, device="cpu"),
-    )
-    mesh = wp.Mesh(points=corners, indices=faces)
-    for name, kernel in EXACT.items():
-        nothing = "| " * (len(RADII) + 6)
-        print(
-            f"| {name}, exact | {held:,} and its tree {nothing}| {on_one_core(kernel, [mesh.id, points], found):.0f} |"
-        )
+        ways = {
+            "ns_point": (lambda: bounder.distance(self.x), POINTS),
+            "ns_segment": (lambda: bounder.segments(self.a, self.b), SEGMENTS),
+            "ns_segment_alone": (alone, SEGMENTS),
+        }
+        times = race({name: way for name, (way, _) in ways.items()}, ROUNDS)
+        row = {"label": label, "bytes": bounder.nbytes, "certificate": bounder.certificate.kind}
+        row["rates"] = [100 * float(((g <= r * half) & (self.away > r * half)).mean()) for r in RADII]
+        row["segments"] = 100 * float(((maybe == 1) & (self.truth == OUT)).mean())
+        row["evaluations"] = evaluations(bounder, self.a, self.b)
+        row |= {name: 1e9 * float(np.median(times[name][:, 0])) / count for name, (_, count) in ways.items()}
+        row["ns_kernel"] = on_one_core(asking(bounder), [bounder.data, self.points], self.found)
+        return row
+
+    def exact(self, label: str, kernel: wp.Kernel) -> dict:
+        """Warp's own query of the mesh."""
+        mesh = surface(self.shape.vertices, self.shape.faces, "cpu")
+        held = 12 * (len(self.shape.vertices) + len(self.shape.faces))
+        ns = on_one_core(kernel, [mesh.id, self.points], self.found)
+        return {"label": label, "bytes": held, "certificate": "exact", "ns_kernel": ns}
+
+
+def page(kept: KeptRows, command: str) -> str:
+    """The page, in Markdown."""
+    lines = ["# Distances to a mesh that are never too large", "", f"`{command}`", "", f"{kept.about}.", ""]
+    lines += [
+        "The bunny. *FP % at r*: of random points in and around its box, those that may be within r, a share of half its longest side, and are not. *Segments*: of random ones of that half length, those that",
+        f"are marched along in at most {STEPS} steps, not cleared, and meet nothing; *evaluations*: of the distance, a segment. Nanoseconds on all cores, *one by one* without lanes; *kernel*: a point in a kernel of one's own, one core.",
+        "The last rows are Warp's own exact queries of the mesh, bytes without their tree. No bound was above the distance, and no segment that meets the mesh was cleared.",
+        "",
+        "| | bytes | "
+        + " | ".join(f"FP % at {r:g}" for r in RADII)
+        + " | segments % | evaluations | ns a point | ns a segment | one by one | kernel, ns | certificate |",
+        "|---" * (len(RADII) + 9) + "|",
+    ]
+    for row in kept.rows:
+        if "rates" not in row:
+            lines.append(
+                f"| {row['label']} | {row['bytes']:,} "
+                + "| " * (len(RADII) + 5)
+                + f"| {row['ns_kernel']:.0f} | {row['certificate']} |"
+            )
+            continue
+        cells = [*(f"{rate:.2f}" for rate in row["rates"]), f"{row['segments']:.2f}", f"{row['evaluations']:.1f}"]
+        cells += [f"{row[name]:.1f}" for name in ("ns_point", "ns_segment", "ns_segment_alone", "ns_kernel")]
+        lines.append(f"| {row['label']} | {row['bytes']:,} | {' | '.join(cells)} | {row['certificate']} |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> int:
+    """Measure what is missing, then write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("results/distances"))
+    options = parser.parse_args()
+    wp.config.quiet = True
+    kept, asked = KeptRows(options.out, "distances"), Asked()
+    for method, own in METHODS:
+        words = [
+            f"{'-'.join(map(str, v)) if key == 'hidden' else f'{v} {key}'}"
+            for key, v in own.items()
+            if key not in ("budget", "storage")
+        ]
+        label = " ".join([method, ", ".join(words)]).strip()
+        if not kept.have(label=label):
+            bounder = wb.fit(asked.shape, "distance", method, device="cpu", progress=False, **own)
+            kept.add(asked.row(label, bounder))
+    for label, kernel in EXACT.items():
+        if not kept.have(label=label):
+            kept.add(asked.exact(label, kernel))
+    kept.write(page(kept, "python benchmarks/distances.py --out results/distances"))
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
