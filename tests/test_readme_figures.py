@@ -245,6 +245,24 @@ def test_what_is_said_of_bodies_that_deform():
 PLANNED = ("none", "mlp", "bvh", "mlp+inside", "bvh+inside", "distance", "distance-grid")
 
 
+def test_what_users_have_already():
+    told = map(json.loads, (RESULTS / "speed/rivals/rivals.jsonl").read_text().splitlines())
+    rows = {(row["group"].split()[0], row["contestant"]): row for row in told}
+    small, large = (rows["points", f"mlp {size}"]["ns"] for size in ("24-24", "50-50"))
+    torch = [rows["points", f"mlp {size}, torch"]["times"] for size in ("24-24", "50-50")]
+    assert f"{small:.1f} ns with a network of 24-24 neurons and {large:.1f} with 50-50" in PROSE
+    assert f"torch takes {torch[0]:.1f} and {torch[1]:.1f} times as long" in PROSE
+    trees = [rows[group, "bvh 256, wp.Bvh of the same boxes"]["times"] for group in ("points", "rays")]
+    assert f"`wp.Bvh` takes {trees[0]:.1f} times as long" in PROSE
+    assert f"for points and {trees[1]:.1f} times for rays" in PROSE
+    exact = rows["points", "wp.mesh_query_point, exact"]["ns"], rows["rays", "wp.mesh_query_ray_anyhit, exact"]["ns"]
+    embree = rows["rays", "trimesh with Embree, exact, one core"]["ns"]
+    assert f"takes {exact[0]:.0f} ns a point and {exact[1]:.0f} a ray, trimesh with Embree {embree:.0f} a ray" in PROSE
+    cull, own = (rows["pairs", name] for name in ("cull, mlp", "Newton's pass"))
+    assert f"A cull of Newton's {cull['count']:,} pairs takes {cull['ns'] * cull['count'] / 1e6:.1f} ms" in PROSE
+    assert f"its own pass {own['ns'] * own['count'] / 1e6:.1f}" in PROSE
+
+
 def field_ratios() -> tuple[list[float], list[float]]:
     """Of many meshes, at each contact gap: how many times as fast with a bounder of distances, and with the best one of points on one thread."""
     rows = json.loads((RESULTS / "demos/cloth.json").read_text())["field"]
