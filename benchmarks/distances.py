@@ -23,6 +23,7 @@ from warp_bounding.kernels.distances.batch import march_kernel
 POINTS, SEGMENTS, ROUNDS, STEPS = 200_000, 100_000, 7, 32
 THREADS = "WARP_BOUNDING_THREADS"
 RADII = (0.0, 0.02, 0.05, 0.1, 0.2)
+WORDS = {"resolution": "cells", "refine": "times finer"}  # of options, for people
 METHODS = (
     ("aabb", {}),
     ("sphere", {}),
@@ -183,8 +184,8 @@ def main() -> int:
     kept, asked = KeptRows(options.out, "distances"), Asked()
     for method, own in METHODS:
         words = [
-            f"{'-'.join(map(str, v)) if key == 'hidden' else f'{v} {key}'}"
-            for key, v in own.items()
+            "-".join(map(str, value)) if key == "hidden" else f"{value} {WORDS.get(key, key)}"
+            for key, value in own.items()
             if key not in ("budget", "storage")
         ]
         label = " ".join([method, ", ".join(words)]).strip()
