@@ -245,6 +245,20 @@ def test_what_is_said_of_bodies_that_deform():
 PLANNED = ("none", "mlp", "bvh", "mlp+inside", "bvh+inside", "distance", "distance-grid")
 
 
+def test_distances():
+    told = map(json.loads, (RESULTS / "distances/distances.jsonl").read_text().splitlines())
+    rows = {row["label"].split(",")[0]: row for row in told}
+    lines = table("| distances |")
+    assert len(lines) == 6
+    for name, size, *cells in lines:
+        row = rows[plain(name).replace(",", "")]
+        assert size == (f"{row['bytes']} B" if row["bytes"] < 1000 else f"{row['bytes'] / 1000:.1f} kB")
+        rates = [row["rates"][place] for place in (0, 2, 4)]
+        assert cells[:4] == [f"{rate:.2f}" for rate in (*rates, row["segments"])]
+        assert cells[4:] == [f"{row['ns_point']:.1f}", f"{row['ns_segment']:.0f}"]
+        assert row["certificate"] == "proven"
+
+
 def test_what_users_have_already():
     told = map(json.loads, (RESULTS / "speed/rivals/rivals.jsonl").read_text().splitlines())
     rows = {(row["group"].split()[0], row["contestant"]): row for row in told}
