@@ -118,7 +118,9 @@ def test_the_overhead_of_asking_counts(points, kept):
     assert wb.choose(BALL, **given).bounder is not None
     choice = wb.choose(BALL, overhead_ns=500.0, **given)
     assert choice.bounder is None
-    assert all(row.nanoseconds > 500 for row in choice.rows if row.label != "none")
+    asked = [row for row in choice.rows if row.label != "none" and not row.why_not]  # the slow may have left some out
+    assert asked
+    assert all(row.nanoseconds > 500 for row in asked)
 
 
 def test_it_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
