@@ -7,11 +7,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from warp_bounding.activations import ACTIVATIONS
+from warp_bounding.activations.base import Curve
 from warp_bounding.bounders import METHODS
 from warp_bounding.errors import BounderError
 from warp_bounding.networks.network import Network
 
 F32 = np.float32
+
+
+def enclosure(activation, z, near, radius, noise):
+    """``Curve`` of any activation."""
+    if activation.bends:
+        return activation.curve(z, near, radius, noise)
+    slope, mean, bend, spread = activation.relax(z, near, radius + noise)
+    return Curve(mean, slope, bend, bend, bend, bend, spread)
 
 
 @settings(deadline=None, max_examples=60)
@@ -20,20 +29,27 @@ def test_relaxation_of_one_neuron(activation, seed, exponent):
     rng = np.random.default_rng(seed)
     z = rng.normal(size=(1, 400)) * 10.0 ** rng.uniform(-3, 2)
     width = 10.0**exponent * rng.uniform(0.1, 1, z.shape)
-    noise = width * rng.choice([0.0, 1e-3, 0.3, 3.0], z.shape)
-    slope, mean, bend, spread = ACTIVATIONS[activation].relax(z.copy(), width, noise)
+    noise, radius = (width * rng.choice([0.0, 1e-3, 0.3, 3.0], z.shape) for _ in range(2))
+    curve = enclosure(ACTIVATIONS[activation], z.copy(), width, radius, noise)
+    rounding = 8 * 2.0**-52 * (1 + np.abs(z) + width + radius + noise)  # `bound` pays for it apart ("padding")
+    ends = np.linspace(-1, 1, 9)[:, None]
     for t in np.linspace(-1, 1, 41)[:, None]:
-        line = t * width
-        x = z + line + np.linspace(-1, 1, 21)[:, None] * noise
-        act = ACTIVATIONS[activation].value(x.astype(np.longdouble))
-        rounding = 8 * 2.0**-52 * (1 + np.abs(z) + width + noise)  # `bound` pays for it apart ("padding")
-        assert (np.abs(act - (slope * (x - z) + mean + bend * line**2)) <= spread + rounding).all()
-    assert (np.abs(slope) <= 1).all()
+        for p in ends * radius:
+            line = t * width
+            x = line + p + ends * noise
+            act = ACTIVATIONS[activation].value((z + x).astype(np.longdouble))
+            lines = curve.mean + curve.slope * x + curve.lean * line
+            curves = curve.bend * line**2 + curve.cube * line**3 + curve.cross * line * p
+            assert (np.abs(act - (lines + curves)) <= curve.spread + rounding).all()
+    assert (np.abs(curve.slope) <= 1).all()
+    assert (np.abs(curve.slope + curve.lean + 0.75 * curve.cube * width**2) <= 1).all()
+    assert (np.abs(curve.bend) * width**2 / 2 <= 1).all()
+    assert (np.abs(curve.mean) <= 1 + curve.spread + np.abs(z)).all()
 
 
 def test_relaxations_are_tight_where_boxes_are_small():
     z, width = np.linspace(-5, 5, 1001)[None], np.full((1, 1001), 1e-3)
-    assert ACTIVATIONS["sin"].relax(z, width, 0 * width)[3].max() < 1e-10
+    assert enclosure(ACTIVATIONS["sin"], z, width, 0 * width, 0 * width).spread.max() < 4.1e-11
     assert ACTIVATIONS["relu"].relax(z, width, 0 * width)[3].max() <= 2.5e-4
     assert ACTIVATIONS["tanh"].relax(z, width, 0 * width)[3].max() < 2e-7
 

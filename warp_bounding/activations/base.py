@@ -5,7 +5,7 @@ An activation is one file with one object, and a line in the registry; one that 
 """
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -15,7 +15,7 @@ from warp_bounding.kernels.source import Lanes, literal
 if TYPE_CHECKING:
     import torch
 
-__all__ = ["Activation", "constant", "constants", "polynomial"]
+__all__ = ["Activation", "Curve", "constant", "constants", "polynomial"]
 
 
 class Activation(ABC):
@@ -26,7 +26,7 @@ class Activation(ABC):
         plain: Warp's own Python of ``statement``: a ``wp.func`` of one float.
         limit: Largest |argument| for which ``error`` holds.
         largest: Bound of |value|; where it is ``None``, |value| <= |argument|.
-        bends: Whether ``relax`` may return a parabola rather than a line.
+        bends: Whether bounds enclose it by a cubic (``curve``) rather than by a line (``relax``).
         wave: Whether training begins with steep first layers (``Recipe.first_gain``), which tell neighbouring cells
             apart.
         support_gains: Gains of the first and of later layers where a plane's supports or a region's occupancy is
@@ -71,9 +71,8 @@ class Activation(ABC):
     def value(self, z: np.ndarray) -> np.ndarray:
         """The value at each of an array's numbers, as exactly as their type allows."""
 
-    @abstractmethod
     def relax(self, z: np.ndarray, near: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, ...]:
-        """A line or a parabola with a band that holds the values at arguments ``z + l + y``.
+        """A line with a band that holds the values at arguments ``z + l + y``; of activations that do not bend.
 
         The part l of an argument is linear in the coordinates of a box, all that is not linear is y.
 
@@ -83,16 +82,34 @@ class Activation(ABC):
             noise: ``(N, H)``, ``|y| <= noise``; near and noise are not both 0.
 
         Returns:
-            slope, mean, bend and spread, each ``(N, H)``: the value at ``z + l + y`` is ``mean + slope (l + y) + bend
-            l^2`` to within ``spread``. The caller adds what float64 rounds.
+            slope, mean, bend and spread, each ``(N, H)``: the value at ``z + l + y`` is ``mean + slope (l + y)`` to
+            within ``spread``, and bend is 0. The caller adds what float64 rounds.
         """
+        raise NotImplementedError
+
+    def curve(self, z: np.ndarray, near: np.ndarray, radius: np.ndarray, noise: np.ndarray) -> "Curve":
+        """A cubic with a band that holds the values at arguments ``z + l + p + y``; of activations that bend.
+
+        The part l of an argument is linear in the coordinates of a box, p is a quadratic form, y is all the rest.
+
+        Args:
+            z: ``(N, H)``, centres of the arguments.
+            near: ``(N, H)``, ``|l| <= near``.
+            radius: ``(N, H)``, ``|p| <= radius``.
+            noise: ``(N, H)``, ``|y| <= noise``; not all of the three are 0.
+
+        Returns:
+            The cubic and its band; the caller adds what float64 rounds.
+        """
+        raise NotImplementedError
 
     @abstractmethod
     def relaxation(self) -> str:
-        """C lambdas for bounds: ``act_<name>(z)`` and ``relax_<name>(z, near, noise, slope, mean, bend, spread)``.
+        """C lambdas for bounds: ``act_<name>(z)``, and ``relax_<name>(z, near, noise, slope, mean, bend, spread)``.
 
-        They do the operations of ``value`` and ``relax``, in type ``V``: doubles, one a lane (``I`` are as many
-        ``long long``), or on CUDA one double; ``zero`` is 0 of that type.
+        Of an activation that bends, the second is ``curve_<name>(z, near, radius, noise, slope, mean, lean, bend, cube,
+        cross, spread)``. They do the operations of ``value``, ``relax`` and ``curve``, in type ``V``: doubles, one a
+        lane (``I`` are as many ``long long``), or on CUDA one double; ``zero`` is 0 of that type.
         """
 
     # --- training ----------------------------------------------------------------------------------------------------
@@ -104,6 +121,22 @@ class Activation(ABC):
     @abstractmethod
     def torch_slope(self, z: "torch.Tensor", h: "torch.Tensor", out: "torch.Tensor") -> None:
         """Write the derivative at z, where ``h`` is the value, into ``out``."""
+
+
+class Curve(NamedTuple):
+    """A cubic enclosure of an activation; each attribute ``(N, H)``.
+
+    The value at ``z + l + p + y`` is ``mean + slope (l + p + y) + lean l + bend l^2 + cube l^3 + cross l p`` to within
+    ``spread``.
+    """
+
+    mean: np.ndarray
+    slope: np.ndarray
+    lean: np.ndarray
+    bend: np.ndarray
+    cube: np.ndarray
+    cross: np.ndarray
+    spread: np.ndarray
 
 
 def constant(value: float) -> str:

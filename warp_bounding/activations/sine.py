@@ -4,18 +4,25 @@ In float32 it is a range reduction ``r = z - n pi`` in two steps and an odd poly
 its distance from the true sine, for arguments up to ``limit``; networks that reach farther are refused. The
 libraries' ``sinf`` differ from device to device and promise nothing.
 
-The relaxation (``relax``) encloses the sine around a centre z by a parabola with a band. The argument is ``z + x``,
-``x = l + y``: l is linear in the coordinates of a box, ``|l| <= near``, and of y only ``|y| <= noise`` is known. With
-``D = near + noise``, so that ``|x| <= D``, of ``sin(z + x) = sin z cos x + cos z sin x``
+The relaxation (``curve``) encloses the sine around a centre z by a cubic with a band. The argument is ``z + x``, ``x =
+l + p + y``: l is linear in the coordinates of a box, ``|l| <= near``, p is a quadratic form, ``|p| <= radius``, and of y
+only ``|y| <= noise`` is known. With ``w = p + y``, ``W = radius + noise`` and ``D = near + W``, so that ``|x| <= D``, of
+``sin(z + x) = sin z cos x + cos z sin x``
 
 * ``cos x`` lies within ``D^4 / 192 + D^6 / 720`` of ``1 - D^4 / 192 + (D^2 / 24 - 1/2) x^2``: the series
   ``1 - x^2/2 + x^4/24 - ...`` alternates, and ``u^2`` is within 1/8 of ``u - 1/8`` on [0, 1], ``u = x^2 / D^2``;
-* ``sin x`` lies within ``D^3 / 24 + D^5 / 120`` of ``(1 - D^2 / 8) x``: its series alternates too, and ``x^3`` is
-  within ``D^3 / 4`` of ``3 D^2 x / 4``.
+* ``sin x`` lies within ``D^5 / 1920 + D^7 / 5040`` of ``(1 - D^4 / 384) x + (D^2 / 96 - 1/6) x^3``: its series
+  alternates too, and ``x^5`` is within ``D^5 / 16`` of ``(20 D^2 x^3 - 5 D^4 x) / 16`` (Chebyshev).
 
-Only l may be squared, so ``x^2`` is replaced by ``l^2 + noise^2 / 2``, from which it differs by at most
-``2 near noise + noise^2 / 2``. Of three enclosures the one with the narrowest band is taken: this parabola; the line
-for which ``cos x`` is replaced by ``1 - D^2 / 4``, within ``D^2 / 4``; and the constant 0 with the band [-1, 1].
+Only l may be squared and cubed, and multiplied by p. As ``0 <= w^2 <= W^2`` and ``0 <= l^2 <= near^2``,
+
+* ``x^2 = l^2 + 2 l p + 2 l y + w^2`` is within ``2 near noise + W^2 / 2`` of ``l^2 + 2 l p + W^2 / 2``;
+* ``x^3 = l^3 + 3 l^2 w + 3 l w^2 + w^3`` is within ``3/2 near^2 W + 3/2 near W^2 + W^3 / 4`` of ``l^3 + 3/2 near^2 w +
+  3/2 W^2 l + 3/4 W^2 w``; w is x less l, which ``lean`` accounts for.
+
+Where it is narrower, the even part is the line for which ``cos x`` is ``1 - D^2 / 4``, within ``D^2 / 4``, and the odd
+part the line ``(1 - D^2 / 8) x``, within ``D^3 / 24 + D^5 / 120``: ``x^3`` is within ``D^3 / 4`` of ``3 D^2 x / 4``. Where
+the whole is no narrower than [-1, 1], it is the constant 0 with that band.
 """
 
 import math
@@ -25,7 +32,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import warp as wp
 
-from warp_bounding.activations.base import Activation, constant
+from warp_bounding.activations.base import Activation, Curve, constant
 from warp_bounding.activations.tanh import TANH
 from warp_bounding.arithmetic import TINY, UNIT32, gamma
 from warp_bounding.kernels.source import Lanes, literal
@@ -50,15 +57,16 @@ LIMIT = 4096.0  # largest |argument| of the certified range
 # ``error``).
 REDUCED = 1.5725
 
-# Bound of the error of the float64 sine and cosine of bounds for |z| <= 2^13: Taylor remainders under 7e-12 (degrees 15
-# and 16 on [-pi/2, pi/2]), the reduction under 2^-52 (1 + n 2^-30), about 30 roundings of terms under 2. ``relax`` adds
-# 4 SLACK (1 + D^2) to its band: mean, slope and band carry at most 4 such errors together.
+# Bound of the error of the float64 sine and cosine of bounds for |z| <= 4000 pi: Taylor remainders under 7e-12 (degrees 15
+# and 16 on [-pi/2, pi/2]), the reduction under 2^-52 (1 + n 2^-30), about 30 roundings of terms under 2. ``curve``
+# adds 4 SLACK (1 + D^2 + D^4) to its band: at x, mean, slopes, curves and band carry no more such errors together.
 #
-# Why 2^13 is enough: a network's arguments are certified up to LIMIT = 2^12 for activations of size at most 1. In
-# bounds a neuron's centre, its mean plus half of the parabola's height, is at most 2: where the constant 0 is not
-# taken, spread and half of the height together are at most 1. So sums of centres are at most twice as large.
+# Why it is enough up to 4000 pi > 3 LIMIT + 1: a network's arguments are certified up to LIMIT = 2^12 for activations of
+# size at most 1. In bounds, a neuron's ``mean`` is within ``spread`` of a value, so at most 2 where the constant 0 is
+# not taken; less the middle of a quadratic form, at most 1 (``bound_source.ROOM``), it is at most 3. So sums of means
+# are at most three times as large as those of values, and the centre is off by one more middle.
 SLACK = 1e-11
-# Pi in three float64 parts: the first 34 bits, exact times n < 2^12 (|z| < 2^13); the next 32 bits; the rest.
+# Pi in three float64 parts: the first 34 bits, exact times n <= 2^12 (|z| <= 4000 pi); the next 32 bits; the rest.
 PI_PARTS = (float.fromhex("0x1.921fb544p+1"), float.fromhex("0x1.0b4611a6p-33"), float.fromhex("0x1.3198a2e037073p-68"))
 
 _S1, _S2, _S3 = COEFFICIENTS
@@ -143,41 +151,56 @@ class _Sine(Activation):
     def value(self, z: np.ndarray) -> np.ndarray:
         return np.sin(z)
 
-    def relax(self, z: np.ndarray, near: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, ...]:
+    def curve(self, z: np.ndarray, near: np.ndarray, radius: np.ndarray, noise: np.ndarray) -> Curve:
         sine, cosine = np.sin(z), np.cos(z)
-        size = near + noise
-        square = size * size
-        odd = np.abs(cosine) * (size * square * (1 / 24 + square / 120)) + 4 * SLACK * (1 + square)
-        bend = sine * (square / 24 - 0.5)
-        line = np.abs(sine) * (square / 4) + odd  # the band of the line; curve is that of the parabola
-        half = noise * noise / 2
-        fourth = np.abs(sine) * (square * square * (1 / 192 + square / 720))
-        curve = fourth + np.abs(bend) * (2 * noise * near + half) + odd
-        curved = curve < line
-        spread = np.where(curved, curve, line)
-        mean = np.where(curved, sine * (1 - square * square / 192) + bend * half, sine * (1 - square / 4))
-        bend = np.where(curved, bend, 0.0)
-        slope = cosine * (1 - square / 8)
-        flat = spread + np.abs(bend) * near * near / 2 > 1
-        slope[flat], mean[flat], bend[flat], spread[flat] = 0.0, 0.0, 0.0, 1.0
-        return slope, mean, bend, spread
+        bent = radius + noise
+        size = near + bent
+        d2, n2, w2 = size * size, near * near, bent * bent
+        d4, d3, even, odd = d2 * d2, d2 * size, np.abs(sine), np.abs(cosine)
+        bend, cube = sine * (d2 / 24 - 0.5), cosine * (d2 / 96 - 1 / 6)
+        height, rise = np.abs(bend), np.abs(cube)
+        even_line = even * (d2 / 4)
+        even_curve = even * (d4 * (1 / 192 + d2 / 720)) + height * (2 * near * noise + w2 / 2)
+        odd_line = odd * (d3 * (1 / 24 + d2 / 120))
+        odd_curve = odd * (d4 * size * (1 / 1920 + d2 / 5040)) + rise * (1.5 * near * bent * size + w2 * bent / 4)
+        bends, twists = even_curve < even_line, odd_curve < odd_line
+        mean = np.where(bends, sine * (1 - d4 / 192) + bend * w2 / 2, sine * (1 - d2 / 4))
+        slope = np.where(twists, cosine * (1 - d4 / 384) + cube * (1.5 * n2 + 0.75 * w2), cosine * (1 - d2 / 8))
+        lean = np.where(twists, cube * (0.75 * w2 - 1.5 * n2), 0.0)
+        bend, cube = np.where(bends, bend, 0.0), np.where(twists, cube, 0.0)
+        spread = np.minimum(even_curve, even_line) + np.minimum(odd_curve, odd_line) + 4 * SLACK * (1 + d2 + d4)
+        heights = np.abs(bend) * near * (near / 2 + 2 * radius) + np.abs(cube) * n2 * near / 4
+        flat = spread + heights > 1
+        parts = (np.where(flat, 0.0, part) for part in (mean, slope, lean, bend, cube, 2 * bend))
+        return Curve(*parts, np.where(flat, 1.0, spread))
 
     def relaxation(self) -> str:
         return f"""{_sincos()}
 auto act_sin = [&](V z) {{ V s, c; sincos(z, s, c); return s; }};
-auto relax_sin = [&](V z, V near, V noise, V& slope, V& mean, V& bend, V& spread) {{
-    V s, c; sincos(z, s, c); const V d = near + noise; const V d2 = d * d; const V d4 = d2 * d2;
-    const V as = s < zero ? -s : s; const V ac = c < zero ? -c : c;
-    const V odd = ac * (d * d2 * (d2 * {constant(1 / 120)} + {constant(1 / 24)})) + (d2 + 1.0) * {constant(4 * SLACK)};
-    V k = s * (d2 * {constant(1 / 24)} - 0.5); const V ak = k < zero ? -k : k;
-    const V line = as * d2 * 0.25 + odd; const V half = noise * noise * 0.5;
-    const V fourth = as * d4 * (d2 * {constant(1 / 720)} + {constant(1 / 192)});
-    const V curve = fourth + ak * (noise * near * 2.0 + half) + odd;
-    V e = curve < line ? curve : line;
-    V m = curve < line ? s - s * d4 * {constant(1 / 192)} + k * half : s - s * d2 * 0.25;
-    k = curve < line ? k : zero; const V size = e + (curve < line ? ak * near * near * 0.5 : zero);
-    slope = size > 1.0 ? zero : c - c * d2 * 0.125; mean = size > 1.0 ? zero : m; bend = size > 1.0 ? zero : k;
-    spread = size > 1.0 ? zero + 1.0 : e;
+auto curve_sin = [&](V z, V near, V radius, V noise, V& slope, V& mean, V& lean, V& bend, V& cube, V& cross, V& spread) {{
+    V s, c; sincos(z, s, c);
+    const V w = radius + noise; const V d = near + w; const V d2 = d * d; const V n2 = near * near; const V w2 = w * w;
+    const V d4 = d2 * d2; const V even = s < zero ? -s : s; const V odd = c < zero ? -c : c;
+    const V k2 = s * (d2 * {constant(1 / 24)} - 0.5); const V k3 = c * (d2 * {constant(1 / 96)} - {constant(1 / 6)});
+    const V height = k2 < zero ? -k2 : k2; const V rise = k3 < zero ? -k3 : k3;
+    const V even_line = even * d2 * 0.25;
+    const V even_curve = even * d4 * (d2 * {constant(1 / 720)} + {constant(1 / 192)})
+        + height * (near * noise * 2.0 + w2 * 0.5);
+    const V odd_line = odd * d2 * d * (d2 * {constant(1 / 120)} + {constant(1 / 24)});
+    const V odd_curve = odd * d4 * d * (d2 * {constant(1 / 5040)} + {constant(1 / 1920)})
+        + rise * (near * w * d * 1.5 + w2 * w * 0.25);
+    const auto bends = even_curve < even_line; const auto twists = odd_curve < odd_line;
+    const V e = (bends ? even_curve : even_line) + (twists ? odd_curve : odd_line)
+        + (d2 + d4 + 1.0) * {constant(4 * SLACK)};
+    const V size = e + (bends ? height * near * (near * 0.5 + radius * 2.0) : zero)
+        + (twists ? rise * n2 * near * 0.25 : zero);
+    const auto flat = size > zero + 1.0;
+    const V m = bends ? s - s * d4 * {constant(1 / 192)} + k2 * w2 * 0.5 : s - s * d2 * 0.25;
+    const V a = twists ? c - c * d4 * {constant(1 / 384)} + k3 * (n2 * 1.5 + w2 * 0.75) : c - c * d2 * 0.125;
+    const V b = twists ? k3 * (w2 * 0.75 - n2 * 1.5) : zero;
+    const V k = bends ? k2 : zero; const V t = twists ? k3 : zero;
+    slope = flat ? zero : a; mean = flat ? zero : m; lean = flat ? zero : b; bend = flat ? zero : k; cross = bend + bend;
+    cube = flat ? zero : t; spread = flat ? zero + 1.0 : e;
 }};
 """
 

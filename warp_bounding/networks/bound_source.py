@@ -2,19 +2,24 @@
 
 A chart (``charts``) turns a box of numbers into the network's inputs, an affine function of ``zeta`` in [-1,
 1]^columns and noise. A thread takes a block of boxes through all layers and back without leaving its cache. Forwards,
-each neuron is a parabola or a line (``activations``) in the linear part of its argument, plus noise. Backwards, lines
-and parabolas are weighed by the output's actual coefficients, so that those of many neurons may cancel, and only the
-bands around them count in absolute value. The arithmetic is ``(columns + 3) H^2`` multiply-adds a box for two layers
-of H neurons: centre, noise and columns forwards, one coefficient backwards. Sums may be taken in any order and fused:
-``Network.padding`` and ``SQUARES_ROUNDING`` bound the float64 rounding of all of them, and the relaxations add what the
-kernel's own sine and tanh err by. ``Network.bound_plain`` computes the same in NumPy, for boxes of the inputs
-themselves (``PlainChart``): it knows no other chart and no constraint.
+each neuron is a cubic or a line (``activations``) in the linear part of its argument, plus a quadratic form of zeta,
+plus noise. Backwards, these curves are weighed by the output's actual coefficients and added to one cubic polynomial of
+zeta, in which those of many neurons may cancel; only the bands around them count in absolute value. For two layers of H
+neurons and C columns the arithmetic is ``(C (C + 1) / 2 + C + 5) H^2`` multiply-adds a box: entries of the forms, their
+middle and half-range, centre, noise and columns forwards, one coefficient backwards; and fewer than ``C^3 H`` of the
+polynomial. Sums may be taken in any order and fused: ``Network.padding`` and ``SQUARES_ROUNDING`` bound the float64
+rounding of all of them, and the relaxations add what the kernel's own sine and tanh err by. ``Network.bound_plain``
+computes the same in NumPy, for boxes of the inputs themselves (``PlainChart``): it knows no other chart and no
+constraint.
 
 The C itself stands in ``bound_text``, which is to be read first; here it is put together for the shape of a network and
 its chart. K are the network's inputs, Z the numbers of a box, C the columns, the entries of zeta (``charts.base``).
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
 
 from warp_bounding.activations import activation_of
 from warp_bounding.activations.base import constant, constants
@@ -27,12 +32,14 @@ BLOCK = 64  # boxes that a thread of the kernel works on, on a CPU; on CUDA it i
 # A box's second axis to halve is chosen as if its first were halved already. The score of that number z falls by this
 # factor then: a relaxation's cost falls nearly with the square of a box's width, so a little more than 1/4.
 HALVED = 0.3
-# Relative to the sum of the absolute terms of the quadratic form: above 4000 UNIT64, for up to 4000 neurons.
+# Relative to the sum of the absolute terms of the polynomial in zeta: above 4000 UNIT64, for up to 4000 neurons.
 SQUARES_ROUNDING = 1e-12
 # Weight of |rate| of the first layer (``bound_text.LAYER``: the generators of a neuron's argument) in the score by
 # which an axis is chosen: it decides only where all layers behind are saturated.
 FIRST_LAYER = 1e-9
 ROWS = 4  # neurons that share each input as it is loaded
+# The largest middle of a quadratic form around which the sine is taken (``bound_text.NEURON``, ``activations.sine``).
+ROOM = 1.0
 REGISTERS = 28  # sums that are kept at a time, of the 32 vector registers of AVX-512
 
 
@@ -81,7 +88,7 @@ def body(shape: NetworkShape, tried: str = "true") -> str:
 
     The arrays of a hidden layer are explained at ``bound_text.LAYER``; ``back`` are the output's coefficients of its
     neurons. Of the inputs, ``center``, ``gen``, ``noise`` and ``rest`` are explained in ``charts.base``. ``lost`` is
-    what noise takes from the bound, ``square`` the quadratic form in zeta, ``bulk`` the sum of its absolute terms.
+    what noise takes from the bound; ``tilt``, ``square`` and ``cubes`` are explained at ``bound_text.BACKWARDS``.
 
     Args:
         shape: What the kernel is compiled for.
@@ -92,21 +99,26 @@ def body(shape: NetworkShape, tried: str = "true") -> str:
     for inputs, neurons, _, _ in shape.layers:
         places.append(places[-1] + neurons * (2 * inputs + 1))
     squares = [(k, m) for k in range(chart.columns) for m in range(k, chart.columns)]
-    sizes = constants(K=shape.ndim, C=chart.columns, Z=chart.size, SQUARES=len(squares), NOISY=int(chart.noisy))
+    n, bends = chart.columns, any(activation_of(name).bends for _, _, name, _ in shape.layers)
+    sizes = constants(
+        K=shape.ndim, C=n, Z=chart.size, SQUARES=len(squares), CUBES=n * (n + 1) * (n + 2) // 6, NOISY=int(chart.noisy)
+    )
     last, at, count = len(layers) - 1, places[-1], shape.layers[-1][1]
     join = "\n".join
     return f"""
 {sizes}
 constexpr double FIRST_LAYER = {constant(FIRST_LAYER)}, SQUARES_ROUNDING = {constant(SQUARES_ROUNDING)};
+constexpr double THIRD = {constant(1 / 3)};
 V least = zero, value = zero, valid = zero + 1.0, dead = zero, lost = zero, level = zero, bulk = zero;
 V center[K], noise[K], rest[K], gen[{len(chart.pairs)}], h[K], z[Z], gradient[K];
-V score[C], slope[C], owner[C], square[SQUARES];
+V score[C], slope[C], owner[C], tilt[C], square[SQUARES], cubes[CUBES];
 (void)dead; (void)valid; (void)noise; (void)rest; (void)lost; (void)bulk;
-const auto entry = [](int k, int m) {{ return k * (2 * C - k + 1) / 2 + m - k; }}; (void)entry;
+const auto entry = [](int k, int m) {{ return k * (2 * C - k + 1) / 2 + m - k; }}; const auto place = entry; (void)place;
 {chart.expand}
 {chart.owners}
-for (int k = 0; k < C; ++k) score[k] = zero;
+for (int k = 0; k < C; ++k) score[k] = tilt[k] = zero;
 for (int i = 0; i < SQUARES; ++i) square[i] = zero;
+for (int i = 0; i < CUBES; ++i) cubes[i] = zero;
 {join(_forwards(shape, index, places[index]) for index, _ in layers)}
 V back{last}[{count}]; least = zero + (w[{at}] - padding[{last + 1}]);  // f where all neurons are at their means
 for (int j = 0; j < {count}; ++j) {{
@@ -126,7 +138,8 @@ if (NOISY) {{
     for (int i = 1; i < SQUARES; ++i) all += absolute(square[i]);
     bulk += all;
 }}
-{" ".join(f"slope[{k}] = {_product(chart, k, 'gradient[{i}]')};" for k in range(chart.columns))}
+{f"{{ {text.STRAIGHTEN} }} {_lean(chart)}" * bends}
+{" ".join(f"slope[{k}] = {_product(chart, k, 'gradient[{i}]')} + tilt[{k}];" for k in range(chart.columns))}
 {join(_constrain(chart, start, factors) for start, factors in chart.constraints())}
 {{ {text.CLOSE} }}
 if ({tried}) {{
@@ -145,10 +158,28 @@ def _product(chart: Chart, column: int, of: str) -> str:
     return " + ".join(f"{of.format(i=i)} * gen[{entry}]" for entry, (i, k) in pairs if k == column)
 
 
+def _lean(chart: Chart) -> str:
+    """Where columns are inputs, each its own, C that moves the slopes ``tilt`` into ``gradient``."""
+    if chart.pairs != [(k, k) for k in range(chart.inputs)]:
+        return ""
+    share = "tilt[k] / (gen[k] > zero ? gen[k] : zero + 1.0)"
+    return f"for (int k = 0; k < C; ++k) {{ gradient[k] += gen[k] > zero ? {share} : zero; tilt[k] = zero; }}"
+
+
 def _layer(shape: NetworkShape, index: int, at: int) -> str:
-    inputs, neurons, activation, linear = shape.layers[index]
-    own = constants(INPUTS=inputs, NEURONS=neurons, LINEAR=linear, AT=at, BENDS=int(activation_of(activation).bends))
-    return f"{own} (void)LINEAR; (void)AT; (void)BENDS; auto& own = layer{index}; (void)own;"
+    inputs, neurons, name, linear = shape.layers[index]
+    activation, bent = activation_of(name), _bent(shape, index)
+    passes = index + 1 < len(shape.layers) and _bent(shape, index + 1)
+    flags = {"BENDS": int(activation.bends), "BENT": int(bent), "PASSES": int(passes)}
+    own = constants(INPUTS=inputs, NEURONS=neurons, LINEAR=linear, AT=at, **flags)
+    room = "INFINITY" if activation.limit == np.inf else constant(ROOM)
+    unused = " ".join(f"(void){each};" for each in ("LINEAR", "AT", "ROOM", *flags))
+    return f"{own} const double ROOM = {room}; {unused} auto& own = layer{index}; (void)own;"
+
+
+def _bent(shape: NetworkShape, index: int) -> bool:
+    """Whether the arguments of a layer have parabolas in them."""
+    return any(activation_of(name).bends for _, _, name, _ in shape.layers[:index])
 
 
 def _forwards(shape: NetworkShape, index: int, at: int) -> str:
@@ -158,12 +189,17 @@ def _forwards(shape: NetworkShape, index: int, at: int) -> str:
         generators = " ".join(f"g[{k}] = {_product(chart, k, 'x[{i}]')};" for k in range(chart.columns))
         neurons_text = text.FIRST.replace("GENERATORS", generators)
     else:
-        neurons_text = f"const auto& below = layer{index - 1};" + _in_blocks(text.LATER, neurons, chart.columns)
-    neurons_text = neurons_text.replace("NEURON\n", text.NEURON)
+        bent = _bent(shape, index)
+        neurons_text = f"const auto& below = layer{index - 1};"
+        if bent:
+            neurons_text += "\n".join(_in_blocks(each, neurons) for each in _tiles(chart.columns))
+        neurons_text += _in_blocks(text.LATER, neurons, chart.columns + 2 + bent)
+    bends = activation_of(activation).bends
+    neurons_text = neurons_text.replace("NEURON\n", text.NEURON.replace("RELAX", text.CURVES if bends else text.LINES))
     return f"""
 {text.LAYER.replace("LAYER", f"layer{index}").replace("NEURONS", str(neurons))} {{
 {_layer(shape, index, at)}
-auto& relax = relax_{activation};
+auto& {"curve = curve" if bends else "relax = relax"}_{activation};
 const double* b = w + AT; const double* weight = b + NEURONS; const double pad = padding[{index}];
 {neurons_text}
 }}"""
@@ -191,9 +227,17 @@ const V* x = y; V* y = y{index}; const double* b = w + AT; auto& act = act_{acti
 y = y{index};"""
 
 
-def _in_blocks(body: str, neurons: int, columns: int = 1) -> str:
-    """A text for blocks of R neurons whose sums fit the registers, and for the rest."""
-    rows = max(min(ROWS, REGISTERS // (columns + 2)), 1)  # a neuron's sums: centre, noise and one for each column
+def _tiles(columns: int) -> list[str]:
+    """Texts that sum the entries of quadratic forms, as many at a time as fit the registers."""
+    entries = columns * (columns + 1) // 2 + 1
+    tiles = -(-entries // (REGISTERS // ROWS - 1))
+    ends = [entries * tile // tiles for tile in range(tiles + 1)]
+    return [f"{constants(ENTRY=a, ENTRIES=b - a)} {text.SQUARES_OF_ARGUMENTS}" for a, b in pairwise(ends)]
+
+
+def _in_blocks(body: str, neurons: int, sums: int = 1) -> str:
+    """A text for blocks of R neurons, each of which has so many sums, that fit the registers; and for the rest."""
+    rows = max(min(ROWS, REGISTERS // sums), 1)
     blocks = [(0, rows, neurons // rows), (neurons // rows * rows, neurons % rows, 1)]
     return "\n".join(f"{{ {constants(FIRST=f, R=r, BLOCKS=n)} {body} }}" for f, r, n in blocks if r and n)
 

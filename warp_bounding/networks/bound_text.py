@@ -12,11 +12,15 @@ __all__ = [
     "CONSTRAIN",
     "CPU",
     "CUDA",
+    "CURVES",
     "FIRST",
     "LATER",
     "LAYER",
+    "LINES",
     "NEURON",
+    "SQUARES_OF_ARGUMENTS",
     "STORE",
+    "STRAIGHTEN",
     "VALUES",
 ]
 
@@ -37,45 +41,87 @@ auto root = [](V x) { return sqrt(x); };
 """
 
 
-# What is known of a layer's neurons. The argument of each is a centre plus l + y: l = rate . zeta is linear, |l| <=
-# near, y is all that is not linear in the layers below, and |l + y| <= width, rounding included. The output is     h =
-# mean + slope l + bend (l^2 - near^2 / 2) + y', |y'| and the parabola together at most noise; spread is what the
-# activation's own relaxation adds to y', and part = slope rate is the linear part of h. The arrays are declared one by
-# one, so that the compiler drops those that nobody reads.
+# What is known of a layer's neurons. The argument of each is a centre plus l + p + y: l = rate . zeta is linear, |l| <=
+# near; p is the quadratic form in zeta that the parabolas of the layers below make together, within radius of 0, its
+# middle being taken into the centre; y is all the rest, noise. |l + p + y| <= width, rounding included. The output is
+#     h = mean + slope (l + p + y) + lean l + bend l^2 + cube l^3 + cross l p
+# to within spread. Behind these stands what a layer above reads, of h = mean + part . zeta + a quadratic form + y',
+# |y'| at most noise: square are that form's entries (those off the diagonal count twice), and behind them the middle
+# of its range; radius is half of it. They are sums of what the parabolas are one by one, while entries of square may
+# cancel. form are the entries of p, before its middle was taken off, and total the sum of their sizes. The arrays are
+# declared one by one, so that the compiler drops those that nobody reads.
 LAYER = """
 V LAYER_mean[NEURONS], LAYER_noise[NEURONS], LAYER_width[NEURONS], LAYER_slope[NEURONS], LAYER_spread[NEURONS];
-V LAYER_near[NEURONS], LAYER_bend[NEURONS], LAYER_rate[C][NEURONS], LAYER_part[C][NEURONS];
+V LAYER_near[NEURONS], LAYER_rate[C][NEURONS], LAYER_lean[NEURONS], LAYER_bend[NEURONS], LAYER_cube[NEURONS];
+V LAYER_cross[NEURONS], LAYER_form[SQUARES + 1][NEURONS], LAYER_total[NEURONS];
+V LAYER_part[C][NEURONS], LAYER_square[SQUARES + 1][NEURONS], LAYER_radius[NEURONS];
 const struct {
-    V *mean, *noise, *width, *slope, *spread, *near, *bend, (*rate)[NEURONS], (*part)[NEURONS];
+    V *mean, *noise, *width, *slope, *spread, *near, (*rate)[NEURONS], *lean, *bend, *cube, *cross, (*form)[NEURONS];
+    V *total, (*part)[NEURONS], (*square)[NEURONS], *radius;
 } LAYER = {
-    LAYER_mean, LAYER_noise, LAYER_width, LAYER_slope, LAYER_spread, LAYER_near, LAYER_bend, LAYER_rate, LAYER_part,
+    LAYER_mean, LAYER_noise, LAYER_width, LAYER_slope, LAYER_spread, LAYER_near, LAYER_rate, LAYER_lean, LAYER_bend,
+    LAYER_cube, LAYER_cross, LAYER_form, LAYER_total, LAYER_part, LAYER_square, LAYER_radius,
 };
 """
 
-# Neuron j from the centre z of its argument, its generators g (rate) and the largest |y|, from: the activation is
-# m + s (l + y) + k2 l^2 +- e, and what is passed on has its centre at m + k2 near^2 / 2.
+# Neuron j from the centre z of its argument, its generators g (rate) and the largest |y|, from, and, where layers below
+# BEND, its quadratic form: entries and middle in own.form, radius in reach. The form's range is taken both from its
+# entries and from the parabolas one by one. ROOM is the largest middle that an activation with a limit takes: beyond it
+# the range is as wide, and nothing is lost. RELAX sets s, m, e and what else of lean, k2, k3 and k4 is not 0.
 NEURON = """
-V near = zero;
+V near = zero, middle = zero, radius = zero;
 for (int k = 0; k < C; ++k) { own.rate[k][j] = g[k]; near += absolute(g[k]); }
-V s, m, e, k2 = zero;
-relax(z, near, from + pad, s, m, k2, e);
-if (j < LINEAR) { s = zero + 1.0; m = z; e = zero; k2 = zero; }
+if (BENT) {
+    V half = zero, other = zero;
+    int entry = 0;
+#pragma unroll
+    for (int k = 0; k < C; ++k) {
+        half += own.form[entry][j] * 0.5; other += absolute(own.form[entry++][j]) * 0.5;
+#pragma unroll
+        for (int m = k + 1; m < C; ++m) other += absolute(own.form[entry++][j]) * 2.0;
+    }
+    const V sum = own.form[SQUARES][j];
+    V low = half - other, high = half + other;
+    low = sum - reach > low ? sum - reach : low; high = sum + reach < high ? sum + reach : high;
+    middle = (low + high) * 0.5; radius = (high - low) * 0.5; own.total[j] = other * 2.0;
+    const V beyond = absolute(middle);
+    radius = beyond > ROOM ? radius + beyond : radius; middle = beyond > ROOM ? zero : middle;
+}
+V s, m, e, lean = zero, k2 = zero, k3 = zero, k4 = zero;
+const V at = z + middle;
+RELAX
+if (j < LINEAR) { s = zero + 1.0; m = at; e = lean = k2 = k3 = k4 = zero; }
 e += pad;
-const V half = near * near * 0.5;
-own.mean[j] = m + k2 * half; own.slope[j] = s; own.spread[j] = e; own.width[j] = near + from + pad;
-own.noise[j] = absolute(s) * from + absolute(k2) * half + e;
-own.near[j] = near; own.bend[j] = k2;
-for (int k = 0; k < C; ++k) own.part[k][j] = g[k] * s;
+own.mean[j] = m - s * middle; own.slope[j] = s; own.spread[j] = e; own.width[j] = near + radius + from + pad;
+own.near[j] = near; own.lean[j] = lean - k4 * middle; own.bend[j] = k2; own.cube[j] = k3; own.cross[j] = k4;
+const V near2 = near * near, line = s + lean + k3 * near2 * 0.75;  // l^3 is within near^3 / 4 of 3 near^2 l / 4
+for (int k = 0; k < C; ++k) own.part[k][j] = g[k] * line;
+own.noise[j] = absolute(s) * from + e + (absolute(k3) * near2 * 0.25 + absolute(k4) * radius) * near;
+if (PASSES) {
+    const V half = near2 * 0.5; int entry = 0;
+#pragma unroll
+    for (int k = 0; k < C; ++k) {
+        const V bent = k2 * g[k];
+#pragma unroll
+        for (int m = k; m < C; ++m, ++entry)
+            own.square[entry][j] = BENT ? bent * g[m] + s * own.form[entry][j] : bent * g[m];
+    }
+    own.square[SQUARES][j] = s * middle + k2 * half; own.radius[j] = absolute(s) * radius + absolute(k2) * half;
+}
 """
+
+LINES = "relax(at, near, radius + from + pad, s, m, k2, e);"
+CURVES = "curve(at, near, radius, from + pad, s, m, lean, k2, k3, k4, e);"
 
 # The first hidden layer, of the chart's inputs; GENERATORS fills g, whose entries are sparse.
 FIRST = """
 for (int j = 0; j < NEURONS; ++j) {
     const double* x = weight + j * INPUTS;
-    V z = zero + b[j], from = zero, g[C];
+    V z = zero + b[j], from = zero, reach = zero, g[C];
     for (int i = 0; i < INPUTS; ++i) z += center[i] * x[i];
     GENERATORS
     if (NOISY) for (int i = 0; i < INPUTS; ++i) from += noise[i] * x[NEURONS * INPUTS + i];
+    (void)reach;
     NEURON
     for (int k = 0; k < C; ++k) score[k] += absolute(g[k]) * FIRST_LAYER;
 }
@@ -85,10 +131,10 @@ for (int j = 0; j < NEURONS; ++j) {
 LATER = """
 for (int t = 0; t < BLOCKS; ++t) {
     const double* x = weight + (FIRST + t * R) * INPUTS; const double* ax = x + NEURONS * INPUTS;
-    V centers[R], noises[R], generators[R][C];
+    V centers[R], noises[R], radii[R], generators[R][C];
 #pragma unroll
     for (int r = 0; r < R; ++r) {
-        centers[r] = zero + b[FIRST + t * R + r]; noises[r] = zero;
+        centers[r] = zero + b[FIRST + t * R + r]; noises[r] = zero; radii[r] = zero;
 #pragma unroll
         for (int k = 0; k < C; ++k) generators[r][k] = zero;
     }
@@ -98,6 +144,7 @@ for (int t = 0; t < BLOCKS; ++t) {
         for (int r = 0; r < R; ++r) {
             const double y = x[r * INPUTS + i];
             centers[r] += m * y; noises[r] += e * ax[r * INPUTS + i];
+            if (BENT) radii[r] += below.radius[i] * ax[r * INPUTS + i];
 #pragma unroll
             for (int k = 0; k < C; ++k) generators[r][k] += below.part[k][i] * y;
         }
@@ -105,15 +152,38 @@ for (int t = 0; t < BLOCKS; ++t) {
 #pragma unroll
     for (int r = 0; r < R; ++r) {
         const int j = FIRST + t * R + r;
-        const V z = centers[r], from = noises[r]; const V* g = generators[r];
+        const V z = centers[r], from = noises[r], reach = radii[r]; const V* g = generators[r]; (void)reach;
         NEURON
     }
 }
 """
 
-# Backwards through a layer: its lines and parabolas are weighed by back, the output's coefficients of its neurons; what
-# each neuron's spread costs is taken from least and charged to the columns that caused it (score); to receives the
-# output's coefficients of what the layer computes with.
+# Before it, where layers below bend: the quadratic forms of its arguments, ENTRIES entries from ENTRY on at a time.
+SQUARES_OF_ARGUMENTS = """
+for (int t = 0; t < BLOCKS; ++t) {
+    const double* x = weight + (FIRST + t * R) * INPUTS;
+    V sums[R][ENTRIES];
+#pragma unroll
+    for (int r = 0; r < R; ++r)
+        for (int k = 0; k < ENTRIES; ++k) sums[r][k] = zero;
+    for (int i = 0; i < INPUTS; ++i) {
+#pragma unroll
+        for (int k = 0; k < ENTRIES; ++k) {
+            const V q = below.square[ENTRY + k][i];
+#pragma unroll
+            for (int r = 0; r < R; ++r) sums[r][k] += q * x[r * INPUTS + i];
+        }
+    }
+#pragma unroll
+    for (int r = 0; r < R; ++r)
+        for (int k = 0; k < ENTRIES; ++k) own.form[ENTRY + k][FIRST + t * R + r] = sums[r][k];
+}
+"""
+
+# Backwards through a layer: its curves are weighed by back, the output's coefficients of its neurons, and added to one
+# polynomial in zeta, of which the entries are tilt, square and cubes (a <= b <= d of each, as of a symmetric tensor);
+# what each neuron's spread costs is taken from least and charged to the columns that caused it (score); to receives the
+# output's coefficients of what the layer computes with. bulk sums up the absolute terms of square and cubes.
 BACKWARDS = """
 for (int i = 0; i < INPUTS; ++i) to[i] = zero;
 for (int j = 0; j < NEURONS; ++j) {
@@ -123,20 +193,54 @@ for (int j = 0; j < NEURONS; ++j) {
 #pragma unroll
     for (int k = 0; k < C; ++k) score[k] += share * absolute(own.rate[k][j]);
     if (BENDS) {
-        const V bow = c * own.bend[j], n2 = own.near[j] * own.near[j];
-        least -= bow * n2 * 0.5; bulk += absolute(bow) * n2;
-        int entry = 0;
+        const V bow = c * own.bend[j], arch = c * own.cube[j], mix = c * own.cross[j] * THIRD, n = own.near[j];
+        bulk += (absolute(bow) + absolute(arch) * n) * n * n;
+        if (BENT) bulk += absolute(mix) * n * own.total[j] * 3.0;
+        V bent[SQUARES], crossed[SQUARES]; int entry = 0, cube = 0;
 #pragma unroll
         for (int k = 0; k < C; ++k) {
-            const V bent = bow * own.rate[k][j];
+            const V rate = own.rate[k][j]; tilt[k] += c * own.lean[j] * rate;
 #pragma unroll
-            for (int m = k; m < C; ++m) square[entry++] += bent * own.rate[m][j];
+            for (int m = k; m < C; ++m, ++entry) {
+                const V product = rate * own.rate[m][j];
+                square[entry] += bow * product; bent[entry] = arch * product;
+                if (BENT) { crossed[entry] = mix * own.form[entry][j]; bent[entry] += crossed[entry]; }
+            }
         }
+#pragma unroll
+        for (int a = 0; a < C; ++a)
+#pragma unroll
+            for (int b = a; b < C; ++b)
+#pragma unroll
+                for (int d = b; d < C; ++d, ++cube) {
+                    cubes[cube] += own.rate[a][j] * bent[place(b, d)];
+                    if (BENT) cubes[cube] += own.rate[b][j] * crossed[place(a, d)] + own.rate[d][j] * crossed[place(a, b)];
+                }
     }
     c *= own.slope[j];
     const double* x = w + AT + NEURONS + j * INPUTS;
     for (int i = 0; i < INPUTS; ++i) to[i] += c * x[i];
 }
+"""
+
+# The cubic part of the polynomial, by entries: zeta^3 is within 1/4 of 3/4 zeta, and zeta_k^2 zeta_m within 1/2 |zeta_m|
+# of 1/2 zeta_m; the lines go to tilt. Losses are shared among the columns of an entry.
+STRAIGHTEN = """
+int cube = 0;
+const auto lose = [&](V loss, int a, int b, int d) {
+    least -= loss; loss *= THIRD; score[a] += loss; score[b] += loss; score[d] += loss;
+};
+#pragma unroll
+for (int a = 0; a < C; ++a)
+#pragma unroll
+    for (int b = a; b < C; ++b)
+#pragma unroll
+        for (int d = b; d < C; ++d, ++cube) {
+            const V q = cubes[cube]; const V size = absolute(q);
+            if (a == d) { tilt[a] += q * 0.75; lose(size * 0.25, a, b, d); }
+            else if (a == b || b == d) { tilt[a == b ? d : a] += q * 1.5; lose(size * 1.5, a, b, d); }
+            else lose(size * 6.0, a, b, d);
+        }
 """
 
 # A constraint excess + q . zeta <= 0 on the columns OF, M of them, added to the linear bound with the multiplier that
@@ -160,10 +264,15 @@ for (int k = 0; k < M; ++k) slope[OF[k]] += best * q[k];
 least += best * excess - (best * absolute(excess) + before + 1.0) * 1e-14;
 """
 
-# The least of the quadratic form over |zeta| <= 1, entry by entry. Entries off the diagonal count in absolute value. An
-# entry q >= 0 of the diagonal goes with its slope, the least of -s |zeta| + q zeta^2 being at zeta = s / (2 q) if that
-# is less than 1, else at the end; a negative one is least at the end.
+# The least of slope . zeta and the quadratic form over |zeta| <= 1, entry by entry. Of q zeta_k zeta_m, k != m, only
+# -|q| is sure; but where it is +|q| in the corner where slope . zeta is least, it is above the planes
+# -|q| + d (a zeta_k + b zeta_m) for all 0 <= d <= |q|, a and b being the signs that lower both slopes (McCormick), so
+# that d is gained from either slope, until one is 0. An entry q >= 0 of the diagonal goes with what is left of its
+# slope, the least of -s |zeta| + q zeta^2 being at zeta = s / (2 q) if that is less than 1, else at the end; a negative
+# one is least at the end.
 CLOSE = """
+V steep[C];
+for (int k = 0; k < C; ++k) steep[k] = absolute(slope[k]);
 int entry = 0;
 #pragma unroll
 for (int k = 0; k < C; ++k) {
@@ -171,14 +280,19 @@ for (int k = 0; k < C; ++k) {
     for (int m = k; m < C; ++m, ++entry) {
         const V q = absolute(square[entry]);
         if (m == k) { score[k] += q; least -= square[entry] < zero ? q : zero; }
-        else { least -= q; score[k] += q * 0.5; score[m] += q * 0.5; }
+        else {
+            least -= q; score[k] += q * 0.5; score[m] += q * 0.5;
+            V gained = steep[k] < steep[m] ? steep[k] : steep[m]; gained = q < gained ? q : gained;
+            gained = slope[k] * slope[m] * square[entry] > zero ? gained : zero;
+            steep[k] -= gained; steep[m] -= gained;
+        }
     }
 }
 least -= bulk * SQUARES_ROUNDING; level = least;
 entry = 0;
 #pragma unroll
 for (int k = 0; k < C; entry += C - k, ++k) {
-    const V s = absolute(slope[k]), q = square[entry] > zero ? square[entry] : zero;
+    const V s = steep[k], q = square[entry] > zero ? square[entry] : zero;
     const V end = q - s, inner = s * s * -0.25 / (q > zero ? q : zero + 1.0);
     least += s < q + q ? inner : end;
 }

@@ -63,29 +63,56 @@ for (int b = 0; b < BLOCKS; ++b) {
 }
 """
 
-# One layer of one query: ROW neurons, L at a time, from K inputs x to y; a row of biases, then one of weights an input.
-# Even and odd inputs are summed apart, so that sums need not wait for each other.
-_NEURONS_IN_LANES = """
-V a[ROW / L], b[ROW / L];
-const float* p = w + AT;
-for (int q = 0; q < ROW / L; ++q) { a[q] = *(const V*)(p + q * L); b[q] = a[q] * 0.0f; }
-int k = 0;
-for (; k + 1 < K; k += 2) {
-    const float* c = p + ROW * (k + 1); const float even = x[k], odd = x[k + 1];
-    for (int q = 0; q < ROW / L; ++q) {
-        a[q] += *(const V*)(c + q * L) * even;
-        b[q] += *(const V*)(c + ROW + q * L) * odd;
-    }
-}
-if (k < K) for (int q = 0; q < ROW / L; ++q) a[q] += *(const V*)(p + ROW * (k + 1) + q * L) * x[k];
-for (int q = 0; q < ROW / L; ++q) *(V*)(y + q * L) = act(a[q] + b[q]);
+# Lanes of neurons: as many as a register has, and no more than a row of ROW neurons. Where they do not divide the row, the last
+# register begins earlier, and some neurons are computed twice, the same way.
+_LANES = """
+#if defined(__AVX512F__)
+constexpr int L = ROW < 16 ? 8 : 16;
+#else
+constexpr int L = 8;
+#endif
+constexpr int REGISTERS = (ROW + L - 1) / L;
+typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));
+typedef int I __attribute__((vector_size(4 * L)));
 """
 
-# One output of one query, from ROW activations x; those behind the last neuron are 0, and so are their weights. L is 8
-# here; the lanes are added by halves, and the rounding bound holds for every order.
+# One layer of one query: from K inputs x to ROW neurons y; a row of biases, then one of weights an input.
+# Every WAYS-th input is summed apart, so that there are sums enough that need not wait for each other.
+_NEURONS_IN_LANES = """
+constexpr int WAYS = REGISTERS > 3 ? 2 : 4;
+V a[WAYS][REGISTERS];
+const float* p = w + AT;
+#pragma unroll
+for (int q = 0; q < REGISTERS; ++q) {
+    a[0][q] = *(const V*)(p + (q * L < ROW - L ? q * L : ROW - L));
+    for (int r = 1; r < WAYS; ++r) a[r][q] = a[0][q] * 0.0f;
+}
+p += ROW;
+#pragma unroll
+for (int k = 0; k < K / WAYS * WAYS; k += WAYS)
+    for (int r = 0; r < WAYS; ++r) {
+        const float input = x[k + r]; const float* c = p + ROW * (k + r);
+        for (int q = 0; q < REGISTERS; ++q) a[r][q] += *(const V*)(c + (q * L < ROW - L ? q * L : ROW - L)) * input;
+    }
+#pragma unroll
+for (int k = K / WAYS * WAYS; k < K; ++k) {
+    const float input = x[k]; const float* c = p + ROW * k;
+    for (int q = 0; q < REGISTERS; ++q) a[k % WAYS][q] += *(const V*)(c + (q * L < ROW - L ? q * L : ROW - L)) * input;
+}
+#pragma unroll
+for (int q = 0; q < REGISTERS; ++q) {
+    V sum = a[0][q] + a[1][q];
+    if (WAYS > 2) sum += a[2 % WAYS][q] + a[3 % WAYS][q];
+    *(V*)(y + (q * L < ROW - L ? q * L : ROW - L)) = act(sum);
+}
+"""
+
+# One output of one query, from ROW activations x; those behind the last neuron are 0, and so are their weights. The lanes are eight here, and
+# added by halves; the rounding bound holds for every order.
 _SUM = """
+typedef float V __attribute__((vector_size(32), aligned(4), may_alias));
 V sum = *(const V*)x * *(const V*)(w + AT + 1);
-for (int q = 1; q < ROW / L; ++q) sum += *(const V*)(x + q * L) * *(const V*)(w + AT + 1 + q * L);
+for (int q = 1; q < ROW / 8; ++q) sum += *(const V*)(x + q * 8) * *(const V*)(w + AT + 1 + q * 8);
 OUTPUT = ((sum[0] + sum[4]) + (sum[2] + sum[6])) + ((sum[1] + sum[5]) + (sum[3] + sum[7])) + w[AT];
 """
 
@@ -209,22 +236,16 @@ class MlpSource(Source):
         return "\n".join([self.function_encode(), *layers, self.function_output(last, self.places[-1])])
 
     def function_encode(self) -> str:
-        """C statements from ``v`` to the inputs ``float h0[]``, with the layers' vector type and activation."""
-        return "\n".join(
-            [
-                f"constexpr int L = {ALIGN}; typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));",
-                "typedef int I __attribute__((vector_size(4 * L)));",
-                _function("act", activation_of(self.activation), Lanes(vector=True)),
-                self._inputs(Lanes(vector=False), "float"),
-            ]
-        )
+        """C statements from ``v`` to the inputs ``float h0[]``."""
+        return self._inputs(Lanes(vector=False), "float")
 
     def function_layer(self, index: int) -> str:
-        """One hidden layer, eight neurons at a time."""
+        """One hidden layer, a register of neurons at a time."""
         place, row = self.neuron_rows[index]
         own = constants(K=self.layers[index][0], ROW=row, AT=place)
         names = f"const float* x = h{index}; float* y = h{index + 1};"
-        return "\n".join([f"float h{index + 1}[{row}]; {{", own, names, _NEURONS_IN_LANES, "}"])
+        act = _function("act", activation_of(self.activation), Lanes(vector=True))
+        return "\n".join([f"float h{index + 1}[{row}]; {{", own, _LANES, act, names, _NEURONS_IN_LANES, "}"])
 
     def function_output(self, index: int, output_at: int) -> str:
         """``float f``, the output behind hidden layer ``index`` that stands at ``w[output_at]``; in a block of its own."""

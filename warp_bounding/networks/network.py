@@ -4,20 +4,26 @@ A hidden layer computes ``h' = act(W h + b)``, act one of ``activations``; the o
 encoding puts fixed features ``[v, sin(F v + g)]`` before the first layer: a sine layer whose first rows pass ``v``
 through.
 
-Bounds relax the activation of each neuron at ``z + x``, ``x = l + y``, where l is linear in the box's coordinates and y
-is all that is not: it lies within ``spread`` of ``mean + slope x + bend l^2`` (``Activation.relax``). The slope is the
-same above and below, as in a zonotope (Singh et al., *Fast and Effective Robustness Certification*, 2018), so layers
-compose exactly but for the spreads. Forwards, only centres, linear parts and half-widths of the rest are kept.
-Backwards, the output's actual coefficients are carried down (CROWN, Zhang et al. 2018): slopes and parabolas of many
-neurons cancel, and only spreads are added in absolute value, so that on small boxes the bound is off by the third power
-of their width. Any slope and any parabola is sound; they decide only how tight the bound is.
+Bounds enclose the activation of each neuron at ``z + x``, ``x = l + p + y``, where l is linear in the box's coordinates,
+p is the quadratic form that the parabolas of the layers below make together, and y is all the rest: by a line or a cubic
+in l, whose coefficients are the same above and below, and a band (``Activation.relax``, ``Activation.curve``). So layers
+compose exactly but for the bands, as zonotopes do (Singh et al., *Fast and Effective Robustness Certification*, 2018),
+and Taylor models (Makino and Berz, *Taylor Models and Other Validated Functional Inclusion Methods*, 2003). Forwards,
+centres, linear parts and quadratic forms are kept, in which those of many neurons cancel, and half-widths of the rest.
+Backwards, the output's actual coefficients are carried down (CROWN, Zhang et al. 2018): the curves of all neurons are
+added to one cubic polynomial, in which they cancel again, and only bands are added in absolute value, so that on small
+boxes the bound is off by the third power of their width, times what of the cubes does not cancel. Any curve is sound;
+they decide only how tight the bound is.
 """
+
+from itertools import combinations, combinations_with_replacement, permutations
 
 import numpy as np
 
 from warp_bounding.activations import SINE, activation_of
+from warp_bounding.activations.base import Curve
 from warp_bounding.networks.bound_kernel import bound_boxes
-from warp_bounding.networks.bound_source import SQUARES_ROUNDING, NetworkShape
+from warp_bounding.networks.bound_source import ROOM, SQUARES_ROUNDING, NetworkShape
 from warp_bounding.networks.box_bounds import BoxBounds
 from warp_bounding.networks.charts.base import Chart, PlainChart
 from warp_bounding.networks.rounding import Layer, measure
@@ -106,50 +112,128 @@ class Network:
             ``(N,)`` certified lower bounds (float64 rounding subtracted), ``(N,)`` the axes whose halving should help
             most, and ``(N, n)`` the corners where the linear part is least.
         """
-        center, radius = (lower + upper) / 2, (upper - lower) / 2
-        mean, slope, noise = center, None, 0.0
-        trace = []  # per hidden layer: parts, near, width of the arguments, slope, bend, spread
+        center, half_width = (lower + upper) / 2, (upper - lower) / 2
+        lines = [column * half_width[:, k, None] for k, column in enumerate(self.hidden[0].weight.T)]
+        lines, mean, noise = np.stack(lines), center, np.zeros((len(center), len(self.hidden[0].bias)))
+        form = middles = reach = None  # of the arguments: quadratic forms, the middles and halves of their ranges
+        trace = []  # per hidden layer: lines, form, middle, width of the arguments; curve
         for index, layer in enumerate(self.hidden):
-            # With l = sum_k parts[k] zeta_k, |zeta_k| <= 1 and |l| <= near, the layer's output is
-            # h = mean + slope l + bend (l^2 - near^2 / 2) + y; y and the parabola together are at most ``noise``, which
-            # goes through the next layer in absolute value.
-            z = mean @ layer.weight.T + layer.bias
-            if index == 0:
-                parts = [column * radius[:, k, None] for k, column in enumerate(layer.weight.T)]
-                noise = np.zeros_like(z)
-            else:
-                parts = [(part * slope) @ layer.weight.T for part in parts]
-                noise = noise @ np.abs(layer.weight).T
-            near, pad = sum(np.abs(part) for part in parts), self.padding[index]
-            slope, mean, bend, spread = layer.activation.relax(z, near, noise + pad)
-            k = layer.linear
-            slope[:, :k], mean[:, :k], bend[:, :k], spread[:, :k] = 1.0, z[:, :k], 0.0, 0.0
-            spread, half = spread + pad, near * near / 2
-            trace.append((parts, near, near + noise + pad, slope, bend, spread))
-            mean, noise = mean + bend * half, np.abs(slope) * noise + np.abs(bend) * half + spread
-        least = mean @ self.output.weight[0] + self.output.bias[0] - self.padding[-1]
-        # Backwards: lines and parabolas are weighed by the output's coefficients. What the neurons' spreads cost is
-        # charged to the inputs whose width causes it (score).
+            # An argument is z + l + p + y: l = lines . zeta, |l| <= near; p is a quadratic form, within radius of its
+            # middle; |y| <= noise.
+            z, near, pad = mean @ layer.weight.T + layer.bias, np.abs(lines).sum(axis=0), self.padding[index]
+            middle = radius = np.zeros_like(z)
+            if form is not None:
+                middle, radius = _range(form, middles, reach, ROOM if layer.activation.limit < np.inf else np.inf)
+            curve = _curve(layer, z + middle, near, radius, noise + pad)
+            curve = curve._replace(spread=curve.spread + pad)
+            trace.append((lines, form, middle, near + radius + noise + pad, curve))
+            if index + 1 == len(self.hidden):
+                break
+            # What the next layer reads: l^3 is within near^3 / 4 of 3/4 near^2 l, and l p within near radius of 0.
+            weight, sizes = self.hidden[index + 1].weight.T, np.abs(self.hidden[index + 1].weight.T)
+            mean, half = curve.mean - curve.slope * middle, near * near / 2
+            noise = np.abs(curve.slope) * noise + curve.spread + np.abs(curve.cross) * near * radius
+            noise = (noise + np.abs(curve.cube) * near**3 / 4) @ sizes
+            if form is not None or layer.activation.bends:
+                square = curve.bend * lines[:, None] * lines + (0.0 if form is None else curve.slope * form)
+                form, middles = square @ weight, (curve.slope * middle + curve.bend * half) @ weight
+                reach = (np.abs(curve.slope) * radius + np.abs(curve.bend) * half) @ sizes
+            lines = (lines * (curve.slope + curve.lean + 1.5 * curve.cube * half)) @ weight
+        least = curve.mean - curve.slope * middle
+        least = least @ self.output.weight[0] + self.output.bias[0] - self.padding[-1]
+        # Backwards: curves are weighed by the output's coefficients and added to one polynomial. What the neurons'
+        # spreads cost is charged to the inputs whose width causes it (score).
         n = center.shape[1]
-        coefficient = np.broadcast_to(self.output.weight[0], slope.shape)
-        score, square = np.zeros_like(center), np.zeros((len(center), n, n))
-        for index, (parts, near, width, slope, bend, spread) in reversed(list(enumerate(trace))):
-            loss, curved = np.abs(coefficient) * spread, coefficient * bend
-            least -= loss.sum(axis=1) + (curved * near * near / 2).sum(axis=1)
-            least -= SQUARES_ROUNDING * (np.abs(curved) * near * near).sum(axis=1)
-            for k in range(n):
-                score[:, k] += (loss / width * np.abs(parts[k])).sum(axis=1)
-                for m in range(n):
-                    square[:, k, m] += (curved * parts[k] * parts[m]).sum(axis=1)
-            coefficient = (coefficient * slope) @ self.hidden[index].weight
-        corner = np.where(coefficient > 0, lower, upper)
-        # Over |zeta| <= 1, entries of the quadratic form off the diagonal count in absolute value. The least of
-        # -tilt |zeta| + up zeta^2 is at zeta = tilt / (2 up) if that is less than 1, else at the end.
-        tilt, size = np.abs(coefficient * radius), np.abs(square)
-        diagonal = np.einsum("bkk->bk", square)
-        score += size.sum(axis=2)
-        least -= size.sum(axis=(1, 2)) - np.maximum(diagonal, 0).sum(axis=1)
-        up = np.maximum(diagonal, 0)
-        inner = -(tilt**2) / (4 * np.where(up > 0, up, 1.0))
-        least += np.where(tilt < 2 * up, inner, up - tilt).sum(axis=1)
-        return least, np.argmax(score, axis=1), corner
+        coefficient = np.broadcast_to(self.output.weight[0], curve.mean.shape)
+        score, tilt = np.zeros_like(center), np.zeros_like(center)
+        square, cube, bulk = np.zeros((len(center), n, n)), np.zeros((len(center), n, n, n)), 0.0
+        for (lines, form, middle, width, curve), layer in zip(reversed(trace), reversed(self.hidden), strict=True):
+            c, near = coefficient, np.abs(lines).sum(axis=0)
+            loss = np.abs(c) * curve.spread
+            least -= loss.sum(axis=1)
+            score += np.einsum("bj,kbj->bk", loss / width, np.abs(lines))
+            tilt += np.einsum("bj,kbj->bk", c * (curve.lean - curve.cross * middle), lines)
+            square += np.einsum("bj,kbj,mbj->bkm", c * curve.bend, lines, lines)
+            cube += np.einsum("bj,kbj,mbj,obj->bkmo", c * curve.cube, lines, lines, lines, optimize=True)
+            bulk = bulk + (np.abs(c) * near * near * (np.abs(curve.bend) + np.abs(curve.cube) * near)).sum(axis=1)
+            if form is not None:
+                cube += np.einsum("bj,kbj,mobj->bkmo", c * curve.cross, lines, form, optimize=True)
+                bulk += (np.abs(c * curve.cross) * near * np.abs(form).sum(axis=(0, 1))).sum(axis=1)
+            coefficient = (c * curve.slope) @ layer.weight
+        least -= SQUARES_ROUNDING * bulk
+        least += _straighten(cube, tilt, score)
+        slope = coefficient * half_width + tilt
+        corner = np.where(slope > 0, lower, upper)
+        return least + _close(slope, square, score), np.argmax(score, axis=1), corner
+
+
+def _curve(layer: Layer, z: np.ndarray, near: np.ndarray, radius: np.ndarray, noise: np.ndarray) -> Curve:
+    """What encloses a layer's outputs."""
+    if layer.activation.bends:
+        curve = layer.activation.curve(z, near, radius, noise)
+    else:
+        slope, mean, _, spread = layer.activation.relax(z, near, radius + noise)
+        curve = Curve(mean, slope, *[np.zeros_like(z) for _ in range(4)], spread)
+    k = layer.linear
+    for part in curve:
+        part[:, :k] = 0.0
+    curve.slope[:, :k], curve.mean[:, :k] = 1.0, z[:, :k]
+    return curve
+
+
+def _straighten(cube: np.ndarray, tilt: np.ndarray, score: np.ndarray) -> np.ndarray:
+    """``(N,)``: what is lost where cubes ``(N, n, n, n)`` become lines, which are added to ``tilt``, as losses to ``score``.
+
+    Over ``|zeta| <= 1``, ``zeta^3`` is within 1/4 of ``3/4 zeta``, and ``zeta_k^2 zeta_m`` within 1/2 of ``1/2 zeta_m``.
+    """
+    n, least = tilt.shape[1], np.zeros(len(tilt))
+    for entry in combinations_with_replacement(range(n), 3):
+        a, b, d = entry
+        orders = set(permutations(entry))
+        total = sum(cube[:, i, j, k] for i, j, k in orders)
+        share = {1: 0.75, 3: 0.5, 6: 0.0}[len(orders)]
+        if share:
+            tilt[:, b if a == d else d if a == b else a] += share * total
+        loss = (1 - share) * np.abs(total)
+        least -= loss
+        for k in entry:
+            score[:, k] += loss / 3
+    return least
+
+
+def _close(slope: np.ndarray, square: np.ndarray, score: np.ndarray) -> np.ndarray:
+    """``(N,)`` bounds of ``slope . zeta`` and a quadratic form over ``|zeta| <= 1``; what they lose is added to ``score``.
+
+    Entries off the diagonal count in absolute value; where they are positive in the corner where the linear part is
+    least, they lower both slopes (McCormick). The least of ``-tilt |zeta| + up zeta^2`` is at ``zeta = tilt / (2 up)``
+    if that is less than 1, else at the end.
+    """
+    tilt, size, sign = np.abs(slope), np.abs(square), np.sign(slope)
+    diagonal = np.einsum("bkk->bk", square)
+    score += size.sum(axis=2)
+    least = np.maximum(diagonal, 0).sum(axis=1) - size.sum(axis=(1, 2))
+    for k, m in combinations(range(slope.shape[1]), 2):
+        gained = np.minimum(np.minimum(tilt[:, k], tilt[:, m]), 2 * size[:, k, m])
+        gained[sign[:, k] * sign[:, m] * square[:, k, m] <= 0] = 0.0
+        tilt[:, k] -= gained
+        tilt[:, m] -= gained
+    up = np.maximum(diagonal, 0)
+    inner = -(tilt**2) / (4 * np.where(up > 0, up, 1.0))
+    return least + np.where(tilt < 2 * up, inner, up - tilt).sum(axis=1)
+
+
+def _range(square: np.ndarray, sums: np.ndarray, reach: np.ndarray, room: float) -> tuple[np.ndarray, np.ndarray]:
+    """Middle and half of the range of quadratic forms over ``|zeta| <= 1``.
+
+    Args:
+        square: ``(n, n, N, H)``, their entries.
+        sums: ``(N, H)``, middles of the parabolas that they consist of, summed.
+        reach: ``(N, H)``, their half-heights, summed.
+        room: The largest middle; farther ones become 0, and the range as much wider.
+    """
+    diagonal = np.einsum("kkbj->bj", square) / 2
+    other = np.abs(square).sum(axis=(0, 1)) - np.einsum("kkbj->bj", np.abs(square)) / 2
+    low, high = np.maximum(diagonal - other, sums - reach), np.minimum(diagonal + other, sums + reach)
+    middle, radius = (low + high) / 2, (high - low) / 2
+    beyond = np.abs(middle) > room
+    return np.where(beyond, 0.0, middle), np.where(beyond, radius + np.abs(middle), radius)

@@ -54,9 +54,12 @@ def measure(layers: list[Layer], limit: np.ndarray, terms: np.ndarray | None = N
     Of a layer, ``largest`` bounds the exact |z|, ``computed`` the sum of the absolute terms that float32 adds up, and
     ``rounding`` the distance of the computed z from the exact one. For bounds in float64, ``operations`` is more than
     the roundings on any path so far: in each layer at most 4 sums of ``terms`` products (centre, linear parts, noise,
-    and the way back), and fewer than 32 operations of a relaxation; 16 are left for the chart and the last steps.
-    ``chain`` bounds the sum of absolute terms on such a path, with activations of slope 1; a centre exceeds a mean by
-    half of a parabola's height, which the term 1.0 of each layer and 4.0 at the end are room for.
+    and the way back), and fewer than 32 operations of a relaxation; 4 more sums and 96 operations more of quadratic
+    forms (entries, middle and half of the range) where a layer bends; 16 are left for the chart and the last steps.
+    ``chain`` bounds the sum of absolute terms on a path, with activations of slope 1 and parabolas whose heights, at
+    most 1, are in the term 1.0 of each layer. A mean differs from the value at the box's centre by no more than its
+    noise, so sums of means are values and noise. The entries of quadratic forms together are at most twice the
+    parabolas' heights: hence the factor 2.
 
     Args:
         layers: The output last.
@@ -69,7 +72,7 @@ def measure(layers: list[Layer], limit: np.ndarray, terms: np.ndarray | None = N
             certified.
     """
     size, error = limit.copy(), np.zeros_like(limit)  # of h: largest absolute value; error of the computed h
-    padding, operations, chain = [], 16, (limit if terms is None else terms).copy()
+    padding, operations, chain, bent = [], 16, (limit if terms is None else terms).copy(), False
     for index, layer in enumerate(layers):
         terms, weight = layer.weight.shape[1], np.abs(layer.weight)
         largest = weight @ size + np.abs(layer.bias)
@@ -81,8 +84,10 @@ def measure(layers: list[Layer], limit: np.ndarray, terms: np.ndarray | None = N
                 f"values of layer {index} can reach {float(computed.max()):.3g}, float32 sums may overflow"
             )
         operations += 4 * terms + 32
+        if bent := bent or (layer.activation is not None and layer.activation.bends):
+            operations += 4 * terms + 96
         chain = weight @ chain + largest + 1.0
-        padding.append(gamma(operations, UNIT64) * (float(chain.max()) + 4.0))
+        padding.append(gamma(operations, UNIT64) * ((2.0 if bent else 1.0) * float(chain.max()) + 4.0))
         if (activation := layer.activation) is None:
             break
         argument = float((largest + rounding)[layer.linear :].max(initial=0.0))
