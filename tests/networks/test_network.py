@@ -44,7 +44,8 @@ def test_relaxation_of_one_neuron(activation, seed, exponent):
     assert (np.abs(curve.slope) <= 1).all()
     assert (np.abs(curve.slope + curve.lean + 0.75 * curve.cube * width**2) <= 1).all()
     assert (np.abs(curve.bend) * width**2 / 2 <= 1).all()
-    assert (np.abs(curve.mean) <= 1 + curve.spread + np.abs(z)).all()
+    if ACTIVATIONS[activation].largest is not None:
+        assert (np.abs(curve.mean) <= ACTIVATIONS[activation].largest + curve.spread).all()
 
 
 def test_relaxations_are_tight_where_boxes_are_small():
@@ -149,6 +150,29 @@ def test_fused_kernel_is_its_plain_twin(hidden, activation, octaves, rng):
     assert (corner == plain_corner).all(axis=1).mean() > 0.98
     for count in (0, 1, 7, 8, 9, 63, 65):
         assert (network.bound(lower[:count], upper[:count])[0] == least[:count]).all()
+
+
+@pytest.mark.parametrize(
+    ("hidden", "activation", "octaves"), [((25, 25), "sin", 0), ((9, 8, 7), "sin", 1), ((20, 9), "relu", 0)]
+)
+@pytest.mark.parametrize("name", ["c", "blob", "five"])
+def test_corners_are_multilinear_bounds(hidden, activation, octaves, name, rng):
+    """f is nowhere under what is multilinear between the numbers at the corners, and they are no lower than the linear bound's."""
+    network = random_mlp(shape(name), hidden, activation, octaves, gain=4.0).network
+    limit, n = network.limit, len(network.limit)
+    lower = rng.uniform(-limit, limit, (400, n))
+    upper = np.minimum(lower + 10.0 ** rng.uniform(-6, 0, (400, 1)), limit)
+    values, axis = network.corners(lower, upper)
+    assert values.shape == (400, 2**n)
+    assert ((axis >= 0) & (axis < n)).all()
+    upper_ends = np.arange(2**n)[:, None] >> np.arange(n) & 1 == 1
+    for u in np.concatenate([rng.random((30, 400, n)), rng.integers(0, 2, (10, 400, n))]).astype(np.longdouble):
+        shares = np.where(upper_ends, u[:, None], 1 - u[:, None]).prod(axis=2)
+        v = np.clip(lower + u * (upper - lower), lower, upper).astype(np.float64)
+        assert (network(v) >= (shares * values).sum(axis=1)).all()
+    bounds = network.bound(lower, upper)
+    linear = bounds.level[:, None] + np.einsum("bk,ik->bi", bounds.slope * (upper - lower) / 2, 2.0 * upper_ends - 1)
+    assert (values >= linear - 1e-11 * (1 + np.abs(linear))).all()
 
 
 def summed(products, rng, how):

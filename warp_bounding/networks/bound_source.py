@@ -12,7 +12,7 @@ rounding of all of them, and the relaxations add what the kernel's own sine and 
 computes the same in NumPy, for boxes of the inputs themselves (``PlainChart``): it knows no other chart and no
 constraint.
 
-The C itself stands in ``bound_text``, which is to be read first; here it is put together for the shape of a network and
+The C itself stands in ``bound_text``, which is to be read first, and in ``polynomial_text``; here it is put together for the shape of a network and
 its chart. K are the network's inputs, Z the numbers of a box, C the columns, the entries of zeta (``charts.base``).
 """
 
@@ -24,9 +24,10 @@ import numpy as np
 from warp_bounding.activations import activation_of
 from warp_bounding.activations.base import constant, constants
 from warp_bounding.networks import bound_text as text
+from warp_bounding.networks import polynomial_text
 from warp_bounding.networks.charts.base import Chart
 
-__all__ = ["BLOCK", "NetworkShape", "body", "lanes_text", "load_text", "snippet"]
+__all__ = ["BLOCK", "NetworkShape", "body", "lanes_text", "load_text", "snippet", "stored"]
 
 BLOCK = 64  # boxes that a thread of the kernel works on, on a CPU; on CUDA it is one
 # A box's second axis to halve is chosen as if its first were halved already. The score of that number z falls by this
@@ -73,7 +74,7 @@ def lanes_text(shape: NetworkShape, inputs: str) -> tuple[str, str]:
     return tuple(f"{types}{inputs}\n{tools}" for types in (text.CPU, text.CUDA))
 
 
-def body(shape: NetworkShape, tried: str = "true") -> str:
+def body(shape: NetworkShape, tried: str = "true", *, multilinear: bool = False) -> str:
     """C statements that bound f over one box a lane.
 
     They read the box ``V low[Z], high[Z]``, which the chart may shrink, the weights ``w`` (``Network.packed``), the
@@ -93,6 +94,8 @@ def body(shape: NetworkShape, tried: str = "true") -> str:
     Args:
         shape: What the kernel is compiled for.
         tried: C condition under which f is evaluated where it looks lowest; else ``valid`` is 0.
+        multilinear: Leave products of different columns in ``square`` and ``cubes``, for ``polynomial_text.CORNERS``: then
+            ``least`` is no bound, and ``level`` the constant of a multilinear one.
     """
     chart, layers, places = shape.chart, list(enumerate(shape.layers)), [0]
     # Where each layer begins in ``w``: its biases, its weights and their absolute values (``Network.packed``).
@@ -100,9 +103,8 @@ def body(shape: NetworkShape, tried: str = "true") -> str:
         places.append(places[-1] + neurons * (2 * inputs + 1))
     squares = [(k, m) for k in range(chart.columns) for m in range(k, chart.columns)]
     n, bends = chart.columns, any(activation_of(name).bends for _, _, name, _ in shape.layers)
-    sizes = constants(
-        K=shape.ndim, C=n, Z=chart.size, SQUARES=len(squares), CUBES=n * (n + 1) * (n + 2) // 6, NOISY=int(chart.noisy)
-    )
+    sizes = constants(K=shape.ndim, C=n, Z=chart.size, NOISY=int(chart.noisy), MULTILINEAR=int(multilinear))
+    sizes += constants(SQUARES=len(squares), CUBES=n * (n + 1) * (n + 2) // 6)
     last, at, count = len(layers) - 1, places[-1], shape.layers[-1][1]
     join = "\n".join
     return f"""
@@ -114,6 +116,11 @@ V center[K], noise[K], rest[K], gen[{len(chart.pairs)}], h[K], z[Z], gradient[K]
 V score[C], slope[C], owner[C], tilt[C], square[SQUARES], cubes[CUBES];
 (void)dead; (void)valid; (void)noise; (void)rest; (void)lost; (void)bulk;
 const auto entry = [](int k, int m) {{ return k * (2 * C - k + 1) / 2 + m - k; }}; const auto place = entry; (void)place;
+const auto triple = [&](int a, int b, int d) {{  // the place of a <= b <= d in cubes
+    int before = 0;
+    for (int k = 0; k < a; ++k) before += (C - k) * (C - k + 1) / 2;
+    return before + place(b, d) - place(a, a);
+}}; (void)triple;
 {chart.expand}
 {chart.owners}
 for (int k = 0; k < C; ++k) score[k] = tilt[k] = zero;
@@ -138,10 +145,10 @@ if (NOISY) {{
     for (int i = 1; i < SQUARES; ++i) all += absolute(square[i]);
     bulk += all;
 }}
-{f"{{ {text.STRAIGHTEN} }} {_lean(chart)}" * bends}
+{f"{{ {polynomial_text.STRAIGHTEN} }} {_lean(chart)}" * bends}
 {" ".join(f"slope[{k}] = {_product(chart, k, 'gradient[{i}]')} + tilt[{k}];" for k in range(chart.columns))}
 {join(_constrain(chart, start, factors) for start, factors in chart.constraints())}
-{{ {text.CLOSE} }}
+{{ {polynomial_text.CLOSE} }}
 if ({tried}) {{
     {chart.realize}
     const V* y = h;
@@ -250,7 +257,9 @@ def _constrain(chart: Chart, start: str, factors: list[tuple[int, str]]) -> str:
     moved = [k for k in sorted(terms) if terms[k]]
     values = ", ".join(" + ".join(terms[k]) for k in moved)
     names = f"constexpr int M = {len(moved)}, OF[M] = {{{', '.join(map(str, moved))}}};"
-    return "\n".join([f"{{ {names} const V excess = {start}; const V q[M] = {{{values}}};", text.CONSTRAIN, "}"])
+    return "\n".join(
+        [f"{{ {names} const V excess = {start}; const V q[M] = {{{values}}};", polynomial_text.CONSTRAIN, "}"]
+    )
 
 
 def load_text(source: str, row: str) -> str:
@@ -262,11 +271,15 @@ def load_text(source: str, row: str) -> str:
 
 
 def snippet(shape: NetworkShape) -> str:
-    """The body of ``bound_block`` in ``bound_kernel``: a block of boxes on a CPU, one box on CUDA."""
+    """The body of the kernel of ``bound_boxes``: a block of boxes on a CPU, one box on CUDA."""
+    return stored(shape, body(shape), text.AXIS + text.STORE)
+
+
+def stored(shape: NetworkShape, bounds: str, store: str) -> str:
+    """A kernel's body: C that loads boxes, does what ``bounds`` says for those of all lanes, and ``store`` for each."""
     names = "const double* w = weights.data; const double* padding = paddings.data; double* rows = boxes.data;\n"
     names += constants(BOX=shape.chart.size, BLOCK=BLOCK) + f" constexpr double HALVED = {constant(HALVED)};"
     cpu, cuda = lanes_text(shape, names)
-    bounds = body(shape)
     return f"""
 #if !defined(__CUDA_ARCH__)
 {cpu}
@@ -275,7 +288,7 @@ for (int i = begin; i < end; i += L) {{
     V low[BOX], high[BOX];
     for (int l = 0; l < L; ++l) {{ const int j = i + l < end ? i + l : end - 1; {load_text("rows", "j")} }}
     {bounds}
-    for (int l = 0; l < L && i + l < end; ++l) {{ {text.AXIS} {text.STORE} }}
+    for (int l = 0; l < L && i + l < end; ++l) {{ {store} }}
 }}
 #else
 {cuda}
@@ -283,7 +296,7 @@ const int i = block, l = 0; if (i >= count) return;
 V low[BOX], high[BOX];
 {load_text("rows", "i")}
 {bounds}
-{{ {text.AXIS} {text.STORE} }}
+{{ {store} }}
 #endif
 #undef LANE
 """

@@ -1,6 +1,6 @@
 """The C text of bounds over boxes: from ``V low[], high[]``, a box a lane, to its bound, layer by layer and back.
 
-Names in capitals are constants that are written in front of a text, or other texts. The network's chart has K inputs
+What becomes of the polynomial to which that leads stands in ``polynomial_text``. Names in capitals are constants that are written in front of a text, or other texts. The network's chart has K inputs
 and C columns, and Z numbers a box. A layer has INPUTS and NEURONS, of which the LINEAR leading ones are passed through,
 and its numbers begin at the index AT of ``w``.
 """
@@ -8,8 +8,6 @@ and its numbers begin at the index AT of ``w``.
 __all__ = [
     "AXIS",
     "BACKWARDS",
-    "CLOSE",
-    "CONSTRAIN",
     "CPU",
     "CUDA",
     "CURVES",
@@ -20,7 +18,6 @@ __all__ = [
     "NEURON",
     "SQUARES_OF_ARGUMENTS",
     "STORE",
-    "STRAIGHTEN",
     "VALUES",
 ]
 
@@ -220,81 +217,6 @@ for (int j = 0; j < NEURONS; ++j) {
     c *= own.slope[j];
     const double* x = w + AT + NEURONS + j * INPUTS;
     for (int i = 0; i < INPUTS; ++i) to[i] += c * x[i];
-}
-"""
-
-# The cubic part of the polynomial, by entries: zeta^3 is within 1/4 of 3/4 zeta, and zeta_k^2 zeta_m within 1/2 |zeta_m|
-# of 1/2 zeta_m; the lines go to tilt. Losses are shared among the columns of an entry.
-STRAIGHTEN = """
-int cube = 0;
-const auto lose = [&](V loss, int a, int b, int d) {
-    least -= loss; loss *= THIRD; score[a] += loss; score[b] += loss; score[d] += loss;
-};
-#pragma unroll
-for (int a = 0; a < C; ++a)
-#pragma unroll
-    for (int b = a; b < C; ++b)
-#pragma unroll
-        for (int d = b; d < C; ++d, ++cube) {
-            const V q = cubes[cube]; const V size = absolute(q);
-            if (a == d) { tilt[a] += q * 0.75; lose(size * 0.25, a, b, d); }
-            else if (a == b || b == d) { tilt[a == b ? d : a] += q * 1.5; lose(size * 1.5, a, b, d); }
-            else lose(size * 6.0, a, b, d);
-        }
-"""
-
-# A constraint excess + q . zeta <= 0 on the columns OF, M of them, added to the linear bound with the multiplier that
-# serves it best. For any multiplier t >= 0 the bound least - sum |slope + t q| + t excess holds at all points that obey
-# the constraint; it is concave in t, and largest where an entry of slope + t q vanishes, or at 0. Relative to the sum
-# of the absolute terms, 1e-14 is above the rounding of the few operations here.
-CONSTRAIN = """
-V best = zero, gain = zero, before = absolute(slope[OF[0]]);
-for (int j = 1; j < M; ++j) before += absolute(slope[OF[j]]);
-#pragma unroll
-for (int k = 0; k < M; ++k) {
-    const V own = q[k] == zero ? zero + 1.0 : q[k];
-    V t = -slope[OF[k]] / own;
-    t = q[k] == zero ? zero : t; t = t > zero ? t : zero;
-    V after = t * excess + before;
-#pragma unroll
-    for (int j = 0; j < M; ++j) after -= absolute(slope[OF[j]] + t * q[j]);
-    best = after > gain ? t : best; gain = after > gain ? after : gain;
-}
-for (int k = 0; k < M; ++k) slope[OF[k]] += best * q[k];
-least += best * excess - (best * absolute(excess) + before + 1.0) * 1e-14;
-"""
-
-# The least of slope . zeta and the quadratic form over |zeta| <= 1, entry by entry. Of q zeta_k zeta_m, k != m, only
-# -|q| is sure; but where it is +|q| in the corner where slope . zeta is least, it is above the planes
-# -|q| + d (a zeta_k + b zeta_m) for all 0 <= d <= |q|, a and b being the signs that lower both slopes (McCormick), so
-# that d is gained from either slope, until one is 0. An entry q >= 0 of the diagonal goes with what is left of its
-# slope, the least of -s |zeta| + q zeta^2 being at zeta = s / (2 q) if that is less than 1, else at the end; a negative
-# one is least at the end.
-CLOSE = """
-V steep[C];
-for (int k = 0; k < C; ++k) steep[k] = absolute(slope[k]);
-int entry = 0;
-#pragma unroll
-for (int k = 0; k < C; ++k) {
-#pragma unroll
-    for (int m = k; m < C; ++m, ++entry) {
-        const V q = absolute(square[entry]);
-        if (m == k) { score[k] += q; least -= square[entry] < zero ? q : zero; }
-        else {
-            least -= q; score[k] += q * 0.5; score[m] += q * 0.5;
-            V gained = steep[k] < steep[m] ? steep[k] : steep[m]; gained = q < gained ? q : gained;
-            gained = slope[k] * slope[m] * square[entry] > zero ? gained : zero;
-            steep[k] -= gained; steep[m] -= gained;
-        }
-    }
-}
-least -= bulk * SQUARES_ROUNDING; level = least;
-entry = 0;
-#pragma unroll
-for (int k = 0; k < C; entry += C - k, ++k) {
-    const V s = steep[k], q = square[entry] > zero ? square[entry] : zero;
-    const V end = q - s, inner = s * s * -0.25 / (q > zero ? q : zero + 1.0);
-    least += s < q + q ? inner : end;
 }
 """
 

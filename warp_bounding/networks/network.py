@@ -26,6 +26,7 @@ from warp_bounding.networks.bound_kernel import bound_boxes
 from warp_bounding.networks.bound_source import ROOM, SQUARES_ROUNDING, NetworkShape
 from warp_bounding.networks.box_bounds import BoxBounds
 from warp_bounding.networks.charts.base import Chart, PlainChart
+from warp_bounding.networks.corner_kernel import bound_corners
 from warp_bounding.networks.rounding import Layer, measure
 
 __all__ = ["Network"]
@@ -104,6 +105,10 @@ class Network:
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """Lower bounds of f over boxes of its inputs, ``(N, n)`` float64 corners, by the fused kernel."""
         return bound_boxes(self.kernel_shape(), self.packed, np.array(self.padding), lower, upper)
+
+    def corners(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Multilinear bounds under f over boxes of its inputs, as ``bound_corners`` gives them."""
+        return bound_corners(self.kernel_shape(), self.packed, np.array(self.padding), lower, upper)
 
     def bound_plain(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The plain twin of ``bound`` in NumPy.

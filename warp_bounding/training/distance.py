@@ -37,7 +37,7 @@ CELL_HALVINGS = 3  # on each axis, of a cell whose excess is larger
 MOST_HALVED = 3  # axes that this counts, so that there are not too many boxes in higher dimensions
 PROOF_SHARE, LARGE_PROOF_SHARE, LARGE = (
     0.2,
-    0.45,
+    0.15,
     4,
 )  # of the budget: what training leaves for the proof; from so many dimensions on
 

@@ -30,7 +30,7 @@ from warp_bounding.networks.network import Network
 __all__ = ["AXES_OF_MANY", "MANY", "MlpDistance", "MlpDistanceSource"]
 
 MOST_AXES = 8  # 2^n corners of each box are asked for
-CORNER_ROUNDING = 256.0  # units, of all terms of a linear function: more than float64 rounds in it
+RELIEF_ROUNDING = 4.0  # units: more than a sum rounds in float64
 
 
 LEVELS = 255  # the highest level of relief
@@ -244,15 +244,10 @@ class MlpDistance(DistanceBounder):
         return error + 2 * UNIT32 * (self.network.largest + error + float(self.relief.max()))
 
     def corners(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See ``DistanceBounder``: F is under a linear function (``Network.bound``), and that is known by its numbers at the corners."""
-        bounds = self._negative.bound(lower, upper)
-        half, n = (upper - lower) / 2, lower.shape[1]
-        signs = np.array([[1.0 if i >> k & 1 else -1.0 for k in range(n)] for i in range(2**n)])
-        terms = np.abs(bounds.level) + (np.abs(bounds.slope) * (np.abs(lower) + np.abs(upper))).sum(axis=1)
-        values = -bounds.level[:, None] - (bounds.slope * half) @ signs.T
-        relief = self._relief_in(lower, upper)
-        values = values + (CORNER_ROUNDING * UNIT64 * (terms + relief) + relief)[:, None]
-        return values, bounds.axis
+        """See ``DistanceBounder``: the network's own multilinear bound (``Network.corners``), and the relief."""
+        values, axis = self._negative.corners(lower, upper)
+        relief = np.reshape(self._relief_in(lower, upper), (-1, 1))
+        return relief - values + RELIEF_ROUNDING * UNIT64 * (np.abs(values) + relief), axis
 
     @property
     def steepness(self) -> float:

@@ -11,12 +11,13 @@ import numpy as np
 from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.shape import Shape
+from warp_bounding.proof.distances.bars import Bars, excesses_at
 from warp_bounding.proof.distances.checkpoint import Boxes, Checkpoint, Left
 from warp_bounding.proof.search.best_first import halve
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.runtime.launch import working_seconds
 
-__all__ = ["excess_within", "excesses", "largest_excess", "suspects"]
+__all__ = ["excess_within", "excesses", "largest_excess", "worst_points"]
 
 CHUNK = 1 << 16  # boxes that are asked at a time
 PARTS = 10_000  # that progress is told in
@@ -37,7 +38,7 @@ GROUPS, LAST = (
     0.6,
 )  # of many parts: how many groups the last search takes in turn, and how much finer it is than the one before
 NEARLY = 0.05  # local units: a part counts with its points where F is no farther below the distance than this
-HALVINGS, SUSPECTED = 10, 7  # on each axis, at most: of a proof, and where suspects are looked for
+HALVINGS = 10  # on each axis, at most
 
 
 def excesses(
@@ -46,12 +47,11 @@ def excesses(
     lower: np.ndarray,
     upper: np.ndarray,
     *,
-    tolerance: np.ndarray | float,
+    tolerance: Bars | np.ndarray | float,
     halvings: int,
     least: float = 0.0,
     seconds: float = float("inf"),
     longest: bool = False,
-    undecided: list[np.ndarray] | None = None,
     most: float = float("inf"),
     held: Checkpoint | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -63,12 +63,11 @@ def excesses(
         shape: The object.
         lower: ``(N, n)`` float64, local coordinates.
         upper: ``(N, n)`` float64.
-        tolerance: Of each box, or of all: an excess up to this is good enough, the box is not halved. Local units.
+        tolerance: Of each box, or of all, or bars that rise: an excess up to this is good enough, the box is not halved. Local units.
         halvings: How often a box is halved at most.
         least: Excesses under it are not told apart.
         seconds: Time; when it is over, boxes count with what is known of them.
         longest: Halve the longest side of a box, whatever its bound suffers from.
-        undecided: Receives the middles of the smallest boxes whose excess is not known to be under the tolerance, ``(K, n)`` arrays.
         most: Boxes that are looked at; when there are more, it is as if time were over.
         held: Where to begin, and to write now and then what is left: everything, when time is over or an exception ends the search.
         progress: Called with how much of the boxes' volume is done, in parts of ``PARTS``.
@@ -79,7 +78,8 @@ def excesses(
     Raises:
         BounderError: If the shape has no distance.
     """
-    started, domain, tolerance = working_seconds(), bounder.domain, np.broadcast_to(tolerance, len(lower))
+    started, domain = working_seconds(), bounder.domain
+    bars = tolerance if isinstance(tolerance, Bars) else Bars.of_boxes(tolerance, len(lower))
     left = held.load() if held else None
     if left is None:
         each = [slice(i, i + CHUNK) for i in range(0, len(lower), CHUNK)]
@@ -103,7 +103,7 @@ def excesses(
             under = least - 2 * float(
                 noise.max(initial=0.0)
             )  # so that what is added does not lift it above a tolerance
-            allowed = tolerance[owner]
+            allowed = bars.of(owner)
             enough = np.where(level < halvings, allowed, np.inf) * domain.unit
             excess = shape.excess(sides[0] - room, sides[1] + room, values * domain.unit, under * domain.unit, enough)
             if excess is None:
@@ -111,8 +111,7 @@ def excesses(
             excess = excess / domain.unit + noise
             above = excess > allowed
             more = above & (level < halvings) & (not over)
-            if undecided is not None and level == halvings:
-                undecided.append((low[above] + high[above]) / 2)
+            bars.rise(bounder, shape, low[more], high[more], owner[more], excess[more])
             complete &= not (over and above.any())
             np.maximum.at(found, owner[~more], excess[~more])
             children = []
@@ -139,27 +138,27 @@ def _volume(lower: np.ndarray, upper: np.ndarray) -> float:
     return float((upper - lower).prod(axis=1).sum())
 
 
-def suspects(
-    bounder: DistanceBounder, shape: Shape, bar: float, most: int, *, boxes: float, seconds: float
+def worst_points(
+    bounder: DistanceBounder, shape: Shape, met: np.ndarray, eps: float, *, boxes: float, seconds: float
 ) -> np.ndarray:
-    """Where F may exceed the distance by more than a bar, as far as a short search tells: what random points do not find.
+    """Where F exceeds the distance by more than was met in some part, as a proof's search finds: what random points do not find.
 
     Args:
         bounder: Its F.
         shape: The object.
-        bar: Local units.
-        most: How many points at most.
+        met: ``(parts,)``, local units; raised in place, to about the greatest excesses there are, less ``eps``.
+        eps: Local units: by how much an excess may be more than what was met before the search looks closer.
         boxes: How many boxes at most.
         seconds: Time.
 
     Returns:
         ``(K, n)`` float64, local coordinates.
     """
-    found: list[np.ndarray] = []
-    told = {"tolerance": bar, "halvings": SUSPECTED * bounder.ndim, "least": bar, "seconds": seconds, "most": boxes}
-    excesses(bounder, shape, *_between(*bounder.pieces(), _knots(bounder, shape)), undecided=found, **told)
-    v = np.concatenate(found) if found else np.empty((0, bounder.ndim))
-    return v if len(v) <= most else np.random.default_rng(0).permutation(v)[:most]
+    lower, upper = _between(*bounder.pieces(), _knots(bounder, shape))
+    bars = Bars(met, eps, bounder.part_of(lower / 2 + upper / 2))
+    told = {"halvings": HALVINGS * bounder.ndim, "least": float(met.min()) + eps, "seconds": seconds, "most": boxes}
+    excesses(bounder, shape, lower, upper, tolerance=bars, **told)
+    return np.concatenate([*bars.raised, np.empty((0, bounder.ndim))])
 
 
 def largest_excess(bounder: DistanceBounder, shape: Shape, seconds: float) -> tuple[np.ndarray, int, bool, np.ndarray]:
@@ -175,10 +174,10 @@ def largest_excess(bounder: DistanceBounder, shape: Shape, seconds: float) -> tu
         have the largest excesses.
     """
     v, sampled, worst = _sampled(bounder, shape)
-    parts, by_part = bounder.part_of(v), np.zeros(bounder.part_count)
-    np.maximum.at(by_part, parts, sampled)
+    parts, met = bounder.part_of(v), np.zeros(bounder.part_count)
+    np.maximum.at(met, parts, sampled)
     weight = np.bincount(parts[: SAMPLES // 2][sampled[: SAMPLES // 2] > -NEARLY], minlength=bounder.part_count)
-    return (*_refined(bounder, shape, by_part, weight, seconds), worst)
+    return (*_refined(bounder, shape, met, weight, seconds), worst)
 
 
 def excess_within(
@@ -206,7 +205,7 @@ def excess_within(
     if sampled.max() > bar:
         return float(sampled.max()), 0, True, worst
     bars = np.full(bounder.part_count, bar)
-    excess, boxes, complete = _searched(bounder, shape, bars, seconds, again=True, held=held, progress=progress)
+    excess, boxes, complete = _searched(bounder, shape, bars, 0.0, seconds, again=True, held=held, progress=progress)
     return float(excess.max()), boxes, complete, worst
 
 
@@ -216,27 +215,26 @@ def _sampled(bounder: DistanceBounder, shape: Shape) -> tuple[np.ndarray, np.nda
     near = _near(bounder, shape, SAMPLES // 2, rng)
     v = np.concatenate([rng.uniform(-limit, limit, (SAMPLES // 2, bounder.ndim)), near])
     x = bounder.domain.sample_at(v)
-    known = shape.distances(x)
-    if known is None:
+    sampled = excesses_at(bounder, shape, v)
+    if sampled is None:
         raise BounderError(f"{shape.name}: no distance is known of it")
-    sampled = bounder.reference(v) - known[:, 0] / bounder.domain.unit
     return v, sampled, x[np.argsort(-sampled)[:1024]]
 
 
 def _refined(
-    bounder: DistanceBounder, shape: Shape, most: np.ndarray, weight: np.ndarray, seconds: float
+    bounder: DistanceBounder, shape: Shape, met: np.ndarray, weight: np.ndarray, seconds: float
 ) -> tuple[np.ndarray, int, bool]:
-    """The least excesses of the parts that searches prove in some time; ``most`` is what samples have, ``weight`` what a part counts.
+    """The least excesses of the parts that searches prove in some time; ``met`` is what samples have, ``weight`` what a part counts.
 
     What a search leaves undone counts with its largest box, so the next one is only begun where it is likely to end. Boxes are in number as
-    ``eps^(-n/2)``, with eps what is proven above ``most``, since a linear function's error goes with the square of a side. Of many parts the last search
+    ``eps^(-n/2)``, with eps what is proven above ``met``, since a linear function's error goes with the square of a side. Of many parts the last search
     takes one group after another, those first that count most, and what it leaves undone stays as it was.
     """
     end, eps, boxes = working_seconds() + seconds, COARSEST, 0
-    best, complete = np.full(len(most), np.inf), True
+    best, complete = np.full(len(met), np.inf), True
     while True:
         started = working_seconds()
-        excess, looked, complete = _searched(bounder, shape, most + eps, end - started)
+        excess, looked, complete = _searched(bounder, shape, met, eps, end - started)
         boxes, best = boxes + looked, np.minimum(best, excess)
         now = working_seconds()
         if not complete or eps <= EPS:
@@ -246,14 +244,14 @@ def _refined(
         if finer > WORTH * eps:
             break
         eps = finer
-    if len(most) > 1:
+    if len(met) > 1:
         order = np.argsort(-weight, kind="stable")
         for group in np.array_split(order, min(GROUPS, len(order))):
             left = end - working_seconds()
             if left <= 0:
                 break
-            chosen = np.isin(np.arange(len(most)), group)
-            excess, looked, _ = _searched(bounder, shape, most + LAST * eps, left, chosen)
+            chosen = np.isin(np.arange(len(met)), group)
+            excess, looked, _ = _searched(bounder, shape, met, LAST * eps, left, chosen)
             boxes, best[chosen] = boxes + looked, np.minimum(best, excess)[chosen]
     return best, boxes, False
 
@@ -261,19 +259,20 @@ def _refined(
 def _searched(
     bounder: DistanceBounder,
     shape: Shape,
-    bars: np.ndarray,
+    met: np.ndarray,
+    eps: float,
     seconds: float,
     chosen: np.ndarray | None = None,
     *,
     again: bool = False,
     **told,
 ) -> tuple[np.ndarray, int, bool]:
-    """The largest excesses ``(parts,)``, one up to the part's ``bars`` as this; how many boxes were looked at, and whether there was time.
+    """The largest excesses ``(parts,)``, one up to ``eps`` above the part's ``met`` as this; how many boxes were looked at, and whether there was time.
 
     ``chosen`` are the parts that are asked for, all for ``None``. ``again``, to certify what another search has found: by other boxes, which begin with
-    thirds, and are halved along their longest sides. The rest is for ``excesses``.
+    thirds, and are halved along their longest sides; its bars do not rise. The rest is for ``excesses``.
     """
-    least = float(bars.min())
+    least = float(met.min()) + eps
     told |= {"halvings": HALVINGS * bounder.ndim, "least": least, "seconds": seconds, "longest": again}
     lower, upper = _between(*bounder.pieces(), _knots(bounder, shape))
     if again:
@@ -282,8 +281,9 @@ def _searched(
     if chosen is not None:
         kept = chosen[parts]
         lower, upper, parts = lower[kept], upper[kept], parts[kept]
-    found, boxes, complete = excesses(bounder, shape, lower, upper, tolerance=bars[parts], **told)
-    by_part = np.full(len(bars), least)
+    bars = Bars(met, eps, parts, fixed=again)
+    found, boxes, complete = excesses(bounder, shape, lower, upper, tolerance=bars, **told)
+    by_part = np.full(len(met), least)
     np.maximum.at(by_part, parts, found)
     return by_part, boxes, complete
 

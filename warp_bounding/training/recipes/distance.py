@@ -19,7 +19,7 @@ import torch
 from warp_bounding.bounders.distances.mlp import AXES_OF_MANY, MANY, MlpDistance
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.proof.distances.excesses import suspects
+from warp_bounding.proof.distances.excesses import worst_points
 from warp_bounding.queries.boundary import border_points, held_points
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.training.engine.clock import Clock, cosine, geometric, interrupts
@@ -31,7 +31,7 @@ from warp_bounding.training.recipes.loss import summed
 __all__ = ["DistanceTrainer", "train_distance"]
 
 # Of the first and of later layers' weights; from ``EASED_IN`` dimensions on, where a network that bends less is proven with fewer boxes, smooth ones.
-GAINS, SMOOTH_GAINS = (10.0, 3.0), (7.0, 3.0)
+GAINS, SMOOTH_GAINS = (10.0, 3.0), (12.0, 3.0)
 # Below that many dimensions the first layer's gain is this by the mean distance from a point of the domain to the object, local units, where that
 # is more: a distance rises and falls over such a way. A maze with lanes of a tenth of its side learned nothing in 30 s with a gain of 10
 # (72 % false positives), and had 7 % with 25 to 40; bunny, star and rooms were as good or better with 20 to 25 as with 10.
@@ -44,14 +44,14 @@ NEAR = (2.0**-8, 2.0**-2)  # local units: how near, a standard deviation between
 MARKED = 0.5  # of the near ones: around what the shape names (``Shape.landmarks``), so that no small part is left out
 # Of a point's depth in the object, by dimension, F is asked to be that much below 0. After as many steps, false positives at radius 0 with 0, 0.4 and 1 were 5.1, – and 7.3 %
 # (rooms, 2D), 2.1, 2.2 and 2.8 (bunny, 3D), 7.0, 6.5 and 6.2 (cells of a dragon, 3D); of the 4D bunny the slack was 0.009 and 0.003 with 0 and 0.5.
-DEPTHS, DEEPEST = {1: 0.0, 2: 0.0, 3: 0.4}, 1.0
+DEPTHS, DEEPEST = {1: 0.0, 2: 0.0, 3: 0.4}, 0.5
 # From so many dimensions on, F may fall short by this share of what a distance is above the second number, local units.
 EASE, EASED_FROM, EASED_IN = 0.2, 0.05, 4
 HARD, AROUND = 16_384, 8192  # the worst points kept, and points around them that are tried at a refresh
 MOVES = (2.0**-10, 2.0**-3)  # local units: how far around them
-# When the proof's own search looks for what random points do not find, used fractions; for what share of the budget, and at how many boxes at most; and what it
-# takes for suspicious: more than so many times the excess of the worst point known, and so much, local units.
-SEARCHES, SEARCH_SHARE, SEARCHED, SUSPICIOUS, LEAST_SUSPICIOUS = (0.5, 0.7, 0.85), 0.03, 3e6, 1.3, 1e-3
+# When the proof's own search looks for what random points do not find, used fractions; for what share of the budget, and at how many boxes at most; and how
+# much more than the worst point known in a part it looks for, local units.
+SEARCHES, SEARCH_SHARE, SEARCHED, CLOSER = tuple(np.arange(0.4, 0.99, 0.05)), 0.02, 3e6, 3e-3
 BATCH = 2048  # of each kind, a step
 FAR = 0.25  # local units: up to this distance each unit of ``d - F`` costs the same
 WEIGHT = (3.0, 300.0)  # of what is above against what is below, at the begin and the end of training
@@ -168,6 +168,7 @@ class DistanceTrainer:
         # the fresh points are half near the border, so this is no rate of any protocol; it only chooses
         over, distance = torch.zeros(self._cut.part_count), fresh[1]
         over.scatter_reduce_(0, self._part_of(tried[0]), above, "amax")
+        self._over = over.double().numpy()
         inside = self._evaluate(fresh[0]) - over[self._part_of(fresh[0])]
         rates = [((inside <= radius) & (distance > radius)).float().mean() for radius in JUDGED]
         self.rate = float(sum(rates)) / len(rates)
@@ -178,9 +179,9 @@ class DistanceTrainer:
         return torch.from_numpy(self._cut.part_of(v.T.numpy()))
 
     def _search(self, seconds: float) -> None:
-        """Add to the worst points those where the proof's own search suspects F to exceed the distance by much more than these."""
-        bar, now = SUSPICIOUS * max(self.over, 0.0) + LEAST_SUSPICIOUS, self.made(self.network.tensors())
-        found = self._labelled(suspects(now, self.shape, bar, HARD, boxes=SEARCHED, seconds=seconds))
+        """Add to the worst points those that the proof's own search finds."""
+        met, now = np.maximum(self._over, 0.0), self.made(self.network.tensors())
+        found = self._labelled(worst_points(now, self.shape, met, CLOSER, boxes=SEARCHED, seconds=seconds))
         self.hard = tuple(torch.cat(parts, -1) for parts in zip(self.hard, found, strict=True))
 
     def made(self, tensors: dict[str, np.ndarray], device: str | None = "cpu") -> MlpDistance:
