@@ -35,11 +35,8 @@ TOLERANCE = 0.02  # of a cell's side, and ...
 LOOSER = 1.25  # ... of what some points of it have: an excess up to their sum is not looked at more closely
 CELL_HALVINGS = 3  # on each axis, of a cell whose excess is larger
 MOST_HALVED = 3  # axes that this counts, so that there are not too many boxes in higher dimensions
-PROOF_SHARE, LARGE_PROOF_SHARE, LARGE = (
-    0.2,
-    0.15,
-    4,
-)  # of the budget: what training leaves for the proof; from so many dimensions on
+# Of the budget, what training leaves for the proof; from so many dimensions on.
+PROOF_SHARE, LARGE_PROOF_SHARE, LARGE = 0.2, 0.15, 4
 
 # By class, how a learned method is trained: called with the class, the shape, the domain, its options, seconds, a seed, a device and
 # progress, it returns the bounder, without a threshold, and a record of the training. A trainer chooses its domain's room.
