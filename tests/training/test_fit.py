@@ -15,7 +15,7 @@ from warp_bounding.proof import Search  # noqa: E402
 from warp_bounding.training import fit_network as networks  # noqa: E402
 from warp_bounding.training.engine.clock import Clock  # noqa: E402
 from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
-from warp_bounding.training.proof_time import DECAY, DECAY_ABOVE, MOST_DECAY, PROOF_GROWTH  # noqa: E402
+from warp_bounding.training.proof_time import DECAY, DECAY_ABOVE, MOST_DECAY, PROOF_GROWTH, UNTOLD  # noqa: E402
 from warp_bounding.training.recipes.loss import recipe_of  # noqa: E402
 from warp_bounding.training.recipes.paper import PaperTrainer  # noqa: E402
 from warp_bounding.training.samples import samples_of  # noqa: E402
@@ -180,7 +180,7 @@ def test_weights_decay_by_as_much_as_the_proof_of_rays_is_too_long(monkeypatch, 
             super().__init__(*args, **options)
             made.append(self)
 
-    needed = share * DECAY_ABOVE * budget / PROOF_GROWTH[1]  # so that what is expected is at least that share
+    needed = share * DECAY_ABOVE * budget / PROOF_GROWTH[1] / UNTOLD  # so that what is expected is at least that share
 
     real = networks.least_value
 

@@ -32,6 +32,7 @@ from warp_bounding.training.proof_time import (
     HOPEFUL,
     MOST_REGION_PROOF,
     MOST_SHAPE_PROOF,
+    UNTOLD,
     WORTH_PROVING,
     attest_seconds,
     decay_for,
@@ -229,7 +230,7 @@ class _Fit:
             self.boxes += search.boxes
             if of_cells:
                 trainer.add_states(samples.spread(samples.at(search.numbers), MOST_ADDED))
-            expected = final_proof_seconds(search, used, of_cells)
+            expected = final_proof_seconds(search, used, of_cells, UNTOLD)
             if clock.timed:
                 # the search of a shape ends with what it has, in steps
                 cost = costs.of_proof(least, eps, expected, most) if of_cells else 0.0

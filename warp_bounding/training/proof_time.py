@@ -6,6 +6,7 @@ __all__ = [
     "HOPEFUL",
     "MOST_REGION_PROOF",
     "MOST_SHAPE_PROOF",
+    "UNTOLD",
     "WORTH_PROVING",
     "attest_seconds",
     "decay_for",
@@ -36,16 +37,17 @@ WORTH_PROVING = 1e-2
 ATTEST_SECONDS, SHAPE_ATTEST_SECONDS, ATTEST_SHARE = 2.5, 12.0, 0.15
 
 
-def final_proof_seconds(search: Search, used: float, of_cells: bool = True) -> float:
+def final_proof_seconds(search: Search, used: float, of_cells: bool = True, untold: float = 1.0) -> float:
     """Seconds expected for the proof of the final network.
 
     Args:
         search: Of the network at a used fraction of its training time.
         used: That fraction.
         of_cells: Whether the object is a grid; of regions of other shapes ``search`` tells of coarse cells.
+        untold: Factor of what a search that did not end says of the rest: ``UNTOLD`` of rays and boxes.
     """
     begin, end = PROOF_GROWTH
-    seconds = search.seconds if search.complete else UNTOLD * search.needed
+    seconds = search.seconds if search.complete else untold * search.needed
     return (begin + (end - begin) * used) * seconds * (1.0 if of_cells else SHAPE_TIMES)
 
 
