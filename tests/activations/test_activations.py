@@ -86,8 +86,12 @@ def test_what_the_registry_says_of_an_activation(name):
     near, noise = np.full((1, len(x)), 0.1), np.full((1, len(x)), 1e-3)
     if activation.bends:
         assert (activation.curve(x[None], near, noise, noise).bend != 0).any()
+        with pytest.raises(NotImplementedError, match=f"{name}: .*defines `relax`"):
+            activation.relax(x[None], near, noise)
     else:
         assert (activation.relax(x[None], near, noise)[2] == 0).all()
+        with pytest.raises(NotImplementedError, match=f"{name}: .*defines `curve`"):
+            activation.curve(x[None], near, noise, noise)
 
 
 def plain_kernel(activation):

@@ -85,7 +85,7 @@ class Activation(ABC):
             slope, mean, bend and spread, each ``(N, H)``: the value at ``z + l + y`` is ``mean + slope (l + y)`` to
             within ``spread``, and bend is 0. The caller adds what float64 rounds.
         """
-        raise NotImplementedError
+        raise NotImplementedError(f"{self.name}: an activation whose `bends` is False defines `relax`")
 
     def curve(self, z: np.ndarray, near: np.ndarray, radius: np.ndarray, noise: np.ndarray) -> "Curve":
         """A cubic with a band that holds the values at arguments ``z + l + p + y``; of activations that bend.
@@ -101,7 +101,7 @@ class Activation(ABC):
         Returns:
             The cubic and its band; the caller adds what float64 rounds.
         """
-        raise NotImplementedError
+        raise NotImplementedError(f"{self.name}: an activation whose `bends` is True defines `curve`")
 
     @abstractmethod
     def relaxation(self) -> str:
