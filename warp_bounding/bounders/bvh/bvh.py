@@ -33,7 +33,7 @@ from warp_bounding.kernels.source import Lanes, Source, fill
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.plane import PLANE
 
-__all__ = ["Bvh", "BvhSource", "leaves_for_bytes"]
+__all__ = ["LARGEST", "TOUCHING", "Bvh", "BvhSource", "leaves_for_bytes", "plane_room"]
 
 LEAVES = 64  # of ``Bvh.fit`` where it is called directly, as in tests; ``fit`` always passes the option's value
 LARGEST = (
@@ -171,12 +171,8 @@ class Bvh(Bounder):
     def weights(self) -> np.ndarray:
         low, high, n, room = self.tensors["low"], self.tensors["high"], self.ndim, 0.0
         if QUERIES[self.query_kind] is PLANE:
-            # A plane m . y = c, no entry of m above 1. A support is 2 n products and their sums, and c -+ room one sum
-            # more: 2 n + 1 roundings, 2 n + 4 to be safe. Under 16 (n + 1) results and factors, each times at most 1 +
-            # size, may be set to zero.
             corner = np.maximum(np.abs(low), np.abs(high)).astype(np.float64)
-            size = corner.sum(axis=1).max() + float(self.domain.limit[-1])
-            room = float(round_up(gamma(2 * n + 4) * size * (1 + 1e-9) + 16 * (n + 1) * (1 + size) * TINY))
+            room = plane_room(float(corner.sum(axis=1).max()), n, float(self.domain.limit[-1]))
         nodes = np.concatenate([low, high, self.tensors["past"][:, None]], axis=1)
         return np.concatenate([[len(nodes), room], nodes.reshape(-1)]).astype(np.float32)
 
@@ -203,7 +199,7 @@ class Bvh(Bounder):
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         """See ``Bounder``; without room for rounding. Float64 rounds monotonically: what touches a box touches those that hold it."""
-        v, touching = np.asarray(v, dtype=np.float64), _TOUCHING[self.query_kind]
+        v, touching = np.asarray(v, dtype=np.float64), TOUCHING[self.query_kind]
         low, high = self.tensors["low"].astype(np.float64), self.tensors["high"].astype(np.float64)
         return self._in_leaf(len(v), lambda node, rows: touching(v[rows], low[node], high[node]))
 
@@ -225,12 +221,27 @@ class Bvh(Bounder):
         return 0.0
 
 
-# Which queries of v ``(N, m)`` meet a box, by their kind.
+def plane_room(corner: float, n: int, limit: float) -> float:
+    """Room for the rounding of a plane's comparison with the supports of boxes in n dimensions.
+
+    Args:
+        corner: The largest sum of the absolute coordinates of a box's corner.
+        n: Dimension.
+        limit: Of the plane's offset.
+    """
+    # A plane m . y = c, no entry of m above 1. A support is 2 n products and their sums, and c -+ room one sum more: 2 n + 1
+    # roundings, 2 n + 4 to be safe. Under 16 (n + 1) results and factors, each times at most 1 + size, may be set to zero.
+    size = corner + limit
+    return float(round_up(gamma(2 * n + 4) * size * (1 + 1e-9) + 16 * (n + 1) * (1 + size) * TINY))
+
+
+# Which queries of v ``(N, m)`` meet a box, ``(n,)`` or ``(N, n)`` its corners, by their kind.
 
 
 def _boxes_touch(v: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Points too: they are both of their corners."""
-    return ((v[:, -len(low) :] >= low) & (v[:, : len(low)] <= high)).all(axis=1)
+    n = low.shape[-1]
+    return ((v[:, -n:] >= low) & (v[:, :n] <= high)).all(axis=1)
 
 
 def _planes_touch(v: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -245,4 +256,4 @@ def _rays_touch(v: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.maximum(ends[0].max(axis=1), 0) <= np.minimum(ends[1].min(axis=1), 1)
 
 
-_TOUCHING = {"point": _boxes_touch, "ray": _rays_touch, "plane": _planes_touch, "box": _boxes_touch}
+TOUCHING = {"point": _boxes_touch, "ray": _rays_touch, "plane": _planes_touch, "box": _boxes_touch}

@@ -1,0 +1,1 @@
+"""The occupied cells as a k-d tree of bits."""
