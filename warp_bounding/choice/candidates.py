@@ -24,6 +24,7 @@ FRONT, BEHIND = "learned-kdop", (24, 24)  # of the cascade: what is asked first,
 CLOSED_SIZES: dict[str, list[dict[str, Any]]] = {
     "bvh": [{"leaves": leaves} for leaves in (16, 64, 256, 1024, 4096)],
     "voxels": [{"resolution": cells} for cells in (16, 32, 64, 128)],
+    "kd-tree": [{"resolution": cells} for cells in (32, 64, 128)],
     "kdop": [{}, {"k": 26}],
 }
 DISTANCE_NETWORK = "distance"  # a network of the distance, among methods: "mlp" is the bounder's

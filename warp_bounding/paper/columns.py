@@ -54,8 +54,8 @@ DISTANCE = "distance"  # a network that learned the distance: one fit an object,
 LOCAL = "mlp-local"  # an ``mlp`` with a threshold for each part of its domain
 LOCAL_PARTS = 256  # about how many
 NETWORKS = ("mlp", "mlp-early", "monotone-mlp", LOCAL, CASCADE, DISTANCE)  # compared with the paper's best network
-EXACT = "voxels"  # on its own grid, at the price of its memory
-ROWS = (*PAPER, "monotone-mlp", LOCAL, CASCADE, DISTANCE, "occupancy", EXACT)  # methods, in the table's order
+EXACT = ("voxels", "kd-tree")  # on their own grid, at the price of their memory, or of their time
+ROWS = (*PAPER, "monotone-mlp", LOCAL, CASCADE, DISTANCE, "occupancy", *EXACT)  # methods, in the table's order
 DISTANCE_STEPS = {"ray": 128, "box": 512}  # evaluations that a query of these may take at most; most take a few
 
 
@@ -183,7 +183,7 @@ class Variant(NamedTuple):
     @property
     def ranked(self) -> bool:
         """Whether it may be the best of a column."""
-        return self.conservative and self.method != EXACT
+        return self.conservative and self.method not in EXACT
 
     def _supports(self, column: Column, space: str) -> bool:
         if self.of_distances:

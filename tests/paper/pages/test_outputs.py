@@ -69,13 +69,13 @@ def test_the_page(tmp_path):
     folder = opened(tmp_path / "out", ROWS)
     text = page(folder, ["3d-ray bunny: kdop (exact): no luck"])
     cells = table(text)
-    assert cells[""] == ["2D point", "2D ray", "false negatives"]
+    assert cells[""] == ["2D point", "2D ray", "false negatives", "memory, 2D"]
     assert cells["*objects*"][:2] == ["2 (of 9)", "1 (of 9)"]
-    assert cells["aabb"] == ["25.50 (28.4)", "40.00", "0 of 3,000,000"]
-    assert cells["aabb (parametric)"] == ["=", "44.25 (43.9)", "0 of 1,000,000"]
+    assert cells["aabb"] == ["25.50 (28.4)", "40.00", "0 of 3,000,000", "2.0 kB"]
+    assert cells["aabb (parametric)"] == ["=", "44.25 (43.9)", "0 of 1,000,000", "2.0 kB"]
     assert cells["mlp"][:2] == ["**3.56** (3.2)", "**2.50**<sup>s</sup> (2.7)"]
     assert cells["mlp-early"][:2] == ["1.00<sup>1/2</sup> (2.8)", "2.00<sup>u</sup> (3.3)"]
-    assert cells["occupancy"] == ["0.50", "…", "3,000 of 2,000,000"]
+    assert cells["occupancy"] == ["0.50", "…", "3,000 of 2,000,000", "2.0 kB"]
     assert cells["occupancy, **false negatives %**"][0] == "0.150"
     labels = list(cells)
     assert labels.index("aabb") < labels.index("mlp") < labels.index("occupancy") < labels.index("voxels")
@@ -111,7 +111,7 @@ def test_the_page_says_what_does_not_exist_and_what_is_broken(tmp_path):
     text = page(opened(tmp_path / "out", rows))
     cells = table(text)
     assert cells["relu-field"][2] == "–"
-    assert cells["aabb"] == ["… (28.4)", "… (28.5)", "12.50", "**2** of 1,000,000, **promise broken**"]
+    assert cells["aabb"] == ["… (28.4)", "… (28.5)", "12.50", "**2** of 1,000,000, **promise broken**", "– / 2.0 kB"]
     assert table(text, "sampled")["mlp"][0] == "12.50 (7.6)"
 
 

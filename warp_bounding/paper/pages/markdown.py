@@ -25,7 +25,10 @@ GROUPS = (
     ("Classic volumes", lambda v: v.method in CLASSIC),
     ("Learned", lambda v: v.learned and v.ranked),
     ("Not conservative, shown for comparison", lambda v: not v.conservative),
-    ("Exact on its own grid, at the price of its memory: outside the ranking", lambda v: v.method == EXACT),
+    (
+        "Exact on the grid that all of them bound, at the price of memory or time: outside the ranking",
+        lambda v: v.method in EXACT,
+    ),
 )
 OF_DISTANCES_TOLD = (
     f"distance: one network of the distance an object, which points, rays and boxes of it are asked; a ray by {DISTANCE_STEPS['ray']} evaluations at "
@@ -96,7 +99,7 @@ def page(folder: Folder, failed: Sequence[str] = (), picture: str | None = None)
             "One panel a dimension. Each method's false-positive rates over all test cases (object × query), sorted: a line that "
             "stays low to the right is tight on the hard cases, too. Where volumes were fitted in both spaces, the upper panels "
             "have those around the object and the lower ones those around query parameters, against the same networks. Lines of methods that exist for fewer queries "
-            "are shorter; `bvh-16` and the like, `occupancy` and `voxels` are not drawn. Also as [SVG](rank.svg)."
+            "are shorter; `bvh-16` and the like, `occupancy`, `voxels` and `kd-tree` are not drawn. Also as [SVG](rank.svg)."
         ]
     if recipes := section(read_rows(folder.path)):
         lines += ["", *recipes]
@@ -165,7 +168,9 @@ def _legend(tables: Sequence[Means]) -> list[str]:
     lines = [
         "A cell is **our** mean false-positive rate over objects, in per cent of all queries, and in brackets the paper's (sampled truth, "
         "all its objects). Lower is better. **Bold**: the tightest conservative bounder of the column.",
-        "Every row but `occupancy` promises to have no false negative; the last column counts those that were found.",
+        "Every row but `occupancy` promises to have no false negative; the column of these counts those that were found.",
+        "Memory: what a query can read, the mean of all bounders of a row in a dimension. On so coarse a grid the object itself is small: `voxels` is one bit a "
+        "cell, `kd-tree` the same cells in fewer bits, which answer every query exactly and slowly.",
     ]
     if parametric:
         lines.append(
@@ -191,25 +196,40 @@ def _legend(tables: Sequence[Means]) -> list[str]:
 
 def _table(means: Means) -> list[str]:
     columns, lines = list(means.objects), []
+    dimensions = sorted({c.ndim for c in columns})
     counts = (
         str(len(names)) if len(names) == c.paper_objects else f"{len(names)} (of {c.paper_objects})"
         for c, names in means.objects.items()
     )
-    lines.append(["*objects*", *counts, None])
+    lines.append(["*objects*", *counts, None, None])
     for heading, belongs in GROUPS:
         variants = [v for v in means.variants if belongs(v)]
         if variants:
-            lines.append([f"*{heading}*", *[None] * (len(columns) + 1)])
+            lines.append([f"*{heading}*", *[None] * (len(columns) + 2)])
         for variant in variants:
             missed, samples = means.missed(variant)
             text = f"{missed:,} of {samples:,}"
             if variant.conservative:
                 text = f"**{missed:,}** of {samples:,}, **promise broken**" if missed else f"0 of {samples:,}"
-            lines.append([variant.label, *(_cell(means, variant, column) for column in columns), text])
+            lines.append(
+                [
+                    variant.label,
+                    *(_cell(means, variant, column) for column in columns),
+                    text,
+                    _memory(means, variant, dimensions),
+                ]
+            )
             if not variant.conservative:
                 rates = [f"{m.fn_rate:.3f}" if (m := means.cells.get((variant, c))) else NO_METHOD for c in columns]
-                lines.append([f"{variant.label}, **false negatives %**", *rates, None])
-    return table([None, *(c.title for c in columns), "false negatives"], lines)
+                lines.append([f"{variant.label}, **false negatives %**", *rates, None, None])
+    memory = f"memory, {' / '.join(f'{n}D' for n in dimensions)}"
+    return table([None, *(c.title for c in columns), "false negatives", memory], lines)
+
+
+def _memory(means: Means, variant: Variant, dimensions: Sequence[int]) -> str:
+    """Mean bytes of a row's bounders, by dimension."""
+    held = {n: [r.nbytes for r in means.rows if r.variant == variant and r.dimension == n] for n in dimensions}
+    return " / ".join(_size(sum(found) / len(found)) if found else NO_METHOD for found in held.values())
 
 
 def _cell(means: Means, variant: Variant, column: Column) -> str:
