@@ -93,7 +93,10 @@ def check_bound(bounder, rng, boxes=400):
     point = bounder.bound(center, center).lower
     exact = bounder.reference(center)
     assert (point <= exact).all()
-    if bounder.method != "voxels":
+    if bounder.method not in (
+        "voxels",
+        "kd-tree",
+    ):  # of these a point beside a border may lie in a neighbour, which is wider
         assert (exact - point).max() < 1e-6 * (1 + np.abs(exact).max())
 
 
