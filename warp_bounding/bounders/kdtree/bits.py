@@ -13,7 +13,7 @@ import numpy as np
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.summed_area import block_counts, summed_area
 
-__all__ = ["BLOCK_BITS", "Nodes", "Tree", "blocks", "build", "halves", "nodes_of"]
+__all__ = ["BLOCK_BITS", "BLOCK_WORDS", "Nodes", "Tree", "blocks", "build", "nodes_of", "packed", "unpacked"]
 
 BLOCK_WORDS = 4  # of ``blocks``: a count, and bits
 BLOCK_BITS = 32 * (BLOCK_WORDS - 1)
@@ -68,13 +68,15 @@ def build(occupancy: np.ndarray, leaves: int | None = None) -> tuple[np.ndarray,
         count += 2 * int(mixed.sum())
         first, last = halves(first[mixed], last[mixed])
     empty, child = np.concatenate(empty), np.concatenate(children)
-    inner = child > 0
-    if leaves is not None:  # those above a node have as many empty cells at least, and come before it
-        dearest = np.flatnonzero(inner)
-        dearest = dearest[np.argsort(-empty[dearest], kind="stable")][: leaves - 1]
-        inner = np.zeros(len(inner), dtype=bool)
-        inner[dearest] = True
-    return box, _kept(inner, empty >= 0, child)
+    inner, full = child > 0, empty >= 0
+    if leaves is None:
+        return box, Tree(inner, full[~inner])
+    # those above a node have as many empty cells at least, and come before it
+    dearest = np.flatnonzero(inner)
+    dearest = dearest[np.argsort(-empty[dearest], kind="stable")][: leaves - 1]
+    halved = np.zeros(len(inner), dtype=bool)
+    halved[dearest] = True
+    return box, _kept(halved, full, child)
 
 
 def _kept(inner: np.ndarray, full: np.ndarray, child: np.ndarray) -> Tree:

@@ -18,7 +18,7 @@ from warp_bounding.arithmetic import TINY, gamma, round_down, round_up
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.bvh.bvh import LARGEST, TOUCHING, plane_room
 from warp_bounding.bounders.bvh.native import TOUCHES
-from warp_bounding.bounders.kdtree.bits import Tree, blocks, build, nodes_of, packed, unpacked
+from warp_bounding.bounders.kdtree.bits import BLOCK_WORDS, Tree, blocks, build, nodes_of, packed, unpacked
 from warp_bounding.bounders.kdtree.native import ALONE, TOGETHER
 from warp_bounding.bounders.kdtree.plain import plain_walk
 from warp_bounding.bounders.options import Option, whole
@@ -34,7 +34,7 @@ __all__ = ["KdTree", "KdTreeSource"]
 
 MOST_ALONG = 2**22  # cells along an axis: float32 tells their numbers apart, and halves of them
 MOST_CELLS = 2**31 - 1
-MOST_NODES = 2**30  # kernels count them in 32 bits
+MOST_NODES = 2**24  # all of them are held in memory where a bounder is checked
 SLACK = 1e-12  # relative: above the rounding of what float64 makes of borders
 _leaves = whole("leaves", 1)
 
@@ -139,6 +139,10 @@ class KdTree(Bounder):
     def source(self) -> KdTreeSource:
         return self.source_of(KdTreeSource)
 
+    @cached_property
+    def _blocks(self) -> np.ndarray:
+        return blocks(self.tree.inner)
+
     def weights(self) -> np.ndarray:
         low, step, wide = (self.tensors[name].astype(np.float64) for name in ("low", "step", "wide"))
         # A computed border is a sum of two numbers, one of them a product: two roundings of at most ``size``, and as many results
@@ -148,11 +152,14 @@ class KdTree(Bounder):
         low, high = round_down(low - wide - room), round_up(low + wide + room)
         corner = np.maximum(np.abs(low), np.abs(high)).astype(np.float64) + self.extent * step
         limit = float(self.domain.limit[-1])
-        numbers = [len(blocks(self.tree.inner)) // 4, plane_room(float(corner.sum()) * (1 + 1e-6), self.ndim, limit)]
+        numbers = [
+            len(self._blocks) // BLOCK_WORDS,
+            plane_room(float(corner.sum()) * (1 + 1e-6), self.ndim, limit),
+        ]
         return np.concatenate([numbers, low, high, step, self.extent]).astype(np.float32)
 
     def words(self) -> np.ndarray:
-        return np.concatenate([blocks(self.tree.inner), self.tensors["full"]])
+        return np.concatenate([self._blocks, self.tensors["full"]])
 
     @property
     def nbytes(self) -> int:
@@ -185,11 +192,10 @@ class KdTree(Bounder):
         center, nodes = (lower + upper) / 2, self.nodes
         low, step = (self.tensors[name].astype(np.float64) for name in ("low", "step"))
         cell = np.clip(np.floor((center - low) / step), 0, self.extent - 1).astype(np.int64)
-        node, inner = np.zeros(len(lower), dtype=np.int64), nodes.child[np.zeros(len(lower), dtype=np.int64)] > 0
-        while inner.any():
+        node = np.zeros(len(lower), dtype=np.int64)
+        while (inner := nodes.child[node] > 0).any():
             below = nodes.child[node[inner]]
             node[inner] = below + (cell[inner] > nodes.last[below]).any(axis=1)
-            inner = nodes.child[node] > 0
         least, most = self._boxes(nodes.first[node], nodes.last[node])
         holds = (least < lower - ROOM) & (most > upper + ROOM)
         found = np.where(nodes.full[node] & holds.all(axis=1), 0.0, -1.0)

@@ -1,6 +1,6 @@
 """The C text of the walk through a k-d tree of bits, one query at a time; a node's box follows from the way to it."""
 
-from warp_bounding.bounders.kdtree.bits import BLOCK_BITS
+from warp_bounding.bounders.kdtree.bits import BLOCK_BITS, BLOCK_WORDS
 
 __all__ = ["ALONE", "DEPTH", "TOGETHER"]
 
@@ -10,7 +10,7 @@ DEPTH = 32  # levels of a tree in n dimensions are at most so many and n, since 
 # the step from cell to cell, the number of cells.
 _WALK = f"""
     constexpr int N = $n, M = $coordinates, LEVELS = {DEPTH} + N;
-    const unsigned int* full = words.data + {BLOCK_BITS // 32 + 1} * (int)w[0];
+    const unsigned int* full = words.data + {BLOCK_WORDS} * (int)w[0];
     auto set_in = [](unsigned int x) {{
 #if defined(__CUDA_ARCH__)
         return __popc(x);
@@ -37,7 +37,7 @@ _WALK = f"""
             }}
             $touches
             if (hit) {{
-                const unsigned int* block = words.data + {BLOCK_BITS // 32 + 1} * (node / {BLOCK_BITS});
+                const unsigned int* block = words.data + {BLOCK_WORDS} * (node / {BLOCK_BITS});
                 const int place = node % {BLOCK_BITS}, word = 1 + place / 32;
                 int before = (int)block[0];  // inner nodes before this one
                 for (int j = 1; j < word; ++j) before += set_in(block[j]);

@@ -3,14 +3,12 @@
 import warp as wp
 
 from warp_bounding.bounders.bvh.plain import box_touches
-from warp_bounding.bounders.kdtree.bits import BLOCK_BITS
+from warp_bounding.bounders.kdtree.bits import BLOCK_BITS, BLOCK_WORDS
 from warp_bounding.bounders.kdtree.native import DEPTH
 from warp_bounding.kernels.plain import Numbers, Words, twin, vector_type
 from warp_bounding.kernels.source import Source
 
 __all__ = ["plain_walk"]
-
-ROW = BLOCK_BITS // 32 + 1  # words of a block
 
 
 @wp.func
@@ -25,7 +23,7 @@ def _set_in(x: wp.uint32) -> wp.int32:
 @wp.func
 def _before(words: Words, node: wp.int32) -> wp.int32:
     """How many inner nodes come before one."""
-    block, place = node / BLOCK_BITS * ROW, node % BLOCK_BITS
+    block, place = node / BLOCK_BITS * BLOCK_WORDS, node % BLOCK_BITS
     count = wp.int32(words[block])
     for j in range(place / 32):
         count += _set_in(words[block + 1 + j])
@@ -36,7 +34,9 @@ def _before(words: Words, node: wp.int32) -> wp.int32:
 @wp.func
 def _is_inner(words: Words, node: wp.int32) -> wp.bool:
     place = node % BLOCK_BITS
-    return (words[node / BLOCK_BITS * ROW + 1 + place / 32] >> wp.uint32(place % 32) & wp.uint32(1)) == wp.uint32(1)
+    return (
+        words[node / BLOCK_BITS * BLOCK_WORDS + 1 + place / 32] >> wp.uint32(place % 32) & wp.uint32(1)
+    ) == wp.uint32(1)
 
 
 def plain_walk(source: Source) -> wp.Function:
@@ -50,7 +50,7 @@ def plain_walk(source: Source) -> wp.Function:
     def f(w: Numbers, words: Words, at: int, v: vector) -> float:
         waiting, first, last, box = held(), cells(), cells(), both()
         height, node, value, going = wp.int32(0), wp.int32(0), wp.float32(-1.0), wp.bool(True)
-        full = ROW * int(w[at])
+        full = BLOCK_WORDS * int(w[at])
         for k in range(n):
             last[k] = int(w[at + 2 + 3 * n + k]) - 1
         while going:
