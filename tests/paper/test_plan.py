@@ -101,3 +101,18 @@ def test_a_cascade_takes_the_time_of_its_last_part_unless_it_is_named():
     assert bounders.supports("kdop+mlp", "ray", 3)
     assert not bounders.supports("voxels+mlp", "ray", 3)
     assert not bounders.supports("kdop+magic", "ray", 3)
+
+
+def test_a_cascade_takes_its_last_part_from_that_ones_own_row(tmp_path, fake_supports):
+    shapes = find_shapes(data_folder(tmp_path / "data"), (2, 3))
+    settings = Settings.of({"budget": 40.0, "budgets": "learned-kdop=5"})
+
+    def seconds(methods, fitted=()):
+        jobs, _ = plan(Selection([RAY], [Variant(m) for m in methods], shapes, ("exact",)))
+        left = TimeLeft(jobs, settings, fitted)
+        return left.fit(next(j for j in jobs if j.variant.method == "learned-kdop+mlp")), jobs
+
+    alone, _ = seconds(["learned-kdop+mlp"])
+    shared, jobs = seconds(["mlp", "learned-kdop+mlp"])
+    assert (alone, shared) == (40.0, 5.0)
+    assert seconds(["learned-kdop+mlp"], {j.file for j in jobs if j.variant.method == "mlp"})[0] == 5.0

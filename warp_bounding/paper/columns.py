@@ -154,6 +154,11 @@ class Variant(NamedTuple):
         return self.method.rpartition("+")[2]
 
     @property
+    def front(self) -> str:
+        """What stands before a cascade's last method; else nothing."""
+        return self.method.rpartition("+")[0]
+
+    @property
     def in_both_spaces(self) -> bool:
         """Whether it has a row for each space."""
         return self.method in IN_BOTH_SPACES

@@ -153,8 +153,17 @@ class TimeLeft:
         if job.file in self._fitted or self._first[job.file] != job:
             return 0.0
         if variant.learned:
-            return self._mean(_expected(job, self._settings.budget_of(column, variant)), ("fit", column, variant))
+            return self._mean(self._guess(job), ("fit", column, variant))
         return self._mean(CLASSIC_FIT[column.ndim], ("fit", column, variant), ("fit", column), ("fit",))
+
+    def _guess(self, job: Job) -> float:
+        """Seconds of a learned fit that nothing is known of. Of a cascade whose last part has a row of its own, its front is left to fit."""
+        column, variant = job.column, job.variant
+        last = Variant(variant.last)
+        shared = replace(job, variant=last).file if last != variant else None
+        if shared in self._fitted or shared in self._first:
+            variant = Variant(variant.front)
+        return _expected(replace(job, variant=variant), self._settings.budget_of(column, variant))
 
     def measure(self, job: Job) -> float:
         """Seconds that its measurements may take."""

@@ -31,7 +31,7 @@ class Preset(NamedTuple):
 PRESETS = {
     "full": Preset(
         "16,2d=12,2d-ray=24,2d-box=14,3d-point=20,3d-ray=50,3d-box=40,4d-point=40,4d-ray=60,4d-box=60,"
-        "learned-kdop=5,relu-field=12,occupancy=6,2d-ray:mlp=60,2d-box:mlp=24,3d-box:mlp=90,3d-ray:mlp=240,4d-point:mlp=150,4d-ray:mlp=180,4d-box:mlp=120,4d-box:monotone-mlp=180,"
+        "learned-kdop=5,relu-field=12,occupancy=6,2d-ray:mlp=60,2d-box:mlp=24,3d-box:mlp=90,3d-ray:mlp=120,4d-point:mlp=150,4d-ray:mlp=180,4d-box:mlp=120,4d-box:monotone-mlp=180,"
         "2d:distance=20,3d:distance=90,4d:distance=420",
         400_000,
         "both",
