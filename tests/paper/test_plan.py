@@ -83,7 +83,7 @@ def test_a_network_of_local_thresholds_takes_the_time_of_one_that_has_one():
     assert settings.budget_of(ray, local) == settings.budget_of(ray, Variant("mlp")) == 240
     assert settings.budget_of(ray, Variant("distance")) == 90  # which is fitted by method="mlp", too
     assert Settings(10.0, "mlp-local=3").budget_of(ray, Variant("mlp")) == 10
-    assert local.fitted == ("mlp", {"thresholds": 256})
+    assert (local.fitted.method, local.fitted.options) == ("mlp", {"thresholds": 256})
     assert not local.of_distances
     assert local.space_in(ray) == Variant("mlp").space_in(ray)
     assert local.space_in(Column(3, "plane")) is None

@@ -76,6 +76,11 @@ class Shape(ABC):
         return (self.upper - self.lower)[1 if self.time else 0 :]
 
     @property
+    def known_times(self) -> tuple[float, float]:
+        """Where coordinate 0 is time: first and last time at which it is known what the object is."""
+        return float(self.lower[0]), float(self.upper[0])
+
+    @property
     def speed(self) -> float | None:
         """Where coordinate 0 is time: how fast points of the object move at most, object units per unit of time; ``None`` where it is not known."""
         return None

@@ -8,15 +8,18 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from warp_bounding import bounders
+from warp_bounding.bounders.composition.composition import Composition
 from warp_bounding.bounders.distances.mlp import MlpDistance
 from warp_bounding.bounders.local.local import Local
 from warp_bounding.bounders.options import STEPS
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.evaluation.distances import ASKED
 from warp_bounding.queries import QUERIES, Query
+from warp_bounding.queries.point import POINT
 
 __all__ = [
     "COLUMNS",
+    "DISTANCE",
     "DISTANCE_STEPS",
     "FITTED",
     "LEARNED",
@@ -25,6 +28,8 @@ __all__ = [
     "METHODS",
     "NETWORKS",
     "SPACES",
+    "TREE",
+    "TREE_LEAVES",
     "VARIANTS",
     "Column",
     "Variant",
@@ -53,22 +58,36 @@ CASCADE = "learned-kdop+mlp"
 DISTANCE = "distance"  # a network that learned the distance: one fit an object, which all of these queries are asked
 LOCAL = "mlp-local"  # an ``mlp`` with a threshold for each part of its domain
 LOCAL_PARTS = 256  # about how many
-NETWORKS = ("mlp", "mlp-early", "monotone-mlp", LOCAL, CASCADE, DISTANCE)  # compared with the paper's best network
+TREE = "hierarchy"  # a tree of boxes whose leaves are networks, of about the memory of one
+TREE_LEAVES, TREE_NARROWER = 8, 3  # how many there are, and how many times as narrow as one network their layers are
+NETWORKS = (
+    "mlp",
+    "mlp-early",
+    "monotone-mlp",
+    LOCAL,
+    TREE,
+    CASCADE,
+    DISTANCE,
+)  # compared with the paper's best network
 EXACT = ("voxels", "kd-tree")  # on their own grid, at the price of their memory, or of their time
-ROWS = (*PAPER, "monotone-mlp", LOCAL, CASCADE, DISTANCE, "occupancy", *EXACT)  # methods, in the table's order
+ROWS = (*PAPER, "monotone-mlp", LOCAL, TREE, CASCADE, DISTANCE, "occupancy", *EXACT)  # methods, in the table's order
 DISTANCE_STEPS = {"ray": 128, "box": 512}  # evaluations that a query of these may take at most; most take a few
 
 
 class Fitted(NamedTuple):
-    """What ``fit`` makes for a row that is not named after its method."""
+    """What makes the bounder of a row that is not named after its method."""
 
     kind: type[bounders.Bounder] | type[bounders.DistanceBounder]  # the class of its bounder
     method: str  # as ``fit`` takes it
     options: dict[str, Any]  # of ``fit``, besides those of the table
+    by: str = "fit"  # the function of ``training`` that makes it
+    narrower: int = 1  # how many times as narrow as the column's its hidden layers are
+    queries: tuple[str, ...] = tuple(QUERIES)  # that it answers, if its class does
 
 
 FITTED = {
     LOCAL: Fitted(Local, "mlp", {"thresholds": LOCAL_PARTS}),
+    TREE: Fitted(Composition, "mlp", {"leaves": TREE_LEAVES}, "hierarchy", TREE_NARROWER, (POINT.name,)),
     DISTANCE: Fitted(MlpDistance, "mlp", {}),
 }
 
@@ -180,10 +199,9 @@ class Variant(NamedTuple):
         return kind if kind is not None and issubclass(kind, bounders.DistanceBounder) else None
 
     @property
-    def fitted(self) -> tuple[str, dict[str, Any]]:
-        """The method and the options that make it what it is, as ``fit`` takes them."""
-        made = FITTED.get(self.method)
-        return (made.method, dict(made.options)) if made else (self.method, {})
+    def fitted(self) -> Fitted:
+        """What makes it: its class, the method and the options that make it what it is, and who takes them."""
+        return FITTED.get(self.method) or Fitted(bounders.Bounder, self.method, {})
 
     @property
     def ranked(self) -> bool:
@@ -194,7 +212,8 @@ class Variant(NamedTuple):
         if self.of_distances:
             return space == SPACES[0] and column.query in ASKED and self.of_distances.supports(column.ndim)
         if self.method in FITTED:
-            return FITTED[self.method].kind.supports(column.query, column.ndim, space)
+            made = FITTED[self.method]
+            return column.query in made.queries and made.kind.supports(column.query, column.ndim, space)
         return bounders.supports(self.method, column.query, column.ndim, space)
 
     def space_in(self, column: Column) -> str | None:

@@ -164,24 +164,26 @@ class Run(ABC):
 
     def fit(self, job: Job, grid: Any, progress: Callable[..., None], last: Any | None = None) -> Any:
         """Fit the bounder of a job, a cascade's from its ``last`` part, and keep it; this imports torch."""
+        from warp_bounding import training
         from warp_bounding.bounders import save
-        from warp_bounding.training import fit
 
-        settings, query, (method, own) = self.folder.settings.fits, job.column.kind, job.variant.fitted
-        told = {"hidden": job.column.hidden, "activation": settings.activation, "leaves": job.variant.leaves}
+        settings, query, made = self.folder.settings.fits, job.column.kind, job.variant.fitted
+        method, hidden = made.method, tuple(width // made.narrower for width in job.column.hidden)
+        told = {"hidden": hidden, "activation": settings.activation, "leaves": job.variant.leaves}
         of_distances, about = job.variant.of_distances, {"query": query.name, "method": method}
         if of_distances:
             known = [option.name for option in of_distances.options_taken()]
             about = {"query": DISTANCE.name, "method": of_distances.method, "metric": METRICS[1]}
         else:
             known = taken((METHODS[name] for name in method.split("+")), query.name)
-        options = {name: value for name, value in told.items() if name in known and value is not None} | own
+        options = {name: value for name, value in told.items() if name in known and value is not None} | made.options
         if not of_distances:
             options |= {"last": last} if last is not None else {}
             options |= {"length": settings.length} if query.has_length else {}
             options |= {"space": job.space} if query.is_region else {}
+        maker = getattr(training, made.by)
         about |= {"budget": settings.budget_of(job.column, job.variant), "seed": settings.seed}
-        bounder = fit(grid, **about, device=settings.device, progress=progress, **options)
+        bounder = maker(grid, **about, device=settings.device, progress=progress, **options)
         self.heed()
         save(bounder, self.folder.bounder(job.file))
         return bounder

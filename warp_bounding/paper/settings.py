@@ -171,7 +171,7 @@ class Settings(Stored):
     def budget_of(self, column: Column, variant: Variant) -> float:
         """Seconds for a learned fit; a cascade takes what its last part would, a network of local thresholds what one of one would."""
         seconds, known = self.budget, {variant.method, variant.last}
-        known |= set() if variant.of_distances else {variant.fitted[0]}
+        known |= set() if variant.of_distances else {variant.fitted.method}
         for word in self.budgets.split(",") if self.budgets else ():
             name, _, value = word.partition("=")
             if all(part in known or column in columns_named(part) for part in name.split(":")):

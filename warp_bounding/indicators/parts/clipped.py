@@ -42,6 +42,10 @@ class Clipped(Shape):
         return self._upper
 
     @property
+    def known_times(self) -> tuple[float, float]:
+        return self.whole.known_times  # at times beyond the box the part is known to be empty
+
+    @property
     def digest(self) -> str:
         box = np.stack([self._lower, self._upper]).astype("<f8").tobytes()
         return hashlib.sha256(f"part of {self.whole.digest} ".encode() + box).hexdigest()

@@ -4,7 +4,19 @@ from collections.abc import Iterable, Sequence
 
 from warp_bounding.activations import activation_of
 from warp_bounding.errors import BoundingError
-from warp_bounding.paper.columns import CLASSIC, COLUMNS, DISTANCE_STEPS, EXACT, LOCAL, LOCAL_PARTS, Column, Variant
+from warp_bounding.paper.columns import (
+    CLASSIC,
+    COLUMNS,
+    DISTANCE,
+    DISTANCE_STEPS,
+    EXACT,
+    LOCAL,
+    LOCAL_PARTS,
+    TREE,
+    TREE_LEAVES,
+    Column,
+    Variant,
+)
 from warp_bounding.paper.folder import Folder
 from warp_bounding.paper.pages.made_with import made_with
 from warp_bounding.paper.pages.means import Mean, Means
@@ -30,11 +42,12 @@ GROUPS = (
         lambda v: v.method in EXACT,
     ),
 )
-OF_DISTANCES_TOLD = (
-    f"distance: one network of the distance an object, which points, rays and boxes of it are asked; a ray by {DISTANCE_STEPS['ray']} evaluations at "
-    f"most, a box by {DISTANCE_STEPS['box']}"
-)
-LOCAL_TOLD = f"{LOCAL}: an mlp with a threshold for each of up to {LOCAL_PARTS} parts of its domain, a byte each"
+TOLD = {
+    LOCAL: f"{LOCAL}: an mlp with a threshold for each of up to {LOCAL_PARTS} parts of its domain, a byte each",
+    TREE: f"{TREE}: a tree of boxes whose {TREE_LEAVES} leaves are networks, which together hold about what one mlp does",
+    DISTANCE: f"{DISTANCE}: one network of the distance an object, which points, rays and boxes of it are asked; a ray by "
+    f"{DISTANCE_STEPS['ray']} evaluations at most, a box by {DISTANCE_STEPS['box']}",
+}  # of rows that are not named after their method
 HEADLINES = {
     "exact": "Truth is exact: any query that touches a cell of the object counts, however thin the touch.",
     "sampled": "Truth as the paper finds it: a query counts if one of some hundred random samples of it hits the object. Thin hits are missed, "
@@ -148,8 +161,7 @@ def _made_with(folder: Folder, rows: Sequence[Row]) -> list[str]:
         f"{_budgets(s)}, its proof included; sizes as in the paper's supplement ({sizes}), activation {s.activation}, seed {s.seed}",
         f"rates over {s.samples:,} random queries (seed {s.sample_seed}), rays of length {s.length:g}",
         *([f"networks that are monotone by construction have {monotone} as their activation"] if replaced else []),
-        *([LOCAL_TOLD] if any(r.method == LOCAL for r in rows) else []),
-        *([OF_DISTANCES_TOLD] if any(r.variant.of_distances for r in rows) else []),
+        *(told for method, told in TOLD.items() if any(r.method == method for r in rows)),
         f"device {s.device}",
     ]
     return made_with(folder, f"{len(rows):,} cells in [table1.csv](table1.csv), objects: {counts}", facts)

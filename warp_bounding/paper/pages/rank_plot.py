@@ -22,6 +22,7 @@ STYLES = {  # colour and marker, in the legend's order; lightness and marker dif
     "mlp-early": ("#f0a30a", "d"),
     "monotone-mlp": ("#a8323e", ">"),
     "mlp-local": ("#c77f4f", "8"),
+    "hierarchy": ("#e8b48c", "p"),
     "learned-kdop+mlp": ("#7a2f00", "*"),
     "distance": ("#5f8a1e", "<"),
     "relu-field": ("#d97bb6", "X"),
