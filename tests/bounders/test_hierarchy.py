@@ -100,3 +100,18 @@ def test_hierarchies_can_be_put_together_and_are_no_part_of_a_cascade(rng):
     for parts in ((box, tree), (tree, box)):
         with pytest.raises(BounderError, match="no part of a cascade"):
             wb.cascade(*parts)
+
+
+def test_a_hierarchy_of_cells_that_move_holds_at_all_times(rng):
+    cells = np.zeros((8, 12, 12), dtype=bool)
+    for t in range(8):
+        cells[t, 1 + t : 4 + t, 2:5] = True
+        cells[t, 8 - t : 11 - t, 7:10] = True
+    moving = wb.IndicatorGrid(cells, time=True)
+    tree = wb.hierarchy(moving, method="kdop", levels=2, device="cpu", progress=False)
+    assert tree.certificate.proven
+    assert wb.certify(tree, moving).proven
+    rates = wb.evaluate(tree, moving, 50_000)
+    assert rates.fn == 0
+    x = rng.uniform(0, 1, (20_000, 3)).astype(np.float32)
+    assert tree.query(x[moving.contains(x)]).numpy().all()
