@@ -64,6 +64,7 @@ html_theme = "furo"
 html_title = "warp-bounding"
 html_static_path = [str(Path(__file__).with_name("_static"))]
 html_css_files = ["site.css"]
+html_favicon = str(Path(__file__).with_name("_static") / "favicon.svg")
 html_copy_source = False
 html_show_sourcelink = False
 html_show_copyright = False

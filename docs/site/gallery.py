@@ -13,6 +13,7 @@ from PIL import Image
 
 __all__ = ["card", "gallery", "picture", "summary"]
 
+LONGEST = 150  # characters of a summary of several sentences
 WIDTH = 640  # pixels of a thumbnail, twice of what it is shown at
 HEAD = """# Gallery
 
@@ -31,7 +32,7 @@ def picture(notebook: dict) -> Image.Image | None:
 
 
 def summary(notebook: dict) -> tuple[str, str]:
-    """A notebook's title, and the first paragraph below it without markup, cut at a word.
+    """A notebook's title, and the first sentences below it.
 
     Raises:
         ValueError: If it does not begin with a title.
@@ -40,14 +41,13 @@ def summary(notebook: dict) -> tuple[str, str]:
     found = re.match(r"# (.+)\n+((?:.+\n?)+)", first)
     if notebook["cells"][0]["cell_type"] != "markdown" or found is None:
         raise ValueError(f"expected a notebook that begins with a title and a paragraph, got {first[:60]!r}")
-    words = " ".join(re.sub(r"[*`]|\$.*?\$", "", found[2]).split())
-    sentences = re.findall(r".+?[.?!:](?= |$)", words)
-    text = ""
-    for sentence in sentences:
-        if text and len(text) + len(sentence) > 150:
+    first, *others = re.split(r"(?<=[.?!]) (?=[*A-Z`])", " ".join(found[2].split()))
+    text = first
+    for sentence in others:
+        if len(text) + len(sentence) > LONGEST:
             break
-        text += sentence
-    return found[1].strip(), text.strip()
+        text += f" {sentence}"
+    return found[1].strip(), text
 
 
 def card(path: Path, folder: Path) -> str:
@@ -67,7 +67,7 @@ def card(path: Path, folder: Path) -> str:
         image.thumbnail((WIDTH, WIDTH))
         image.save(small, optimize=True)
         lines += [f":img-top: {small.relative_to(folder).as_posix()}", f":img-alt: A picture from the notebook {title}"]
-    return "\n".join([*lines, "", text.rstrip(":"), ":::"])
+    return "\n".join([*lines, "", text, ":::"])
 
 
 def gallery(notebooks: list[Path], folder: Path) -> None:

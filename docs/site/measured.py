@@ -85,24 +85,25 @@ def distances(results: Path) -> str:
 
 
 def demos(results: Path) -> str:
-    """Calls of the narrow phase, and time, that each bounder leaves of a demo's run without a broad phase."""
-    columns, labels, cells = [], {}, {}
+    """Of every demo a table: calls of the narrow phase, and time, that each bounder leaves of the run without a broad phase."""
+    tables = []
     for demo in DEMOS:
         report = json.loads((results / f"demos/{demo}.json").read_text(encoding="utf-8"))
-        for section in dict.fromkeys(run["section"] for run in report["runs"]):
-            runs = {run["bounder"]: run for run in report["runs"] if run["section"] == section}
-            none, column = runs["none"], f"{demo}: {section}" if section else demo
-            columns.append(column)
-            for label, run in runs.items():
-                if label == "none" or "cores" in label:
-                    continue
-                calls = run["narrow_calls"] / none["narrow_calls"]
-                time = (run["ms_broad"] + run["ms_narrow"]) / (none["ms_broad"] + none["ms_narrow"])
-                lost = run["missed"] or not run["identical"]
-                labels[label] = labels.get(label, 0) + 1
-                cells[label, column] = f"{100 * calls:.1f} / {100 * time:.0f}" + (f", {run['missed']:,} missed" if lost else "")
-    often = [label for label, count in labels.items() if count > 1]
-    return table(["calls / time, %", *columns], [[f"`{x}`", *(cells.get((x, c), "") for c in columns)] for x in often])
+        sections = list(dict.fromkeys(run["section"] for run in report["runs"]))
+        runs = {(run["bounder"], run["section"]): run for run in report["runs"]}
+        labels = [x for x in dict.fromkeys(run["bounder"] for run in report["runs"]) if x != "none" and "cores" not in x]
+        rows = [[f"`{x}`", *(_left(runs.get((x, s)), runs["none", s]) for s in sections)] for x in labels]
+        tables.append(table([f"{demo}: calls / time, %", *(section or "all" for section in sections)], rows))
+    return "\n".join(tables)
+
+
+def _left(run: dict | None, none: dict) -> str:
+    """What a run leaves of the calls and of the time of the one without a broad phase, in %; and what it missed."""
+    if run is None:
+        return ""
+    time = (run["ms_broad"] + run["ms_narrow"]) / (none["ms_broad"] + none["ms_narrow"])
+    lost = f", **{run['missed']:,} missed**" if run["missed"] or not run["identical"] else ""
+    return f"{100 * run['narrow_calls'] / none['narrow_calls']:.1f} / {100 * time:.0f}{lost}"
 
 
 def speed(results: Path) -> str:

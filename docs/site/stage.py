@@ -116,6 +116,8 @@ def stage(to: Path, root: Path = ROOT) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix == ".md":
             text = filled(path.read_text(encoding="utf-8"), name, root / "results")
+            if name == "README.md":  # the first page of the site has the project's name
+                text = text.replace("# warp-bounding\n", "# Overview\n", 1)
             target.write_text(relinked(text, name, root), encoding="utf-8")
         else:
             shutil.copyfile(path, target)
