@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out/demo
 
-.PHONY: demo test test-slow fuzz bench notebooks refit lint format clean
+.PHONY: demo test test-slow fuzz bench notebooks docs docs-check refit lint format clean
 
 demo: $(VENV)/.installed
 	$(BIN)/warp-bounding demo particles --out $(OUT)
@@ -32,6 +32,13 @@ bench: $(VENV)/.installed
 # execute the notebooks, in place
 notebooks: $(VENV)/.installed
 	$(BIN)/python notebooks/execute.py
+
+# the documentation site, into build/docs; then all of it in a browser without a window, where there is one, with pictures in out/docs
+docs: $(VENV)/.installed
+	$(BIN)/python docs/site
+
+docs-check: docs
+	$(BIN)/python docs/site/browse.py build/docs --out out/docs
 
 # fit the bounders that the demos load
 refit: $(VENV)/.installed

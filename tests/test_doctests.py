@@ -1,11 +1,16 @@
-"""Every public name's docstring has an example, and every example runs as it says.
+"""Every public name has an example, and every example runs as it says.
 
-They share a few names, which each example may use without making them: ``ball``, ``grid``, ``mesh``, ``motion``, ``bounder``, ``points``,
+Names have theirs in their docstrings; of the many methods of a bounder that only authors of methods call, examples stand on the pages of the API
+reference, together. They share a few names, which each example may use without making them: ``ball``, ``grid``, ``mesh``, ``motion``, ``bounder``, ``points``,
 ``far``, a distance bounder of the ball, and ``ball_distances``, those of the points.
 """
 
+import ast
 import doctest
-from inspect import getdoc
+import re
+from functools import cached_property
+from inspect import getattr_static, getdoc
+from types import FunctionType
 
 import numpy as np
 import pytest
@@ -14,9 +19,11 @@ import warp as wp
 import warp_bounding as wb
 from warp_bounding.proof import soak
 from warp_bounding.proof.attest.soak import Soak
+from written_pages import ROOT
 
 pytest.importorskip("torch", reason="torch is not installed")
 
+PAGES = ("bounders", "distances")
 METHODS = {
     wb.Bounder: ("candidates", "data", "freeze", "func", "prepare", "query", "save", "to", "values"),
     wb.Prepared: ("launch", "move"),
@@ -31,7 +38,13 @@ METHODS = {
 }
 DOCUMENTED = {name: getattr(wb, name) for name in wb.__all__ if name not in ("DISTANCES", "METHODS", "__version__")}
 DOCUMENTED |= {"Soak": Soak} | {f"solids.{name}": getattr(wb.solids, name) for name in wb.solids.__all__}
+DOCUMENTED |= {f"arms.{name}": getattr(wb.arms, name) for name in wb.arms.__all__ if name != "WORLD"}  # a number
 DOCUMENTED |= {f"{kind.__name__}.{name}": getattr(kind, name) for kind, names in METHODS.items() for name in names}
+
+
+def shown(page: str) -> str:
+    """The examples of a page of the API reference."""
+    return "\n".join(re.findall(r"```pycon\n(.*?)```", (ROOT / f"docs/api/{page}.md").read_text(), re.DOTALL))
 
 
 @pytest.fixture(scope="module")
@@ -50,11 +63,58 @@ def made() -> dict:
     return names | {"np": np, "wp": wp, "wb": wb, "soak": soak, "__name__": __name__}
 
 
-@pytest.mark.parametrize("name", DOCUMENTED)
-def test_examples_run(name, made, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    test = doctest.DocTestParser().get_doctest(getdoc(DOCUMENTED[name]), dict(made), name, None, 0)
+def link(name: str) -> str:
+    """Of a robot: a ball."""
+    return f'<link name="{name}"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>'
+
+
+def joint(name: str, parent: str, child: str) -> str:
+    """Of a robot: a hinge."""
+    between = f'<parent link="{parent}"/><child link="{child}"/><origin xyz="0.5 0 0"/><axis xyz="0 0 1"/>'
+    return f'<joint name="{name}" type="revolute">{between}<limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+
+
+ROBOT = [link("base"), link("upper"), link("lower"), link("hand"), joint("shoulder", "base", "upper")]
+ROBOT += [joint("elbow", "upper", "lower"), joint("finger", "lower", "hand")]
+
+
+def run(text: str, name: str, made: dict) -> None:
+    """Run a text's examples; each must say what stands below it."""
+    test = doctest.DocTestParser().get_doctest(text, dict(made), name, None, 0)
     assert test.examples, f"{name} has no example"
     said = []
     doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(test, out=said.append, clear_globs=False)
     assert not said, "".join(said)
+
+
+@pytest.mark.parametrize("name", DOCUMENTED)
+def test_examples_run(name, made, tmp_path, monkeypatch):
+    if name == "arms.load_urdf":  # reads a file, with a reader of an extra
+        pytest.importorskip("yourdfpy", reason="reading URDF needs yourdfpy: pip install 'warp-bounding[arms]'")
+        (tmp_path / "arm.urdf").write_text(f'<robot name="arm">{"".join(ROBOT)}</robot>')
+    monkeypatch.chdir(tmp_path)
+    run(getdoc(DOCUMENTED[name]), name, made)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_examples_of_pages_run(page, made, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run(shown(page), page, made)
+
+
+@pytest.mark.parametrize(("kind", "page"), [(wb.Bounder, "bounders"), (wb.DistanceBounder, "distances")])
+def test_every_public_method_has_an_example(kind, page):
+    """In its own docstring, or on the page, where it is called or read."""
+    examples = doctest.DocTestParser().get_examples(shown(page))
+    used = {node.attr for e in examples for node in ast.walk(ast.parse(e.source)) if isinstance(node, ast.Attribute)}
+    described = (classmethod, staticmethod, property, cached_property, FunctionType)
+    names = [name for name in dir(kind) if not name.startswith("_") and isinstance(getattr_static(kind, name), described)]
+    assert len(names) > 20
+    assert [n for n in names if n not in used and ">>>" not in (getdoc(getattr_static(kind, n)) or "")] == []
+
+
+def test_a_name_without_an_example_is_found(made):
+    with pytest.raises(AssertionError, match="has no example"):
+        run("Says what it does.", "nothing", made)
+    with pytest.raises(AssertionError, match="Got"):
+        run(">>> 1 + 1\n3", "wrong", made)

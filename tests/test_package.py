@@ -14,6 +14,7 @@ import pytest
 
 import warp_bounding as wb
 from warp_bounding.errors import BounderError
+from written_pages import PAGES
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "warp_bounding"
@@ -120,19 +121,19 @@ def test_versions_agree():
 
 @pytest.mark.skipif(not (ROOT / "README.md").exists(), reason="there is no README.md yet")
 def test_readme_and_guide_compile_and_name_what_exists():
-    text = (ROOT / "README.md").read_text() + (ROOT / "docs/guide.md").read_text()
+    text = "".join(page.read_text() for page in PAGES)
     blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     assert blocks
     for block in blocks:
         tree = compile(block, "README.md", "exec", ast.PyCF_ONLY_AST)
         for node in ast.walk(tree):
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "wb":
-                assert hasattr(wb, node.attr), f"README.md uses wb.{node.attr}"
+                assert hasattr(wb, node.attr), f"a page uses wb.{node.attr}"
 
 
 @pytest.mark.skipif(not (ROOT / "README.md").exists(), reason="there is no README.md yet")
 def test_the_guide_names_every_method():
-    section = (ROOT / "docs/guide.md").read_text().partition("\n## Methods\n")[2].partition("\n## ")[0]
+    section = (ROOT / "docs/guide/methods.md").read_text()
     named = re.findall(
         r"`([^`]+)`", "".join(row.split("|")[1] for row in section.splitlines() if row.startswith("| `"))
     )

@@ -1,4 +1,4 @@
-"""The README and the guide run as they are printed: every snippet and every command, in order, in one folder and one namespace.
+"""The README, *Get started* and the guide run as they are printed: every snippet and every command, in order, in one folder and one namespace.
 
 What would take minutes is shortened, by ``SHORTER`` (words of the text that are replaced, such as the seconds of a fit by a few steps), by ``SMALL``
 (options that are added to a command), and by tiny fits of the networks of tables. Commands that set up an environment or run a whole demo (its
@@ -21,15 +21,15 @@ import typer
 
 from warp_bounding import cli, training
 from warp_bounding.cli.demo import DEMOS
+from written_pages import GUIDE, PAGES, ROOT
 
 for name in ("torch", "trimesh", "matplotlib", "PIL"):
     pytest.importorskip(name, reason=f"{name} is not installed: pip install '.[train]'")
 
-ROOT = Path(__file__).resolve().parents[1]
-PAGES = [ROOT / "README.md", *(ROOT / "docs" / f"{name}.md" for name in ("guide", "simulations", "tables", "claims"))]
-SHOWN = "\n".join(page.read_text() for page in PAGES)  # the guide goes on where the README ends
+SHOWN = "\n".join(page.read_text() for page in PAGES)  # each page goes on where the one before ends
 SHORTER = {
     "budget=60.0": "budget=3.0, steps=20",
+    "hidden=(24, 24), budget=20.0": "hidden=(50, 50), budget=3.0, steps=20",  # whose kernels are compiled already
     "budget=8.0": "budget=1.0",
     "--budget 60 ": "--budget 30 --steps 20 ",
     "--samples 10000000 ": "--samples 50000 ",
@@ -52,7 +52,13 @@ def after(namespace: dict) -> dict:
     values = types.SimpleNamespace(**namespace)
     return {
         "bounder.candidates(": lambda: values.count.numpy()[0] == values.mask.numpy().sum() > 0,
-        "wp.launch(": lambda: (values.contacts.numpy() == values.mask.numpy()).all(),
+        "wp.launch(step": lambda: (values.contacts.numpy() == values.mask.numpy()).all(),
+        "wp.launch(narrow_phase": lambda: (values.near.numpy() == values.mask.numpy()[:1000]).all(),
+        "bounder.values(": lambda: (
+            (values.values.numpy() >= values.bounder.threshold) == (values.mask.numpy() == 1)
+        ).all(),
+        "of_motion.query(": lambda: values.of_motion.certificate.proven and 0 < values.mask.numpy().mean() < 1,
+        "wb.clear_segments(": lambda: values.free.any() and not values.free.all(),
         "asked.launch(": lambda: values.count.numpy()[0] == _asked_at_last(values) > 0,
         "shadow.query(": lambda: len(values.maybe_hit) == len(values.rays) and values.box.certificate.proven,
         "cull.collide(": lambda: _contacts_without(values) == values.contacts.soft_contact_count.numpy()[0] > 0,
@@ -206,6 +212,10 @@ def test_everything_shown_runs(place):
 def test_what_is_broken_is_found(place, text):
     with pytest.raises((Exception, pytest.fail.Exception)):
         run(text, place / "here", place / "data")
+
+
+def test_the_guide_names_all_its_pages():
+    assert sorted(GUIDE) == sorted((ROOT / "docs/guide").glob("*.md"))
 
 
 def test_what_is_shortened_is_there():

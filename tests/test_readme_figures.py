@@ -14,9 +14,8 @@ import pytest
 from warp_bounding.paper.columns import CASCADE, COLUMNS, DISTANCE, LOCAL, PAPER, VARIANTS
 from warp_bounding.paper.pages.means import Means
 from warp_bounding.paper.rows import Row
+from written_pages import PAGES, ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
-PAGES = [ROOT / "README.md", *(ROOT / "docs" / f"{name}.md" for name in ("guide", "simulations", "tables", "claims"))]
 TEXT = "\n".join(page.read_text() for page in PAGES)
 PROSE = " ".join(TEXT.split())
 RESULTS = ROOT / "results"

@@ -35,6 +35,11 @@ class Joint:
 
     Raises:
         IndicatorError: For numbers that are none, or limits in the wrong order or too far.
+
+    Example:
+        >>> elbow = wb.arms.Joint(axis=[0, 2, 0], lower=-2.0, upper=2.0)
+        >>> elbow.axis
+        array([0., 1., 0.])
     """
 
     origin: np.ndarray = field(default_factory=lambda: np.eye(4))

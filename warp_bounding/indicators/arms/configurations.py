@@ -57,6 +57,14 @@ class ArmConfigurations(Formula):
 
     Raises:
         IndicatorError: For obstacles that move, numbers that are none, or nothing that could touch.
+
+    Example:
+        >>> arm = wb.arms.Arm([wb.arms.Joint()], [wb.arms.Body.capsule([0, 0, 0], [0.5, 0, 0], 0.05, link=0)])
+        >>> shape = wb.arms.ArmConfigurations(arm, [wb.arms.Body.sphere([0.5, 0, 0], 0.1)])
+        >>> shape.contains(np.array([[0.0], [1.0]]))  # pointing at the ball, and away from it
+        array([ True, False])
+        >>> wb.fit(shape, method="aabb", device="cpu").certificate.proven
+        True
     """
 
     def __init__(

@@ -1,0 +1,127 @@
+"""Tables of the page *Which bounder?*, made from the files in ``results`` whenever the site is built, so that no number is typed in.
+
+Each function of ``MEASURED`` reads what a benchmark or a demo has written and returns a table in Markdown. A page asks for one by its name, with the
+comment ``<!-- measured: NAME -->`` on a line by itself, which a reader of the plain page does not see.
+"""
+
+import csv
+import json
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+__all__ = ["MEASURED", "bold_least", "table"]
+
+PRICES = (10, 100, 1_000, 10_000)  # nanoseconds of a narrow phase
+DEMOS = ("particles", "cloth", "path", "shadows", "arm")
+COLUMNS = [(n, query) for n in "234" for query in ("point", "ray", "plane", "box")]
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table in Markdown; the first column is text, the others are numbers."""
+    lines = [" | ".join(head), "|".join(["---", *["---:"] * (len(head) - 1)]), *(" | ".join(row) for row in rows)]
+    return "".join(f"| {line} |\n" for line in lines)
+
+
+def bold_least(rows: list[list[str]], numbers: list[list[float | None]]) -> list[list[str]]:
+    """Cells with the least number of every column in bold.
+
+    Args:
+        rows: Cells as they are shown.
+        numbers: What they are compared by, ``None`` where a cell is not compared.
+    """
+    least = [min((n for n in column if n is not None), default=None) for column in zip(*numbers, strict=True)]
+    return [
+        [f"**{cell}**" if n is not None and n == best else cell for cell, n, best in zip(row, found, least, strict=True)]
+        for row, found in zip(rows, numbers, strict=True)
+    ]
+
+
+def _lines(path: Path) -> list[dict]:
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+def _size(sizes: list[int]) -> str:
+    """Bytes, of the smallest to the largest."""
+    said = [f"{size} B" if size < 1000 else f"{size / 1000:.1f} kB" for size in (min(sizes), max(sizes))]
+    return said[0] if said[0] == said[1] else f"{said[0]} to {said[1]}"
+
+
+def meshes(results: Path) -> str:
+    """False positives of every method on every mesh, by bytes."""
+    rows = _lines(results / "meshes/meshes.jsonl")
+    names, found = list(dict.fromkeys(row["mesh"] for row in rows)), {}
+    for row in rows:
+        if row["certificate"] == "proven":
+            found.setdefault(row["label"], {})[row["mesh"]] = row
+    labels = sorted(found, key=lambda label: max(row["bytes"] for row in found[label].values()))
+    numbers = [[found[label][name]["fp_rate"] if name in found[label] else None for name in names] for label in labels]
+    cells = bold_least([["" if n is None else f"{n:.2f}" for n in row] for row in numbers], numbers)
+    sizes = [_size([row["bytes"] for row in found[label].values()]) for label in labels]
+    shown = zip(labels, sizes, cells, strict=True)
+    return table(["method", "bytes", *names], [[f"`{label}`", size, *row] for label, size, row in shown])
+
+
+def prices(results: Path) -> str:
+    """What a query costs in all, the bounder's time and the narrow phase of what it leaves, for several prices of that."""
+    rows = [r for r in _lines(results / "meshes/meshes.jsonl") if r["mesh"] == "bunny" and r["certificate"] == "proven"]
+    left = [(row["fp_rate"] + row["positives"]) / 100 for row in rows]
+    costs = [[row["nanoseconds"] + share * price for price in PRICES] for row, share in zip(rows, left, strict=True)]
+    labels, shares = [f"`{row['label']}`" for row in rows] + ["*none*"], [*left, 1.0]
+    own = [row["nanoseconds"] for row in rows] + [0.0]
+    costs.append([float(price) for price in PRICES])
+    cells = bold_least([[f"{cost:,.1f}" if cost < 100 else f"{cost:,.0f}" for cost in row] for row in costs], costs)
+    order = sorted(range(len(labels)), key=lambda i: costs[i][2])
+    head = ["method", "ns a query", "left, %", *(f"narrow phase {price:,} ns" for price in PRICES)]
+    return table(head, [[labels[i], f"{own[i]:.1f}", f"{100 * shares[i]:.1f}", *cells[i]] for i in order])
+
+
+def distances(results: Path) -> str:
+    """False positives of distances at several radii and of segments, with what a question costs."""
+    rows = [row for row in _lines(results / "distances/distances.jsonl") if row["certificate"] == "proven"]
+    numbers = [[*row["rates"], row["segments"], row["ns_point"], row["ns_segment"]] for row in rows]
+    cells = bold_least([[f"{n:.2f}" for n in row[:6]] + [f"{n:.1f}" for n in row[6:]] for row in numbers], numbers)
+    head = ["distance", "bytes", *(f"within {r}" for r in (0, 0.02, 0.05, 0.1, 0.2)), "segments", "ns a point", "a segment"]
+    return table(head, [[f"`{row['label']}`", _size([row["bytes"]]), *c] for row, c in zip(rows, cells, strict=True)])
+
+
+def demos(results: Path) -> str:
+    """Of every demo a table: calls of the narrow phase, and time, that each bounder leaves of the run without a broad phase."""
+    tables = []
+    for demo in DEMOS:
+        report = json.loads((results / f"demos/{demo}.json").read_text(encoding="utf-8"))
+        sections = list(dict.fromkeys(run["section"] for run in report["runs"]))
+        runs = {(run["bounder"], run["section"]): run for run in report["runs"]}
+        labels = [x for x in dict.fromkeys(run["bounder"] for run in report["runs"]) if x != "none" and "cores" not in x]
+        rows = [[f"`{x}`", *(_left(runs.get((x, s)), runs["none", s]) for s in sections)] for x in labels]
+        tables.append(table([f"{demo}: calls / time, %", *(section or "all" for section in sections)], rows))
+    return "\n".join(tables)
+
+
+def _left(run: dict | None, none: dict) -> str:
+    """What a run leaves of the calls and of the time of the one without a broad phase, in %; and what it missed."""
+    if run is None:
+        return ""
+    time = (run["ms_broad"] + run["ms_narrow"]) / (none["ms_broad"] + none["ms_narrow"])
+    lost = f", **{run['missed']:,} missed**" if run["missed"] or not run["identical"] else ""
+    return f"{100 * run['narrow_calls'] / none['narrow_calls']:.1f} / {100 * time:.0f}{lost}"
+
+
+def speed(results: Path) -> str:
+    """Nanoseconds and false positives of every method in every column of the paper."""
+    with (results / "speed/speed.csv").open(encoding="utf-8", newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["device"] == "cpu" and row["space"] == "geometric"]
+    found = {(row["method"], row["dimension"], row["query"]): row for row in rows}
+    shown = []
+    for method in dict.fromkeys(row["method"] for row in rows):
+        of = [found.get((method, *column)) for column in COLUMNS]
+        shown.append([f"`{method}`", *(f"{float(r['ns']):.1f} ({float(r['fp_rate']):.2f})" if r else "" for r in of)])
+    return table(["method", *(f"{n}D {query}" for n, query in COLUMNS)], shown)
+
+
+MEASURED: dict[str, Callable[[Path], str]] = {
+    "meshes": meshes,
+    "prices": prices,
+    "distances": distances,
+    "demos": demos,
+    "speed": speed,
+}
