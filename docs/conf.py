@@ -14,7 +14,6 @@ COLON = "\ue000"  # stands for a colon while Napoleon reads
 
 project = "warp-bounding"
 version = release = wb.__version__
-copyright = ""
 root_doc = "index"
 language = "en"
 extensions = [

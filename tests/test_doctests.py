@@ -15,11 +15,11 @@ from types import FunctionType
 import numpy as np
 import pytest
 import warp as wp
+from reading_order import ROOT
 
 import warp_bounding as wb
 from warp_bounding.proof import soak
 from warp_bounding.proof.attest.soak import Soak
-from written_pages import ROOT
 
 pytest.importorskip("torch", reason="torch is not installed")
 
@@ -71,7 +71,9 @@ def link(name: str) -> str:
 def joint(name: str, parent: str, child: str) -> str:
     """Of a robot: a hinge."""
     between = f'<parent link="{parent}"/><child link="{child}"/><origin xyz="0.5 0 0"/><axis xyz="0 0 1"/>'
-    return f'<joint name="{name}" type="revolute">{between}<limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+    return (
+        f'<joint name="{name}" type="revolute">{between}<limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+    )
 
 
 ROBOT = [link("base"), link("upper"), link("lower"), link("hand"), joint("shoulder", "base", "upper")]
@@ -108,7 +110,9 @@ def test_every_public_method_has_an_example(kind, page):
     examples = doctest.DocTestParser().get_examples(shown(page))
     used = {node.attr for e in examples for node in ast.walk(ast.parse(e.source)) if isinstance(node, ast.Attribute)}
     described = (classmethod, staticmethod, property, cached_property, FunctionType)
-    names = [name for name in dir(kind) if not name.startswith("_") and isinstance(getattr_static(kind, name), described)]
+    names = [
+        name for name in dir(kind) if not name.startswith("_") and isinstance(getattr_static(kind, name), described)
+    ]
     assert len(names) > 20
     assert [n for n in names if n not in used and ">>>" not in (getdoc(getattr_static(kind, n)) or "")] == []
 

@@ -11,10 +11,10 @@ from pathlib import Path
 from types import FunctionType
 
 import pytest
+from reading_order import PAGES
 
 import warp_bounding as wb
 from warp_bounding.errors import BounderError
-from written_pages import PAGES
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "warp_bounding"

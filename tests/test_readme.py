@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
+from reading_order import GUIDE, PAGES, ROOT
 
 from warp_bounding import cli, training
 from warp_bounding.cli.demo import DEMOS
-from written_pages import GUIDE, PAGES, ROOT
 
 for name in ("torch", "trimesh", "matplotlib", "PIL"):
     pytest.importorskip(name, reason=f"{name} is not installed: pip install '.[train]'")

@@ -7,14 +7,13 @@ import csv
 import json
 import re
 from functools import partial
-from pathlib import Path
 
 import pytest
+from reading_order import PAGES, ROOT
 
 from warp_bounding.paper.columns import CASCADE, COLUMNS, DISTANCE, LOCAL, PAPER, VARIANTS
 from warp_bounding.paper.pages.means import Means
 from warp_bounding.paper.rows import Row
-from written_pages import PAGES, ROOT
 
 TEXT = "\n".join(page.read_text() for page in PAGES)
 PROSE = " ".join(TEXT.split())

@@ -25,7 +25,10 @@ PHOTOGRAPHED = (
     "index", "overview", "get-started", "which-bounder", "gallery", "guide", "guide/distances", "proofs", "claims", "simulations", "tables",
     "architecture", "api/index", "api/bounders", "api/solids", "notebooks/05_proofs", "results/meshes/index", "changelog",
 )  # fmt: skip
-SEARCHES = {"candidates": "api/bounders.html", "margin": "guide/newton.html"}  # words, and a page that must be among the hits
+SEARCHES = {
+    "candidates": "api/bounders.html",
+    "margin": "guide/newton.html",
+}  # words, and a page that must be among the hits
 SECONDS = 20  # for a search to find something, and a page its formulae
 OPTIONS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--no-first-run", "--disable-component-update", "--disable-sync",
@@ -104,7 +107,9 @@ class Browser:
 
         options = {"format": "png"}
         if whole:
-            width, height = self.driver.execute_script("const e = document.documentElement; return [e.clientWidth, e.scrollHeight]")
+            width, height = self.driver.execute_script(
+                "const e = document.documentElement; return [e.clientWidth, e.scrollHeight]"
+            )
             clip = {"x": 0, "y": 0, "width": width, "height": min(height, 6000), "scale": 1}
             options |= {"captureBeyondViewport": True, "clip": clip}
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -123,11 +128,15 @@ class Browser:
 
 
 FORMULAE = "return [...document.querySelectorAll('.math')].every(e => e.querySelector('mjx-container'))"
-WRONG_FORMULAE = "return [...document.querySelectorAll('mjx-merror, [data-mjx-error]')].map(e => e.title || e.textContent)"
+WRONG_FORMULAE = (
+    "return [...document.querySelectorAll('mjx-merror, [data-mjx-error]')].map(e => e.title || e.textContent)"
+)
 BROKEN_PICTURES = "return [...document.images].filter(e => e.complete && !e.naturalWidth).map(e => e.src)"
 WIDER = "const e = document.documentElement; return e.scrollWidth > e.clientWidth + 1 ? e.scrollWidth : 0"
 LINKS = "return [...document.querySelectorAll('a[href]')].map(e => e.href)"
-ANCHORS = "return [...document.querySelectorAll('[id], a[name]')].flatMap(e => [e.id, e.getAttribute('name')]).filter(e => e)"
+ANCHORS = (
+    "return [...document.querySelectorAll('[id], a[name]')].flatMap(e => [e.id, e.getAttribute('name')]).filter(e => e)"
+)
 HITS = "return [...document.querySelectorAll('#search-results li a')].map(e => e.href)"
 
 
@@ -136,7 +145,9 @@ def _look(browser: Browser, address: str, name: str) -> tuple[list[str], list[st
     browser.driver.get(f"{address}/{name}")
     found = [] if browser.wait(FORMULAE) else ["a formula is not set"]
     ask = browser.driver.execute_script
-    found += [f"formula: {text}" for text in ask(WRONG_FORMULAE)] + [f"no picture: {source}" for source in ask(BROKEN_PICTURES)]
+    found += [f"formula: {text}" for text in ask(WRONG_FORMULAE)] + [
+        f"no picture: {source}" for source in ask(BROKEN_PICTURES)
+    ]
     if width := ask(WIDER):
         found.append(f"is {width} pixels wide in a window of {WIDE[0]}")
     links, anchors = ask(LINKS), set(ask(ANCHORS))
@@ -192,6 +203,8 @@ def browse(browser: Browser, site: Path, out: Path) -> list[str]:
     with served(site) as address:
         browser.size(WIDE)
         browser.dark(False)
+        browser.driver.get("about:blank")
+        browser.complaints(address)  # of what was open before
         for number, name in enumerate(names, start=1):
             wrong, links[name], anchors[name] = _look(browser, address, name)
             found += [f"{name}: {line}" for line in wrong]
@@ -212,7 +225,9 @@ def browse(browser: Browser, site: Path, out: Path) -> list[str]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Check a built site in a browser; 0 if nothing is wrong or there is no browser, 1 if something is, 2 for bad usage."""
-    parser = argparse.ArgumentParser(prog="python docs/site/browse.py", description="Check the built site in a browser without a window.")
+    parser = argparse.ArgumentParser(
+        prog="python docs/site/browse.py", description="Check the built site in a browser without a window."
+    )
     parser.add_argument("site", type=Path, help="the folder of the built site")
     parser.add_argument("--out", type=Path, default=Path("out/docs"), help="where the pictures go")
     programs = {"browser": ("chromium", "chromium-browser", "google-chrome"), "driver": ("chromedriver",)}

@@ -59,7 +59,11 @@ def card(path: Path, folder: Path) -> str:
     """
     notebook = json.loads(path.read_text(encoding="utf-8"))
     title, text = summary(notebook)
-    lines = [f":::{{grid-item-card}} {title}", f":link: {path.relative_to(folder).with_suffix('').as_posix()}", ":link-type: doc"]
+    lines = [
+        f":::{{grid-item-card}} {title}",
+        f":link: {path.relative_to(folder).with_suffix('').as_posix()}",
+        ":link-type: doc",
+    ]
     image = picture(notebook)
     if image is not None:
         small = path.with_suffix(".png")
@@ -80,4 +84,6 @@ def gallery(notebooks: list[Path], folder: Path) -> None:
     names = [path.relative_to(folder).with_suffix("").as_posix() for path in notebooks]
     cards = "\n\n".join(card(path, folder) for path in notebooks)
     tree = "\n".join(["```{toctree}", ":hidden:", "", *names, "```"])
-    (folder / "gallery.md").write_text(f"{HEAD}::::{{grid}} 1 2 2 3\n:gutter: 3\n\n{cards}\n\n::::\n\n{tree}\n", encoding="utf-8")
+    (folder / "gallery.md").write_text(
+        f"{HEAD}::::{{grid}} 1 2 2 3\n:gutter: 3\n\n{cards}\n\n::::\n\n{tree}\n", encoding="utf-8"
+    )

@@ -11,8 +11,28 @@ from urllib.parse import unquote, urlsplit
 
 __all__ = ["Page", "problems"]
 
-LOADED = {"script": "src", "img": "src", "iframe": "src", "source": "src", "video": "src", "audio": "src", "embed": "src", "object": "data"}
-FETCHING = {"stylesheet", "icon", "shortcut", "preload", "prefetch", "modulepreload", "preconnect", "dns-prefetch", "manifest", "apple-touch-icon"}
+LOADED = {
+    "script": "src",
+    "img": "src",
+    "iframe": "src",
+    "source": "src",
+    "video": "src",
+    "audio": "src",
+    "embed": "src",
+    "object": "data",
+}
+FETCHING = {
+    "stylesheet",
+    "icon",
+    "shortcut",
+    "preload",
+    "prefetch",
+    "modulepreload",
+    "preconnect",
+    "dns-prefetch",
+    "manifest",
+    "apple-touch-icon",
+}
 IN_STYLE = re.compile(r"(?:@import\s+(?:url\()?|url\()\s*['\"]?((?:https?:)?//[^'\")\s]+)")
 
 
@@ -60,7 +80,10 @@ def problems(folder: Path) -> list[str]:
             why = _dead(path, target, pages)
             found += [f"{name}: {target} {why}"] if why else []
     for path in sorted(folder.rglob("*.css")):
-        found += [f"{path.relative_to(folder).as_posix()} loads {target}" for target in IN_STYLE.findall(path.read_text(encoding="utf-8"))]
+        found += [
+            f"{path.relative_to(folder).as_posix()} loads {target}"
+            for target in IN_STYLE.findall(path.read_text(encoding="utf-8"))
+        ]
     return found
 
 

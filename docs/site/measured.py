@@ -31,7 +31,10 @@ def bold_least(rows: list[list[str]], numbers: list[list[float | None]]) -> list
     """
     least = [min((n for n in column if n is not None), default=None) for column in zip(*numbers, strict=True)]
     return [
-        [f"**{cell}**" if n is not None and n == best else cell for cell, n, best in zip(row, found, least, strict=True)]
+        [
+            f"**{cell}**" if n is not None and n == best else cell
+            for cell, n, best in zip(row, found, least, strict=True)
+        ]
         for row, found in zip(rows, numbers, strict=True)
     ]
 
@@ -80,7 +83,14 @@ def distances(results: Path) -> str:
     rows = [row for row in _lines(results / "distances/distances.jsonl") if row["certificate"] == "proven"]
     numbers = [[*row["rates"], row["segments"], row["ns_point"], row["ns_segment"]] for row in rows]
     cells = bold_least([[f"{n:.2f}" for n in row[:6]] + [f"{n:.1f}" for n in row[6:]] for row in numbers], numbers)
-    head = ["distance", "bytes", *(f"within {r}" for r in (0, 0.02, 0.05, 0.1, 0.2)), "segments", "ns a point", "a segment"]
+    head = [
+        "distance",
+        "bytes",
+        *(f"within {r}" for r in (0, 0.02, 0.05, 0.1, 0.2)),
+        "segments",
+        "ns a point",
+        "a segment",
+    ]
     return table(head, [[f"`{row['label']}`", _size([row["bytes"]]), *c] for row, c in zip(rows, cells, strict=True)])
 
 
@@ -91,7 +101,9 @@ def demos(results: Path) -> str:
         report = json.loads((results / f"demos/{demo}.json").read_text(encoding="utf-8"))
         sections = list(dict.fromkeys(run["section"] for run in report["runs"]))
         runs = {(run["bounder"], run["section"]): run for run in report["runs"]}
-        labels = [x for x in dict.fromkeys(run["bounder"] for run in report["runs"]) if x != "none" and "cores" not in x]
+        labels = [
+            x for x in dict.fromkeys(run["bounder"] for run in report["runs"]) if x != "none" and "cores" not in x
+        ]
         rows = [[f"`{x}`", *(_left(runs.get((x, s)), runs["none", s]) for s in sections)] for x in labels]
         tables.append(table([f"{demo}: calls / time, %", *(section or "all" for section in sections)], rows))
     return "\n".join(tables)

@@ -20,7 +20,12 @@ LINK = re.compile(r"(?P<before>\]\()(?P<target>[^)\s#]*)(?P<anchor>#[^)\s]*)?(?P
 ELSEWHERE = re.compile(r"[a-z]+:")  # a scheme: the web, mail
 FENCE = re.compile(r"(^```.*?^```$)", re.MULTILINE | re.DOTALL)
 MARK = re.compile(r"^<!-- measured: ([\w-]+) -->$", re.MULTILINE)
-TOPS = {"README.md": "overview.md", "CHANGELOG.md": "changelog.md", "CITATION.cff": "CITATION.cff", "notebooks": "gallery.md"}
+TOPS = {
+    "README.md": "overview.md",
+    "CHANGELOG.md": "changelog.md",
+    "CITATION.cff": "CITATION.cff",
+    "notebooks": "gallery.md",
+}
 NO_SOURCES = ("site", "conf.py", "_static", "_build", "__pycache__")  # of docs
 
 

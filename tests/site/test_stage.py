@@ -1,0 +1,91 @@
+"""The site's sources: where pages go, where their links lead then, and that what cannot be shown is refused."""
+
+import re
+
+import pytest
+from stage import ROOT, StageError, filled, place, relinked, stage
+
+import warp_bounding as wb
+
+pytest.importorskip("PIL", reason="thumbnails need pillow: pip install '.[train]'")
+
+
+@pytest.mark.parametrize(
+    ("path", "where"),
+    [
+        ("README.md", "overview.md"),
+        ("docs/guide/points.md", "guide/points.md"),
+        ("docs/rain.png", "rain.png"),
+        ("results/speed/rivals/README.md", "results/speed/rivals/index.md"),
+        ("results/speed/speed.csv", "results/speed/speed.csv"),
+        ("notebooks/05_proofs.ipynb", "notebooks/05_proofs.ipynb"),
+        ("notebooks", "gallery.md"),
+    ],
+)
+def test_everything_has_its_place(path, where):
+    assert place(path) == where
+
+
+@pytest.mark.parametrize("path", ["pyproject.toml", "warp_bounding/errors.py", "docs", "notebooks/execute.py"])
+def test_what_the_site_does_not_have_is_refused(path):
+    with pytest.raises(StageError, match=f"got {re.escape(path)}"):
+        place(path)
+
+
+def test_links_are_turned_to_where_their_targets_are():
+    page = "[a](../README.md#how-tight) ![b](rain.png) [c](../results/meshes/README.md) [d](https://example.org/x.md) [e](#words)"
+    turned = "[a](overview.md#how-tight) ![b](rain.png) [c](results/meshes/index.md) [d](https://example.org/x.md) [e](#words)"
+    assert relinked(page, "docs/tables.md") == turned
+    assert relinked("[a](../claims.md) [b](../../notebooks/10_arms.ipynb)", "docs/guide/arms.md") == (
+        "[a](../claims.md) [b](../notebooks/10_arms.ipynb)"
+    )
+    assert relinked("[a](docs/guide.md)", "README.md") == "[a](guide.md)"
+    code = "```python\na = b[c](d)\n```\n"
+    assert relinked(code, "docs/tables.md") == code
+
+
+@pytest.mark.parametrize(
+    ("link", "why"),
+    [("nothing.md", "does not exist"), ("../pyproject.toml", "expected a file"), ("../sims", "expected a file")],
+)
+def test_links_out_of_the_site_are_refused(link, why):
+    with pytest.raises(StageError, match=why):
+        relinked(f"[a]({link})", "docs/tables.md")
+
+
+def test_a_table_that_nobody_makes_is_refused():
+    with pytest.raises(StageError, match=r"docs/a\.md: expected a table of meshes, .* got nothing"):
+        filled("x\n<!-- measured: nothing -->\ny", "docs/a.md", ROOT / "results")
+
+
+def test_all_pages_are_laid_out(tmp_path):
+    stage(tmp_path / "sources")
+    (tmp_path / "sources/stale.md").write_text("gone with the next")
+    stage(tmp_path / "sources")
+    names = {path.relative_to(tmp_path / "sources").as_posix() for path in (tmp_path / "sources").rglob("*")}
+    assert {
+        "index.md",
+        "overview.md",
+        "gallery.md",
+        "changelog.md",
+        "guide/points.md",
+        "results/meshes/index.md",
+    } <= names
+    assert {f"notebooks/{path.name}" for path in (ROOT / "notebooks").glob("*.ipynb")} <= names
+    assert not [
+        name for name in names if name.startswith(("site/", "_static/")) or name.endswith(".py") or "stale" in name
+    ]
+    text = (tmp_path / "sources/which-bounder.md").read_text()
+    assert "<!-- measured" not in text
+    assert text.count("\n| ---|") + text.count("|---|") >= 6
+    assert (tmp_path / "sources/overview.md").read_text().startswith("# Overview\n")
+
+
+def test_every_public_name_is_on_one_page_of_the_reference():
+    pages = "\n".join(path.read_text() for path in (ROOT / "docs/api").glob("*.md"))
+    shown = re.findall(r"^\.\. auto\w+:: warp_bounding\.([\w.]+)$", pages, re.MULTILINE)
+    assert len(shown) == len(set(shown))
+    named = {name for name in ("DISTANCES", "METHODS", "__version__", "arms", "solids") if f"`wb.{name}`" in pages}
+    assert set(wb.__all__) - named <= set(shown)
+    assert {f"solids.{name}" for name in wb.solids.__all__} <= set(shown)
+    assert {f"arms.{name}" for name in wb.arms.__all__} - {"arms.WORLD"} <= set(shown)
