@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 import typer
 from reading_order import GUIDE, PAGES, ROOT
+from snippets import FENCED, commands
 
 from warp_bounding import cli, training
 from warp_bounding.cli.demo import DEMOS
@@ -43,7 +44,6 @@ SMALL = {  # one column of twelve, and its network; no networks
     "proofs": "--columns 2d-point --methods mlp --samples 4000 --positives 20000 --seconds 20",
     "choose": "--networks none --budget 1",
 }
-FENCED = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
 PROGRAMS = ("warp-bounding", "python", "make", "pip")
 
 
@@ -82,11 +82,6 @@ def shortened(text: str) -> str:
     for long, short in SHORTER.items():
         text = text.replace(long, short)
     return text
-
-
-def commands(body: str) -> list[list[str]]:
-    """The words of each line of a shell block, without comments."""
-    return [words for line in body.splitlines() if (words := shlex.split(line, comments=True))]
 
 
 def inline(text: str) -> list[list[str]]:

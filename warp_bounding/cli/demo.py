@@ -61,10 +61,14 @@ def command(
             raise BoundingError(f"demo {name} has no option --{option.removesuffix('_file')}")
         common = {"quick": quick, "refit": refit, "budget": budget, "seed": seed, "device": device}
         result = demo.run(_folder("out", out), **common, console=output(json), **options)
-    except ImportError as error:
-        if (error.name or "").split(".")[0] not in NEEDED:
+    except (ImportError, BoundingError) as error:
+        missing = (
+            error if isinstance(error, ImportError) else error.__cause__
+        )  # parts of the library name extras of their own
+        name = missing.name if isinstance(missing, ImportError) else None
+        if (name or "").split(".")[0] not in NEEDED:
             raise
-        raise BoundingError(f"the demo needs {error.name}: pip install 'warp-bounding[sims]'") from error
+        raise BoundingError(f"the demo needs {name}: pip install 'warp-bounding[sims]'") from error
     if json:
         print_json(result)
     return 0 if result["identical"] else 1

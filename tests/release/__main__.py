@@ -1,0 +1,88 @@
+"""``python tests/release dist|check|resolve|lowest``: what a release is made of, and whether a stranger can use it.
+
+``dist`` builds sdist and wheel into a folder and looks into them. ``check`` does so in a temporary one, installs the wheel into clean environments and does in
+them what a stranger would; with ``--full`` pip fetches everything, else what is installed here is linked. ``resolve`` asks which versions every supported
+Python would get. ``lowest`` installs the lowest versions that are allowed and runs a part of the tests with them. Exit status 1 if something is wrong.
+"""
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests/shared"))
+
+import lowest  # noqa: E402
+import resolution  # noqa: E402
+import strangers  # noqa: E402
+from distributions import build, problems  # noqa: E402
+from environments import Environment, installed, linked  # noqa: E402
+
+EXTRAS = ((), strangers.CORE), (("sims",), strangers.DEMOS)
+
+
+def dist(out: Path, *, isolated: bool) -> tuple[Path, list[str]]:
+    """Build into a folder; the wheel, and what is wrong with it."""
+    wheel, sdist = build(ROOT, out, isolated=isolated)
+    for path in (wheel, sdist):
+        print(f"{path}  {path.stat().st_size / 1e6:.2f} MB", flush=True)
+    found = problems(wheel, sdist, ROOT)
+    for line in found:
+        print(line, file=sys.stderr)
+    return wheel, found
+
+
+def check(*, full: bool) -> int:
+    """How many steps of a stranger's fail."""
+    passed, failed = 0, 0
+    with tempfile.TemporaryDirectory(prefix="warp-bounding-release-") as name:
+        place = Path(name)
+        wheel, found = dist(place / "dist", isolated=full)
+        for extras, steps in EXTRAS:
+            label, started = ", ".join(extras) or "core", time.perf_counter()
+            environment = _environment(place / f"env-{label}", wheel, extras, full=full)
+            print(f"{label}: installed in {time.perf_counter() - started:.1f} s", flush=True)
+            for step in steps:
+                folder, started = place / f"{label}-{step.__name__}", time.perf_counter()
+                folder.mkdir()
+                try:
+                    said = step(strangers.Stay(environment, folder, short=not full))
+                    passed += 1
+                except strangers.Broken as error:
+                    said, failed = f"FAILED: {error}", failed + 1
+                seconds = time.perf_counter() - started
+                print(f"{label}: {step.__name__.replace('_', ' ')}: {said} ({seconds:.1f} s)", flush=True)
+    print(f"{passed} passed, {failed} failed; {len(found)} problems with the distributions")
+    return failed + len(found)
+
+
+def _environment(folder: Path, wheel: Path, extras: tuple[str, ...], *, full: bool) -> Environment:
+    """A clean environment with the wheel."""
+    return installed(folder, wheel, extras, ROOT / "constraints.txt") if full else linked(folder, wheel, extras)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="tests/release", description=__doc__)
+    tasks = parser.add_subparsers(required=True)
+    task = tasks.add_parser("dist", help="build sdist and wheel, and look into them")
+    task.add_argument("--out", type=Path, default=ROOT / "dist", help="folder for them")
+    task.set_defaults(does=lambda asked: bool(dist(asked.out, isolated=True)[1]))
+    task = tasks.add_parser("check", help="use the wheel as a stranger would")
+    task.add_argument("--full", action="store_true", help="install everything with pip, and shorten nothing")
+    task.set_defaults(does=lambda asked: bool(check(full=asked.full)))
+    task = tasks.add_parser("resolve", help="which versions every supported Python would get")
+    task.set_defaults(does=lambda _: resolution.run(ROOT))
+    task = tasks.add_parser("lowest", help="test the lowest versions that are allowed")
+    task.set_defaults(does=lambda _: lowest.run(ROOT))
+    asked = parser.parse_args()
+    try:
+        return int(asked.does(asked))
+    except (LookupError, RuntimeError) as error:
+        print(error, file=sys.stderr)
+        return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

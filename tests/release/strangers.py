@@ -1,0 +1,140 @@
+"""What a stranger does with a wheel: in an environment without extras, and in one with those of the demos.
+
+Each step is a function of an environment and an empty folder to stand in; it raises ``Broken`` with what it expected and what came. Nothing is
+imported here of the package that is looked at: it is asked as a user would, by commands and by scripts.
+"""
+
+import re
+import shutil
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from subprocess import CompletedProcess
+
+from environments import Environment
+from snippets import FENCED, commands
+
+__all__ = ["CORE", "DEMOS", "Broken", "Stay"]
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+FIT = "budget=60.0"  # of the README's quickstart
+SHORT_FIT = "budget=3.0, steps=20"
+MINUTE = 60.0  # seconds
+PROMISED = """
+assert mask.numpy().sum() == count.numpy()[0] > 0
+assert (contacts.numpy() == mask.numpy()).all()
+print("what the comments promise is so")
+"""
+
+
+class Broken(Exception):
+    """Something does not work that a user was promised."""
+
+
+@dataclass(frozen=True)
+class Stay:
+    """A stranger's stay.
+
+    Attributes:
+        environment: Where the wheel is installed.
+        folder: Where the stranger stands, outside of any checkout.
+        short: Whether fits are shortened to seconds.
+    """
+
+    environment: Environment
+    folder: Path
+    short: bool
+
+    def run(self, words: Iterable[object], *, status: int = 0, seconds: float = 5 * MINUTE) -> CompletedProcess:
+        """Run a command, which must end with a status and without a traceback.
+
+        Raises:
+            Broken: If it does not.
+        """
+        words = [str(word) for word in words]
+        done = self.environment.run(words, self.folder, seconds=seconds)
+        if done.returncode != status or "Traceback" in done.stderr:
+            said = (done.stdout + done.stderr)[-2000:]
+            raise Broken(f"{' '.join(words)}: expected exit status {status}, got {done.returncode}\n{said}")
+        return done
+
+
+def _expect(holds: object, what: str) -> None:
+    if not holds:
+        raise Broken(what)
+
+
+def installed_outside(stay: Stay) -> str:
+    """What is imported is what was installed, and its version is the command's."""
+    code = "import warp_bounding as wb, sims; print(wb.__file__); print(sims.__file__); print(wb.__version__)"
+    *files, version = stay.run(["python", "-c", code]).stdout.split()
+    places = [Path(file).resolve() for file in files]
+    _expect(all(place.is_relative_to(stay.environment.folder.resolve()) for place in places), f"imported from {places}")
+    said = stay.run(["warp-bounding", "--version"]).stdout.strip()
+    _expect(said == f"warp-bounding {version}", f"--version: expected {version}, got {said!r}")
+    return version
+
+
+def every_help(stay: Stay) -> str:
+    """``--help`` of the program and of each of its commands."""
+    overview = stay.run(["warp-bounding", "--help"]).stdout
+    names = re.findall(r"^│ ([a-z]\w*) ", overview.partition("Commands")[2], re.MULTILINE)
+    _expect({"fit", "certify", "demo"} <= set(names), f"--help lists {names}")
+    for name in names:
+        said = stay.run(["warp-bounding", name, "--help"]).stdout
+        _expect(f"warp-bounding {name}" in said and "--json" in said, f"{name} --help: {said[:300]}")
+    return f"{len(names)} commands"
+
+
+def core_alone(stay: Stay) -> str:
+    """Load and ask without any extra: ``without_extras.py``."""
+    shutil.copy(HERE / "without_extras.py", stay.folder)
+    return stay.run(["python", "without_extras.py"]).stdout.splitlines()[-1]
+
+
+def extras_are_named(stay: Stay) -> str:
+    """What needs an extra says in one line which one."""
+    (stay.folder / "ball.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    asked = {
+        "train": ["fit", "ball.obj", "-o", "ball.safetensors", "--method", "kdop"],
+        "sims": ["demo", "particles", "--quick"],
+    }
+    for extra, words in asked.items():
+        said = stay.run(["warp-bounding", *words], status=2).stderr.strip().splitlines()
+        _expect(
+            len(said) == 1 and f"pip install 'warp-bounding[{extra}]'" in said[0],
+            f"{words[0]} without {extra} says {said}",
+        )
+    return ", ".join(asked)
+
+
+def quickstart(stay: Stay) -> str:
+    """The README's commands and snippets, in their order, in one folder."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    _expect(FIT in text, f"the README's quickstart has no {FIT} that could be shortened")
+    text, snippets = text.replace(FIT, SHORT_FIT) if stay.short else text, []
+    for language, body in FENCED.findall(text):
+        if language == "python":
+            snippets.append(body)
+            continue
+        for words in commands(body):
+            if words[0] == "warp-bounding":  # the others set up a checkout
+                stay.run(words)
+    (stay.folder / "quickstart.py").write_text("\n".join([*snippets, PROMISED]), encoding="utf-8")
+    said = stay.run(["python", "quickstart.py"]).stdout.strip().splitlines()
+    stay.run(["warp-bounding", "info", "bunny.safetensors"], status=0 if "Proven" in " ".join(said) else 1)
+    return f"{len(snippets)} snippets"
+
+
+def particles(stay: Stay) -> str:
+    """The first demo, small: every run ends in the same state, and there are pictures."""
+    stay.run(["warp-bounding", "demo", "particles", "--quick", "--out", "demo"])
+    pictures = sorted(path.name for path in (stay.folder / "demo").rglob("*.png"))
+    _expect(pictures, "the demo wrote no picture")
+    return f"{len(pictures)} pictures"
+
+
+Step = Callable[[Stay], str]
+CORE: tuple[Step, ...] = (installed_outside, every_help, core_alone, extras_are_named)
+DEMOS: tuple[Step, ...] = (installed_outside, quickstart, particles)

@@ -1,0 +1,65 @@
+"""What the core alone must do: load each bounder that comes with the wheel and ask it, in a batch and in a kernel of one's own.
+
+It is run by a Python that has the wheel and what the wheel requires, without any extra.
+"""
+
+from importlib import resources
+from importlib.util import find_spec
+
+import numpy as np
+import warp as wp
+
+import warp_bounding as wb
+
+EXTRAS = (
+    "torch",
+    "trimesh",
+    "matplotlib",
+    "PIL",
+    "pxr",
+    "pyvista",
+    "newton",
+    "coal",
+    "pinocchio",
+    "yourdfpy",
+    "sklearn",
+    "pytest",
+)
+assert [name for name in EXTRAS if find_spec(name)] == []  # else this would show nothing
+
+folder = resources.files("sims") / "bounders"
+bounders = {entry.name: wb.load(str(entry), device="cpu") for entry in folder.iterdir()}
+rng = np.random.default_rng(0)
+for bounder in {bounder.method: bounder for bounder in bounders.values() if bounder.query_kind == "point"}.values():
+    nowhere = np.full((8, bounder.ndim), np.nan, np.float32)
+    assert bounder.query(nowhere).numpy().all(), bounder.method  # what cannot be tested is answered with maybe
+
+bounder = bounders["path-rooms-mlp.safetensors"]
+assert bounder.certificate.proven
+domain = bounder.domain
+points = (domain.center + rng.uniform(-1.0, 1.0, (100_000, 2)) / domain.scale).astype(np.float32)
+mask = bounder.query(points).numpy()
+indices, count = bounder.candidates(points)
+assert 0 < count.numpy()[0] == mask.sum() < len(points)
+assert (indices.numpy()[: mask.sum()] == np.flatnonzero(mask)).all()
+
+
+@wp.kernel
+def ask(data: wb.Data, q: wp.array(dtype=wp.vec2), maybe: wp.array(dtype=int)):
+    i = wp.tid()
+    if wp.static(bounder.func)(data, q[i]):
+        maybe[i] = 1
+
+
+maybe = wp.zeros(len(points), dtype=int, device="cpu")
+with wp.ScopedDevice("cpu"):
+    wp.launch(ask, dim=len(points), inputs=[bounder.data, wp.array(points, dtype=wp.vec2)], outputs=[maybe])
+assert (maybe.numpy() == mask).all()
+
+try:
+    wb.fit(wb.IndicatorGrid(np.eye(4, dtype=bool)), method="kdop")
+except wb.BoundingError as error:
+    assert "pip install 'warp-bounding[train]'" in str(error)
+else:
+    raise AssertionError("fit is to say which extra it needs")
+print(f"{len(bounders)} bounders")
