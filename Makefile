@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out/demo
 
-.PHONY: demo test test-slow fuzz bench notebooks docs docs-check refit lint format clean
+.PHONY: demo test test-slow fuzz bench notebooks docs docs-check refit lint format clean dist release-check release-check-full resolve lowest
 
 demo: $(VENV)/.installed
 	$(BIN)/warp-bounding demo particles --out $(OUT)
@@ -44,6 +44,25 @@ docs-check: docs
 refit: $(VENV)/.installed
 	$(BIN)/python -m sims.refit
 
+# sdist and wheel in dist/, looked into
+dist: $(VENV)/.installed
+	$(BIN)/python tests/release dist --out dist
+
+# the wheel as a stranger would use it, in clean environments: of links to what is installed here, or of all that pip fetches
+release-check: $(VENV)/.installed
+	$(BIN)/python tests/release check
+
+release-check-full: $(VENV)/.installed
+	$(BIN)/python tests/release check --full
+
+# which versions each supported Python would get
+resolve: $(VENV)/.installed
+	$(BIN)/python tests/release resolve
+
+# a part of the tests with the lowest versions that are allowed, constraints-min.txt
+lowest: $(VENV)/.installed
+	$(BIN)/python tests/release lowest
+
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -59,4 +78,4 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	touch $@
 
 clean:
-	rm -rf $(VENV) build *.egg-info .pytest_cache .ruff_cache
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache

@@ -17,7 +17,7 @@ sys.path.insert(0, str(ROOT / "tests/shared"))
 import lowest  # noqa: E402
 import resolution  # noqa: E402
 import strangers  # noqa: E402
-from distributions import build, problems  # noqa: E402
+from distributions import build, problems, told_by_twine  # noqa: E402
 from environments import Environment, installed, linked  # noqa: E402
 
 EXTRAS = ((), strangers.CORE), (("sims",), strangers.DEMOS)
@@ -28,7 +28,7 @@ def dist(out: Path, *, isolated: bool) -> tuple[Path, list[str]]:
     wheel, sdist = build(ROOT, out, isolated=isolated)
     for path in (wheel, sdist):
         print(f"{path}  {path.stat().st_size / 1e6:.2f} MB", flush=True)
-    found = problems(wheel, sdist, ROOT)
+    found = problems(wheel, sdist, ROOT) + told_by_twine(wheel, sdist)
     for line in found:
         print(line, file=sys.stderr)
     return wheel, found
@@ -50,7 +50,7 @@ def check(*, full: bool) -> int:
                 try:
                     said = step(strangers.Stay(environment, folder, short=not full))
                     passed += 1
-                except strangers.Broken as error:
+                except strangers.BrokenPromiseError as error:
                     said, failed = f"FAILED: {error}", failed + 1
                 seconds = time.perf_counter() - started
                 print(f"{label}: {step.__name__.replace('_', ' ')}: {said} ({seconds:.1f} s)", flush=True)

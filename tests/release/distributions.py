@@ -17,7 +17,7 @@ from pathlib import Path
 from named_folders import folders
 from readme_renderer import markdown
 
-__all__ = ["LARGEST", "build", "contents", "described", "metadata_of", "problems"]
+__all__ = ["LARGEST", "build", "contents", "described", "metadata_of", "problems", "told_by_twine"]
 
 LARGEST = 2_000_000  # bytes of a wheel
 PARTS = ("warp_bounding/", "sims/")  # what a wheel installs
@@ -103,6 +103,13 @@ def problems(wheel: Path, sdist: Path, root: Path) -> list[str]:
             named = folders(name, content) + [folder for folder in own if folder.encode() in content]
             found += [f"{archive.name}: {name} names a folder of a machine: {named[0]!r}"] if named else []
     return found
+
+
+def told_by_twine(*paths: Path) -> list[str]:
+    """What the program that uploads distributions has against them."""
+    command = [sys.executable, "-m", "twine", "check", "--strict", *map(str, paths)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return [f"twine: {' '.join((done.stdout + done.stderr).split())}"] if done.returncode else []
 
 
 def _of_names(files: dict[str, bytes], root: Path) -> list[str]:

@@ -129,8 +129,8 @@ def _with_wheel(environment: Environment, arguments: list[str]) -> Environment:
     """Let the pip that is installed here install into an environment."""
     python = environment.programs / ("python.exe" if os.name == "nt" else "python")
     pip = [sys.executable, "-m", "pip", "--python", str(python)]
-    for command in (["install", "--quiet", "--disable-pip-version-check", *arguments], ["check"]):
+    for command in (["install", "--disable-pip-version-check", *arguments], ["check"]):
         done = subprocess.run([*pip, *command], env=_variables(), capture_output=True, text=True, check=False)
         if done.returncode:
-            raise RuntimeError(f"pip {command[0]} failed:\n{(done.stdout + done.stderr)[-2000:]}")
+            raise RuntimeError(f"pip {command[0]} failed:\n{done.stdout[-2000:]}\n{done.stderr[-500:]}")
     return environment

@@ -1,12 +1,13 @@
 """What a stranger does with a wheel: in an environment without extras, and in one with those of the demos.
 
-Each step is a function of an environment and an empty folder to stand in; it raises ``Broken`` with what it expected and what came. Nothing is
+Each step is a function of an environment and an empty folder to stand in; it raises ``BrokenPromiseError`` with what it expected and what came. Nothing is
 imported here of the package that is looked at: it is asked as a user would, by commands and by scripts.
 """
 
 import re
 import shutil
 from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from subprocess import CompletedProcess
@@ -14,7 +15,7 @@ from subprocess import CompletedProcess
 from environments import Environment
 from snippets import FENCED, commands
 
-__all__ = ["CORE", "DEMOS", "Broken", "Stay"]
+__all__ = ["CORE", "DEMOS", "BrokenPromiseError", "Stay"]
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -28,7 +29,7 @@ print("what the comments promise is so")
 """
 
 
-class Broken(Exception):
+class BrokenPromiseError(Exception):
     """Something does not work that a user was promised."""
 
 
@@ -50,19 +51,19 @@ class Stay:
         """Run a command, which must end with a status and without a traceback.
 
         Raises:
-            Broken: If it does not.
+            BrokenPromiseError: If it does not.
         """
         words = [str(word) for word in words]
         done = self.environment.run(words, self.folder, seconds=seconds)
         if done.returncode != status or "Traceback" in done.stderr:
             said = (done.stdout + done.stderr)[-2000:]
-            raise Broken(f"{' '.join(words)}: expected exit status {status}, got {done.returncode}\n{said}")
+            raise BrokenPromiseError(f"{' '.join(words)}: expected exit status {status}, got {done.returncode}\n{said}")
         return done
 
 
 def _expect(holds: object, what: str) -> None:
     if not holds:
-        raise Broken(what)
+        raise BrokenPromiseError(what)
 
 
 def installed_outside(stay: Stay) -> str:
@@ -81,9 +82,13 @@ def every_help(stay: Stay) -> str:
     overview = stay.run(["warp-bounding", "--help"]).stdout
     names = re.findall(r"^│ ([a-z]\w*) ", overview.partition("Commands")[2], re.MULTILINE)
     _expect({"fit", "certify", "demo"} <= set(names), f"--help lists {names}")
-    for name in names:
+
+    def shown(name: str) -> None:
         said = stay.run(["warp-bounding", name, "--help"]).stdout
         _expect(f"warp-bounding {name}" in said and "--json" in said, f"{name} --help: {said[:300]}")
+
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(shown, names))
     return f"{len(names)} commands"
 
 
@@ -129,7 +134,8 @@ def quickstart(stay: Stay) -> str:
 
 def particles(stay: Stay) -> str:
     """The first demo, small: every run ends in the same state, and there are pictures."""
-    stay.run(["warp-bounding", "demo", "particles", "--quick", "--out", "demo"])
+    few = ["--steps", "10"] if stay.short else []
+    stay.run(["warp-bounding", "demo", "particles", "--quick", *few, "--out", "demo"])
     pictures = sorted(path.name for path in (stay.folder / "demo").rglob("*.png"))
     _expect(pictures, "the demo wrote no picture")
     return f"{len(pictures)} pictures"

@@ -56,10 +56,4 @@ with wp.ScopedDevice("cpu"):
     wp.launch(ask, dim=len(points), inputs=[bounder.data, wp.array(points, dtype=wp.vec2)], outputs=[maybe])
 assert (maybe.numpy() == mask).all()
 
-try:
-    wb.fit(wb.IndicatorGrid(np.eye(4, dtype=bool)), method="kdop")
-except wb.BoundingError as error:
-    assert "pip install 'warp-bounding[train]'" in str(error)
-else:
-    raise AssertionError("fit is to say which extra it needs")
 print(f"{len(bounders)} bounders")
