@@ -24,7 +24,7 @@ What this does not do: rigid contacts, self-contacts of cloth, and the passes ov
 """
 
 from collections.abc import Collection, Mapping
-from functools import cache
+from functools import cache, partial
 
 import warp as wp
 
@@ -42,6 +42,8 @@ from warp_bounding.runtime.compaction import Compaction
 from warp_bounding.runtime.launch import BlockLaunch, ready
 
 __all__ = ["ParticleCull"]
+
+MOST_RECORDED = 8  # sets of arrays whose launches are kept
 
 
 class ParticleCull:
@@ -115,6 +117,10 @@ class ParticleCull:
         self.survivor_count.fill_(self.pairs)
         for kernel in self._kernels():
             ready(kernel, device)
+        inputs = [self._all, self._survivors.indices]
+        gather = partial(wp.launch, kernels.gather_pairs, self.pairs, inputs, [self._kept], device=device)
+        self._gather = gather(record_cmd=True) if self.pairs else None
+        self._recorded: dict[tuple, list[BlockLaunch]] = {}  # by the arrays that they read, oldest first
         pipeline.__class__ = _counting(type(pipeline))
 
     @property
@@ -180,23 +186,45 @@ class ParticleCull:
         self._candidates_gap = gap = contact_gap(self.pipeline) if gap is None else float(gap)
         if not self.pairs or not state.particle_q:
             return self._all
-        device = self._device
-        inputs, outputs = self._shapes.inputs(state, gap), [self._placed, self._hulls]
-        wp.launch(place_shapes, dim=self.model.shape_count, inputs=inputs, outputs=outputs, device=device)
-        block, count = kernels.block_size(device), self.model.particle_count
-        inputs = [0, state.particle_q, self.model.particle_radius, count]
-        self._launch(kernels.split_particles, count, inputs, [self._rows], first_index=0, block=1)
-        inputs = [self._all, self.pairs, block, 0, self._runs, self._rows, self._hulls]
-        found = [self._undecided, self._undecided_count]
-        self._launch(ask_hulls, self.pairs, inputs, [*found, self._keep], first_index=3, block=block)
-        for number, bounder in enumerate(self._shapes.bounders):
-            self._ask(number, bounder, state)
-        if device.is_capturing or not self._reads_back:
+        if self._device.is_capturing:
+            for launch in self._launches(state, gap):
+                launch.launch_whole()
             return self._padded(state)
-        indices, total = self._survivors.launch()
-        left = int(total.numpy()[0])
-        wp.launch(kernels.gather_pairs, dim=left, inputs=[self._all, indices], outputs=[self._kept], device=device)
+        for launch in self._prepared(state, gap):
+            launch.launch()
+        if not self._reads_back:
+            return self._padded(state)
+        left = int(self._survivors.launch()[1].numpy()[0])
+        if left:
+            self._gather.set_dim(left)
+            self._gather.launch()
         return self._kept[:left]
+
+    def _prepared(self, state: newton.State, gap: float) -> list[BlockLaunch]:
+        """The launches for these very arrays, which are kept, since a simulation asks about the same two states again and again."""
+        key = (gap, id(state.particle_q), id(self.model.particle_radius))
+        key += tuple(map(id, self._shapes.read(state)))
+        if key not in self._recorded:
+            while len(self._recorded) >= MOST_RECORDED:
+                del self._recorded[next(iter(self._recorded))]
+            self._recorded[key] = self._launches(state, gap)
+        return self._recorded[key]
+
+    def _launches(self, state: newton.State, gap: float) -> list[BlockLaunch]:
+        """What fills the mask of the pairs, in this order."""
+        model, device, block = self.model, self._device, kernels.block_size(self._device)
+        shapes, particles = model.shape_count, model.particle_count
+        rows = [0, state.particle_q, model.particle_radius, particles]
+        hulls = [self._all, self.pairs, block, 0, self._runs, self._rows, self._hulls]
+        left = [self._undecided, self._undecided_count, self._keep]
+        places = [0, *self._shapes.inputs(state, gap)]
+        launch = partial(BlockLaunch, device=device)
+        return [
+            launch(place_shapes, shapes, places, [self._placed, self._hulls], first_index=0, block=1),
+            launch(kernels.split_particles, particles, rows, [self._rows], first_index=0, block=1),
+            launch(ask_hulls, self.pairs, hulls, left, first_index=3, block=block),
+            *(self._ask(number, bounder, state) for number, bounder in enumerate(self._shapes.bounders)),
+        ]
 
     def _padded(self, state: newton.State) -> wp.array:
         """As many pairs as there are: those that are left, and a denied one."""
@@ -209,11 +237,6 @@ class ParticleCull:
         wp.launch(kernels.gather_or_repeat, dim=self.pairs, inputs=inputs, outputs=[self._kept], device=device)
         return self._kept
 
-    def _launch(self, kernel: wp.Kernel, count: int, inputs: list, outputs: list, *, first_index: int, block: int):
-        """On all cores of a CPU; while a graph is captured, as one launch that it can hold."""
-        launch = BlockLaunch(kernel, count, inputs, outputs, self._device, first_index=first_index, block=block)
-        (launch.launch_whole if self._device.is_capturing else launch.launch_once)()
-
     def _asking(self, bounder: Bounder | DistanceBounder) -> wp.Kernel:
         """The kernel that asks a bounder."""
         if not isinstance(bounder, DistanceBounder):
@@ -224,7 +247,7 @@ class ParticleCull:
         own = [place_shapes, kernels.split_particles, kernels.gather_pairs, kernels.find_far, kernels.gather_or_repeat]
         return [*own, ask_hulls, *map(self._asking, self._shapes.bounders)]
 
-    def _ask(self, number: int, bounder: Bounder | DistanceBounder, state: newton.State) -> None:
+    def _ask(self, number: int, bounder: Bounder | DistanceBounder, state: newton.State) -> BlockLaunch:
         """Ask a bounder about the pairs of its shapes that the hulls have left."""
         model, device, block = self.model, self._device, kernels.block_size(self._device)
         found, where = [self._undecided, self._undecided_count], [self._placed, self._hulls]
@@ -239,7 +262,8 @@ class ParticleCull:
         else:
             inputs = [0, block, bounder.data, number, bounder.info.get("margin") or 0.0, bounder_of, self._all]
             inputs += [state.particle_q, model.particle_radius, *where]
-        self._launch(self._asking(bounder), items, [*inputs, *found], [self._keep], first_index=first, block=share)
+        options = {"first_index": first, "block": share}
+        return BlockLaunch(self._asking(bounder), items, [*inputs, *found], [self._keep], device, **options)
 
 
 @cache

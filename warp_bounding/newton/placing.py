@@ -146,6 +146,7 @@ def _nowhere(hull: Hull) -> Hull:
 @wp.kernel(enable_backward=False)
 def place_shapes(
     # inputs
+    first: int,
     body_q: wp.array(dtype=wp.transform),
     shape_transform: wp.array(dtype=wp.transform),
     shape_body: wp.array(dtype=int),
@@ -164,7 +165,7 @@ def place_shapes(
     hulls: wp.array(dtype=Hull),
 ):
     """World to shape, by the operations of Newton's own pass; and the hull of each shape; for rounding see module."""
-    s = wp.tid()
+    s = first + wp.tid()
     place = wp.transform_identity()
     if shape_body[s] >= 0:
         place = body_q[shape_body[s]]

@@ -70,11 +70,15 @@ class Shapes:
         self._own = [wp.array(values, dtype=dtype, device=model.device) for values, dtype in on_device]
         self.bounder_of = wp.array(numbers, dtype=wp.int32, device=model.device)
 
-    def inputs(self, state: newton.State, gap: float) -> list:
-        """Of ``place_shapes``: the model's arrays as they are now, and what is known of the shapes."""
+    def read(self, state: newton.State) -> list[wp.array | None]:
+        """The arrays of a state and of the model that ``place_shapes`` reads, as they are now."""
         m = self._model
         places = [state.body_q, m.shape_transform, m.shape_body, m.shape_scale, m.shape_margin]
-        return [*places, m.shape_flags, m.shape_type, gap, *self._own]
+        return [*places, m.shape_flags, m.shape_type]
+
+    def inputs(self, state: newton.State, gap: float) -> list:
+        """Of ``place_shapes``, but for the first: those, and what is known of the shapes."""
+        return [*self.read(state), gap, *self._own]
 
     @property
     def names(self) -> list[str]:
