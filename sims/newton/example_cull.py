@@ -17,6 +17,7 @@ Runs:
 import argparse
 import statistics
 import time
+from importlib.util import find_spec
 
 import newton
 import newton.examples
@@ -246,7 +247,10 @@ def _records(contacts) -> list[np.ndarray]:
 
 def main() -> None:
     """Run it as Newton runs its examples, and say what the cull was worth."""
-    viewer, args = newton.examples.init(Example.create_parser())
+    parser = Example.create_parser()
+    if parser.parse_args().viewer == "gl" and find_spec("pyglet") is None:
+        parser.error("the viewer gl needs pip install 'newton[examples]'; or take --viewer usd or --viewer null")
+    viewer, args = newton.examples.init(parser)
     example = Example(viewer, args)
     newton.examples.run(example, args)
     print(example.report())
