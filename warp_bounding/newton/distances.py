@@ -13,7 +13,7 @@ from warp_bounding.kernels.distances.assemble import LANES, texts_of
 from warp_bounding.kernels.distances.source import DistanceSource
 from warp_bounding.kernels.functions import Words
 from warp_bounding.kernels.source import Lanes, fill
-from warp_bounding.newton.kernels import IN_SUM, Hull, Placed
+from warp_bounding.newton.placing import IN_SUM, Hull, Placed
 from warp_bounding.runtime.native import named, unique_name
 
 __all__ = ["BLOCKS", "ask_distances_in_lanes"]

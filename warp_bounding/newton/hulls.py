@@ -1,4 +1,4 @@
-"""Which pairs need no bounder: the particle lies outside the ball or the box around the shape (``kernels.Hull``).
+"""Which pairs need no bounder: the particle lies outside the ball or the box around the shape (``placing.Hull``).
 
 Newton lists its pairs shape by shape, and of each shape particle by particle. So on a CPU ``LANES`` pairs in a row are nearly always one shape and
 particles that follow each other, and are decided together; where they are not, and on CUDA, it is one pair at a time, by the same operations.
@@ -7,7 +7,7 @@ particles that follow each other, and are decided together; where they are not, 
 import numpy as np
 import warp as wp
 
-from warp_bounding.newton.kernels import Hull
+from warp_bounding.newton.placing import Hull
 from warp_bounding.runtime.native import named
 
 __all__ = ["LANES", "ask_hulls", "runs_of"]
@@ -25,18 +25,19 @@ const auto ask_one = [&](int i) {
     const auto& b = hulls.data[pair[2 * i + 1]];
     const float x = px[p], y = py[p], z = pz[p];
     const float size_ = fabsf(x) + fabsf(y) + fabsf(z);
-    const float way = b.reach + b.per_radius * pr[p] + b.per_coordinate * size_;
+    const float way = b.reach + b.per_radius * fabsf(pr[p]) + b.per_coordinate * size_;
     const float dx = x - b.center[0], dy = y - b.center[1], dz = z - b.center[2];
     const bool known = way <= b.margin;
     const float radius = b.radius + b.grow_radius * way;
     bool maybe = known && !(dx * dx + dy * dy + dz * dz > radius * radius);
     if (maybe) for (int k = 0; k < 3; ++k) {
         const float* const u = b.axes.data[k];
-        maybe = maybe && !(fabsf(u[0] * dx + u[1] * dy + u[2] * dz) > b.half[k] + b.grow[k] * way);
+        const float t = u[0] * dx + u[1] * dy + u[2] * dz, bound = b.half[k] + b.grow[k] * way;
+        maybe = maybe && !(t > bound || -t > bound + (k == 2 ? b.below : 0.0f));
     }
-    keep.data[i] = !known;
+    keep.data[i] = !known || (maybe && b.stays);
     asked.data[begin + found] = i;
-    found += maybe;
+    found += maybe && !b.stays;
 };
 int i = begin;
 #if !defined(__CUDA_ARCH__)
@@ -55,7 +56,7 @@ for (; i + L <= end; i += L) {
     const int p = pair[2 * i];
     const auto& b = hulls.data[pair[2 * i + 1]];
     const V x = *(const V*)(px + p), y = *(const V*)(py + p), z = *(const V*)(pz + p);
-    const V way = *(const V*)(pr + p) * b.per_radius + (size_of(x) + size_of(y) + size_of(z)) * b.per_coordinate + b.reach;
+    const V way = size_of(*(const V*)(pr + p)) * b.per_radius + (size_of(x) + size_of(y) + size_of(z)) * b.per_coordinate + b.reach;
     const V dx = x - b.center[0], dy = y - b.center[1], dz = z - b.center[2];
     const I known = way <= zero + b.margin;
     const V radius = way * b.grow_radius + b.radius;
@@ -64,9 +65,14 @@ for (; i + L <= end; i += L) {
     if (!__builtin_reduce_or(maybe)) continue;
     for (int k = 0; k < 3; ++k) {
         const float* const u = b.axes.data[k];
-        maybe &= ~(size_of(dx * u[0] + dy * u[1] + dz * u[2]) > way * b.grow[k] + b.half[k]);
+        const V t = dx * u[0] + dy * u[1] + dz * u[2], bound = way * b.grow[k] + b.half[k];
+        maybe &= ~(t > bound | -t > bound + (k == 2 ? b.below : 0.0f));
     }
     if (!__builtin_reduce_or(maybe)) continue;
+    if (b.stays) {
+        *(B*)(keep.data + i) = __builtin_convertvector((~known | maybe) & 1, B);
+        continue;
+    }
     int each[L];
     *(J*)each = maybe;
     for (int l = 0; l < L; ++l) { asked.data[begin + found] = i + l; found += each[l] & 1; }

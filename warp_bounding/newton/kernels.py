@@ -1,7 +1,7 @@
-"""Kernels of the cull: where shapes lie in one pass, which pairs a bounder lets through, and their list.
+"""Kernels of the cull: which pairs a bounder lets through, and their list.
 
 Most pairs are far apart. So a loop over a block of pairs asks first whether the particle lies outside a ball around the
-bounder's domain, or outside the domain's box as it lies in the world, and lists the others (``hulls``); only those go
+shape, or outside its box as it lies in the world (``placing``), and lists the others (``hulls``); only those go
 to the bounder. A bounder of distances is asked about many of them at a time on a CPU (``distances``), else about one.
 """
 
@@ -9,45 +9,25 @@ from functools import cache
 
 import warp as wp
 
-from warp_bounding.arithmetic import UNIT32
 from warp_bounding.bounders import Data
 from warp_bounding.kernels.distances.functions import distance_func
 from warp_bounding.kernels.distances.source import DistanceSource
 from warp_bounding.kernels.functions import point_func
 from warp_bounding.kernels.source import Source
+from warp_bounding.newton.placing import IN_SUM, Hull, Placed
 from warp_bounding.runtime.native import named, unique_name
 
 __all__ = [
-    "IN_MESH",
-    "IN_SUM",
-    "IN_WORLD",
-    "Hull",
-    "Placed",
     "ask_bounders",
     "ask_distances",
     "block_size",
+    "find_far",
+    "gather_or_repeat",
     "gather_pairs",
-    "place_shapes",
     "split_particles",
 ]
 
-# What float32 does between a particle's place and the closest point, in units of 2^-24: of the coordinates in the mesh
-# (the closest point 16, the division by the scale 1, the search's own products 8) and of the way; and of the
-# coordinates in the world: two transforms, once in the pass and once here, each a rotation by a quaternion and a sum:
-# under 64 all told.
-IN_MESH, IN_WORLD = 32.0, 256.0
-_WORLD_ROUNDING = wp.constant(IN_WORLD * UNIT32)
-_MESH_ROUNDING = wp.constant(IN_MESH * UNIT32)
-# Of the ball and the box around a domain in the world, and of a distance from its middle: under 64 units in all.
-_HULL_ROUNDING = wp.constant(IN_WORLD * UNIT32)
-# Of the sum that a bounder's margin is compared with: eight roundings.
-IN_SUM = 8.0 * UNIT32
 _SUM_ROUNDING = wp.constant(IN_SUM)
-# A quaternion whose squared length is farther from 1 than this, more than float32 rounding makes it, does not only
-# rotate.
-_UNIT_ROTATION = wp.constant(1.0e-6)
-_LONGEST_ROTATION = wp.constant(2.0)
-
 
 CPU_BLOCK = 1024  # pairs that one thread of a kernel goes through on a CPU
 
@@ -57,108 +37,9 @@ def block_size(device: wp.Device) -> int:
     return CPU_BLOCK if device.is_cpu else 1
 
 
-@wp.struct
-class Placed:
-    """A shape as it lies in the world in one pass."""
-
-    to_shape: wp.transform
-    scale: wp.vec3
-
-
-@wp.struct
-class Hull:
-    """A ball and a box in the world, outside which a shape's bounder denies every particle.
-
-    How far the pass looks for a particle q of radius r, ``gap + (margin of the shape + r) / least scale``, and rounding take
-    ``way = reach + per_radius r + per_coordinate (|q_x| + |q_y| + |q_z|)`` in the mesh's units. A bounder of points may deny the particle only
-    where ``way <= margin``, its own. A bounder of distances may always, and the ball and the box grow by the way.
-    """
-
-    center: wp.vec3  # of ball and box, world
-    axes: wp.mat33  # rows: directions of the box
-    half: wp.vec3  # its half widths
-    grow: wp.vec3  # world units by which each half width grows per unit of way: 0 for a bounder of points
-    grow_radius: float  # and the ball's radius
-    radius: float  # of the ball
-    reach: float
-    per_radius: float
-    per_coordinate: float
-    margin: float  # infinite for a bounder of distances, minus infinity for a shape without a bounder, or one whose quaternion is far from a rotation
-
-
 @wp.func
 def _size(v: wp.vec3) -> float:
     return wp.abs(v[0]) + wp.abs(v[1]) + wp.abs(v[2])
-
-
-@wp.kernel(enable_backward=False)
-def place_shapes(
-    # inputs
-    body_q: wp.array(dtype=wp.transform),
-    shape_transform: wp.array(dtype=wp.transform),
-    shape_body: wp.array(dtype=int),
-    shape_scale: wp.array(dtype=wp.vec3),
-    shape_margin: wp.array(dtype=float),
-    domains: wp.array2d(dtype=wp.vec3),
-    margins: wp.array(dtype=float),
-    grows: wp.array(dtype=float),
-    sizes: wp.array(dtype=float),
-    gap: float,
-    # outputs
-    placed: wp.array(dtype=Placed),
-    hulls: wp.array(dtype=Hull),
-):
-    """World to shape, by the operations of Newton's own pass; and the hull of each shape.
-
-    Rounding, when a hull is made and when it is asked, is within what is added: 256 units of 2^-24 of all lengths that
-    enter, of which a rotation, a difference and a product take under 64.
-    """
-    s = wp.tid()
-    place = wp.transform_identity()
-    if shape_body[s] >= 0:
-        place = body_q[shape_body[s]]
-    to_world = wp.transform_multiply(place, shape_transform[s])
-    scale = shape_scale[s]
-    center = wp.transform_point(to_world, wp.cw_mul(domains[s, 0], scale))
-    bare = wp.length(wp.cw_mul(domains[s, 1], scale))
-    rounding = _HULL_ROUNDING * (bare + _size(center) + _size(wp.transform_get_translation(to_world)))
-    radius = bare + rounding
-    p = Placed()
-    p.to_shape = wp.transform_inverse(to_world)
-    p.scale = scale
-    placed[s] = p
-    turn = wp.transform_get_rotation(to_world)
-    length = wp.dot(turn, turn)
-    beyond = 0.0
-    if not wp.abs(length - 1.0) <= _UNIT_ROTATION:
-        beyond = wp.inf  # the bounder itself is asked, in the coordinates of Newton's pass
-    hull = Hull()
-    hull.center = center
-    hull.radius = radius + beyond
-    grow = grows[s] * (1.0 + _HULL_ROUNDING)
-    hull.grow_radius = grow * wp.max(wp.max(wp.abs(scale[0]), wp.abs(scale[1])), wp.abs(scale[2]))
-    axes, half, widths = wp.mat33(), wp.vec3(), wp.vec3()
-    for k in range(3):
-        axis = wp.vec3(0.0, 0.0, 0.0)
-        axis[k] = 1.0
-        axes[k] = wp.quat_rotate(turn, axis)
-        half[k] = wp.abs(domains[s, 1][k] * scale[k]) + rounding + beyond
-        widths[k] = grow * wp.abs(scale[k])
-    hull.axes = axes
-    hull.half = half
-    hull.grow = widths
-    inverse = 1.0 / wp.min(wp.min(wp.abs(scale[0]), wp.abs(scale[1])), wp.abs(scale[2]))
-    widened = shape_margin[s] * inverse
-    reach = gap + widened
-    world = _size(wp.transform_get_translation(p.to_shape)) * inverse
-    moved = _MESH_ROUNDING * (sizes[s] + wp.abs(reach)) + _WORLD_ROUNDING * world
-    hull.reach = reach + moved + _SUM_ROUNDING * (wp.abs(gap) + wp.abs(widened))
-    hull.per_radius = inverse * (1.0 + _MESH_ROUNDING + _SUM_ROUNDING)
-    hull.per_coordinate = inverse * _WORLD_ROUNDING
-    hull.margin = margins[s]
-    if not length <= _LONGEST_ROTATION:
-        hull.margin = -wp.inf  # no bounder is asked: rounding is more than what is added
-    hulls[s] = hull
 
 
 @wp.kernel(enable_backward=False)
@@ -190,6 +71,58 @@ def gather_pairs(
     """The pairs that are left, in their order."""
     i = wp.tid()
     kept[i] = pairs[indices[i]]
+
+
+@wp.kernel(enable_backward=False)
+def find_far(
+    # inputs
+    pairs: wp.array(dtype=wp.vec2i),
+    keep: wp.array(dtype=wp.uint8),
+    particle_q: wp.array(dtype=wp.vec3),
+    hulls: wp.array(dtype=Hull),
+    # outputs
+    far: wp.array(dtype=wp.int32),
+):
+    """Some denied pair whose particle is so far away that Newton's pass sees it by the shape's box; any that is written last."""
+    i = wp.tid()
+    if keep[i] == wp.uint8(0):
+        pair = pairs[i]
+        hull, q = hulls[pair[1]], particle_q[pair[0]]
+        if wp.max(wp.abs(q - hull.center)) > 2.0 * (hull.radius + hull.grow_radius * hull.reach):
+            far[0] = i
+
+
+@wp.kernel(enable_backward=False)
+def gather_or_repeat(
+    # inputs
+    pairs: wp.array(dtype=wp.vec2i),
+    indices: wp.array(dtype=wp.int32),
+    count: wp.array(dtype=wp.int32),
+    far: wp.array(dtype=wp.int32),
+    # outputs
+    kept: wp.array(dtype=wp.vec2i),
+):
+    """The pairs that are left, in their order; and behind them, up to the number of all pairs, one that was denied.
+
+    The pass makes no contact of it, however often it comes. It is the one that ``far`` names, or the first: indices ascend, so that
+    it is where they run ahead of their own places.
+    """
+    i = wp.tid()
+    left = count[0]
+    if i < left:
+        kept[i] = pairs[indices[i]]
+    else:
+        denied = int(far[0])
+        if denied < 0:
+            denied = wp.int32(0)
+            most = int(left)
+            while denied < most:
+                middle = (denied + most) // 2
+                if indices[middle] == middle:
+                    denied = middle + 1
+                else:
+                    most = middle
+        kept[i] = pairs[denied]
 
 
 @cache

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.errors import QueryError
-from warp_bounding.runtime.launch import BlockLaunch
+from warp_bounding.runtime.launch import BlockLaunch, ready
 from warp_bounding.runtime.native import named
 
 __all__ = ["Compaction", "compact"]
@@ -70,6 +70,7 @@ class Compaction:
         self.indices = wp.empty(count, dtype=wp.int32, device=device)
         self.count = wp.zeros(1, dtype=wp.int32, device=device)
         self._steps: list[Callable[[], None]] = []
+        self._recorded: list[Callable[[], None]] = []  # the same as a graph can hold them
         if count == 0:
             return
         size = CPU_BLOCK if device.is_cpu else CUDA_BLOCK
@@ -79,16 +80,28 @@ class Compaction:
         ends = wp.full(blocks, count, dtype=wp.int32, device=device)
         if blocks > 1:  # a single block begins to write at 0
             counts = wp.empty(blocks, dtype=wp.int32, device=device)
-            scanning = partial(wp.utils.array_scan, counts, ends, inclusive=True)
+            scanning = scanned = partial(wp.utils.array_scan, counts, ends, inclusive=True)
             if device.is_cpu:  # the same without Warp's checks, which take longer than the sum
                 scanning = partial(np.cumsum, counts.numpy(), out=ends.numpy())
-            self._steps += [BlockLaunch(_count, items, [mask, count, size, 0], [counts], **options).launch, scanning]
+            counting = BlockLaunch(_count, items, [mask, count, size, 0], [counts], **options)
+            self._steps += [counting.launch, scanning]
+            self._recorded += [counting.launch_whole, scanned]
+            ready(_count, device)
         outputs = [self.indices, self.count]
-        self._steps.append(BlockLaunch(_write, items, [mask, count, size, 0, ends], outputs, **options).launch)
+        writing = BlockLaunch(_write, items, [mask, count, size, 0, ends], outputs, **options)
+        self._steps.append(writing.launch)
+        self._recorded.append(writing.launch_whole)
+        ready(_write, device)
 
     def launch(self) -> tuple[wp.array, wp.array]:
         """Fill ``indices`` and ``count``, and return them."""
         for step in self._steps:
+            step()
+        return self.indices, self.count
+
+    def launch_recorded(self) -> tuple[wp.array, wp.array]:
+        """As ``launch``, by nothing but launches of Warp's, for a graph that is being captured; on one core of a CPU."""
+        for step in self._recorded:
             step()
         return self.indices, self.count
 

@@ -244,10 +244,15 @@ class BlockLaunch:
         One thread launches directly: to record it first would take half as long again as the launch alone. For several
         threads it is recorded, since only this one may ask Warp.
         """
-        if self._most == 1 and self._blocks:
-            self._ask_warp(0, self._blocks)
+        if self._most == 1:
+            self.launch_whole()
         else:
             self.launch()
+
+    def launch_whole(self) -> None:
+        """Run the launch on one thread, by one call of Warp's, so that a graph that is being captured holds it."""
+        if self._blocks:
+            self._ask_warp(0, self._blocks)
 
     def _ask_warp(self, begin: int, end: int, **options) -> "wp.Launch | None":
         ready(self._kernel, self._device)

@@ -1,0 +1,64 @@
+"""The example for Newton's users, run as they run it: with the cull and without, and with a viewer that writes a file."""
+
+import sys
+
+import pytest
+
+pytest.importorskip("newton", reason="Newton is not installed: pip install '.[newton]'")
+
+from newton.viewer import ViewerNull
+
+from sims.newton.example_cull import Example, main
+
+SMALL = ["--meshes", "2", "--side", "16", "--quiet"]
+
+
+def run(monkeypatch, capsys, *arguments: str) -> str:
+    monkeypatch.setattr(sys, "argv", ["example_cull", *SMALL, *arguments])
+    main()
+    return capsys.readouterr().out
+
+
+def test_it_ends_in_the_state_of_the_run_without(monkeypatch, capsys):
+    told = run(monkeypatch, capsys, "--viewer", "null", "--headless", "--num-frames", "12", "--test", "--device", "cpu")
+    assert "289 particles, 4 shapes, cpu" in told
+    assert "mesh with a bounder" in told
+    assert "the cull's own time included" in told
+
+
+def test_without_the_cull(monkeypatch, capsys):
+    told = run(monkeypatch, capsys, "--viewer", "null", "--num-frames", "2", "--no-cull", "--test", "--device", "cpu")
+    assert "ms, without the cull" in told
+
+
+def test_a_viewer_that_draws(monkeypatch, capsys, tmp_path):
+    file = tmp_path / "cull.usd"
+    run(monkeypatch, capsys, "--viewer", "usd", "--output-path", str(file), "--num-frames", "2", "--device", "cpu")
+    assert file.stat().st_size > 1000
+
+
+def test_a_state_that_differs_is_found():
+    """The comparison that ends the run can fail."""
+    args = Example.create_parser().parse_args([*SMALL, "--viewer", "null"])
+    example = Example(ViewerNull(num_frames=2), args)
+    example.step()
+    example.test_final()
+    example.frames += 1
+    with pytest.raises(ValueError, match="expected the same particle_q as without the cull"):
+        example.test_final()
+
+
+@pytest.mark.parametrize("wrong", ["0", "-3", "many"])
+def test_sizes_that_are_none_are_refused(wrong, capsys):
+    with pytest.raises(SystemExit) as refused:
+        Example.create_parser().parse_args(["--meshes", wrong])
+    assert refused.value.code == 2
+    assert f"must be a whole number of 1 at least, got '{wrong}'" in capsys.readouterr().err
+
+
+def test_a_window_that_cannot_be_opened_says_what_to_install(monkeypatch, capsys):
+    monkeypatch.setattr("sims.newton.example_cull.find_spec", lambda name: None)
+    with pytest.raises(SystemExit) as refused:
+        run(monkeypatch, capsys, "--viewer", "gl")
+    assert refused.value.code == 2
+    assert "the viewer gl needs pip install 'newton[examples]'" in capsys.readouterr().err

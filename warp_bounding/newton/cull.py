@@ -1,0 +1,276 @@
+"""A collision pipeline of Newton's that goes only through the particle-shape pairs that may touch.
+
+A ``newton.CollisionPipeline`` tests every particle against every shape, one kernel thread a pair
+(``soft_rigid_contact_pairs``). ``ParticleCull`` wraps one: before each pass it looks which pairs cannot touch, and
+lets the pipeline go through the others, in the order that it had them. Contacts are then the same,
+record by record, and so is every step that a solver makes.
+
+A shape is a plane or another primitive, which has a test in closed form (``primitives``); a mesh, of which at least the
+box is tested; or a mesh with a bounder, which is asked about what its box leaves. Height fields and whatever else keep all
+their pairs.
+
+Why none is lost. For a mesh the pass asks for the closest point within ``reach = gap + (margin + radius) / scale`` of
+the particle, in the mesh's own coordinates, and makes a contact only where there is one. A bounder of points is accepted only if
+it is proven for this very mesh, dilated by ``reach`` and by what float32 does on the way (``margin_for``). Where a
+particle is so far from the origin that its place relative to the shape is less certain than that, or has a larger
+radius, the pair stays. A bounder of distances needs no margin: it is asked whether the mesh is farther than that, so one fit serves every
+gap, radius and scale. Shapes may move, turn and be scaled.
+
+In a captured graph nothing can be read back, so the pass goes through as many pairs as there are: those that are left, and behind them,
+again and again, one that was denied, at which the pass ends at once, or at least without a contact.
+
+What this does not do: rigid contacts, self-contacts of cloth, and the passes over whole edges and faces
+(``enable_rigid_soft_full_surface_contact``) are left as they are. A mesh whose points are moved in place has no true box: it must be ``untested``.
+"""
+
+from collections.abc import Collection, Mapping
+from functools import cache, partial
+
+import warp as wp
+
+from warp_bounding.bounders import Bounder, DistanceBounder
+from warp_bounding.errors import BounderError
+from warp_bounding.newton import kernels
+from warp_bounding.newton.accepted import contact_gap
+from warp_bounding.newton.distances import BLOCKS, ask_distances_in_lanes
+from warp_bounding.newton.hulls import ask_hulls, runs_of
+from warp_bounding.newton.library import newton
+from warp_bounding.newton.placing import Hull, Placed, place_shapes
+from warp_bounding.newton.shapes import Shapes
+from warp_bounding.newton.tally import Tally, tallies
+from warp_bounding.runtime.compaction import Compaction
+from warp_bounding.runtime.launch import BlockLaunch, ready
+
+__all__ = ["ParticleCull"]
+
+MOST_RECORDED = 8  # sets of arrays whose launches are kept
+
+
+class ParticleCull:
+    """A collision pipeline whose particle-shape pass skips the pairs that cannot touch.
+
+    Attributes:
+        pipeline: The pipeline; ``pipeline.collide`` by itself goes through all pairs again.
+        pairs: Number of all pairs.
+        survivor_count: ``(1,)`` int32 on the model's device, the number of pairs that the last pass had to go through.
+    """
+
+    def __init__(
+        self,
+        pipeline: newton.CollisionPipeline,
+        bounders: Mapping[int, Bounder | DistanceBounder] | None = None,
+        *,
+        unproven: bool = False,
+        untested: Collection[int] = (),
+        reads_back: bool = True,
+    ):
+        """Check that the bounders are those of the shapes, and load all kernels, so that a graph may be captured at once.
+
+        Args:
+            pipeline: Its class is replaced by a subclass of it, in which the number of pairs is the length of their
+                list.
+            bounders: Per index of a shape a bounder of its mesh, in the mesh's own coordinates, 3D: of distances, or of points, with a
+                margin of ``margin_for`` at least. One bounder may serve many shapes. Of shapes without one the closed form is tested, or
+                the mesh's box.
+            unproven: Take bounders without a proof, and with too small a margin, too; contacts may then be missed.
+            untested: Indices of shapes that keep all their pairs.
+            reads_back: Let the host read how many pairs are left, once a pass, so that Newton launches no more threads. Without, and always
+                while the device captures a graph, Newton launches one for each pair, and nothing is read.
+
+        Raises:
+            BounderError: For a bounder that is not of this mesh or has too small a margin, with both numbers, or no
+                proof; for a shape that is no mesh; for a differentiable pipeline, or what is no pipeline at all.
+
+        Warns:
+            BoundingWarning: Once, of shapes that have no test.
+        """
+        if not isinstance(pipeline, newton.CollisionPipeline):
+            raise BounderError(f"pipeline must be a newton.CollisionPipeline, got {type(pipeline).__name__}")
+        bounders = {} if bounders is None else bounders
+        if not isinstance(bounders, Mapping):
+            got = type(bounders).__name__
+            raise BounderError(f"bounders must be a mapping from indices of shapes to bounders, got {got}")
+        self.pipeline, self.model = pipeline, pipeline.model
+        if getattr(pipeline, "requires_grad", False):
+            raise BounderError("a differentiable pipeline reads its pairs again when it goes backwards; they must stay")
+        self._reads_back = reads_back
+        self._all = pipeline.soft_rigid_contact_pairs.contiguous()
+        self.pairs = len(self._all)
+        self._shapes = Shapes(pipeline, bounders, unproven, untested)
+        device, shape_count = self._device, self.model.shape_count
+        self._placed = wp.empty(shape_count, dtype=Placed, device=device)
+        self._hulls = wp.empty(shape_count, dtype=Hull, device=device)
+        # The particles, row by row (``split_particles``), and which pairs follow each other, so that they are looked at together.
+        self._rows = wp.empty(4 * self.model.particle_count, dtype=wp.float32, device=device)
+        self._runs = wp.array(runs_of(self._all.numpy()), dtype=wp.uint8, device=device)
+        # The pairs that the hulls leave to the bounders: their indices block by block, and how many each block has.
+        blocks = -(-self.pairs // kernels.block_size(device))
+        self._undecided = wp.empty(self.pairs, dtype=wp.int32, device=device)
+        self._undecided_count = wp.empty(blocks, dtype=wp.int32, device=device)
+        # The pairs that survive: which, compacted, and themselves; they hold for this contact gap. And a denied one that is far away.
+        self._candidates_gap = contact_gap(pipeline)
+        self._keep = wp.full(self.pairs, 1, dtype=wp.uint8, device=device)
+        self._survivors = Compaction(self._keep)
+        self._kept = wp.empty(self.pairs, dtype=wp.vec2i, device=device)
+        self._far = wp.empty(1, dtype=wp.int32, device=device)
+        self.survivor_count = self._survivors.count
+        self.survivor_count.fill_(self.pairs)
+        for kernel in self._kernels():
+            ready(kernel, device)
+        inputs = [self._all, self._survivors.indices]
+        gather = partial(wp.launch, kernels.gather_pairs, self.pairs, inputs, [self._kept], device=device)
+        self._gather = gather(record_cmd=True) if self.pairs else None
+        self._recorded: dict[tuple, list[BlockLaunch]] = {}  # by the arrays that they read, oldest first
+        pipeline.__class__ = _counting(type(pipeline))
+
+    @property
+    def survivors(self) -> int:
+        """Number of pairs that the last pass had to go through, which may also be that of a graph; waits for the device."""
+        return int(self.survivor_count.numpy()[0])
+
+    @property
+    def culled(self) -> int:
+        """Number of pairs that the last pass skipped; waits for the device."""
+        return self.pairs - self.survivors
+
+    def tally(self) -> dict[str, Tally]:
+        """What the last pass skipped, by kind of shape; waits for the device.
+
+        Returns:
+            A tally by name, of a mesh by whether it has a bounder: ``"plane"``, ``"mesh with a bounder"``, and so on.
+        """
+        shapes = self._all.numpy().reshape(-1, 2)[:, 1]
+        return tallies(self._shapes.names, shapes, self._keep.numpy() != 0)
+
+    @property
+    def _device(self) -> wp.Device:
+        return self.model.device
+
+    def collide(
+        self, state: newton.State, contacts: newton.Contacts, *, candidates: wp.array | None = None, **options
+    ) -> None:
+        """``pipeline.collide``, with the pairs that may touch.
+
+        Args:
+            state: Places of particles and bodies.
+            contacts: Written to: what ``pipeline.collide`` would have made of it.
+            candidates: What ``candidates`` has returned for this very state; asked for if ``None``.
+            options: The other options of ``pipeline.collide``.
+
+        Raises:
+            BounderError: If the candidates were asked for with another contact gap.
+        """
+        gap = options.get("soft_contact_margin")
+        gap = contact_gap(self.pipeline) if gap is None else float(gap)
+        if candidates is not None and gap != self._candidates_gap:
+            raise BounderError(
+                f"expected candidates for a contact gap of {gap:g}, got ones for {self._candidates_gap:g}"
+            )
+        self.pipeline.soft_rigid_contact_pairs = self.candidates(state, gap) if candidates is None else candidates
+        try:
+            self.pipeline.collide(state, contacts, **options)
+        finally:
+            self.pipeline.soft_rigid_contact_pairs = self._all
+
+    def candidates(self, state: newton.State, gap: float | None = None) -> wp.array:
+        """The pairs that may touch.
+
+        Args:
+            state: Places of particles and bodies.
+            gap: Soft contact gap of this pass; the pipeline's if ``None``. A graph keeps the one that it was captured with.
+
+        Returns:
+            ``(K,)`` ``vec2i``, particle and shape, in the pipeline's order; valid until the next call. Where nothing is read back, K is the
+            number of all pairs, and those behind the first ``survivor_count`` are one denied pair.
+        """
+        self._candidates_gap = gap = contact_gap(self.pipeline) if gap is None else float(gap)
+        if not self.pairs or not state.particle_q:
+            return self._all
+        if self._device.is_capturing:
+            for launch in self._launches(state, gap):
+                launch.launch_whole()
+            return self._padded(state)
+        for launch in self._prepared(state, gap):
+            launch.launch()
+        if not self._reads_back:
+            return self._padded(state)
+        left = int(self._survivors.launch()[1].numpy()[0])
+        if left:
+            self._gather.set_dim(left)
+            self._gather.launch()
+        return self._kept[:left]
+
+    def _prepared(self, state: newton.State, gap: float) -> list[BlockLaunch]:
+        """The launches for these very arrays, which are kept, since a simulation asks about the same two states again and again."""
+        key = (gap, id(state.particle_q), id(self.model.particle_radius))
+        key += tuple(map(id, self._shapes.read(state)))
+        if key not in self._recorded:
+            while len(self._recorded) >= MOST_RECORDED:
+                del self._recorded[next(iter(self._recorded))]
+            self._recorded[key] = self._launches(state, gap)
+        return self._recorded[key]
+
+    def _launches(self, state: newton.State, gap: float) -> list[BlockLaunch]:
+        """What fills the mask of the pairs, in this order."""
+        model, device, block = self.model, self._device, kernels.block_size(self._device)
+        shapes, particles = model.shape_count, model.particle_count
+        rows = [0, state.particle_q, model.particle_radius, particles]
+        hulls = [self._all, self.pairs, block, 0, self._runs, self._rows, self._hulls]
+        left = [self._undecided, self._undecided_count, self._keep]
+        places = [0, *self._shapes.inputs(state, gap)]
+        launch = partial(BlockLaunch, device=device)
+        return [
+            launch(place_shapes, shapes, places, [self._placed, self._hulls], first_index=0, block=1),
+            launch(kernels.split_particles, particles, rows, [self._rows], first_index=0, block=1),
+            launch(ask_hulls, self.pairs, hulls, left, first_index=3, block=block),
+            *(self._ask(number, bounder, state) for number, bounder in enumerate(self._shapes.bounders)),
+        ]
+
+    def _padded(self, state: newton.State) -> wp.array:
+        """As many pairs as there are: those that are left, and a denied one."""
+        device = self._device
+        indices, total = self._survivors.launch_recorded() if device.is_capturing else self._survivors.launch()
+        self._far.fill_(-1)
+        inputs = [self._all, self._keep, state.particle_q, self._hulls]
+        wp.launch(kernels.find_far, dim=self.pairs, inputs=inputs, outputs=[self._far], device=device)
+        inputs = [self._all, indices, total, self._far]
+        wp.launch(kernels.gather_or_repeat, dim=self.pairs, inputs=inputs, outputs=[self._kept], device=device)
+        return self._kept
+
+    def _asking(self, bounder: Bounder | DistanceBounder) -> wp.Kernel:
+        """The kernel that asks a bounder."""
+        if not isinstance(bounder, DistanceBounder):
+            return kernels.ask_bounders(bounder.source)
+        return (ask_distances_in_lanes if self._device.is_cpu else kernels.ask_distances)(bounder.source)
+
+    def _kernels(self) -> list[wp.Kernel]:
+        own = [place_shapes, kernels.split_particles, kernels.gather_pairs, kernels.find_far, kernels.gather_or_repeat]
+        return [*own, ask_hulls, *map(self._asking, self._shapes.bounders)]
+
+    def _ask(self, number: int, bounder: Bounder | DistanceBounder, state: newton.State) -> BlockLaunch:
+        """Ask a bounder about the pairs of its shapes that the hulls have left."""
+        model, device, block = self.model, self._device, kernels.block_size(self._device)
+        found, where = [self._undecided, self._undecided_count], [self._placed, self._hulls]
+        bounder_of, items, first, share = self._shapes.bounder_of, self.pairs, 0, block
+        if not isinstance(bounder, DistanceBounder):
+            inputs = [0, block, bounder.data, number, bounder_of, self._all, state.particle_q, self._placed]
+        elif device.is_cpu:
+            data, dilated = bounder.data, bounder.info.get("margin") or 0.0
+            items, first, share = len(self._undecided_count), 3, BLOCKS
+            inputs = [data.parameters, items, block, 0, data.words, number, dilated, bounder_of]
+            inputs += [self._all, self._rows, *where]
+        else:
+            inputs = [0, block, bounder.data, number, bounder.info.get("margin") or 0.0, bounder_of, self._all]
+            inputs += [state.particle_q, model.particle_radius, *where]
+        options = {"first_index": first, "block": share}
+        return BlockLaunch(self._asking(bounder), items, [*inputs, *found], [self._keep], device, **options)
+
+
+@cache
+def _counting(kind: type) -> type:
+    """The subclass of a pipeline's class whose number of particle-shape pairs is the length of their list."""
+    if hasattr(kind, "_counts"):
+        return kind
+    count = property(lambda self: len(self.soft_rigid_contact_pairs))
+    both = dict.fromkeys(("soft_contact_pair_count", "soft_rigid_contact_pair_count"), count)
+    return type(kind.__name__, (kind,), {**both, "_counts": True})
