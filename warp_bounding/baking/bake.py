@@ -25,7 +25,10 @@ __all__ = ["LARGEST", "Baked", "bake", "bake_with"]
 
 LARGEST = 500.0  # megabytes of a shape's file: reading one takes some ten times as much memory
 WINDOW = 10_000  # tasks that the scheduler knows at a time
-MANIFEST_SECONDS, MANIFEST_SHARE = 5.0, 0.02  # how often the manifest is written: not oftener, and not for a larger share of the time
+MANIFEST_SECONDS, MANIFEST_SHARE = (
+    5.0,
+    0.02,
+)  # how often the manifest is written: not oftener, and not for a larger share of the time
 
 
 @dataclass
@@ -153,7 +156,9 @@ class _State:
 
     def __init__(self, kept: BakeFolder, folder: Path, found: Found, settings: Settings):
         self.kept = kept
-        self.done = Baked(kept.path, foreign=found.foreign, too_large=[str(p.relative_to(folder)) for p in found.too_large])
+        self.done = Baked(
+            kept.path, foreign=found.foreign, too_large=[str(p.relative_to(folder)) for p in found.too_large]
+        )
         self.records: dict[str, Record] = {}
         self.open: deque[Job] = deque()
         for job in _jobs(folder, found, settings, kept):

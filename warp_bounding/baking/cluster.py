@@ -79,7 +79,9 @@ def check_workers(client: Any, folders: list[Path]) -> None:
         if answer["version"] != __version__:
             raise SchedulerError(f"worker {worker} has warp-bounding {answer['version']}, expected {__version__}")
         if answer["missing"]:
-            raise SchedulerError(f"worker {worker} sees no {answer['missing'][0]}; expected folders that all workers share")
+            raise SchedulerError(
+                f"worker {worker} sees no {answer['missing'][0]}; expected folders that all workers share"
+            )
 
 
 def _has_dashboard() -> bool:

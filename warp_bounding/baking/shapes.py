@@ -82,7 +82,9 @@ def _referred(path: Path) -> set[Path]:
     if suffix == ".gltf":
         try:
             buffers = json.loads(path.read_text(encoding="utf-8")).get("buffers", [])
-            return {path.parent / buffer["uri"] for buffer in buffers if not buffer.get("uri", "data:").startswith("data:")}
+            return {
+                path.parent / buffer["uri"] for buffer in buffers if not buffer.get("uri", "data:").startswith("data:")
+            }
         except (ValueError, AttributeError, TypeError):
             return set()
     if suffix in USD_SUFFIXES:

@@ -22,7 +22,7 @@ from warp_bounding.runtime.quiet import quiet_warp
 from warp_bounding.runtime.whole_file import BOUNDER_FILE
 from warp_bounding.version import __version__
 
-__all__ = ["RECORDS", "ONE_THREAD", "Job", "bake_shape", "looked_at"]
+__all__ = ["ONE_THREAD", "RECORDS", "Job", "bake_shape", "looked_at"]
 
 RECORDS = "records"
 # Each task has one core: the library's own threads, and those of the libraries below it.
@@ -108,7 +108,9 @@ def _made(job: Job) -> tuple[Any, Record]:
                 return None, replace(record, method="none", note="no bounder pays")
             rates = evaluate(bounder, shape, samples=settings.samples)
             drawn = base64.b64encode(picture(bounder, shape)).decode()
-        except Exception as error:  # whatever a file makes a reader, a fit or a proof do: it is told, and the others go on
+        except (
+            Exception
+        ) as error:  # whatever a file makes a reader, a fit or a proof do: it is told, and the others go on
             return None, replace(record, error=_one_line(error))
     notes = dict.fromkeys(" ".join(str(w.message).split()) for w in caught if issubclass(w.category, BoundingWarning))
     return bounder, replace(
