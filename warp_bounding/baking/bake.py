@@ -14,8 +14,9 @@ from typing import Any
 from warp_bounding.baking.cluster import SchedulerError, check_workers, connected
 from warp_bounding.baking.folder import BakeFolder
 from warp_bounding.baking.manifest import write_manifest
+from warp_bounding.baking.names import short_digest
 from warp_bounding.baking.record import Record
-from warp_bounding.baking.settings import SAMPLES, ChooseSettings, FitSettings, Settings, short_digest
+from warp_bounding.baking.settings import SAMPLES, ChooseSettings, FitSettings, Settings
 from warp_bounding.baking.shapes import Found, find_shapes, shape_digest
 from warp_bounding.baking.task import Job, bake_shape
 from warp_bounding.errors import BounderError, BoundingError
@@ -134,6 +135,7 @@ def bake_with(
         raise BounderError(f"largest must be a positive number of megabytes, got {largest!r}")
     if folder.resolve() == out.resolve():
         raise BounderError(f"{out}: expected another folder than that of the shapes")
+    settings.check()
     started = time.perf_counter()
     found = find_shapes(folder, largest, out)
     kept = BakeFolder(out.resolve())

@@ -40,9 +40,13 @@ def connected(jobs: int | None, scheduler: str | None) -> Iterator[Any]:
         import distributed
     except ImportError as error:
         raise BoundingError("baking needs Dask: pip install 'warp-bounding[bake]'") from error
-    quiet = {"distributed.scheduler.allowed-failures": DEATHS, "logging.distributed": "critical"}
+    own = {
+        "distributed.scheduler.allowed-failures": DEATHS,
+        "distributed.scheduler.worker-saturation": 1.0,  # else a death also counts against the task that waits behind
+        "logging.distributed": "critical",
+    }
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    with contextlib.ExitStack() as stack, dask.config.set(quiet):
+    with contextlib.ExitStack() as stack, dask.config.set(own):
         try:
             if scheduler is None:
                 cluster = stack.enter_context(

@@ -26,7 +26,7 @@ TEMPLATE = """<!doctype html>
 @media (prefers-color-scheme: dark) { :root { --ink: #dfe5ea; --paper: #15191d; --card: #1e242a; --line: #37414a; --faint: #9aa7b2; --bad: #f08c8c } }
 body { font: 14px/1.4 system-ui, sans-serif; color: var(--ink); background: var(--paper); margin: 1.5rem }
 h1 { font-size: 1.3rem; margin: 0 0 .3rem } p { margin: .3rem 0; color: var(--faint) }
-.key { display: inline-block; width: .8em; height: .8em; margin: 0 .25em 0 .8em; border: 1px solid var(--line) }
+p .said { white-space: nowrap } .key { display: inline-block; width: .8em; height: .8em; margin: 0 .25em 0 .8em; border: 1px solid var(--line) }
 form { margin: 1rem 0; display: flex; gap: 1rem; flex-wrap: wrap } input, select { font: inherit }
 main { display: grid; gap: .8rem; grid-template-columns: repeat(auto-fill, minmax(250px, 1fr)) }
 article { background: var(--card); border: 1px solid var(--line); border-radius: 6px; padding: .7rem; content-visibility: auto; contain-intrinsic-size: 250px 190px }
@@ -37,9 +37,9 @@ dl { margin: .2rem 0 0; display: grid; grid-template-columns: auto 1fr; gap: 0 .
 </style></head><body>
 <h1>{{ total }} shapes{% if pages > 1 %}, page {{ page }} of {{ pages }}{% endif %}</h1>
 <p>{{ baked }} with a bounder, {{ proven }} of them proven; {{ failed }} failed. Slices through each object, side by side:
-<span class="key" style="background:{{ object }}"></span>object
-<span class="key" style="background:{{ maybe }}"></span>maybe, though no object is there
-<span class="key"></span>certainly no</p>
+<span class="said"><span class="key" style="background:{{ object }}"></span>object</span>
+<span class="said"><span class="key" style="background:{{ maybe }}"></span>maybe, though no object is there</span>
+<span class="said"><span class="key"></span>certainly no</span></p>
 {% if pages > 1 %}<p>Pages:{% for link in links %} <a href="{{ link }}">{{ loop.index }}</a>{% endfor %}</p>{% endif %}
 <form><label>Find <input id="find" type="search" placeholder="name, method, error"></label>
 <label>Order <select id="order"><option value="name">name</option><option value="fp">false positives, most first</option>
@@ -48,10 +48,13 @@ dl { margin: .2rem 0 0; display: grid; grid-template-columns: auto 1fr; gap: 0 .
 <article{% if r.error %} class="failed"{% endif %} data-name="{{ r.source }}" data-fp="{{ r.fp_rate or 0 }}" data-bytes="{{ r.bytes }}" data-seconds="{{ r.seconds }}">
 {% if r.picture %}<img src="data:image/png;base64,{{ r.picture }}" alt="Slices of {{ r.name }} and its bound" loading="lazy" decoding="async">{% endif %}
 <h2>{{ r.source }}</h2>
-{% if r.error %}<p class="error">{{ r.error }}</p>{% else %}<dl><dt>method</dt><dd>{{ r.method }}{% if r.query %}, {{ r.query }}{% endif %}</dd>
+{% if r.error %}<p class="error">{{ r.error }}</p>{% endif %}
+<dl>{% if r.method %}<dt>method</dt><dd>{{ r.method }}{% if r.query %}, {{ r.query }}{% endif %}</dd>{% endif %}
 {% if r.file %}<dt>bytes</dt><dd>{{ "{:,}".format(r.bytes) }}</dd><dt>false positives</dt><dd>{{ "%.2f"|format(r.fp_rate) }} %</dd>
-<dt>certificate</dt><dd>{{ r.certificate or "none" }}</dd><dt>file</dt><dd>{{ r.file }}</dd>{% endif %}</dl>{% endif %}
-<dl><dt>seconds</dt><dd>{{ "%.1f"|format(r.seconds) }}</dd><dt>settings</dt><dd>{{ r.settings }}</dd>{% if r.note %}<dt>note</dt><dd>{{ r.note }}</dd>{% endif %}</dl>
+<dt>certificate</dt><dd>{{ r.certificate or "none" }}</dd>{% endif %}
+<dt>seconds</dt><dd>{{ "%.1f"|format(r.seconds) }}</dd><dt>hash</dt><dd>{{ r.hash }}</dd>
+{% if several %}<dt>settings</dt><dd>{{ r.settings }}</dd>{% endif %}
+{% if r.note %}<dt>note</dt><dd>{{ r.note }}</dd>{% endif %}</dl>
 </article>{% endfor %}
 </main>
 <script>
@@ -95,6 +98,7 @@ def write_sheet(folder: Path, records: list[Record], whole: Callable[[Record], R
         "baked": len(baked),
         "proven": sum(r.certificate == "proven" for r in baked),
         "failed": sum(bool(r.error) for r in records),
+        "several": len({r.settings for r in records}) > 1,
         "pages": pages,
         "links": links,
         **{name: f"rgb{COLOURS[name][:3]}" for name in ("object", "maybe")},

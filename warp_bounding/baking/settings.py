@@ -9,18 +9,24 @@ import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from inspect import Parameter, signature
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from warp_bounding.bounders import Bounder, DistanceBounder
+from warp_bounding.baking.names import short_digest
+from warp_bounding.bounders import METHODS, Bounder, DistanceBounder, method_class
+from warp_bounding.bounders.neural.mlp import check_hidden
+from warp_bounding.bounders.options import settled
 from warp_bounding.errors import BounderError
+from warp_bounding.queries import check_query
+from warp_bounding.queries.distance import DISTANCE
+from warp_bounding.runtime.devices import device_of
 from warp_bounding.version import __version__
 
-__all__ = ["HASH_DIGITS", "SAMPLES", "ChooseSettings", "FitSettings", "Settings", "file_digest"]
+__all__ = ["SAMPLES", "ChooseSettings", "FitSettings", "Settings", "file_digest"]
 
-HASH_DIGITS = 12  # hexadecimal, in the name of a file: two of 10^5 shapes share them with a probability of 2e-5
 SAMPLES = 100_000  # random queries of a shape that false positives are counted on
 
 
@@ -50,6 +56,14 @@ class Settings(ABC):
             BoundingError: As ``fit`` and ``choose`` do.
         """
 
+    @abstractmethod
+    def check(self) -> None:
+        """Refuse what would be wrong for every shape, before any of them is read.
+
+        Raises:
+            BoundingError: As ``fit`` and ``choose`` do.
+        """
+
     def to_dict(self) -> dict[str, Any]:
         """All that makes a difference to what is baked, JSON-ready; of a file of queries its content."""
         asked = None if self.queries is None else file_digest(Path(self.queries))
@@ -62,7 +76,7 @@ class Settings(ABC):
 
     @property
     def digest(self) -> str:
-        """``HASH_DIGITS`` hexadecimal digits of the settings and the library's version."""
+        """A hash of the settings and the library's version."""
         return short_digest(self.to_dict())
 
     def _own_queries(self) -> np.ndarray | None:
@@ -80,6 +94,25 @@ class FitSettings(Settings):
 
         return fit(shape, queries=self._own_queries(), progress=False, **self.arguments)
 
+    def check(self) -> None:
+        from warp_bounding.training import fit
+        from warp_bounding.training.checks import check_distance, check_numbers, check_regions
+
+        told, own = _told(fit, self.arguments)
+        query, space, method = told["query"], told["space"], told["method"]
+        check_query(query, DISTANCE.name)
+        check_numbers(told["budget"], told["seed"], told["margin"])
+        device_of(told["device"], BounderError)
+        if query == DISTANCE.name:
+            check_distance(method, told["length"], space, told["side"], None, self.queries)
+            return
+        check_regions(query, method, told["length"], space, told["side"])
+        names = method.split("+")
+        for name in names:
+            if name not in METHODS:
+                method_class(name)  # says which there are
+        settled([METHODS[name] for name in names], query, own)
+
 
 @dataclass(frozen=True)
 class ChooseSettings(Settings):
@@ -92,10 +125,30 @@ class ChooseSettings(Settings):
 
         return choose(shape, queries=self._own_queries(), progress=False, **self.arguments).bounder
 
+    def check(self) -> None:
+        from warp_bounding.choice import choose
+        from warp_bounding.choice.candidates import check_methods
+        from warp_bounding.choice.choose import check_prices
+        from warp_bounding.training.checks import check_numbers
 
-def short_digest(value: Any) -> str:
-    """``HASH_DIGITS`` hexadecimal digits of what is JSON-ready."""
-    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:HASH_DIGITS]
+        told, other = _told(choose, self.arguments)
+        if other:
+            raise BounderError(f"a choice takes no {', '.join(other)}")
+        check_query(told["query"])
+        check_numbers(told["budget"], told["seed"], told["margin"])
+        prices = ("narrow_ns", "overhead_ns", "memory", "length", "statistical")
+        check_prices(told["query"], *(told[name] for name in prices))
+        check_methods(told["methods"])
+        device_of(told["device"], BounderError)
+        for widths in told["networks"]:
+            check_hidden(widths)
+
+
+def _told(function, arguments: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The named arguments of a function, as they are given or by default, and those that have no name there."""
+    named = {p.name: p.default for p in signature(function).parameters.values() if p.kind != Parameter.VAR_KEYWORD}
+    own = {name: value for name, value in arguments.items() if name not in named}
+    return named | {name: value for name, value in arguments.items() if name in named}, own
 
 
 def file_digest(path: Path) -> str:

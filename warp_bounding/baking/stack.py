@@ -50,6 +50,11 @@ class BounderStack:
 
     Raises:
         QueryError: If they are of several kinds, or there are none.
+
+    Example:
+        >>> stack = wb.BounderStack([bounder, wb.fit(ball, method="kdop", device="cpu")])
+        >>> stack
+        <stack of 2 bounders, 2 functions, 3D point queries>
     """
 
     def __init__(self, bounders: Sequence[Bounder]):
@@ -104,6 +109,11 @@ class BounderStack:
 
         Raises:
             QueryError: For a wrong shape, dtype, device or number.
+
+        Example:
+            >>> stack = wb.BounderStack([bounder, wb.fit(ball, method="kdop", device="cpu")])
+            >>> stack.query([0, 1, 1], points[:3]).shape
+            (3,)
         """
         queries, count, _ = flat_queries(x, self._columns, self.device)
         numbers = self._numbers(shape_indices, count)

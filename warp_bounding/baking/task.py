@@ -111,7 +111,7 @@ def _made(job: Job) -> tuple[Any, Record]:
         except (
             Exception
         ) as error:  # whatever a file makes a reader, a fit or a proof do: it is told, and the others go on
-            return None, replace(record, error=_one_line(error))
+            return None, replace(record, error=_one_line(error, job.path))
     notes = dict.fromkeys(" ".join(str(w.message).split()) for w in caught if issubclass(w.category, BoundingWarning))
     return bounder, replace(
         record,
@@ -125,8 +125,9 @@ def _made(job: Job) -> tuple[Any, Record]:
     )
 
 
-def _one_line(error: Exception) -> str:
-    text = " ".join(str(error).split())
+def _one_line(error: Exception, path: str) -> str:
+    """What went wrong, without the shape's path, which the record has."""
+    text = " ".join(str(error).split()).removeprefix(f"{path}: ").removeprefix(f"{Path(path).name}: ")
     return text if isinstance(error, BoundingError) and text else f"{type(error).__name__}: {text}".rstrip(": ")
 
 
