@@ -35,6 +35,7 @@ FLOORS = (
     "evaluation",
     "training",
     "choice",
+    "baking",
     "newton",
     "paper",
     "cli",

@@ -26,6 +26,8 @@ pytest.importorskip("torch", reason="torch is not installed")
 PAGES = ("bounders", "distances")
 METHODS = {
     wb.Bounder: ("candidates", "data", "freeze", "func", "prepare", "query", "save", "to", "values"),
+    wb.BounderLibrary: ("manifest", "names", "path", "query_pairs", "stack"),
+    wb.BounderStack: ("query",),
     wb.Prepared: ("launch", "move"),
     wb.Certificate: ("from_dict", "proven", "to_dict"),
     wb.DistanceBounder: ("boxes", "data", "distance", "distance_func", "query", "rays", "save", "segments", "to"),

@@ -26,7 +26,7 @@ from warp_bounding.runtime.progress import Progress, reported
 from warp_bounding.training.checks import check_numbers, check_regions, is_number
 from warp_bounding.training.samples.callers import CallersQueries
 
-__all__ = ["choose"]
+__all__ = ["check_prices", "choose"]
 
 SAMPLES = 200_000  # random queries, where the caller has none
 
@@ -95,7 +95,7 @@ def choose(
     """
     check_query(query)
     check_numbers(budget, seed, margin)
-    _check(query, narrow_ns, overhead_ns, memory, length, statistical)
+    check_prices(query, narrow_ns, overhead_ns, memory, length, statistical)
     wanted = check_methods(methods)
     device = str(device_of(device, BounderError))
     shape, length = load_indicator(shape), length or 1.0
@@ -136,7 +136,8 @@ def _halves(x: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.nda
     return x[first], x[~first]
 
 
-def _check(query: str, narrow_ns, overhead_ns, memory, length, statistical) -> None:
+def check_prices(query: str, narrow_ns, overhead_ns, memory, length, statistical) -> None:
+    """Refuse what makes no sense for any shape, with ``BounderError``."""
     for name, value in (("narrow_ns", narrow_ns), ("overhead_ns", overhead_ns)):
         if not is_number(value) or value < 0:
             raise BounderError(f"{name} must be a number of nanoseconds of at least 0, got {value!r}")

@@ -18,7 +18,7 @@ __all__ = ["app", "main"]
 def _app():
     import typer
 
-    from warp_bounding.cli import certify, choose, demo, evaluate, fit, info, query, soak
+    from warp_bounding.cli import bake, certify, choose, demo, evaluate, fit, info, query, soak
     from warp_bounding.cli.paper import figures, proofs, recipes, speed, table1
 
     app = typer.Typer(
@@ -29,7 +29,23 @@ def _app():
         pretty_exceptions_enable=False,
     )
     fit.state_options()
-    for module in (fit, choose, query, certify, soak, evaluate, info, table1, recipes, speed, proofs, figures, demo):
+    bake.state_options()
+    for module in (
+        fit,
+        choose,
+        bake,
+        query,
+        certify,
+        soak,
+        evaluate,
+        info,
+        table1,
+        recipes,
+        speed,
+        proofs,
+        figures,
+        demo,
+    ):
         name, command = module.__name__.rpartition(".")[2], module.command
         app.command(name=name, cls=getattr(module, "Help", None), help=_paragraphs(command.__doc__))(command)
 

@@ -1,8 +1,9 @@
 """``warp-bounding choose``: which bounder for these queries and this narrow phase; fit, measure, compare, save."""
 
 import json as json_text
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -11,7 +12,7 @@ from warp_bounding.cli.output import bar, console, print_json, quiet_warp
 from warp_bounding.errors import BounderError
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, FileKind, check_writable, write_whole
 
-__all__ = ["command"]
+__all__ = ["choose_arguments", "command"]
 
 UNITS = {"": 1, "k": 1024, "m": 1024**2}
 PICTURE = FileKind(".png", 0, b"\x89PNG")
@@ -62,8 +63,10 @@ def command(
     from warp_bounding.choice.plot import cost_plot
 
     quiet_warp(device)
-    limit = None if memory is None else _bytes(memory)
-    sizes = _sizes(networks)
+    of_queries = {"query": query, "narrow_ns": narrow_ns, "length": length, "overhead_ns": overhead_ns}
+    of_fits = {"margin": margin, "memory": memory, "budget": budget, "seed": seed, "device": device}
+    tried = {"networks": networks, "methods": methods, "statistical": statistical}
+    arguments = choose_arguments(of_queries | of_fits | tried)
     inputs = [shape, *([] if queries is None else [queries])]
     picture = str(Path(output).with_suffix(PICTURE.suffix))
     check_writable(output, *inputs, kind=BOUNDER_FILE)
@@ -72,24 +75,7 @@ def command(
     indicator = read_shape(shape, threshold, spacing, origin)
     kept = Path(output).with_suffix(".choice") if folder is None else Path(folder)
     with bar("choose") as update:
-        choice = choose(
-            indicator,
-            query,
-            narrow_ns=narrow_ns,
-            queries=asked,
-            memory=limit,
-            device=device,
-            budget=budget,
-            seed=seed,
-            margin=margin,
-            length=length,
-            methods=None if methods is None else [word.strip() for word in methods.split(",")],
-            networks=sizes,
-            overhead_ns=overhead_ns,
-            statistical=statistical,
-            folder=kept,
-            progress=update,
-        )
+        choice = choose(indicator, queries=asked, folder=kept, progress=update, **arguments)
     if choice.bounder is not None:
         choice.bounder.save(output)
     write_whole(picture, cost_plot(choice)["png"], PICTURE)
@@ -100,6 +86,24 @@ def command(
     else:
         _print(choice, output, picture)
     return 1 if choice.about["interrupted"] else 0
+
+
+def choose_arguments(said: Mapping[str, Any]) -> dict[str, Any]:
+    """What a command line says of a choice, as keyword arguments of ``choose``.
+
+    Args:
+        said: The values of this command's options, by name. Others are ignored.
+
+    Raises:
+        BounderError: For sizes or a number of bytes that are none.
+    """
+    as_they_are = ("query", "narrow_ns", "length", "overhead_ns", "margin", "budget", "seed", "device", "statistical")
+    memory, methods = said["memory"], said["methods"]
+    return {name: said[name] for name in as_they_are} | {
+        "memory": None if memory is None else _bytes(memory),
+        "networks": _sizes(said["networks"]),
+        "methods": None if methods is None else [word.strip() for word in methods.split(",")],
+    }
 
 
 def _print(choice, output: str, picture: str) -> None:

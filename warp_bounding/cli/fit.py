@@ -1,6 +1,7 @@
 """``warp-bounding fit``: fit a bounder to a shape, prove it, save it."""
 
 import time
+from collections.abc import Mapping
 from inspect import Parameter, signature
 from typing import Annotated, Any
 
@@ -23,7 +24,7 @@ from warp_bounding.cli.options import (
 from warp_bounding.cli.output import bar, certificate_summary, console, print_json, quiet_warp, warn
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, check_writable
 
-__all__ = ["command", "state_options"]
+__all__ = ["command", "fit_arguments", "state_options"]
 
 
 def _options() -> dict[str, Option]:
@@ -95,19 +96,17 @@ def command(
     from warp_bounding.training import fit
 
     quiet_warp(device)
-    known = _options()
+    of_queries = {"query": query, "length": length, "space": space}
+    of_object = {"margin": margin, "force": force, "resolution": resolution, "side": side}
+    run = {"budget": budget, "seed": seed, "device": device}
+    arguments = fit_arguments(told | {"method": method, "metric": metric} | of_queries | of_object | run)
     count = whole_number("samples", samples)
     check_writable(output, shape, *([] if queries is None else [queries]), kind=BOUNDER_FILE)
     asked = None if queries is None else read_queries(queries)
     indicator = read_shape(shape, threshold, spacing, origin)
     started = time.perf_counter()
     with bar("fit") as update:
-        of_queries = {"query": query, "length": length, "space": space, "queries": asked}
-        of_object = {"margin": margin, "force": force, "resolution": resolution, "side": side}
-        of_method = {name: known[name].parse(value) for name, value in told.items() if value is not None}
-        of_method |= {} if metric is None else {"metric": metric}
-        run = {"budget": budget, "seed": seed, "device": device, "progress": update}
-        bounder = fit(indicator, method=method, **of_queries, **of_object, **of_method, **run)
+        bounder = fit(indicator, queries=asked, progress=update, **arguments)
     seconds = time.perf_counter() - started
     save(bounder, output)
     rates = evaluate(bounder, indicator, samples=count)
@@ -132,6 +131,24 @@ def command(
         if text:
             warn(text)
     return 1 if _says_nothing(bounder) else 0
+
+
+OWN = ("query", "length", "space", "margin", "force", "resolution", "side", "budget", "seed", "device", "method")
+
+
+def fit_arguments(said: Mapping[str, Any]) -> dict[str, Any]:
+    """What a command line says of a fit, as keyword arguments of ``fit``.
+
+    Args:
+        said: The values of this command's options, by name; those of methods are texts, or ``None`` where they are not given. Others are ignored.
+
+    Raises:
+        BounderError: For a text that is not what a method's option takes.
+    """
+    known = _options()
+    of_method = {name: option.parse(said[name]) for name, option in known.items() if said.get(name) is not None}
+    metric = said.get("metric")
+    return {name: said[name] for name in OWN} | of_method | ({} if metric is None else {"metric": metric})
 
 
 def _says_nothing(bounder: Bounder | DistanceBounder) -> bool:

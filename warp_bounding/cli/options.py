@@ -1,7 +1,7 @@
 """Options that several commands have, and what they mean."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -18,6 +18,7 @@ __all__ = [
     "Threshold",
     "read_queries",
     "read_shape",
+    "shape_arguments",
     "whole_number",
 ]
 
@@ -49,13 +50,22 @@ def read_shape(path: str, threshold: str | None, spacing: str | None, origin: st
     """
     from warp_bounding.indicators import load_indicator
 
+    return load_indicator(path, **shape_arguments(threshold, spacing, origin))
+
+
+def shape_arguments(threshold: str | None, spacing: str | None, origin: str | None) -> dict[str, Any]:
+    """What a command line says of a shape, as keyword arguments of ``load_indicator``; those that it does not say are left out.
+
+    Raises:
+        IndicatorError: For words where numbers are expected.
+    """
     sizes = None if spacing is None else _numbers("spacing", spacing)
-    return load_indicator(
-        path,
-        threshold=threshold,
-        spacing=sizes[0] if sizes and len(sizes) == 1 else sizes,
-        origin=None if origin is None else _numbers("origin", origin),
-    )
+    said = {
+        "threshold": threshold,
+        "spacing": sizes[0] if sizes and len(sizes) == 1 else sizes,
+        "origin": None if origin is None else _numbers("origin", origin),
+    }
+    return {name: value for name, value in said.items() if value is not None}
 
 
 def read_queries(path: str) -> np.ndarray:

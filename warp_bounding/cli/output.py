@@ -2,8 +2,6 @@
 
 import contextlib
 import json
-import os
-import sys
 import warnings
 from collections.abc import Iterator
 from typing import Any
@@ -12,6 +10,7 @@ from rich.console import Console
 
 from warp_bounding.bounders import Bounder, Certificate
 from warp_bounding.errors import BoundingWarning
+from warp_bounding.runtime import quiet
 from warp_bounding.runtime.devices import device_of
 from warp_bounding.runtime.progress import bar
 
@@ -56,28 +55,9 @@ def quiet_warp(device: str | None = None) -> None:
     Raises:
         QueryError: If there is no such device.
     """
-    import warp as wp
-
-    wp.config.log_level = getattr(wp, "LOG_ERROR", 40)
-    wp.config.quiet = True
-    with _silent_errors():  # a machine without a GPU is no news
-        wp.init()
+    quiet.quiet_warp()
     if device is not None:
         device_of(device)
-
-
-@contextlib.contextmanager
-def _silent_errors() -> Iterator[None]:
-    """Discard what native code writes to standard error."""
-    sys.stderr.flush()
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 2)
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
 
 
 def other_shape(name: str, given: str | None, fitted: str | None) -> str:

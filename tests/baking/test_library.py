@@ -1,0 +1,117 @@
+"""A folder of bounders as a mapping, and many of them asked together."""
+
+import numpy as np
+import pytest
+import warp as wp
+from bounding_shapes import fitted, shape
+
+import warp_bounding as wb
+from warp_bounding.errors import FileFormatError, QueryError
+
+NAMES = ("blob", "half", "single", "star")
+
+
+@pytest.fixture
+def library(tmp_path):
+    for number, name in enumerate(NAMES):
+        wb.fit(shape(name), method="kdop" if number else "aabb", device="cpu").save(tmp_path / f"{name}.safetensors")
+    return wb.BounderLibrary(tmp_path, device="cpu")
+
+
+def test_a_bake_is_a_library(baked):
+    library = wb.BounderLibrary(baked, device="cpu")
+    assert library.names == ["blob", "star"]
+    assert (len(library), "blob" in library, "broken" in library) == (2, True, False)
+    assert library["blob"] is library["blob"]
+    assert {row["name"] for row in library.manifest} == {"blob", "star", "broken"}
+    with pytest.raises(KeyError):
+        library["broken"]
+
+
+def test_names_that_several_have_get_their_hash(tmp_path):
+    bounder = fitted("aabb", "blob")
+    for name in ("a-0123456789ab", "a-ba9876543210", "b-0123456789ab", "c"):
+        bounder.save(tmp_path / f"{name}.safetensors")
+    assert wb.BounderLibrary(tmp_path).names == ["a-0123456789ab", "a-ba9876543210", "b", "c"]
+
+
+def test_nothing_is_loaded_before_it_is_asked(tmp_path):
+    (tmp_path / "bad.safetensors").write_bytes(b"bad")
+    library = wb.BounderLibrary(tmp_path)
+    assert "bad" in library
+    with pytest.raises(FileFormatError, match=r"bad\.safetensors"):
+        library["bad"]
+    (tmp_path / "manifest.csv").write_text("nothing\n")
+    with pytest.raises(FileFormatError, match="no manifest of a bake"):
+        _ = library.manifest
+    with pytest.raises(FileFormatError, match="no such folder"):
+        wb.BounderLibrary(tmp_path / "none")
+
+
+def test_pairs_are_asked_as_one_by_one(library, rng):
+    x = rng.random((3000, 3), dtype=np.float32) * 1.4 - 0.2
+    x[0] = np.nan
+    asked = rng.integers(0, len(library), len(x))
+    expected = np.stack([bounder.query(x).numpy() for bounder in library.values()])[asked, np.arange(len(x))]
+    assert 0 < expected.mean() < 1
+    assert (library.query_pairs(asked, x).numpy() == expected).all()
+    stack = library.stack()
+    assert len(stack.groups) == 2
+    assert {len(group.members) for group in stack.groups} == {1, 3}
+    numbers = wp.array(asked, dtype=wp.int32, device="cpu")
+    assert (stack.query(numbers, wp.array(x, dtype=wp.vec3, device="cpu")).numpy() == expected).all()
+    assert stack.query(np.empty(0, int), np.empty((0, 3), np.float32)).shape == (0,)
+
+
+def test_regions_are_asked_together(rng):
+    bounders = [wb.fit(shape(name), "box", "kdop", device="cpu") for name in ("blob", "star")]
+    stack = wb.BounderStack(bounders)
+    lower = rng.random((500, 3), dtype=np.float32)
+    x, asked = np.hstack([lower, lower + 0.05]), rng.integers(0, 2, 500)
+    expected = np.stack([bounder.query(x).numpy() for bounder in bounders])[asked, np.arange(500)]
+    assert (stack.query(asked, x).numpy() == expected).all()
+
+
+def test_a_group_is_asked_in_a_kernel_of_ones_own(library, rng):
+    group = max(library.stack().groups, key=lambda group: len(group.members))
+
+    @wp.kernel
+    def ask(
+        data: wp.array(dtype=wb.Data),
+        slots: wp.array(dtype=wp.int32),
+        numbers: wp.array(dtype=wp.int32),
+        q: wp.array(dtype=wp.vec3),
+        out: wp.array(dtype=wp.uint8),
+    ):
+        i = wp.tid()
+        if wp.static(group.func)(data[slots[numbers[i]]], q[i]):
+            out[i] = wp.uint8(1)
+
+    x = rng.random((1000, 3), dtype=np.float32)
+    numbers = rng.choice(group.members, len(x)).astype(np.int32)
+    out = wp.zeros(len(x), dtype=wp.uint8, device="cpu")
+    q = wp.array(x, dtype=wp.vec3, device="cpu")
+    inputs = [group.data, group.slots, wp.array(numbers, dtype=wp.int32, device="cpu"), q]
+    wp.launch(ask, len(x), inputs, [out], device="cpu")
+    assert (out.numpy() == library.query_pairs(numbers, x).numpy()).all()
+
+
+def test_numbers_of_no_bounder_are_maybe_or_refused(library):
+    far = np.full((3, 3), 1e3, np.float32)
+    numbers = wp.array([0, -1, 99], dtype=wp.int32, device="cpu")
+    assert library.stack().query(numbers, far).numpy().tolist() == [0, 1, 1]
+    with pytest.raises(QueryError, match="shape_indices must be from 0 to 3, got 99"):
+        library.query_pairs([0, 0, 99], far)
+    with pytest.raises(QueryError, match="one for each query"):
+        library.query_pairs([0], far)
+    with pytest.raises(QueryError, match="whole numbers"):
+        library.query_pairs([0.0, 0.0, 0.0], far)
+
+
+def test_what_is_no_stack_is_refused():
+    with pytest.raises(QueryError, match="at least one bounder"):
+        wb.BounderStack([])
+    with pytest.raises(QueryError, match="of one kind, dimension and device"):
+        wb.BounderStack([fitted("aabb", "blob"), fitted("aabb", "c")])
+    with pytest.raises(QueryError, match="a distance"):
+        wb.BounderStack([wb.fit(shape("star"), "distance", "sphere", device="cpu")])
