@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from warp_bounding.baking.cluster import SchedulerError, check_workers, connected
+from warp_bounding.baking.cluster import SchedulerError, check_workers, connected, gone
 from warp_bounding.baking.folder import BakeFolder
 from warp_bounding.baking.manifest import write_manifest
 from warp_bounding.baking.names import short_digest
@@ -254,8 +254,7 @@ def _outcome(future, job: Job, client, kept: BakeFolder) -> Record:
         raise error  # the folder cannot be written to
     if error is not None:
         raise SchedulerError(f"a task failed: {type(error).__name__}: {' '.join(str(error).split())}")
-    where = client.scheduler.address if client.scheduler else "the scheduler"
-    raise SchedulerError(f"{where} has gone away; what is baked stays, and the same command goes on")
+    raise gone(client)
 
 
 class _Clock:
