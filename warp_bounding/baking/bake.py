@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from warp_bounding.baking.cluster import SchedulerError, check_workers, connected
+from warp_bounding.baking.cluster import SchedulerError, check_workers, connected, gone
 from warp_bounding.baking.folder import BakeFolder
 from warp_bounding.baking.manifest import write_manifest
 from warp_bounding.baking.names import short_digest
@@ -46,6 +46,8 @@ class Baked:
         too_large: Files that were left out for their size.
         seconds: Of this run.
         task_seconds: Of all tasks of this run together.
+        running_seconds: From the first task's start to the last one's end; without the start of workers.
+        workers: How many threads of workers there were when the first task was handed out.
 
     Example:
         >>> wb.bake("no such folder", "bounders")
@@ -63,6 +65,8 @@ class Baked:
     too_large: list[str] = field(default_factory=list)
     seconds: float = 0.0
     task_seconds: float = 0.0
+    running_seconds: float = 0.0
+    workers: int = 0
 
 
 def bake(
@@ -210,7 +214,7 @@ def _run(state: _State, jobs: int | None, scheduler: str | None, update: Progres
         if client.dashboard_link and (scheduler or client.cluster.scheduler.services.get("dashboard")):
             tell(f"dashboard: {client.dashboard_link}")
         check_workers(client, [state.kept.path, Path(state.open[0].path).parent])
-        clock = _Clock(state.total)
+        clock, state.done.workers = _Clock(state.total), sum(client.nthreads().values())
         futures: dict[Any, Job] = {}
         running = distributed.as_completed()
 
@@ -229,6 +233,7 @@ def _run(state: _State, jobs: int | None, scheduler: str | None, update: Progres
             state.ended(record)
             if record.error:
                 tell(f"{record.source}: {record.error}")
+            state.done.running_seconds = clock.seconds
             update(state.total - len(state.open) - len(futures), state.total, clock.note(state.done))
             if len(state.open) and len(futures) < WINDOW // 2:
                 hand_out()
@@ -249,8 +254,7 @@ def _outcome(future, job: Job, client, kept: BakeFolder) -> Record:
         raise error  # the folder cannot be written to
     if error is not None:
         raise SchedulerError(f"a task failed: {type(error).__name__}: {' '.join(str(error).split())}")
-    where = client.scheduler.address if client.scheduler else "the scheduler"
-    raise SchedulerError(f"{where} has gone away; what is baked stays, and the same command goes on")
+    raise gone(client)
 
 
 class _Clock:
@@ -259,10 +263,15 @@ class _Clock:
     def __init__(self, total: int):
         self._started, self._total = time.perf_counter(), total
 
+    @property
+    def seconds(self) -> float:
+        """Since the first task was handed out."""
+        return time.perf_counter() - self._started
+
     def note(self, done: Baked) -> str:
         """Counts and the time that is left."""
         ended = done.baked + done.failed
-        left = (time.perf_counter() - self._started) / ended * (self._total - ended)
+        left = self.seconds / ended * (self._total - ended)
         failed = f", {done.failed} failed" if done.failed else ""
         return f"{ended:,} of {self._total:,} shapes{failed}, {_told(left)} left"
 

@@ -14,7 +14,7 @@ from warp_bounding.errors import BoundingError
 from warp_bounding.runtime.launch import cpu_threads
 from warp_bounding.version import __version__
 
-__all__ = ["SchedulerError", "check_workers", "connected"]
+__all__ = ["SchedulerError", "check_workers", "connected", "gone"]
 
 DEATHS = 10  # of workers under the same task, after which it is given up: a shape that ends every process would go on for ever
 CONNECT_SECONDS = 15
@@ -69,17 +69,27 @@ def connected(jobs: int | None, scheduler: str | None) -> Iterator[Any]:
         yield client
 
 
+def gone(client: Any) -> SchedulerError:
+    """What to say when the connection to the scheduler is lost."""
+    where = client.scheduler.address if client.scheduler else "the scheduler"
+    return SchedulerError(f"{where} has gone away; what is baked stays, and the same command goes on")
+
+
 def check_workers(client: Any, folders: list[Path]) -> None:
     """Find out before the first task whether the workers that are there can do the work.
 
     Raises:
-        SchedulerError: If one has another version of the library, or does not see a folder.
+        SchedulerError: If the scheduler has gone away, or a worker has another version of the library, or does not see a folder.
     """
     try:
-        answers = client.run(looked_at, [str(folder) for folder in folders])
-    except Exception as error:
-        raise SchedulerError(f"a worker cannot run warp-bounding: {_reason(error)}") from error
+        answers = client.run(looked_at, [str(folder) for folder in folders], on_error="return")
+    except OSError as error:
+        raise gone(client) from error
     for worker, answer in answers.items():
+        if isinstance(answer, OSError):
+            continue  # a worker that dies meanwhile says nothing, and another one will do its tasks
+        if isinstance(answer, Exception):
+            raise SchedulerError(f"worker {worker} cannot run warp-bounding: {_reason(answer)}")
         if answer["version"] != __version__:
             raise SchedulerError(f"worker {worker} has warp-bounding {answer['version']}, expected {__version__}")
         if answer["missing"]:

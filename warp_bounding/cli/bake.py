@@ -75,6 +75,7 @@ def _tell(done: Baked, out: str, json: bool) -> None:
         }
         left_out = {"foreign": done.foreign, "too_large": done.too_large, "errors": failed}
         took = {"seconds": round(done.seconds, 3), "task_seconds": round(done.task_seconds, 3)}
+        took |= {"running_seconds": round(done.running_seconds, 3), "workers": done.workers}
         where = {"out": out, "manifest": str(Path(out) / MANIFEST), "contact_sheet": str(Path(out) / SHEET)}
         print_json(counts | left_out | took | where)
         return
