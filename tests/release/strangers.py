@@ -141,7 +141,7 @@ def quickstart(stay: Stay) -> str:
 
 def particles(stay: Stay) -> str:
     """The first demo, small: every run ends in the same state, and there are pictures."""
-    few = ["--steps", "10"] if stay.short else []
+    few = ["--particles", "2000", "--steps", "6"] if stay.short else []
     stay.run(["warp-bounding", "demo", "particles", "--quick", *few, "--out", "demo"])
     pictures = sorted(path.name for path in (stay.folder / "demo").rglob("*.png"))
     _expect(pictures, "the demo wrote no picture")
