@@ -22,7 +22,8 @@ from warp_bounding.views.view import State, View
 __all__ = ["MOST_TRIANGLES", "page"]
 
 MOST_TRIANGLES = 60_000  # of a surface; one with more is simplified
-DISTANCE = 1.35  # of the camera from the middle, in plotly's units: about the longest side
+CUTS = (2, 2, 1)  # by the axis that is up: the axis along which the camera looks the most
+DISTANCE = 2.0  # of the camera from the middle, in plotly's units: about the sides of what is seen
 
 
 def page(view: View, title: str, up: str) -> str:
@@ -53,8 +54,9 @@ def page(view: View, title: str, up: str) -> str:
         "solid": view.solid,
         "asked": view.asked,
         "within": view.within,
+        "down": view.down,
         "up": UPS[up],
-        "cut": (UPS[up] + 2) % 3 if view.solid else 0,
+        "cut": CUTS[UPS[up]],
         "eye": _eye(UPS[up]),
         "colours": {"object": STONE, "bound": BOUND},
         "groups": [group._asdict() for group in view.groups],
@@ -82,8 +84,8 @@ def _state(view: View, state: State, number_of) -> dict[str, Any]:
     if view.solid:
         return about | {"object": number_of(state.object), "bound": number_of(state.bound)}
     layers = {"object": (state.object, STONE), "bound": (state.bound, BOUND)}
-    layers["missed"] = (state.object & (state.bound if view.within else ~state.bound) & (not view.within), MISSED)
-    return about | {"pictures": {name: _png(mask, colour) for name, (mask, colour) in layers.items()}}
+    layers["missed"] = (state.missed(view.within), MISSED)
+    return about | {"pictures": {name: _png(mask if view.down else np.rot90(mask), colour) for name, (mask, colour) in layers.items()}}
 
 
 def _eye(up: int) -> dict[str, float]:
@@ -117,8 +119,8 @@ def _deflated(values: np.ndarray) -> str:
 
 
 def _png(mask: np.ndarray, colour: str) -> str:
-    """A mask ``(X, Y)`` as a picture, coordinate 0 to the right and 1 up, clear where it is false."""
-    image = needed("PIL.Image").fromarray(np.ascontiguousarray(np.rot90(mask)).astype(np.uint8), mode="P")
+    """Rows of a mask as a picture, clear where it is false."""
+    image = needed("PIL.Image").fromarray(np.ascontiguousarray(mask).astype(np.uint8), mode="P")
     image.putpalette([0, 0, 0, *(int(colour[k : k + 2], 16) for k in (1, 3, 5))])
     content = io.BytesIO()
     image.save(content, "png", transparency=0, optimize=True)

@@ -17,8 +17,11 @@ from warp_bounding.views.stage import (
     OPACITY,
     STONE,
     UPS,
+    VIEW,
     aim,
+    direction,
     pixels,
+    placed,
     polygons,
     show_points,
 )
@@ -29,6 +32,7 @@ __all__ = ["draw", "picture"]
 
 PICTURE = "view.png"
 PANEL, MOST_COLUMNS = (760, 760), 3  # pixels of a panel; panels side by side
+TOLD = ("names", "asked", "down", "within", "indicator")  # of a view, what is no array
 LETTERS = 78  # of a line of text in a panel
 
 
@@ -46,7 +50,7 @@ def picture(view: View, title: str, up: str, cut: str | None = None) -> bytes:
     """
     needed("pyvista")
     needed("PIL")
-    told = {"title": title, "up": UPS[up], "cut": None if cut is None else UPS[cut], **_told(view)}
+    told = {"title": title, "up": direction(view, up), "cut": None if cut is None else UPS[cut], **_told(view)}
     data = {"told": np.array(json.dumps(told)), "lower": view.lower, "upper": view.upper}
     for number, state in enumerate(view.states):
         for name in ("bound", "object"):
@@ -68,7 +72,7 @@ def _told(view: View) -> dict:
         states.append(
             asdict(replace(state, bound=None, object=None, points={})) | {"points": list(state.points)}
         )
-    return {"names": view.names, "asked": view.asked, "within": view.within, "facts": view.facts, "states": states}
+    return {**{name: getattr(view, name) for name in TOLD}, "states": states}
 
 
 def _view(data: dict[str, np.ndarray], told: dict) -> View:
@@ -84,8 +88,7 @@ def _view(data: dict[str, np.ndarray], told: dict) -> View:
     for number, each in enumerate(told["states"]):
         points = {name: data[f"{number}.{name}"] for name in each.pop("points")}
         states.append(State(**{**each, "bound": seen(number, "bound"), "object": seen(number, "object"), "points": points}))
-    about = {name: told[name] for name in ("names", "asked", "within", "facts")}
-    return View(lower=data["lower"], upper=data["upper"], states=states, indicator="", **about)
+    return View(lower=data["lower"], upper=data["upper"], states=states, **{name: told[name] for name in TOLD})
 
 
 def draw(data: dict[str, np.ndarray], folder: Path) -> None:
@@ -120,7 +123,7 @@ def draw(data: dict[str, np.ndarray], folder: Path) -> None:
 def add(plotter, view: View, state: State, up: int, cut: int | None) -> None:
     """Add object, bound and points to a panel."""
     if not view.solid:
-        plotter.add_mesh(pixels(view, state), scalars="colour", rgb=True, lighting=False)
+        plotter.add_mesh(pixels(view, state, up), scalars="colour", rgb=True, lighting=False)
     else:
         body, bound = polygons(state.object, up), polygons(state.bound, up)
         if body is not None:
@@ -136,8 +139,6 @@ def add(plotter, view: View, state: State, up: int, cut: int | None) -> None:
 
 def _opened(view: View, bound, up: int, cut: int):
     """The half of a bound that lies behind the middle of the object, as the camera looks."""
-    from warp_bounding.views.stage import VIEW, placed
-
     normal = placed(np.eye(3)[[cut]], up)[0]
     middle = placed(((view.lower + view.upper) / 2)[None], up)[0]
     towards = normal if normal @ VIEW > 0 else -normal

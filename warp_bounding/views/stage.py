@@ -8,22 +8,29 @@ from warp_bounding.views.needed import needed
 from warp_bounding.views.surfaces import Surface
 from warp_bounding.views.view import State, View
 
-__all__ = ["BOUND", "INK", "MISSED", "STONE", "UPS", "aim", "pixels", "placed", "polygons", "show_points"]
+__all__ = ["BOUND", "INK", "MISSED", "STONE", "UPS", "aim", "direction", "pixels", "placed", "polygons", "show_points"]
 
 STONE, BOUND, MISSED, INK = "#b9ad9e", "#2f7fd1", "#e02f2f", "#22303c"  # object, bound, denied of the object, text
 OPACITY = 0.3  # of the bound
 POINT = 6.0  # pixels, of a point
 UPS = {"x": 0, "y": 1, "z": 2}  # the axis that is up in pictures
+RIGHT_UP, DOWN_RIGHT = -1, -2  # of planes: where the first coordinate and the second go
 ANGLE = 28.0  # of the view, degrees
 EDGE = 30.0  # degrees between two triangles from which they meet in an edge, rather than being parts of one curved surface
 VIEW = (-0.45, -1.0, 0.4)  # towards the camera: to the right, into the picture, up
 
 
+def direction(view: View, up: str) -> int:
+    """What ``placed`` is told: the axis that is up in a view in space; in a plane ``RIGHT_UP``, or ``DOWN_RIGHT`` of images."""
+    return UPS[up] if view.solid else DOWN_RIGHT if view.down else RIGHT_UP
+
+
 def placed(points: np.ndarray, up: int) -> np.ndarray:
-    """Points ``(N, 3)`` turned so that the axis that is up becomes z; of points in a plane, these with z = 0."""
+    """Points ``(N, 3)`` turned so that the axis that is up becomes z; points ``(N, 2)`` of a plane, at z = 0."""
     points = np.asarray(points, dtype=np.float64)
     if points.shape[1] == 2:
-        return np.concatenate([points, np.zeros((len(points), 1))], axis=1)
+        x, y = (points[:, 1], -points[:, 0]) if up == DOWN_RIGHT else points.T
+        return np.stack([x, y, np.zeros(len(points))], axis=1)
     return np.stack([points[:, 0], -points[:, 2], points[:, 1]], axis=1) if up == 1 else np.roll(points, 2 - up, axis=1)
 
 
@@ -39,23 +46,29 @@ def polygons(surface: Surface, up: int):
     )
 
 
-def pixels(view: View, state: State, layers: tuple[str, ...] = ("object", "bound")):
+def pixels(view: View, state: State, up: int, layers: tuple[str, ...] = ("object", "bound")):
     """A picture of a plane as a pyvista image of coloured cells."""
     pyvista = needed("pyvista")
-    count = np.array(state.bound.shape)
-    size = (view.upper - view.lower) / count
-    image = pyvista.ImageData(dimensions=(*(count + 1), 1), spacing=(*size, 1.0), origin=(*view.lower, 0.0))
-    image.cell_data["colour"] = coloured(state, layers).reshape(-1, 3, order="F")
+    colours = coloured(view, state, layers)
+    if up == DOWN_RIGHT:
+        colours = colours.transpose(1, 0, 2)[:, ::-1]
+    count = np.array(colours.shape[:2])
+    corners = placed(np.stack([view.lower, view.upper]), up)
+    lower, size = corners.min(axis=0), (corners.max(axis=0) - corners.min(axis=0))[:2] / count
+    image = pyvista.ImageData(dimensions=(*(count + 1), 1), spacing=(*size, 1.0), origin=tuple(lower))
+    image.cell_data["colour"] = colours.reshape(-1, 3, order="F")
     return image
 
 
-def coloured(state: State, layers: tuple[str, ...]) -> np.ndarray:
+def coloured(view: View, state: State, layers: tuple[str, ...]) -> np.ndarray:
     """``(X, Y, 3)`` uint8: the pixels of a plane."""
     bound = state.bound if "bound" in layers else np.zeros_like(state.bound)
     body = state.object if "object" in layers else np.zeros_like(bound)
     colours = np.full((*bound.shape, 3), 255, dtype=np.uint8)
-    colours[bound] = _rgb(BOUND)
-    colours[body] = _rgb(STONE)
+    first, second = ((body, STONE), (bound, BOUND)) if view.within else ((bound, BOUND), (body, STONE))
+    for mask, colour in (first, second):
+        colours[mask] = _rgb(colour)
+    colours[state.missed(view.within)] = _rgb(MISSED)
     return colours
 
 

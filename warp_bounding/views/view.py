@@ -9,13 +9,14 @@ import numpy as np
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.errors import QueryError
+from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.indicators.shape import IN, OUT, UNDECIDED, Shape
 from warp_bounding.views.asked import Asked, asked_of
 from warp_bounding.views.objects import object_surface
 from warp_bounding.views.section import MOST_SEEN, Section
 from warp_bounding.views.surfaces import Surface, level_surface, nodes
 
-__all__ = ["CELLS", "PIXELS", "Group", "State", "View", "view_of"]
+__all__ = ["CELLS", "DRAWN", "PIXELS", "Group", "State", "View", "view_of"]
 
 CELLS, PIXELS = 80, 640  # along the longest side: of a level set in space, of a picture of a plane
 BEYOND = 0.08  # of the longest side that is seen: room around what is bounded
@@ -67,6 +68,10 @@ class State:
     samples: int
     undecided: float
 
+    def missed(self, within: bool) -> np.ndarray:
+        """Of a plane, the pixels ``(X, Y)`` whose answer is wrong: the object's that are denied, or, from the inside, others that are held."""
+        return self.bound & ~self.object if within else self.object & ~self.bound
+
     @property
     def rates(self) -> str:
         """The rates in words."""
@@ -85,8 +90,10 @@ class View:
         upper: ``(k,)`` float64, where it ends.
         states: At least one.
         asked: What their labels are values of: ``"radius"``, ``"time"`` or nothing.
+        down: Of a plane: its coordinates are rows and columns of an image, so that the first goes down and the second to the right.
         within: The bound is seen from the inside: what it holds is certainly in the object.
         indicator: SHA-256 of what was fitted, if the shape is that of the fit.
+        held: Values of coordinates that are held besides time, by their numbers.
         facts: What is known of the bounder, by heading.
     """
 
@@ -95,8 +102,10 @@ class View:
     upper: np.ndarray
     states: list[State]
     asked: str
+    down: bool
     within: bool
     indicator: str
+    held: dict[int, float] = field(default_factory=dict)
     facts: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -164,14 +173,17 @@ def view_of(
         if progress:
             progress(number + 1, len(pairs))
     by_radius = isinstance(bounder, DistanceBounder) and len(times) <= 1 and (len(radii) > 1 or not times)
+    down = len(sections[0].axes) < MOST_SEEN and isinstance(shape, IndicatorGrid)
     return View(
-        sections[0].names,
+        [f"coordinate {axis}" for axis in sections[0].axes] if down else sections[0].names,
         lower,
         upper,
         states,
         "radius" if by_radius else "time" if times else "",
+        down,
         bool(bounder.domain.unbounded),
         asked[0].fitted.digest,
+        held,
     )
 
 

@@ -8,6 +8,7 @@
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
   const shown = { object: true, bound: true };
   view.groups.forEach((group) => { shown[group.name] = group.shown; });
+  const [right, high] = view.down ? [1, 0] : [0, 1]; // the coordinates of a plane that go along a picture's sides
   let number = 0;
 
   const raw = async (text) => {
@@ -39,8 +40,16 @@
   const surfaceOf = (index) => once(`surface ${index}`, () => surface(view.surfaces[index]));
   const pointsOf = (state, name) => once(`points ${state} ${name}`, () => places(view.states[state].points[name]));
 
-  // The part of a surface where the coordinate along an axis is at most a limit; triangles that cross it are cut.
-  const clipped = (whole, axis, limit) => {
+  // Where a bound is cut: the limit along the chosen axis, and +1 where what is kept lies below it, the side away from the first look.
+  const cut = () => {
+    const axis = Number(at("axis").value);
+    const share = Number(at("cut").value) / 100;
+    const sign = view.eye["xyz"[axis]] >= 0 ? 1 : -1;
+    const from = sign > 0 ? view.lower[axis] : view.upper[axis];
+    return { axis, sign, whole: share >= 1, limit: from + sign * share * (view.upper[axis] - view.lower[axis]) };
+  };
+  // The part of a surface on one side of a limit; triangles that cross it are cut.
+  const clipped = (whole, { axis, sign, limit }) => {
     const axes = whole.axes.map((values) => Array.from(values));
     const faces = [[], [], []];
     const made = new Map();
@@ -59,8 +68,9 @@
       const ring = [];
       corners.forEach((a, place) => {
         const b = corners[(place + 1) % 3];
-        if (along[a] <= limit) ring.push(a);
-        if ((along[a] <= limit) !== (along[b] <= limit)) ring.push(crossing(a, b));
+        const kept = [a, b].map((corner) => sign * (along[corner] - limit) <= 0);
+        if (kept[0]) ring.push(a);
+        if (kept[0] !== kept[1]) ring.push(crossing(a, b));
       });
       for (let corner = 2; corner < ring.length; corner += 1) {
         faces[0].push(ring[0]);
@@ -79,8 +89,26 @@
   });
   const dots = (group, axes) => {
     const marker = { color: group.colour, size: view.solid ? 2.2 : 4, opacity: 0.85 };
-    const trace = { name: group.text, mode: "markers", marker, hoverinfo: "x+y+z", x: axes[0], y: axes[1] };
+    const trace = { name: group.text, mode: "markers", marker, hoverinfo: "x+y+z", x: axes[right], y: axes[high] };
     return view.solid ? { ...trace, type: "scatter3d", z: axes[2] } : { ...trace, type: "scatter" };
+  };
+
+  // The pictures of a plane that are shown, one over the other, as a single one.
+  const image = (source) => once(source, async () => {
+    const found = new Image();
+    found.src = source;
+    await found.decode();
+    return found;
+  });
+  const picture = async () => {
+    const order = view.within ? ["object", "bound", "missed"] : ["bound", "object", "missed"];
+    const names = order.filter((name) => name === "missed" || shown[name]);
+    const layers = await Promise.all(names.map((name) => image(view.states[number].pictures[name])));
+    const canvas = document.createElement("canvas");
+    canvas.width = layers[0].naturalWidth;
+    canvas.height = layers[0].naturalHeight;
+    layers.forEach((layer) => canvas.getContext("2d").drawImage(layer, 0, 0));
+    return canvas.toDataURL();
   };
 
   const traces = async () => {
@@ -89,10 +117,8 @@
     if (view.solid && shown.object) found.push(mesh("object", await surfaceOf(state.object), view.colours.object, 1));
     if (view.solid && shown.bound) {
       const whole = await surfaceOf(state.bound);
-      const share = Number(at("cut").value) / 100;
-      const axis = Number(at("axis").value);
-      const limit = view.lower[axis] + share * (view.upper[axis] - view.lower[axis]);
-      found.push(mesh("bound", share < 1 ? clipped(whole, axis, limit) : whole, view.colours.bound, Number(at("opacity").value)));
+      const opacity = Number(at("opacity").value);
+      found.push(mesh("bound", cut().whole ? whole : clipped(whole, cut()), view.colours.bound, opacity));
     }
     for (const group of view.groups) {
       if (shown[group.name]) found.push(dots(group, await pointsOf(number, group.name)));
@@ -105,7 +131,7 @@
     const of = (name) => style.getPropertyValue(name).trim();
     return { ink: of("--soft"), line: of("--line"), paper: of("--paper") };
   };
-  const layout = () => {
+  const layout = async () => {
     const { ink, line, paper } = colours();
     const font = { color: ink, size: 12, family: "system-ui, Arial, sans-serif" };
     const common = {
@@ -120,26 +146,27 @@
       up["xyz"[view.up]] = 1;
       return { ...common, scene: { xaxis: axis(0), yaxis: axis(1), zaxis: axis(2), aspectmode: "data", camera: { up, eye: view.eye }, dragmode: "orbit" } };
     }
-    const images = ["bound", "object", "missed"].filter((name) => name === "missed" || shown[name]).map((name) => ({
-      source: view.states[number].pictures[name], xref: "x", yref: "y", x: view.lower[0], y: view.upper[1], layer: "below", sizing: "stretch",
-      sizex: view.upper[0] - view.lower[0], sizey: view.upper[1] - view.lower[1],
-    }));
-    const y = { ...axis(1), scaleanchor: "x", automargin: true, zeroline: false };
-    return { ...common, margin: { l: 12, r: 12, t: 12, b: 12 }, images, dragmode: "pan", xaxis: { ...axis(0), automargin: true, zeroline: false }, yaxis: y };
+    const images = [{
+      source: await picture(), xref: "x", yref: "y", x: view.lower[right], y: view.down ? view.lower[high] : view.upper[high],
+      layer: "below", sizing: "stretch", sizex: view.upper[right] - view.lower[right], sizey: view.upper[high] - view.lower[high],
+    }];
+    const plane = (k) => ({ ...axis(k), automargin: true, zeroline: false, showgrid: false, ticks: "outside", tickcolor: line });
+    const y = { ...plane(high), scaleanchor: "x" };
+    if (view.down) y.range = [view.upper[high], view.lower[high]];
+    return { ...common, margin: { l: 12, r: 12, t: 12, b: 12 }, images, dragmode: "pan", xaxis: plane(right), yaxis: y };
   };
-  const config = { responsive: true, displaylogo: false, scrollZoom: true, displayModeBar: "hover", modeBarButtonsToRemove: ["lasso2d", "select2d", "tableRotation"] };
+  const buttons = view.solid ? ["toImage", "resetCameraDefault3d"] : ["toImage", "zoomIn2d", "zoomOut2d", "resetScale2d"];
+  const config = { responsive: true, displaylogo: false, scrollZoom: true, displayModeBar: true, modeBarButtons: [buttons] };
 
   const words = () => {
     const state = view.states[number];
     at("value").textContent = state.label;
     at("opaque").textContent = Number(at("opacity").value).toFixed(2);
-    const axis = Number(at("axis").value);
-    const share = Number(at("cut").value) / 100;
-    at("place").textContent = share < 1 ? (view.lower[axis] + share * (view.upper[axis] - view.lower[axis])).toPrecision(3) : "whole";
+    at("place").textContent = cut().whole ? "whole" : cut().limit.toPrecision(3);
     at("rates").textContent = `${state.rates}.`;
     at("rates").classList.toggle("wrong", state.fn > 0);
     view.groups.forEach((group) => {
-      at(`count ${group.name}`).textContent = `${state.counts[group.name].toLocaleString("en")} drawn`;
+      at(`count ${group.name}`).textContent = state.counts[group.name].toLocaleString("en");
     });
   };
 
@@ -155,7 +182,7 @@
     do {
       again = false;
       words();
-      await Plotly.react(plot, await traces(), layout(), config);
+      await Plotly.react(plot, await traces(), await layout(), config);
     } while (again);
     busy = false;
     plot.dataset.state = String(number);
@@ -166,7 +193,7 @@
     const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: shown[name], id: `show ${name}` });
     const dot = Object.assign(document.createElement("span"), { className: "dot" });
     dot.style.background = colour;
-    const count = Object.assign(document.createElement("span"), { className: "count", id: `count ${name}` });
+    const count = Object.assign(document.createElement("span"), { className: "count", id: `count ${name}`, title: "points drawn" });
     label.append(box, dot, text, count);
     box.addEventListener("change", () => { shown[name] = box.checked; draw(); });
     at("layers").append(label);
