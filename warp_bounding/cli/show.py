@@ -39,9 +39,7 @@ def command(
         str | None,
         typer.Option("--slice", metavar="K=VALUE,...", help="Hold coordinates, counted from 0, at values: 3=0.5,4=0."),
     ] = None,
-    cut: Annotated[
-        str | None, typer.Option(help="Cut the bound of a picture open along an axis: x, y or z.")
-    ] = None,
+    cut: Annotated[str | None, typer.Option(help="Cut the bound of a picture open along an axis: x, y or z.")] = None,
     up: Annotated[str, typer.Option(help="The axis that is up: x, y or z.")] = "y",
     resolution: Annotated[
         int | None, typer.Option(help="Cells along the longest side (default: 80), or pixels in 2D (640).")

@@ -7,7 +7,16 @@ from typing import NamedTuple
 
 from warp_bounding.errors import FileFormatError
 
-__all__ = ["ARRAY_FILE", "BOUNDER_FILE", "PAGE_FILE", "PICTURE_FILE", "FileKind", "check_writable", "file_path", "write_whole"]
+__all__ = [
+    "ARRAY_FILE",
+    "BOUNDER_FILE",
+    "PAGE_FILE",
+    "PICTURE_FILE",
+    "FileKind",
+    "check_writable",
+    "file_path",
+    "write_whole",
+]
 
 
 class FileKind(NamedTuple):

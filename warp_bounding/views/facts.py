@@ -29,7 +29,9 @@ def facts_of(bounder: Bounder | DistanceBounder, shape: Shape, view: View) -> di
         view: That is shown with them.
     """
     side = ", from the inside" if bounder.domain.unbounded else ""
-    facts = {"Bounder": f"{bounder.method}, {bounder.ndim}D {bounder.query_kind} queries{side}, {bounder.nbytes:,} bytes"}
+    facts = {
+        "Bounder": f"{bounder.method}, {bounder.ndim}D {bounder.query_kind} queries{side}, {bounder.nbytes:,} bytes"
+    }
     if bounder.certificate is not None:
         facts["Certificate"] = bounder.certificate.message
     else:
@@ -42,9 +44,13 @@ def facts_of(bounder: Bounder | DistanceBounder, shape: Shape, view: View) -> di
             f"that of the fit {fitted[:16]}. The certificate says nothing of it."
         )
     margin = bounder.info.get("margin") or 0.0
-    object_told = f"{shape.name} as it is read" + (f"; the bound holds it dilated by {margin:g} (object units)" if margin else "")
+    object_told = f"{shape.name} as it is read" + (
+        f"; the bound holds it dilated by {margin:g} (object units)" if margin else ""
+    )
     where = "the surface" if view.solid else "the pixels"
-    facts["Drawn"] = f"The object is {object_told}. The bound is {where} where the deployed answers change; {FINENESS[view.solid]}"
+    facts["Drawn"] = (
+        f"The object is {object_told}. The bound is {where} where the deployed answers change; {FINENESS[view.solid]}"
+    )
     if view.held:
         facts["Held"] = ", ".join(f"coordinate {axis} at {value:g}" for axis, value in view.held.items())
     facts["Points"] = f"Drawn at random in and around the object; at most {DRAWN:,} of a kind are shown."

@@ -102,4 +102,3 @@ def _reason(done: subprocess.CompletedProcess) -> str:
     if done.returncode < 0 or "OpenGL" in done.stderr or "EGL" in done.stderr or "OSMesa" in done.stderr:
         return "this machine has no OpenGL for off-screen drawing (libEGL or libOSMesa)"
     return f"drawing failed ({lines[-1] if lines else f'status {done.returncode}'})"
-

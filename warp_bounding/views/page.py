@@ -23,7 +23,7 @@ __all__ = ["MOST_TRIANGLES", "page"]
 
 MOST_TRIANGLES = 60_000  # of a surface; one with more is simplified
 CUTS = (2, 2, 1)  # by the axis that is up: the axis along which the camera looks the most
-DISTANCE = 2.0  # of the camera from the middle, in plotly's units: about the sides of what is seen
+DISTANCE = 1.7  # of the camera from the middle, in plotly's units: about the sides of what is seen
 
 
 def page(view: View, title: str, up: str) -> str:
@@ -55,6 +55,7 @@ def page(view: View, title: str, up: str) -> str:
         "asked": view.asked,
         "within": view.within,
         "down": view.down,
+        "stretch": list(view.stretch),
         "up": UPS[up],
         "cut": CUTS[UPS[up]],
         "eye": _eye(UPS[up]),
@@ -85,7 +86,11 @@ def _state(view: View, state: State, number_of) -> dict[str, Any]:
         return about | {"object": number_of(state.object), "bound": number_of(state.bound)}
     layers = {"object": (state.object, STONE), "bound": (state.bound, BOUND)}
     layers["missed"] = (state.missed(view.within), MISSED)
-    return about | {"pictures": {name: _png(mask if view.down else np.rot90(mask), colour) for name, (mask, colour) in layers.items()}}
+    return about | {
+        "pictures": {
+            name: _png(mask if view.down else np.rot90(mask), colour) for name, (mask, colour) in layers.items()
+        }
+    }
 
 
 def _eye(up: int) -> dict[str, float]:
@@ -97,13 +102,13 @@ def _eye(up: int) -> dict[str, float]:
 
 def _packed(view: View, surface: Surface) -> dict[str, str]:
     """A surface with split edges, so that these look sharp, and no more triangles than a browser turns smoothly."""
-    found = polygons(surface, 2)
+    found = polygons(surface, np.asarray)
     if found is None:
         return {"vertices": _deflated(np.empty(0, "<u2")), "faces": _deflated(np.empty(0, "<u4"))}
     if found.n_cells > MOST_TRIANGLES:
         whole = found.clean().triangulate()
         simple = whole.decimate(1 - MOST_TRIANGLES / whole.n_cells)
-        found = polygons(Surface(np.asarray(simple.points, np.float64), simple.regular_faces), 2)
+        found = polygons(Surface(np.asarray(simple.points, np.float64), simple.regular_faces), np.asarray)
     faces = found.regular_faces.astype("<u4")
     return {"vertices": _places(view, np.asarray(found.points)), "faces": _deflated(np.ascontiguousarray(faces.T))}
 

@@ -18,10 +18,10 @@ from warp_bounding.views.stage import (
     STONE,
     UPS,
     VIEW,
+    Placing,
     aim,
-    direction,
     pixels,
-    placed,
+    placing,
     polygons,
     show_points,
 )
@@ -32,7 +32,7 @@ __all__ = ["draw", "picture"]
 
 PICTURE = "view.png"
 PANEL, MOST_COLUMNS = (760, 760), 3  # pixels of a panel; panels side by side
-TOLD = ("names", "asked", "down", "within", "indicator")  # of a view, what is no array
+TOLD = ("names", "asked", "down", "stretch", "within", "indicator")  # of a view, what is no array
 LETTERS = 78  # of a line of text in a panel
 
 
@@ -50,7 +50,7 @@ def picture(view: View, title: str, up: str, cut: str | None = None) -> bytes:
     """
     needed("pyvista")
     needed("PIL")
-    told = {"title": title, "up": direction(view, up), "cut": None if cut is None else UPS[cut], **_told(view)}
+    told = {"title": title, "up": up, "cut": None if cut is None else UPS[cut], **_told(view)}
     data = {"told": np.array(json.dumps(told)), "lower": view.lower, "upper": view.upper}
     for number, state in enumerate(view.states):
         for name in ("bound", "object"):
@@ -69,9 +69,7 @@ def _told(view: View) -> dict:
     """What of a view is no array."""
     states = []
     for state in view.states:
-        states.append(
-            asdict(replace(state, bound=None, object=None, points={})) | {"points": list(state.points)}
-        )
+        states.append(asdict(replace(state, bound=None, object=None, points={})) | {"points": list(state.points)})
     return {**{name: getattr(view, name) for name in TOLD}, "states": states}
 
 
@@ -87,7 +85,9 @@ def _view(data: dict[str, np.ndarray], told: dict) -> View:
     states = []
     for number, each in enumerate(told["states"]):
         points = {name: data[f"{number}.{name}"] for name in each.pop("points")}
-        states.append(State(**{**each, "bound": seen(number, "bound"), "object": seen(number, "object"), "points": points}))
+        states.append(
+            State(**{**each, "bound": seen(number, "bound"), "object": seen(number, "object"), "points": points})
+        )
     return View(lower=data["lower"], upper=data["upper"], states=states, **{name: told[name] for name in TOLD})
 
 
@@ -97,7 +97,7 @@ def draw(data: dict[str, np.ndarray], folder: Path) -> None:
 
     told = json.loads(str(data["told"]))
     view = _view(data, told)
-    count = len(view.states)
+    place, count = placing(view, told["up"]), len(view.states)
     columns = min(count, MOST_COLUMNS)
     rows = -(-count // columns)
     size = (PANEL[0] * columns, PANEL[1] * rows)
@@ -105,8 +105,8 @@ def draw(data: dict[str, np.ndarray], folder: Path) -> None:
     for number, state in enumerate(view.states):
         plotter.subplot(number // columns, number % columns)
         plotter.set_background("white")
-        add(plotter, view, state, told["up"], told["cut"])
-        aim(plotter, view, told["up"])
+        add(plotter, view, state, place, told["cut"])
+        aim(plotter, view, place)
         plotter.enable_anti_aliasing("ssaa")
         text = f"{view.asked} {state.label}" if state.label else ""
         heading = told["title"] + (f", {text}" if text else "")
@@ -120,26 +120,26 @@ def draw(data: dict[str, np.ndarray], folder: Path) -> None:
     plotter.close()
 
 
-def add(plotter, view: View, state: State, up: int, cut: int | None) -> None:
+def add(plotter, view: View, state: State, place: Placing, cut: int | None) -> None:
     """Add object, bound and points to a panel."""
     if not view.solid:
-        plotter.add_mesh(pixels(view, state, up), scalars="colour", rgb=True, lighting=False)
+        plotter.add_mesh(pixels(view, state, place), scalars="colour", rgb=True, lighting=False)
     else:
-        body, bound = polygons(state.object, up), polygons(state.bound, up)
+        body, bound = polygons(state.object, place), polygons(state.bound, place)
         if body is not None:
             plotter.add_mesh(body, color=STONE, smooth_shading=True, ambient=0.25, specular=0.1)
         if bound is not None and cut is not None:
-            bound = _opened(view, bound, up, cut)
+            bound = _opened(view, bound, place, cut)
         if bound is not None and bound.n_cells:
             plotter.enable_depth_peeling(8)
             options = {"smooth_shading": True, "ambient": 0.3, "specular": 0.4, "specular_power": 30}
             plotter.add_mesh(bound, color=BOUND, opacity=OPACITY if cut is None else 0.9, **options)
-    show_points(plotter, view, state, up, {})
+    show_points(plotter, view, state, place, {})
 
 
-def _opened(view: View, bound, up: int, cut: int):
+def _opened(view: View, bound, place: Placing, cut: int):
     """The half of a bound that lies behind the middle of the object, as the camera looks."""
-    normal = placed(np.eye(3)[[cut]], up)[0]
-    middle = placed(((view.lower + view.upper) / 2)[None], up)[0]
+    normal = place(np.eye(3)[[cut]])[0]
+    middle = place(((view.lower + view.upper) / 2)[None])[0]
     towards = normal if normal @ VIEW > 0 else -normal
     return bound.clip(tuple(towards), origin=tuple(middle))

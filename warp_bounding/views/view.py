@@ -91,6 +91,7 @@ class View:
         states: At least one.
         asked: What their labels are values of: ``"radius"``, ``"time"`` or nothing.
         down: Of a plane: its coordinates are rows and columns of an image, so that the first goes down and the second to the right.
+        stretch: By how much each coordinate that is seen is stretched, so that an image's pixels are squares; 1 elsewhere.
         within: The bound is seen from the inside: what it holds is certainly in the object.
         indicator: SHA-256 of what was fitted, if the shape is that of the fit.
         held: Values of coordinates that are held besides time, by their numbers.
@@ -103,6 +104,7 @@ class View:
     states: list[State]
     asked: str
     down: bool
+    stretch: tuple[float, ...]
     within: bool
     indicator: str
     held: dict[int, float] = field(default_factory=dict)
@@ -173,14 +175,18 @@ def view_of(
         if progress:
             progress(number + 1, len(pairs))
     by_radius = isinstance(bounder, DistanceBounder) and len(times) <= 1 and (len(radii) > 1 or not times)
-    down = len(sections[0].axes) < MOST_SEEN and isinstance(shape, IndicatorGrid)
+    axes = sections[0].axes
+    down, stretch = len(axes) < MOST_SEEN and isinstance(shape, IndicatorGrid), np.ones(len(axes))
+    if down:
+        stretch = shape.cells_per_unit[axes] / shape.cells_per_unit[axes].max()
     return View(
-        [f"coordinate {axis}" for axis in sections[0].axes] if down else sections[0].names,
+        [f"coordinate {axis}" for axis in axes] if down else sections[0].names,
         lower,
         upper,
         states,
         "radius" if by_radius else "time" if times else "",
         down,
+        tuple(stretch.tolist()),
         bool(bounder.domain.unbounded),
         asked[0].fitted.digest,
         held,

@@ -14,9 +14,8 @@ from warp_bounding.views.stage import (
     OPACITY,
     STONE,
     aim,
-    direction,
     pixels,
-    placed,
+    placing,
     polygons,
     show_points,
 )
@@ -55,7 +54,7 @@ class Window:
 
     def __init__(self, view: View, title: str, up: str, *, off_screen: bool = False):
         pyvista = needed("pyvista")
-        self.view, self.up, self.number = view, direction(view, up), 0
+        self.view, self.place, self.number = view, placing(view, up), 0
         self.shown = {"object": True, "bound": True, "plane": False, **{g.name: g.shown for g in view.groups}}
         self.plane: tuple[np.ndarray, np.ndarray] | None = None  # normal and origin of the cut
         self.plotter = pyvista.Plotter(window_size=SIZE, title=title, off_screen=off_screen)
@@ -63,7 +62,7 @@ class Window:
         if view.solid:
             self.plotter.enable_depth_peeling(8)
         self.draw()
-        aim(self.plotter, view, self.up)
+        aim(self.plotter, view, self.place)
         self._controls()
 
     def open(self) -> None:
@@ -74,12 +73,14 @@ class Window:
         """Draw what is shown by now."""
         view, plotter, state = self.view, self.plotter, self.view.states[self.number]
         if view.solid:
-            self._add("object", polygons(state.object, self.up), STONE, 1.0)
+            self._add("object", polygons(state.object, self.place), STONE, 1.0)
             self._add("bound", self._bound(), BOUND, OPACITY if self.plane is None else OPENED)
         else:
             layers = tuple(name for name in ("object", "bound") if self.shown[name])
-            plotter.add_mesh(pixels(view, state, self.up, layers), scalars="colour", rgb=True, lighting=False, name="pixels")
-        show_points(plotter, view, state, self.up, self.shown)
+            plotter.add_mesh(
+                pixels(view, state, self.place, layers), scalars="colour", rgb=True, lighting=False, name="pixels"
+            )
+        show_points(plotter, view, state, self.place, self.shown)
         at = f"{view.asked} {state.label}: " if state.label else ""
         text = "\n".join(textwrap.wrap(f"{at}{state.rates}", LETTERS))
         plotter.add_text(text, position="upper_left", font_size=11, color=INK, name="rates")
@@ -102,7 +103,7 @@ class Window:
         self.draw()
 
     def _bound(self):
-        bound = polygons(self.view.states[self.number].bound, self.up)
+        bound = polygons(self.view.states[self.number].bound, self.place)
         if bound is None or self.plane is None:
             return bound
         return bound.clip(tuple(-self.plane[0]), origin=tuple(self.plane[1]))
@@ -143,5 +144,5 @@ class Window:
             self.plane = None
             self.draw()
             return
-        middle = placed(((self.view.lower + self.view.upper) / 2)[None], self.up)[0]
+        middle = self.place(((self.view.lower + self.view.upper) / 2)[None])[0]
         self.plotter.add_plane_widget(self.cut, normal=(0, 1, 0), origin=tuple(middle), color=INK)

@@ -151,7 +151,7 @@
       layer: "below", sizing: "stretch", sizex: view.upper[right] - view.lower[right], sizey: view.upper[high] - view.lower[high],
     }];
     const plane = (k) => ({ ...axis(k), automargin: true, zeroline: false, showgrid: false, ticks: "outside", tickcolor: line });
-    const y = { ...plane(high), scaleanchor: "x" };
+    const y = { ...plane(high), scaleanchor: "x", scaleratio: view.stretch[high] / view.stretch[right] };
     if (view.down) y.range = [view.upper[high], view.lower[high]];
     return { ...common, margin: { l: 12, r: 12, t: 12, b: 12 }, images, dragmode: "pan", xaxis: plane(right), yaxis: y };
   };
