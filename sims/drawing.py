@@ -1,20 +1,11 @@
-"""Drawing with pyvista in a process of its own, off-screen: no display is needed.
+"""What the demos' pictures share; those of pyvista are drawn in a process of its own (``warp_bounding.views.draw_with``), where a ``draw(data, folder)`` runs."""
 
-Where there is no OpenGL, VTK does not raise an exception, it crashes; so a crash costs the pictures, not the demo, and its complaints go
-to a log instead of the terminal. Without a display the process asks for EGL, then for OSMesa. A demo's module of pictures has a
-``draw(data, folder)`` that runs there.
-"""
-
-import os
-import subprocess
-import sys
-import tempfile
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
+
+from warp_bounding.views import Drawn, draw_with, with_palette
 
 __all__ = [
     "CAPTIONS",
@@ -31,68 +22,9 @@ __all__ = [
     "write",
 ]
 
-SECONDS = 120  # for drawing
-COLOURS = 256  # of a picture's palette
-WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
+COLOURS = 256  # of a figure's palette
 STONE, INK = "#d8cfc4", "#22303c"
 CAPTIONS = {"mlp": "mlp: a network with a proof", "occupancy": "occupancy: a network with no proof"}  # of panels
-
-
-class Drawn(NamedTuple):
-    """The pictures that were drawn, and in one line why some were not."""
-
-    paths: list[Path]
-    problem: str = ""
-
-    def lines(self) -> str:
-        """For people."""
-        return "\n".join([*(f"Picture: {path}" for path in self.paths), *([self.problem] if self.problem else [])])
-
-
-def draw_with(module: str, folder: Path, data: dict[str, np.ndarray]) -> Drawn:
-    """Let a module draw.
-
-    Args:
-        module: Its name; ``draw(data, folder)`` in it writes PNG files into a folder, with pyvista.
-        folder: Where they go; made if there is none. A picture is replaced only whole.
-        data: Arrays by name.
-
-    Returns:
-        The pictures, or why there are none.
-    """
-    from PIL import Image
-
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    root = str(Path(__file__).resolve().parent.parent)
-    with tempfile.TemporaryDirectory(dir=folder, prefix=".drawing") as work:
-        file, problem = Path(work) / "data.npz", ""
-        np.savez(file, **data)
-        for window in _windows():
-            environment = {**os.environ, **window}
-            environment["PYTHONPATH"] = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
-            command = [sys.executable, "-m", "sims.drawing", module, str(file), work]
-            try:
-                done = subprocess.run(
-                    command, env=environment, capture_output=True, text=True, timeout=SECONDS, check=False
-                )
-            except subprocess.TimeoutExpired:
-                problem = problem or f"drawing took more than {SECONDS} s"
-                continue
-            made = sorted(Path(work).glob("*.png"))
-            if done.returncode == 0 and made:
-                for path in made:
-                    with_palette(Image.open(path)).save(path, optimize=True)
-                return Drawn([path.replace(folder / path.name) for path in made])
-            problem = problem or _reason(done)
-    return Drawn([], f"No pictures: {problem}. Everything else is complete.")
-
-
-def with_palette(image, colours: int = COLOURS):
-    """A Pillow image with a palette, which makes its file a third as large, and no difference that one could see."""
-    from PIL import Image
-
-    return image.convert("RGB").quantize(colours, Image.Quantize.MAXCOVERAGE, kmeans=2, dither=Image.Dither.NONE)
 
 
 def save_figure(figure, path: Path, dpi: int, colours: int = COLOURS) -> Path:
@@ -104,27 +36,6 @@ def save_figure(figure, path: Path, dpi: int, colours: int = COLOURS) -> Path:
     figure.canvas.draw()
     with_palette(Image.fromarray(np.asarray(figure.canvas.buffer_rgba())), colours).save(path, optimize=True)
     return path
-
-
-def _windows() -> list[dict[str, str]]:
-    """Environments to try: the user's own choice or display first."""
-    if os.environ.get("VTK_DEFAULT_OPENGL_WINDOW") or not sys.platform.startswith("linux"):
-        return [{}]
-    off_screen = [{"VTK_DEFAULT_OPENGL_WINDOW": name, "DISPLAY": ""} for name in WINDOWS]
-    return [{}, *off_screen] if os.environ.get("DISPLAY") else off_screen
-
-
-def _reason(done: subprocess.CompletedProcess) -> str:
-    """Why the drawing process failed, in a few words."""
-    lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
-    if "No module named 'pyvista'" in done.stderr:
-        return "pyvista is not installed (pip install 'warp-bounding[sims]')"
-    if done.returncode < 0 or "OpenGL" in done.stderr or "EGL" in done.stderr or "OSMesa" in done.stderr:
-        return "this machine has no OpenGL for off-screen drawing (libEGL or libOSMesa)"
-    return f"drawing failed ({lines[-1] if lines else f'status {done.returncode}'})"
-
-
-# --- what runs in the process that draws ------------------------------------------------------------------------------
 
 
 def upright(points: np.ndarray) -> np.ndarray:
@@ -178,7 +89,3 @@ def aim(plotter, position, focal_point, angle: float, lit: tuple[float, float, f
     plotter.enable_anti_aliasing("ssaa")
     plotter.camera.position, plotter.camera.focal_point = position, focal_point
     plotter.camera.up, plotter.camera.view_angle = (0, 0, 1), angle
-
-
-if __name__ == "__main__":
-    import_module(sys.argv[1]).draw(dict(np.load(sys.argv[2])), Path(sys.argv[3]))

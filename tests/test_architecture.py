@@ -37,6 +37,7 @@ FLOORS = (
     "choice",
     "baking",
     "newton",
+    "views",
     "paper",
     "cli",
     "__main__",
@@ -143,10 +144,10 @@ def test_every_part_has_a_floor_and_only_the_command_line_imports_the_paper():
 
 
 def test_simulations_use_the_public_api():
-    """What a file outside the package imports of it is in the ``__all__`` of the package itself, or of ``warp_bounding.newton``."""
+    """What a file outside the package imports of it is in the ``__all__`` of the package itself, of ``warp_bounding.newton`` or of ``warp_bounding.views``."""
     for module, tree in parsed("sims").items():
         names = {n for n in imported(tree, set()) if n.partition(".")[0] == "warp_bounding"}
-        assert names <= {"warp_bounding", "warp_bounding.newton"}, module
+        assert names <= {"warp_bounding", "warp_bounding.newton", "warp_bounding.views"}, module
 
 
 def folders() -> list[Path]:

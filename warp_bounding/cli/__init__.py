@@ -18,7 +18,7 @@ __all__ = ["app", "main"]
 def _app():
     import typer
 
-    from warp_bounding.cli import bake, certify, choose, demo, evaluate, fit, info, query, soak
+    from warp_bounding.cli import bake, certify, choose, demo, evaluate, fit, info, query, show, soak
     from warp_bounding.cli.paper import figures, proofs, recipes, speed, table1
 
     app = typer.Typer(
@@ -39,6 +39,7 @@ def _app():
         soak,
         evaluate,
         info,
+        show,
         table1,
         recipes,
         speed,
@@ -49,12 +50,12 @@ def _app():
         name, command = module.__name__.rpartition(".")[2], module.command
         app.command(name=name, cls=getattr(module, "Help", None), help=_paragraphs(command.__doc__))(command)
 
-    def show(wanted: bool) -> None:
+    def tell(wanted: bool) -> None:
         if wanted:
             print(f"warp-bounding {__version__}")
             raise typer.Exit
 
-    version = typer.Option("--version", callback=show, is_eager=True, help="Print the version and end.")
+    version = typer.Option("--version", callback=tell, is_eager=True, help="Print the version and end.")
 
     @app.callback()
     def common(version: Annotated[bool, version] = False) -> None:

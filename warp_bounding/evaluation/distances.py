@@ -19,7 +19,7 @@ from warp_bounding.queries.distance import METRICS, in_metric
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.ray import RAY
 
-__all__ = ["ASKED", "evaluate_distance", "parts_of", "quick_distance_rates", "within"]
+__all__ = ["ASKED", "evaluate_distance", "judge_of_points", "parts_of", "quick_distance_rates", "within"]
 
 
 # By kind of query: called with a bounder, the length of rays and what else it is told, it returns how that is asked about ``parts_of`` queries.
@@ -114,7 +114,7 @@ def evaluate_distance(
             return asked(*parts_of(query, x))
     else:
         radius = told["radius"] = 0.0 if radius is None else float(radius)
-        judge, around, truth_of = _judge_of_points(bounder, shape, fitted, radius)
+        judge, around, truth_of = judge_of_points(bounder, shape, fitted, radius)
 
         def ask(x: np.ndarray) -> wp.array:
             return bounder.query(x, radius)
@@ -134,7 +134,7 @@ def _metric(bounder: DistanceBounder) -> str:
     return bounder.sizes.get("metric", METRICS[0])
 
 
-def _judge_of_points(bounder: DistanceBounder, shape: Shape, fitted: Shape, radius: float):
+def judge_of_points(bounder: DistanceBounder, shape: Shape, fitted: Shape, radius: float):
     """Whose truth counts for points within a radius, the shape around which they are drawn, and that truth."""
     margin = bounder.info.get("margin") or 0.0
     judge = fitted if isinstance(shape, IndicatorGrid) else in_metric(shape, _metric(bounder))

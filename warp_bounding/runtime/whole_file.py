@@ -7,7 +7,16 @@ from typing import NamedTuple
 
 from warp_bounding.errors import FileFormatError
 
-__all__ = ["ARRAY_FILE", "BOUNDER_FILE", "FileKind", "check_writable", "file_path", "write_whole"]
+__all__ = [
+    "ARRAY_FILE",
+    "BOUNDER_FILE",
+    "PAGE_FILE",
+    "PICTURE_FILE",
+    "FileKind",
+    "check_writable",
+    "file_path",
+    "write_whole",
+]
 
 
 class FileKind(NamedTuple):
@@ -20,6 +29,8 @@ class FileKind(NamedTuple):
 
 BOUNDER_FILE = FileKind(".safetensors", 8, b"{")
 ARRAY_FILE = FileKind(".npy", 0, b"\x93NUMPY")
+PICTURE_FILE = FileKind(".png", 0, b"\x89PNG\r\n\x1a\n")
+PAGE_FILE = FileKind(".html", 0, b"<!DOCTYPE html>")
 
 
 def file_path(path: str | os.PathLike) -> Path:

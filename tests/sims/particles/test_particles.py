@@ -1,3 +1,4 @@
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -263,11 +264,11 @@ def test_an_unknown_device_is_refused():
 
 
 def test_without_opengl_pictures_are_skipped_with_one_line(examples, tmp_path, monkeypatch):
-    monkeypatch.setattr(drawing.sys, "executable", "/bin/false")
+    monkeypatch.setattr(sys, "executable", "/bin/false")
     drawn = drawing.draw_with("sims.particles.pictures", tmp_path, rain_data({"none": examples["none"]}))
     assert drawn.paths == []
-    assert drawn.problem.startswith("No pictures: ")
-    assert "\n" not in drawn.problem
+    assert drawn.lines().startswith("No pictures: ")
+    assert "\n" not in drawn.lines()
     assert list(tmp_path.iterdir()) == []
 
 

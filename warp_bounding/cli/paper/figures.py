@@ -80,14 +80,12 @@ def _draw_solids(scenes: list[dict[str, Any]]) -> list[bytes]:
 
     import numpy as np
 
-    from sims.drawing import draw_with
+    from warp_bounding.views import draw_with
 
     with tempfile.TemporaryDirectory() as folder:
         drawn = draw_with(SOLIDS, Path(folder), {"scenes": np.array(json.dumps(scenes))})
         if len(drawn.paths) != len(scenes):
-            raise BoundingError(
-                drawn.problem.removeprefix("No pictures: ").removesuffix(". Everything else is complete.")
-            )
+            raise BoundingError(drawn.problem)
         return [path.read_bytes() for path in drawn.paths]
 
 
