@@ -1,4 +1,4 @@
-"""A bake whose workers, client and scheduler are killed, and what the engine costs: `python benchmarks/bake.py --out results/bake`.
+"""A bake whose workers, client and scheduler are killed, and what the engine costs: `python benchmarks/bake --out results/bake`.
 
 Random meshes are baked on two workers, one of which is killed (SIGKILL) every minute. After a third of the shapes the client is killed, after two
 thirds the scheduler; each time the same command is started again. Then every file is loaded, and it is counted what was lost and what was done twice.
@@ -340,7 +340,7 @@ def main() -> int:
         "every": options.every,
         "fit": fit,
     }
-    row["command"] = " ".join(["python", "benchmarks/bake.py", *sys.argv[1:]])
+    row["command"] = " ".join(["python", "benchmarks/bake", *sys.argv[1:]])
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
         write_shapes(work / "shapes", options.shapes, options.seed)
