@@ -24,6 +24,9 @@ TOPS = {
     "README.md": "overview.md",
     "CHANGELOG.md": "changelog.md",
     "CITATION.cff": "CITATION.cff",
+    "CONTRIBUTING.md": "contributing.md",
+    "SECURITY.md": "security.md",
+    "LICENSE": "LICENSE",
     "notebooks": "gallery.md",
 }
 NO_SOURCES = ("site", "conf.py", "_static", "_build", "__pycache__")  # of docs

@@ -55,7 +55,7 @@ class Window:
     def __init__(self, view: View, title: str, up: str, *, off_screen: bool = False):
         pyvista = needed("pyvista")
         self.view, self.place, self.number = view, placing(view, up), 0
-        self.shown = {"object": True, "bound": True, "plane": False, **{g.name: g.shown for g in view.groups}}
+        self.shown = {"object": True, "bound": True, "cut": False, **{g.name: g.shown for g in view.groups}}
         self.plane: tuple[np.ndarray, np.ndarray] | None = None  # normal and origin of the cut
         self.plotter = pyvista.Plotter(window_size=SIZE, title=title, off_screen=off_screen)
         self.plotter.set_background("white")
@@ -122,10 +122,10 @@ class Window:
             listed[1] = ("bound", "certainly inside", BOUND)
         listed += [(group.name, group.text, group.colour) for group in view.groups]
         if view.solid:
-            listed.append(("plane", "a plane that cuts the bound", INK))
+            listed.append(("cut", "a plane that cuts the bound", INK))
         for place, (name, text, colour) in enumerate(reversed(listed)):
             high = FIRST + STEP * place
-            tell = self._cutting if name == "plane" else lambda on, name=name: self.toggle(name, on)
+            tell = self._cutting if name == "cut" else lambda on, name=name: self.toggle(name, on)
             options = {"value": self.shown[name], "position": (FIRST, high), "size": BOX, "border_size": 2}
             plotter.add_checkbox_button_widget(tell, **options, color_on=colour, color_off="white")
             plotter.add_text(text, position=(FIRST + BOX + 10, high), font_size=10, color=INK)
@@ -138,7 +138,7 @@ class Window:
 
     def _cutting(self, on: bool) -> None:
         """Add the plane that cuts, or take it away."""
-        self.shown["plane"] = bool(on)
+        self.shown["cut"] = bool(on)
         if not on:
             self.plotter.clear_plane_widgets()
             self.plane = None
