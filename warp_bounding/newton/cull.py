@@ -137,7 +137,7 @@ class ParticleCull:
         """What the last pass skipped, by kind of shape; waits for the device.
 
         Returns:
-            A tally by name, of a mesh by whether it has a bounder: ``"plane"``, ``"mesh with a bounder"``, and so on.
+            One tally for each kind of shape, under its name, as ``"plane"`` or ``"mesh with a bounder"``.
         """
         shapes = self._all.numpy().reshape(-1, 2)[:, 1]
         return tallies(self._shapes.names, shapes, self._keep.numpy() != 0)
