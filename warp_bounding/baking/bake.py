@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from warp_bounding.baking.cluster import SchedulerError, check_workers, connected, gone
+from warp_bounding.baking.cluster import SchedulerError, check_workers, connected, dashboard, gone
 from warp_bounding.baking.folder import BakeFolder
 from warp_bounding.baking.manifest import write_manifest
 from warp_bounding.baking.names import short_digest
@@ -153,7 +153,7 @@ def bake_with(
         finally:  # Ctrl-C, and whatever else ends it: what is there is listed
             state.done.seconds = time.perf_counter() - started
             state.done.records = list(state.records.values())
-            kept.conclude(list(state.others.values()) + state.done.records)
+            kept.conclude(state.ready)
     return state.done
 
 
@@ -180,6 +180,11 @@ class _State:
         self.total = len(self.open)
         self._written, self._pause = time.perf_counter(), MANIFEST_SECONDS
 
+    @property
+    def ready(self) -> list[Record]:
+        """Everything that the folder has, without shapes that are still open."""
+        return [*self.others.values(), *(r for r in self.records.values() if r.method or r.error)]
+
     def ended(self, record: Record) -> None:
         """Count a shape, and write the manifest if it is time to."""
         self.records[record.key] = record
@@ -188,8 +193,7 @@ class _State:
         self.done.baked += not record.error
         now = time.perf_counter()
         if now - self._written > self._pause:
-            ready = [r for r in self.records.values() if r.method or r.error]
-            write_manifest(self.kept.path, [*self.others.values(), *ready])
+            write_manifest(self.kept.path, self.ready)
             self._written = time.perf_counter()
             self._pause = max(MANIFEST_SECONDS, (self._written - now) / MANIFEST_SHARE)
 
@@ -211,8 +215,8 @@ def _run(state: _State, jobs: int | None, scheduler: str | None, update: Progres
     with connected(jobs, scheduler) as client:
         import distributed
 
-        if client.dashboard_link and (scheduler or client.cluster.scheduler.services.get("dashboard")):
-            tell(f"dashboard: {client.dashboard_link}")
+        if link := dashboard(client):
+            tell(f"dashboard: {link}")
         check_workers(client, [state.kept.path, Path(state.open[0].path).parent])
         clock, state.done.workers = _Clock(state.total), sum(client.nthreads().values())
         futures: dict[Any, Job] = {}

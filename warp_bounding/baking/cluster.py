@@ -9,12 +9,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from warp_bounding.baking import worker
 from warp_bounding.baking.task import ONE_THREAD, looked_at
 from warp_bounding.errors import BoundingError
 from warp_bounding.runtime.launch import cpu_threads
 from warp_bounding.version import __version__
 
-__all__ = ["SchedulerError", "check_workers", "connected", "gone"]
+__all__ = ["SchedulerError", "check_workers", "connected", "dashboard", "gone"]
 
 DEATHS = 10  # of workers under the same task, after which it is given up: a shape that ends every process would go on for ever
 CONNECT_SECONDS = 15
@@ -45,8 +46,9 @@ def connected(jobs: int | None, scheduler: str | None) -> Iterator[Any]:
         "distributed.scheduler.worker-saturation": 1.0,  # else a death also counts against the task that waits behind
         "logging.distributed": "critical",
     }
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    with contextlib.ExitStack() as stack, dask.config.set(own):
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(_silent_logs())  # first, so that what is said while all else ends is kept off, too
+        stack.enter_context(dask.config.set(own))
         try:
             if scheduler is None:
                 cluster = stack.enter_context(
@@ -58,6 +60,7 @@ def connected(jobs: int | None, scheduler: str | None) -> Iterator[Any]:
                         dashboard_address="127.0.0.1:0" if _has_dashboard() else None,
                         silence_logs=logging.CRITICAL,
                         env=ONE_THREAD,
+                        preload=worker.__name__,
                     )
                 )
                 client = distributed.Client(cluster)
@@ -85,17 +88,38 @@ def check_workers(client: Any, folders: list[Path]) -> None:
         answers = client.run(looked_at, [str(folder) for folder in folders], on_error="return")
     except OSError as error:
         raise gone(client) from error
-    for worker, answer in answers.items():
+    for address, answer in answers.items():
         if isinstance(answer, OSError):
             continue  # a worker that dies meanwhile says nothing, and another one will do its tasks
         if isinstance(answer, Exception):
-            raise SchedulerError(f"worker {worker} cannot run warp-bounding: {_reason(answer)}")
+            raise SchedulerError(f"worker {address} cannot run warp-bounding: {_reason(answer)}")
         if answer["version"] != __version__:
-            raise SchedulerError(f"worker {worker} has warp-bounding {answer['version']}, expected {__version__}")
+            raise SchedulerError(f"worker {address} has warp-bounding {answer['version']}, expected {__version__}")
         if answer["missing"]:
             raise SchedulerError(
-                f"worker {worker} sees no {answer['missing'][0]}; expected folders that all workers share"
+                f"worker {address} sees no {answer['missing'][0]}; expected folders that all workers share"
             )
+
+
+def dashboard(client: Any) -> str | None:
+    """The link of the scheduler's dashboard; ``None`` where it has none."""
+    return client.dashboard_link if client.scheduler_info().get("services", {}).get("dashboard") else None
+
+
+@contextlib.contextmanager
+def _silent_logs() -> Iterator[None]:
+    """Keep what Dask says of workers that die and connections that are lost off standard error; what matters is told."""
+    loggers = [
+        logging.getLogger(name) for name in list(logging.root.manager.loggerDict) if name.startswith("distributed")
+    ]
+    levels = [logger.level for logger in loggers]
+    try:
+        for logger in loggers:
+            logger.setLevel(logging.CRITICAL)
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
 
 
 def _has_dashboard() -> bool:
