@@ -95,6 +95,24 @@ def test_without_newton_one_line_names_the_extra(capsys, monkeypatch):
     assert len(err.strip().splitlines()) == 1
 
 
+def test_where_a_part_of_the_library_names_its_own_extra_the_demo_names_its(capsys, monkeypatch):
+    def without(name):
+        def stand_in(out, **options):
+            try:
+                raise ImportError("no such module", name=name)
+            except ImportError as error:
+                raise wb.BoundingError("fitting needs it: pip install 'warp-bounding[train]'") from error
+
+        return stand_in
+
+    monkeypatch.setattr(sims.particles, "run", without("torch.nn"))
+    status, out, err = run(capsys, "demo", "particles", "--quick")
+    assert (status, out) == (2, "")
+    assert err == "warp-bounding: the demo needs torch.nn: pip install 'warp-bounding[sims]'\n"
+    monkeypatch.setattr(sims.particles, "run", without("else"))
+    assert "warp-bounding[train]" in run(capsys, "demo", "particles", "--quick")[2]
+
+
 @pytest.mark.parametrize("name", DEMOS)
 def test_every_demo_has_its_parts(name):
     if name == "cloth":
