@@ -2,8 +2,8 @@
 
 Bunnies and stars stand in a square on a ground plane, turned, every third on a body, with particles between and above them, spread evenly. A cell of the map is a number of
 particles, of meshes, and a contact gap. A round moves the particles and bodies, then times `collide` of that very state without a cull, with one that has no bounders, so that of
-meshes only the boxes are tested, and with bounders of distances that come with the demos, in turns; what the cull does is timed with it. Shares of the time without
-are taken within a round, and the row keeps their medians. Contacts are compared record by record in every cell.
+meshes only the boxes are tested, and with bounders of distances that come with the demos, in turns of one pass each; what the cull does is timed with it. Shares of the time without
+are taken within a turn, and the row keeps their medians. Contacts are compared record by record in every cell.
 
 Newton's kernels run on one core of a CPU. So does the cull, but for the row that says otherwise. Rows are kept as they are known: run again, it goes on where it stopped.
 """
@@ -31,7 +31,8 @@ PARTICLES, MESHES, GAPS = (1_000, 10_000, 50_000, 100_000), (1, 4, 16, 64), (0.0
 SPACING, TOP = 2.4, 2.5  # from one mesh to the next; how high particles are; metres (a bunny is 1.6 high)
 SHAKEN = 0.05  # how far particles and bodies move from round to round
 WARM_UP = 2  # rounds that load kernels and find a pace
-CALLS = 3e6  # pairs: smaller passes are repeated within a round until about as many are tested
+TESTED = 3e5  # pairs: a smaller pass has more turns in a round, until about as many are tested
+MOST_TURNS = 25
 WAYS = {"boxes": "without bounders", "distance": "with bounders", "cores": "with bounders, the cull on all cores"}
 RECORDS = ("particle", "shape", "body_pos", "body_vel", "normal")
 
@@ -78,7 +79,7 @@ class Cell:
         self._ways = {"none": pipeline.collide, "boxes": self.boxes.collide, "distance": self.cull.collide}
         if self._model.device.is_cpu and (os.cpu_count() or 1) > 1:
             self._ways["cores"] = self.cull.collide
-        self._calls = max(1, int(CALLS / max(1, self.cull.pairs) / 10))
+        self._turns = min(MOST_TURNS, max(1, int(TESTED / self.cull.pairs)))
 
     def shake(self) -> None:
         """Move particles and bodies a little."""
@@ -98,19 +99,18 @@ class Cell:
                 raise wb.BounderError(f"expected the contacts of all pairs, got others with the cull {name}")
         return len(there[0])
 
-    def round(self) -> dict[str, float]:
-        """Seconds of a pass, each way."""
+    def round(self) -> list[dict[str, float]]:
+        """Seconds of a pass, each way; a few times, in turns."""
         self.shake()
-        found = {}
-        for name, collide in self._ways.items():
-            with nullcontext() if name == "cores" else one_thread():
-                wp.synchronize_device(self._model.device)
-                begin = time.perf_counter()
-                for _ in range(self._calls):
-                    collide(self._state, self._contacts)
-                wp.synchronize_device(self._model.device)
-                found[name] = (time.perf_counter() - begin) / self._calls
-        return found
+        return [{name: self._timed(name) for name in self._ways} for _ in range(self._turns)]
+
+    def _timed(self, name: str) -> float:
+        with nullcontext() if name == "cores" else one_thread():
+            wp.synchronize_device(self._model.device)
+            begin = time.perf_counter()
+            self._ways[name](self._state, self._contacts)
+            wp.synchronize_device(self._model.device)
+            return time.perf_counter() - begin
 
 
 def measure(particles: int, meshes: int, gap: float, rounds: int, device: str) -> dict:
@@ -119,9 +119,9 @@ def measure(particles: int, meshes: int, gap: float, rounds: int, device: str) -
     contacts = cell.compare()
     for _ in range(WARM_UP):
         cell.round()
-    times = [cell.round() for _ in range(rounds)]
+    times = [turn for _ in range(rounds) for turn in cell.round()]
     row = {"particles": particles, "meshes": meshes, "gap": gap, "pairs": cell.cull.pairs, "contacts": contacts}
-    row |= {"left": {"boxes": cell.boxes.survivors, "distance": cell.cull.survivors}, "rounds": rounds}
+    row |= {"left": {"boxes": cell.boxes.survivors, "distance": cell.cull.survivors}, "turns": len(times)}
     row["ms"] = {name: 1e3 * statistics.median(t[name] for t in times) for name in times[0]}
     row["share"] = {n: statistics.median(t[n] / t["none"] for t in times) for n in times[0] if n != "none"}
     return row
@@ -224,7 +224,7 @@ def main() -> None:
     parser.add_argument("--particles", type=numbers(int), default=PARTICLES, help="with commas between")
     parser.add_argument("--meshes", type=numbers(int), default=MESHES, help="with commas between")
     parser.add_argument("--gaps", type=numbers(float), default=GAPS, help="metres, with commas between")
-    parser.add_argument("--rounds", type=int, default=9, help="in which the ways take turns")
+    parser.add_argument("--rounds", type=int, default=9, help="each with other places of particles and bodies")
     parser.add_argument("--device", default="cpu")
     parser.add_argument(
         "--note", default="", help="what else the reader should know of the machine; kept with the rows"
