@@ -115,8 +115,10 @@ class ParticleCull:
         self._far = wp.empty(1, dtype=wp.int32, device=device)
         self.survivor_count = self._survivors.count
         self.survivor_count.fill_(self.pairs)
+        # What is made when it is first needed is made now: a graph would hold the copy of a bounder's numbers to the device, from memory that is not kept.
         for kernel in self._kernels():
             ready(kernel, device)
+        self._data = [bounder.data for bounder in self._shapes.bounders]
         inputs = [self._all, self._survivors.indices]
         gather = partial(wp.launch, kernels.gather_pairs, self.pairs, inputs, [self._kept], device=device)
         self._gather = gather(record_cmd=True) if self.pairs else None

@@ -1,4 +1,4 @@
-"""When a cull of Newton's particle-shape pass pays: `python benchmarks/newton_map.py --out results/newton`.
+"""When a cull of Newton's particle-shape pass pays: `python benchmarks/newton_map --out results/newton`.
 
 Bunnies and stars stand in a square on a ground plane, turned, every third on a body, with particles between and above them, spread evenly. A cell of the map is a number of
 particles, of meshes, and a contact gap. A round moves the particles and bodies, then times `collide` of that very state without a cull, with one that has no bounders, so that of
@@ -19,13 +19,16 @@ from pathlib import Path
 import newton
 import numpy as np
 import warp as wp
-from shared.kept_rows import KeptRows
 
 import warp_bounding as wb
 from sims.cloth.example import one_thread
 from sims.cloth.scene import RADIUS, SHAPES, newton_mesh
 from sims.prefitted import stored
 from warp_bounding.newton import ParticleCull
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # Python has put this folder there, not the one above it
+
+from shared.kept_rows import KeptRows
 
 PARTICLES, MESHES, GAPS = (1_000, 10_000, 50_000, 100_000), (1, 4, 16, 64), (0.01, 0.05, 0.2)
 SPACING, TOP = 2.4, 2.5  # from one mesh to the next; how high particles are; metres (a bunny is 1.6 high)
@@ -248,8 +251,8 @@ def main() -> None:
             file=sys.stderr,
         )
     if not kept.rows:
-        sys.exit(f"newton_map.py: there are no rows in {options.out}; run it without --page")
-    kept.write(page(kept, " ".join(["python", "benchmarks/newton_map.py", "--out", str(options.out)])))
+        sys.exit(f"newton_map: there are no rows in {options.out}; run it without --page")
+    kept.write(page(kept, " ".join(["python", "benchmarks/newton_map", "--out", str(options.out)])))
     drawn(kept, options.out / "map.png")
 
 
@@ -257,6 +260,6 @@ if __name__ == "__main__":
     try:
         main()
     except wb.BoundingError as error:
-        sys.exit(f"newton_map.py: {error}")
+        sys.exit(f"newton_map: {error}")
     except KeyboardInterrupt:
-        sys.exit("newton_map.py: stopped; run it again, and it goes on where it was")
+        sys.exit("newton_map: stopped; run it again, and it goes on where it was")
