@@ -28,7 +28,8 @@ class Bakes:
         self.rng, self.last = np.random.default_rng(seed), time.monotonic()
         self.log = (out.parent / "log.txt").open("ab")
         self.deaths = {"worker": 0, "client": 0, "scheduler": 0}
-        self.seen: dict[str, int] = {}  # when each record without an error was written, as it was at a death
+        self.seen: dict[str, int] = {}  # when each record without an error was written, as it was seen first
+        self.spoilt: set[str] = set()  # records that were there and were lost, or written again
         self.statuses: list[int] = []
 
     def command(self, *more: str) -> list[str]:
@@ -43,7 +44,7 @@ class Bakes:
 
     def until(self, process: subprocess.Popen, workers, done: int) -> None:
         """Kill a worker every so often until so many shapes are done, or the process has ended."""
-        while process.poll() is None and len(self.records()) < done:
+        while process.poll() is None and len(self.watched()) < done:
             time.sleep(0.5)
             alive = workers()
             if time.monotonic() - self.last > self.every and len(alive) == WORKERS:
@@ -64,7 +65,7 @@ class Bakes:
             told = json.loads(process.stdout.read())
         process.wait()
         self.statuses.append(process.returncode)
-        self.died()
+        self.watched()
         return told
 
     def remote(self, done: int) -> str:
@@ -101,16 +102,15 @@ class Bakes:
             workers.kill()
             scheduler.wait()
             workers.wait()
-        self.died()
+        self.watched()
         return said[-1] if said else ""
 
-    def died(self) -> None:
-        """Remember what was done before this death, and that none of it has been done since it was seen first."""
+    def watched(self) -> dict[str, int]:
+        """The records as they are now; those that were there before and are gone, or written again, are remembered."""
         now = self.records()
-        for name, written in self.seen.items():
-            if now.get(name) != written:
-                raise SystemExit(f"{name} was done before a death, and was lost or done again")
-        self.seen = now
+        self.spoilt |= {name for name, written in self.seen.items() if now.get(name) != written}
+        self.seen = now | self.seen
+        return now
 
 
 def fitting(pid: int) -> list[int]:
@@ -144,7 +144,7 @@ def killed(shapes: Path, work: Path, fit: list[str], every: float, seed: int) ->
         "proven": kinds.count("proven"),
         "rows": len(library.manifest),
         "failed": told["failed"],
-        "lost_or_twice": 0,  # else ``died`` has ended the script
+        "lost_or_twice": len(bakes.spoilt),
         "again": {name: again[name] for name in ("baked", "kept", "seconds")},
         "scheduler_gone": said.replace(str(work), "."),
         "statuses": bakes.statuses,

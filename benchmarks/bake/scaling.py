@@ -2,6 +2,7 @@
 
 import heapq
 import json
+import math
 import pickle
 import subprocess
 import sys
@@ -19,6 +20,7 @@ __all__ = ["CLUSTER_CORES", "CLUSTER_SHAPES", "empty", "pace", "scaled", "simula
 
 CLUSTER_SHAPES, CLUSTER_CORES = 100_000, 1_000
 EMPTY_TASKS = 5_000
+TASK_SECONDS = (1.0, 60.0)  # a closed form of a small mesh; a network by the default budget
 
 
 def undisturbed(shapes: Path, work: Path, fit: list[str]) -> dict:
@@ -80,8 +82,8 @@ def simulated(seconds: list[float], shapes: int, cores: int, per_second: float, 
 def scaled(row: dict, seed: int) -> list[dict]:
     """What 10^5 shapes take on 1,000 cores, for tasks as they were measured and for longer ones."""
     measured, found = np.array(row["calm"]["task"]), []
-    for factor in (1.0, 60.0 / measured.mean()):
-        seconds = measured * factor
+    for mean in sorted({*TASK_SECONDS, float(measured.mean())}):
+        seconds = measured * (mean / measured.mean())
         ideal = CLUSTER_SHAPES * seconds.mean() / CLUSTER_CORES
         by_pace = CLUSTER_SHAPES / row["pace"]["per_second"]
         found.append(
@@ -90,6 +92,7 @@ def scaled(row: dict, seed: int) -> list[dict]:
                 "ideal_seconds": ideal,
                 "scheduler_seconds": by_pace,
                 "simulated_seconds": simulated(seconds, CLUSTER_SHAPES, CLUSTER_CORES, row["pace"]["per_second"], seed),
+                "shapes_a_task": math.ceil(CLUSTER_CORES / (row["pace"]["per_second"] * mean)),
                 "saturated_at_cores": row["pace"]["per_second"] * float(seconds.mean()),
             }
         )
