@@ -146,10 +146,12 @@ def bake_with(
     with kept.locked(), reported(progress, "bake") as update:
         kept.clean()
         kept.keep_settings(settings)
+        update = update or (lambda *told: None)
+        update(0, 1, "what is there is read")
         state = _State(kept, folder, found, settings)
         try:
             if state.open:
-                _run(state, jobs, scheduler, update or (lambda *told: None), tell)
+                _run(state, jobs, scheduler, update, tell)
         finally:  # Ctrl-C, and whatever else ends it: what is there is listed
             state.done.seconds = time.perf_counter() - started
             state.done.records = list(state.records.values())
