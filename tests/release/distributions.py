@@ -21,7 +21,14 @@ __all__ = ["LARGEST", "build", "contents", "described", "metadata_of", "problems
 
 LARGEST = 2_000_000  # bytes of a wheel
 PARTS = ("warp_bounding/", "sims/")  # what a wheel installs
-SUFFIXES = (".py", ".safetensors", "/py.typed", "/templates/page.css", "/templates/page.html", "/templates/page.js")  # of the files in them
+SUFFIXES = (
+    ".py",
+    ".safetensors",
+    "/py.typed",
+    "/templates/page.css",
+    "/templates/page.html",
+    "/templates/page.js",
+)  # of the files in them
 LINK = re.compile(r"""(?:href|src)=["']([^"']*)""")
 
 
