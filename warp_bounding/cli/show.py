@@ -91,7 +91,7 @@ def command(
             bounder,
             indicator,
             radii=radii or _radii(bounder, times),
-            times=times or _times(bounder, radii),
+            times=times or _times(indicator, radii),
             held=held,
             resolution=resolution,
             samples=count,
@@ -174,11 +174,11 @@ def _radii(bounder, times: Sequence[float]) -> list[float]:
     return [round(farthest * k / (LEVELS - 1), 12) for k in range(LEVELS)]
 
 
-def _times(bounder, radii: Sequence[float]) -> list[float]:
+def _times(shape, radii: Sequence[float]) -> list[float]:
     """Times to show a shape that moves at, if none are named: evenly spread, or the middle one where there are several radii."""
-    if not bounder.domain.time:
+    if not shape.time:
         return []
-    start, end = float(bounder.domain.lower[0]), float(bounder.domain.upper[0])
+    start, end = float(shape.sample_lower[0]), float(shape.sample_upper[0])
     return [(start + end) / 2] if len(radii) > 1 else np.linspace(start, end, LEVELS).tolist()
 
 

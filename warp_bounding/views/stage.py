@@ -35,7 +35,7 @@ ANGLE = 28.0  # of the view, degrees
 EDGE = (
     30.0  # degrees between two triangles from which they meet in an edge, rather than being parts of one curved surface
 )
-NEAR = 0.72  # of the distance from which the ball around what is seen fills the picture
+NEAR = 0.76  # of the distance from which the ball around what is seen fills the picture
 VIEW = (-0.45, -1.0, 0.4)  # towards the camera: to the right, into the picture, up
 
 
@@ -110,7 +110,7 @@ def show_points(plotter, view: View, state: State, place: Placing, shown: dict[s
         if not shown.get(group.name, group.shown) or not len(points):
             plotter.remove_actor(group.name, render=False)
             continue
-        options: dict[str, Any] = {"color": group.colour, "point_size": POINT, "render_points_as_spheres": True}
+        options: dict[str, Any] = {"color": group.colour, "point_size": POINT, "render_points_as_spheres": True, "lighting": False}
         plotter.add_mesh(pyvista.PolyData(place(points)), name=group.name, **options)
 
 

@@ -116,6 +116,11 @@ class View:
         return len(self.names) == MOST_SEEN
 
     @property
+    def brief(self) -> str:
+        """The first facts in one line: what the bounder is, and the first sentence of its certificate."""
+        return ". ".join(text.partition(". ")[0].rstrip(".") for text in list(self.facts.values())[:2])
+
+    @property
     def groups(self) -> tuple[Group, ...]:
         """Groups of points, in the order in which they are listed."""
         return GROUPS_WITHIN if self.within else GROUPS

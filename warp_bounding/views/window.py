@@ -61,6 +61,7 @@ class Window:
         self.plotter.set_background("white")
         if view.solid:
             self.plotter.enable_depth_peeling(8)
+            self.plotter.enable_anti_aliasing("fxaa")  # with samples of pixels nothing that is peeled is drawn
         self.draw()
         aim(self.plotter, view, self.place)
         self._controls()
@@ -82,7 +83,7 @@ class Window:
             )
         show_points(plotter, view, state, self.place, self.shown)
         at = f"{view.asked} {state.label}: " if state.label else ""
-        text = "\n".join(textwrap.wrap(f"{at}{state.rates}", LETTERS))
+        text = "\n".join([*textwrap.wrap(f"{at}{state.rates}", LETTERS), view.brief])
         plotter.add_text(text, position="upper_left", font_size=11, color=INK, name="rates")
 
     def toggle(self, name: str, shown: bool) -> None:
@@ -133,7 +134,7 @@ class Window:
             last = len(view.states) - 1
             options = {"title": f"{view.asked} {view.states[0].label} to {view.states[last].label}", "color": INK}
             plotter.add_slider_widget(
-                self.go, (0, last), 0, pointa=(0.55, 0.08), pointb=(0.95, 0.08), fmt="", style="modern", **options
+                self.go, rng=(0, last), value=0, pointa=(0.55, 0.08), pointb=(0.95, 0.08), fmt="", style="modern", **options
             )
 
     def _cutting(self, on: bool) -> None:
@@ -145,4 +146,6 @@ class Window:
             self.draw()
             return
         middle = self.place(((self.view.lower + self.view.upper) / 2)[None])[0]
-        self.plotter.add_plane_widget(self.cut, normal=(0, 1, 0), origin=tuple(middle), color=INK)
+        corners = self.place(np.stack([self.view.lower, self.view.upper]))
+        bounds = np.sort(corners, axis=0).T.reshape(-1).tolist()
+        self.plotter.add_plane_widget(self.cut, normal=(0, 1, 0), origin=tuple(middle), color=INK, bounds=bounds, factor=1.0)
