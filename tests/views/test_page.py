@@ -155,8 +155,11 @@ def test_a_page_of_a_distance_in_a_browser(browser, tmp_path, width):
     browser.execute_async_script(SLIDE, "cut", 50)
     middle = "document.getElementById('plot').data.find(t => t.name === 'bound').z"
     low, high = state(browser, f"[Math.min(...{middle}), Math.max(...{middle})]")
-    kept = state(browser, "(() => { const t = document.getElementById('plot').data.find(t => t.name === 'bound');"
-                          "return Math.max(...[...t.i, ...t.j, ...t.k].map(v => t.z[v])); })()")
+    kept = state(
+        browser,
+        "(() => { const t = document.getElementById('plot').data.find(t => t.name === 'bound');"
+        "return Math.max(...[...t.i, ...t.j, ...t.k].map(v => t.z[v])); })()",
+    )
     assert kept == pytest.approx(0.5, abs=0.05)
     assert low < kept <= high
     for name in ("object", "bound"):

@@ -53,7 +53,9 @@ def test_pixels_of_a_plane_are_the_answers_at_their_centres():
     bounder, grid = box("c"), shape("c")
     seen = view_of(bounder, grid, resolution=30, samples=100)
     state, side = seen.states[0], seen.states[0].bound.shape
-    ticks = [low + (np.arange(n) + 0.5) * (up - low) / n for low, up, n in zip(seen.lower, seen.upper, side, strict=True)]
+    ticks = [
+        low + (np.arange(n) + 0.5) * (up - low) / n for low, up, n in zip(seen.lower, seen.upper, side, strict=True)
+    ]
     centres = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 2).astype(np.float32)
     np.testing.assert_array_equal(state.bound.reshape(-1), bounder.query(centres).numpy() == 1)
     np.testing.assert_array_equal(state.object.reshape(-1), grid.contains(centres))

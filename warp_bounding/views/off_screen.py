@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["Drawn", "draw_with", "with_palette"]
+__all__ = ["WINDOWS", "Drawn", "draw_with", "with_palette"]
 
 SECONDS = 120  # for drawing
 COLOURS = 256  # of a picture's palette

@@ -33,7 +33,7 @@ __all__ = ["draw", "picture"]
 PICTURE = "view.png"
 PANEL, MOST_COLUMNS = (760, 760), 3  # pixels of a panel; panels side by side
 TOLD = ("names", "asked", "down", "stretch", "within", "indicator", "facts")  # of a view, what is no array
-LETTERS = 78  # of a line of text in a panel
+LETTERS = 72  # of a line of text in a panel
 
 
 def picture(view: View, title: str, up: str, cut: str | None = None) -> bytes:
@@ -111,7 +111,7 @@ def draw(data: dict[str, np.ndarray], folder: Path) -> None:
         text = f"{view.asked} {state.label}" if state.label else ""
         heading = told["title"] + (f", {text}" if text else "")
         plotter.add_text(heading, position=(0.03, 0.945), viewport=True, font_size=13, color=INK)
-        lines = "\n".join([*textwrap.wrap(state.rates, LETTERS), view.brief])
+        lines = "\n".join([*textwrap.wrap(state.rates, LETTERS), *textwrap.wrap(view.brief, LETTERS)])
         plotter.add_text(lines, position=(0.03, 0.015), viewport=True, font_size=10, color=INK)
     for number in range(count, rows * columns):
         plotter.subplot(number // columns, number % columns)

@@ -110,7 +110,12 @@ def show_points(plotter, view: View, state: State, place: Placing, shown: dict[s
         if not shown.get(group.name, group.shown) or not len(points):
             plotter.remove_actor(group.name, render=False)
             continue
-        options: dict[str, Any] = {"color": group.colour, "point_size": POINT, "render_points_as_spheres": True, "lighting": False}
+        options: dict[str, Any] = {
+            "color": group.colour,
+            "point_size": POINT,
+            "render_points_as_spheres": True,
+            "lighting": False,
+        }
         plotter.add_mesh(pyvista.PolyData(place(points)), name=group.name, **options)
 
 

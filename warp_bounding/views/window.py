@@ -83,7 +83,7 @@ class Window:
             )
         show_points(plotter, view, state, self.place, self.shown)
         at = f"{view.asked} {state.label}: " if state.label else ""
-        text = "\n".join([*textwrap.wrap(f"{at}{state.rates}", LETTERS), view.brief])
+        text = "\n".join([*textwrap.wrap(f"{at}{state.rates}", LETTERS), *textwrap.wrap(view.brief, LETTERS)])
         plotter.add_text(text, position="upper_left", font_size=11, color=INK, name="rates")
 
     def toggle(self, name: str, shown: bool) -> None:
@@ -134,7 +134,14 @@ class Window:
             last = len(view.states) - 1
             options = {"title": f"{view.asked} {view.states[0].label} to {view.states[last].label}", "color": INK}
             plotter.add_slider_widget(
-                self.go, rng=(0, last), value=0, pointa=(0.55, 0.08), pointb=(0.95, 0.08), fmt="", style="modern", **options
+                self.go,
+                rng=(0, last),
+                value=0,
+                pointa=(0.55, 0.08),
+                pointb=(0.95, 0.08),
+                fmt="",
+                style="modern",
+                **options,
             )
 
     def _cutting(self, on: bool) -> None:
@@ -148,4 +155,6 @@ class Window:
         middle = self.place(((self.view.lower + self.view.upper) / 2)[None])[0]
         corners = self.place(np.stack([self.view.lower, self.view.upper]))
         bounds = np.sort(corners, axis=0).T.reshape(-1).tolist()
-        self.plotter.add_plane_widget(self.cut, normal=(0, 1, 0), origin=tuple(middle), color=INK, bounds=bounds, factor=1.0)
+        self.plotter.add_plane_widget(
+            self.cut, normal=(0, 1, 0), origin=tuple(middle), color=INK, bounds=bounds, factor=1.0
+        )
