@@ -59,6 +59,7 @@ def test_a_plane_stands_as_the_image_does():
     assert near(pixels, BOUND)[middle[0], middle[1] + (high[1] - middle[1]) // 2]
 
 
+@pytest.mark.slow
 def test_a_panel_for_each_radius():
     view = seen("star", "distance", radii=[0.0, 0.2])
     pixels = drawn(view, cut="z")
@@ -115,6 +116,7 @@ print("done")
 """
 
 
+@pytest.mark.slow
 def test_a_window_slides_cuts_and_hides():
     """In a process of its own, since VTK does not raise an exception where there is no OpenGL, but crashes."""
     root = Path(__file__).parents[2]

@@ -1,5 +1,7 @@
 """What is seen of a bounder: its own answers and the shape's own truth, for each radius or time."""
 
+import itertools
+
 import numpy as np
 import pytest
 from bounding_shapes import shape
@@ -69,7 +71,7 @@ def test_a_distance_is_seen_at_every_radius():
     assert seen.asked == "radius"
     assert [state.label for state in seen.states] == ["0", "0.1", "0.2"]
     reach = [state.bound.vertices.max(axis=0) for state in seen.states]
-    for less, more in zip(reach[:-1], reach[1:], strict=True):
+    for less, more in itertools.pairwise(reach):
         np.testing.assert_allclose(more - less, 0.1, atol=2e-3)
     assert seen.states[0].object is seen.states[1].object
     assert all(state.fn == 0 for state in seen.states)
@@ -87,6 +89,7 @@ def test_a_shape_that_moves_is_seen_at_its_times():
     assert plane.states[0].fn == 0
 
 
+@pytest.mark.slow
 def test_from_the_inside_what_is_held_is_in_the_object():
     x = np.stack(np.meshgrid(*[np.linspace(-1, 1, 24)] * 2, indexing="ij"), axis=-1)
     disc = wb.load_indicator(np.hypot(x[..., 0], x[..., 1]) < 0.8)

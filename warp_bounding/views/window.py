@@ -3,6 +3,7 @@
 import os
 import sys
 import textwrap
+from functools import partial
 
 import numpy as np
 
@@ -55,7 +56,7 @@ class Window:
     def __init__(self, view: View, title: str, up: str, *, off_screen: bool = False):
         pyvista = needed("pyvista")
         self.view, self.place, self.number = view, placing(view, up), 0
-        self.shown = {"object": True, "bound": True, "plane": False, **{g.name: g.shown for g in view.groups}}
+        self.shown = {"object": True, "bound": True, **{g.name: g.shown for g in view.groups}}
         self.plane: tuple[np.ndarray, np.ndarray] | None = None  # normal and origin of the cut
         self.plotter = pyvista.Plotter(window_size=SIZE, title=title, off_screen=off_screen)
         self.plotter.set_background("white")
@@ -87,7 +88,7 @@ class Window:
         plotter.add_text(text, position="upper_left", font_size=11, color=INK, name="rates")
 
     def toggle(self, name: str, shown: bool) -> None:
-        """Show something, or hide it: ``object``, ``bound``, ``plane`` or a group of points."""
+        """Show something, or hide it: ``object``, ``bound`` or a group of points."""
         self.shown[name] = bool(shown)
         self.draw()
 
@@ -118,16 +119,15 @@ class Window:
 
     def _controls(self) -> None:
         view, plotter = self.view, self.plotter
-        listed = [("object", "the object", STONE), ("bound", "the bound: maybe", BOUND)]
-        if view.within:
-            listed[1] = ("bound", "certainly inside", BOUND)
+        bound = "certainly inside" if view.within else "the bound: maybe"
+        listed = [("object", "the object", STONE), ("bound", bound, BOUND)]
         listed += [(group.name, group.text, group.colour) for group in view.groups]
+        ticks = [(text, colour, self.shown[name], partial(self.toggle, name)) for name, text, colour in listed]
         if view.solid:
-            listed.append(("plane", "a plane that cuts the bound", INK))
-        for place, (name, text, colour) in enumerate(reversed(listed)):
+            ticks.append(("a plane that cuts the bound", INK, False, self._cutting))
+        for place, (text, colour, shown, tell) in enumerate(reversed(ticks)):
             high = FIRST + STEP * place
-            tell = self._cutting if name == "plane" else lambda on, name=name: self.toggle(name, on)
-            options = {"value": self.shown[name], "position": (FIRST, high), "size": BOX, "border_size": 2}
+            options = {"value": shown, "position": (FIRST, high), "size": BOX, "border_size": 2}
             plotter.add_checkbox_button_widget(tell, **options, color_on=colour, color_off="white")
             plotter.add_text(text, position=(FIRST + BOX + 10, high), font_size=10, color=INK)
         if len(view.states) > 1:
@@ -146,7 +146,6 @@ class Window:
 
     def _cutting(self, on: bool) -> None:
         """Add the plane that cuts, or take it away."""
-        self.shown["plane"] = bool(on)
         if not on:
             self.plotter.clear_plane_widgets()
             self.plane = None
