@@ -35,7 +35,7 @@ ANGLE = 28.0  # of the view, degrees
 EDGE = (
     30.0  # degrees between two triangles from which they meet in an edge, rather than being parts of one curved surface
 )
-NEAR = 0.76  # of the distance from which the ball around what is seen fills the picture
+NEAR = 0.86  # of the distance from which the ball around what is seen fills the picture
 VIEW = (-0.45, -1.0, 0.4)  # towards the camera: to the right, into the picture, up
 
 
