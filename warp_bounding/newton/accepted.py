@@ -1,5 +1,6 @@
 """Which bounders the cull takes: proven, of the shape's own mesh, dilated as far as Newton's pass looks and float32 may err."""
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -33,12 +34,16 @@ def margin_for(mesh: newton.Mesh, reach: float, *, world: float, scale: float = 
     Raises:
         BounderError: For a negative reach or world, or a scale of 0.
     """
+    return _margin_for(float(np.abs(np.asarray(mesh.vertices)).max()), reach, world, scale)
+
+
+def _margin_for(coordinates: float, reach: float, world: float, scale: float) -> float:
+    """``margin_for`` of a mesh with this largest coordinate."""
     scale = abs(float(scale))
     if not (reach >= 0 and world >= 0 and scale > 0):
         raise BounderError(
             f"reach and world must be at least 0 and scale not 0, got {reach:g}, {world:g} and {scale:g}"
         )
-    coordinates = float(np.abs(np.asarray(mesh.vertices)).max())
     # In the mesh's units: gap + (margin + radius) / scale is at most reach / scale, and for scales above 1 at most
     # reach.
     way = reach / min(scale, 1.0)
@@ -52,7 +57,11 @@ def margin_for(mesh: newton.Mesh, reach: float, *, world: float, scale: float = 
 
 
 def check_bounder(
-    pipeline: newton.CollisionPipeline, shape: int, bounder: Bounder | DistanceBounder, unproven: bool
+    pipeline: newton.CollisionPipeline,
+    shape: int,
+    bounder: Bounder | DistanceBounder,
+    unproven: bool,
+    mesh_of: Callable[[int], tuple[np.ndarray, np.ndarray]],
 ) -> None:
     """Refuse a bounder that is not one of a shape's mesh.
 
@@ -61,6 +70,7 @@ def check_bounder(
         shape: Its index.
         bounder: Of points, with margin enough for the pipeline's contact gap, or of distances.
         unproven: Whether one without a proof, or with too small a margin, will do.
+        mesh_of: Called with the index of a shape, it returns points and triangles of its mesh on the device.
 
     Raises:
         BounderError: That says what was expected and what came.
@@ -80,22 +90,22 @@ def check_bounder(
         raise BounderError(f"shape {shape}: expected a bounder of 3D points or distances, got one of {got}")
     if str(bounder.device) != str(model.device):
         raise BounderError(f"shape {shape}: expected a bounder on {model.device}, got one on {bounder.device}")
-    mesh = model.shape_source[shape]
     if unproven:
         return
     if bounder.certificate is None or not bounder.certificate.proven:
         raise BounderError(f"shape {shape}: expected a proven bounder, got {bounder!r}")
     made_for, resolution, margin = (bounder.info.get(key) for key in ("indicator", "resolution", "margin"))
-    if made_for is None or margin is None or _digest(mesh, resolution, margin) != made_for:
+    if made_for is None or margin is None or _digest(*mesh_of(shape), resolution, margin) != made_for:
         raise BounderError(f"shape {shape}: the bounder was made for another mesh, {bounder.info.get('name')}")
     if of_distances:
         return
     scale = float(np.abs(model.shape_scale.numpy()[shape]).min())
-    radius = float(model.particle_radius.numpy().max(initial=0.0))
-    reach = radius + float(model.shape_margin.numpy()[shape]) + contact_gap(pipeline)
+    radius = float(np.abs(model.particle_radius.numpy()).max(initial=0.0))
+    reach = radius + abs(float(model.shape_margin.numpy()[shape])) + abs(contact_gap(pipeline))
     # World 0: what the coordinates in the world add is weighed pair by pair (``placing.Hull.per_coordinate``), and
     # where it is too much the pair stays.
-    needed, given = margin_for(mesh, reach, world=0.0, scale=scale), bounder.info["margin"]
+    needed = _margin_for(float(np.abs(mesh_of(shape)[0]).max()), reach, world=0.0, scale=scale)
+    given = bounder.info["margin"]
     if not given >= needed:
         raise BounderError(f"shape {shape}: expected a bounder with a margin of {needed:.6g} at least, got {given:.6g}")
 
@@ -105,9 +115,9 @@ def contact_gap(pipeline: newton.CollisionPipeline) -> float:
     return float(pipeline.soft_contact_gap if hasattr(pipeline, "soft_contact_gap") else pipeline.soft_contact_margin)
 
 
-def _digest(mesh: newton.Mesh, resolution: int | None, margin: float) -> str:
+def _digest(vertices: np.ndarray, indices: np.ndarray, resolution: int | None, margin: float) -> str:
     """Digest of what a bounder of a mesh is made for: its cells, or without a resolution the mesh itself."""
-    vertices, indices = np.asarray(mesh.vertices, np.float32), np.asarray(mesh.indices, np.int32)
+    vertices, indices = np.asarray(vertices, np.float32), np.asarray(indices, np.int32)
     return _digest_of(vertices.tobytes(), indices.tobytes(), resolution, margin)
 
 

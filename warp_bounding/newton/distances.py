@@ -55,7 +55,7 @@ for (int b = block * $blocks; b < last; ++b) {
 #pragma unroll
         for (int c = 0; c < N; ++c) at[c][m] = y[c] / shape.scale[c];
         const float size_ = fabsf(x[0]) + fabsf(x[1]) + fabsf(x[2]);
-        const float way = hull.reach + hull.per_radius * rows.data[3 * particles + p] + hull.per_coordinate * size_;
+        const float way = hull.reach + hull.per_radius * fabsf(rows.data[3 * particles + p]) + hull.per_coordinate * size_;
         ways[m] = (way > dilated ? way - dilated : 0.0f) + $rounding * (fabsf(way) + dilated);
         who[m++] = i;
         if (m == L) ask();

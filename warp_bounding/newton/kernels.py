@@ -195,7 +195,7 @@ def ask_distances(source: DistanceSource) -> wp.Kernel:
             pair = pairs[i]
             if numbers[pair[1]] == number:
                 shape, hull, q = placed[pair[1]], hulls[pair[1]], particle_q[pair[0]]
-                way = hull.reach + hull.per_radius * particle_radius[pair[0]] + hull.per_coordinate * _size(q)
+                way = hull.reach + hull.per_radius * wp.abs(particle_radius[pair[0]]) + hull.per_coordinate * _size(q)
                 x = wp.cw_div(wp.transform_point(shape.to_shape, q), shape.scale)
                 beyond = wp.max(way - dilated, 0.0) + _SUM_ROUNDING * (wp.abs(way) + dilated)
                 if distance(data, x) > beyond:

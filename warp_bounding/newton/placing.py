@@ -3,7 +3,7 @@
 How much float32 may err, in the pass and when hulls are made and asked, is counted in units of 2^-24. The pass and ``place_shapes`` make the same
 transform of a shape: a product of quaternions, 8 in length, and a rotation and a sum, 42 of the lengths that enter. A rotation is 20 on an axis; a particle is turned
 into the shape's axes by one, the axes of the hull are three, 24 with the difference and the products. If a compiler fuses the two kernels in different ways, their
-quaternions differ by 16, which turns by 96; and a quaternion counts as a rotation only if its squared length is within 1e-6 of 1. With the signed distance's own, 8, and
+quaternions differ by 16, which turns by 96; and a quaternion counts as a rotation only if its squared length is within 1e-6 of 1, and those of its factors are. With the signed distance's own, 8, and
 the ball's, all are under 256 of the particle's coordinates and of the place's (``IN_WORLD``), for which the larger is taken of the place in the world or seen from the
 shape and of the places that it is made of.
 """
@@ -29,8 +29,8 @@ __all__ = [
 
 # What float32 does between a particle's place and the closest point, in units of 2^-24: of the coordinates in the mesh
 # (the closest point 16, the division by the scale 1, the search's own products 8) and of the way; and of the
-# coordinates in the world: two transforms, once in the pass and once here, each a rotation by a quaternion and a sum:
-# under 64 all told.
+# coordinates in the world: two transforms, once in the pass and once here, each a rotation by a quaternion and a sum
+# (module).
 IN_MESH, IN_WORLD = 32.0, 256.0
 _WORLD_ROUNDING = wp.constant(IN_WORLD * UNIT32)
 _MESH_ROUNDING = wp.constant(IN_MESH * UNIT32)
@@ -43,13 +43,14 @@ _SUM_ROUNDING = wp.constant(IN_SUM)
 # rotate.
 _UNIT_ROTATION = wp.constant(1.0e-6)
 _LONGEST_ROTATION = wp.constant(2.0)
-# Of a shape in closed form nothing is said where the way is longer: every intermediate number is then far from overflow. What it is at least, since the squares of
-# lengths under 2^-63 are lost.
-_MOST_WAY = wp.constant(2.0**100)
+# What the way around a shape in closed form is at least, since the squares of lengths under 2^-63 are lost.
 _LEAST_WAY = wp.constant(2.0**-60)
+# Of a mesh: the largest sizes of gap and margin together, and of a radius; Newton's distance of what it does not find is 1e6.
+_MOST_OF_GAPS, _MOST_OF_RADII = wp.constant(5.0e5), wp.constant(4.0e5)
 _COLLIDES = wp.constant(int(newton.ShapeFlags.COLLIDE_PARTICLES))
 # What is done with a shape: nothing, its hull in closed form, the hull of its mesh, or that and its bounder.
 UNTESTED, PRIMITIVE, HULL, BOUNDED = 0, 1, 2, 3
+_MESH, _CONVEX_MESH = wp.constant(int(newton.GeoType.MESH)), wp.constant(int(newton.GeoType.CONVEX_MESH))
 _UNTESTED, _PRIMITIVE, _BOUNDED = wp.constant(UNTESTED), wp.constant(PRIMITIVE), wp.constant(BOUNDED)
 
 
@@ -91,6 +92,12 @@ def _size(v: wp.vec3) -> float:
 
 
 @wp.func
+def _off_unit(q: wp.quat) -> float:
+    """How far the squared length of a quaternion is from 1."""
+    return wp.abs(wp.dot(q, q) - 1.0)
+
+
+@wp.func
 def _around_mesh(
     hull: Hull, half: wp.vec3, grow: float, size: float, scale: wp.vec3, gap: float, margin: float, world: float
 ) -> Hull:
@@ -102,12 +109,18 @@ def _around_mesh(
     hull.grow_radius = wp.max(hull.grow)
     hull.below = 0.0
     inverse = 1.0 / wp.min(wp.abs(scale))
-    widened = margin * inverse
-    reach = gap + widened
-    moved = _MESH_ROUNDING * (size + wp.abs(reach)) + _WORLD_ROUNDING * world * inverse
-    hull.reach = reach + moved + _SUM_ROUNDING * (wp.abs(gap) + wp.abs(widened))
+    reach = wp.abs(gap) + wp.abs(
+        margin * inverse
+    )  # the search squares how far it looks, so that a negative number counts as its size
+    moved = _MESH_ROUNDING * (size + reach) + _WORLD_ROUNDING * world * inverse
+    hull.reach = reach + moved + _SUM_ROUNDING * reach
     hull.per_radius = inverse * (1.0 + _MESH_ROUNDING + _SUM_ROUNDING)
     hull.per_coordinate = inverse * _WORLD_ROUNDING
+    # Where the search finds nothing the pass takes the distance for 1e6, and makes a contact if that is near enough: then nothing is said. Else a radius is
+    # over half of it, and so is the way over half of it divided by the scale.
+    hull.margin = wp.min(hull.margin, _MOST_OF_RADII * inverse)
+    if not wp.abs(gap) + wp.abs(margin) <= _MOST_OF_GAPS:
+        hull.margin = -wp.inf
     return hull
 
 
@@ -124,7 +137,7 @@ def _around_primitive(hull: Hull, kind: int, scale: wp.vec3, gap: float, margin:
     hull.reach = wp.max(gap + margin, 0.0) + rounding + _LEAST_WAY
     hull.per_radius = 1.0 + _MESH_ROUNDING + _SUM_ROUNDING
     hull.per_coordinate = _WORLD_ROUNDING
-    hull.margin = wp.where(e.tested, _MOST_WAY, -wp.inf)
+    hull.margin = wp.where(e.tested, e.most_way, -wp.inf)
     return hull
 
 
@@ -154,8 +167,10 @@ def place_shapes(
     shape_margin: wp.array(dtype=float),
     shape_flags: wp.array(dtype=int),
     shape_type: wp.array(dtype=int),
+    shape_mesh: wp.array(dtype=wp.uint64),
     gap: float,
     roles: wp.array(dtype=int),
+    meshes: wp.array(dtype=wp.uint64),
     domains: wp.array2d(dtype=wp.vec3),
     margins: wp.array(dtype=float),
     grows: wp.array(dtype=float),
@@ -189,13 +204,18 @@ def place_shapes(
         hull = _around_primitive(hull, shape_type[s], scale, gap, margin, world)
     else:
         hull = _around_mesh(hull, domains[s, 1], grows[s], sizes[s], scale, gap, margin, world)
+        if shape_mesh[s] != meshes[s] or (shape_type[s] != _MESH and shape_type[s] != _CONVEX_MESH):
+            hull.margin = -wp.inf  # another shape than the one that is known
     bare = hull.radius
     if bare == wp.inf:
         bare = 0.0  # of a plane; its width and length are in the reach
     turn = wp.transform_get_rotation(to_world)
     length = wp.dot(turn, turn)
     beyond = _HULL_ROUNDING * (bare + _size(hull.center) + world)
-    if not wp.abs(length - 1.0) <= _UNIT_ROTATION:
+    parts_off = wp.max(
+        _off_unit(wp.transform_get_rotation(place)), _off_unit(wp.transform_get_rotation(shape_transform[s]))
+    )
+    if not wp.max(wp.abs(length - 1.0), parts_off) <= _UNIT_ROTATION:
         beyond = wp.inf  # the bounder itself is asked, in the coordinates of Newton's pass
     hull.radius += beyond
     hull.half += wp.vec3(beyond)
@@ -205,7 +225,7 @@ def place_shapes(
         axis[k] = 1.0
         axes[k] = wp.quat_rotate(turn, axis)
     hull.axes = axes
-    if not length <= _LONGEST_ROTATION:
+    if not wp.max(length, 1.0 + parts_off) <= _LONGEST_ROTATION:
         hull.margin = -wp.inf  # no bounder is asked: rounding is more than what is added
     if role == _UNTESTED:
         hull.margin = -wp.inf

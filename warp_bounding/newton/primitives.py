@@ -11,7 +11,9 @@ likewise. On axis k, with half width h_k and growth g_k: ``|x_k| > h_k + g_k way
   error of 4 units of ``2 b + r``, so that it stands over the end by ``(3 b^2 + 8 b (2 b + r)) / 2 h`` units at most. ``_ARC_ROUNDING`` is more than both.
 * ellipsoid with radii r: Newton's d is ``k0 (k0 - 1) / k1`` with ``k0 = |x / r|`` and ``k1 = |x / r^2| <= k0 / r_min``. So ``d >= r_min (k0 - 1)``, and
   ``|x_k| <= r_k k0``; so g_k is ``r_k / r_min``, and that of the ball ``r_max / r_min``. Radii are 1e-8 at least; where ``k1`` is at most 1e-8 the pass takes another
-  formula, which no particle outside meets while ``r_max <= 1e7``. Larger ellipsoids are not tested.
+  formula, which no particle outside meets while ``r_max <= 1e7``. Larger ellipsoids are not tested. Far away ``|x / r^2|`` overflows, and d is 0: so of an
+  ellipsoid nothing is said where the way is over ``2^46 r_min^2``. A way is at least 2^-16 of ``|x|`` (``placing.IN_WORLD``), so that below ``|x_k / r_k^2|`` is
+  at most 2^62, and its square is a number.
 * plane, infinite: d is ``z``; so only above it particles are denied.
 * plane, finite: d is ``max(|x| - w, |y| - l, |z|)``, which is not a Euclidean distance; so there is no ball.
 
@@ -34,6 +36,9 @@ _PLANE, _SPHERE, _BOX, _CAPSULE, _CYLINDER, _CONE, _ELLIPSOID = (
 )
 _LEAST_RADIUS = wp.constant(1.0e-8)  # of an ellipsoid: Newton's
 _LARGEST_RADIUS = wp.constant(1.0e7)
+# Of a shape in closed form nothing is said where the way is longer: every intermediate number is then far from overflow.
+_MOST_WAY = wp.constant(2.0**100)
+_MOST_OF_ELLIPSOIDS = wp.constant(2.0**46)  # over the square of its least radius, see module
 _ARC_ROUNDING = wp.constant(32.0 * UNIT32)  # of a barrel, see module
 
 
@@ -47,6 +52,7 @@ class Extent:
     radius: float  # of the ball
     grow_radius: float
     size: float
+    most_way: float  # nothing is said where the way is longer
     tested: bool
 
 
@@ -58,6 +64,7 @@ def _finite(half: wp.vec3) -> Extent:
     e.below = 0.0
     e.radius = wp.length(half)
     e.grow_radius = 1.0
+    e.most_way = _MOST_WAY
     e.size = e.radius
     e.tested = True
     return e
@@ -90,6 +97,7 @@ def _ellipsoid(scale: wp.vec3) -> Extent:
     e.grow = r / least
     e.radius = most
     e.grow_radius = most / least
+    e.most_way = wp.min(_MOST_WAY, _MOST_OF_ELLIPSOIDS * least * least)
     e.tested = most <= _LARGEST_RADIUS
     return e
 
