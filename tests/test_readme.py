@@ -106,7 +106,7 @@ def read(words: list[str]) -> None:
             or not subprocess.run(["make", "-n", *arguments], cwd=ROOT, capture_output=True, check=False).returncode
         )
     elif program == "pip":
-        extras = set(re.findall(r"\[(.*?)\]", " ".join(arguments)))
+        extras = {name for names in re.findall(r"\[(.*?)\]", " ".join(arguments)) for name in names.split(",")}
         assert arguments[0] == "install"
         assert extras <= set(importlib.metadata.metadata("warp-bounding").get_all("Provides-Extra"))
     else:
