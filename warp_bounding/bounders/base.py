@@ -230,6 +230,10 @@ class Bounder(Operators, Asking):
             least = np.minimum(least, self.bound(*boxes).lower.min())  # NaN stays NaN, and proves nothing
         return float(least), len(cells)
 
+    def exact_on_hull(self, shape: Shape) -> bool:
+        """Whether ``least`` of a shape without cells is over its convex hull, and exact: the proof then needs no search."""
+        return False
+
     # --- where it runs -----------------------------------------------------------------------------------------------
 
     @classmethod
