@@ -51,7 +51,7 @@ class Bounder(Operators, Asking):
         certificate: What is proven of it, or ``None``.
         info: How it was made, by the names in ``file_format.INFO_FIELDS``. ``training`` is a record of the fit, with
             its seconds; ``rates`` are false positives on a few queries, the bounder's own and those of an axis-aligned
-            box around the same cells.
+            box around the same object.
         device: The Warp device that queries run on.
         native: Whether queries run as native text, or as its plain twin (``to``).
 
@@ -231,7 +231,7 @@ class Bounder(Operators, Asking):
         return float(least), len(cells)
 
     def exact_on_hull(self, shape: Shape) -> bool:
-        """Whether ``least`` of a shape without cells is over its convex hull, and exact: the proof then needs no search."""
+        """Whether ``least`` of a shape without cells is exact, over its convex hull: the proof needs no search."""
         return False
 
     # --- where it runs -----------------------------------------------------------------------------------------------
@@ -319,10 +319,9 @@ class Bounder(Operators, Asking):
         rates = self.info.get("rates")
         if not rates:
             return ""
-        resolution = self.info.get("resolution")
-        judge = "of its cells" + (f" at resolution {resolution}" if resolution else "")
-        if "grid_shape" in self.info and self.info["grid_shape"] is None:
-            judge = "against the shape itself"
+        resolution, judge = self.info.get("resolution"), "against the shape itself"
+        if not rates.get("itself", self.info.get("grid_shape", ()) is None):  # files from before it was said
+            judge = "of its cells" + (f" at resolution {resolution}" if resolution else "")
         text = f"{rates['fp_rate']:.2f} % false positives {judge} ({rates['samples']:,} samples)"
         looser = rates["fp_rate"] > rates["fp_rate_aabb"]
         return f"{text}, looser than a box ({rates['fp_rate_aabb']:.2f} %)" if looser else text

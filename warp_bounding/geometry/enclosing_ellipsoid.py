@@ -21,12 +21,15 @@ from warp_bounding.errors import BounderError
 from warp_bounding.geometry.hull import line_ends
 from warp_bounding.indicators.grid import IndicatorGrid
 
-__all__ = ["enclosing_ellipsoid", "enclosing_of_points", "extreme_corners"]
+__all__ = ["enclosing_ellipsoid", "enclosing_of_hull", "enclosing_of_points", "extreme_corners"]
 
 GAP = 1e-4  # relative, in squared length: 0.005 % in radius
 MOST_STEPS = 20_000  # of Frank-Wolfe, for one set of points
 DIRECTIONS = 64  # random ones whose outermost points the ellipsoid is fitted to first
 JOINING = 64  # points that join these at a time
+MOST_ROUNDS = 12  # of ellipsoids around dilated points, each around the farthest places of the last one besides
+ASCENTS = 12  # steps towards the farthest place of a dilated point
+TINIEST = 1e-300  # a divisor in place of zero
 
 
 def enclosing_ellipsoid(grid: IndicatorGrid, family: str) -> tuple[np.ndarray, np.ndarray]:
@@ -64,6 +67,46 @@ def enclosing_of_points(points: np.ndarray, family: str) -> tuple[np.ndarray, np
         more = more[distance[more] > goal]
         chosen = np.concatenate([chosen, more])
         weights = np.concatenate([weights, np.zeros(len(more))])
+
+
+def enclosing_of_hull(points: np.ndarray, radii: np.ndarray, family: str) -> tuple[np.ndarray, np.ndarray]:
+    """``enclosing_of_points`` around points ``(P, n)`` that are dilated by an ellipsoid along the axes.
+
+    Args:
+        points: In any units.
+        radii: ``(n,)``, half axes of that ellipsoid; zeros for none.
+        family: As there.
+
+    Returns:
+        A and the centre; the dilated points lie within it by some ``GAP``, which a proof must charge.
+    """
+    if not radii.any():
+        return enclosing_of_points(points, family)
+    center = (points.min(axis=0) + points.max(axis=0)) / 2
+    away = (points - center) / np.where(radii > 0, radii, 1.0)
+    held = _dilated(points, away, radii)[_outermost(points)]
+    for _ in range(MOST_ROUNDS):
+        matrix, center = enclosing_of_points(held, family)
+        stretched, z = matrix * radii, (points - center) @ matrix.T
+        near = np.linalg.norm(z, axis=1) + np.linalg.norm(stretched, 2) > 1
+        z, outer = z[near], points[near]
+        u = np.zeros_like(outer)
+        for _ in range(ASCENTS):  # the farthest place of each, as in power iteration
+            u = (z + u @ stretched.T) @ stretched
+            u /= np.maximum(np.linalg.norm(u, axis=1, keepdims=True), TINIEST)
+        reach = np.linalg.norm(z + u @ stretched.T, axis=1)
+        if not reach.size or reach.max() <= 1 + GAP / 4:
+            break
+        farthest = np.argsort(reach)[-JOINING:]
+        farthest = farthest[reach[farthest] > 1]
+        held = np.concatenate([held, outer[farthest] + radii * u[farthest]])
+    return matrix, center
+
+
+def _dilated(points: np.ndarray, toward: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    """Each point moved to the border of the ellipsoid around it, towards directions that are in units of the radii."""
+    length = np.linalg.norm(toward * (radii > 0), axis=1, keepdims=True)
+    return points + radii * toward / np.maximum(length, TINIEST)
 
 
 def _outermost(points: np.ndarray) -> np.ndarray:

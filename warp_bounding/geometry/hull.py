@@ -18,7 +18,17 @@ from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 
-__all__ = ["Component", "Hull", "components", "connected_labels", "hull_corners", "hull_of", "hull_points", "line_ends", "whole_hull"]
+__all__ = [
+    "Component",
+    "Hull",
+    "components",
+    "connected_labels",
+    "hull_corners",
+    "hull_of",
+    "hull_points",
+    "line_ends",
+    "whole_hull",
+]
 
 FEW_CORNERS = 48  # of so many corners or fewer all are kept: to find their hull takes longer than it saves
 WALKS = 8  # searches for one corner, from as many facets: flat facets of Qhull's triangulation end some of them
