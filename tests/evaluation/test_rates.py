@@ -91,3 +91,19 @@ def test_quick_rates_are_those_of_the_kernels(method, name):
     assert quick["fp_rate"] == pytest.approx(exact[0].fp_rate, abs=0.05)
     assert quick["fp_rate_aabb"] == pytest.approx(exact[1].fp_rate, abs=0.05)
     assert bounder.info["rates"] == quick
+
+
+@pytest.mark.parametrize(("method", "told"), [("kdop", {}), ("voxels", {"resolution": 16}), ("bvh", {"leaves": 16})])
+def test_the_stored_rate_of_a_mesh_is_against_the_mesh_itself(method, told):
+    import trimesh
+
+    bar = trimesh.creation.box((1.0, 0.3, 0.2))
+    bar.apply_transform(trimesh.transformations.rotation_matrix(0.7, (1, 2, 3)))
+    mesh = wb.IndicatorMesh(bar.vertices, bar.faces)
+    bounder = wb.fit(mesh, method=method, margin=0.05, device="cpu", progress=False, **told)
+    asked = wb.evaluate(bounder, mesh, samples=100_000)
+    assert asked.truth == "of the shape itself"
+    assert bounder.info["rates"]["fp_rate"] == pytest.approx(asked.fp_rate, abs=0.7)
+    assert "false positives against the shape itself (16,384 samples)" in repr(bounder)
+    grid = mesh.to_grid(resolution=16, margin=0.05)
+    assert "of its cells at resolution 16" in repr(wb.fit(grid, method="voxels", device="cpu", progress=False))

@@ -40,7 +40,8 @@ def test_of_scattered_cells_none_is_left_out_and_the_gap_is_proven(family, seed)
     assert reach.max() == pytest.approx(1, abs=1e-9)
     # Any weights bound the optimum from below; those of all points at once come as near as the ellipsoid says.
     weights = np.full(len(points), 1 / len(points))
-    _, shape, goal, _ = enclosing._enclose(points, weights, family)
+    _, shape, goal, _, closed = enclosing._enclose(points, weights, family, enclosing.MOST_STEPS)
+    assert closed
     size = goal if family == "trace" else -np.linalg.slogdet(shape / goal)[1]
     ours = np.linalg.det(matrix) ** (-2 / 3) if family == "trace" else -2 * np.linalg.slogdet(matrix)[1]
     assert abs(ours / size - 1) < 3 * GAP if family == "trace" else abs(ours - size) < 9 * GAP

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import warp_bounding as wb
 from warp_bounding.indicators import IndicatorMesh, IndicatorMotion
 from warp_bounding.indicators.closed_parts import surface_of
+from warp_bounding.indicators.distinct_rows import distinct_rows
 from warp_bounding.indicators.voxelization import surface_cells
 
 BOX = trimesh.creation.box(extents=(1, 2, 3))
@@ -191,3 +192,14 @@ def test_the_certificate_says_surface_only(query):
     assert "surface only" in wb.certify(bounder, hole).message
     whole = wb.fit(with_faces(FACES[4]), query=query, method="aabb", resolution=12)
     assert "surface only" not in whole.certificate.message
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.int64])
+@pytest.mark.parametrize(("rows", "columns"), [(1, 3), (500, 2), (500, 3), (0, 3)])
+def test_distinct_rows_are_those_of_numpy(dtype, rows, columns):
+    values = np.random.default_rng(0).integers(-3, 4, (rows, columns)).astype(dtype)
+    unique, first, inverse = np.unique(values, axis=0, return_index=True, return_inverse=True)
+    found = distinct_rows(values)
+    for one, other in zip(found, (unique, first, inverse.reshape(-1)), strict=True):
+        assert (one == other).all()
+        assert one.shape == other.shape

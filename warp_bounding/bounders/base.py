@@ -49,9 +49,8 @@ class Bounder(Operators, Asking):
         domain: The box it was made for, and the map into it.
         threshold: float32; the answer is *maybe* iff ``not (f < threshold)``.
         certificate: What is proven of it, or ``None``.
-        info: How it was made, by the names in ``file_format.INFO_FIELDS``. ``training`` is a record of the fit, with
-            its seconds; ``rates`` are false positives on a few queries, the bounder's own and those of an axis-aligned
-            box around the same cells.
+        info: How it was made, by the names in ``file_format.INFO_FIELDS``. ``training`` is a record of the fit, with its
+            seconds; ``rates`` are false positives on a few queries, its own and an axis-aligned box's (``quick_rates``).
         device: The Warp device that queries run on.
         native: Whether queries run as native text, or as its plain twin (``to``).
 
@@ -230,6 +229,10 @@ class Bounder(Operators, Asking):
             least = np.minimum(least, self.bound(*boxes).lower.min())  # NaN stays NaN, and proves nothing
         return float(least), len(cells)
 
+    def exact_on_hull(self, shape: Shape) -> bool:
+        """Whether ``least`` of a shape without cells is exact, over its convex hull: the proof needs no search."""
+        return False
+
     # --- where it runs -----------------------------------------------------------------------------------------------
 
     @classmethod
@@ -312,13 +315,11 @@ class Bounder(Operators, Asking):
     @property
     def tightness(self) -> str:
         """False positives in words, as ``fit`` measured them on a few queries; empty where it did not."""
-        rates = self.info.get("rates")
-        if not rates:
+        if not (rates := self.info.get("rates")):
             return ""
-        resolution = self.info.get("resolution")
-        judge = "of its cells" + (f" at resolution {resolution}" if resolution else "")
-        if "grid_shape" in self.info and self.info["grid_shape"] is None:
-            judge = "against the shape itself"
+        resolution, judge = self.info.get("resolution"), "against the shape itself"
+        if not rates.get("itself", self.info.get("grid_shape", ()) is None):  # older files do not say it
+            judge = f"of its cells at resolution {resolution}" if resolution else "of its cells"
         text = f"{rates['fp_rate']:.2f} % false positives {judge} ({rates['samples']:,} samples)"
         looser = rates["fp_rate"] > rates["fp_rate_aabb"]
         return f"{text}, looser than a box ({rates['fp_rate_aabb']:.2f} %)" if looser else text

@@ -20,6 +20,7 @@ from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.coordinates.base import GEOMETRIC
 from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
 from warp_bounding.errors import BounderError
+from warp_bounding.geometry.hull import whole_hull
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.kernels.source import Lanes, Source, fill
@@ -113,16 +114,24 @@ class VolumeBounder(Bounder):
     def rounding_bound(self) -> float:
         return self.test.error
 
+    def exact_on_hull(self, shape: Shape) -> bool:
+        """See ``Bounder``: f of points is concave, so least over a hull where it is least over the object."""
+        return not self.domain.parametric and whole_hull(shape) is not None
+
     def least(self, grid: Shape) -> tuple[float, int]:
-        """See ``Bounder``; of a shape without cells, for regions, over the hull of the object (``geometry.hull``)."""
-        if self.volume is not None and not isinstance(grid, IndicatorGrid):
-            support = ObjectSupport(grid, self.volume_domain)
-            if not support.certified:
-                raise BounderError(f"{self.method}: {grid.name} has no known convex hull; give a resolution")
-            return self.volume.hull_least(support)
+        """See ``Bounder``; of a shape without cells over the hull of the object (``geometry.hull``)."""
         if self.domain.parametric:
             return self.hull_least(ParametricSupport(grid, self.domain))
-        return super().least(grid)
+        if isinstance(grid, IndicatorGrid):
+            return super().least(grid)
+        hull, volume = whole_hull(grid), self.volume or self
+        if hull is None:
+            raise BounderError(f"{self.method}: {grid.name} has no known convex hull; give a resolution")
+        least, count = volume.hull_least(ObjectSupport(grid, self.volume_domain, hull))
+        if self.volume is None:  # nothing else is asked f; that decides where the volume is the domain
+            limit = self.domain.limit.astype(np.float64)[None]
+            least = max(least, float(self.bound(-limit, limit).lower[0]))
+        return least, count
 
     @abstractmethod
     def hull_least(self, support: ObjectSupport | ParametricSupport) -> tuple[float, int]:

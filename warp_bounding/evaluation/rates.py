@@ -103,24 +103,29 @@ def evaluate(
     )
 
 
-def quick_rates(bounder: Bounder, grid: Shape) -> dict:
+def quick_rates(bounder: Bounder, grid: Shape, shape: Shape | None = None) -> dict:
     """About how tight a bounder is, and an axis-aligned box around the same object, by their f in float64.
 
     Args:
         bounder: Any bounder.
         grid: What the fit bounded.
+        shape: What it was given, without a margin: the truth where it can tell (``evaluate`` asks the same), also where
+            the fit bounded its cells. What the fit bounded if ``None``.
 
     Returns:
-        ``fp_rate`` and ``fp_rate_aabb``, per cent of ``samples``; JSON-ready.
+        ``fp_rate`` and ``fp_rate_aabb``, per cent of ``samples``; and ``itself``, whether the truth is that of the shape
+        itself, not of cells. JSON-ready.
     """
     query, length = bounder.query_kind, bounder.domain.oracle_length
-    x = sample(query, grid, QUICK, np.random.default_rng(QUICK_SEED))
-    x = x[~oracle(query, grid, device="cpu", length=length)(x)]
-    box = Aabb.fit(grid, domain_of(grid, query, length))
+    judge = judge_of(grid if shape is None else shape, grid, query, PROTOCOLS[0])
+    x = sample(query, judge, QUICK, np.random.default_rng(QUICK_SEED))
+    x = x[~oracle(query, judge, device="cpu", length=length)(x)]
+    box = Aabb.fit(judge, domain_of(grid, query, length))
 
     def rate(b: Bounder) -> float:
         v = b.domain.to_local(x)
         asked = (np.abs(v) <= b.domain.limit).all(axis=1) | (not b.domain.tested_as_point)
         return 100 * int((asked & (b.reference(v) >= float(b.threshold))).sum()) / QUICK if len(x) else 0.0
 
-    return {"fp_rate": rate(bounder), "fp_rate_aabb": rate(box), "samples": QUICK}
+    itself = not isinstance(judge, IndicatorGrid)
+    return {"fp_rate": rate(bounder), "fp_rate_aabb": rate(box), "samples": QUICK, "itself": itself}

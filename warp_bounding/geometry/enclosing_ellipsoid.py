@@ -19,14 +19,19 @@ import numpy as np
 
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry.hull import line_ends
+from warp_bounding.indicators.distinct_rows import distinct_rows
 from warp_bounding.indicators.grid import IndicatorGrid
 
-__all__ = ["enclosing_ellipsoid", "enclosing_of_points", "extreme_corners"]
+__all__ = ["enclosing_ellipsoid", "enclosing_of_hull", "enclosing_of_points", "extreme_corners"]
 
 GAP = 1e-4  # relative, in squared length: 0.005 % in radius
 MOST_STEPS = 20_000  # of Frank-Wolfe, for one set of points
 DIRECTIONS = 64  # random ones whose outermost points the ellipsoid is fitted to first
 JOINING = 64  # points that join these at a time
+MOST_ROUNDS = 12  # of ellipsoids around dilated points, each also around the farthest places of the one before it
+STEPS_OF_ROUND = 3000  # of Frank-Wolfe
+ASCENTS = 12  # steps towards the farthest place of a dilated point
+TINIEST = 1e-300  # a divisor in place of zero
 
 
 def enclosing_ellipsoid(grid: IndicatorGrid, family: str) -> tuple[np.ndarray, np.ndarray]:
@@ -52,7 +57,9 @@ def enclosing_of_points(points: np.ndarray, family: str) -> tuple[np.ndarray, np
     chosen = _outermost(points)
     weights = np.full(len(chosen), 1.0 / len(chosen))
     while True:
-        mean, shape, goal, weights = _enclose(points[chosen], weights, family)
+        mean, shape, goal, weights, closed = _enclose(points[chosen], weights, family, MOST_STEPS)
+        if not closed:
+            raise BounderError(f"no enclosing ellipsoid within {GAP} after {MOST_STEPS} steps in {points.shape[1]}D")
         offset = points - mean
         distance = np.einsum("ij,jk,ik->i", offset, shape, offset)
         if distance.max() <= goal * (1 + GAP):
@@ -66,6 +73,52 @@ def enclosing_of_points(points: np.ndarray, family: str) -> tuple[np.ndarray, np
         weights = np.concatenate([weights, np.zeros(len(more))])
 
 
+def enclosing_of_hull(points: np.ndarray, radii: np.ndarray, family: str) -> tuple[np.ndarray, np.ndarray]:
+    """``enclosing_of_points`` around points ``(P, n)`` that are dilated by an ellipsoid along the axes.
+
+    Args:
+        points: In any units.
+        radii: ``(n,)``, half axes of that ellipsoid; zeros for none.
+        family: As there.
+
+    Returns:
+        A and the centre; A holds the dilated points but for what ``MOST_ROUNDS`` may leave, which a proof must charge.
+    """
+    if not radii.any():
+        return enclosing_of_points(points, family)
+    points, _, _ = distinct_rows(points)
+    origin, size = points.mean(axis=0), np.ptp(points, axis=0).max()
+    points, radii = (points - origin) / size, radii / size
+    chosen = _outermost(points)
+    weights = np.full(len(chosen), 1.0 / len(chosen))
+    places = points + _farthest_places(points, radii, np.eye(len(radii)), np.zeros(len(radii)))
+    for _ in range(MOST_ROUNDS):
+        mean, shape, goal, weights = _enclose(places[chosen], weights, family, STEPS_OF_ROUND)[:4]
+        matrix = np.linalg.cholesky(shape / goal).T
+        places = points + _farthest_places(points, radii, matrix, mean)
+        reach = np.linalg.norm((places - mean) @ matrix.T, axis=1)
+        largest = max(float(reach.max()), 1.0)
+        if largest**2 <= 1 + GAP:
+            break
+        # Those that carry no weight leave, and the others have moved: each stands for its point's farthest place.
+        chosen, weights = chosen[weights > 0], weights[weights > 0]
+        reach[chosen] = 0.0
+        more = np.argsort(reach)[-JOINING:]
+        more = more[reach[more] > 1]
+        chosen, weights = np.concatenate([chosen, more]), np.concatenate([weights, np.zeros(len(more))])
+    return matrix / largest / size, mean * size + origin
+
+
+def _farthest_places(points: np.ndarray, radii: np.ndarray, matrix: np.ndarray, center: np.ndarray) -> np.ndarray:
+    """``(P, n)``: by how much to move each point in its dilation so that it is about the farthest in the metric ``|A (x - center)|``."""
+    stretched, z = matrix * radii, (points - center) @ matrix.T
+    u = np.zeros_like(points)
+    for _ in range(ASCENTS):  # as in power iteration
+        u = (z + u @ stretched.T) @ stretched
+        u /= np.maximum(np.linalg.norm(u, axis=1, keepdims=True), TINIEST)
+    return radii * u
+
+
 def _outermost(points: np.ndarray) -> np.ndarray:
     """Indices of points that are farthest out along an axis or in a random direction."""
     n = points.shape[1]
@@ -74,10 +127,15 @@ def _outermost(points: np.ndarray) -> np.ndarray:
     return np.unique(np.concatenate([along.argmin(axis=0), along.argmax(axis=0)]))
 
 
-def _enclose(points: np.ndarray, weights: np.ndarray, family: str) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
-    """Centre, metric, its goal and the weights of the smallest member of a family around all points, from these weights on."""
+def _enclose(
+    points: np.ndarray, weights: np.ndarray, family: str, steps: int
+) -> tuple[np.ndarray, np.ndarray, float, np.ndarray, bool]:
+    """Centre, metric, its goal and the weights of the smallest member of a family around all points, from these weights on.
+
+    The last is whether the gap was closed in so many steps.
+    """
     n = points.shape[1]
-    for _ in range(MOST_STEPS):
+    for _ in range(steps):
         mean = weights @ points
         offset = points - mean
         covariance = (offset * weights[:, None]).T @ offset
@@ -85,7 +143,7 @@ def _enclose(points: np.ndarray, weights: np.ndarray, family: str) -> tuple[np.n
         distance = np.einsum("ij,jk,ik->i", offset, shape, offset)
         far = int(np.argmax(distance))
         if distance[far] <= goal * (1 + GAP / 2):
-            return mean, shape, goal, weights
+            return mean, shape, goal, weights, True
         used = np.flatnonzero(weights > 0)
         near = int(used[np.argmin(distance[used])])
         away = distance[far] - goal < goal - distance[near] and weights[near] < 1
@@ -99,7 +157,7 @@ def _enclose(points: np.ndarray, weights: np.ndarray, family: str) -> tuple[np.n
         if away and step == -most:
             weights[index] = 0.0
         weights /= weights.sum()
-    raise BounderError(f"no enclosing ellipsoid within {GAP} after {MOST_STEPS} steps in {n}D")
+    return mean, shape, goal, weights, False
 
 
 def extreme_corners(grid: IndicatorGrid) -> np.ndarray:

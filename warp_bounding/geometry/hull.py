@@ -18,7 +18,17 @@ from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 
-__all__ = ["Component", "Hull", "components", "connected_labels", "hull_corners", "hull_of", "hull_points", "line_ends"]
+__all__ = [
+    "Component",
+    "Hull",
+    "components",
+    "connected_labels",
+    "hull_corners",
+    "hull_of",
+    "hull_points",
+    "line_ends",
+    "whole_hull",
+]
 
 FEW_CORNERS = 48  # of so many corners or fewer all are kept: to find their hull takes longer than it saves
 WALKS = 8  # searches for one corner, from as many facets: flat facets of Qhull's triangulation end some of them
@@ -165,6 +175,15 @@ def hull_of(shape: Shape) -> Hull | None:
             points, missed = few_points(corners)
             _HULLS[shape] = Hull(points, float(np.nextafter(shape.margin + missed, np.inf)))
     return _HULLS[shape]
+
+
+def whole_hull(shape: Shape) -> Hull | None:
+    """The convex hull of a shape without cells by all the points that it names, exactly; ``None`` where it names none.
+
+    It takes no time to find, and is the one to ask about few directions.
+    """
+    corners = None if isinstance(shape, IndicatorGrid) else shape.corners()
+    return None if corners is None else Hull(corners, shape.margin)
 
 
 def few_points(points: np.ndarray) -> tuple[np.ndarray, float]:

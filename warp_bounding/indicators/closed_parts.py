@@ -16,6 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from warp_bounding.indicators.distinct_rows import distinct_rows
+
 __all__ = ["Surface", "surface_of"]
 
 
@@ -57,13 +59,13 @@ def surface_of(vertices: np.ndarray, faces: np.ndarray) -> Surface:
             equal.
         faces: ``(F, 3)``, indices of vertices.
     """
-    _, merged = np.unique(vertices, axis=0, return_inverse=True)
-    corners = np.sort(merged.reshape(-1)[faces].astype(np.int64), axis=1)
-    kept, face_of = np.unique(corners, axis=0, return_inverse=True)
+    _, _, merged = distinct_rows(vertices)
+    corners = np.sort(merged[faces], axis=1)
+    kept, _, face_of = distinct_rows(corners)
     whole = (np.diff(kept, axis=1) > 0).all(axis=1)  # the others have collapsed to an edge or a point: no face is there
     closed = np.zeros(len(kept), dtype=bool)
     closed[whole] = _without_free_edges(kept[whole])
-    closed = closed[face_of.reshape(-1)]
+    closed = closed[face_of]
     return Surface(closed=closed, loose=~closed & _has_area(vertices, faces))
 
 
@@ -74,7 +76,7 @@ def _without_free_edges(faces: np.ndarray) -> np.ndarray:
         faces: ``(F, 3)``, ascending in each row, no two rows the same.
     """
     pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [0, 2]]])
-    unique, edge = np.unique(pairs, axis=0, return_inverse=True)
+    unique, _, edge = distinct_rows(pairs)
     edges = edge.reshape(3, -1).T  # of each face
     stays = np.ones(len(faces), dtype=bool)
     count = np.bincount(edges.ravel(), minlength=len(unique))

@@ -215,13 +215,20 @@ class IndicatorMesh(Shape):
         away *= self.margin * rng.random((count, 1)) / np.linalg.norm(away, axis=1, keepdims=True)
         return corner[face] + a * edges[0][face] + b * edges[1][face] + away
 
+    @cached_property
+    def _used(self) -> np.ndarray:
+        """Numbers of the vertices that faces have, ascending."""
+        used = np.zeros(len(self.vertices), dtype=bool)
+        used[self.faces] = True
+        return np.flatnonzero(used)
+
     def corners(self) -> np.ndarray:
         """``(P, 3)`` float64, the vertices of faces; see ``Shape``."""
-        return self.vertices[np.unique(self.faces)].astype(np.float64)
+        return self.vertices[self._used].astype(np.float64)
 
     def landmarks(self) -> np.ndarray:
         """``(P, 3)`` float64: the vertices of faces; of a dilated mesh, what lies over them at the margin, on either side."""
-        used = np.unique(self.faces)
+        used = self._used
         points = self.vertices[used].astype(np.float64)
         if not self.margin:
             return points

@@ -229,7 +229,7 @@ class Shape(ABC):
         return np.empty((0, self.ndim))
 
     def corners(self) -> np.ndarray | None:
-        """``(P, n)`` float64 points whose convex hull, dilated by ``margin`` in space, holds the object; ``None`` if unknown."""
+        """``(P, n)`` float64 points whose convex hull, dilated by ``margin`` in space, is that of the object; ``None`` if unknown."""
         return None
 
     def points(self, count: int, rng: np.random.Generator) -> np.ndarray:

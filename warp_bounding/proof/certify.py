@@ -149,6 +149,10 @@ def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress, as
         return _attested(bounder, grid, seconds, result)
     if not isinstance(grid, IndicatorGrid):
         grid.check()
+        if bounder.exact_on_hull(grid):
+            least, boxes = bounder.least(grid)
+            if target <= least < np.inf:
+                return result("proven", _proven(bounder), least, boxes)
         return _conclusion(
             bounder, grid, check_shape(f, grid, target, started + seconds, progress), seconds, result, asked
         )

@@ -69,15 +69,16 @@ def least_value(
     """Certified minimum of f over every v that the pipeline can make of a positive; arguments as in ``prove``.
 
     That takes one pass over the cells, or branch and bound. Of a shape without cells the whole domain is searched, less
-    what the shape certifies to be empty (``search.vacancy``), for points and for a monotone network's boxes; volumes that
-    regions are tested against, and planes, need its convex hull alone. Points, rays and boxes of a network are searched depth first
+    what the shape certifies to be empty (``search.vacancy``), for points and for a monotone network's boxes; convex volumes,
+    of points or of regions that are tested against them, and planes need its convex hull alone, where that is known. Points, rays and boxes of a network are searched depth first
     in the numbers of a chart (``charted``). Where there is no chart the search is best first: planes over their normals,
     a monotone network's boxes over the object's points (``covers``).
     """
     started = working_seconds()
     limits = {"eps": eps, "seconds": seconds, "boxes": boxes, "progress": progress}
     f, region = of_points(bounder), QUERIES[bounder.query_kind].is_region
-    if not isinstance(grid, IndicatorGrid) and (not region or f is not bounder):
+    searched = not isinstance(grid, IndicatorGrid) and not bounder.exact_on_hull(grid)
+    if searched and (not region or f is not bounder):
         positives = ShapePositives(f, grid)
         if points is None or not len(points):
             points = f.domain.to_local(border_points(grid, STARTS, np.random.default_rng(0)))

@@ -12,6 +12,7 @@ from warp_bounding.coordinates.base import direction_rounding
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.geometry.direction_patches import DirectionPatches
+from warp_bounding.geometry.farthest_point import farthest
 from warp_bounding.geometry.hull import Hull, hull_of
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.boundary import outline
@@ -30,6 +31,7 @@ class ObjectSupport:
     Args:
         grid: The object.
         base: Its domain of points.
+        hull: A convex set that holds it; ``hull_of(grid)`` if ``None``, which is found once and has few points.
 
     Attributes:
         points: ``(C, n)`` float64, local space: every vertex of the object's hull, and some more.
@@ -38,8 +40,8 @@ class ObjectSupport:
         certified: Whether the hull is known, so that all that is said of the support holds.
     """
 
-    def __init__(self, grid: Shape, base: Domain):
-        hull = hull_of(grid)
+    def __init__(self, grid: Shape, base: Domain, hull: Hull | None = None):
+        hull = hull or hull_of(grid)
         self.certified = hull is not None
         hull = hull or Hull(outline(grid), 0.0)
         lower, upper = base.widened(hull.points, hull.points)
@@ -60,10 +62,8 @@ class ObjectSupport:
 
     def square(self, matrix: np.ndarray, offset: np.ndarray) -> float:
         """Upper bound of ``|A p + b|^2`` over the widened object, A ``(r, n)`` and b ``(r,)``, rounding included."""
-        rows = self.points @ matrix.T + offset
-        far = float(np.sqrt((rows * rows).sum(axis=1).max()))
-        stretched = np.linalg.norm(matrix * self.ball, 2) * (1 + 1e-9)  # of an SVD
-        most = far + stretched + np.linalg.norm(np.abs(matrix) @ self.delta)
+        most = farthest(self.points @ matrix.T + offset, matrix * self.ball)
+        most += np.linalg.norm(np.abs(matrix) @ self.delta)
         reach = np.abs(matrix) @ (np.abs(self.points).max(axis=0) + self.ball + self.delta) + np.abs(offset)
         return float((most + gamma(8 * len(self.delta) + 64, UNIT64) * reach.sum()) ** 2 * (1 + 1e-12))
 

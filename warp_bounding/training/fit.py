@@ -171,7 +171,7 @@ def fit(
     if last is not None:
         parts.append(last.to(str(parts[0].device)))
     bounder = parts[0] if len(classes) == 1 else cascade(*parts)
-    bounder.info["rates"] = quick_rates(bounder, grid)
+    bounder.info["rates"] = quick_rates(bounder, grid, shape)
     before = {} if last is None else last.info.get("training") or {}
     bounder.info["training"] |= {key: round(value + before.get(key, 0.0), 3) for key, value in spent.seconds().items()}
     return bounder

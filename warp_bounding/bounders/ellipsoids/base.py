@@ -15,7 +15,8 @@ from warp_bounding.bounders.ellipsoids.plain import PLAIN
 from warp_bounding.bounders.ellipsoids.regions import TESTS, Quadric
 from warp_bounding.bounders.volume import VolumeBounder, VolumeSource
 from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
-from warp_bounding.geometry.enclosing_ellipsoid import enclosing_of_points, extreme_corners
+from warp_bounding.geometry.enclosing_ellipsoid import enclosing_of_hull, enclosing_of_points, extreme_corners
+from warp_bounding.geometry.hull import whole_hull
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.boundary import outline
@@ -49,9 +50,14 @@ class QuadricBounder(VolumeBounder):
 
     @classmethod
     def fit(cls, grid: Shape, domain: AnyDomain, *, device: str | None = None) -> "QuadricBounder":
-        """The smallest member of the family around a grid's cells or another shape's outline, found in object space."""
-        points = extreme_corners(grid) if isinstance(grid, IndicatorGrid) else outline(grid)
-        matrix, center = enclosing_of_points(points, cls.family)
+        """The smallest member of the family around a grid's cells, a shape's hull or its outline, found in object space."""
+        hull = whole_hull(grid)
+        if hull is not None:
+            radii = hull.radius * (np.arange(grid.ndim) >= int(grid.time))
+            matrix, center = enclosing_of_hull(hull.points, radii, cls.family)
+        else:
+            points = extreme_corners(grid) if isinstance(grid, IndicatorGrid) else outline(grid)
+            matrix, center = enclosing_of_points(points, cls.family)
         return cls._around(domain, matrix / domain.scale.astype(np.float64), -matrix @ (center - domain.center), device)
 
     @classmethod

@@ -7,6 +7,7 @@ same slabs (``slabs.regions``).
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from warp_bounding.bounders.volume import VolumeBounder, VolumeSource
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
 from warp_bounding.errors import BounderError
+from warp_bounding.geometry.hull import whole_hull
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.boundary import outline
@@ -75,6 +77,7 @@ class SlabBounder(FaceBounder):
 
     tests = TESTS
     diagonal = False
+    of_samples: ClassVar[bool] = False  # the directions follow from samples, and not from their dimension alone
 
     @classmethod
     def fit(cls, grid: Shape, domain: AnyDomain, *, device: str | None = None, **options) -> "SlabBounder":
@@ -83,12 +86,14 @@ class SlabBounder(FaceBounder):
         ``options`` are those of ``sampled_directions``.
         """
         base, gridded = domain.base, isinstance(grid, IndicatorGrid)
-        points = grid.position(grid.occupied) if gridded else outline(grid)
+        points = np.empty((0, base.ndim))
+        if cls.of_samples:
+            points = grid.position(grid.occupied) if gridded else outline(grid)
         local = cls._local(cls.sampled_directions(points, **options), base.scale.astype(np.float64))
         if gridded:
             low, high = cls._faces_of_cells(grid, base, local)
         else:
-            support = ObjectSupport(grid, base)
+            support = ObjectSupport(grid, base, whole_hull(grid))
             low, high = -support(-local), support(local)
         room = 2 * SlabPoint(Slabs(local, low, high, cls.diagonal), base).error
         return cls._of_faces(domain, local, low - room, high + room, device)
@@ -129,7 +134,10 @@ class SlabBounder(FaceBounder):
 
     @classmethod
     def sampled_directions(cls, samples: np.ndarray) -> np.ndarray:
-        """``(k, m)`` float64, slab normals for ``(N, m)`` samples, in their units; the axes by default."""
+        """``(k, m)`` float64, slab normals for ``(N, m)`` samples, in their units; the axes by default.
+
+        Unless the class is ``of_samples``, there may be none of them.
+        """
         return np.eye(samples.shape[1])
 
     def check_tensors(self) -> None:

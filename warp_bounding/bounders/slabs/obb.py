@@ -11,6 +11,7 @@ class Obb(SlabBounder):
     """Oriented box whose axes are the eigenvectors of the occupied cells' covariance, as in the paper's code."""
 
     method = "obb"
+    of_samples = True
 
     @classmethod
     def sampled_directions(cls, samples: np.ndarray) -> np.ndarray:

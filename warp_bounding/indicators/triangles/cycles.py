@@ -13,6 +13,8 @@ odd sum in 2^64, too, and then the point is not known to be enclosed.)
 
 import numpy as np
 
+from warp_bounding.indicators.distinct_rows import distinct_rows
+
 __all__ = ["cycles_of"]
 
 MOST_JOINED = 4096  # patches that meet three or more at an edge: for more of them no cycle is looked for
@@ -34,9 +36,9 @@ def cycles_of(vertices: np.ndarray, faces: np.ndarray, closed: np.ndarray) -> np
     places = np.flatnonzero(closed)
     if len(places) == 0:
         return numbers
-    _, merged = np.unique(vertices, axis=0, return_inverse=True)
-    corners = np.sort(merged.reshape(-1)[faces[places]].astype(np.int64), axis=1)
-    corners, first = np.unique(corners, axis=0, return_index=True)
+    _, _, merged = distinct_rows(vertices)
+    corners = np.sort(merged[faces[places]], axis=1)
+    corners, first, _ = distinct_rows(corners)
     ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [0, 2]]])
     _, edge, count = np.unique(ends[:, 0] * len(vertices) + ends[:, 1], return_inverse=True, return_counts=True)
     face = np.tile(np.arange(len(corners)), 3)
