@@ -53,7 +53,7 @@ def quiet_warp(device: str | None = None) -> None:
     """Keep Warp's own messages off standard output, and check the device.
 
     Raises:
-        QueryError: If there is no such device.
+        DeviceError: If there is no such device.
     """
     quiet.quiet_warp()
     if device is not None:

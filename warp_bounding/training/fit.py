@@ -136,7 +136,7 @@ def fit(
     spent = Stopwatch()
     if query == DISTANCE.name:
         check_distance(method, length, space, side, last, queries)
-        device_of(device, BounderError)
+        device_of(device)
         shape = load_indicator(shape)
         check_extent(shape, margin, force)
         run = {"budget": budget, "seed": int(seed), "device": device, "progress": progress}
@@ -145,13 +145,14 @@ def fit(
             "resolution": resolution,
             "of_points": partial(fit, force=force),
             "described": described,
+            "callers": [fit],
         }
         found, spent = fit_distance(shape, method, options, **run, **own), spent.seconds()
         found.info["training"] |= spent
         return found
     check_regions(query, method, length, space, side)
     length, space = length or 1.0, space or SPACES[0]
-    device_of(device, BounderError)
+    device_of(device)
     shape = load_indicator(shape)
     check_extent(shape, margin, force)
     if side == SIDES[1]:
@@ -162,7 +163,7 @@ def fit(
         Cascade.check(classes)
     if last is not None and (len(classes) < 2 or type(last) is not classes[-1]):
         raise BounderError(f"last must be the last of several methods, {method!r}, got {last!r}")
-    told = settled(classes, query, options)
+    told = settled(classes, query, options, [fit])
     domain, repeatable = domain_of(grid, query, length, space), any(each.get("steps") for each in told)
     callers = None if queries is None else CallersQueries(queries, grid, domain, int(seed))
     problem = Problem(grid, domain, query, int(seed), device, callers=callers, repeatable=repeatable)

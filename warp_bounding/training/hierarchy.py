@@ -125,13 +125,13 @@ def hierarchy(
     if leaves is not None and (type(leaves) is not int or not 2 <= leaves <= MOST_LEAVES):
         raise BounderError(f"leaves must be a whole number from 2 to {MOST_LEAVES}, got {leaves!r}")
     check_numbers(budget, seed, margin)
-    device_of(device, BounderError)
+    device_of(device)
     spent, shape = Stopwatch(), load_indicator(shape)
     shape = shape.dilated(margin) if isinstance(shape, Shape) else shape.to_grid(margin=margin)
     cls = method_class(method, query, shape.ndim)
     if not cls.conservative or cls.lays_cells:
         raise BounderError(f"{method}: cannot be a leaf of a hierarchy")
-    (told,) = settled([cls], query, options)
+    (told,) = settled([cls], query, options, [hierarchy])
     shape.check()
     shape.check_contents()
     if not shape.certified:
