@@ -22,7 +22,7 @@ from warp_bounding.indicators.parts.complement import SIDES
 from warp_bounding.queries import QUERIES, check_query, oracle, sample
 from warp_bounding.runtime.devices import device_of
 from warp_bounding.runtime.progress import Progress, reported
-from warp_bounding.training.checks import check_numbers, check_regions, is_number
+from warp_bounding.training.checks import check_numbers, check_regions, is_number, warn_of_restriction
 from warp_bounding.training.samples.callers import CallersQueries
 
 __all__ = ["check_prices", "choose"]
@@ -98,6 +98,7 @@ def choose(
     wanted = check_methods(methods)
     device = str(device_of(device))
     shape, length = load_indicator(shape), length or 1.0
+    warn_of_restriction(shape)
     bounded, rng = shape.dilated(margin) if margin else shape, np.random.default_rng(seed)
     x = sample(query, bounded, SAMPLES, rng) if queries is None else queries
     told = CallersQueries(x, bounded, domain_of(bounded, query, length, SPACES[0]), seed)

@@ -36,7 +36,7 @@ from warp_bounding.queries.boundary import border_points
 from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.devices import device_of
 from warp_bounding.runtime.progress import Progress, reported
-from warp_bounding.training.checks import check_numbers
+from warp_bounding.training.checks import check_numbers, warn_of_restriction
 from warp_bounding.training.fit import LEAST_SHARE, SHAPE_BOXES, SHAPE_EPS, Stopwatch, described
 from warp_bounding.training.problem import Problem
 from warp_bounding.training.trainers import trainer_of
@@ -128,6 +128,7 @@ def hierarchy(
     device_of(device)
     spent, shape = Stopwatch(), load_indicator(shape)
     shape = shape.dilated(margin) if isinstance(shape, Shape) else shape.to_grid(margin=margin)
+    warn_of_restriction(shape)
     cls = method_class(method, query, shape.ndim)
     if not cls.conservative or cls.lays_cells:
         raise BounderError(f"{method}: cannot be a leaf of a hierarchy")
