@@ -42,7 +42,7 @@ def test_certificates_say_what_they_are_about(query):
         about = (certificate.object, certificate.margin, certificate.length, certificate.resolution)
         assert about == ("brick.obj", 0.1, 0.75 if query == "ray" else None, 8)
         assert len(certificate.placement) == 3
-        for words in ("brick.obj", "dilated by 0.1", "resolution 8", "xform= and scale=", "round a query by more than"):
+        for words in ("brick.obj", "dilated by 0.1", "resolution 8", "xform= or scale=", "rounds a query by more than"):
             assert words in certificate.message
         assert ("length 0.75" in certificate.message) == (query == "ray")
         assert type(certificate).from_dict(json.loads(json.dumps(certificate.to_dict()))) == certificate

@@ -64,7 +64,7 @@ def _told(bounder: Subject, grid: Shape, message: str, numbers: str) -> str:
 
 def about(bounder: Subject, grid: Shape) -> str:
     """What a certificate is about, in words: object, margin, cells, length of rays, and restrictions."""
-    words = [grid.name, f"dilated by {float(grid.margin)} in its own units" if grid.margin else "not dilated"]
+    words = [grid.name, f"dilated by {float(grid.margin)} of its own units" if grid.margin else "not dilated"]
     if isinstance(grid, IndicatorGrid):
         fineness = "" if grid.resolution is None else f", resolution {grid.resolution}"
         words.append(f"as {len(grid.occupied):,} of {' x '.join(map(str, grid.shape))} cells{fineness}")
@@ -77,10 +77,7 @@ def _placed(bounder: Subject) -> str:
     """Which placements are covered."""
     if not bounder.domain.base.delta.any():  # nothing is left for a placement
         return "Queries are in the object's own coordinates."
-    return (
-        "xform= and scale= may place the object; where they would round a query by more than "
-        f"{least_allowance(bounder):.2g}, they are refused."
-    )
+    return f"An xform= or scale= that rounds a query by more than {least_allowance(bounder):.2g} is refused."
 
 
 def shown(value: float, digits: int = 6) -> str:

@@ -181,9 +181,10 @@ def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate
     if not np.isfinite(threshold):
         raise BounderError(f"{bounder.method}: the proof found no finite minimum")
     message = f"Proven: no {QUERIES[bounder.query_kind].positive} is ever answered with no."
+    rounded = f"in float32 at most {error:.2g} less" if error else "in float32 too"
     numbers = (
-        f"f is at least {shown(search.lower_bound)} where the answer must be maybe, float32 rounding changes that by at most {error:.2g}, "
-        f"and the answer is maybe from f = {shown(threshold)} on."
+        f"For every {QUERIES[bounder.query_kind].positive} f >= {shown(search.lower_bound)}, {rounded}; "
+        f"from f = {shown(threshold)} on the answer is maybe."
     )
     found = (search.lower_bound, search.boxes, search.seconds)
     certificate = document(bounder, grid, "proven", threshold, *found, message, numbers=numbers)

@@ -113,7 +113,7 @@ def settle_distance(bounder: DistanceBounder, shape: Shape, found: Found) -> Cer
     unit = bounder.domain.unit
     message = "Proven: the distance is never overestimated, for any float32 point anywhere."
     numbers = (
-        f"So that it never is, {-threshold * unit:.3g} is taken off everywhere (the slack), {error * unit:.2g} of it for float32 "
+        f"The slack, taken off so that no distance is too large, is {-threshold * unit:.3g}, {error * unit:.2g} of it for float32 "
         "rounding."
     )
     certificate = document(
