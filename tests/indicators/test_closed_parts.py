@@ -197,7 +197,7 @@ def test_an_open_mesh_is_told_wherever_something_is_told_of_its_bounder(query, r
     assert SURFACE_ONLY in bounder.certificate.message.split(". ", 2)[1]  # of the second sentence
     assert SURFACE_ONLY in bounder.info["note"]
     assert SURFACE_ONLY in wb.certify(bounder, hole).message
-    assert SURFACE_ONLY in statement(bounder)["object"]
+    assert SURFACE_ONLY in statement(bounder)["note"]
 
 
 @pytest.mark.parametrize("resolution", [None, 12])

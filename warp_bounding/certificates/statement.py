@@ -55,26 +55,26 @@ def _object(bounder: Subject, certificate: Certificate | None) -> str:
     margin, shape = info.get("margin") or 0.0, info.get("grid_shape")
     if _without_cells(bounder):
         dilated = f"dilated by {margin} ({UNITS})" if margin else "not dilated"
-        return f"{info.get('name') or 'a shape'}, {dilated}{_restriction(bounder)}; SHA-256 {str(info.get('indicator'))[:16]}"
+        return f"{info.get('name') or 'a shape'}, {dilated}; SHA-256 {str(info.get('indicator'))[:16]}"
     grid = " x ".join(map(str, shape)) if shape else "an unknown number of"
     cells = f"{certificate.cells:,} occupied of {grid} closed cells" if certificate else f"a grid of {grid} cells"
     fineness = f" at resolution {info['resolution']}" if info.get("resolution") else ""
     dilated = f", dilated by {margin} ({UNITS})" if margin else ", not dilated"
     digest = (certificate.indicator if certificate else info.get("indicator")) or "unknown"
-    return f"{info.get('name') or 'a shape'}: {cells}{fineness}{dilated}{_restriction(bounder)}; SHA-256 {digest[:16]}"
+    return f"{info.get('name') or 'a shape'}: {cells}{fineness}{dilated}; SHA-256 {digest[:16]}"
 
 
-def _restriction(bounder: Subject) -> str:
-    """What of the object is not bounded, behind its name."""
-    return f"; {bounder.info['note']}" if bounder.info.get("note") else ""
+def _note(bounder: Subject) -> dict[str, str]:
+    """What of the object is not bounded, under a heading of its own, where there is something."""
+    return {"note": str(bounder.info["note"])} if bounder.info.get("note") else {}
 
 
 def _input_error(bounder: Subject) -> str:
     """By how much the proof lets the numbers of a query be off, in the units of the object's coordinates."""
-    domain = bounder.domain.base
-    covered = np.asarray(domain.delta, dtype=np.float64) / domain.scale.astype(np.float64)
-    space = covered[int(domain.time) :]
-    of_time = f" and {covered[0]:.2g} in time" if domain.time else ""
+    base, timed = bounder.domain.base, bounder.domain.time
+    covered = np.asarray(base.delta, dtype=np.float64) / base.scale.astype(np.float64)
+    space = covered[int(timed) :]
+    of_time = f" and {covered[0]:.2g} in time" if timed else ""
     return (
         f"a query may be off by up to {space.max(initial=0.0):.2g} ({UNITS}) on each axis{of_time}, for what float32 rounds of "
         "float64 queries, of xform= and scale=, and inside"
@@ -113,8 +113,8 @@ def statement(bounder: Subject) -> dict[str, str]:
         return _of_distance(bounder, certificate)
     if certificate is None:
         text = "none: nothing is known of its false negatives" if bounder.conservative else NOT_CONSERVATIVE
-        return {"certificate": text, "queries": _queries(bounder), "object": _object(bounder, None)}
-    about = {"for": _queries(bounder), "object": _object(bounder, certificate)}
+        return {"certificate": text, **_note(bounder), "queries": _queries(bounder), "object": _object(bounder, None)}
+    about = _note(bounder) | {"for": _queries(bounder), "object": _object(bounder, certificate)}
     placement = (
         f"xform= and scale= may round a query by up to {least_allowance(bounder):.2g} ({UNITS}) on every axis; what would round "
         "it by more, such as a translation that is very large beside the object, is refused with an error"
@@ -141,6 +141,7 @@ def _of_distance(bounder: Subject, certificate: Certificate | None) -> dict[str,
     domain = bounder.domain
     corners = _corners(domain)
     about = {
+        **_note(bounder),
         "for": f"every float32 point, inside the domain, {corners}, or outside; NaN and infinity have distance 0",
         "object": _object(bounder, certificate),
     }

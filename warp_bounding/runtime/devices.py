@@ -18,6 +18,8 @@ def device_of(name: str | wp.Device | None) -> wp.Device:
         True
     """
     try:
+        if name == "cuda" and not wp.get_cuda_device_count():  # Warp would print errors of the driver
+            raise ValueError("no CUDA device")
         return wp.get_device(name)
     except (TypeError, ValueError, RuntimeError) as reason:
         names = [str(device) for device in wp.get_devices()]
