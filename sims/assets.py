@@ -26,7 +26,7 @@ def asset_mesh(name: str) -> wb.IndicatorMesh:
 
     path = Path(warp.examples.get_asset_directory()) / f"{name}.usd"
     if not path.is_file():
-        raise wb.IndicatorError(f"{path}: expected this mesh in the installed warp-lang, there is no such file")
+        raise wb.IndicatorError(f"{path}: expected this mesh in the installed warp-lang; no such file")
     return wb.load_indicator(path)
 
 

@@ -202,7 +202,7 @@ def owner(file: Path, shapes: dict[str, Shape], spec: FitSpec) -> str | None:
         BounderError: If there is no such file.
     """
     if not Path(file).is_file():
-        raise wb.BounderError(f"{file}: there is no such file")
+        raise wb.BounderError(f"{file}: no such file")
     made = wb.load(file, device="cpu").info.get("indicator")
     return next((name for name, shape in shapes.items() if bounded(spec, shape).digest == made), None)
 

@@ -150,7 +150,10 @@ def test_its_option_is_checked_and_loosens_it(ball):
     pytest.importorskip("torch", reason="torch is not installed")
     tight, loose = (wb.fit(str(ball), method="diamond", device="cpu", slack=slack) for slack in (0.0, 0.5))
     assert loose.tensors["radius"] > tight.tensors["radius"]
-    with pytest.raises(BounderError, match="diamond takes slack for point queries, got leaves"):
+    with pytest.raises(
+        BounderError,
+        match="diamond takes no option 'leaves'; beside the arguments of fit, diamond takes slack for point queries",
+    ):
         wb.fit(str(ball), method="diamond", leaves=3)
     with pytest.raises(BounderError, match="diamond does not bound ray queries"):
         wb.fit(str(ball), "ray", "diamond")

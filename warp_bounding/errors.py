@@ -1,6 +1,14 @@
 """Exceptions of the library: one small family, each also a ``ValueError`` so that callers may catch either; and its warnings."""
 
-__all__ = ["BounderError", "BoundingError", "BoundingWarning", "FileFormatError", "IndicatorError", "QueryError"]
+__all__ = [
+    "BounderError",
+    "BoundingError",
+    "BoundingWarning",
+    "DeviceError",
+    "FileFormatError",
+    "IndicatorError",
+    "QueryError",
+]
 
 
 class BoundingError(ValueError):
@@ -11,7 +19,7 @@ class BoundingError(ValueError):
         ...     wb.load_indicator("nothing.obj")
         ... except wb.BoundingError as error:
         ...     print(error)
-        nothing.obj: there is no such file
+        nothing.obj: no such file
     """
 
 
@@ -44,7 +52,19 @@ class BounderError(BoundingError):
         >>> wb.fit(ball, method="aabb", k=14)
         Traceback (most recent call last):
         ...
-        warp_bounding.errors.BounderError: aabb takes no options of its own for point queries, got k
+        warp_bounding.errors.BounderError: aabb takes no option 'k'; beside the arguments of fit, aabb takes no options of its own for point queries
+    """
+
+
+class DeviceError(BounderError, QueryError):
+    """A Warp device is named that this machine does not have.
+
+    Example:
+        >>> try:
+        ...     bounder.to("cuda:99")
+        ... except wb.DeviceError:
+        ...     print("on the CPU then")
+        on the CPU then
     """
 
 

@@ -69,7 +69,7 @@ def shape_of(network: Sequential, latent: int) -> wb.IndicatorNetwork | wb.Indic
         within = ((x >= shape.lower) & (x <= shape.upper)).all(axis=1)
         return within & (decode(network, x.astype(np.float32)) >= LEVEL)
 
-    return Ink(ink, shape.lower, shape.upper, name=shape.name, note="no proof in minutes; attested")
+    return Ink(ink, shape.lower, shape.upper, name=shape.name)  # no proof in minutes: attested
 
 
 def rate(bounder: wb.Bounder, shape, samples: int, seed: int = 0) -> tuple[float, int]:

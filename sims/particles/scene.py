@@ -75,7 +75,7 @@ class Scene:
         """The moving bunny.
 
         Raises:
-            BoundingError: If there is no such device.
+            DeviceError: If there is no such device.
         """
         return cls(moving(asset_mesh("bunny")), wb.device_of(device))
 

@@ -118,7 +118,7 @@ class Scene:
             device: Warp device; the default device if ``None``.
 
         Raises:
-            QueryError: If there is no such device.
+            DeviceError: If there is no such device.
         """
         shapes = objects()
         camera = look((0.9, 2.45, 5.0), (0.5, 0.66, 0.0), 33.0, width, height)

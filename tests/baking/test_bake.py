@@ -80,7 +80,11 @@ def test_a_scheduler_that_does_not_answer(folder, tmp_path, monkeypatch):
 
 
 def test_options_are_checked(folder, tmp_path):
-    for options, told in [({"jobs": 0}, "jobs must be"), ({"largest": 0}, "largest must be"), ({"k": 3}, "got k")]:
+    for options, told in [
+        ({"jobs": 0}, "jobs must be"),
+        ({"largest": 0}, "largest must be"),
+        ({"k": 3}, "takes no option 'k'"),
+    ]:
         with pytest.raises(BoundingError, match=told):
             wb.bake(folder, tmp_path / "out", progress=False, **options)
     assert not (tmp_path / "out").exists()

@@ -119,12 +119,12 @@ def test_a_choice_may_be_that_none_pays(folder, jobs):
     ("settings", "told"),
     [
         (FitSettings({"method": "nothing"}), "method must be one of"),
-        (FitSettings({"methd": "kdop"}), "got methd"),
+        (FitSettings({"methd": "kdop"}), "there is no option 'methd'; did you mean 'method'"),
         (FitSettings({"query": "ball"}), "query must be one of"),
         (FitSettings({"budget": 0}), "budget must be a positive number"),
-        (FitSettings({"method": "aabb", "k": 14}), "aabb takes no options"),
+        (FitSettings({"method": "aabb", "k": 14}), "aabb takes no option 'k'"),
         (ChooseSettings({"narrow_ns": -1.0}), "narrow_ns must be"),
-        (ChooseSettings({"narrow_ns": 1.0, "k": 14}), "a choice takes no k"),
+        (ChooseSettings({"narrow_ns": 1.0, "k": 14}), "choose takes no option 'k'"),
     ],
 )
 def test_what_is_wrong_for_every_shape_is_told_before(settings, told):

@@ -5,7 +5,8 @@ import pytest
 import warp as wp
 from bounding_shapes import domain_points, fitted, shape
 
-from warp_bounding.errors import BounderError, BoundingError, QueryError
+import warp_bounding as wb
+from warp_bounding.errors import BounderError, BoundingError, DeviceError, QueryError
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
 
@@ -43,6 +44,20 @@ def test_numpy_and_lists(bounder, x):
         assert (bounder.query(x.astype(dtype)).numpy() == expected).all()
 
 
+@pytest.mark.parametrize("dtype", ["u1", "i2", "u4", "i8", ">i4"])
+def test_whole_numbers_that_float32_holds_exactly(dtype):
+    solid = wb.solids.Box([0.5, 0.5, 0.5], [2.5, 2.5, 2.5])
+    bounder, whole = wb.fit(solid, method="aabb", device="cpu"), np.indices((4, 4, 4)).reshape(3, -1).T
+    expected = bounder.query(whole.astype(np.float32)).numpy()
+    assert set(expected) == {0, 1}
+    assert (bounder.query(whole.astype(dtype)).numpy() == expected).all()
+    assert (bounder.query(whole.tolist()).numpy() == expected).all()
+    if dtype in ("u1", "i2", "i8"):
+        assert (bounder.query(torch.from_numpy(whole.astype(dtype))).numpy() == expected).all()
+    large = np.array([[2**24, 2**62, -(2**40)]])
+    assert bounder.query(large).numpy() == bounder.query(large.astype(np.float32)).numpy()
+
+
 def test_torch(bounder, x):
     expected = bounder.query(x).numpy()
     t = torch.from_numpy(x)
@@ -61,6 +76,18 @@ def test_warp_arrays(bounder, x, device):
         assert (bounder.query(array[::2]).numpy() == expected[::2]).all()
     wide = wp.array(np.concatenate([x, x], axis=1), dtype=wp.float32, device=device)
     assert (bounder.query(wide[:, 3:]).numpy() == expected).all()
+
+
+def test_warp_arrays_of_float64_are_rounded_as_numpys_are(bounder, x, device):
+    bounder, x = bounder.to(device), x.astype(np.float64) * (1 + 1e-9)
+    x[3] = 1e300
+    expected = bounder.query(x).numpy()
+    for array in (wp.array(x, dtype=wp.vec3d, device=device), wp.array(x, dtype=wp.float64, device=device)):
+        assert (bounder.query(array).numpy() == expected).all()
+        assert (bounder.query(array[::3]).numpy() == expected[::3]).all()
+        with pytest.raises(QueryError, match="would have to be copied"):
+            bounder.prepare(array)
+    assert bounder.query(wp.zeros(0, dtype=wp.vec3d, device=device)).shape == (0,)
 
 
 def test_memory_is_read_in_place(bounder):
@@ -99,7 +126,6 @@ def test_nothing_gives_nothing(bounder, kind, device):
         np.zeros((2, 2)),
         np.zeros((2, 3, 1)),
         np.zeros((2, 3), np.float16),
-        np.zeros((2, 3), int),
         np.zeros((2, 3), bool),
         np.zeros((2, 3), complex),
         np.zeros((0, 2)),
@@ -114,7 +140,13 @@ def test_nothing_gives_nothing(bounder, kind, device):
         1.0,
         {1: 2},
         torch.zeros(2, 3, dtype=torch.float16),
-        torch.zeros(2, 3, dtype=torch.int32),
+        np.array([[2**24 + 1, 0, 0]]),
+        np.array([[-(2**24) - 1, 0, 0]], np.int32),
+        np.array([[2**63 - 1, 0, 0]]),
+        np.array([[2**64 - 1, 0, 0]], np.uint64),
+        [[2**24 + 1, 0, 0]],
+        torch.tensor([[2**24 + 1, 0, 0]]),
+        torch.zeros(2, 3, dtype=torch.bool),
         torch.zeros(2, 2),
         torch.zeros(3),
         torch.zeros(2, 3).to_sparse(),
@@ -139,7 +171,8 @@ def test_other_warp_arrays_are_refused(bounder):
 
     wrong = [
         wp.zeros(3, dtype=wp.vec2, device="cpu"),
-        wp.zeros(3, dtype=wp.vec3d, device="cpu"),
+        wp.zeros(3, dtype=wp.vec2d, device="cpu"),
+        wp.zeros((3, 3), dtype=wp.int32, device="cpu"),
         wp.zeros(3, dtype=wp.int32, device="cpu"),
         wp.zeros(3, dtype=wp.float32, device="cpu"),
         wp.zeros((3, 2), dtype=wp.float32, device="cpu"),
@@ -152,9 +185,27 @@ def test_other_warp_arrays_are_refused(bounder):
             bounder.query(x)
 
 
+@wp.kernel
+def _takes_data(data: wb.Data, out: wp.array(dtype=float)):
+    out[0] = data.parameters[0]
+
+
+def test_a_bounder_in_place_of_its_data_is_told_so(bounder):
+    out = wp.zeros(1, dtype=float, device="cpu")
+    with pytest.raises(TypeError, match=r"pass bounder\.data to a kernel, not the bounder itself, got <"):
+        wp.launch(_takes_data, dim=1, inputs=[bounder], outputs=[out], device="cpu")
+    far = wb.fit(shape("blob"), "distance", "aabb", device="cpu")
+    with pytest.raises(TypeError, match=r"pass bounder\.data to a kernel"):
+        wp.launch(_takes_data, dim=1, inputs=[far], outputs=[out], device="cpu")
+    wp.launch(_takes_data, dim=1, inputs=[far.data], outputs=[out], device="cpu")
+
+
 def test_other_devices_are_refused(bounder):
-    with pytest.raises(BounderError, match="device must be one of"):
-        bounder.to("cuda:99")
+    for name in ("cuda:99", "gpu", 7, ["cpu"]):
+        with pytest.raises(DeviceError, match=r"no such device on this machine: expected .*cpu") as error:
+            bounder.to(name)
+        assert isinstance(error.value, BounderError)  # as it was in versions without an error of its own
+        assert isinstance(error.value, QueryError)
     if wp.get_cuda_device_count():
         with pytest.raises(QueryError, match="device"):
             bounder.query(wp.zeros(3, dtype=wp.vec3, device="cuda:0"))

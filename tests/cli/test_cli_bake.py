@@ -84,7 +84,7 @@ def test_what_is_there_needs_no_worker(capsys, folder, monkeypatch):
         (["--largest", 1e-6], "no shapes, expected files of"),
         (["--queries", "nope.npy"], "nope.npy: no such file"),
         (["--samples", "few"], "samples must be a whole number"),
-        (["--device", "gpu"], "device must be one of"),
+        (["--device", "gpu"], "no such device on this machine"),
     ],
 )
 def test_bad_input_is_one_line(capsys, folder, options, told):

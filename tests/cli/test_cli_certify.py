@@ -26,7 +26,7 @@ def files(tmp_path_factory) -> dict[str, str]:
 def test_the_claim_is_told(files, capsys):
     code, out, _ = run(capsys, "certify", files["ray"], files["shape"])
     assert code == 0
-    for words in ("proven: Proven from scratch", "block.npy, dilated by 0.05", "length 0.5", "xform= and scale="):
+    for words in ("proven: Proven from scratch", "block.npy, dilated by 0.05", "length 0.5", "xform= or scale="):
         assert words in out
     code, out, _ = run(capsys, "info", files["ray"])
     assert code == 0

@@ -59,19 +59,22 @@ def test_one_line_where_a_picture_is_not_clear(capsys, picture, tmp_path, option
     assert not (tmp_path / "o.safetensors").exists()
 
 
-def test_an_open_mesh_is_told_as_surface_only(capsys, hole, tmp_path):
-    options = ["fit", hole, "--method", "aabb", "--resolution", 8, "--samples", 1000, "-o", tmp_path / "o.safetensors"]
+@pytest.mark.parametrize("cells", [[], ["--resolution", 8]], ids=["itself", "cells"])
+def test_an_open_mesh_is_told_as_surface_only(capsys, hole, tmp_path, cells):
+    options = ["fit", hole, "--method", "aabb", *cells, "--samples", 1000, "-o", tmp_path / "o.safetensors"]
+    told = f"warp-bounding: {hole.name}: surface only: the mesh is open"
     status, out, err = run(capsys, *options)
     assert status == 0
     assert "surface only" in out  # the certificate's message
-    assert err.startswith("surface only: the mesh is open")
+    assert err.startswith(told)
+    assert err.count("surface only") == 1
     status, out, err = run(capsys, *options, "--json")
     answer = json.loads(out)
     assert answer["note"].startswith("surface only")
     assert "surface only" in answer["certificate"]["message"]
     status, out, err = run(capsys, "certify", tmp_path / "o.safetensors", hole)
     assert "surface only" in out
-    assert err.startswith("surface only: the mesh is open")
+    assert err.startswith(told)
     assert "surface only" in run(capsys, "info", tmp_path / "o.safetensors")[1]
 
 
@@ -81,7 +84,7 @@ def test_yellow_in_a_terminal(capsys, monkeypatch, hole, tmp_path):
     monkeypatch.delenv("NO_COLOR", raising=False)
     file = tmp_path / "o.safetensors"
     err = run(capsys, "fit", hole, "--method", "aabb", "--resolution", 8, "--samples", 1000, "-o", file)[2]
-    assert "\x1b[33msurface only" in err
+    assert "\x1b[33mwarp-bounding: hole.ply: surface only" in err
 
 
 def test_rates_of_a_mesh_are_its_own_and_those_of_its_cells_are_told(capsys, tmp_path):

@@ -113,7 +113,10 @@ def test_help_and_refusals_read_what_the_methods_state(files, capsys, monkeypatc
         capsys, "fit", files / "c.npy", "-o", files / "b.safetensors", "--method", "kdop", "--leaves", 7
     )
     assert (status, out) == (2, "")
-    assert err == "warp-bounding: kdop takes k for point queries, got leaves\n"
+    assert (
+        err
+        == "warp-bounding: kdop takes no option 'leaves'; beside the arguments of fit, kdop takes k for point queries\n"
+    )
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import warp_bounding as wb
+from warp_bounding.certificates.statement import statement
 from warp_bounding.indicators import IndicatorMesh, IndicatorMotion
 from warp_bounding.indicators.closed_parts import surface_of
 from warp_bounding.indicators.distinct_rows import distinct_rows
@@ -183,15 +184,57 @@ def test_a_long_open_tube_is_told_at_once():
     assert not surface_of(vertices, np.concatenate(faces)).closed.any()
 
 
-@pytest.mark.parametrize("query", ["point", "box"])
-def test_the_certificate_says_surface_only(query):
-    hole = IndicatorMesh(VERTICES, FACES[1:])
-    bounder = wb.fit(hole, query=query, method="aabb", resolution=12)
-    assert "surface only" in bounder.certificate.message
-    assert "surface only" in bounder.info["note"]
-    assert "surface only" in wb.certify(bounder, hole).message
-    whole = wb.fit(with_faces(FACES[4]), query=query, method="aabb", resolution=12)
-    assert "surface only" not in whole.certificate.message
+SURFACE_ONLY = "surface only: the mesh is open"
+
+
+@pytest.mark.parametrize("resolution", [None, 12])
+@pytest.mark.parametrize("query", ["point", "box", "distance"])
+def test_an_open_mesh_is_told_wherever_something_is_told_of_its_bounder(query, resolution):
+    """What lies deeper in it than the margin is answered with no, which somebody with particles in there must know."""
+    hole, told = IndicatorMesh(VERTICES, FACES[1:], name="hole.obj"), {"resolution": resolution, "device": "cpu"}
+    with pytest.warns(wb.BoundingWarning, match=f"hole.obj: {SURFACE_ONLY}.*close it first") as caught:
+        bounder = wb.fit(hole, query, "aabb", margin=0.05, **told)
+    assert {warning.filename for warning in caught if SURFACE_ONLY in str(warning.message)} == {__file__}
+    assert SURFACE_ONLY in bounder.certificate.message.split(". ", 2)[1]  # of the second sentence
+    assert SURFACE_ONLY in bounder.info["note"]
+    assert SURFACE_ONLY in wb.certify(bounder, hole).message
+    assert SURFACE_ONLY in statement(bounder)["note"]
+
+
+@pytest.mark.parametrize("resolution", [None, 12])
+@pytest.mark.parametrize("query", ["point", "box", "distance"])
+def test_nothing_of_it_is_told_of_a_closed_one(query, resolution):
+    """Warnings are errors here."""
+    whole = wb.fit(with_faces(FACES[4]), query, "aabb", margin=0.25, resolution=resolution, device="cpu")
+    told = [whole.certificate.message, whole.info["note"], *statement(whole).values(), repr(with_faces(FACES[4]))]
+    assert not any("surface only" in text or "open" in text for text in told)
+
+
+def test_what_is_made_of_an_open_mesh_tells_so_too():
+    hole = IndicatorMesh(VERTICES, FACES[1:], name="hole.obj")
+    closed = IndicatorMesh(VERTICES + 5, FACES)
+    both = wb.solids.Union(hole, closed)
+    moving = IndicatorMotion(np.stack([VERTICES, VERTICES + 0.5]), FACES[1:])
+    for shape in (
+        both,
+        wb.solids.Dilation(both, 0.1),
+        both.dilated(0.1),
+        wb.Complement(hole),
+        moving,
+        hole.dilated(0.1),
+    ):
+        assert SURFACE_ONLY in shape.restriction
+        assert SURFACE_ONLY in repr(shape) or isinstance(shape, wb.Complement)
+    assert both.restriction.startswith("hole.obj: ")
+    assert SURFACE_ONLY in both.to_grid(resolution=8).note
+    assert not wb.solids.Union(closed, closed).restriction
+    with pytest.warns(wb.BoundingWarning, match=SURFACE_ONLY):
+        wb.hierarchy(hole, method="kdop", levels=1, margin=0.05, device="cpu", progress=False)
+    with pytest.warns(wb.BoundingWarning, match=SURFACE_ONLY) as caught:
+        wb.choose(
+            hole, narrow_ns=50.0, methods=["aabb", "voxels"], networks=(), budget=1.0, device="cpu", progress=False
+        )
+    assert len(caught) == 1
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.int64])

@@ -30,8 +30,9 @@ FRAMES = np.stack([BOX.vertices, BOX.vertices + np.array([1, 0, 0])])
             IndicatorMesh(
                 BOX.vertices, BOX.faces[1:], name="hole.obj", note="animated: only its first pose is bounded"
             ),
-            "<IndicatorMesh hole.obj: 3D, 8 vertices, 11 faces, extent 1 x 2 x 3, animated: only its first pose is bounded, "
-            "surface only: the mesh is open, and an open mesh has no inside that is bounded>",
+            "<IndicatorMesh hole.obj: 3D, 8 vertices, 11 faces, extent 1 x 2 x 3, animated: only its first pose is bounded; "
+            "surface only: the mesh is open, so just the surface and the margin around it are bounded, and what lies deeper inside "
+            "counts as outside>",
         ),
         (
             IndicatorMotion(FRAMES, BOX.faces),

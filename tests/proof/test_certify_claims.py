@@ -1,6 +1,7 @@
 """What a certificate is about: the object, its margin, the length of rays, the resolution; and a claim that is not the expected one."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -42,7 +43,7 @@ def test_certificates_say_what_they_are_about(query):
         about = (certificate.object, certificate.margin, certificate.length, certificate.resolution)
         assert about == ("brick.obj", 0.1, 0.75 if query == "ray" else None, 8)
         assert len(certificate.placement) == 3
-        for words in ("brick.obj", "dilated by 0.1", "resolution 8", "xform= and scale=", "round a query by at most"):
+        for words in ("brick.obj", "dilated by 0.1", "resolution 8", "xform= or scale=", "rounds a query by more than"):
             assert words in certificate.message
         assert ("length 0.75" in certificate.message) == (query == "ray")
         assert type(certificate).from_dict(json.loads(json.dumps(certificate.to_dict()))) == certificate
@@ -163,3 +164,33 @@ def test_an_expected_number_is_compared_exactly():
 def test_what_is_expected_must_be_a_number(expected):
     with pytest.raises(wb.BoundingError, match=f"^{next(iter(expected))} must be a number, got"):
         wb.certify(bounder_of(), MESH, **expected)
+
+
+def test_what_is_said_of_a_domain_and_of_rounding_is_readable():
+    """Corners to the digits that a side has, without denormals and negative zeros; rounding in object units, not in shares of a detail."""
+    vertices = MESH.vertices.astype(np.float64) - MESH.vertices.min(axis=0) + [0.25, 0.25, 1234.75]
+    mesh = wb.IndicatorMesh(vertices, MESH.faces, name="far.obj")
+    bounder = wb.fit(mesh, method="aabb", margin=0.25, device="cpu")
+    assert 0 > bounder.domain.lower[0] > -1e-9
+    said = statement(bounder)
+    lower, upper = re.search(r"\((.*?)\) to \((.*?)\)", said["for"]).groups()
+    assert lower.split(", ")[:2] == ["0", "0"]
+    for corner, told in ((bounder.domain.lower, lower), (bounder.domain.upper, upper)):
+        assert np.abs(np.array([float(word) for word in told.split(",")]) - corner).max() < 1e-2
+    covered = bounder.domain.delta / bounder.domain.scale
+    assert f"up to {covered.max():.2g} (object units) on each axis" in said["input error"]
+    assert not re.search(r"e-[34]\d", " ".join(said.values()))
+    in_cells = wb.fit(mesh, method="bvh", resolution=8, margin=0.25, device="cpu")
+    assert not re.search(r"e-[34]\d", " ".join([*statement(in_cells).values(), in_cells.certificate.message]))
+
+
+@pytest.mark.parametrize("query", ["point", "ray"])
+def test_input_error_of_a_motion_tells_time_apart(query):
+    frames = np.stack([MESH.vertices, MESH.vertices + np.float32(0.5)])
+    motion = wb.IndicatorMotion(frames, MESH.faces, times=[0.0, 100.0], time_cells=4)
+    bounder = wb.fit(motion, query, "aabb", resolution=8, device="cpu")
+    covered = bounder.domain.base.delta / bounder.domain.base.scale
+    assert (
+        f"{covered[1:].max():.2g} (object units) on each axis and {covered[0]:.2g} in time"
+        in statement(bounder)["input error"]
+    )

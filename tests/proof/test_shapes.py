@@ -152,6 +152,7 @@ def test_vacant_boxes_hold_nothing():
         assert (shape.decide(x) == OUT).all()
 
 
+@pytest.mark.filterwarnings("ignore:.*surface only:warp_bounding.errors.BoundingWarning")
 def test_an_open_surface_is_bounded():
     sheet = wb.IndicatorMesh([[0, 0, 0], [1, 0, 0.2], [0, 1, 0.1], [1, 1, 0.4]], [[0, 1, 2], [2, 1, 3]])
     for margin in (0.0, 0.01):

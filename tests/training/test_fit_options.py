@@ -87,10 +87,67 @@ def test_options_that_a_method_does_not_take_are_refused(method, query, monkeypa
         with pytest.raises(expected) as error:
             wb.fit(shape("blob"), query, method, device="cpu", **told)
         if expected is BounderError:
-            assert f"got {option}" in str(error.value)
-            if option not in ("length", "space"):
-                assert str(error.value).startswith(f"{method} takes ")
+            if option in ("length", "space"):
+                assert f"got {option}" in str(error.value)
+            else:
+                assert f"option {option!r}" in str(error.value)
+                assert f"beside the arguments of fit, {method} takes " in str(error.value).lower()
                 assert all(name in str(error.value) for name in TAKEN[method, query] - {"length", "space"})
+
+
+TYPED_WRONG = {  # what was meant, and what the message says at its end
+    ("kdop", "point", "marign"): ("margin", "Beside the arguments of fit, kdop takes k for point queries"),
+    ("aabb", "ray", "lenght"): (
+        "length",
+        "Beside the arguments of fit, aabb takes no options of its own for ray queries",
+    ),
+    ("mlp", "point", "hiden"): ("hidden", None),
+    ("mlp", "distance", "hiden"): ("hidden", None),
+    ("aabb", "distance", "metrik"): ("metric", "Beside the arguments of fit, aabb takes metric for distances"),
+    ("mlp", "distance", "bugdet"): ("budget", None),
+}
+
+
+@pytest.mark.parametrize(("method", "query", "typed"), TYPED_WRONG)
+def test_a_name_that_is_typed_wrong_is_told_with_the_one_that_was_meant(method, query, typed):
+    meant, end = TYPED_WRONG[method, query, typed]
+    with pytest.raises(BounderError) as error:
+        wb.fit(shape("blob"), query, method, device="cpu", **{typed: 2.0})
+    assert str(error.value).startswith(
+        f"there is no option {typed!r}; did you mean {meant!r}? Beside the arguments of fit"
+    )
+    assert end is None or str(error.value).endswith(end)
+
+
+def test_so_are_those_of_a_hierarchy_and_of_a_bake(tmp_path):
+    with pytest.raises(BounderError, match=r"did you mean 'levels'\? Beside the arguments of hierarchy, kdop takes k"):
+        wb.hierarchy(shape("blob"), method="kdop", device="cpu", level=1)
+    with pytest.raises(
+        BounderError, match=r"did you mean 'samples'\? Beside the arguments of fit and bake, kdop takes k"
+    ):
+        wb.bake(tmp_path, tmp_path / "out", method="kdop", sample=1000)
+    with pytest.raises(BounderError, match=r"there is no option 'overhead'|did you mean 'overhead_ns'"):
+        wb.bake(tmp_path, tmp_path / "out", narrow_ns=50.0, overhead_n=1.0)
+
+
+@pytest.mark.parametrize("hidden", [24, 24.0, None, "24", b"24"])
+def test_hidden_are_the_widths_of_the_layers_and_no_number(hidden):
+    for query, method in (("point", "mlp"), ("distance", "mlp"), ("point", "bvh"), ("box", "monotone-mlp")):
+        with pytest.raises(BounderError) as error:
+            wb.fit(shape("blob"), query, method, hidden=hidden, device="cpu")
+        assert str(error.value) == f"hidden must be the widths of the layers, such as (24, 24), got {hidden!r}"
+
+
+@pytest.mark.parametrize("networks", [24, (24, 24), "24-24", [None]])
+def test_networks_of_a_choice_are_several_widths(networks, tmp_path):
+    with pytest.raises(
+        BounderError, match=r"networks must be widths of the hidden layers, one tuple for each|hidden must"
+    ):
+        wb.choose(shape("blob"), narrow_ns=50.0, networks=networks, device="cpu")
+    with pytest.raises(
+        BounderError, match=r"networks must be widths of the hidden layers, one tuple for each|hidden must"
+    ):
+        wb.bake(tmp_path, tmp_path / "out", narrow_ns=50.0, networks=networks)
 
 
 def test_every_method_states_its_options_and_a_cascade_hands_each_part_its_own():

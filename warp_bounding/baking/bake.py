@@ -139,7 +139,7 @@ def bake_with(
         raise BounderError(f"largest must be a positive number of megabytes, got {largest!r}")
     if folder.resolve() == out.resolve():
         raise BounderError(f"{out}: expected another folder than that of the shapes")
-    settings.check()
+    settings.check(bake)
     started = time.perf_counter()
     found = find_shapes(folder, largest, out)
     kept = BakeFolder(out.resolve())

@@ -7,7 +7,7 @@ all shapes, or chooses a bounder for each.
 import hashlib
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from inspect import Parameter, signature
 from pathlib import Path
@@ -17,8 +17,7 @@ import numpy as np
 
 from warp_bounding.baking.names import short_digest
 from warp_bounding.bounders import METHODS, Bounder, DistanceBounder, method_class
-from warp_bounding.bounders.neural.mlp import check_hidden
-from warp_bounding.bounders.options import settled
+from warp_bounding.bounders.options import arguments_of, meant, settled
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import check_query
 from warp_bounding.queries.distance import DISTANCE
@@ -57,8 +56,11 @@ class Settings(ABC):
         """
 
     @abstractmethod
-    def check(self) -> None:
+    def check(self, *callers: Callable) -> None:
         """Refuse what would be wrong for every shape, before any of them is read.
+
+        Args:
+            *callers: Functions that hand on the arguments, whose own ones may have been meant by an unknown one.
 
         Raises:
             BoundingError: As ``fit`` and ``choose`` do.
@@ -94,7 +96,7 @@ class FitSettings(Settings):
 
         return fit(shape, queries=self._own_queries(), progress=False, **self.arguments)
 
-    def check(self) -> None:
+    def check(self, *callers: Callable) -> None:
         from warp_bounding.training import fit
         from warp_bounding.training.checks import check_distance, check_numbers, check_regions
 
@@ -102,7 +104,7 @@ class FitSettings(Settings):
         query, space, method = told["query"], told["space"], told["method"]
         check_query(query, DISTANCE.name)
         check_numbers(told["budget"], told["seed"], told["margin"])
-        device_of(told["device"], BounderError)
+        device_of(told["device"])
         if query == DISTANCE.name:
             check_distance(method, told["length"], space, told["side"], None, self.queries)
             return
@@ -111,7 +113,7 @@ class FitSettings(Settings):
         for name in names:
             if name not in METHODS:
                 method_class(name)  # says which there are
-        settled([METHODS[name] for name in names], query, own)
+        settled([METHODS[name] for name in names], query, own, [fit, *callers])
 
 
 @dataclass(frozen=True)
@@ -125,23 +127,25 @@ class ChooseSettings(Settings):
 
         return choose(shape, queries=self._own_queries(), progress=False, **self.arguments).bounder
 
-    def check(self) -> None:
+    def check(self, *callers: Callable) -> None:
         from warp_bounding.choice import choose
-        from warp_bounding.choice.candidates import check_methods
+        from warp_bounding.choice.candidates import check_methods, check_networks
         from warp_bounding.choice.choose import check_prices
         from warp_bounding.training.checks import check_numbers
 
         told, other = _told(choose, self.arguments)
         if other:
-            raise BounderError(f"a choice takes no {', '.join(other)}")
+            unknown = next(iter(other))
+            near = meant(unknown, [name for function in (choose, *callers) for name in arguments_of(function)])
+            hint = f"there is no option {unknown!r}; did you mean {near!r}?"
+            raise BounderError(hint if near else f"choose takes no option {unknown!r}")
         check_query(told["query"])
         check_numbers(told["budget"], told["seed"], told["margin"])
         prices = ("narrow_ns", "overhead_ns", "memory", "length", "statistical")
         check_prices(told["query"], *(told[name] for name in prices))
         check_methods(told["methods"])
-        device_of(told["device"], BounderError)
-        for widths in told["networks"]:
-            check_hidden(widths)
+        device_of(told["device"])
+        check_networks(told["networks"])
 
 
 def _told(function, arguments: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -225,13 +225,19 @@ class Asking(ABC):
             held = self._data = threshold, data
         return held[1]
 
+    def __ctype__(self):
+        """Asked by ``wp.launch`` where a kernel takes a structure: refuses the bounder itself, and says what to give."""
+        raise TypeError(f"pass bounder.data to a kernel, not the bounder itself, got {self!r}")
+
     def query(self, x, *, xform=None, scale=None, out: wp.array | None = None) -> wp.array:
         """Test many queries.
 
         Args:
-            x: ``(N, m)`` NumPy array or torch tensor, float32 or float64, or ``wp.array`` of ``vec_m`` ``(N,)`` or
-                float32 ``(N, m)``. Points: m = n. Regions, m = 2 n: a ray's origin and direction, a plane's normal and
-                point, a box's lower and upper corner. Torch tensors on the CPU and ``wp.array`` are read in place.
+            x: ``(N, m)`` NumPy array, torch tensor, ``wp.array`` or sequence of numbers, or ``wp.array`` of ``vec_m``
+                ``(N,)``. Points: m = n. Regions, m = 2 n: a ray's origin and direction, a plane's normal and point, a
+                box's lower and upper corner. float32 is read in place where it lies on this device; float64 is rounded
+                to float32, which the certificate covers. Whole numbers must be ones that float32 holds exactly, and no
+                ``wp.array``.
             xform: Places the shape in the world: ``wp.transform``, 7 numbers or a homogeneous rigid matrix. ``x`` are
                 then numbers in the world; time is not moved. A rotated box is tested by the axis-aligned box around it
                 in object space; without a rotation, or by right angles, that is the box itself.

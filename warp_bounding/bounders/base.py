@@ -88,10 +88,10 @@ class Bounder(Operators, Asking):
             device: Warp device; the default device if ``None``.
 
         Raises:
-            BounderError: If a tensor is not finite or of the wrong type, the method does not bound such queries, or
-                there is no such device.
+            BounderError: If a tensor is not finite or of the wrong type, or the method does not bound such queries.
+            DeviceError: If there is no such device.
         """
-        device_of(device, BounderError)
+        device_of(device)
         if not self.supports(domain.query, domain.space_ndim, domain.space):
             what = f"{domain.space_ndim}D objects{' in parametric space' if domain.parametric else ''}"
             raise BounderError(f"{self.method} does not bound {domain.query} queries of {what}")
@@ -257,7 +257,7 @@ class Bounder(Operators, Asking):
                 without ``fast_math``. ``None`` keeps what it is.
 
         Raises:
-            BounderError: If there is no such device.
+            DeviceError: If there is no such device.
 
         Example:
             >>> plain = bounder.to("cpu", native=False)
@@ -265,7 +265,7 @@ class Bounder(Operators, Asking):
             True
         """
         device = self._device if device is None else device
-        device_of(device, BounderError)
+        device_of(device)
         copy = object.__new__(type(self))
         copy.__dict__.update(self.__dict__)  # tensors are shared, they cannot change
         copy.__dict__.pop("func", None)  # it is cached, and depends on ``native``

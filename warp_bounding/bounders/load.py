@@ -17,6 +17,7 @@ from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError
 from warp_bounding.indicators.parts.pieces import Pieces
 from warp_bounding.queries.distance import DISTANCE
+from warp_bounding.runtime.devices import device_of
 from warp_bounding.runtime.whole_file import file_path
 
 __all__ = ["bounder_of", "load"]
@@ -34,6 +35,7 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder | Distan
 
     Raises:
         FileFormatError: If the file is missing, damaged, truncated, foreign, edited or newer than this library.
+        DeviceError: If there is no such device.
 
     Example:
         >>> bounder.save("ball.safetensors")
@@ -41,6 +43,7 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder | Distan
         'obb'
     """
     path = file_path(path)
+    device_of(device)  # first: that there is none is no fault of the file
     tensors, document = read(path)
     try:
         bounder = _made(document, tensors, device)

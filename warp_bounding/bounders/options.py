@@ -5,6 +5,8 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from difflib import get_close_matches
+from inspect import Parameter, signature
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,9 @@ import numpy as np
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import QUERIES
 
-__all__ = ["STEPS", "Option", "one_of", "settled", "taken", "whole"]
+__all__ = ["STEPS", "Option", "arguments_of", "meant", "one_of", "settled", "taken", "unknown_option", "whole"]
+
+ALIKE = 0.7  # least similarity, as ``difflib`` has it, of a name and the one that is suggested in its place
 
 
 @dataclass(frozen=True)
@@ -69,8 +73,45 @@ def taken(classes: Iterable[type], query: str) -> dict[str, Option]:
     return {option.name: option for cls in classes for option in cls.options if query in option.queries}
 
 
-def settled(classes: list[type], query: str, given: dict[str, Any]) -> list[dict[str, Any]]:
+def arguments_of(function: Callable) -> list[str]:
+    """The names of a function's own arguments."""
+    return [p.name for p in signature(function).parameters.values() if p.kind != Parameter.VAR_KEYWORD]
+
+
+def meant(name: str, known: Iterable[str]) -> str | None:
+    """The name among those known that was probably meant; ``None`` where none is alike."""
+    return next(iter(get_close_matches(name, list(known), 1, ALIKE)), None)
+
+
+def unknown_option(name: str, method: str, known: Iterable[str], asked: str, callers: Iterable[Callable] = ()) -> str:
+    """What to say of an option that a method does not take: which one was probably meant, and which ones there are.
+
+    Args:
+        name: As it was given.
+        method: Who does not take it.
+        known: Names of the options that the method takes.
+        asked: What it bounds then, such as ``"point queries"``.
+        callers: Functions that hand options on to the method: their own arguments may have been meant.
+    """
+    callers, known = list(callers), list(known)
+    near = meant(name, [*known, *(own for caller in callers for own in arguments_of(caller))])
+    beside = f"beside the arguments of {' and '.join(caller.__name__ for caller in callers)}, " if callers else ""
+    takes = f"{beside}{method} takes {', '.join(known) or 'no options of its own'} for {asked}"
+    if near is None:
+        return f"{method} takes no option {name!r}; {takes}"
+    return f"there is no option {name!r}; did you mean {near!r}? {takes[0].upper() + takes[1:] if beside else takes}"
+
+
+def settled(
+    classes: list[type], query: str, given: dict[str, Any], callers: Iterable[Callable] = ()
+) -> list[dict[str, Any]]:
     """The value of every option of each class of bounders: as given, else the class's default.
+
+    Args:
+        classes: Of bounders.
+        query: Kind of query.
+        given: Options by name.
+        callers: Functions that hand on the options, for the message of an unknown one.
 
     Raises:
         BounderError: For a wrong value, or an option that none of the classes takes for this kind of query; the message
@@ -79,8 +120,7 @@ def settled(classes: list[type], query: str, given: dict[str, Any]) -> list[dict
     known = taken(classes, query)
     if unknown := [name for name in given if name not in known]:
         method = "+".join(cls.method for cls in classes)
-        what = ", ".join(known) if known else "no options of its own"
-        raise BounderError(f"{method} takes {what} for {query} queries, got {', '.join(unknown)}")
+        raise BounderError(unknown_option(unknown[0], method, known, f"{query} queries", callers))
     return [{name: _value(option, given) for name, option in taken([cls], query).items()} for cls in classes]
 
 

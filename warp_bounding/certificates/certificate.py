@@ -44,7 +44,7 @@ class Certificate:
         indicator: SHA-256 of the cells it was proven over.
         cells: Number of occupied cells.
         counterexample: A positive query, in object space, that the bounder denies, or ``None``.
-        message: One sentence for people.
+        message: A few sentences for people.
         arithmetic: What ``rounding_bound`` covers.
         samples: Statistical: fresh positives that were asked, none of them missed.
         fn_rate_bound: Statistical: upper confidence bound of the rate of false negatives among such positives.

@@ -1,4 +1,4 @@
-"""A certificate filled in for a bounder and a grid."""
+"""A certificate filled in for a bounder and a shape, and its message."""
 
 from dataclasses import replace
 
@@ -7,15 +7,16 @@ import numpy as np
 from warp_bounding.certificates.certificate import Certificate, Subject
 from warp_bounding.coordinates.placement import placement_allowance
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
 
-__all__ = ["COMPOSED", "conjunction", "document", "least_allowance", "together"]
+__all__ = ["COMPOSED", "conjunction", "document", "least_allowance", "shown", "together"]
 
 COMPOSED = 1.0  # f of a composition where it says *maybe*
 
 
 def document(
     bounder: Subject,
-    grid: IndicatorGrid | None,
+    grid: Shape | None,
     kind: str,
     threshold: float,
     least: float,
@@ -23,12 +24,13 @@ def document(
     seconds: float,
     message: str,
     counterexample=None,
+    numbers: str = "",
     **more,
 ) -> Certificate:
     """The certificate of a bounder for a grid, or ``None`` where the object cannot be the bounded one.
 
-    ``least`` is its ``lower_bound``; the others are fields of ``Certificate``. What the claim is about, and what
-    restricts the object (``IndicatorGrid.note``), are added to the message.
+    ``least`` is its ``lower_bound``; the others are fields of ``Certificate``. To the message is added what the claim is
+    about and what restricts the object (``Shape.restriction``), then sentences with ``numbers``, and what placements are covered.
     """
     base = bounder.domain.base
     return Certificate(
@@ -44,7 +46,7 @@ def document(
         indicator="" if grid is None else grid.digest,
         cells=len(grid.occupied) if isinstance(grid, IndicatorGrid) else 0,
         counterexample=None if counterexample is None else [float(c) for c in counterexample],
-        message=message if grid is None else f"{message.rstrip('.')}. {about(bounder, grid)}",
+        message=message if grid is None else _told(bounder, grid, message, numbers),
         object=None if grid is None else grid.name,
         margin=None if grid is None else float(grid.margin),
         length=bounder.domain.length,
@@ -54,19 +56,33 @@ def document(
     )
 
 
-def about(bounder: Subject, grid: IndicatorGrid) -> str:
-    """What a certificate is about, in words: object, margin, length of rays, placements, and restrictions."""
-    dilated = f"dilated by {float(grid.margin)}" if grid.margin else "not dilated"
-    what = "the shape itself, no cells"
+def _told(bounder: Subject, grid: Shape, message: str, numbers: str) -> str:
+    """A message, with what it is about."""
+    sentences = [f"{message.strip().rstrip('.')}.", about(bounder, grid), numbers, _placed(bounder)]
+    return " ".join(filter(None, sentences))
+
+
+def about(bounder: Subject, grid: Shape) -> str:
+    """What a certificate is about, in words: object, margin, cells, length of rays, and restrictions."""
+    words = [grid.name, f"dilated by {float(grid.margin)} of its own units" if grid.margin else "not dilated"]
     if isinstance(grid, IndicatorGrid):
-        what = f"{len(grid.occupied):,} occupied of {' x '.join(map(str, grid.shape))} cells"
-        what += "" if grid.resolution is None else f" at resolution {grid.resolution}"
+        fineness = "" if grid.resolution is None else f", resolution {grid.resolution}"
+        words.append(f"as {len(grid.occupied):,} of {' x '.join(map(str, grid.shape))} cells{fineness}")
     rays = "" if bounder.domain.length is None else f" Rays have length {bounder.domain.length}."
-    note = f" Note: {grid.note}." if grid.note else ""
-    placed = f"Placed by xform= and scale= where these round a query by at most {least_allowance(bounder):.2g}; "
+    restricted = f" ({grid.restriction})" if grid.restriction else ""
+    return f"Object: {', '.join(words)}{restricted}.{rays}"
+
+
+def _placed(bounder: Subject) -> str:
+    """Which placements are covered."""
     if not bounder.domain.base.delta.any():  # nothing is left for a placement
-        placed = "Asked in object space; "
-    return f"Object: {grid.name}, {dilated}, {what}.{rays} {placed}lengths are in object units.{note}"
+        return "Queries are in the object's own coordinates."
+    return f"An xform= or scale= that rounds a query by more than {least_allowance(bounder):.2g} is refused."
+
+
+def shown(value: float, digits: int = 6) -> str:
+    """A number for people: what lies nearer to 0 than normal float32 numbers is 0."""
+    return f"{value if abs(value) >= np.finfo(np.float32).tiny else 0.0:.{digits}g}"
 
 
 def least_allowance(bounder: Subject) -> float:

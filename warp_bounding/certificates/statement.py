@@ -5,10 +5,12 @@ One text for each kind of certificate and of query, so that what ``info`` prints
 """
 
 from collections.abc import Iterable
+from math import floor, log10
+
+import numpy as np
 
 from warp_bounding.certificates.certificate import Certificate, Subject
-from warp_bounding.certificates.document import least_allowance
-from warp_bounding.indicators.shape import DETAILS
+from warp_bounding.certificates.document import least_allowance, shown
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.distance import DISTANCE
 
@@ -17,21 +19,32 @@ __all__ = ["NOT_CONSERVATIVE", "statement"]
 NOT_CONSERVATIVE = "NOT conservative: it misses queries that meet the object, and is kept to show what that does."
 
 
-def _numbers(values: Iterable[float]) -> str:
-    return f"({', '.join(f'{v:.4g}' for v in values)})"
+DIGITS = 4  # of the size of a box, to which its corners are told
+
+UNITS = "object units"  # those of the shape's own coordinates
+
+
+def _corners(domain: Subject) -> str:
+    """Both corners of a domain, as finely as its sides are long: what is nothing beside a side is 0."""
+    lower, upper = np.asarray(domain.lower, dtype=np.float64), np.asarray(domain.upper, dtype=np.float64)
+    places = [DIGITS - 1 - floor(log10(side)) if side > 0 else DIGITS for side in (upper - lower).tolist()]
+
+    def told(corner: np.ndarray) -> str:
+        rounded = (round(value, digits) + 0.0 for value, digits in zip(corner.tolist(), places, strict=True))  # no -0
+        return f"({', '.join(f'{value:.12g}' for value in rounded)})"
+
+    return f"{told(lower)} to {told(upper)} (the object's own coordinates)"
 
 
 def _queries(bounder: Subject) -> str:
     domain, kind = bounder.domain, QUERIES[bounder.query_kind]
-    corners = f"{_numbers(domain.lower)} to {_numbers(domain.upper)}"
+    corners = _corners(domain)
     every = kind.every.format(length=domain.length or 0)
     if domain.unbounded:
-        return (
-            f"{every}, {corners} (object space), that is not in it; what lies outside the domain is answered with maybe"
-        )
+        return f"{every}, {corners}, that is not in it; what lies outside the domain is answered with maybe"
     if not kind.is_region:
-        return f"{every}, {corners} (object space); what lies outside it is not in the object"
-    text = f"{every}; only its part inside the domain counts, {corners} (object space)"
+        return f"{every}, {corners}; what lies outside it is not in the object"
+    text = f"{every}; only its part inside the domain counts, {corners}"
     if domain.parametric:
         text += "; fitted in the paper's parametric space, a query given by a point outside the domain is answered with maybe"
     return text
@@ -41,20 +54,31 @@ def _object(bounder: Subject, certificate: Certificate | None) -> str:
     info = bounder.info
     margin, shape = info.get("margin") or 0.0, info.get("grid_shape")
     if _without_cells(bounder):
-        dilated = f"dilated by {margin} (object units)" if margin else "not dilated"
-        return f"{info.get('name') or 'a shape'}: the shape itself, no cells, {dilated}; SHA-256 {str(info.get('indicator'))[:16]}"
+        dilated = f"dilated by {margin} ({UNITS})" if margin else "not dilated"
+        return f"{info.get('name') or 'a shape'}, {dilated}; SHA-256 {str(info.get('indicator'))[:16]}"
     grid = " x ".join(map(str, shape)) if shape else "an unknown number of"
     cells = f"{certificate.cells:,} occupied of {grid} closed cells" if certificate else f"a grid of {grid} cells"
     fineness = f" at resolution {info['resolution']}" if info.get("resolution") else ""
-    dilated = f", dilated by {margin} (object units)" if margin else ", not dilated"
+    dilated = f", dilated by {margin} ({UNITS})" if margin else ", not dilated"
     digest = (certificate.indicator if certificate else info.get("indicator")) or "unknown"
     return f"{info.get('name') or 'a shape'}: {cells}{fineness}{dilated}; SHA-256 {digest[:16]}"
 
 
-def _detail(bounder: Subject) -> str:
-    if bounder.domain.unbounded:
-        return f"a cell, or of 1/{DETAILS} of the longest side where there are no cells,"
-    return f"1/{DETAILS} of the longest side" if _without_cells(bounder) else "a cell"
+def _note(bounder: Subject) -> dict[str, str]:
+    """What of the object is not bounded, under a heading of its own, where there is something."""
+    return {"note": str(bounder.info["note"])} if bounder.info.get("note") else {}
+
+
+def _input_error(bounder: Subject) -> str:
+    """By how much the proof lets the numbers of a query be off, in the units of the object's coordinates."""
+    base, timed = bounder.domain.base, bounder.domain.time
+    covered = np.asarray(base.delta, dtype=np.float64) / base.scale.astype(np.float64)
+    space = covered[int(timed) :]
+    of_time = f" and {covered[0]:.2g} in time" if timed else ""
+    return (
+        f"a query may be off by up to {space.max(initial=0.0):.2g} ({UNITS}) on each axis{of_time}, for what float32 rounds of "
+        "float64 queries, of xform= and scale=, and inside"
+    )
 
 
 def _without_cells(bounder: Subject) -> bool:
@@ -65,9 +89,9 @@ def _without_cells(bounder: Subject) -> bool:
 def _not_proven(bounder: Subject) -> Iterable[str]:
     info = bounder.info
     if info.get("resolution"):
-        yield "anything of the mesh beyond its cells' cover of it (every cell within the margin of it is occupied)"
+        yield "anything of the shape but that it lies in these cells (every cell that the shape or its margin meets is one)"
     elif _without_cells(bounder):
-        yield "what a function's author says of it; a mesh is the one with the float32 vertices that were read"
+        yield "that a shape made by a function is what its author says; of a mesh, the vertices count as they were read, in float32"
     else:
         yield "anything of what the cells were made from"
     yield "other shapes, or this one dilated by more"
@@ -75,7 +99,7 @@ def _not_proven(bounder: Subject) -> Iterable[str]:
         yield "queries outside the range of time (answered with maybe)"
         if not info.get("resolution") and not _without_cells(bounder):
             yield "motion between the frames of the array"
-    yield "how many false positives there are (evaluate)"
+    yield "how many false positives there are (evaluate measures it)"
 
 
 def statement(bounder: Subject) -> dict[str, str]:
@@ -89,11 +113,11 @@ def statement(bounder: Subject) -> dict[str, str]:
         return _of_distance(bounder, certificate)
     if certificate is None:
         text = "none: nothing is known of its false negatives" if bounder.conservative else NOT_CONSERVATIVE
-        return {"certificate": text, "queries": _queries(bounder), "object": _object(bounder, None)}
-    about = {"for": _queries(bounder), "object": _object(bounder, certificate)}
+        return {"certificate": text, **_note(bounder), "queries": _queries(bounder), "object": _object(bounder, None)}
+    about = _note(bounder) | {"for": _queries(bounder), "object": _object(bounder, certificate)}
     placement = (
-        f"xform= and scale= may round a query by up to {least_allowance(bounder):.2g} (object units) on every axis; one that "
-        "needs more, such as a shape that is very large beside its cells, is refused with an error"
+        f"xform= and scale= may round a query by up to {least_allowance(bounder):.2g} ({UNITS}) on every axis; what would round "
+        "it by more, such as a translation that is very large beside the object, is refused with an error"
     )
     if not certificate.proven:
         return _statistical(bounder, certificate, about, placement)
@@ -103,22 +127,22 @@ def statement(bounder: Subject) -> dict[str, str]:
         if bounder.domain.unbounded
         else f"No {QUERIES[bounder.query_kind].positive} is ever answered with no.",
         **about,
-        "input error": f"up to {max(certificate.delta, default=0.0):.2g} of {_detail(bounder)} on each axis: the rounding of float64 queries, of the "
-        "map, and of xform= and scale=",
+        "input error": _input_error(bounder),
         "placement": placement,
         "arithmetic": f"{certificate.arithmetic}; CPU or CUDA",
-        "numbers": f"f >= {certificate.lower_bound:.6g} on all of these, rounding E <= {certificate.rounding_bound:.2g}, "
-        f"maybe unless f < threshold {certificate.threshold:.9g} <= bound - E",
-        "proof": f"{certificate.boxes:,} boxes in {certificate.seconds:.2f} s; `certify` proves it anew from the file and the shape",
+        "numbers": f"f, which the method computes, is at least {shown(certificate.lower_bound)} on all of these, and rounding changes it by at most "
+        f"E = {shown(certificate.rounding_bound, 2)}; the answer is no only where f < {shown(certificate.threshold, 9)}, the threshold",
+        "proof": _proof(certificate),
         "not proven": "; ".join(_not_proven(bounder)),
     }
 
 
 def _of_distance(bounder: Subject, certificate: Certificate | None) -> dict[str, str]:
     domain = bounder.domain
-    corners = f"{_numbers(domain.lower)} to {_numbers(domain.upper)}"
+    corners = _corners(domain)
     about = {
-        "for": f"every float32 point, inside the domain {corners} (object space) or outside; NaN and infinity have distance 0",
+        **_note(bounder),
+        "for": f"every float32 point, inside the domain, {corners}, or outside; NaN and infinity have distance 0",
         "object": _object(bounder, certificate),
     }
     if certificate is None or not certificate.proven:
@@ -130,12 +154,18 @@ def _of_distance(bounder: Subject, certificate: Certificate | None) -> dict[str,
         "ever answered with no.",
         **about,
         "arithmetic": f"{certificate.arithmetic}; CPU or CUDA",
-        "numbers": f"slack {-certificate.threshold * unit:.6g}, of which rounding takes E <= {certificate.rounding_bound * unit:.2g} (object units)",
-        "proof": f"{certificate.boxes:,} boxes in {certificate.seconds:.2f} s; `certify` proves it anew from the file and the shape",
+        "numbers": f"the slack, {-certificate.threshold * unit:.6g} ({UNITS}), is taken off what the method computes, so that it is never too large; "
+        f"E = {certificate.rounding_bound * unit:.2g} of it is for rounding",
+        "proof": _proof(certificate),
         "not proven": "; ".join(
-            [*list(_not_proven(bounder))[:-1], "how much smaller than the distance it is (evaluate)"]
+            [*list(_not_proven(bounder))[:-1], "how much smaller than the distance it is (evaluate measures it)"]
         ),
     }
+
+
+def _proof(certificate: Certificate) -> str:
+    boxes = f"{certificate.boxes:,} box{'' if certificate.boxes == 1 else 'es'}"
+    return f"{boxes} in {certificate.seconds:.2f} s; `certify` proves it anew from the file and the shape"
 
 
 def _statistical(bounder: Subject, certificate: Certificate, about: dict[str, str], placement: str) -> dict[str, str]:
@@ -154,8 +184,8 @@ def _statistical(bounder: Subject, certificate: Certificate, about: dict[str, st
         **about,
         "placement": placement,
         "arithmetic": "float32, as this device computed it; CPU or CUDA",
-        "numbers": f"least f that a search found {certificate.lower_bound:.6g}; threshold {certificate.threshold:.9g}; "
-        f"{closest}; rounding E <= {certificate.rounding_bound:.2g}",
+        "numbers": f"least f that a search found {shown(certificate.lower_bound)}; threshold {shown(certificate.threshold, 9)}; "
+        f"{closest}; rounding changes f by at most E = {shown(certificate.rounding_bound, 2)}",
         "not proven": "that no query is missed: queries of another distribution, an adversary's above all, may be missed more "
         "often; and " + "; ".join(_not_proven(bounder)),
     }

@@ -8,7 +8,7 @@ from typing import Any
 from warp_bounding.bounders import DISTANCES, METHODS, Bounder
 from warp_bounding.bounders.distances.grid import DistanceGrid
 from warp_bounding.bounders.distances.mlp import MlpDistance
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.neural.mlp import Mlp, check_hidden
 from warp_bounding.errors import BounderError
 from warp_bounding.evaluation.distances import ASKED
 from warp_bounding.indicators import IndicatorGrid
@@ -16,7 +16,7 @@ from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries import QUERIES
 from warp_bounding.training.trainers import trainer_of
 
-__all__ = ["DISTANCE_NETWORK", "NETWORKS", "Candidate", "candidates_of", "check_methods"]
+__all__ = ["DISTANCE_NETWORK", "NETWORKS", "Candidate", "candidates_of", "check_methods", "check_networks"]
 
 NETWORKS = ((16, 16), (24, 24), (50, 50))  # hidden widths that are tried
 PARTS = {(24, 24): 256, (50, 50): 1024}  # thresholds of the networks that have some
@@ -83,6 +83,19 @@ def check_methods(methods: Iterable[str] | None) -> frozenset[str]:
         if name not in names:
             raise BounderError(f"methods must be some of {', '.join(names)}, got {name!r}")
     return wanted
+
+
+def check_networks(networks: Iterable[Iterable[int]]) -> tuple[tuple[int, ...], ...]:
+    """Hidden widths of the networks that are to be tried.
+
+    Raises:
+        BounderError: For what is no such collection, or widths that no network can have.
+    """
+    networks = tuple(networks) if isinstance(networks, Iterable) else networks
+    if not isinstance(networks, tuple) or not all(isinstance(widths, Iterable) for widths in networks):
+        expected = f"widths of the hidden layers, one tuple for each network, such as {NETWORKS}"
+        raise BounderError(f"networks must be {expected}, got {networks!r}")
+    return tuple(check_hidden(widths) for widths in networks)
 
 
 def candidates_of(

@@ -11,8 +11,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from warp_bounding.bounders import Bounder, DistanceBounder
-from warp_bounding.bounders.neural.mlp import check_hidden
-from warp_bounding.choice.candidates import NETWORKS, candidates_of, check_methods
+from warp_bounding.choice.candidates import NETWORKS, candidates_of, check_methods, check_networks
 from warp_bounding.choice.kept import Kept
 from warp_bounding.choice.result import NONE, Choice
 from warp_bounding.choice.work import Work
@@ -23,7 +22,7 @@ from warp_bounding.indicators.parts.complement import SIDES
 from warp_bounding.queries import QUERIES, check_query, oracle, sample
 from warp_bounding.runtime.devices import device_of
 from warp_bounding.runtime.progress import Progress, reported
-from warp_bounding.training.checks import check_numbers, check_regions, is_number
+from warp_bounding.training.checks import check_numbers, check_regions, is_number, warn_of_restriction
 from warp_bounding.training.samples.callers import CallersQueries
 
 __all__ = ["check_prices", "choose"]
@@ -97,12 +96,13 @@ def choose(
     check_numbers(budget, seed, margin)
     check_prices(query, narrow_ns, overhead_ns, memory, length, statistical)
     wanted = check_methods(methods)
-    device = str(device_of(device, BounderError))
+    device = str(device_of(device))
     shape, length = load_indicator(shape), length or 1.0
+    warn_of_restriction(shape)
     bounded, rng = shape.dilated(margin) if margin else shape, np.random.default_rng(seed)
     x = sample(query, bounded, SAMPLES, rng) if queries is None else queries
     told = CallersQueries(x, bounded, domain_of(bounded, query, length, SPACES[0]), seed)
-    sizes = tuple(check_hidden(widths) for widths in networks)
+    sizes = check_networks(networks)
     learned, own = _halves(told.x, rng)
     options = {"margin": margin, "seed": int(seed)} | ({"length": length} if QUERIES[query].has_length else {})
     settings = {"shape": bounded.digest, "query": query, **options}

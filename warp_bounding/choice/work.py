@@ -151,7 +151,9 @@ class Work:
         if bounder is None:
             try:
                 with warnings.catch_warnings():
-                    warnings.simplefilter("ignore", BoundingWarning)  # of coarse cells: the row tells what they cost
+                    warnings.simplefilter(
+                        "ignore", BoundingWarning
+                    )  # of coarse cells the row tells what they cost; choose has told the rest
                     bounder = fit(
                         self.shape,
                         DISTANCE.name if candidate.distance else self.query,

@@ -70,6 +70,6 @@ def command(
                 "given here, from its geometry alone."
             )
         out.print(f"{certificate.boxes:,} boxes, {certificate.seconds:.2f} s")
-    if same and bounder.info.get("note"):
-        warn(bounder.info["note"])
+    if restricted := getattr(indicator, "restriction", ""):
+        warn(f"warp-bounding: {indicator.name}: {restricted}")
     return 0 if certificate.proven else 1

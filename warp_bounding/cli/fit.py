@@ -127,9 +127,8 @@ def command(
         compiling = training["compile_seconds"]
         taken = f"{seconds:.1f} s" + (f", {compiling:.1f} of them for compiling kernels" if compiling >= 0.1 else "")
         out.print(f"{taken}; written to {output}")
-    for text in (warning, bounder.info.get("note")):
-        if text:
-            warn(text)
+    if warning:
+        warn(warning)
     return 1 if _says_nothing(bounder) else 0
 
 

@@ -60,10 +60,9 @@ def command(file: BounderFile, json: Json = False) -> int:
         table.add_row("sizes", sizes if len(sizes) <= MOST_SIZES else sizes[:MOST_SIZES] + " ...")
     if bounder.tightness:
         table.add_row("tightness", bounder.tightness)
-    if info.get("note"):
-        table.add_row("note", str(info["note"]), style="yellow")
+    styles = {"certificate": "green" if proven else "yellow", "note": "yellow"}
     for key, value in words.items():
-        table.add_row(key, value, style=("green" if proven else "yellow") if key == "certificate" else None)
+        table.add_row(key, value, style=styles.get(key))
     if not certificate:
         table.add_row("threshold", f"{float(bounder.threshold):.9g}")
     out.print(table)

@@ -29,14 +29,16 @@ def warn(text: str) -> None:
 
 @contextlib.contextmanager
 def told_warnings() -> Iterator[None]:
-    """Print each of the library's own warnings by ``warn``; all others are shown as before."""
+    """Print each of the library's own warnings by ``warn``, once; all others are shown as before."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", BoundingWarning)
-        others = warnings.showwarning
+        others, told = warnings.showwarning, set()
 
         def tell(message, category, *where, **more) -> None:
             if issubclass(category, BoundingWarning):
-                warn(f"warp-bounding: {message}")
+                if str(message) not in told:
+                    warn(f"warp-bounding: {message}")
+                told.add(str(message))
             else:
                 others(message, category, *where, **more)
 
@@ -53,7 +55,7 @@ def quiet_warp(device: str | None = None) -> None:
     """Keep Warp's own messages off standard output, and check the device.
 
     Raises:
-        QueryError: If there is no such device.
+        DeviceError: If there is no such device.
     """
     quiet.quiet_warp()
     if device is not None:

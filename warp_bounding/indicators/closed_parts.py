@@ -44,10 +44,13 @@ class Surface:
         if self.watertight:
             return ""
         if not self.closed.any():
-            return "surface only: the mesh is open, and an open mesh has no inside that is bounded"
+            return (
+                "surface only: the mesh is open, so just the surface and the margin around it are bounded, and what lies "
+                "deeper inside counts as outside"
+            )
         return (
-            f"surface only for {int(self.loose.sum())} of {len(self.loose)} faces: there the mesh is open, and an "
-            "open mesh has no inside that is bounded; closed parts are bounded whole"
+            f"surface only for {int(self.loose.sum())} of {len(self.loose)} faces: there the mesh is open, so just the surface "
+            "and the margin around it are bounded, and what lies deeper inside counts as outside; closed parts are bounded whole"
         )
 
 

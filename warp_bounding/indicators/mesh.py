@@ -94,7 +94,7 @@ class IndicatorMesh(Shape):
         sides = " x ".join(f"{side:.4g}" for side in self.bounds[1] - self.bounds[0])
         counts = f"{len(self.vertices):,} vertices, {len(self.faces):,} faces"
         margin = f"margin {self.margin:g}" if self.margin else ""
-        notes = filter(None, [margin, self.note, "closed" if self.watertight else self.surface.note])
+        notes = filter(None, [margin, self.restriction, "closed" * self.watertight])
         return f"<IndicatorMesh {self.name}: 3D, {counts}, extent {sides}, {', '.join(notes)}>"
 
     @property
@@ -122,6 +122,10 @@ class IndicatorMesh(Shape):
     def surface(self) -> Surface:
         """Which faces belong to closed parts, whose inside is bounded too."""
         return surface_of(self.vertices, self.faces)
+
+    @property
+    def restriction(self) -> str:
+        return "; ".join(filter(None, [self.note, self.surface.note]))
 
     @property
     def watertight(self) -> bool:
@@ -298,7 +302,7 @@ class IndicatorMesh(Shape):
             name=self.name,
             margin=margin,
             resolution=resolution,
-            note="; ".join(filter(None, [self.note, self.surface.note])),
+            note=self.restriction,
             shape_digest=self.digest,
         )
 

@@ -112,7 +112,7 @@ class IndicatorMotion(Shape):
         counts = f"{len(self.frames)} keyframes of {self.frames.shape[1]:,} vertices, {len(self.faces):,} faces"
         times = f"times {self.times[0]:g} to {self.times[-1]:g} in {self.time_cells} cells"
         margin = f"margin {self.margin:g}" if self.margin else ""
-        notes = filter(None, [margin, self.note, "closed" if self.watertight else self.surface.note])
+        notes = filter(None, [margin, self.restriction, "closed" * self.watertight])
         return f"<IndicatorMotion {self.name}: 4D, {counts}, extent {sides}, {times}, {', '.join(notes)}>"
 
     @cached_property
@@ -138,6 +138,10 @@ class IndicatorMotion(Shape):
         """Which faces belong to parts that are closed at all times, whose inside is bounded too."""
         paths = np.ascontiguousarray(self.frames.transpose(1, 0, 2)).reshape(self.frames.shape[1], -1)
         return surface_of(paths, self.faces)
+
+    @property
+    def restriction(self) -> str:
+        return "; ".join(filter(None, [self.note, self.surface.note]))
 
     @property
     def watertight(self) -> bool:
@@ -299,7 +303,7 @@ class IndicatorMotion(Shape):
             time=True,
             margin=margin,
             resolution=resolution,
-            note="; ".join(filter(None, [self.note, self.surface.note])),
+            note=self.restriction,
             shape_digest=self.digest,
         )
 

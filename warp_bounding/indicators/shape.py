@@ -32,7 +32,7 @@ class Shape(ABC):
 
     Attributes:
         name: For people and messages; of a file its name, never the folder that it lies in.
-        note: A restriction that a user should know; may be empty.
+        note: A restriction that a user should know; may be empty. ``restriction`` has it, and what the shape itself knows.
         time: Coordinate 0 is time; a query outside its range has no certain answer.
         margin: How far the object was dilated (Euclidean, in space); what is asked is the dilated object.
         resolution: Of cells that were laid over a shape; ``None`` where the shape itself is asked.
@@ -52,6 +52,11 @@ class Shape(ABC):
     decide_boxes: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     decide_segments: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     decide_planes: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+
+    @property
+    def restriction(self) -> str:
+        """What of the object is not bounded, for users: the note, and what the geometry tells, such as an open surface; may be empty."""
+        return self.note
 
     # --- where it is -------------------------------------------------------------------------------------------------
 

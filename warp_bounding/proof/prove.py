@@ -12,7 +12,7 @@ from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.certificates.certificate import Certificate
-from warp_bounding.certificates.document import document
+from warp_bounding.certificates.document import document, shown
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -181,13 +181,14 @@ def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate
     threshold = float(round_down(np.nextafter(search.lower_bound - error, -np.inf)))
     if not np.isfinite(threshold):
         raise BounderError(f"{bounder.method}: the proof found no finite minimum")
-    message = (
-        f"Proven: no {QUERIES[bounder.query_kind].positive} is ever answered with no. "
-        f"f >= {search.lower_bound:.6g} on all of them, float32 rounding changes it by at most {error:.2g}, "
-        f"the threshold is {threshold:.6g}."
+    message = f"Proven: no {QUERIES[bounder.query_kind].positive} is ever answered with no."
+    rounded = f"in float32 at most {error:.2g} less" if error else "in float32 too"
+    numbers = (
+        f"For every {QUERIES[bounder.query_kind].positive} f >= {shown(search.lower_bound)}, {rounded}; "
+        f"from f = {shown(threshold)} on the answer is maybe."
     )
     found = (search.lower_bound, search.boxes, search.seconds)
-    certificate = document(bounder, grid, "proven", threshold, *found, message)
+    certificate = document(bounder, grid, "proven", threshold, *found, message, numbers=numbers)
     bounder.freeze(threshold, certificate)
     return certificate
 

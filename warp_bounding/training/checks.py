@@ -1,6 +1,7 @@
 """What ``fit`` refuses before any time is spent, each in one line."""
 
 import math
+import sys
 import warnings
 from typing import Any
 
@@ -11,9 +12,22 @@ from warp_bounding.errors import BounderError, BoundingWarning
 from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, IndicatorMotion
 from warp_bounding.indicators.limits import MAX_RESOLUTION
 from warp_bounding.indicators.parts.complement import SIDES
+from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries import QUERIES
 
-__all__ = ["check_distance", "check_extent", "check_numbers", "check_regions", "is_number", "warn_of_coarse_cells"]
+__all__ = [
+    "check_distance",
+    "check_extent",
+    "check_numbers",
+    "check_regions",
+    "is_number",
+    "warn_of_coarse_cells",
+    "warn_of_restriction",
+]
+
+
+PACKAGE = __name__.split(".")[0]
+CLOSE = ". If its inside counts, close it first, as with trimesh.repair.fill_holes, or bound filled voxels of it"
 
 
 def check_numbers(budget: float, seed: int, margin: float) -> None:
@@ -55,7 +69,21 @@ def warn_of_coarse_cells(grid: IndicatorGrid) -> None:
             f"margin {grid.margin:g} is under the size of a cell, {size:.3g}: the object's cells at resolution "
             f"{grid.resolution} are bounded, and they are wider than the margin; {advice}"
         )
-        warnings.warn(text, BoundingWarning, stacklevel=4)
+        _warn(text)
+
+
+def warn_of_restriction(shape: Shape) -> None:
+    """Warn where not all of what a user may mean is bounded, such as the inside of an open mesh."""
+    if text := getattr(shape, "restriction", ""):  # what only has a ``to_grid`` of its own says nothing of it
+        _warn(f"{shape.name}: {text}{'' if getattr(shape, 'watertight', True) else CLOSE}")
+
+
+def _warn(text: str) -> None:
+    """Warn whoever has called the package, so that what one call says twice is shown once."""
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back and frame.f_globals.get("__name__", "").split(".")[0] == PACKAGE:
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, BoundingWarning, stacklevel=level)
 
 
 def check_distance(method: str, length, space, side: str, last, queries) -> None:

@@ -4,7 +4,7 @@ A method that has a volume is fitted as a bounder of points, whose proof carries
 an entry in ``DISTANCE_TRAINERS``; ``prove_distance`` then finds the slack.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from itertools import product
 from typing import Any
@@ -16,6 +16,7 @@ from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.bounders.distances.mlp import MlpDistance
 from warp_bounding.bounders.distances.registry import DISTANCES, distance_class
 from warp_bounding.bounders.distances.volume import VolumeDistance
+from warp_bounding.bounders.options import unknown_option
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.evaluation.distances import quick_distance_rates
@@ -57,6 +58,7 @@ def fit_distance(
     progress,
     of_points: Callable[..., Bounder],
     described: Callable[..., dict[str, Any]],
+    callers: Iterable[Callable] = (),
 ) -> DistanceBounder:
     """The part of ``fit`` that is about distances; arguments are checked there.
 
@@ -72,6 +74,7 @@ def fit_distance(
         progress: As of ``fit``.
         of_points: ``fit`` itself, for a volume.
         described: Makes the ``info`` of a bounder.
+        callers: As of ``settled``.
 
     Raises:
         BounderError: For a method without a distance, an option that it does not take, or a shape without a proof.
@@ -87,7 +90,7 @@ def fit_distance(
         )
     known = [option.name for option in cls.options_taken()]
     if unknown := [name for name in options if name not in known]:
-        raise BounderError(f"{method} takes {', '.join([*known, METRIC])} for distances, got {', '.join(unknown)}")
+        raise BounderError(unknown_option(unknown[0], method, [*known, METRIC], "distances", callers))
     own = {"margin": margin, "resolution": resolution}
     if issubclass(cls, VolumeDistance):
         volume = of_points(

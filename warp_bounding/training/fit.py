@@ -28,6 +28,7 @@ from warp_bounding.training.checks import (
     check_numbers,
     check_regions,
     warn_of_coarse_cells,
+    warn_of_restriction,
 )
 from warp_bounding.training.distance import fit_distance
 from warp_bounding.training.problem import Problem
@@ -73,7 +74,8 @@ def fit(
     statistical, and says so.
 
     Args:
-        shape: What ``load_indicator`` returns, or anything that it takes.
+        shape: What ``load_indicator`` returns, or anything that it takes. Of a mesh that is not closed only the surface is
+            bounded, and its margin, which raises a ``BoundingWarning``.
         query: Kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``; or ``"distance"``: a ``DistanceBounder`` of the shape, whose
             distances are never too large.
         method: A name in ``METHODS``; or several, as in ``"learned-kdop+mlp"``: a cascade, asked in this order.
@@ -136,24 +138,27 @@ def fit(
     spent = Stopwatch()
     if query == DISTANCE.name:
         check_distance(method, length, space, side, last, queries)
-        device_of(device, BounderError)
+        device_of(device)
         shape = load_indicator(shape)
         check_extent(shape, margin, force)
+        warn_of_restriction(shape)
         run = {"budget": budget, "seed": int(seed), "device": device, "progress": progress}
         own = {
             "margin": margin,
             "resolution": resolution,
             "of_points": partial(fit, force=force),
             "described": described,
+            "callers": [fit],
         }
         found, spent = fit_distance(shape, method, options, **run, **own), spent.seconds()
         found.info["training"] |= spent
         return found
     check_regions(query, method, length, space, side)
     length, space = length or 1.0, space or SPACES[0]
-    device_of(device, BounderError)
+    device_of(device)
     shape = load_indicator(shape)
     check_extent(shape, margin, force)
+    warn_of_restriction(shape)
     if side == SIDES[1]:
         shape = Complement(shape)
     grid = _bounded(shape, query, method, space, resolution, margin, options.get(THRESHOLDS.name, 1) == 1)
@@ -162,7 +167,7 @@ def fit(
         Cascade.check(classes)
     if last is not None and (len(classes) < 2 or type(last) is not classes[-1]):
         raise BounderError(f"last must be the last of several methods, {method!r}, got {last!r}")
-    told = settled(classes, query, options)
+    told = settled(classes, query, options, [fit])
     domain, repeatable = domain_of(grid, query, length, space), any(each.get("steps") for each in told)
     callers = None if queries is None else CallersQueries(queries, grid, domain, int(seed))
     problem = Problem(grid, domain, query, int(seed), device, callers=callers, repeatable=repeatable)
@@ -241,7 +246,7 @@ def described(shape: Shape, seed: int, record: dict[str, Any]) -> dict[str, Any]
         "resolution": shape.resolution,
         "shape": shape.shape_digest if isinstance(shape, IndicatorGrid) else None,
         "seed": int(seed),
-        "note": shape.note,
+        "note": shape.restriction,
         "pieces": pieces_told(shape),
         "training": record,
     }

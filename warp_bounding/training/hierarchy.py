@@ -36,7 +36,7 @@ from warp_bounding.queries.boundary import border_points
 from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.devices import device_of
 from warp_bounding.runtime.progress import Progress, reported
-from warp_bounding.training.checks import check_numbers
+from warp_bounding.training.checks import check_numbers, warn_of_restriction
 from warp_bounding.training.fit import LEAST_SHARE, SHAPE_BOXES, SHAPE_EPS, Stopwatch, described
 from warp_bounding.training.problem import Problem
 from warp_bounding.training.trainers import trainer_of
@@ -125,13 +125,14 @@ def hierarchy(
     if leaves is not None and (type(leaves) is not int or not 2 <= leaves <= MOST_LEAVES):
         raise BounderError(f"leaves must be a whole number from 2 to {MOST_LEAVES}, got {leaves!r}")
     check_numbers(budget, seed, margin)
-    device_of(device, BounderError)
+    device_of(device)
     spent, shape = Stopwatch(), load_indicator(shape)
     shape = shape.dilated(margin) if isinstance(shape, Shape) else shape.to_grid(margin=margin)
+    warn_of_restriction(shape)
     cls = method_class(method, query, shape.ndim)
     if not cls.conservative or cls.lays_cells:
         raise BounderError(f"{method}: cannot be a leaf of a hierarchy")
-    (told,) = settled([cls], query, options)
+    (told,) = settled([cls], query, options, [hierarchy])
     shape.check()
     shape.check_contents()
     if not shape.certified:

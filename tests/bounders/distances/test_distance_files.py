@@ -184,7 +184,7 @@ def test_bad_fits():
     for method in ("voxels", "nothing", "aabb+sphere"):
         with pytest.raises(BounderError, match="method of a distance must be one of aabb"):
             wb.fit(thing("c"), "distance", method)
-    with pytest.raises(BounderError, match=r"aabb takes metric for distances, got hidden"):
+    with pytest.raises(BounderError, match=r"aabb takes no option 'hidden'; .*aabb takes metric for distances"):
         wb.fit(thing("c"), "distance", "aabb", hidden=(8,))
     for name, value in (("length", 2.0), ("space", "parametric"), ("side", "inside")):
         with pytest.raises(BounderError, match=f"{name} is not for distances"):

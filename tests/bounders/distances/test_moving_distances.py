@@ -11,6 +11,8 @@ from warp_bounding.errors import BounderError, IndicatorError, QueryError
 from warp_bounding.indicators.shape import IN
 from warp_bounding.proof.distances.soak import DISTANCE_FORMS, DistancePositives
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*surface only:warp_bounding.errors.BoundingWarning")  # the sheet
+
 CORNERS = np.array([[0, 0, 0], [1, 0, 0.1], [0, 1.2, 0], [0.2, 0, 0.7]], np.float32)
 SOLID = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
 TIMES = [2.0, 2.5, 4.0]

@@ -263,7 +263,7 @@ def test_nothing_to_simulate_is_refused(tmp_path, option):
 
 
 def test_an_unknown_device_is_refused():
-    with pytest.raises(wb.QueryError, match="device must be one of"):
+    with pytest.raises(wb.DeviceError, match="no such device"):
         Scene.bunny("cuda:99")
 
 

@@ -99,6 +99,10 @@ class AskingDistance(ABC):
             held = self._data = threshold, data
         return held[1]
 
+    def __ctype__(self):
+        """Asked by ``wp.launch`` where a kernel takes a structure: refuses the bounder itself, and says what to give."""
+        raise TypeError(f"pass bounder.data to a kernel, not the bounder itself, got {self!r}")
+
     # --- in kernels --------------------------------------------------------------------------------------------------
 
     @cached_property
@@ -140,8 +144,8 @@ class AskingDistance(ABC):
         """Lower bounds of the distance from points to the object.
 
         Args:
-            x: ``(N, n)`` NumPy array or torch tensor, or ``wp.array`` of ``vec_n`` ``(N,)`` or float32 ``(N, n)``; object space. float64
-                is rounded to float32, and the bound is of the point that results.
+            x: ``(N, n)`` NumPy array, torch tensor, ``wp.array`` or sequence of numbers, or ``wp.array`` of ``vec_n`` ``(N,)``; object space. float64
+                is rounded to float32, and the bound is of the point that results. Whole numbers must be ones that float32 holds exactly.
             out: ``(N,)`` float32 to write to, instead of a new array.
 
         Returns:

@@ -78,9 +78,10 @@ class DistanceBounder(AskingDistance):
             device: Warp device; the default device if ``None``.
 
         Raises:
-            BounderError: If a tensor is not finite or of the wrong type, or there is no such device.
+            BounderError: If a tensor is not finite or of the wrong type.
+            DeviceError: If there is no such device.
         """
-        device_of(device, BounderError)
+        device_of(device)
         if not isinstance(domain, DistanceDomain):
             raise BounderError(f"{self.method}: expected the domain of a distance, got {type(domain).__name__}")
         if domain.time and not self.moving:
@@ -218,7 +219,7 @@ class DistanceBounder(AskingDistance):
         """This bounder on another device; arguments as of ``Bounder.to``.
 
         Raises:
-            BounderError: If there is no such device.
+            DeviceError: If there is no such device.
 
         Example:
             >>> plain = far.to("cpu", native=False)
@@ -226,7 +227,7 @@ class DistanceBounder(AskingDistance):
             True
         """
         device = self._device if device is None else device
-        device_of(device, BounderError)
+        device_of(device)
         copy = object.__new__(type(self))
         copy.__dict__.update(self.__dict__)
         for name in ("distance_func", "segment_func", "ray_func", "box_func"):

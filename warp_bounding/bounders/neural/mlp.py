@@ -4,6 +4,7 @@ The network's output before the paper's sigmoid is ``f`` (of planes, two outputs
 threshold on it is set by a proof or a search, not at a probability of one half.
 """
 
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import ClassVar
 
@@ -43,10 +44,9 @@ def encoding_tensors(ndim: int, octaves: int) -> dict[str, np.ndarray]:
 
 def check_hidden(hidden) -> tuple[int, ...]:
     """Hidden widths as a tuple; raises ``BounderError`` for none, too many, or one that is no whole number in its range."""
-    try:
-        widths = tuple(hidden)
-    except TypeError:
-        widths = (hidden,)
+    if not isinstance(hidden, Iterable) or isinstance(hidden, str | bytes):
+        raise BounderError(f"hidden must be the widths of the layers, such as (24, 24), got {hidden!r}")
+    widths = tuple(hidden)
     known = all(isinstance(h, (int, np.integer)) and not isinstance(h, bool) for h in widths)
     known = known and all(1 <= h <= LARGEST_WIDTH for h in widths)
     if not 1 <= len(widths) <= MOST_LAYERS or not known or sum(widths) > MOST_NEURONS:

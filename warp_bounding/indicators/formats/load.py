@@ -149,7 +149,7 @@ def _load_file(path: Path, threshold: Threshold | None) -> _Array | Indicator:
     suffix = path.suffix.lower()
     try:
         if not path.exists():
-            raise IndicatorError(f"{path}: there is no such file")
+            raise IndicatorError(f"{path}: no such file")
         if not path.is_file():
             raise IndicatorError(f"{path}: expected a file, got {'a directory' if path.is_dir() else 'something else'}")
         if suffix == BOUNDER_FILE.suffix:

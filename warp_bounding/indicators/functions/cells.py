@@ -61,7 +61,7 @@ def cells_of(shape: Shape, resolution: int | None, margin: float) -> IndicatorGr
         time=shape.time,
         margin=margin,
         resolution=resolution,
-        note=shape.note,
+        note=shape.restriction,
         shape_digest=shape.digest,
     )
 

@@ -65,6 +65,12 @@ class Combination(Combinable, Solid):
         own = [text for part in parts for text in (part.digest, repr(part.margin))]
         super().__init__(lower, upper, [*numbers, *own], name)
 
+    @property
+    def restriction(self) -> str:
+        """Its own, and those of its parts, by their names."""
+        parts = [f"{part.name}: {part.restriction}" for part in self.parts if part.restriction]
+        return "; ".join(dict.fromkeys(filter(None, [self.note, *parts])))
+
     def _lowered(self, box: list[Interval]) -> Interval:
         return self._gap(box)
 

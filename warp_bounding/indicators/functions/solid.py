@@ -34,7 +34,7 @@ class Formula(Shape):
         words = [f"{self.ndim}D", f"extent {' x '.join(f'{side:.4g}' for side in self.extent)}"]
         words += ["time first"] if self.time else []
         words += [f"margin {self.margin:g}"] if self.margin else []
-        return f"<{type(self).__name__} {self.name}: {', '.join(words + [self.note] * bool(self.note))}>"
+        return f"<{type(self).__name__} {self.name}: {', '.join(words + [self.restriction] * bool(self.restriction))}>"
 
     def to_grid(self, *, resolution: int | None = None, margin: float = 0.0) -> IndicatorGrid:
         """An ``IndicatorGrid`` of closed cells that hold every point within ``margin`` of the shape, at most 4-D.

@@ -30,6 +30,10 @@ class Clipped(Shape):
         self.certified = shape.certified
 
     @property
+    def restriction(self) -> str:
+        return self.whole.restriction
+
+    @property
     def ndim(self) -> int:
         return self.whole.ndim
 

@@ -47,6 +47,10 @@ class Complement(Shape):
         self.certified, self.largest_delta = shape.certified, shape.largest_delta
 
     @property
+    def restriction(self) -> str:
+        return self.whole.restriction
+
+    @property
     def ndim(self) -> int:
         return self.whole.ndim
 

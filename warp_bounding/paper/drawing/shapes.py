@@ -75,7 +75,7 @@ def _bunny() -> np.ndarray:
 
     path = Path(warp.examples.get_asset_directory()) / "bunny.usd"
     if not path.is_file():
-        raise IndicatorError(f"{path}: expected this mesh in the installed warp-lang, there is no such file")
+        raise IndicatorError(f"{path}: expected this mesh in the installed warp-lang; no such file")
     cells = indicators.load_indicator(path).to_grid(resolution=BUNNY_CELLS).occupancy
     filled = np.zeros((CELLS,) * 3, dtype=bool)
     first = [(CELLS - size) // 2 for size in cells.shape]

@@ -45,7 +45,7 @@ def devices_named(text: str | None) -> tuple[str, ...]:
     """Aliases of the Warp devices that words name; of all that are there for ``None``.
 
     Raises:
-        BounderError: If there is no such device.
+        DeviceError: If there is no such device.
     """
     import warp as wp
 

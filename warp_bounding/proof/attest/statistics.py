@@ -134,13 +134,13 @@ def attest(
     message = (
         f"Statistical, not proven: {done:,} fresh positives ({QUERIES[bounder.query_kind].distribution}), "
         f"none answered with no; at {CONFIDENCE:.0%} confidence fewer than {rate:.2g} of such queries are missed "
-        f"(attempt {restart + 1}{before}, judged at {judged:.6%}, so that all attempts together keep to {CONFIDENCE:.0%}). "
-        "The threshold was set by an adversarial search. "
+        f"(attempt {restart + 1}{before}, judged at {judged:.6%}, so that all attempts together keep to {CONFIDENCE:.0%})."
     )
+    numbers = "The threshold was set by an adversarial search. "
     if search is None:
-        message += "No proof was tried."
+        numbers += "No proof was tried."
     else:
-        message += (
+        numbers += (
             f"A proof did not end in {search.seconds:.3g} s: it shows f >= {search.lower_bound:.6g} on all positives, "
             f"{least - search.lower_bound:.3g} below the least one known."
         )
@@ -149,7 +149,7 @@ def attest(
     margin = lowest - threshold if np.isfinite(lowest) else None
     counts = {"samples": done, "fn_rate_bound": rate, "confidence": CONFIDENCE, "worst_margin": margin}
     certificate = document(
-        bounder, grid, "statistical", threshold, least, 0, spent, message, restarts=restart, **counts
+        bounder, grid, "statistical", threshold, least, 0, spent, message, numbers=numbers, restarts=restart, **counts
     )
     bounder.freeze(threshold, certificate)
     return certificate

@@ -111,10 +111,13 @@ def settle_distance(bounder: DistanceBounder, shape: Shape, found: Found) -> Cer
     if not np.isfinite(threshold):
         raise BounderError(f"{bounder.method}: the proof found no finite slack")
     unit = bounder.domain.unit
-    message = (
-        f"Proven: the distance is never overestimated, for any float32 point anywhere. The slack is {-threshold * unit:.3g}, of which "
-        f"float32 rounding takes {error * unit:.2g} (object units)."
+    message = "Proven: the distance is never overestimated, for any float32 point anywhere."
+    numbers = (
+        f"The slack, taken off so that no distance is too large, is {-threshold * unit:.3g}, {error * unit:.2g} of it for float32 "
+        "rounding."
     )
-    certificate = document(bounder, shape, "proven", threshold, found.least, found.boxes, found.seconds, message)
+    certificate = document(
+        bounder, shape, "proven", threshold, found.least, found.boxes, found.seconds, message, numbers=numbers
+    )
     bounder.freeze(threshold, certificate)
     return certificate
