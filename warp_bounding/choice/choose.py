@@ -19,6 +19,7 @@ from warp_bounding.choice.kept import Kept
 from warp_bounding.choice.pace import Spending
 from warp_bounding.choice.races import race
 from warp_bounding.choice.result import NONE, Choice
+from warp_bounding.choice.verdict import chosen
 from warp_bounding.choice.work import Work
 from warp_bounding.coordinates.region_domain import SPACES, domain_of
 from warp_bounding.errors import BounderError
@@ -32,7 +33,7 @@ from warp_bounding.training.samples.callers import CallersQueries
 
 __all__ = ["check_prices", "choose"]
 
-CLOSED_SHARE = 0.25  # of the budget, for what is no network, where there are networks
+CLOSED_SHARE = 1 / 3  # of the budget, for what is no network, where there are networks
 SAMPLES = 200_000  # random queries, where the caller has none
 
 
@@ -140,7 +141,7 @@ def choose(
         others += forms.fit(CLOSED_SHARE * spending.budget if rivals else math.inf)
         networks = race(work, rivals, others, held)
         others += forms.fit(math.inf)  # with what is left
-        return work.chosen([*others, *networks.values()], len(told.x))
+        return chosen(work, [*others, *networks.values()], len(told.x))
 
 
 def _halves(x: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -11,8 +11,8 @@ from warp_bounding.choice.work import Tried, Work
 
 __all__ = ["ClosedForms"]
 
-PART = 1 / 12  # of the budget: what a fit is given that learns, and what one may take of which nothing is known
-LONGER = 3.0  # times what it is expected to take: when a fit is stopped, though there be time
+PART = 1 / 20  # of the budget: what a fit is given that learns, and what one may take of which nothing is known
+LONGER = 2.0  # times what it is expected to take: when a fit is stopped, though there be time
 AFTER_STOP = 2.0  # times the seconds after which a fit was stopped: what it would take, for all that is known
 
 
@@ -57,19 +57,22 @@ class ClosedForms:
         if left <= 0 or needs > left:
             self._leave(each, needs or self.part, left)
             return None
-        limit = min(left, max(self.part, LONGER * needs)) if self._largest else left
+        first = each.times_aabb == 1 and self._unit is None  # it tells what others take
+        limit = left if first else min(left, max(self.part, LONGER * needs))
         before = work.spending.now
         one = work.fitted(each, self.part, limit)
         taken = work.spending.now - before
         self.used += taken
         self._learn(each, taken)
         if one is None and not attempts.error and not work.interrupted:
-            self._leave(each, AFTER_STOP * attempts.limit, pot - self.used, f"stopped after {limit:.0f} s: ")
+            self._leave(each, AFTER_STOP * attempts.limit, pot - self.used)
         return one
 
-    def _leave(self, each: Candidate, needs: float, left: float, begun: str = "") -> None:
+    def _leave(self, each: Candidate, needs: float, left: float) -> None:
         self._waiting.append(each)
-        self.work.not_tried(each, needs, self.work.spending.budget + needs - min(left, self.work.left), begun)
+        stopped = self.work.kept.of(each.label).limit
+        begun = f"stopped after {stopped:.0f} s: " if stopped else ""
+        self.work.not_tried(each, needs, self.work.spending.budget + needs - max(min(left, self.work.left), 0.0), begun)
 
     def _learn(self, each: Candidate, taken: float) -> None:
         self._largest[each.method] = taken

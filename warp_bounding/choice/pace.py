@@ -20,7 +20,7 @@ LEAST_SECONDS = 3.0  # of a network's fit
 ROUND_STEPS = 100  # steps between two refreshes of the samples, of all recipes: a round
 # Rounds after which a network can be judged. Points and the bunny, 24-24: 7.5 % false positives after 5 rounds, 2.6 % after 15, 2.1 % after 40; a mesh of
 # 30,000 triangles: no better than a box after 2, 3.0 % after 11, 2.6 % after 25.
-ROUNDS = 10
+ROUNDS = 8
 RESERVED, REGION_RESERVED = (
     0.25,
     0.5,

@@ -56,7 +56,7 @@ def _judge(work: Work, each: Candidate, share: float, found: dict[str, Tried]) -
             return
     if each.label not in found and not work.kept.of(each.label).error:
         whole = work.pace.whole(_needed(work, each) or LEAST_SECONDS)
-        work.not_tried(each, whole, work.spending.budget + whole - work.left)
+        work.not_tried(each, whole, work.spending.budget + whole - max(work.left, 0.0))
 
 
 def _needed(work: Work, each: Candidate) -> float | None:

@@ -6,17 +6,15 @@ Of what is no network the fits that take the least time come first (``closed``);
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.bounders import Bounder, DistanceBounder
 from warp_bounding.choice.candidates import Candidate
 from warp_bounding.choice.kept import Kept
 from warp_bounding.choice.pace import Pace, Spending, TooSlowError, Watch
-from warp_bounding.choice.result import NONE, Choice, Row
+from warp_bounding.choice.result import NONE, Row
 from warp_bounding.choice.starved import starved
 from warp_bounding.choice.timing import TURNS, Batch, times_of
 from warp_bounding.errors import BounderError, BoundingError, BoundingWarning
@@ -24,7 +22,6 @@ from warp_bounding.evaluation.distances import ASKED
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.distance import DISTANCE
-from warp_bounding.runtime.launch import cpu_threads
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.runtime.working_time import OutOfTimeError, compile_seconds, limited, working_seconds
 from warp_bounding.training import fit
@@ -35,10 +32,6 @@ OVERDRAWN = (
     0.12  # of the budget, by which fits may exceed it before they are stopped, rather than lose what they have made
 )
 FINAL = 3.0  # times what measuring has taken so far: what times in turns take at the end
-WORTH = 0.1  # of the least cost: what there must be to gain, at the most, for a larger budget to be probably worth it
-MORE_TRAINING = (
-    2.0  # times the seconds that left a network starved: with so many it would not be, for all that is known
-)
 
 
 @dataclass(frozen=True)
@@ -189,6 +182,7 @@ class Work:
         if bounder is None:
             self.kept.note()
             return None
+        self.passed.pop(candidate.label, None)  # it was not tried, or stopped, before
         one = self._measured(candidate.label, bounder, float(bounder.info["training"]["seconds"]))
         if bounder.info["training"].get("interrupted"):
             self.interrupted = True
@@ -205,7 +199,7 @@ class Work:
         """Make a row of what there was no time for, with the budget that it would need."""
         self.foreseen[candidate.label] = seconds
         budget = told_budget(max(budget, self.spending.budget))
-        why = f"{begun or 'not tried: '}needs about {max(seconds, 1):.0f} s, a budget of {budget:g}"
+        why = f"{begun or 'not tried: '}needs a budget of {budget:g} s"
         self.passed[candidate.label] = Row(
             candidate.label, candidate.least_bytes, math.nan, math.nan, math.nan, why_not=why, needs=budget
         )
@@ -267,71 +261,6 @@ class Work:
         cost = nanoseconds + share * self.narrow_ns
         self.measuring += working_seconds() - started
         return Tried(label, bounder, Row(label, bounder.nbytes, nanoseconds, share, cost, kind, missed, seconds, why))
-
-    def chosen(self, tried: list[Tried], queries: int) -> Choice:
-        """The choice, with times taken in turns."""
-        if self.memory is not None and not any(each.bounder.nbytes <= self.memory for each in tried):
-            sizes = [(each.bounder.nbytes, each.label) for each in tried]
-            nearest = f"; the nearest is {min(sizes)[1]} with {min(sizes)[0]:,}" if sizes else ""
-            raise BounderError(f"memory: no candidate has {self.memory:,} bytes or less{nearest}")
-        self.tell("times, in turns")
-        times = times_of({each.label: each.bounder for each in tried}, self.batch, TURNS)
-        rows = [Row(NONE, 0, 0.0, 1.0, self.narrow_ns, "by construction")]
-        for each in tried:
-            nanoseconds = self.overhead_ns + times[each.label]
-            cost = nanoseconds + each.row.share * self.narrow_ns
-            rows.append(replace(each.row, nanoseconds=nanoseconds, cost=cost, **self._doubts(each.label)))
-        rows.sort(key=lambda row: (bool(row.why_not), row.cost))
-        best = rows[0].label
-        bounder = next((each.bounder for each in tried if each.label == best), None)
-        on_cpu = wp.get_device(self.device).is_cpu
-        return Choice(
-            bounder,
-            best,
-            (*rows, *(row for label, row in self.passed.items() if label not in {each.label for each in tried})),
-            self.narrow_ns,
-            self.positives,
-            queries,
-            self.memory,
-            self.device,
-            cpu_threads() if on_cpu else 0,
-            {
-                "shape": self.shape.name,
-                "query": self.query,
-                "interrupted": self.interrupted,
-                "budget": self.spending.budget,
-                "seconds": round(self.spending.now, 3),
-                "seconds_before": round(self.spending.charged, 3),
-                "compile_seconds": round(compile_seconds() - self.compiled, 3),
-                "larger_budget": None if self.interrupted else self._larger([*rows, *self.passed.values()]),
-            },
-        )
-
-    def _doubts(self, label: str) -> dict[str, str | float]:
-        """What a row says of a network that had too little time."""
-        attempts = self.kept.of(label)
-        if not attempts.starved:
-            return {}
-        needs = (
-            self.spending.budget
-            + self.pace.whole(MORE_TRAINING * max(attempts.given, default=1.0))
-            - max(self.left, 0.0)
-        )
-        return {"note": attempts.starved, "needs": told_budget(needs)}
-
-    def _larger(self, rows: list[Row]) -> dict[str, Any] | None:
-        """The budget that would let in what this one had no room for, and whether that would probably change the answer."""
-        missing = [row for row in rows if row.needs]
-        if not missing:
-            return None
-        best, least = min(row.cost for row in rows if not row.why_not), self.positives * self.narrow_ns
-        promising = [row for row in missing if row.label in self.networks and best - least > WORTH * best]
-        more = sum(row.needs - self.spending.budget for row in promising or missing)
-        return {
-            "seconds": told_budget(self.spending.budget + more),
-            "labels": [row.label for row in promising or missing],
-            "probably": bool(promising),
-        }
 
 
 def told_budget(seconds: float) -> float:
