@@ -49,16 +49,16 @@ def print_table(out: Console, table: Table, wrapped: Sequence[str]) -> None:
         table: All its columns but the wrapped ones hold numbers.
         wrapped: Headers of the columns that may wrap.
     """
-    any_width = out.options.update(max_width=WIDEST)
+    any_width, width = out.options.update(max_width=WIDEST), out.width
     natural = Measurement.get(out, any_width, table).maximum
-    if not out.is_terminal or natural <= out.width:
-        out.print(table, width=natural, no_wrap=True, overflow="ignore", crop=False)
-        return
-    for column in table.columns:
-        column.no_wrap, column.overflow = column.header not in wrapped, "fold"
-        column.min_width = NARROWEST if column.header in wrapped else None
-    least = Measurement.get(out, any_width, table).minimum
-    out.print(table, width=max(out.width, least), crop=False)
+    if out.is_terminal and natural > width:
+        for column in table.columns:
+            words = column.header in wrapped
+            column.no_wrap, column.overflow, column.min_width = not words, "fold", NARROWEST if words else None
+        natural = max(width, Measurement.get(out, any_width, table).minimum)
+    out.width = natural  # a table is never printed wider than that
+    out.print(table, crop=False)
+    out.width = width
 
 
 def warn(text: str) -> None:
