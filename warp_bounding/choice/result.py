@@ -144,6 +144,6 @@ class Choice:
             ['certificate', 'cost', 'label']
         """
         told = {name: getattr(self, name) for name in ("label", "narrow_ns", "positives", "queries", "memory")}
-        told |= {"device": self.device, "threads": self.threads, "why": self.why}
+        told |= {"device": self.device, "threads": self.threads, "why": self.why, "more": self.more}
         prices = [stretch._asdict() for stretch in self.prices]
         return told | {"prices": prices, "rows": [asdict(row) for row in self.rows]} | self.about
