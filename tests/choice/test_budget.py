@@ -74,6 +74,7 @@ def test_what_takes_too_long_is_stopped_and_told(fits):
     assert choice.about["seconds"] < 1.15 * 40.0
     assert {"aabb", "sphere", "voxels 128 cells"} <= {label for label, row in rows.items() if not row.why_not}
     assert rows["kdop"].why_not.startswith("stopped after")
+    assert "a budget of more than" in rows["kdop"].why_not
     assert rows["kdop k 26"].why_not.startswith("not tried: needs a budget of")
     assert rows["kdop"].needs > 40.0
     assert [label for label, _ in fits].count("kdop") == 1

@@ -7,7 +7,7 @@ import math
 from collections.abc import Set
 
 from warp_bounding.choice.candidates import TIMES_SMALLER, Candidate
-from warp_bounding.choice.work import Tried, Work
+from warp_bounding.choice.work import NOT_TRIED, Tried, Work
 
 __all__ = ["ClosedForms"]
 
@@ -71,7 +71,7 @@ class ClosedForms:
     def _leave(self, each: Candidate, needs: float, left: float) -> None:
         self._waiting.append(each)
         stopped = self.work.kept.of(each.label).limit
-        begun = f"stopped after {stopped:.0f} s: " if stopped else ""
+        begun = f"stopped after {stopped:.0f} s: " if stopped else NOT_TRIED
         self.work.not_tried(each, needs, self.work.spending.budget + needs - max(min(left, self.work.left), 0.0), begun)
 
     def _learn(self, each: Candidate, taken: float) -> None:

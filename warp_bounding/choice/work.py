@@ -26,11 +26,12 @@ from warp_bounding.runtime.progress import Progress
 from warp_bounding.runtime.working_time import OutOfTimeError, compile_seconds, limited, working_seconds
 from warp_bounding.training import fit
 
-__all__ = ["OVERDRAWN", "Tried", "Work", "told_budget"]
+__all__ = ["NOT_TRIED", "OVERDRAWN", "Tried", "Work", "told_budget"]
 
 OVERDRAWN = (
     0.12  # of the budget, by which fits may exceed it before they are stopped, rather than lose what they have made
 )
+NOT_TRIED = "not tried: "
 FINAL = 3.0  # times what measuring has taken so far: what times in turns take at the end
 
 
@@ -195,11 +196,11 @@ class Work:
         self.kept.note()
         return one
 
-    def not_tried(self, candidate: Candidate, seconds: float, budget: float, begun: str = "") -> None:
+    def not_tried(self, candidate: Candidate, seconds: float, budget: float, begun: str = NOT_TRIED) -> None:
         """Make a row of what there was no time for, with the budget that it would need."""
         self.foreseen[candidate.label] = seconds
         budget = told_budget(max(budget, self.spending.budget))
-        why = f"{begun or 'not tried: '}needs a budget of {budget:g} s"
+        why = f"{begun}needs a budget of {'' if begun == NOT_TRIED else 'more than '}{budget:g} s"
         self.passed[candidate.label] = Row(
             candidate.label, candidate.least_bytes, math.nan, math.nan, math.nan, why_not=why, needs=budget
         )
