@@ -18,14 +18,14 @@ __all__ = ["LEAST_SECONDS", "ROUNDS", "ROUND_STEPS", "Pace", "Spending", "TooSlo
 
 LEAST_SECONDS = 3.0  # of a network's fit
 ROUND_STEPS = 100  # steps between two refreshes of the samples, of all recipes: a round
-# Rounds after which a network can be judged. Points and the bunny, 24-24: 7.5 % false positives after 5 rounds, 2.6 % after 15, 2.1 % after 40; a mesh of
-# 30,000 triangles: no better than a box after 2, 3.0 % after 11, 2.6 % after 25.
+# Rounds after which a network can be judged. Networks 24-24 of points had 7.5 % false positives after 5 rounds and 2.6 % after 15 on the bunny, and on a mesh
+# of 29,572 triangles as many as a box after 2, and 3.0 % after 11.
 ROUNDS = 8
 RESERVED, REGION_RESERVED = (
     0.25,
     0.5,
 )  # of a fit's seconds, for the searches of its prover, of points and of regions: about what trainers keep
-GROWTH = 0.3  # a round takes so long as a network has numbers, to this power: 24-24 and 50-50 on the bunny
+GROWTH = 0.3  # a round takes so long as a network has numbers, to about this power: 24-24 and 50-50 on the bunny, on a busy machine
 EARLY_ROUNDS = (1, 2)  # after which it is told whether a training will come to enough rounds, ...
 PATIENCE = 1.6  # ... and what it needs to be stopped then, times the seconds it was given
 OVERTIME, LEAST_EXTRA = (
