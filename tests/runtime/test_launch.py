@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from warp_bounding.runtime import launch
+from warp_bounding.runtime import launch, working_time
 from warp_bounding.runtime.launch import BLOCK, BlockLaunch, cpu_threads, launch_blocks
 
 
@@ -224,7 +224,7 @@ def test_the_working_clock_stands_still_while_kernels_are_compiled(monkeypatch):
     monkeypatch.setattr(launch.time, "perf_counter", lambda: now[0])
     monkeypatch.setattr(launch.wp, "load_module", load_module)
     monkeypatch.setattr(launch, "_ready", set())
-    monkeypatch.setattr(launch, "_compiling", launch._Compiling())
+    monkeypatch.setattr(working_time, "_own", working_time._Own())
     before = launch.working_seconds()
     for _ in range(2):
         launch.ready(_visit, wp.get_device("cpu"))

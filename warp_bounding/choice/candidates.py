@@ -16,7 +16,15 @@ from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries import QUERIES
 from warp_bounding.training.trainers import trainer_of
 
-__all__ = ["DISTANCE_NETWORK", "NETWORKS", "Candidate", "candidates_of", "check_methods", "check_networks"]
+__all__ = [
+    "DISTANCE_NETWORK",
+    "NETWORKS",
+    "TIMES_SMALLER",
+    "Candidate",
+    "candidates_of",
+    "check_methods",
+    "check_networks",
+]
 
 NETWORKS = ((16, 16), (24, 24), (50, 50))  # hidden widths that are tried
 PARTS = {(24, 24): 256, (50, 50): 1024}  # thresholds of the networks that have some
@@ -28,6 +36,22 @@ CLOSED_SIZES: dict[str, list[dict[str, Any]]] = {
     "kdop": [{}, {"k": 26}],
 }
 DISTANCE_NETWORK = "distance"  # a network of the distance, among methods: "mlp" is the bounder's
+# About how many times as long as an aabb's the fit and the proof of closed forms take: roughly the middle of what the bunny and a mesh of 29,572 triangles
+# took, which differ (kdop 0.7 and 8.5 times). It says what is tried first, and what not without time for it; what takes longer is stopped.
+TIMES_AABB = {
+    "sphere": 1.2,
+    "ellipsoid": 1.4,
+    "oriented-ellipsoid": 1.5,
+    "obb": 2.0,
+    "kdop": 4.0,
+    FRONT: 4.0,
+    DistanceGrid.method: 3.0,
+    "voxels": 0.05,
+    "bvh": 0.1,
+    "kd-tree": 0.1,
+    "relu-field": 0.5,
+}
+TIMES_SMALLER = 2.0  # the same of a size and the one before it
 NODES = {2: (32, 64, 128), 3: (16, 32), 4: (8, 16)}  # of distance grids, along the longest side, by dimension
 BYTES = 4  # of a number
 
@@ -42,6 +66,7 @@ class Candidate:
         network: Whether training pays by the second: it is tried with little time first.
         least_bytes: It will have so much memory at least, where that is known.
         distance: Whether the distance is fitted, and asked what the queries are.
+        learns: Whether its fit takes the seconds that it is given, network or not.
     """
 
     method: str
@@ -49,6 +74,22 @@ class Candidate:
     network: bool = False
     least_bytes: int = 0
     distance: bool = False
+    learns: bool = False
+
+    @property
+    def numbers(self) -> int:
+        """About how many a network has; 0 for others."""
+        return self.least_bytes // BYTES if self.network else 0
+
+    @property
+    def front(self) -> str:
+        """The method of what is asked before a network, which is fitted first; empty where there is none."""
+        return self.method.rpartition("+")[0]
+
+    @property
+    def times_aabb(self) -> float:
+        """``TIMES_AABB`` of its method."""
+        return TIMES_AABB.get(self.method, 1.0)
 
     @property
     def label(self) -> str:
@@ -143,7 +184,8 @@ def _of_queries(query: str, shape: Shape, networks: tuple[tuple[int, ...], ...])
             continue
         sizes = CLOSED_SIZES.get(name, [{}])
         known = [own for own in sizes if _known(cls, own, query) and not (own_cells and "resolution" in own)]
-        closed += [Candidate(name, own) for own in known or [{}]]
+        learns = trainer_of(cls) is not trainer_of(Bounder)
+        closed += [Candidate(name, own, learns=learns) for own in known or [{}]]
     if Mlp.supports(query, ndim):
         with_parts = [{"hidden": widths, "thresholds": PARTS[widths]} for widths in networks if widths in PARTS]
         learned += [_network(Mlp.method, own, ndim) for own in with_parts if _known(Mlp, own, query)]
@@ -155,4 +197,4 @@ def _of_queries(query: str, shape: Shape, networks: tuple[tuple[int, ...], ...])
 def _network(method: str, options: dict[str, Any], ndim: int, *, distance: bool = False) -> Candidate:
     widths = options["hidden"]
     numbers = sum(k * h + h for k, h in pairwise((ndim, *widths, 1)))  # regions have more inputs
-    return Candidate(method, options, True, BYTES * numbers, distance)
+    return Candidate(method, options, True, BYTES * numbers, distance, learns=True)

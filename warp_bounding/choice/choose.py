@@ -1,19 +1,24 @@
 """``choose``: fit what is plausible, measure it on the caller's own queries, and take what costs the least.
 
-Closed forms are fitted first. Networks get little time in the first round, and the better half of them twice as much in the next one; what cannot
-become the cheapest even if it left nothing but positives is given up. Half of the queries are for fitting, and what is told is measured on the other half. Times are
-taken at the end, of all candidates in turns.
+The budget is a limit for all that is done, and what there is no room for is not begun (``work``). Closed forms are fitted first. Of networks as many are trained as
+can be judged in that time, and then the better ones longer (``races``); what cannot become the cheapest even if it left nothing but positives is given up. Half of the
+queries are for fitting, and what is told is measured on the other half. Times are taken at the end, of all candidates in turns.
 """
 
 import hashlib
+import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from warp_bounding.bounders import Bounder, DistanceBounder
 from warp_bounding.choice.candidates import NETWORKS, candidates_of, check_methods, check_networks
+from warp_bounding.choice.closed import ClosedForms
 from warp_bounding.choice.kept import Kept
+from warp_bounding.choice.pace import Spending
+from warp_bounding.choice.races import race
 from warp_bounding.choice.result import NONE, Choice
+from warp_bounding.choice.verdict import chosen
 from warp_bounding.choice.work import Work
 from warp_bounding.coordinates.region_domain import SPACES, domain_of
 from warp_bounding.errors import BounderError
@@ -27,6 +32,7 @@ from warp_bounding.training.samples.callers import CallersQueries
 
 __all__ = ["check_prices", "choose"]
 
+CLOSED_SHARE = 1 / 3  # of the budget, for what is no network, where there are networks
 SAMPLES = 200_000  # random queries, where the caller has none
 
 
@@ -62,7 +68,8 @@ def choose(
         queries: ``(Q, m)`` numbers, object space, as your simulation asks them, in its order; random ones if ``None``. A few thousand at least; half of them are fitted to.
         memory: Most bytes that a query may read (``Bounder.nbytes``).
         device: Warp device where it is measured, and of the bounder; the default device if ``None``.
-        budget: Seconds for all fits; compiling kernels, once for each size of network, is not counted.
+        budget: Seconds that fits and measurements take together, up to an eighth more; what ``folder`` holds is charged with what it took. What there is no room for is not
+            begun, and its row tells the budget that it would need. Compiling kernels, once for each size of network, is not counted.
         seed: Seed of everything random.
         margin: The object is dilated by this length first, object units.
         length: Length of a ray, object units; 1 if ``None``. Other queries have none.
@@ -97,6 +104,7 @@ def choose(
     check_prices(query, narrow_ns, overhead_ns, memory, length, statistical)
     wanted = check_methods(methods)
     device = str(device_of(device))
+    spending = Spending(float(budget))
     shape, length = load_indicator(shape), length or 1.0
     warn_of_restriction(shape)
     bounded, rng = shape.dilated(margin) if margin else shape, np.random.default_rng(seed)
@@ -121,10 +129,19 @@ def choose(
         device,
         statistical,
         Kept(folder, settings),
+        spending,
     )
-    with reported(progress, "choose") as update:
-        tried = work.all(candidates_of(query, shape, sizes, wanted), budget, bounders or {}, update)
-    return work.chosen(tried, len(told.x))
+    candidates = candidates_of(query, shape, sizes, wanted)
+    closed, rivals = ([each for each in candidates if each.network == network] for network in (False, True))
+    work.networks = frozenset(each.label for each in rivals)
+    with reported(progress, "choose") as work.update:
+        others, held = work.measured_own(bounders or {}), work.from_before(candidates)
+        others += [held.pop(each.label) for each in closed if each.label in held]
+        forms = ClosedForms(work, closed, {each.label for each in others})
+        others += forms.fit(CLOSED_SHARE * spending.budget if rivals else math.inf)
+        networks = race(work, rivals, others, held)
+        others += forms.fit(math.inf)  # with what is left
+        return chosen(work, [*others, *networks.values()], len(told.x))
 
 
 def _halves(x: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

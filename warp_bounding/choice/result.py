@@ -8,6 +8,7 @@ from warp_bounding.choice.prices import Line, Stretch, cheapest
 
 __all__ = ["NONE", "Choice", "Row"]
 
+NAMED = 3  # candidates that ``Choice.more`` names
 NONE = "none"  # label of no broad phase at all
 
 
@@ -25,6 +26,8 @@ class Row:
         missed: Queries that meet the object and that it denied: 0 for whatever is proven.
         seconds: That its fit took.
         why_not: Why it cannot be chosen, in words; empty for those that can.
+        note: What is to be known of a row that can be, such as that training had little time; empty for most.
+        needs: The budget that would leave room for what was not tried or had too little time, about, seconds; 0 for others.
     """
 
     label: str
@@ -36,6 +39,8 @@ class Row:
     missed: int = 0
     seconds: float = 0.0
     why_not: str = ""
+    note: str = ""
+    needs: float = 0.0
 
     @property
     def line(self) -> Line:
@@ -112,6 +117,23 @@ class Choice:
             f"{100 * own.share:.3g} % of the queries, of which {100 * self.positives:.3g} % must be left"
         )
 
+    @property
+    def more(self) -> str:
+        """In a sentence, what a larger budget would do, and how large it should be; empty where nothing was left out for want of time.
+
+        Example:
+            >>> ball = np.linalg.norm(np.indices((16, 16, 16)) - 7.5, axis=0) < 6
+            >>> wb.choose(ball, narrow_ns=50.0, budget=60.0, methods="aabb", device="cpu", progress=False).more
+            ''
+        """
+        larger = self.about.get("larger_budget")
+        if larger is None:
+            return ""
+        labels = larger["labels"]
+        named = ", ".join(labels[:NAMED]) + (f" and {len(labels) - NAMED} more" if len(labels) > NAMED else "")
+        would = "would probably change the answer" if larger["probably"] else "might change the answer, but hardly"
+        return f"A budget of about {larger['seconds']:g} s {would}: it has room for {named}"
+
     def to_dict(self) -> dict[str, Any]:
         """All but the bounder, JSON-ready.
 
@@ -122,6 +144,6 @@ class Choice:
             ['certificate', 'cost', 'label']
         """
         told = {name: getattr(self, name) for name in ("label", "narrow_ns", "positives", "queries", "memory")}
-        told |= {"device": self.device, "threads": self.threads, "why": self.why}
+        told |= {"device": self.device, "threads": self.threads, "why": self.why, "more": self.more}
         prices = [stretch._asdict() for stretch in self.prices]
         return told | {"prices": prices, "rows": [asdict(row) for row in self.rows]} | self.about

@@ -13,6 +13,7 @@ from warp_bounding.evaluation.distances import ASKED, parts_of
 __all__ = ["TURNS", "Batch", "times_of"]
 
 TIMED, TURNS = 200_000, 9  # queries of a timed launch, at least, and launches of each
+MOST_SECONDS, FEWEST = 0.3, 1  # of all launches of one, after which no more are timed, and how many are in any case
 
 
 class Batch:
@@ -44,14 +45,17 @@ def times_of(bounders: Mapping[str, Bounder | DistanceBounder], batch: Batch, tu
     """Nanoseconds of one query of a batch, the fastest of some launches, which take turns: whatever else the machine does slows all alike."""
     many = Batch(batch.query, np.resize(batch.x, (max(len(batch.x), TIMED), batch.x.shape[1])), batch.length)
     asked = {label: many.asked_of(bounder) for label, bounder in bounders.items()}
-    times = dict.fromkeys(bounders, math.inf)
+    times, taken = dict.fromkeys(bounders, math.inf), dict.fromkeys(bounders, 0.0)
     for turn in range(turns + 1):
         for label, launch in asked.items():
+            if turn > FEWEST and taken[label] > MOST_SECONDS:  # it is so slow that another turn would change little
+                continue
             device = wp.get_device(bounders[label].device)
             wp.synchronize_device(device)
             start = time.perf_counter()
             launch()
             wp.synchronize_device(device)
             if turn:  # the first one loads kernels
+                taken[label] += time.perf_counter() - start
                 times[label] = min(times[label], time.perf_counter() - start)
     return {label: 1e9 * seconds / len(many.x) for label, seconds in times.items()}

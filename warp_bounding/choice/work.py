@@ -1,32 +1,38 @@
-"""A choice in the making: candidates are fitted, the best networks with more and more time, and measured."""
+"""A choice in the making: candidates are fitted, as many as the budget has room for, and measured.
+
+Of what is no network the fits that take the least time come first (``closed``); networks race (``races``). Whatever is not begun, or is stopped, has a row that tells the budget that it would need.
+"""
 
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.bounders import Bounder, DistanceBounder
 from warp_bounding.choice.candidates import Candidate
 from warp_bounding.choice.kept import Kept
-from warp_bounding.choice.result import NONE, Choice, Row
+from warp_bounding.choice.pace import Pace, Spending, TooSlowError, Watch
+from warp_bounding.choice.result import NONE, Row
+from warp_bounding.choice.starved import starved
 from warp_bounding.choice.timing import TURNS, Batch, times_of
 from warp_bounding.errors import BounderError, BoundingError, BoundingWarning
 from warp_bounding.evaluation.distances import ASKED
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.distance import DISTANCE
-from warp_bounding.runtime.launch import cpu_threads
 from warp_bounding.runtime.progress import Progress
+from warp_bounding.runtime.working_time import OutOfTimeError, compile_seconds, limited, working_seconds
 from warp_bounding.training import fit
 
-__all__ = ["Tried", "Work"]
+__all__ = ["NOT_TRIED", "OVERDRAWN", "Tried", "Work", "told_budget"]
 
-LEAST_SECONDS = 1.0  # of a network's fit in the first round
-# Of the budget, for what is no network; most of that are closed forms, found at once, and few learn, of which each may take this part of it.
-QUICK_SHARE, QUICK_PART = 0.25, 1 / 3
+OVERDRAWN = (
+    0.12  # of the budget, by which fits may exceed it before they are stopped, rather than lose what they have made
+)
+NOT_TRIED = "not tried: "
+FINAL = 3.0  # times what measuring has taken so far: what times in turns take at the end
 
 
 @dataclass(frozen=True)
@@ -56,8 +62,13 @@ class Work:
         device: Where it is measured.
         statistical: Whether what samples attest may be chosen.
         kept: The folder.
-        passed: Rows of what was not fitted, with why not.
+        spending: Of the budget.
+        update: Of progress, or ``None``.
+        passed: Rows of what was not fitted, with why not, by label.
         interrupted: Whether Ctrl-C has ended fitting.
+        measuring: Seconds that measuring has taken.
+        networks: Labels of the candidates that are networks.
+        foreseen: Seconds that what was not tried would take, about, by label.
     """
 
     shape: Shape
@@ -73,8 +84,17 @@ class Work:
     device: str
     statistical: bool
     kept: Kept
-    passed: list[Row] = field(default_factory=list)
+    spending: Spending
+    update: Progress | None = None
+    passed: dict[str, Row] = field(default_factory=dict)
     interrupted: bool = False
+    measuring: float = 0.0
+    foreseen: dict[str, float] = field(default_factory=dict)
+    networks: frozenset[str] = frozenset()
+
+    def __post_init__(self):
+        self.compiled = compile_seconds()
+        self.pace = Pace(QUERIES[self.query].is_region)
 
     @property
     def batch(self) -> Batch:
@@ -86,94 +106,125 @@ class Work:
         """Share of the queries that meet the object."""
         return float(self.truth.mean())
 
-    def all(
-        self, candidates: list[Candidate], budget: float, bounders: Mapping[str, Bounder | DistanceBounder], update
-    ) -> list[Tried]:
-        """Everything fitted that is worth it."""
-        tried = []
+    @property
+    def left(self) -> float:
+        """Seconds for fits: what is left of the budget, less what the times at the end take."""
+        return self.spending.left - FINAL * self.measuring
+
+    def best(self, tried: list[Tried]) -> float:
+        """The least cost so far, nanoseconds."""
+        return min([self.narrow_ns, *(each.row.cost for each in tried if not each.row.why_not)])
+
+    def measured_own(self, bounders: Mapping[str, Bounder | DistanceBounder]) -> list[Tried]:
+        """What the caller has already."""
         for label, bounder in bounders.items():
             self._check_own(label, bounder)
-            tried.append(self._measured(label, bounder.to(self.device), 0.0))
-        quick, part, late = [each for each in candidates if not each.network], QUICK_PART * QUICK_SHARE * budget, set()
-        for number, each in enumerate(quick):
-            if self.interrupted:
-                break
-            if each.method in late:  # sizes come in order, and each takes several times as long as the one before
-                self._pass(each.label, "a smaller one took longer than its part of the budget")
-                continue
-            _tell(update, QUICK_SHARE * number / max(len(quick), 1), each.label)
-            found = self._fitted(each, part)
-            late |= {each.method for one in found if one.row.seconds > part}
-            tried += found
-        rivals = [each for each in candidates if each.network]
-        return tried + self._races(rivals, tried, (1 - QUICK_SHARE) * budget, update)
+        return [self._measured(label, bounder.to(self.device), 0.0) for label, bounder in bounders.items()]
 
-    def _races(self, rivals: list[Candidate], tried: list[Tried], budget: float, update) -> list[Tried]:
-        """Networks: all of them with little time, then the better half with twice as much, and so on."""
-        # seconds depend on no clock and no limit, so that a choice that goes on, or has other ones, finds what it has fitted
-        count, found = len(rivals), {}
-        rounds = math.ceil(math.log2(count)) + 1 if rivals else 0  # in the last one, one is left
-        for number in range(rounds):
-            best = min([self.narrow_ns, *(each.row.cost for each in tried if not each.row.why_not)])
-            rivals = [each for each in rivals if self._fits(each) and self._may_win(found.get(each.label), best)]
-            if number:  # the better half by what they cost so far
-                order = sorted(rivals, key=lambda each: found[each.label].row.cost)
-                rivals = order[: math.ceil(count / 2**number)]
-            seconds = max(budget / rounds / math.ceil(count / 2**number), LEAST_SECONDS)
-            for place, each in enumerate(rivals):
-                if self.interrupted:
-                    break
-                done = QUICK_SHARE + (1 - QUICK_SHARE) * (number + place / max(len(rivals), 1)) / rounds
-                _tell(update, done, f"{each.label}, {seconds:.0f} s")
-                for fitted in self._fitted(each, seconds):
-                    before = found.get(each.label)
-                    if before is None or fitted.row.cost <= before.row.cost:
-                        found[each.label] = fitted
-            rivals = [each for each in rivals if each.label in found]
-        return list(found.values())
+    def from_before(self, candidates: list[Candidate]) -> dict[str, Tried]:
+        """What the folder holds, the cheaper one where it has several fits; what they took is charged to the budget."""
+        found = {}
+        for each in candidates:
+            attempts = self.kept.of(each.label)
+            self.spending.charged += attempts.taken
+            self.pace.learn(each, attempts.setup, attempts.round)
+            self.tell(each.label)
+            held = [
+                self._measured(each.label, bounder, float(bounder.info["training"]["seconds"]))
+                for _, bounder in self.kept.get(each.label, self.device)
+            ]
+            if held:
+                found[each.label] = min(held, key=lambda one: one.row.cost)
+            else:
+                attempts.given.clear()
+        return found
 
-    def _may_win(self, found: Tried | None, best: float) -> bool:
-        """Whether a network could become the cheapest if it left nothing but the positives."""
-        if found is not None and self.memory is not None and found.bounder.nbytes > self.memory:
-            return False
-        nanoseconds = 0.0 if found is None else found.row.nanoseconds
-        return nanoseconds + self.positives * self.narrow_ns < best
+    def fitted(self, candidate: Candidate, seconds: float, limit: float) -> Tried | None:
+        """The candidate, fitted in so many seconds; ``None`` where it is impossible, was stopped, or is too slow to be judged.
 
-    def _fits(self, candidate: Candidate) -> bool:
+        Args:
+            candidate: Not kept before.
+            seconds: That ``fit`` is given.
+            limit: Seconds after which it is stopped.
+        """
+        attempts, started = self.kept.of(candidate.label), working_seconds()
+        watched = candidate.network and not candidate.front
+        watch = Watch(
+            seconds if watched else math.inf, self.pace.reserved, lambda note: self.tell(f"{candidate.label}: {note}")
+        )
+        self.tell(candidate.label)
+        bounder = None
+        try:
+            with limited(limit), warnings.catch_warnings():
+                warnings.simplefilter(
+                    "ignore", BoundingWarning
+                )  # of coarse cells: the row tells what they cost; choose has told the rest
+                bounder = fit(
+                    self.shape,
+                    DISTANCE.name if candidate.distance else self.query,
+                    candidate.method,
+                    budget=seconds,
+                    device=self.device,
+                    progress=watch.progress,
+                    **self._options_of(candidate),
+                )
+        except OutOfTimeError:
+            attempts.limit = limit
+        except TooSlowError:
+            pass
+        except BoundingError as error:
+            attempts.error = " ".join(str(error).split())
+            self.pass_over(candidate.label, attempts.error)
+        except KeyboardInterrupt:
+            self.interrupted = True
+        taken = working_seconds() - started
+        attempts.taken += taken
+        if watched:
+            attempts.setup, attempts.round = watch.setup, watch.round
+            self.pace.learn(candidate, watch.setup, watch.round)
+        if bounder is None:
+            self.kept.note()
+            return None
+        self.passed.pop(candidate.label, None)  # it was not tried, or stopped, before
+        one = self._measured(candidate.label, bounder, float(bounder.info["training"]["seconds"]))
+        if bounder.info["training"].get("interrupted"):
+            self.interrupted = True
+            return one
+        if candidate.network:
+            self.pace.took(seconds, taken)
+            attempts.starved = starved(bounder, one.row.share - self.positives, self.own)
+        self.kept.put(candidate.label, bounder, seconds)
+        attempts.given.append(seconds)
+        self.kept.note()
+        return one
+
+    def not_tried(self, candidate: Candidate, seconds: float, budget: float, begun: str = NOT_TRIED) -> None:
+        """Make a row of what there was no time for, with the budget that it would need."""
+        self.foreseen[candidate.label] = seconds
+        budget = told_budget(max(budget, self.spending.budget))
+        why = f"{begun}needs a budget of {'' if begun == NOT_TRIED else 'more than '}{budget:g} s"
+        self.passed[candidate.label] = Row(
+            candidate.label, candidate.least_bytes, math.nan, math.nan, math.nan, why_not=why, needs=budget
+        )
+
+    def front_seconds(self, candidate: Candidate) -> float:
+        """What is fitted before a cascade's network takes, as far as that is known by itself; 0 for others."""
+        return self.foreseen.get(candidate.front, self.kept.of(candidate.front).taken) if candidate.front else 0.0
+
+    def fits(self, candidate: Candidate) -> bool:
+        """Whether a network has no more numbers than memory holds; else it has its row."""
         if self.memory is None or candidate.least_bytes <= self.memory:
             return True
-        self._pass(candidate.label, "over the memory limit", candidate.least_bytes)
+        self.pass_over(candidate.label, "over the memory limit", candidate.least_bytes)
         return False
 
-    def _fitted(self, candidate: Candidate, seconds: float) -> list[Tried]:
-        """The candidate, fitted with so many seconds or taken from the folder; none where it is impossible."""
-        bounder = self.kept.get(candidate.label, seconds, self.device)
-        if bounder is None:
-            try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter(
-                        "ignore", BoundingWarning
-                    )  # of coarse cells the row tells what they cost; choose has told the rest
-                    bounder = fit(
-                        self.shape,
-                        DISTANCE.name if candidate.distance else self.query,
-                        candidate.method,
-                        budget=seconds,
-                        device=self.device,
-                        progress=False,
-                        **self._options_of(candidate),
-                    )
-            except BoundingError as error:
-                self._pass(candidate.label, " ".join(str(error).split()))
-                return []
-            except KeyboardInterrupt:
-                self.interrupted = True
-                return []
-            if bounder.info["training"].get("interrupted"):
-                self.interrupted = True
-            else:
-                self.kept.put(candidate.label, seconds, bounder)
-        return [self._measured(candidate.label, bounder, float(bounder.info["training"]["seconds"]))]
+    def tell(self, note: str) -> None:
+        """Say what is being done, and how much time is left."""
+        if self.update is not None:
+            left = max(self.spending.left, 0.0)
+            self.update(
+                min(self.spending.spent, self.spending.budget), self.spending.budget, f"{left:.0f} s left, {note}"
+            )
 
     def _options_of(self, candidate: Candidate) -> dict:
         """Of its fit; a distance is of the shape alone."""
@@ -182,8 +233,9 @@ class Work:
             common = {name: common[name] for name in ("margin", "seed")}
         return common | candidate.options
 
-    def _pass(self, label: str, why: str, nbytes: int = 0) -> None:
-        self.passed.append(Row(label, nbytes, math.nan, math.nan, math.nan, why_not=why))
+    def pass_over(self, label: str, why: str, nbytes: int = 0) -> None:
+        """Make a row of what cannot be fitted."""
+        self.passed[label] = Row(label, nbytes, math.nan, math.nan, math.nan, why_not=why)
 
     def _check_own(self, label: str, bounder: Bounder | DistanceBounder) -> None:
         able = bounder.query_kind == self.query
@@ -195,6 +247,7 @@ class Work:
 
     def _measured(self, label: str, bounder: Bounder | DistanceBounder, seconds: float) -> Tried:
         """A candidate with its row; its time is taken once more at the end."""
+        started = working_seconds()
         maybe = self.batch.maybe(bounder)
         doubtful = self.own[self.truth & ~maybe]  # of a shape without cells some may be undecided, and not missed
         missed = int(QUERIES[self.query].certain(self.bounded, doubtful, self.length).sum()) if len(doubtful) else 0
@@ -209,37 +262,11 @@ class Work:
         elif self.memory is not None and bounder.nbytes > self.memory:
             why = "over the memory limit"
         cost = nanoseconds + share * self.narrow_ns
+        self.measuring += working_seconds() - started
         return Tried(label, bounder, Row(label, bounder.nbytes, nanoseconds, share, cost, kind, missed, seconds, why))
 
-    def chosen(self, tried: list[Tried], queries: int) -> Choice:
-        """The choice, with times taken in turns."""
-        if self.memory is not None and not any(each.bounder.nbytes <= self.memory for each in tried):
-            sizes = [(each.bounder.nbytes, each.label) for each in tried]
-            nearest = f"; the nearest is {min(sizes)[1]} with {min(sizes)[0]:,}" if sizes else ""
-            raise BounderError(f"memory: no candidate has {self.memory:,} bytes or less{nearest}")
-        times = times_of({each.label: each.bounder for each in tried}, self.batch, TURNS)
-        rows = [Row(NONE, 0, 0.0, 1.0, self.narrow_ns, "by construction")]
-        for each in tried:
-            nanoseconds = self.overhead_ns + times[each.label]
-            rows.append(replace(each.row, nanoseconds=nanoseconds, cost=nanoseconds + each.row.share * self.narrow_ns))
-        rows.sort(key=lambda row: (bool(row.why_not), row.cost))
-        best = rows[0].label
-        bounder = next((each.bounder for each in tried if each.label == best), None)
-        on_cpu = wp.get_device(self.device).is_cpu
-        return Choice(
-            bounder,
-            best,
-            (*rows, *self.passed),
-            self.narrow_ns,
-            self.positives,
-            queries,
-            self.memory,
-            self.device,
-            cpu_threads() if on_cpu else 0,
-            {"shape": self.shape.name, "query": self.query, "interrupted": self.interrupted},
-        )
 
-
-def _tell(update: Progress | None, done: float, note: str) -> None:
-    if update is not None:
-        update(done, 1.0, note)
+def told_budget(seconds: float) -> float:
+    """A budget as it is told: rounded up to two digits."""
+    unit = 10 ** max(math.floor(math.log10(max(seconds, 1.0))) - 1, 0)
+    return float(unit * math.ceil(seconds / unit))

@@ -8,13 +8,14 @@ from typing import Annotated, Any
 import typer
 
 from warp_bounding.cli.options import Device, Json, Origin, Queries, Spacing, Threshold, read_queries, read_shape
-from warp_bounding.cli.output import bar, console, print_json, quiet_warp
+from warp_bounding.cli.output import bar, console, print_json, print_table, quiet_warp
 from warp_bounding.errors import BounderError
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, FileKind, check_writable, write_whole
 
 __all__ = ["choose_arguments", "command"]
 
 UNITS = {"": 1, "k": 1024, "m": 1024**2}
+TOLERATED = 0.15  # of a budget, by which a choice may exceed it without a word
 PICTURE = FileKind(".png", 0, b"\x89PNG")
 
 
@@ -32,7 +33,7 @@ def command(
     overhead_ns: Annotated[
         float, typer.Option(help="What your step takes for a query if any bounder is asked, beside the bounder itself.")
     ] = 0.0,
-    budget: Annotated[float, typer.Option(help="Seconds for all fits.")] = 120.0,
+    budget: Annotated[float, typer.Option(help="Seconds for all fits and measurements.")] = 120.0,
     seed: Annotated[int, typer.Option(help="Random seed.")] = 0,
     networks: Annotated[
         str, typer.Option(help="Hidden widths of the networks that are tried, such as 24-24,50-50; none for none.")
@@ -57,7 +58,7 @@ def command(
 
     What counts is t + p * narrow-ns: the nanoseconds that a bounder takes for a query, and the share of the queries that it leaves to your
     exact test. The answer may be that none pays; then nothing is written. A plot of cost against the narrow phase's price
-    lies beside the output (.png). Ctrl-C ends fitting, and what is there is compared; the same command goes on where a killed one stopped.
+    lies beside the output (.png). What the budget has no room for is listed with the one that it would need. Ctrl-C ends fitting, and what is there is compared; the same command goes on where a killed one stopped.
     """
     from warp_bounding.choice import choose
     from warp_bounding.choice.plot import cost_plot
@@ -84,7 +85,7 @@ def command(
     if json:
         print_json(_without_nan(told))
     else:
-        _print(choice, output, picture)
+        _print(choice, output, picture, str(kept))
     return 1 if choice.about["interrupted"] else 0
 
 
@@ -106,35 +107,51 @@ def choose_arguments(said: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _print(choice, output: str, picture: str) -> None:
+def _print(choice, output: str, picture: str, kept: str) -> None:
     from rich.table import Table
 
     out = console(False)
     where = f"{choice.threads} threads of a CPU" if choice.threads else choice.device
-    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    table, words = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0)), ("", "certificate")
     for name in ("", "bytes", "ns", "left %", "cost ns", "fit s", "certificate"):
-        table.add_column(name, justify="left" if name in ("", "certificate") else "right", no_wrap=True)
+        table.add_column(name, justify="left" if name in words else "right")
     out.print(f"{choice.queries:,} queries, {100 * choice.positives:.3g} % meet the object; {where}")
     for row in choice.rows:
         measured = row.cost == row.cost  # not NaN
+        told = row.why_not or row.certificate
         table.add_row(
             row.label,
             f"{row.nbytes:,}" if row.nbytes or measured else "",
             *((f"{row.nanoseconds:.3g}", f"{100 * row.share:.3g}", f"{row.cost:.4g}") if measured else ("", "", "")),
             f"{row.seconds:.0f}" if row.seconds else "",
-            row.why_not or row.certificate,
+            f"{told}; {row.note}" if row.note else told,
             style="bold" if row.label == choice.label else "dim" if row.why_not else "",
         )
-    out.print(table)
+    print_table(out, table, words)
     out.print(choice.why + ".")
     out.print(
         "Best by the narrow phase's price: " + "; ".join(f"{s.label} from {s.price:.3g} ns" for s in choice.prices)
     )
+    if choice.more:
+        out.print(choice.more + ".")
     if choice.about["interrupted"]:
         out.print("Interrupted: some candidates were not fitted; the same command goes on.")
-    out.print(
+    out.print(_taken(choice.about))
+    written = (
         f"written to {output} and {picture}" if choice.bounder is not None else f"no bounder is written; {picture}"
     )
+    out.print(f"{written}; candidates are kept in {kept}, for another choice, and can be deleted")
+
+
+def _taken(about: Mapping[str, Any]) -> str:
+    """How long it took."""
+    before, compiling = about["seconds_before"], about["compile_seconds"]
+    told = f"{about['seconds']:.0f} s of fits and measurements" + (f", {before:.0f} s before" if before >= 1 else "")
+    over = about["seconds"] + before - (1 + TOLERATED) * about["budget"]
+    told += f", of a budget of {about['budget']:g}"
+    if over > 0 and about["seconds"] > before:
+        told += "; that is more, since single steps on this shape or machine take longer than was left"
+    return told + (f"; {compiling:.0f} s besides for compiling and loading kernels" if compiling >= 1 else "")
 
 
 def _without_nan(value):

@@ -3,10 +3,12 @@
 import contextlib
 import json
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from rich.console import Console
+from rich.measure import Measurement
+from rich.table import Table
 
 from warp_bounding.bounders import Bounder, Certificate
 from warp_bounding.errors import BoundingWarning
@@ -14,12 +16,49 @@ from warp_bounding.runtime import quiet
 from warp_bounding.runtime.devices import device_of
 from warp_bounding.runtime.progress import bar
 
-__all__ = ["bar", "certificate_summary", "console", "other_shape", "print_json", "quiet_warp", "told_warnings", "warn"]
+__all__ = [
+    "bar",
+    "certificate_summary",
+    "console",
+    "other_shape",
+    "print_json",
+    "print_table",
+    "quiet_warp",
+    "told_warnings",
+    "warn",
+]
+
+WIDEST, NARROWEST = (
+    10_000,
+    12,
+)  # characters: more than any table has, and fewer than which a column of words does not get
 
 
 def console(as_json: bool) -> Console:
     """Where text for people goes: standard output, or standard error where that belongs to JSON."""
     return Console(stderr=as_json, highlight=False, soft_wrap=True, markup=False, emoji=False)
+
+
+def print_table(out: Console, table: Table, wrapped: Sequence[str]) -> None:
+    """Print a table whose columns of numbers are never cut off: at its natural width where that fits, or no terminal looks.
+
+    Else the other columns wrap, down to ``NARROWEST`` characters; a terminal that is narrower than that cuts lines in two.
+
+    Args:
+        out: Where.
+        table: All its columns but the wrapped ones hold numbers.
+        wrapped: Headers of the columns that may wrap.
+    """
+    any_width, width = out.options.update(max_width=WIDEST), out.width
+    natural = Measurement.get(out, any_width, table).maximum
+    if out.is_terminal and natural > width:
+        for column in table.columns:
+            words = column.header in wrapped
+            column.no_wrap, column.overflow, column.min_width = not words, "fold", NARROWEST if words else None
+        natural = max(width, Measurement.get(out, any_width, table).minimum)
+    out.width = natural  # a table is never printed wider than that
+    out.print(table, crop=False)
+    out.width = width
 
 
 def warn(text: str) -> None:

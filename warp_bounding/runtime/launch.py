@@ -7,8 +7,7 @@ time tells whether waking anybody pays.
 
 A *block* is what one item of a CPU launch (one ``wp.tid()``) handles; *threads* are those of the operating system.
 
-A kernel is compiled, or loaded from Warp's cache, before its first launch. That takes seconds of which a budget should
-know nothing: ``working_seconds`` is a clock that stands still meanwhile.
+A kernel is compiled, or loaded from Warp's cache, before its first launch; ``working_seconds`` stands still meanwhile.
 """
 
 import os
@@ -16,10 +15,12 @@ import time
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from queue import SimpleQueue
-from threading import Lock, Thread, local
+from threading import Lock, Thread
 from time import perf_counter
 
 import warp as wp
+
+from warp_bounding.runtime.working_time import compile_seconds, compiled_for, working_seconds
 
 __all__ = [
     "BLOCK",
@@ -172,32 +173,13 @@ if hasattr(os, "register_at_fork"):
 _ready: set[tuple[wp.Kernel, str]] = set()  # kernels that are loaded, by device
 
 
-class _Compiling(local):
-    """Seconds that each thread has spent on compiling; another thread's would turn its clock back."""
-
-    seconds = 0.0
-
-
-_compiling = _Compiling()
-
-
 def ready(kernel: wp.Kernel, device: wp.Device) -> None:
     """Compile and load a kernel's module, if that is not done yet."""
     if (kernel, device.alias) not in _ready:
         started = time.perf_counter()
         wp.load_module(kernel.module, device)
-        _compiling.seconds += time.perf_counter() - started
+        compiled_for(time.perf_counter() - started)
         _ready.add((kernel, device.alias))
-
-
-def compile_seconds() -> float:
-    """Time that this thread has spent on compiling and loading the library's kernels."""
-    return _compiling.seconds
-
-
-def working_seconds() -> float:
-    """The clock of budgets: ``time.perf_counter``, but it stands still while this thread compiles kernels."""
-    return time.perf_counter() - _compiling.seconds
 
 
 class BlockLaunch:
@@ -243,7 +225,11 @@ class BlockLaunch:
 
         One thread launches directly: to record it first would take half as long again as the launch alone. For several
         threads it is recorded, since only this one may ask Warp.
+
+        Raises:
+            OutOfTimeError: In ``limited``, after its time.
         """
+        working_seconds()
         if self._most == 1:
             self.launch_whole()
         else:

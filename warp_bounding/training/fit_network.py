@@ -285,7 +285,7 @@ class _Fit:
         search = prove_or_attest(part, grid, seed=self.problem.seed, **limit)
         if search is None:
             return {"gap": eps}
-        return {"gap": float(search.upper_bound - search.lower_bound)}
+        return {"gap": float(search.upper_bound - search.lower_bound), "complete": search.complete}
 
     def _moved(self, v: np.ndarray) -> np.ndarray:
         """Coordinates ``(N, ndim)`` of the domain that it was trained in, in the one where it is to be used."""
