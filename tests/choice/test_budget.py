@@ -26,9 +26,9 @@ STEP = 0.5  # seconds after which a fit looks at the clock
 
 @pytest.fixture
 def clock(monkeypatch):
-    """Seconds by which the clock goes before the machine's, as a list of one."""
+    """Seconds that have passed, as a list of one; of the machine's own a thousandth, so that no launch takes no time and none takes much."""
     real, ahead = time.perf_counter, [0.0]
-    monkeypatch.setattr(time, "perf_counter", lambda: real() + ahead[0])
+    monkeypatch.setattr(time, "perf_counter", lambda: 1e-3 * real() + ahead[0])
     return ahead
 
 
@@ -81,7 +81,7 @@ def test_what_takes_too_long_is_stopped_and_told(fits):
     assert "kdop" in choice.more
 
 
-@pytest.mark.parametrize("budget", [20.0, 45.0, 100.0, 300.0])
+@pytest.mark.parametrize("budget", [15.0, 45.0, 100.0, 300.0])
 def test_networks_are_trained_until_they_can_be_judged_or_not_at_all(fits, budget):
     choice = wb.choose(BLOCK, budget=budget, methods=("aabb", "mlp"), **GIVEN)
     rows, enough = rows_of(choice), needed(SETUP, ROUND, 0.25)
@@ -93,7 +93,7 @@ def test_networks_are_trained_until_they_can_be_judged_or_not_at_all(fits, budge
             assert row.needs > budget
     # what was given too little was a first try, after which the pace was known
     assert sum(seconds < 0.7 * enough for _, seconds in fits[1:]) <= 1
-    assert (len(trained) == 0) == (budget == 20.0)  # of which a box and the first try have left less than enough
+    assert (len(trained) == 0) == (budget == 15.0)  # of which a box and the first try have left less than enough
     assert len(trained) <= budget / enough
     if len(trained) < 5:
         assert "mlp" in choice.more
