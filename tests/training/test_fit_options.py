@@ -184,3 +184,8 @@ def test_right_k(k):
 def test_what_is_no_shape(source):
     with pytest.raises(IndicatorError):
         wb.fit(source, method="aabb")
+
+
+def test_a_method_in_the_place_of_the_query_is_told():
+    with pytest.raises(wb.QueryError, match="'mlp' is a method, which comes after the query: method='mlp'"):
+        wb.fit(shape("blob"), "mlp")

@@ -27,7 +27,7 @@ __all__ = [
 
 
 PACKAGE = __name__.split(".")[0]
-CLOSE = ". If its inside counts, close it first, as with trimesh.repair.fill_holes, or bound filled voxels of it"
+CLOSE = ". If its inside counts, close it first: docs/guide/shapes.md has two ways, for small holes and for scans"
 
 
 def check_numbers(budget: float, seed: int, margin: float) -> None:

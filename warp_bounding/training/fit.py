@@ -10,7 +10,7 @@ from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.neural.mlp import THRESHOLDS
 from warp_bounding.bounders.options import settled
 from warp_bounding.coordinates.region_domain import SPACES, domain_of
-from warp_bounding.errors import BounderError
+from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import IndicatorGrid, load_indicator
 from warp_bounding.indicators.limits import check_memory
@@ -133,6 +133,8 @@ def fit(
         True
         >>> rays = wb.fit(ball, "ray", "kdop", length=0.5, k=26, device="cpu")
     """
+    if query in METHODS:
+        raise QueryError(f"{query!r} is a method, which comes after the query: method={query!r}")
     check_query(query, DISTANCE.name)
     check_numbers(budget, seed, margin)
     spent = Stopwatch()
