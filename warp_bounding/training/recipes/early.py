@@ -23,7 +23,7 @@ from warp_bounding.training.engine.clock import Clock
 from warp_bounding.training.engine.soap import Soap
 from warp_bounding.training.engine.trainable_network import Evaluator, TrainableNetwork
 from warp_bounding.training.recipes.default import NetworkTrainer
-from warp_bounding.training.recipes.loss import Batches, accumulate, plan, schedule, summed, weights_of
+from warp_bounding.training.recipes.loss import NEGATIVES, Batches, accumulate, plan, schedule, summed, weights_of
 from warp_bounding.training.recipes.plane import SupportTrainer
 
 __all__ = ["EXIT_SHARE", "EarlyTrainer", "train_exits"]
@@ -182,7 +182,7 @@ class _ExitTrainer(NetworkTrainer):
         """
         recipe, output = self.recipe, self.network.layers[-1][0]
         weight, width, ramp = weights_of(recipe, used)
-        w_negative, w_positive = weight**-0.5 / recipe.pool, weight**0.5 / len(positive)
+        w_negative, w_positive = weight**-0.5 * NEGATIVES / len(negative), weight**0.5 / len(positive)
         level = (positive @ output).kthvalue(min(recipe.boosted, len(positive)))[0]
         boost = 1 + (schedule(recipe.boost, used, 0.6, 0.95) - 1) * (positive @ output <= level).float()
 

@@ -15,7 +15,7 @@ from warp_bounding.training.engine.clock import geometric
 from warp_bounding.training.engine.team import Team
 from warp_bounding.training.engine.trainable_network import Evaluator
 
-__all__ = ["Batches", "Recipe", "accumulate", "plan", "recipe_of", "schedule", "summed", "weights_of"]
+__all__ = ["NEGATIVES", "Batches", "Recipe", "accumulate", "plan", "recipe_of", "schedule", "summed", "weights_of"]
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,11 @@ RECIPES = {
 MANY_COORDINATES, FAR_FROM_TRUTH = 8, {"sharpness": 1.0, "hard": 16384, "explore": 32768}
 
 
+# Share of uniform samples that are negatives a network must deny, usually. Of callers' queries most lie far away or touch, so few are; with this
+# their loss weighs against the positives' as that of others does.
+NEGATIVES = 0.75
+
+
 def recipe_of(query: str, inputs: int) -> Recipe:
     """The default recipe for a kind of query of so many coordinates."""
     many = QUERIES[query].is_region and inputs >= MANY_COORDINATES
@@ -99,7 +104,7 @@ def plan(
     """Draw batches of encoded samples whose values are known: ``(x, f)`` of negatives and of positives."""
     (negative, below), (positive, above) = negatives, positives
     chosen, weights = _stratified(below > -recipe.saturation, recipe, generator)
-    planned = Batches(negative, chosen, weights / recipe.pool)  # a volume
+    planned = Batches(negative, chosen, weights * (NEGATIVES / len(below)))
     level = above.kthvalue(min(recipe.boosted, len(above)))[0]
     boost = 1 + (schedule(recipe.boost, used, 0.6, 0.95) - 1) * (above <= level).float()
     chosen, weights = _stratified(above <= torch.clamp(level, min=recipe.saturation), recipe, generator)
