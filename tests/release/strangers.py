@@ -20,6 +20,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 FIT = "budget=60.0"  # of the README's quickstart
 SHORT_FIT = "budget=3.0, steps=20"
+SHORT_CHOICE = ("--networks", "none", "--budget", "2")
 MINUTE = 60.0  # seconds
 HELP = """
 import sys
@@ -122,21 +123,24 @@ def extras_are_named(stay: Stay) -> str:
 
 
 def quickstart(stay: Stay) -> str:
-    """The README's commands and snippets, in their order, in one folder."""
+    """The README's commands and snippets, in one folder: commands before the first snippet, all snippets, the other commands."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     _expect(FIT in text, f"the README's quickstart has no {FIT} that could be shortened")
-    text, snippets = text.replace(FIT, SHORT_FIT) if stay.short else text, []
+    text, snippets, before, behind = text.replace(FIT, SHORT_FIT) if stay.short else text, [], [], []
     for language, body in FENCED.findall(text):
         if language == "python":
             snippets.append(body)
             continue
-        for words in commands(body):
-            if words[0] == "warp-bounding":  # the others set up a checkout
-                stay.run(words)
-    (stay.folder / "quickstart.py").write_text("\n".join([*snippets, PROMISED]), encoding="utf-8")
+        ours = [words for words in commands(body) if words[0] == "warp-bounding"]  # the others set up a checkout
+        (behind if snippets else before).extend(ours)
+    for words in before:
+        stay.run(words)
+    (stay.folder / "quickstart.py").write_text("\n".join([*snippets, PROMISED]), encoding="utf-8")  # one namespace
     said = stay.run(["python", "quickstart.py"]).stdout.strip().splitlines()
     stay.run(["warp-bounding", "info", "bunny.safetensors"], status=0 if "Proven" in " ".join(said) else 1)
-    return f"{len(snippets)} snippets"
+    for words in behind:
+        stay.run([*words, *SHORT_CHOICE] if stay.short and words[1] == "choose" else words)
+    return f"{len(snippets)} snippets, {len(before) + len(behind)} commands"
 
 
 def particles(stay: Stay) -> str:
