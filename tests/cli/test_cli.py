@@ -58,10 +58,10 @@ def test_certify_a_shape_that_is_not_the_certified_one(files, capsys):
     np.save(files / "part.npy", part)
     status, out, _ = run(capsys, "certify", path, files / "part.npy")
     assert status == 0
-    assert out.startswith("proven")
-    assert "not the shape that the file's certificate is about" in out
-    assert shape("c").digest[:16] in out
-    assert "given here" in out
+    first, second = out.splitlines()[:2]
+    assert "part.npy is not the shape that the bounder was fitted to" in first
+    assert shape("c").digest[:16] in first
+    assert second.startswith("proven")
     status, out, _ = run(capsys, "certify", path, files / "c.npy")
     assert status == 0
     assert "not the shape" not in out
@@ -217,6 +217,14 @@ def test_a_bounder_that_is_looser_than_a_box_is_told(files, capsys):
     rates = wb.load(path).info["rates"]
     assert rates["fp_rate"] > rates["fp_rate_aabb"]
     assert "looser than a box" in run(capsys, "info", path)[1]
+
+
+def test_a_fit_that_had_no_time_says_so(files, capsys):
+    """Where it was the time; of steps that are asked for, nobody is surprised."""
+    for asked, told in ((("--budget", 0.02), True), (("--steps", 4), False)):
+        status, _, err = run(capsys, "fit", files / "c.npy", "-o", files / "few.safetensors", "--method", "mlp", *asked)
+        assert status == 0
+        assert ("hardly trained" in err or "looser than a box" in err) if told else "hardly trained" not in err
     path, (_, _, err) = fit(capsys, files)
     assert err == ""
     assert json.loads(run(capsys, "info", path, "--json")[1])["rates"] == wb.load(path).info["rates"]

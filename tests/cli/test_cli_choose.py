@@ -32,6 +32,7 @@ def test_what_is_written_goes_on_and_is_asked(capsys, disk):
     assert "Best by the narrow phase's price: none from 0 ns" in out
     assert f"candidates are kept in {output.with_suffix('.choice')}" in out
     assert "…" not in out
+    assert out.splitlines()[0].endswith("; --queries x.npy asks those of your simulation")
     assert output.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
     rows = json.loads((disk.parent / "c.choice" / "rows.json").read_text())
     assert rows["path"] == str(output)
@@ -47,6 +48,17 @@ def test_what_is_written_goes_on_and_is_asked(capsys, disk):
     assert not again.exists()
     after = {path: path.stat().st_mtime_ns for path in (disk.parent / "c.choice").glob("*.safetensors")}
     assert before.items() <= after.items()
+
+
+def test_long_remarks_are_footnotes(capsys, disk):
+    """A budget that has no room for networks: each says which one would, below the table, by its number there."""
+    _, (status, out, err) = choose(capsys, disk, "--methods", "aabb,mlp", "--networks", "50-50", "--budget", 0.2)
+    assert status == 0, err
+    lines = out.splitlines()
+    row = next(line for line in lines if line.startswith("mlp 50-50"))
+    assert row.rstrip().endswith("[1]")
+    note = next(line for line in lines if line.startswith("[1] "))
+    assert "a budget of" in note or "hardly trained" in note
 
 
 @pytest.mark.parametrize(

@@ -5,10 +5,18 @@ import numpy as np
 from warp_bounding.bounders import Bounder, DistanceBounder
 from warp_bounding.choice.pace import ROUND_STEPS, ROUNDS
 
-__all__ = ["starved"]
+__all__ = ["hardly_trained", "starved"]
 
 ENOUGH = 0.6  # of ``ROUNDS``
 LOST = 0.25  # of what it leaves beside positives: what the proof's gap may account for
+
+
+def hardly_trained(bounder: Bounder | DistanceBounder) -> str:
+    """That a network has made too few steps to tell what its kind can do, in words; empty for others."""
+    steps, enough = _record(bounder).get("steps"), ROUNDS * ROUND_STEPS
+    if steps is None or steps >= ENOUGH * enough:
+        return ""
+    return f"hardly trained: {steps:,} steps, about {enough:,} tell what it can do"
 
 
 def starved(bounder: Bounder | DistanceBounder, spare: float, x: np.ndarray) -> str:
@@ -19,12 +27,9 @@ def starved(bounder: Bounder | DistanceBounder, spare: float, x: np.ndarray) -> 
         spare: Share of the queries that it leaves although they do not meet the object.
         x: ``(Q, m)`` queries.
     """
-    record = bounder.info["training"]
-    if "steps" not in record:  # a cascade's last part has it
-        record = (getattr(bounder, "parts", None) or [bounder])[-1].info.get("training") or record
-    steps, enough = record.get("steps"), ROUNDS * ROUND_STEPS
-    if steps is not None and steps < ENOUGH * enough:
-        return f"hardly trained: {steps:,} steps, about {enough:,} tell what it can do"
+    if few := hardly_trained(bounder):
+        return few
+    record = _record(bounder)
     if record.get("complete", True) or spare <= 0:
         return ""
     if "thresholds" not in record and isinstance(bounder, Bounder):
@@ -33,3 +38,11 @@ def starved(bounder: Bounder | DistanceBounder, spare: float, x: np.ndarray) -> 
         if float(((f >= threshold) & (f < threshold + record["gap"])).mean()) <= LOST * spare:
             return ""
     return "its proof had too little time, so that it is looser than its kind"
+
+
+def _record(bounder: Bounder | DistanceBounder) -> dict:
+    """Of a network's training; a cascade's last part has it."""
+    record = bounder.info["training"]
+    if "steps" not in record:
+        record = (getattr(bounder, "parts", None) or [bounder])[-1].info.get("training") or record
+    return record

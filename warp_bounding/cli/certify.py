@@ -59,16 +59,15 @@ def command(
         print_json({"path": file, "shape": shape, **verdict, "certificate": summary})
     else:
         out = console(False)
-        out.print(f"{certificate.kind}: {certificate.message}")
-        if certificate.counterexample:
-            out.print(f"counterexample: {certificate.counterexample}")
         if not same:
             given = certificate.indicator[:16] or "of another kind"
             out.print(
-                f"This is not the shape that the file's certificate is about: its SHA-256 is {given}, that one's "
-                f"{(fitted or 'unknown')[:16]}. The certificate says nothing of it; the verdict above is about the shape "
-                "given here, from its geometry alone."
+                f"{shape} is not the shape that the bounder was fitted to: its SHA-256 is {given}, that one's "
+                f"{(fitted or 'unknown')[:16]}. What follows is about {shape} alone, from its geometry."
             )
+        out.print(f"{certificate.kind}: {certificate.message}")
+        if certificate.counterexample:
+            out.print(f"counterexample: {certificate.counterexample}")
         out.print(f"{certificate.boxes:,} boxes, {certificate.seconds:.2f} s")
     if restricted := getattr(indicator, "restriction", ""):
         warn(f"warp-bounding: {indicator.name}: {restricted}")

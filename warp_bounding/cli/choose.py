@@ -16,6 +16,7 @@ __all__ = ["choose_arguments", "command"]
 
 UNITS = {"": 1, "k": 1024, "m": 1024**2}
 TOLERATED = 0.15  # of a budget, by which a choice may exceed it without a word
+SHORT = 24  # characters of a remark that stands in the table; longer ones are footnotes
 PICTURE = FileKind(".png", 0, b"\x89PNG")
 
 
@@ -85,7 +86,7 @@ def command(
     if json:
         print_json(_without_nan(told))
     else:
-        _print(choice, output, picture, str(kept))
+        _print(choice, output, picture, str(kept), "your" if asked is not None else "random")
     return 1 if choice.about["interrupted"] else 0
 
 
@@ -107,7 +108,8 @@ def choose_arguments(said: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _print(choice, output: str, picture: str, kept: str) -> None:
+def _print(choice, output: str, picture: str, kept: str, whose: str) -> None:
+    from rich.markup import escape
     from rich.table import Table
 
     out = console(False)
@@ -115,19 +117,26 @@ def _print(choice, output: str, picture: str, kept: str) -> None:
     table, words = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0)), ("", "certificate")
     for name in ("", "bytes", "ns", "left %", "cost ns", "fit s", "certificate"):
         table.add_column(name, justify="left" if name in words else "right")
-    out.print(f"{choice.queries:,} queries, {100 * choice.positives:.3g} % meet the object; {where}")
+    out.print(
+        f"{choice.queries:,} {whose} queries, {100 * choice.positives:.3g} % meet the object; {where}"
+        + ("; --queries x.npy asks those of your simulation" if whose == "random" else "")
+    )
+    remarks = dict.fromkeys(remark for row in choice.rows for remark in (row.why_not, row.note) if len(remark) > SHORT)
+    number = {remark: f"[{index}]" for index, remark in enumerate(remarks, 1)}
     for row in choice.rows:
         measured = row.cost == row.cost  # not NaN
-        told = row.why_not or row.certificate
+        told = [number.get(remark, remark) for remark in (row.why_not or row.certificate, row.note)]
         table.add_row(
             row.label,
             f"{row.nbytes:,}" if row.nbytes or measured else "",
             *((f"{row.nanoseconds:.3g}", f"{100 * row.share:.3g}", f"{row.cost:.4g}") if measured else ("", "", "")),
             f"{row.seconds:.0f}" if row.seconds else "",
-            f"{told}; {row.note}" if row.note else told,
+            escape(" ".join(told)),
             style="bold" if row.label == choice.label else "dim" if row.why_not else "",
         )
     print_table(out, table, words)
+    for remark, index in number.items():
+        out.print(escape(f"{index} {remark}"), style="dim")
     out.print(choice.why + ".")
     out.print(
         "Best by the narrow phase's price: " + "; ".join(f"{s.label} from {s.price:.3g} ns" for s in choice.prices)

@@ -92,6 +92,7 @@ def command(
     saved. Exit status 1: a distance whose slack is larger than the object; it is saved all the same.
     """
     from warp_bounding.bounders import save
+    from warp_bounding.choice.starved import hardly_trained
     from warp_bounding.evaluation import evaluate
     from warp_bounding.training import fit
 
@@ -110,7 +111,9 @@ def command(
     seconds = time.perf_counter() - started
     save(bounder, output)
     rates = evaluate(bounder, indicator, samples=count)
-    certificate, training, warning = bounder.certificate, bounder.info["training"], _looser(bounder)
+    certificate, training = bounder.certificate, bounder.info["training"]
+    little = "" if told.get("steps") else hardly_trained(bounder)  # of steps that are asked for, nobody is surprised
+    warning = _looser(bounder) or (f"{little}; a longer budget makes it tighter" if little else None)
     if json:
         about = {"method": bounder.method, "query": bounder.query_kind, "conservative": bounder.conservative}
         measured = {name: getattr(rates, name) for name in ("fp_rate", "fn", "samples", "positives", "truth")}
