@@ -35,6 +35,7 @@ CLOSED_SIZES: dict[str, list[dict[str, Any]]] = {
     "kd-tree": [{"resolution": cells} for cells in (32, 64, 128)],
     "kdop": [{}, {"k": 26}],
 }
+DIMENSIONS_OF_K = 3  # where k-DOPs have such a k
 DISTANCE_NETWORK = "distance"  # a network of the distance, among methods: "mlp" is the bounder's
 # About how many times as long as an aabb's the fit and the proof of closed forms take: roughly the middle of what the bunny and a mesh of 29,572 triangles
 # took, which differ (kdop 0.7 and 8.5 times). It says what is tried first, and what not without time for it; what takes longer is stopped.
@@ -182,7 +183,7 @@ def _of_queries(query: str, shape: Shape, networks: tuple[tuple[int, ...], ...])
             widths = networks if cls is Mlp else networks[-1:]
             learned += [_network(name, {"hidden": own}, ndim) for own in widths]
             continue
-        sizes = CLOSED_SIZES.get(name, [{}])
+        sizes = [own for own in CLOSED_SIZES.get(name, [{}]) if "k" not in own or ndim == DIMENSIONS_OF_K]
         known = [own for own in sizes if _known(cls, own, query) and not (own_cells and "resolution" in own)]
         learns = trainer_of(cls) is not trainer_of(Bounder)
         closed += [Candidate(name, own, learns=learns) for own in known or [{}]]
