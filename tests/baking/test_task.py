@@ -123,6 +123,8 @@ def test_a_choice_may_be_that_none_pays(folder, jobs):
         (FitSettings({"query": "ball"}), "query must be one of"),
         (FitSettings({"budget": 0}), "budget must be a positive number"),
         (FitSettings({"method": "aabb", "k": 14}), "aabb takes no option 'k'"),
+        (FitSettings({"query": "distance", "method": "nothing"}), "method of a distance must be one of"),
+        (FitSettings({"query": "distance", "method": "kdop", "leaves": 5}), "kdop takes no option 'leaves'"),
         (ChooseSettings({"narrow_ns": -1.0}), "narrow_ns must be"),
         (ChooseSettings({"narrow_ns": 1.0, "k": 14}), "choose takes no option 'k'"),
     ],

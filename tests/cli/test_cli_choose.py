@@ -56,8 +56,8 @@ def test_long_remarks_are_footnotes(capsys, disk):
     assert status == 0, err
     lines = out.splitlines()
     row = next(line for line in lines if line.startswith("mlp 50-50"))
-    assert row.rstrip().endswith("[1]")
-    note = next(line for line in lines if line.startswith("[1] "))
+    number = re.search(r"\[\d+\]$", row.rstrip())[0]
+    note = next(line for line in lines if line.startswith(f"{number} "))
     assert "a budget of" in note or "hardly trained" in note
 
 

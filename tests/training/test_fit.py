@@ -62,12 +62,14 @@ def test_steps_are_repeatable_and_seeds_differ(recipe, monkeypatch):
 
 
 def test_it_learns():
-    """A few hundred steps leave fewer false positives than none."""
-    rates = [
-        wb.evaluate(few("star", hidden=(25, 25), steps=steps), shape("star"), samples=50_000) for steps in (1, 300)
-    ]
-    assert rates[0].fn == rates[1].fn == 0
-    assert rates[1].fp_rate < 0.6 * rates[0].fp_rate
+    """A few hundred steps leave fewer false positives than none, in the mean of some fits."""
+    means = []
+    for steps in (1, 300):
+        fits = [few("star", hidden=(25, 25), steps=steps, seed=seed) for seed in range(3)]
+        rates = [wb.evaluate(bounder, shape("star"), samples=50_000) for bounder in fits]
+        assert not any(each.fn for each in rates)
+        means.append(np.mean([each.fp_rate for each in rates]))
+    assert means[1] < 0.6 * means[0]
 
 
 def test_the_budget_is_kept(ticking):

@@ -10,15 +10,14 @@ from pathlib import Path
 from warp_bounding.baking.pictures import COLOURS
 from warp_bounding.baking.record import Record
 from warp_bounding.errors import BoundingError
-from warp_bounding.runtime.whole_file import FileKind, write_whole
+from warp_bounding.runtime.whole_file import PAGE_FILE, write_whole
 
 __all__ = ["SHEET", "write_sheet"]
 
 SHEET = "contact-sheet.html"
-PAGE_FILE = FileKind(".html", 0, b"<!doctype html>")
 PER_PAGE = 1000  # about 2 MB
 
-TEMPLATE = """<!doctype html>
+TEMPLATE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>Contact sheet: {{ total }} shapes</title>
 <style>

@@ -7,9 +7,8 @@ from pathlib import Path
 
 from warp_bounding.baking.contact_sheet import SHEET, write_sheet
 from warp_bounding.baking.manifest import write_manifest
-from warp_bounding.baking.record import RECORD_FILE, Record
+from warp_bounding.baking.record import RECORD_FILE, RECORDS, Record
 from warp_bounding.baking.settings import Settings
-from warp_bounding.baking.task import RECORDS
 from warp_bounding.errors import BoundingError, FileFormatError
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, write_whole
 
@@ -80,7 +79,7 @@ class BakeFolder:
 
     def record_path(self, record: Record) -> Path:
         """Where the record of a shape is."""
-        return self.path / RECORDS / f"{record.key}.json"
+        return record.path_in(self.path)
 
     def records(self) -> list[Record]:
         """All records, of this bake and of those before, with other settings too."""

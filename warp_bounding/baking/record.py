@@ -7,9 +7,10 @@ from typing import Any
 
 from warp_bounding.runtime.whole_file import FileKind, write_whole
 
-__all__ = ["RECORD_FILE", "Record"]
+__all__ = ["RECORDS", "RECORD_FILE", "Record"]
 
 RECORD_FILE = FileKind(".json", 0, b"{")
+RECORDS = "records"  # folder of the records, in that of a bake
 FORMAT = 1
 
 
@@ -55,6 +56,10 @@ class Record:
     def key(self) -> str:
         """The name of everything that belongs to it, without an extension."""
         return f"{self.name}-{self.hash}"
+
+    def path_in(self, folder: Path) -> Path:
+        """Where the record is, in the folder of a bake."""
+        return folder / RECORDS / f"{self.key}.json"
 
     def write(self, path: Path) -> None:
         """Write it, whole or not at all.

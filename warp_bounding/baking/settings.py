@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from warp_bounding.baking.names import short_digest
-from warp_bounding.bounders import METHODS, Bounder, DistanceBounder, method_class
+from warp_bounding.bounders import METHODS, Bounder, DistanceBounder, distance_class, method_class
 from warp_bounding.bounders.options import arguments_of, meant, settled
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import check_query
@@ -99,6 +99,7 @@ class FitSettings(Settings):
     def check(self, *callers: Callable) -> None:
         from warp_bounding.training import fit
         from warp_bounding.training.checks import check_distance, check_numbers, check_regions
+        from warp_bounding.training.distance import check_distance_options
 
         told, own = _told(fit, self.arguments)
         query, space, method = told["query"], told["space"], told["method"]
@@ -107,6 +108,7 @@ class FitSettings(Settings):
         device_of(told["device"])
         if query == DISTANCE.name:
             check_distance(method, told["length"], space, told["side"], None, self.queries)
+            check_distance_options(distance_class(method), own, [fit, *callers])
             return
         check_regions(query, method, told["length"], space, told["side"])
         names = method.split("+")

@@ -22,9 +22,8 @@ from warp_bounding.runtime.quiet import quiet_warp
 from warp_bounding.runtime.whole_file import BOUNDER_FILE
 from warp_bounding.version import __version__
 
-__all__ = ["ONE_THREAD", "RECORDS", "Job", "bake_shape", "looked_at"]
+__all__ = ["ONE_THREAD", "Job", "bake_shape", "looked_at"]
 
-RECORDS = "records"
 # Each task has one core: the library's own threads, and those of the libraries below it.
 ONE_THREAD = dict.fromkeys(
     ("WARP_BOUNDING_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"
@@ -55,7 +54,7 @@ class Job:
     @property
     def record_path(self) -> Path:
         """Where the record goes."""
-        return Path(self.out) / RECORDS / f"{self.record.key}.json"
+        return self.record.path_in(Path(self.out))
 
     def done(self) -> Record | None:
         """Its record, if it was baked without an error and its bounder's file is still what was written; else ``None``."""

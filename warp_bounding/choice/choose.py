@@ -116,20 +116,20 @@ def choose(
     settings = {"shape": bounded.digest, "query": query, **options}
     settings["queries"] = hashlib.sha256(told.x.tobytes()).hexdigest() if queries is not None else None
     work = Work(
-        shape,
-        query,
-        options | {"queries": None if queries is None else learned},
-        bounded,
-        length,
-        own,
-        np.asarray(oracle(query, bounded, "cpu", length)(own), dtype=bool),
-        float(narrow_ns),
-        float(overhead_ns),
-        memory,
-        device,
-        statistical,
-        Kept(folder, settings),
-        spending,
+        shape=shape,
+        query=query,
+        options=options | {"queries": None if queries is None else learned},
+        bounded=bounded,
+        length=length,
+        own=own,
+        truth=np.asarray(oracle(query, bounded, "cpu", length)(own), dtype=bool),
+        narrow_ns=float(narrow_ns),
+        overhead_ns=float(overhead_ns),
+        memory=memory,
+        device=device,
+        statistical=statistical,
+        kept=Kept(folder, settings),
+        spending=spending,
     )
     candidates = candidates_of(query, shape, sizes, wanted)
     closed, rivals = ([each for each in candidates if each.network == network] for network in (False, True))

@@ -3,7 +3,6 @@
 How long a fit and its proof take depends on the shape. What the first ones took tells what others will; a fit that takes longer than is left for it is stopped.
 """
 
-import math
 from collections.abc import Set
 
 from warp_bounding.choice.candidates import TIMES_SMALLER, Candidate
@@ -86,6 +85,6 @@ class ClosedForms:
         return each.times_aabb * (self._unit or 0.0) + self.part * each.learns
 
     def _order(self, each: Candidate) -> tuple[float, float]:
-        """The least time first; what takes an unknown time comes as if an aabb had taken a part."""
+        """The least time first; as long as no aabb has told how long it takes, as if it had taken a part."""
         known = each.method in self._largest or self._unit is not None
-        return self._expected(each) if known else math.inf, each.times_aabb
+        return self._expected(each) if known else each.times_aabb * self.part, each.times_aabb

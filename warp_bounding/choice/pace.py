@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from warp_bounding.choice.candidates import Candidate
-from warp_bounding.runtime.progress import Progress
 from warp_bounding.runtime.working_time import working_seconds
 
 __all__ = ["LEAST_SECONDS", "ROUNDS", "ROUND_STEPS", "Pace", "Spending", "TooSlowError", "Watch"]
@@ -104,11 +103,6 @@ class Watch:
     def round(self) -> float:
         """Seconds of a round; 0 where there was none."""
         return float(np.median(np.diff(self._marks))) if len(self._marks) > 1 else 0.0
-
-    @property
-    def progress(self) -> Progress:
-        """This, as ``fit`` takes it."""
-        return self
 
 
 def needed(setup: float, round_: float, reserved: float) -> float:

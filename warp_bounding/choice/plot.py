@@ -92,7 +92,7 @@ def _draw(panel, choice: Choice) -> None:
 
 
 def _costs(row: Row, prices: np.ndarray) -> np.ndarray:
-    return row.nanoseconds + row.share * prices
+    return row.line.cost(prices)
 
 
 def _nanoseconds(value: float) -> str:

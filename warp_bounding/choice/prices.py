@@ -20,8 +20,8 @@ class Line(NamedTuple):
     nanoseconds: float
     share: float
 
-    def cost(self, price: float) -> float:
-        """Nanoseconds a query, where the narrow phase takes ``price`` nanoseconds a call."""
+    def cost(self, price):
+        """Nanoseconds a query, where the narrow phase takes ``price`` nanoseconds a call; of an array for each."""
         return self.nanoseconds + self.share * price
 
 

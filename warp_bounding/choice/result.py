@@ -58,7 +58,7 @@ class Choice:
         rows: Of all candidates, the cheapest first.
         narrow_ns: Price of the narrow phase, nanoseconds a call.
         positives: Share of the queries that meet the object: no broad phase leaves less.
-        queries: How many queries were asked.
+        queries: How many queries there were; ``choose`` measures on half of them.
         memory: Limit of ``nbytes``; ``None`` for none.
         device: Where they were asked.
         threads: Of a CPU; 0 elsewhere.

@@ -3,6 +3,7 @@
 import numpy as np
 
 from warp_bounding.bounders import Bounder, DistanceBounder
+from warp_bounding.bounders.neural.mlp import RECIPES
 from warp_bounding.choice.pace import ROUND_STEPS, ROUNDS
 
 __all__ = ["hardly_trained", "starved"]
@@ -12,9 +13,10 @@ LOST = 0.25  # of what it leaves beside positives: what the proof's gap may acco
 
 
 def hardly_trained(bounder: Bounder | DistanceBounder) -> str:
-    """That a network has made too few steps to tell what its kind can do, in words; empty for others."""
-    steps, enough = _record(bounder).get("steps"), ROUNDS * ROUND_STEPS
-    if steps is None or steps >= ENOUGH * enough:
+    """That a network has made too few steps by the default recipe to tell what its kind can do, in words; empty for others."""
+    record, enough = _record(bounder), ROUNDS * ROUND_STEPS
+    steps, usual = record.get("steps"), record.get("recipe", RECIPES[0]) == RECIPES[0]
+    if steps is None or steps >= ENOUGH * enough or not usual:
         return ""
     return f"hardly trained: {steps:,} steps, about {enough:,} tell what it can do"
 

@@ -26,12 +26,11 @@ def chosen(work: Work, tried: list[Tried], queries: int) -> Choice:
     Raises:
         BounderError: If nothing is small enough.
     """
-    if work.memory is not None and not any(each.bounder.nbytes <= work.memory for each in tried):
+    untried = any(row.needs > 0 for row in work.passed.values())  # a larger budget may find what is small enough
+    if work.memory is not None and not untried and not any(each.bounder.nbytes <= work.memory for each in tried):
         sizes = [(each.bounder.nbytes, each.label) for each in tried]
         nearest = f"; the nearest is {min(sizes)[1]} with {min(sizes)[0]:,}" if sizes else ""
-        untried = sum(row.needs > 0 for row in work.passed.values())
-        more = f"; {untried} had no room in the budget" if untried else ""
-        raise BounderError(f"memory: no candidate has {work.memory:,} bytes or less{nearest}{more}")
+        raise BounderError(f"memory: no candidate has {work.memory:,} bytes or less{nearest}")
     work.tell("times, in turns")
     times = times_of({each.label: each.bounder for each in tried}, work.batch, TURNS)
     rows = [Row(NONE, 0, 0.0, 1.0, work.narrow_ns, "by construction")]
@@ -69,7 +68,7 @@ def chosen(work: Work, tried: list[Tried], queries: int) -> Choice:
 
 
 def _doubts(work: Work, label: str) -> dict[str, str | float]:
-    """What a row says of a network that had too little time."""
+    """What a row says of a network that had too little time; what it would take is noted in ``work.foreseen``."""
     attempts = work.kept.of(label)
     if not attempts.starved:
         return {}

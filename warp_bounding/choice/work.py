@@ -165,7 +165,7 @@ class Work:
                     candidate.method,
                     budget=seconds,
                     device=self.device,
-                    progress=watch.progress,
+                    progress=watch,
                     **self._options_of(candidate),
                 )
         except OutOfTimeError:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from warp_bounding.cli.options import BounderFile, Json, Origin, Spacing, Threshold, read_shape
-from warp_bounding.cli.output import bar, certificate_summary, console, print_json, quiet_warp, warn
+from warp_bounding.cli.output import bar, certificate_summary, console, other_shape, print_json, quiet_warp, warn
 from warp_bounding.errors import BoundingError
 
 __all__ = ["command"]
@@ -60,11 +60,7 @@ def command(
     else:
         out = console(False)
         if not same:
-            given = certificate.indicator[:16] or "of another kind"
-            out.print(
-                f"{shape} is not the shape that the bounder was fitted to: its SHA-256 is {given}, that one's "
-                f"{(fitted or 'unknown')[:16]}. What follows is about {shape} alone, from its geometry."
-            )
+            out.print(other_shape(shape, certificate.indicator, fitted))
         out.print(f"{certificate.kind}: {certificate.message}")
         if certificate.counterexample:
             out.print(f"counterexample: {certificate.counterexample}")

@@ -10,14 +10,13 @@ import typer
 from warp_bounding.cli.options import Device, Json, Origin, Queries, Spacing, Threshold, read_queries, read_shape
 from warp_bounding.cli.output import bar, console, print_json, print_table, quiet_warp
 from warp_bounding.errors import BounderError
-from warp_bounding.runtime.whole_file import BOUNDER_FILE, FileKind, check_writable, write_whole
+from warp_bounding.runtime.whole_file import BOUNDER_FILE, PICTURE_FILE, check_writable, write_whole
 
 __all__ = ["choose_arguments", "command"]
 
 UNITS = {"": 1, "k": 1024, "m": 1024**2}
 TOLERATED = 0.15  # of a budget, by which a choice may exceed it without a word
 SHORT = 24  # characters of a remark that stands in the table; longer ones are footnotes
-PICTURE = FileKind(".png", 0, b"\x89PNG")
 
 
 def command(
@@ -70,9 +69,9 @@ def command(
     tried = {"networks": networks, "methods": methods, "statistical": statistical}
     arguments = choose_arguments(of_queries | of_fits | tried)
     inputs = [shape, *([] if queries is None else [queries])]
-    picture = str(Path(output).with_suffix(PICTURE.suffix))
+    picture = str(Path(output).with_suffix(PICTURE_FILE.suffix))
     check_writable(output, *inputs, kind=BOUNDER_FILE)
-    check_writable(picture, *inputs, kind=PICTURE)
+    check_writable(picture, *inputs, kind=PICTURE_FILE)
     asked = None if queries is None else read_queries(queries)
     indicator = read_shape(shape, threshold, spacing, origin)
     kept = Path(output).with_suffix(".choice") if folder is None else Path(folder)
@@ -80,7 +79,7 @@ def command(
         choice = choose(indicator, queries=asked, folder=kept, progress=update, **arguments)
     if choice.bounder is not None:
         choice.bounder.save(output)
-    write_whole(picture, cost_plot(choice)["png"], PICTURE)
+    write_whole(picture, cost_plot(choice)["png"], PICTURE_FILE)
     told = choice.to_dict() | {"path": output if choice.bounder is not None else None, "plot": picture}
     write_whole(kept / "rows.json", json_text.dumps(_without_nan(told), indent=1).encode())
     if json:

@@ -8,6 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from warp_bounding.bounders import DISTANCES, METHODS, Bounder, DistanceBounder
+from warp_bounding.bounders.distances.mlp import MlpDistance
+from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.options import STEPS, Option
 from warp_bounding.certificates.statement import NOT_CONSERVATIVE
 from warp_bounding.cli.options import (
@@ -112,7 +114,9 @@ def command(
     save(bounder, output)
     rates = evaluate(bounder, indicator, samples=count)
     certificate, training = bounder.certificate, bounder.info["training"]
-    little = "" if told.get("steps") else hardly_trained(bounder)  # of steps that are asked for, nobody is surprised
+    little = (
+        "" if told.get("steps") or not _network(bounder) else hardly_trained(bounder)
+    )  # who asks for steps is told nothing new
     warning = _looser(bounder) or (f"{little}; a longer budget makes it tighter" if little else None)
     if json:
         about = {"method": bounder.method, "query": bounder.query_kind, "conservative": bounder.conservative}
@@ -151,6 +155,12 @@ def fit_arguments(said: Mapping[str, Any]) -> dict[str, Any]:
     of_method = {name: option.parse(said[name]) for name, option in known.items() if said.get(name) is not None}
     metric = said.get("metric")
     return {name: said[name] for name in OWN} | of_method | ({} if metric is None else {"metric": metric})
+
+
+def _network(bounder: Bounder | DistanceBounder) -> bool:
+    """Whether it is a conservative network, or has one as its last part."""
+    last = (getattr(bounder, "parts", None) or [bounder])[-1]
+    return isinstance(last, (Mlp, MlpDistance)) and last.conservative
 
 
 def _says_nothing(bounder: Bounder | DistanceBounder) -> bool:

@@ -103,7 +103,7 @@ def quiet_warp(device: str | None = None) -> None:
 
 def other_shape(name: str, given: str | None, fitted: str | None) -> str:
     """What to print first where the shape is not that of the fit."""
-    about = f"its cells have SHA-256 {(given or 'unknown')[:16]}, those of the fit {(fitted or 'unknown')[:16]}"
+    about = f"its SHA-256 is {(given or 'unknown')[:16]}, that of the fit {(fitted or 'unknown')[:16]}"
     return f"{name} is not the shape that the bounder was fitted to: {about}. What follows is about {name}."
 
 

@@ -70,6 +70,8 @@ def command(
     for name, value in (("up", up), ("cut", cut)):
         if value is not None and value not in UPS:
             raise QueryError(f"{name} must be one of {', '.join(UPS)}, got {value!r}")
+    if cut is not None and screenshot is None:
+        raise QueryError("--cut is for --screenshot; windows and pages have a plane that cuts")
     if resolution is not None and not RESOLUTIONS[0] <= resolution <= RESOLUTIONS[1]:
         raise QueryError(f"resolution must be from {RESOLUTIONS[0]} to {RESOLUTIONS[1]}, got {resolution}")
     if seed < 0:

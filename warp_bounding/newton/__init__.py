@@ -1,6 +1,6 @@
 """A broad phase for Newton: its contact pass goes only through the particle-shape pairs that may touch; see ``cull``.
 
-Needs Newton, the extra ``newton``: from 1.5 on, tested with 1.8.
+Needs Newton, the extra ``newton``: from 1.7 on, tested with 1.8.
 """
 
 from warp_bounding.newton.accepted import margin_for

@@ -23,10 +23,10 @@ def margin_for(mesh: newton.Mesh, reach: float, *, world: float, scale: float = 
 
     Args:
         mesh: The shape's mesh.
-        reach: Largest particle radius + shape margin + the pipeline's soft contact gap, world units; not divided by the
-            scale, unlike the ``reach`` above.
-        scale: The smallest scale that the mesh is used with.
+        reach: Largest particle radius + shape margin + the pipeline's soft contact gap, world units, not divided by the
+            scale.
         world: Largest coordinate of particles and shapes, world units; pairs farther out are not cut.
+        scale: The smallest scale that the mesh is used with.
 
     Returns:
         The margin, in the mesh's own units.

@@ -22,7 +22,7 @@ from warp_bounding.proof.search.depth_first import charted_minimum
 from warp_bounding.proof.search.half_space import HeldBounds
 from warp_bounding.proof.search.vacancy import NARROWEST, Positives
 from warp_bounding.queries import QUERIES
-from warp_bounding.runtime.launch import working_seconds
+from warp_bounding.runtime.working_time import working_seconds
 
 __all__ = ["ShapeRegions", "coarse_cells", "least_region"]
 

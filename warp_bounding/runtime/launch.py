@@ -20,18 +20,16 @@ from time import perf_counter
 
 import warp as wp
 
-from warp_bounding.runtime.working_time import compile_seconds, compiled_for, working_seconds
+from warp_bounding.runtime.working_time import compiled_for, working_seconds
 
 __all__ = [
     "BLOCK",
     "BlockLaunch",
-    "compile_seconds",
     "cpu_threads",
     "launch_blocks",
     "launch_on_cores",
     "ready",
     "run_shares",
-    "working_seconds",
 ]
 
 BLOCK = 512  # queries of a block of a batch kernel; on CUDA one

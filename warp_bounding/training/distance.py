@@ -29,7 +29,7 @@ from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.progress import reported
 from warp_bounding.training.recipes.distance import train_distance
 
-__all__ = ["DISTANCE_TRAINERS", "METRIC", "fit_distance"]
+__all__ = ["DISTANCE_TRAINERS", "METRIC", "check_distance_options", "fit_distance"]
 
 METRIC = "metric"  # the option that all methods take
 TOLERANCE = 0.02  # of a cell's side, and ...
@@ -43,6 +43,23 @@ PROOF_SHARE, LARGE_PROOF_SHARE, LARGE = 0.2, 0.15, 4
 # progress, it returns the bounder, without a threshold, and a record of the training. A trainer chooses its domain's room.
 DistanceTrainer = Callable[..., tuple[DistanceBounder, dict[str, Any]]]
 DISTANCE_TRAINERS: dict[type[DistanceBounder], DistanceTrainer] = {MlpDistance: train_distance}
+
+
+def check_distance_options(cls: type[DistanceBounder], names: Iterable[str], callers: Iterable[Callable] = ()) -> None:
+    """Refuse options that a method's distance does not take.
+
+    Args:
+        cls: Of the method.
+        names: Of the options, all but those of ``fit``.
+        callers: As of ``settled``.
+
+    Raises:
+        BounderError: Naming one of them, and what there is.
+    """
+    known = [*(option.name for option in cls.options_taken()), METRIC]
+    for name in names:
+        if name not in known:
+            raise BounderError(unknown_option(name, cls.method, known, "distances", callers))
 
 
 def fit_distance(
@@ -88,9 +105,7 @@ def fit_distance(
             f"{method}: {shape.name} moves; distances to it at a time are bounded of moving meshes by {able}; grids take metric={METRICS[1]!r}, where "
             "time is one more coordinate"
         )
-    known = [option.name for option in cls.options_taken()]
-    if unknown := [name for name in options if name not in known]:
-        raise BounderError(unknown_option(unknown[0], method, [*known, METRIC], "distances", callers))
+    check_distance_options(cls, options, callers)
     own = {"margin": margin, "resolution": resolution}
     if issubclass(cls, VolumeDistance):
         volume = of_points(

@@ -20,8 +20,8 @@ from warp_bounding.proof import prove_or_attest
 from warp_bounding.queries import QUERIES, check_query
 from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.runtime.devices import device_of
-from warp_bounding.runtime.launch import compile_seconds
 from warp_bounding.runtime.progress import Progress, reported
+from warp_bounding.runtime.working_time import compile_seconds
 from warp_bounding.training.checks import (
     check_distance,
     check_extent,
@@ -96,8 +96,9 @@ def fit(
             that it may not be; the bounder holds the shape's complement, and the proof is about that. For points, and of
             methods that lay no cells; with an outer bounder it makes a ``two_sided`` one.
         queries: ``(Q, m)`` numbers, object space: queries of the caller's own, as its simulation asks them. What learns
-            (an ``mlp`` by the default recipe, a ``learned-kdop``, a ``relu-field``) then has its false positives elsewhere where it can; every proof is about all
-            queries all the same. Thousands of them should do; of more than a million some are taken.
+            (networks by the default recipe, a ``learned-kdop``, a ``relu-field``) then has its false positives elsewhere
+            where it can; of planes their normals count. Every proof is about all queries all the same. Thousands of them
+            should do; of more than a million some are taken.
         last: The last part of a cascade, if it is fitted already; then only the parts before it are fitted.
         device: Warp device of the bounder; the default device if ``None``.
         progress: Called with done, total and a note. ``None`` shows a bar on standard error if that is a terminal,

@@ -8,7 +8,7 @@ import numpy as np
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
-from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries import sample
 from warp_bounding.training.samples.callers import CALLERS_SHARE, CallersQueries
 
@@ -26,7 +26,7 @@ class Problem:
             false positives.
     """
 
-    grid: IndicatorGrid  # the object
+    grid: Shape  # the object
     domain: Domain | RegionDomain  # of the queries
     query: str  # kind of query
     seed: int  # of everything random

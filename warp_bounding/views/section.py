@@ -65,7 +65,3 @@ class Section:
         for axis, value in self.held.items():
             found[:, axis] = value
         return found
-
-    def at(self, axis: int, value: float) -> "Section":
-        """The section with one more coordinate held, or held elsewhere."""
-        return Section(self.ndim, {**self.held, axis: value}, self.time)

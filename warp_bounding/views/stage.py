@@ -135,9 +135,9 @@ def aim(plotter, view: View, place: Placing) -> None:
     radius = np.linalg.norm(size) / 2
     plotter.remove_all_lights()
     for source, strength in (((-3, -5, 6), 0.75), ((5, -3, 2), 0.3), ((0, 4, 5), 0.3)):
-        place = tuple(middle + radius * np.array(source))
+        at = tuple(middle + radius * np.array(source))
         plotter.add_light(
-            pyvista.Light(position=place, focal_point=tuple(middle), intensity=strength, light_type="scene light")
+            pyvista.Light(position=at, focal_point=tuple(middle), intensity=strength, light_type="scene light")
         )
     away = np.array(VIEW) / np.linalg.norm(VIEW) * radius / np.sin(np.radians(ANGLE) / 2) * NEAR
     plotter.camera.focal_point, plotter.camera.position = tuple(middle), tuple(middle + away)

@@ -185,16 +185,16 @@ def view_of(
     if down:
         stretch = shape.cells_per_unit[axes] / shape.cells_per_unit[axes].max()
     return View(
-        [f"coordinate {axis}" for axis in axes] if down else sections[0].names,
-        lower,
-        upper,
-        states,
-        "radius" if by_radius else "time" if times else "",
-        down,
-        tuple(stretch.tolist()),
-        bool(bounder.domain.unbounded),
-        asked[0].fitted.digest,
-        held,
+        names=[f"coordinate {axis}" for axis in axes] if down else sections[0].names,
+        lower=lower,
+        upper=upper,
+        states=states,
+        asked="radius" if by_radius else "time" if times else "",
+        down=down,
+        stretch=tuple(stretch.tolist()),
+        within=bool(bounder.domain.unbounded),
+        indicator=asked[0].fitted.digest,
+        held=held,
     )
 
 

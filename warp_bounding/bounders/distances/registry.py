@@ -39,14 +39,18 @@ def unregister_distance(kind: type[DistanceBounder]) -> None:
         del _registered[kind.method]
 
 
-def distance_class(method: str, ndim: int) -> type[DistanceBounder]:
+def distance_class(method: str, ndim: int | None = None) -> type[DistanceBounder]:
     """The class of a method's distance.
+
+    Args:
+        method: Its name.
+        ndim: Dimensions of the object, where they are known.
 
     Raises:
         BounderError: For a method that has none, or not in n dimensions.
     """
     if method not in DISTANCES:
         raise BounderError(f"method of a distance must be one of {', '.join(DISTANCES)}, got {method!r}")
-    if not DISTANCES[method].supports(ndim):
+    if ndim is not None and not DISTANCES[method].supports(ndim):
         raise BounderError(f"method {method} has no distance of {ndim}D objects")
     return DISTANCES[method]

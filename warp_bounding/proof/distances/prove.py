@@ -18,7 +18,7 @@ from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.distances.excesses import largest_excess
 from warp_bounding.proof.prove import OUTSIDE, as_fitted, other_dimension, reaches_outside
 from warp_bounding.queries.distance import METRICS, in_metric
-from warp_bounding.runtime.launch import working_seconds
+from warp_bounding.runtime.working_time import working_seconds
 
 __all__ = ["Found", "distance_shape", "other_motion", "prove_distance", "search", "settle_distance"]
 

@@ -25,7 +25,8 @@ from warp_bounding.networks.network import Network
 from warp_bounding.proof.search.best_first import Search, lowest
 from warp_bounding.proof.search.depth_first_kernel import KEPT, STACK, depth_first_kernel
 from warp_bounding.proof.search.pace import Pace
-from warp_bounding.runtime.launch import launch_blocks, working_seconds
+from warp_bounding.runtime.launch import launch_blocks
+from warp_bounding.runtime.working_time import working_seconds
 
 __all__ = ["ChartedPositives", "Descent", "charted_minimum", "divided", "prove_target"]
 

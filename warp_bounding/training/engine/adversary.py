@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from warp_bounding.runtime.launch import working_seconds
+from warp_bounding.runtime.working_time import working_seconds
 from warp_bounding.training.engine.team import Team, single_threaded_torch
 from warp_bounding.training.engine.trainable_network import Evaluator, TrainableNetwork
 from warp_bounding.training.samples.base import Samples

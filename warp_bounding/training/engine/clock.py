@@ -6,8 +6,8 @@ Whoever trains tells the clock how it goes, and the clock tells the user.
 import math
 from collections.abc import Callable, Iterator
 
-from warp_bounding.runtime.launch import working_seconds
 from warp_bounding.runtime.progress import Progress
+from warp_bounding.runtime.working_time import working_seconds
 
 __all__ = ["Clock", "cosine", "geometric", "interrupts"]
 
@@ -18,7 +18,7 @@ class Clock:
     """How much of a budget is used up.
 
     Args:
-        seconds: Wall time, from now on.
+        seconds: From now on; compiling kernels takes none (``working_seconds``).
         steps: Number of steps; if given, time plays no role and runs are repeatable.
         progress: Called with done, total and a note, or ``None``.
         share: The part of the user's progress that is training; proofs come behind it.
@@ -47,7 +47,7 @@ class Clock:
 
     @property
     def seconds(self) -> float:
-        """Wall time since the start."""
+        """Since the start, without those for compiling kernels."""
         return working_seconds() - self.started
 
     @property

@@ -13,7 +13,6 @@ import numpy as np
 import torch
 
 from warp_bounding.activations import activation_of
-from warp_bounding.queries import sample
 from warp_bounding.support_functions.base import ObjectSupport
 from warp_bounding.training.engine.clock import Clock, cosine, geometric
 from warp_bounding.training.engine.row_network import RowNetwork, initial, initial_layers, tensors_of
@@ -39,7 +38,7 @@ class SupportTrainer:
 
     def __init__(self, problem: Problem, hidden: tuple[int, ...], activation: str):
         grid, domain, seed = problem.grid, problem.domain, problem.seed
-        self.grid, self.domain, self.ndim = grid, domain, grid.ndim
+        self.grid, self.domain, self.ndim, self._problem = grid, domain, grid.ndim, problem
         self.generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
         hull = ObjectSupport(grid, domain.base)
         self._corners, self._ball = (torch.from_numpy(a.astype(np.float32)) for a in (hull.points, hull.ball))
@@ -80,7 +79,7 @@ class SupportTrainer:
 
     def _asked(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
         """Normals as queries have them, and the density of the queries' offsets at both supports."""
-        v = self.domain.to_local(sample(self.domain.query, self.grid, count, self._rng))
+        v = self.domain.to_local(self._problem.sample(count, self._rng))
         m = torch.from_numpy(v[:, :-1].astype(np.float32))
         first = self.domain.base.to_local(self.grid.sample_lower)
         last = self.domain.base.to_local(self.grid.sample_upper)
