@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import warp_bounding as wb
 from warp_bounding.geometry import enclosing_ellipsoid as enclosing
 from warp_bounding.geometry.enclosing_ellipsoid import GAP, enclosing_ellipsoid, extreme_corners
 from warp_bounding.indicators import IndicatorGrid
@@ -57,3 +58,17 @@ def test_only_a_few_of_many_points_are_fitted_to(family, monkeypatch):
     assert len(extreme_corners(grid)) > 1000
     assert max(asked) < 500
     assert len(asked) < 10
+
+
+@pytest.mark.parametrize("margin", [0.0, 1e-6, 0.1])
+@pytest.mark.parametrize("method", ["ellipsoid", "oriented-ellipsoid"])
+def test_a_sheet_has_a_thin_one(method, margin):
+    """No ellipsoid is flat; around a flat mesh, which cloth is at rest, it is about as thin as its dilation."""
+    turn = np.eye(3) if method == "ellipsoid" else np.array([[0.8, -0.36, 0.48], [0.6, 0.48, -0.64], [0, 0.8, 0.6]])
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]) @ turn.T
+    sheet = wb.IndicatorMesh(corners.astype(np.float32), [[0, 1, 2], [1, 2, 3]])
+    with pytest.warns(wb.BoundingWarning, match="the mesh is open"):
+        bounder = wb.fit(sheet, method=method, margin=margin, device="cpu")
+    assert bounder.certificate.proven
+    beside = corners.mean(axis=0) + np.array([[1], [-1]]) * (3 * margin + 1e-3) * turn[:, 2]
+    assert not bounder.query(beside.astype(np.float32)).numpy().any()

@@ -13,7 +13,8 @@ and whoever knows a lower bound of the distance in the box knows one everywhere.
 all objects in the box: it is the distance itself for an object that lies at right angles behind p.
 
 Where coordinate 0 is time, distances are in space at a time, so that this holds at each time for the other coordinates. Time has a power of two of its own. The
-object's points move by no more than ``speed`` a unit of time, so that a distance at one time bounds those at others. Outside the range of time nothing is known.
+object's points move by no more than ``speed`` a unit of time, so that a distance at one time bounds those at others. Outside the range of time nothing is known: ``limit`` is rounded up there as well, so that
+the first and the last keyframe are inside; the few float32 numbers beyond them that are inside with them are times at which there is no object to miss.
 """
 
 from dataclasses import dataclass

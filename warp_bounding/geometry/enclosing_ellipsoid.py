@@ -32,6 +32,7 @@ MOST_ROUNDS = 12  # of ellipsoids around dilated points, each also around the fa
 STEPS_OF_ROUND = 3000  # of Frank-Wolfe
 ASCENTS = 12  # steps towards the farthest place of a dilated point
 TINIEST = 1e-300  # a divisor in place of zero
+THIN = 1e-4  # of the size: what is thinner, such as a sheet, is taken to be so thick, since no ellipsoid is flat
 
 
 def enclosing_ellipsoid(grid: IndicatorGrid, family: str) -> tuple[np.ndarray, np.ndarray]:
@@ -53,7 +54,7 @@ def enclosing_of_points(points: np.ndarray, family: str) -> tuple[np.ndarray, np
         BounderError: If the search does not close the gap (it always has).
     """
     origin, size = points.mean(axis=0), np.ptp(points, axis=0).max()
-    points = (points - origin) / size
+    points = _thickened((points - origin) / size, family)
     chosen = _outermost(points)
     weights = np.full(len(chosen), 1.0 / len(chosen))
     while True:
@@ -88,7 +89,7 @@ def enclosing_of_hull(points: np.ndarray, radii: np.ndarray, family: str) -> tup
         return enclosing_of_points(points, family)
     points, _, _ = distinct_rows(points)
     origin, size = points.mean(axis=0), np.ptp(points, axis=0).max()
-    points, radii = (points - origin) / size, radii / size
+    points, radii = _thickened((points - origin) / size, family), radii / size
     chosen = _outermost(points)
     weights = np.full(len(chosen), 1.0 / len(chosen))
     places = points + _farthest_places(points, radii, np.eye(len(radii)), np.zeros(len(radii)))
@@ -107,6 +108,19 @@ def enclosing_of_hull(points: np.ndarray, radii: np.ndarray, family: str) -> tup
         more = more[reach[more] > 1]
         chosen, weights = np.concatenate([chosen, more]), np.concatenate([weights, np.zeros(len(more))])
     return matrix / largest / size, mean * size + origin
+
+
+def _thickened(points: np.ndarray, family: str) -> np.ndarray:
+    """The points ``(P, n)``, of size 1; where they are flat in a direction that matters to the family, twice, ``THIN`` apart."""
+    if family == "trace":
+        return points
+    directions = np.eye(points.shape[1])
+    if family == "determinant":
+        centred = points - points.mean(axis=0)
+        directions = np.linalg.eigh(centred.T @ centred)[1].T
+    for direction in directions[np.ptp(points @ directions.T, axis=0) < THIN]:
+        points = np.concatenate([points - THIN / 2 * direction, points + THIN / 2 * direction])
+    return points
 
 
 def _farthest_places(points: np.ndarray, radii: np.ndarray, matrix: np.ndarray, center: np.ndarray) -> np.ndarray:

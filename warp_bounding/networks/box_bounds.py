@@ -16,7 +16,8 @@ class BoxBounds(NamedTuple):
         point: ``(N, m)`` float64, a point of the box where ``f`` is likely to be least; of a chart, a positive.
         value: ``(N,)`` float64, ``f`` there; infinity where a box of a chart holds no positive.
         next_axis: ``(N,)`` int, the axis to halve after ``axis``; this and the attributes below may be ``None``.
-        slope: ``(N, K)``, networks only: slopes of a linear bound in the network's inputs.
+        slope: ``(N, K)``, networks only: slopes of a linear bound in the network's inputs. It is one of this very ``f``: whoever makes
+            the bounds of another function of these makes them without what follows.
         level: ``(N,)``, networks only: where the chart's numbers are the inputs themselves, ``f >= level + slope .
             (v - center)`` on the box.
         boxes: ``(N, 2, m)``, networks only: corners of the boxes without what the chart cut off, which holds no

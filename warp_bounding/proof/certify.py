@@ -104,6 +104,10 @@ def certify(
         owed = bounder.obligations(grid)
     except BoundingError as error:
         return document(bounder, grid, "undecided", float(bounder.threshold), 0.0, 0, 0.0, str(error))
+    if bounder.composed and reaches_outside(bounder, grid):  # outside its own domain no part of it is asked
+        point, threshold = _denied_outside(bounder, bounder, grid), float(bounder.threshold)
+        kind, spent = "undecided" if point is None else "refuted", working_seconds() - started
+        return document(bounder, grid, kind, threshold, threshold, 0, spent, OUTSIDE, point)
     certificates = []
     for part, own in owed:
         left = seconds - (working_seconds() - started)
@@ -140,7 +144,7 @@ def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress, as
     if len(bounder.parts) > 1:  # its parts are proven one by one (``Bounder.obligations``), never as a whole
         return result("undecided", f"{bounder.method}: a part of several tests", threshold)
     if reaches_outside(bounder, grid):
-        point = None if QUERIES[bounder.query_kind].is_region else _denied(asked, grid, points_outside(bounder, grid))
+        point = _denied_outside(asked, bounder, grid)
         return result("refuted" if point is not None else "undecided", OUTSIDE, threshold, 0, point)
     f = of_points(bounder)  # of boxes and a monotone network too (``covers.monotone_box``)
     if QUERIES[bounder.query_kind].is_region and f is bounder:
@@ -291,6 +295,11 @@ def _denied(bounder: Bounder, grid: IndicatorGrid, x: np.ndarray) -> np.ndarray 
     x = COVERS[bounder.query_kind].at_points(x, bounder)
     missed = np.flatnonzero(bounder.query(x).numpy() == 0)
     return x[missed[0]] if len(missed) else None
+
+
+def _denied_outside(asked: Bounder, bounder: Bounder, grid: Shape) -> np.ndarray | None:
+    """A point of the object outside of a bounder's domain that ``asked`` denies; ``None`` of regions, or if none is found."""
+    return None if QUERIES[bounder.query_kind].is_region else _denied(asked, grid, points_outside(bounder, grid))
 
 
 def _proven(bounder: Bounder) -> str:

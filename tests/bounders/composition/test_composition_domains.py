@@ -1,5 +1,6 @@
 """Bounders of a shape itself together with bounders of its cells: parts in domains of their own."""
 
+import dataclasses
 import json
 import struct
 from functools import cache
@@ -277,3 +278,25 @@ def test_cuda_source_compiles(tmp_path):
         pytest.skip("this Warp cannot compile ahead of time")
     whole = (fitted("mlp") & fitted("bvh")) | fitted("voxels")
     check_compiles(batch_kernel(whole.source, False, False), tmp_path)
+
+
+def test_what_its_own_domain_leaves_out_is_found():
+    """A composition is asked in its own domain before any of its parts: theirs may hold the object, and its own not."""
+    one, other = fitted("aabb"), fitted("kdop")
+    whole, domain = one | other, one.domain
+    low, high = shape().lower, shape().upper
+    small = Domain.of(wb.solids.Box(low, (low + high) / 2))
+    small = dataclasses.replace(small, delta=np.minimum(small.delta, domain.delta / 8))
+    assert small.fault() is None
+    parts = [
+        entry | {"domain": part.domain.to_dict()}
+        for entry, part in zip(whole.sizes["parts"], (one, other), strict=True)
+    ]
+    lie = Composition(small, dict(whole.tensors), whole.sizes | {"parts": parts}, "cpu")
+    lie.info = dict(whole.info)
+    lie.freeze(0.0, None)
+    assert (maybe(whole, points()) & ~maybe(lie, points())).any()
+    assert wb.certify(whole, shape()).kind == "proven"
+    found = wb.certify(lie, shape())
+    assert found.kind in ("refuted", "undecided")
+    assert found.message.startswith("the shape reaches outside the domain")

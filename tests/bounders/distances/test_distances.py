@@ -283,3 +283,47 @@ def test_parts_have_a_slack_of_their_own(name, rng, tmp_path):
     maybe, t = (each.numpy() for each in cut.segments(x[:2000], x[2000:4000]))
     assert not ((t > 0) & shape.contains(x[:2000])).any()
     assert maybe[shape.contains(x[:2000])].all()
+
+
+@pytest.mark.parametrize("method", ["aabb", "distance-grid", "mlp"])
+def test_what_float64_is_rounded_by_is_charged(method, rng):
+    """A float64 point is farther from its float32 one than g knows; every question allows for it."""
+    bounder, shape = far(method, "tetrahedron"), thing("tetrahedron")
+    x, end = (points_around(shape, 3000, rng).astype(np.float64) for _ in range(2))
+    x, end = (each * (1 + 2.0**-25 * rng.uniform(-1, 1, each.shape)) for each in (x, end))
+    one, other = x.astype(np.float32), end.astype(np.float32)
+    moved = np.linalg.norm(x - one, axis=1)
+    assert (moved > 0).any()
+    g = bounder.distance(one).numpy().astype(np.float64)
+    found = bounder.distance(x).numpy()
+    assert (found <= np.maximum(g - moved, 0)).all()
+    assert (found >= np.maximum(g - 1e-5 * (1 + np.abs(x).max()), 0)).all()
+    radius = np.maximum(g - moved, 0)  # not less than this is the distance of the float64 point, for all that is known
+    assert bounder.query(x, radius=radius).numpy().all()
+    for r in (0.0, 0.1):
+        both = np.maximum(moved, np.linalg.norm(end - other, axis=1))
+        free = bounder.segments(x, end, r)[0].numpy() == 0
+        assert not bounder.segments(one, other, r + both)[0].numpy()[free].any()
+        rays = np.concatenate([x, end], axis=1)
+        free = bounder.rays(rays, length=2.0, radius=r)[0].numpy() == 0
+        turned = rays[:, 3:] / np.linalg.norm(rays[:, 3:], axis=1, keepdims=True)
+        turned -= other / np.linalg.norm(other.astype(np.float64), axis=1, keepdims=True)
+        both = moved + 2.0 * np.linalg.norm(turned, axis=1)
+        assert not bounder.rays(rays.astype(np.float32), length=2.0, radius=r + both)[0].numpy()[free].any()
+    low, high = np.minimum(x, end), np.maximum(x, end)
+    free = bounder.boxes(low, high).numpy() == 0
+    assert free.any()
+    outer = [np.nextafter(side.astype(np.float32), np.float32(way)) for side, way in ((low, -np.inf), (high, np.inf))]
+    assert not bounder.boxes(*outer).numpy()[free].any()
+
+
+def test_float64_that_float32_cannot_hold_is_maybe():
+    bounder = far("aabb", "tetrahedron")
+    for number in (1e39, np.nan, -np.inf):
+        x = np.full((2, 3), number)
+        assert not bounder.distance(x).numpy().any()
+        assert bounder.query(x, radius=0.1).numpy().all()
+        assert bounder.segments(x, x + 1)[0].numpy().all()
+        assert bounder.boxes(x, x + 1).numpy().all()
+    tiny = np.array([[9.0, 9.0, 9.0, 3e-46, 1e-46, 0.0]])  # a direction that float32 rounds to none
+    assert bounder.rays(tiny, length=1.0)[0].numpy().all()

@@ -5,6 +5,8 @@ import pytest
 from bounding_shapes import random_mlp
 
 import warp_bounding as wb
+from warp_bounding.bounders.local.lattice import Lattice
+from warp_bounding.bounders.local.local import Local
 from warp_bounding.proof.prove import least_value
 from warp_bounding.proof.search.vacancy import ShapePositives
 
@@ -99,3 +101,29 @@ def test_a_fit_is_proven_with_them_and_without(monkeypatch):
     assert wb.certify(bounder, shape).kind == "proven"
     monkeypatch.setattr(wb.IndicatorNetwork, "half_spaces", lambda self, lower, upper: None)
     assert wb.certify(bounder, shape).kind == "proven"
+
+
+def test_a_network_with_thresholds_by_region_has_bounds_of_its_own():
+    """The network's slopes are not those of the network less a threshold: with them everything would seem to be proven."""
+    shape = shape_of(n=2)
+    fitted = wb.fit(shape, hidden=(12, 12), steps=100, device="cpu", progress=False)
+    higher = fitted.tensors["layers.2.bias"] + np.float32(5)  # thresholds above 0 are what the slopes would leave out
+    network = type(fitted)(fitted.domain, fitted.tensors | {"layers.2.bias": higher}, fitted.sizes, "cpu")
+    network.info = dict(fitted.info)
+    network.freeze(float(fitted.threshold) + 4.999, None)
+    x = np.random.default_rng(1).uniform(shape.lower, shape.upper, (20_000, 2)).astype(np.float32)
+    x = x[shape.contains(x)]
+    limit = network.domain.limit.astype(np.float64)
+    lattice, lowest = Lattice.of(-limit, limit, (3, 3)), float(network.threshold)
+    assert network.values(x).numpy().min() > lowest
+    for thresholds, kind in (
+        (lowest - 0.01, "proven"),
+        (float(network.values(x).numpy().max()), "refuted"),
+        (np.inf, "refuted"),
+    ):
+        local = Local.of(network, lattice, np.full(lattice.count, thresholds), 2.0**-10)
+        local.info = dict(network.info)
+        local.freeze(-1e-3, None)
+        assert (local.query(x).numpy() == 1).all() == (kind == "proven")
+        for bounder in (local, wb.fit(shape, method="aabb", device="cpu") & local):
+            assert wb.certify(bounder, shape).kind == kind

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import warp as wp
 
-from warp_bounding.arithmetic import round_up
+from warp_bounding.arithmetic import TINY, UNIT32, round_down, round_up
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import QueryError
 from warp_bounding.kernels.distances.batch import (
@@ -36,6 +36,8 @@ from warp_bounding.runtime.compaction import compact
 from warp_bounding.runtime.launch import BlockLaunch
 
 __all__ = ["AskingDistance"]
+
+GROWTH = 1.0 + 1e-12  # covers the float64 evaluation of a few sums and products
 
 
 class AskingDistance(ABC):
@@ -145,7 +147,8 @@ class AskingDistance(ABC):
 
         Args:
             x: ``(N, n)`` NumPy array, torch tensor, ``wp.array`` or sequence of numbers, or ``wp.array`` of ``vec_n`` ``(N,)``; object space. float64
-                is rounded to float32, and the bound is of the point that results. Whole numbers must be ones that float32 holds exactly.
+                is rounded to float32, and what that may move a point by is taken off its bound, on the host. Whole numbers must be ones that
+                float32 holds exactly.
             out: ``(N,)`` float32 to write to, instead of a new array.
 
         Returns:
@@ -158,9 +161,11 @@ class AskingDistance(ABC):
             >>> float(far.distance(np.array([[9.0, 0.5, 0.5]], np.float32)).numpy()[0]) > 8
             True
         """
-        queries, count, _ = flat_queries(x, self.ndim, self.device)
+        queries, count, double = flat_queries(x, self.ndim, self.device)
         out = new_output(out, count, wp.float32, self.device)
         self._points(queries, count, np.zeros(1, np.float32), out, values=True)
+        if double:
+            out.assign(np.fmax(round_down(out.numpy() - self._moved(queries, count)), np.float32(0)))
         return out
 
     def query(self, x, radius=0.0, *, xform=None, scale=None, out: wp.array | None = None) -> wp.array:
@@ -187,8 +192,10 @@ class AskingDistance(ABC):
             raise QueryError(
                 "a distance is asked in object space: move the points by the inverse of xform and scale first"
             )
-        queries, count, _ = flat_queries(x, self.ndim, self.device)
+        queries, count, double = flat_queries(x, self.ndim, self.device)
         radii = _lengths("radius", radius, count)
+        if double:
+            radii = _longer(radii, self._moved(queries, count))
         out = new_output(out, count, wp.uint8, self.device)
         self._points(queries, count, radii, out, values=False)
         return out
@@ -220,11 +227,14 @@ class AskingDistance(ABC):
             >>> int(maybe.numpy()[0]), bool(t.numpy()[0] > 0.9)
             (1, True)
         """
-        a, count, _ = flat_queries(start, self.ndim, self.device)
-        b, others, _ = flat_queries(end, self.ndim, self.device)
+        a, count, one = flat_queries(start, self.ndim, self.device)
+        b, others, other = flat_queries(end, self.ndim, self.device)
         if count != others:
             raise QueryError(f"start and end must be as many, got {count} and {others}")
-        return self._march(a, b, count, np.zeros(1, np.float32), _lengths("radius", radius, count), steps, ray=False)
+        radii = _lengths("radius", radius, count)
+        if one or other:
+            radii = _longer(radii, np.maximum(self._moved(a, count), self._moved(b, count)))
+        return self._march(a, b, count, np.zeros(1, np.float32), radii, steps, ray=False)
 
     def rays(self, x, *, length, radius=0.0, steps: int = SEGMENT_STEPS) -> tuple[wp.array, wp.array]:
         """Which rays may come within a radius of the object, and where first.
@@ -248,9 +258,11 @@ class AskingDistance(ABC):
         """
         if self.domain.time:
             raise QueryError("rays are of shapes at rest; of one that moves ask segments of time and space")
-        queries, count, _ = flat_queries(x, 2 * self.ndim, self.device)
-        lengths = _lengths("length", length, count)
-        return self._march(queries, queries, count, lengths, _lengths("radius", radius, count), steps, ray=True)
+        queries, count, double = flat_queries(x, 2 * self.ndim, self.device)
+        lengths, radii = _lengths("length", length, count), _lengths("radius", radius, count)
+        if double:
+            radii = _longer(radii, self._moved(queries, count, 2 * self.ndim) + self._turned(queries, count, lengths))
+        return self._march(queries, queries, count, lengths, radii, steps, ray=True)
 
     def boxes(self, lower, upper, steps: int = BOX_STEPS, *, out: wp.array | None = None) -> wp.array:
         """Which closed boxes may meet the object, by halving them until each part is proven to be clear.
@@ -271,15 +283,32 @@ class AskingDistance(ABC):
             >>> far.boxes(np.array([[2.0, 0, 0]], np.float32), np.array([[3.0, 1, 1]], np.float32)).numpy()
             array([0], dtype=uint8)
         """
-        a, count, _ = flat_queries(lower, self.ndim, self.device)
-        b, others, _ = flat_queries(upper, self.ndim, self.device)
+        a, count, one = flat_queries(lower, self.ndim, self.device)
+        b, others, other = flat_queries(upper, self.ndim, self.device)
         if count != others:
             raise QueryError(f"lower and upper must be as many, got {count} and {others}")
+        a, b = (
+            _outwards(each, side) if double else each for each, double, side in ((a, one, -np.inf), (b, other, np.inf))
+        )
         out = new_output(out, count, wp.uint8, self.device)
         data = self.data
         inputs = [0, data, a, b, _steps(steps)]
         self._run(box_kernel(self.source, self.native), count, inputs, [out], first_index=0)
         return out
+
+    def _moved(self, queries: wp.array, count: int, columns: int | None = None) -> np.ndarray:
+        """``(N,)`` float64: how far from a float64 point its float32 one is at most, the way that the object may make meanwhile included."""
+        x = np.abs(_rows(queries, count, columns or self.ndim)[:, : self.ndim])
+        by = (UNIT32 * x + TINY) * GROWTH
+        first = int(self.domain.time)
+        return (np.linalg.norm(by[:, first:], axis=1) + self.domain.speed * by[:, :first].sum(axis=1)) * GROWTH
+
+    def _turned(self, queries: wp.array, count: int, lengths: np.ndarray) -> np.ndarray:
+        """``(N,)`` float64: how far the end of a ray is at most from where its float64 direction leads."""
+        largest = np.abs(_rows(queries, count, 2 * self.ndim)[:, self.ndim :]).max(axis=1)
+        with np.errstate(divide="ignore"):
+            turn = UNIT32 + np.sqrt(self.ndim) * TINY / largest  # twice as much between directions of length 1
+        return 2 * turn * lengths.astype(np.float64) * GROWTH
 
     def _points(self, queries: wp.array, count: int, radii: np.ndarray, out: wp.array, *, values: bool) -> None:
         data, radius = self.data, wp.array(radii, dtype=wp.float32, device=self.device)
@@ -316,6 +345,25 @@ class AskingDistance(ABC):
 
     def _run(self, kernel, count: int, inputs: list, outputs: list, *, first_index: int, block: int = 1) -> None:
         BlockLaunch(kernel, count, inputs, outputs, self.device, first_index=first_index, block=block).launch_once()
+
+
+def _rows(flat: wp.array, count: int, columns: int) -> np.ndarray:
+    """Queries ``(N, columns)`` float64 on the host."""
+    return flat.numpy()[: count * columns].reshape(count, columns).astype(np.float64)
+
+
+def _longer(lengths: np.ndarray, by: np.ndarray) -> np.ndarray:
+    """Lengths, one or ``(N,)``, longer by ``(N,)``, as float32, rounded up; what is not finite is infinite."""
+    with np.errstate(invalid="ignore"):
+        longer = lengths.astype(np.float64) + by
+    longer = np.where(np.isnan(longer), np.inf, longer)
+    return round_up(longer * GROWTH).astype(np.float32) if len(longer) else lengths
+
+
+def _outwards(flat: wp.array, side: float) -> wp.array:
+    """Corners that were float64, each at the next float32 number towards ``side``."""
+    moved = np.nextafter(flat.numpy(), np.float32(side))
+    return wp.array(moved, dtype=wp.float32, device=flat.device)
 
 
 def _lengths(name: str, given, count: int) -> np.ndarray:

@@ -139,7 +139,8 @@ class Local(Bounder):
         # Not cut at DENIED: a part that is denied by its level is, whatever the threshold.
         least = np.minimum(np.nextafter(bounds.lower - most, -np.inf), CERTAIN)
         value = np.where(single, np.clip(bounds.value - most, DENIED, CERTAIN), self.reference(bounds.point))
-        return bounds._replace(lower=least, value=value)
+        # The network's slopes are not those of this f, which is less by the threshold of the part.
+        return BoxBounds(least, bounds.axis, bounds.point, value, bounds.next_axis)
 
     def rounding_bound(self) -> float:
         network, some = self.member.network, self.thresholds[np.isfinite(self.thresholds)]
