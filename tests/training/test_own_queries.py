@@ -28,17 +28,17 @@ MLP = pytest.param("mlp", {"hidden": (12, 12), "steps": 6000}, marks=pytest.mark
 
 @pytest.mark.parametrize(("method", "options"), [("learned-kdop", {"k": 14, "steps": 900}), MLP])
 def test_false_positives_are_fewer_where_it_is_asked(method, options, rng):
-    """In the mean of three fits, since one is tighter than another by itself."""
+    """In the mean of two fits, since one is tighter than another by itself."""
     asked, others = above(rng, 20_000), above(rng, 50_000)
     rates = []
     for queries in (None, asked):
-        for seed in range(3):
+        for seed in range(2):
             own = options | {"queries": queries, "seed": seed}
             bounder = wb.fit(BALL, method=method, device="cpu", progress=False, **own)
             assert bounder.certificate.proven
             assert wb.evaluate(bounder, BALL, samples=50_000).fn == 0
             rates.append(wrong(bounder, others))
-    assert sum(rates[3:]) < 0.9 * sum(rates[:3])
+    assert sum(rates[2:]) < 0.9 * sum(rates[:2])
 
 
 def test_negatives_lie_where_it_is_asked(rng):

@@ -9,7 +9,8 @@ from functools import cached_property
 import numpy as np
 import warp as wp
 
-from warp_bounding.arithmetic import TINY, UNIT32, round_down, round_up
+from warp_bounding.arithmetic import round_down, round_up
+from warp_bounding.bounders.distances.double_queries import lengths_of, longer, moved, outwards, turned
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import QueryError
 from warp_bounding.kernels.distances.batch import (
@@ -36,8 +37,6 @@ from warp_bounding.runtime.compaction import compact
 from warp_bounding.runtime.launch import BlockLaunch
 
 __all__ = ["AskingDistance"]
-
-GROWTH = 1.0 + 1e-12  # covers the float64 evaluation of a few sums and products
 
 
 class AskingDistance(ABC):
@@ -165,7 +164,7 @@ class AskingDistance(ABC):
         out = new_output(out, count, wp.float32, self.device)
         self._points(queries, count, np.zeros(1, np.float32), out, values=True)
         if double:
-            out.assign(np.fmax(round_down(out.numpy() - self._moved(queries, count)), np.float32(0)))
+            out.assign(np.fmax(round_down(out.numpy() - moved(self.domain, queries, count)), np.float32(0)))
         return out
 
     def query(self, x, radius=0.0, *, xform=None, scale=None, out: wp.array | None = None) -> wp.array:
@@ -193,9 +192,9 @@ class AskingDistance(ABC):
                 "a distance is asked in object space: move the points by the inverse of xform and scale first"
             )
         queries, count, double = flat_queries(x, self.ndim, self.device)
-        radii = _lengths("radius", radius, count)
+        radii = lengths_of("radius", radius, count)
         if double:
-            radii = _longer(radii, self._moved(queries, count))
+            radii = longer(radii, moved(self.domain, queries, count))
         out = new_output(out, count, wp.uint8, self.device)
         self._points(queries, count, radii, out, values=False)
         return out
@@ -231,9 +230,9 @@ class AskingDistance(ABC):
         b, others, other = flat_queries(end, self.ndim, self.device)
         if count != others:
             raise QueryError(f"start and end must be as many, got {count} and {others}")
-        radii = _lengths("radius", radius, count)
+        radii = lengths_of("radius", radius, count)
         if one or other:
-            radii = _longer(radii, np.maximum(self._moved(a, count), self._moved(b, count)))
+            radii = longer(radii, np.maximum(moved(self.domain, a, count), moved(self.domain, b, count)))
         return self._march(a, b, count, np.zeros(1, np.float32), radii, steps, ray=False)
 
     def rays(self, x, *, length, radius=0.0, steps: int = SEGMENT_STEPS) -> tuple[wp.array, wp.array]:
@@ -259,9 +258,9 @@ class AskingDistance(ABC):
         if self.domain.time:
             raise QueryError("rays are of shapes at rest; of one that moves ask segments of time and space")
         queries, count, double = flat_queries(x, 2 * self.ndim, self.device)
-        lengths, radii = _lengths("length", length, count), _lengths("radius", radius, count)
+        lengths, radii = lengths_of("length", length, count), lengths_of("radius", radius, count)
         if double:
-            radii = _longer(radii, self._moved(queries, count, 2 * self.ndim) + self._turned(queries, count, lengths))
+            radii = longer(radii, moved(self.domain, queries, count, 2 * self.ndim) + turned(queries, count, lengths))
         return self._march(queries, queries, count, lengths, radii, steps, ray=True)
 
     def boxes(self, lower, upper, steps: int = BOX_STEPS, *, out: wp.array | None = None) -> wp.array:
@@ -288,27 +287,13 @@ class AskingDistance(ABC):
         if count != others:
             raise QueryError(f"lower and upper must be as many, got {count} and {others}")
         a, b = (
-            _outwards(each, side) if double else each for each, double, side in ((a, one, -np.inf), (b, other, np.inf))
+            outwards(each, side) if double else each for each, double, side in ((a, one, -np.inf), (b, other, np.inf))
         )
         out = new_output(out, count, wp.uint8, self.device)
         data = self.data
         inputs = [0, data, a, b, _steps(steps)]
         self._run(box_kernel(self.source, self.native), count, inputs, [out], first_index=0)
         return out
-
-    def _moved(self, queries: wp.array, count: int, columns: int | None = None) -> np.ndarray:
-        """``(N,)`` float64: how far from a float64 point its float32 one is at most, the way that the object may make meanwhile included."""
-        x = np.abs(_rows(queries, count, columns or self.ndim)[:, : self.ndim])
-        by = (UNIT32 * x + TINY) * GROWTH
-        first = int(self.domain.time)
-        return (np.linalg.norm(by[:, first:], axis=1) + self.domain.speed * by[:, :first].sum(axis=1)) * GROWTH
-
-    def _turned(self, queries: wp.array, count: int, lengths: np.ndarray) -> np.ndarray:
-        """``(N,)`` float64: how far the end of a ray is at most from where its float64 direction leads."""
-        largest = np.abs(_rows(queries, count, 2 * self.ndim)[:, self.ndim :]).max(axis=1)
-        with np.errstate(divide="ignore"):
-            turn = UNIT32 + np.sqrt(self.ndim) * TINY / largest  # twice as much between directions of length 1
-        return 2 * turn * lengths.astype(np.float64) * GROWTH
 
     def _points(self, queries: wp.array, count: int, radii: np.ndarray, out: wp.array, *, values: bool) -> None:
         data, radius = self.data, wp.array(radii, dtype=wp.float32, device=self.device)
@@ -345,46 +330,6 @@ class AskingDistance(ABC):
 
     def _run(self, kernel, count: int, inputs: list, outputs: list, *, first_index: int, block: int = 1) -> None:
         BlockLaunch(kernel, count, inputs, outputs, self.device, first_index=first_index, block=block).launch_once()
-
-
-def _rows(flat: wp.array, count: int, columns: int) -> np.ndarray:
-    """Queries ``(N, columns)`` float64 on the host."""
-    return flat.numpy()[: count * columns].reshape(count, columns).astype(np.float64)
-
-
-def _longer(lengths: np.ndarray, by: np.ndarray) -> np.ndarray:
-    """Lengths, one or ``(N,)``, longer by ``(N,)``, as float32, rounded up; what is not finite is infinite."""
-    with np.errstate(invalid="ignore"):
-        longer = lengths.astype(np.float64) + by
-    longer = np.where(np.isnan(longer), np.inf, longer)
-    return round_up(longer * GROWTH).astype(np.float32) if len(longer) else lengths
-
-
-def _outwards(flat: wp.array, side: float) -> wp.array:
-    """Corners that were float64, each at the next float32 number towards ``side``."""
-    moved = np.nextafter(flat.numpy(), np.float32(side))
-    return wp.array(moved, dtype=wp.float32, device=flat.device)
-
-
-def _lengths(name: str, given, count: int) -> np.ndarray:
-    """A length, or one per query, as float32, rounded up; raises ``QueryError`` for others."""
-    if isinstance(given, wp.array):
-        given = given.numpy()
-    given = given.detach().cpu() if hasattr(given, "detach") else given
-    try:
-        values = np.asarray(given)
-        values = values.astype(np.float64) if values.dtype.kind in "iuf" else None
-    except (TypeError, ValueError):
-        values = None
-    if values is None or values.shape not in ((), (count,)):
-        got = repr(given) if values is None else f"shape {values.shape}"
-        raise QueryError(f"{name} must be a number of at least 0, or {count} of them, one per query; got {got}")
-    values = values.reshape(-1)
-    bad = ~(np.isfinite(values) & (values >= 0))
-    if bad.any():
-        raise QueryError(f"{name} must be finite and at least 0, got {values[bad][0]:g}")
-    rounded = round_up(values).astype(np.float32)
-    return rounded if len(rounded) else np.zeros(1, np.float32)
 
 
 def _steps(steps: int) -> int:
