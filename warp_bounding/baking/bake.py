@@ -236,6 +236,7 @@ def _run(state: _State, jobs: int | None, scheduler: str | None, update: Progres
             future = next(running)
             job = futures.pop(future.key)
             record = _outcome(future, job, client, state.kept)
+            del future  # else Dask would do it again if the worker that has its result died
             state.ended(record)
             if record.error:
                 tell(f"{record.source}: {record.error}")

@@ -72,7 +72,9 @@ class Job:
 
 
 def bake_shape(job: Job) -> dict[str, Any]:
-    """Bake one shape; it runs on a worker.
+    """Bake one shape, unless that has been done; it runs on a worker.
+
+    Dask asks again for what a worker had finished and told nobody when it died.
 
     Returns:
         The record, without the picture, which only the file has.
@@ -80,6 +82,8 @@ def bake_shape(job: Job) -> dict[str, Any]:
     Raises:
         FileFormatError: If the folder cannot be written to.
     """
+    if (before := job.done()) is not None:
+        return vars(replace(before, picture=""))
     started = time.perf_counter()
     os.environ.update(ONE_THREAD)
     quiet_warp()
