@@ -5,7 +5,6 @@ All times are medians of runs that take turns. Truth is the mesh itself. The las
 """
 
 import argparse
-import os
 import sys
 import time
 from pathlib import Path
@@ -17,11 +16,11 @@ from shared.racing import race
 
 import warp_bounding as wb
 from sims.assets import asset_mesh, surface
+from sims.threads import threads_of
 from warp_bounding.indicators.shape import IN, OUT
 from warp_bounding.kernels.distances.batch import march_kernel
 
 POINTS, SEGMENTS, ROUNDS, STEPS = 200_000, 100_000, 7, 32
-THREADS = "WARP_BOUNDING_THREADS"
 RADII = (0.0, 0.02, 0.05, 0.1, 0.2)
 WORDS = {"resolution": "cells", "refine": "times finer"}  # of options, for people
 METHODS = (
@@ -73,15 +72,12 @@ EXACT = {"wp.mesh_query_point_no_sign": closest, "wp.mesh_query_point_sign_parit
 
 def on_one_core(kernel: wp.Kernel, inputs: list, out: wp.array) -> float:
     """Median ns an item."""
-    before, taken = os.environ.get(THREADS), []
-    os.environ[THREADS] = "1"
-    for _ in range(ROUNDS):
-        begun = time.perf_counter()
-        wb.launch_on_cores(kernel, len(out), inputs, [out], "cpu")
-        taken.append(time.perf_counter() - begun)
-    del os.environ[THREADS]
-    if before is not None:
-        os.environ[THREADS] = before
+    taken = []
+    with threads_of(1):
+        for _ in range(ROUNDS):
+            begun = time.perf_counter()
+            wb.launch_on_cores(kernel, len(out), inputs, [out], "cpu")
+            taken.append(time.perf_counter() - begun)
     return float(np.median(taken)) / len(out) * 1e9
 
 

@@ -7,15 +7,11 @@ and the plain twins of both in Warp's own Python. Same cores, same data, results
 """
 
 import argparse
-import json
-import statistics
-import time
 
 import numpy as np
 import torch
 import warp as wp
-from rich.console import Console
-from rich.table import Table
+from shared.racing import clock, options, race, show, tell
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
@@ -93,36 +89,24 @@ def ours(bounder, points: wp.array, out: wp.array) -> dict:
     }
 
 
-def clock(function) -> float:
-    """Seconds of one call."""
-    start = time.perf_counter()
-    function()
-    return time.perf_counter() - start
-
-
-def race(contestants: dict, rounds: int) -> dict[str, list[float]]:
-    """Times of every contestant in every round, after one warm-up."""
-    for function in contestants.values():
-        function()
-    times = {name: [] for name in contestants}
-    for _ in range(rounds):
-        for name, function in contestants.items():
-            times[name].append(clock(function))
-    return times
-
-
 def chunked(function, x: torch.Tensor, size: int):
     """``function`` over chunks of rows."""
     return lambda: [function(part) for part in x.split(size)]
 
 
+def best_of_chunks(function, x: torch.Tensor) -> dict:
+    """A contestant: ``function`` over chunks of the size that is the fastest."""
+
+    def fastest(size: int) -> float:
+        return min(clock(chunked(function, x, size))[0] for _ in range(BEST_OF_CHUNKS))
+
+    size = min(CHUNKS, key=fastest)
+    return {f"torch, chunks of {size}": chunked(function, x, size)}
+
+
 def main() -> None:
     """Run and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--points", type=int, default=1_000_000)
-    parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
-    arguments = parser.parse_args()
+    arguments = options(__doc__, points=1_000_000, rounds=9).parse_args()
     wp.config.quiet = True
     torch.set_num_threads(cpu_threads())
     torch.set_grad_enabled(False)
@@ -136,9 +120,7 @@ def main() -> None:
         bounder, module = network(domain, activation)
         error = np.abs(bounder.values(array).numpy() - module(x)[:, 0].numpy()).max()
         assert error < 1e-2, f"the two networks differ by {error}"
-        best = min(CHUNKS, key=lambda size: min(clock(chunked(module, x, size)) for _ in range(BEST_OF_CHUNKS)))
-        contestants = {"torch": lambda m=module: m(x), f"torch, chunks of {best}": chunked(module, x, best)}
-        contestants |= ours(bounder, array, out)
+        contestants = {"torch": lambda m=module: m(x)} | best_of_chunks(module, x) | ours(bounder, array, out)
         rows.append((f"mlp 3-50-50-1 {activation}", race(contestants, arguments.rounds)))
     box = METHODS["aabb"].fit(ball(), domain, device="cpu")
     low, high = torch.tensor([0.11] * 3), torch.tensor([0.89] * 3)
@@ -146,44 +128,44 @@ def main() -> None:
     def expression(p: torch.Tensor) -> torch.Tensor:
         return ((p >= low) & (p <= high)).all(dim=1)
 
-    best = min(CHUNKS, key=lambda size: min(clock(chunked(expression, x, size)) for _ in range(BEST_OF_CHUNKS)))
-    contestants = {"torch": lambda: expression(x), f"torch, chunks of {best}": chunked(expression, x, best)}
-    contestants |= ours(box, array, out)
+    contestants = {"torch": lambda: expression(x)} | best_of_chunks(expression, x) | ours(box, array, out)
     rows.append(("aabb", race(contestants, arguments.rounds)))
     report(rows, arguments)
 
 
-def report(rows, arguments) -> None:
+def report(rows: list[tuple[str, dict[str, np.ndarray]]], arguments: argparse.Namespace) -> None:
     """Nanoseconds a point, and how many times faster ours is within a round."""
     results = []
     for name, times in rows:
-        ours = times["ours"]
         for contestant, values in times.items():
-            ratios = [a / b for a, b in zip(values, ours, strict=True)]
+            ratios = values[:, 0] / times["ours"][:, 0]
             results.append(
                 {
                     "test": name,
                     "contestant": contestant,
-                    "ns_per_point": round(statistics.median(values) / arguments.points * 1e9, 2),
-                    "times_ours": round(statistics.median(ratios), 2),
-                    "times_ours_range": [round(min(ratios), 2), round(max(ratios), 2)],
+                    "ns_per_point": round(float(np.median(values[:, 0])) / arguments.points * 1e9, 2),
+                    "times_ours": round(float(np.median(ratios)), 2),
+                    "times_ours_range": [round(float(ratios.min()), 2), round(float(ratios.max()), 2)],
                 }
             )
     if arguments.json:
-        print(
-            json.dumps(
-                {"points": arguments.points, "threads": cpu_threads(), "torch": torch.__version__, "results": results}
-            )
-        )
+        tell({"points": arguments.points, "threads": cpu_threads(), "torch": torch.__version__}, results)
         return
-    table = Table(title=f"{arguments.points:,} points, {cpu_threads()} threads, median of {arguments.rounds} rounds")
-    for column in ("test", "contestant", "ns / point", "time / ours", "range"):
-        table.add_column(column, justify="left" if column in ("test", "contestant") else "right")
-    for row in results:
-        low, high = row["times_ours_range"]
-        ratio = f"{row['times_ours']:.2f}"
-        table.add_row(row["test"], row["contestant"], f"{row['ns_per_point']:.1f}", ratio, f"{low:.2f} - {high:.2f}")
-    Console().print(table)
+    show(
+        f"{arguments.points:,} points, {cpu_threads()} threads, median of {arguments.rounds} rounds",
+        ("test", "contestant", "ns / point", "time / ours", "range"),
+        (
+            (
+                row["test"],
+                row["contestant"],
+                f"{row['ns_per_point']:.1f}",
+                f"{row['times_ours']:.2f}",
+                "{:.2f} - {:.2f}".format(*row["times_ours_range"]),
+            )
+            for row in results
+        ),
+        left=2,
+    )
 
 
 if __name__ == "__main__":

@@ -4,15 +4,14 @@ Each round times every way of asking an ``aabb`` once, in turn, the median of a 
 very same kernel on one thread are taken within a round, and their median is printed. Answers are compared first.
 """
 
-import os
 import statistics
-from contextlib import contextmanager
 
 import numpy as np
 import warp as wp
 from shared.racing import clock, options, race, show, tell
 
 import warp_bounding as wb
+from sims.threads import threads_of
 from warp_bounding.bounders import METHODS
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.indicators import IndicatorGrid
@@ -22,19 +21,6 @@ from warp_bounding.runtime.launch import BLOCK, cpu_threads
 RECORDED = "Warp, recorded launch"
 CALLS = {1_000: 50, 100_000: 10}  # in a row, per round
 PLACE = wp.transform(wp.vec3(0.1, -0.2, 0.3), wp.quat_from_axis_angle(wp.vec3(0.0, 0.6, 0.8), 0.5))
-
-
-@contextmanager
-def threads_of(count: int):
-    """Batch launches on at most so many threads."""
-    before = os.environ.get("WARP_BOUNDING_THREADS")
-    os.environ["WARP_BOUNDING_THREADS"] = str(count)
-    try:
-        yield
-    finally:
-        os.environ.pop("WARP_BOUNDING_THREADS")
-        if before is not None:
-            os.environ["WARP_BOUNDING_THREADS"] = before
 
 
 def box() -> wb.Bounder:

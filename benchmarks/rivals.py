@@ -24,6 +24,7 @@ from shared.racing import race
 
 import warp_bounding as wb
 from sims.assets import asset_mesh, surface
+from sims.threads import threads_of
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.runtime.launch import cpu_threads
 
@@ -194,7 +195,6 @@ def pairs() -> tuple[Calls, dict[str, dict], int]:
     """Newton's contact pass without and with a cull, and the cull alone; one thread."""
     import newton
 
-    from sims.cloth.example import one_thread
     from sims.cloth.field import GAPS, Field
     from sims.cloth.scene import SHAPES, SPECS, dilated
     from sims.prefitted import fitted
@@ -214,7 +214,7 @@ def pairs() -> tuple[Calls, dict[str, dict], int]:
 
     def alone(call: Callable) -> Callable:
         def run():
-            with one_thread():
+            with threads_of(1):
                 return call()
 
         return run

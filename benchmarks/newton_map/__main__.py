@@ -21,9 +21,9 @@ import numpy as np
 import warp as wp
 
 import warp_bounding as wb
-from sims.cloth.example import one_thread
 from sims.cloth.scene import RADIUS, SHAPES, newton_mesh
 from sims.prefitted import stored
+from sims.threads import threads_of
 from warp_bounding.newton import ParticleCull
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # Python has put this folder there, not the one above it
@@ -108,7 +108,7 @@ class Cell:
         return [{name: self._timed(name) for name in self._ways} for _ in range(self._turns)]
 
     def _timed(self, name: str) -> float:
-        with nullcontext() if name == "cores" else one_thread():
+        with nullcontext() if name == "cores" else threads_of(1):
             wp.synchronize_device(self._model.device)
             begin = time.perf_counter()
             self._ways[name](self._state, self._contacts)

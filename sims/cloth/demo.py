@@ -11,11 +11,12 @@ import warp_bounding as wb
 from sims import base
 from sims.assets import Shape
 from sims.chosen import Taken, take
-from sims.cloth.example import Example, cloth_data, one_thread
+from sims.cloth.example import Example, cloth_data
 from sims.cloth.field import Field, field_table, run_field, sentences
 from sims.cloth.scene import SHAPES, SPECS, Scene, dilated
 from sims.drawing import Drawn, draw_with
 from sims.report import CHOSEN, UNPROVEN, Run
+from sims.threads import threads_of
 
 __all__ = ["Demo", "simulate"]
 
@@ -84,7 +85,7 @@ class Demo(base.Demo):
         pairs, few = (float(np.median(run.calls)) for run in runs)
         price = 1e6 * max(own - left, 0.0) / max(pairs - few, 1.0)
         asked = {name: self.scene.from_shape(name, np.concatenate(kept)) for name in self.shapes}
-        with one_thread():
+        with threads_of(1):
             return take(self.shapes, self.bounders, asked, price, overhead_ns=1e6 * asking / pairs)
 
     def tell(self, runs: list[Run]) -> None:

@@ -9,10 +9,9 @@ Newton's kernels run one after another on one core of a CPU, so the order of con
 it is not, in Newton itself, and bits could not be compared: this demo runs on a CPU.
 """
 
-import os
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
+from functools import partial
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
@@ -24,28 +23,14 @@ import warp_bounding as wb
 from sims import base
 from sims.cloth.scene import DT, GAP, RADIUS, Scene, shape
 from sims.drawing import CAPTIONS, draw_with
+from sims.threads import threads_of
 from warp_bounding.newton import ParticleCull
 
-__all__ = ["Example", "cloth_data", "contact_keys", "contact_records", "one_thread"]
+__all__ = ["Example", "cloth_data", "contact_keys", "contact_records"]
 
 ITERATIONS = 4  # of the solver
 LOOKED = 10  # steps from one look at the depths to the next
 RECORDS = ("particle", "shape", "indices", "barycentric", "body_pos", "body_vel", "normal")
-THREADS = "WARP_BOUNDING_THREADS"
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Let broad phases use one thread, as Newton's kernels do on a CPU; restored afterwards."""
-    before = os.environ.get(THREADS)
-    os.environ[THREADS] = "1"
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ[THREADS]
-        else:
-            os.environ[THREADS] = before
 
 
 def contact_records(contacts: newton.Contacts) -> list[np.ndarray]:
@@ -106,7 +91,7 @@ class Example(base.Example):
         self._contacts, self._all = self._pipeline.contacts(), self._pipeline.contacts()
         self._control = self.model.control()
         self._solver = newton.solvers.SolverXPBD(self.model, iterations=ITERATIONS)
-        self._threads = nullcontext if all_cores else one_thread
+        self._threads = nullcontext if all_cores else partial(threads_of, 1)  # as Newton's kernels on a CPU
         self._cull = None
         if bounders is not None:
             of_shape = {scene.indices[name]: bounder for name, bounder in bounders.items()}

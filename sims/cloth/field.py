@@ -25,10 +25,11 @@ from rich import box
 from rich.table import Table
 
 import warp_bounding as wb
-from sims.cloth.example import contact_keys, contact_records, one_thread
+from sims.cloth.example import contact_keys, contact_records
 from sims.cloth.scene import CELLS, GAP, RADIUS, SHAPES, dilated, newton_mesh
 from sims.prefitted import FitSpec, fitted
 from sims.report import shown
+from sims.threads import threads_of
 from warp_bounding.newton import ParticleCull
 
 __all__ = ["FIELD_SPECS", "GAPS", "Field", "bounders_for", "field_table", "measure", "sentences"]
@@ -155,7 +156,7 @@ def measure(field: Field, gap: float, bounders: dict[str, dict[str, wb.Bounder]]
     for number in range(WARM_UP + rounds):
         field.shake(state, rng)
         for name in spent:
-            with nullcontext() if name.endswith("all cores") else one_thread():
+            with nullcontext() if name.endswith("all cores") else threads_of(1):
                 begin = time.perf_counter()
                 (pipeline if name == "newton" else culls[name]).collide(state, contacts)
                 took = time.perf_counter() - begin

@@ -11,7 +11,6 @@ The demo itself loads ``sims/digits/decoders``, since no two machines train the 
 numbers. Kingma and Welling, *Auto-Encoding Variational Bayes*, 2014.
 """
 
-import os
 import sys
 import time
 from contextlib import contextmanager
@@ -24,6 +23,7 @@ import torch
 from torch import nn
 
 import warp_bounding as wb
+from sims.threads import threads_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -56,7 +56,6 @@ ROUNDING_ROOM = 4.0  # times E: another library's sine differs from the kernels'
 
 # Pixels that a decoder is run for at a time: always as many, so that no pixel's bits depend on the others.
 CHUNK = 8192
-THREADS = "WARP_BOUNDING_THREADS"  # environment variable: of queries on a CPU
 STEPS, BATCH, POINTS = 2000, 128, 32  # of training: steps, images a step, points an image
 RATE, SMALLEST = 1e-2, 1e-4  # of Adam, over a cosine
 PRIOR = 0.2  # weight of the divergence from the prior, against the whole image's likelihood
@@ -75,16 +74,13 @@ class Sine(nn.Module):
 @contextmanager
 def one_thread() -> "Iterator[None]":
     """Within it decoders and bounders run on one thread each, so that their times can be compared, and on a busy machine."""
-    threads, wanted = torch.get_num_threads(), os.environ.get(THREADS)
+    threads = torch.get_num_threads()
     torch.set_num_threads(1)
-    os.environ[THREADS] = "1"
     try:
-        yield
+        with threads_of(1):
+            yield
     finally:
         torch.set_num_threads(threads)
-        os.environ.pop(THREADS)
-        if wanted is not None:
-            os.environ[THREADS] = wanted
 
 
 def images() -> torch.Tensor:

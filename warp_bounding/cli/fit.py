@@ -113,30 +113,42 @@ def command(
     seconds = time.perf_counter() - started
     save(bounder, output)
     rates = evaluate(bounder, indicator, samples=count)
-    certificate, training = bounder.certificate, bounder.info["training"]
-    little = (
-        "" if told.get("steps") or not _network(bounder) else hardly_trained(bounder)
-    )  # who asks for steps is told nothing new
-    warning = _looser(bounder) or (f"{little}; a longer budget makes it tighter" if little else None)
+    warning = _looser(bounder)
+    if not warning and not told.get("steps") and _network(bounder) and (little := hardly_trained(bounder)):
+        warning = f"{little}; a longer budget makes it tighter"  # who asks for steps is told nothing new
     if json:
-        about = {"method": bounder.method, "query": bounder.query_kind, "conservative": bounder.conservative}
-        measured = {name: getattr(rates, name) for name in ("fp_rate", "fn", "samples", "positives", "truth")}
-        took = {"fit_seconds": round(seconds, 3), "compile_seconds": training["compile_seconds"]}
-        proof = {"warning": warning, "certificate": certificate_summary(bounder, certificate), "training": training}
-        print_json({**about, **measured, **took, **proof, "note": bounder.info.get("note"), "path": output})
+        print_json(_report(bounder, rates, seconds) | {"warning": warning, "path": output})
     else:
-        out = console(False)
-        out.print(
-            f"{bounder.method}: {rates.fp_rate:.2f} % false positives, {rates.fn} false negatives in {rates.samples:,} samples, "
-            f"{rates.truth_told}"
-        )
-        out.print(certificate.message if certificate else NOT_CONSERVATIVE)
-        compiling = training["compile_seconds"]
-        taken = f"{seconds:.1f} s" + (f", {compiling:.1f} of them for compiling kernels" if compiling >= 0.1 else "")
-        out.print(f"{taken}; written to {output}")
+        _tell(bounder, rates, f"{_took(bounder, seconds)}; written to {output}")
     if warning:
         warn(warning)
     return 1 if _says_nothing(bounder) else 0
+
+
+def _report(bounder: Bounder | DistanceBounder, rates: Any, seconds: float) -> dict[str, Any]:
+    """What ``--json`` prints of a fit."""
+    about = {"method": bounder.method, "query": bounder.query_kind, "conservative": bounder.conservative}
+    measured = {name: getattr(rates, name) for name in ("fp_rate", "fn", "samples", "positives", "truth")}
+    training = bounder.info["training"]
+    took = {"fit_seconds": round(seconds, 3), "compile_seconds": training["compile_seconds"]}
+    proof = {"certificate": certificate_summary(bounder, bounder.certificate), "training": training}
+    return {**about, **measured, **took, **proof, "note": bounder.info.get("note")}
+
+
+def _tell(bounder: Bounder | DistanceBounder, rates: Any, end: str) -> None:
+    """Print what a person wants to know of a fit."""
+    out = console(False)
+    out.print(
+        f"{bounder.method}: {rates.fp_rate:.2f} % false positives, {rates.fn} false negatives in {rates.samples:,} samples, "
+        f"{rates.truth_told}"
+    )
+    out.print(bounder.certificate.message if bounder.certificate else NOT_CONSERVATIVE)
+    out.print(end)
+
+
+def _took(bounder: Bounder | DistanceBounder, seconds: float) -> str:
+    compiling = bounder.info["training"]["compile_seconds"]
+    return f"{seconds:.1f} s" + (f", {compiling:.1f} of them for compiling kernels" if compiling >= 0.1 else "")
 
 
 OWN = ("query", "length", "space", "margin", "force", "resolution", "side", "budget", "seed", "device", "method")

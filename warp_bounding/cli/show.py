@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -62,20 +62,11 @@ def command(
     from warp_bounding.views.needed import needed
     from warp_bounding.views.page import page
     from warp_bounding.views.picture import picture
-    from warp_bounding.views.stage import UPS
     from warp_bounding.views.view import view_of
     from warp_bounding.views.window import Window, check_display
 
     radii, times, held = _numbers("radius", radius), _numbers("time", time), _held(slice_)
-    for name, value in (("up", up), ("cut", cut)):
-        if value is not None and value not in UPS:
-            raise QueryError(f"{name} must be one of {', '.join(UPS)}, got {value!r}")
-    if cut is not None and screenshot is None:
-        raise QueryError("--cut is for --screenshot; windows and pages have a plane that cuts")
-    if resolution is not None and not RESOLUTIONS[0] <= resolution <= RESOLUTIONS[1]:
-        raise QueryError(f"resolution must be from {RESOLUTIONS[0]} to {RESOLUTIONS[1]}, got {resolution}")
-    if seed < 0:
-        raise QueryError(f"seed must be at least 0, got {seed}")
+    _check_options(up, cut, screenshot, resolution, seed)
     count = whole_number("samples", samples)
     for path, kind in ((screenshot, PICTURE_FILE), (html, PAGE_FILE)):
         _check_output(path, kind, file, shape)
@@ -113,15 +104,7 @@ def command(
         write_whole(screenshot, picture(replace(view, states=panels), title, up, cut), PICTURE_FILE)
         written.append(screenshot)
     if json:
-        fitted = bounder.info.get("indicator")
-        about = {"path": file, "shape": shape, "method": bounder.method, "query": bounder.query_kind}
-        about |= {"bytes": bounder.nbytes, "same_indicator": view.indicator == fitted, "fitted_indicator": fitted}
-        about |= {"screenshot": screenshot, "html": html, "asked": view.asked or None}
-        states = [
-            {"label": s.label, "fp_rate": s.fp_rate, "fn": s.fn, "samples": s.samples, "undecided": s.undecided}
-            for s in view.states
-        ]
-        print_json({**about, "states": states, "certificate": certificate_summary(bounder, bounder.certificate)})
+        print_json(_report(bounder, view) | {"path": file, "shape": shape, "screenshot": screenshot, "html": html})
         return 0
     out = console(False)
     for state in view.states:
@@ -132,6 +115,40 @@ def command(
     if not written:
         Window(view, title, up).open()
     return 0
+
+
+def _check_options(up: str, cut: str | None, screenshot: str | None, resolution: int | None, seed: int) -> None:
+    """Refuse what no file is needed to see."""
+    from warp_bounding.views.stage import UPS
+
+    for name, value in (("up", up), ("cut", cut)):
+        if value is not None and value not in UPS:
+            raise QueryError(f"{name} must be one of {', '.join(UPS)}, got {value!r}")
+    if cut is not None and screenshot is None:
+        raise QueryError("--cut is for --screenshot; windows and pages have a plane that cuts")
+    if resolution is not None and not RESOLUTIONS[0] <= resolution <= RESOLUTIONS[1]:
+        raise QueryError(f"resolution must be from {RESOLUTIONS[0]} to {RESOLUTIONS[1]}, got {resolution}")
+    if seed < 0:
+        raise QueryError(f"seed must be at least 0, got {seed}")
+
+
+def _report(bounder, view) -> dict[str, Any]:
+    """What ``--json`` prints of a bounder and what is seen of it."""
+    fitted = bounder.info.get("indicator")
+    states = [
+        {"label": s.label, "fp_rate": s.fp_rate, "fn": s.fn, "samples": s.samples, "undecided": s.undecided}
+        for s in view.states
+    ]
+    return {
+        "method": bounder.method,
+        "query": bounder.query_kind,
+        "bytes": bounder.nbytes,
+        "same_indicator": view.indicator == fitted,
+        "fitted_indicator": fitted,
+        "asked": view.asked or None,
+        "states": states,
+        "certificate": certificate_summary(bounder, bounder.certificate),
+    }
 
 
 def _check_output(path: str | None, kind: FileKind, *inputs: str) -> None:

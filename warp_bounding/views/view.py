@@ -172,11 +172,13 @@ def view_of(
     rng = np.random.default_rng(seed)
     cells = resolution or (CELLS if len(sections[0].axes) == MOST_SEEN else PIXELS)
     for number, ((radius, time), section, each) in enumerate(zip(pairs, sections, asked, strict=True)):
+        frame = _Frame(section, lower, upper, cells)
         if time not in objects:
-            objects[time] = _object(shape, section, cells, lower, upper)
+            objects[time] = _object(shape, frame)
         value = radius if len(radii) > 1 or (isinstance(bounder, DistanceBounder) and time is None) else time
-        states.append(_state(each, section, bounder.domain.unbounded, objects[time], cells, lower, upper, samples, rng))
-        states[-1].label = "" if value is None else f"{value:.4g}"
+        label = "" if value is None else f"{value:.4g}"
+        x = _random_points(each, section, samples, rng)
+        states.append(_state(label, each, frame, bool(bounder.domain.unbounded), objects[time], x))
         if progress:
             progress(number + 1, len(pairs))
     by_radius = isinstance(bounder, DistanceBounder) and len(times) <= 1 and (len(radii) > 1 or not times)
@@ -227,48 +229,52 @@ def _box(asked: list[Asked], section: Section, radius: float) -> tuple[np.ndarra
     return lower - room, upper + room
 
 
-def _object(shape: Shape, section: Section, cells: int, lower: np.ndarray, upper: np.ndarray) -> Surface | np.ndarray:
-    if len(section.axes) == MOST_SEEN:
-        return object_surface(shape, section, cells)
-    points, sides = _pixels(lower, upper, cells)
-    return shape.contains(section.lift(points)).reshape(sides)
+class _Frame(NamedTuple):
+    """What is looked at: a section, the box of it that is seen, and into how many cells or pixels its longest side is cut."""
+
+    section: Section
+    lower: np.ndarray
+    upper: np.ndarray
+    cells: int
+
+    @property
+    def solid(self) -> bool:
+        """Three coordinates are seen, not two."""
+        return len(self.section.axes) == MOST_SEEN
+
+    def pixels(self, holds: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """Of a plane, at which pixels ``(X, Y)`` a test of points ``(N, 2)`` holds, asked at their centres."""
+        count, _ = nodes(self.lower, self.upper, self.cells)
+        sides = count - 1
+        ends = zip(self.lower, self.upper, sides, strict=True)
+        ticks = [a + (np.arange(n) + 0.5) * (b - a) / n for a, b, n in ends]
+        return holds(np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 2)).reshape(sides)
 
 
-def _pixels(lower: np.ndarray, upper: np.ndarray, cells: int) -> tuple[np.ndarray, tuple[int, ...]]:
-    """The centres of pixels ``(N, 2)``, and how many there are along each axis."""
-    count, _ = nodes(lower, upper, cells)
-    sides = count - 1
-    ticks = [a + (np.arange(n) + 0.5) * (b - a) / n for a, b, n in zip(lower, upper, sides, strict=True)]
-    return np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 2), tuple(sides)
+def _object(shape: Shape, frame: _Frame) -> Surface | np.ndarray:
+    if frame.solid:
+        return object_surface(shape, frame.section, frame.cells)
+    return frame.pixels(lambda x: shape.contains(frame.section.lift(x)))
 
 
-def _state(
-    asked: Asked,
-    section: Section,
-    within: bool,
-    seen: Surface | np.ndarray,
-    cells: int,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    samples: int,
-    rng: np.random.Generator,
-) -> State:
-    """The bound at one radius and time, and how it answers random points there."""
+def _state(label: str, asked: Asked, frame: _Frame, within: bool, seen: Surface | np.ndarray, x: np.ndarray) -> State:
+    """The bound at one radius and time, and how it answers the points ``x`` of the section."""
+    section = frame.section
 
     def held(x: np.ndarray) -> np.ndarray:
         return asked.maybe(section.lift(x)) != within
 
-    if len(section.axes) == MOST_SEEN:
-        bound = level_surface(held, lower, upper, cells)
-    else:
-        points, sides = _pixels(lower, upper, cells)
-        bound = held(points).reshape(sides)
-    low, high = (side[section.axes] for side in (asked.around.sample_lower, asked.around.sample_upper))
-    x = rng.uniform(low, high, (samples, len(low))).astype(np.float32)
+    bound = level_surface(held, frame.lower, frame.upper, frame.cells) if frame.solid else frame.pixels(held)
     lifted = section.lift(x)
     maybe, truth = asked.maybe(lifted), np.asarray(asked.truth(lifted), dtype=np.uint8)
     groups = (~maybe & (truth != IN), maybe & (truth == OUT), ~maybe & (truth == IN))
     drawn = {group.name: x[np.flatnonzero(mask)[:DRAWN]] for group, mask in zip(GROUPS, groups, strict=True)}
-    share = 100 / samples
+    share = 100 / len(x)
     undecided = share * int((truth == UNDECIDED).sum())
-    return State("", bound, seen, drawn, share * int(groups[1].sum()), int(groups[2].sum()), samples, undecided)
+    return State(label, bound, seen, drawn, share * int(groups[1].sum()), int(groups[2].sum()), len(x), undecided)
+
+
+def _random_points(asked: Asked, section: Section, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Points ``(count, k)`` float32 of a section, in the box that samples come from."""
+    low, high = (side[section.axes] for side in (asked.around.sample_lower, asked.around.sample_upper))
+    return rng.uniform(low, high, (count, len(low))).astype(np.float32)

@@ -2,7 +2,6 @@
 
 import io
 import json
-import os
 import subprocess
 import sys
 from functools import cache
@@ -141,17 +140,6 @@ def test_depths():
     assert 0.1 < depths[0] < 0.25  # the middle of the star
     assert depths[1] == 0.0
     assert (depths[2:] < 1e-5).all()  # its corners
-
-
-def test_one_thread_is_taken_back(monkeypatch):
-    monkeypatch.setenv(example.THREADS, "3")
-    with example.one_thread():
-        assert os.environ[example.THREADS] == "1"
-    assert os.environ[example.THREADS] == "3"
-    monkeypatch.delenv(example.THREADS)
-    with pytest.raises(ZeroDivisionError), example.one_thread():
-        1 / 0  # noqa: B018
-    assert example.THREADS not in os.environ
 
 
 @pytest.mark.parametrize("change", [{"margin": 0.01}, {"resolution": 32}])
