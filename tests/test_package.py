@@ -115,7 +115,7 @@ def test_every_public_method_is_documented_by_its_class_or_a_base():
 
 def test_versions_agree():
     assert re.fullmatch(r"\d+\.\d+\.\d+.*", wb.__version__)
-    assert wb.__version__ in (ROOT / "CHANGELOG.md").read_text() or "Unreleased" in (ROOT / "CHANGELOG.md").read_text()
+    assert f"\n## [{wb.__version__}] - " in (ROOT / "CHANGELOG.md").read_text()
     assert (PACKAGE / "py.typed").exists()
 
 

@@ -1,7 +1,7 @@
 """A network's native code of inference, and its numbers in the order in which that reads them.
 
 In the batch path and on CUDA each lane is a query (``V`` a vector of lanes, or a float), and each weight that is
-loaded serves all of them. The function for other kernels asks one query on a CPU: there the lanes are eight neurons,
+loaded serves all of them. The function for other kernels asks one query on a CPU: there the lanes are neurons,
 so that one query is fast by itself. Every text below is C as it stands; what it calls by capitals are constants of
 the layer, written in front of it.
 """
@@ -20,7 +20,8 @@ from warp_bounding.networks.plain import plain_network
 
 __all__ = ["MlpSource", "head_numbers", "layer_numbers", "padded"]
 
-ALIGN = 8  # floats: rows of the copy for neurons in lanes are padded to a multiple of one AVX vector
+EIGHT = 8  # floats of one AVX vector: activations and an output's weights are padded to a multiple of it
+ALIGN = 16  # floats of one AVX-512 vector, a line of cache: where rows of the copy for neurons in lanes begin
 
 # In all texts w are the method's numbers, f and other the first and the second output (``Head.outputs``), and T is V or
 # float.
@@ -63,20 +64,19 @@ for (int b = 0; b < BLOCKS; ++b) {
 }
 """
 
-# Lanes of neurons: as many as a register has, and no more than a row of ROW neurons. Where they do not divide the row, the last
-# register begins earlier, and some neurons are computed twice, the same way.
+# Lanes of neurons: as many as a register has. Behind the last of NEURONS a row has zeros, so that no register is loaded from two lines of cache.
 _LANES = """
 #if defined(__AVX512F__)
-constexpr int L = ROW < 16 ? 8 : 16;
+constexpr int L = 16;
 #else
 constexpr int L = 8;
 #endif
-constexpr int REGISTERS = (ROW + L - 1) / L;
+constexpr int REGISTERS = (NEURONS + L - 1) / L;
 typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));
 typedef int I __attribute__((vector_size(4 * L)));
 """
 
-# One layer of one query: from K inputs x to ROW neurons y; a row of biases, then one of weights an input.
+# One layer of one query: from K inputs x to NEURONS y; a row of biases, then one of weights an input, ROW floats each.
 # Every WAYS-th input is summed apart, so that there are sums enough that need not wait for each other.
 _NEURONS_IN_LANES = """
 constexpr int WAYS = REGISTERS > 3 ? 2 : 4;
@@ -84,7 +84,7 @@ V a[WAYS][REGISTERS];
 const float* p = w + AT;
 #pragma unroll
 for (int q = 0; q < REGISTERS; ++q) {
-    a[0][q] = *(const V*)(p + (q * L < ROW - L ? q * L : ROW - L));
+    a[0][q] = *(const V*)(p + q * L);
     for (int r = 1; r < WAYS; ++r) a[r][q] = a[0][q] * 0.0f;
 }
 p += ROW;
@@ -92,18 +92,18 @@ p += ROW;
 for (int k = 0; k < K / WAYS * WAYS; k += WAYS)
     for (int r = 0; r < WAYS; ++r) {
         const float input = x[k + r]; const float* c = p + ROW * (k + r);
-        for (int q = 0; q < REGISTERS; ++q) a[r][q] += *(const V*)(c + (q * L < ROW - L ? q * L : ROW - L)) * input;
+        for (int q = 0; q < REGISTERS; ++q) a[r][q] += *(const V*)(c + q * L) * input;
     }
 #pragma unroll
 for (int k = K / WAYS * WAYS; k < K; ++k) {
     const float input = x[k]; const float* c = p + ROW * k;
-    for (int q = 0; q < REGISTERS; ++q) a[k % WAYS][q] += *(const V*)(c + (q * L < ROW - L ? q * L : ROW - L)) * input;
+    for (int q = 0; q < REGISTERS; ++q) a[k % WAYS][q] += *(const V*)(c + q * L) * input;
 }
 #pragma unroll
 for (int q = 0; q < REGISTERS; ++q) {
     V sum = a[0][q] + a[1][q];
     if (WAYS > 2) sum += a[2 % WAYS][q] + a[3 % WAYS][q];
-    *(V*)(y + (q * L < ROW - L ? q * L : ROW - L)) = act(sum);
+    *(V*)(y + q * L) = act(sum);
 }
 """
 
@@ -160,14 +160,14 @@ class MlpSource(Source):
         """Index in the numbers at which each layer's copies begin, and last that of the output."""
         places = [self.features * (self.raw + 1)]
         for k, h in self.layers:
-            places.append(places[-1] + h * (k + 1) + _filling(h, k) + padded(h) * (k + 1))
+            places.append(places[-1] + h * (k + 1) + _filling(h, k) + _row(h) * (k + 1))
         return places
 
     @property
     def neuron_rows(self) -> list[tuple[int, int]]:
         """Where each layer's copy for neurons in lanes begins, and the length of its rows."""
         starts = zip(self.places, self.layers, strict=False)
-        return [(place + h * (k + 1) + _filling(h, k), padded(h)) for place, (k, h) in starts]
+        return [(place + h * (k + 1) + _filling(h, k), _row(h)) for place, (k, h) in starts]
 
     def plain(self) -> wp.Function:
         return plain_network(self)
@@ -242,7 +242,8 @@ class MlpSource(Source):
     def function_layer(self, index: int) -> str:
         """One hidden layer, a register of neurons at a time."""
         place, row = self.neuron_rows[index]
-        own = constants(K=self.layers[index][0], ROW=row, AT=place)
+        inputs, neurons = self.layers[index]
+        own = constants(K=inputs, NEURONS=neurons, ROW=row, AT=place)
         names = f"const float* x = h{index}; float* y = h{index + 1};"
         act = _function("act", activation_of(self.activation), Lanes(vector=True))
         return "\n".join([f"float h{index + 1}[{row}]; {{", own, _LANES, act, names, _NEURONS_IN_LANES, "}"])
@@ -276,6 +277,11 @@ def _function(name: str, activation, lanes: Lanes, type_: str = "V") -> str:
 
 
 def padded(neurons: int) -> int:
+    """Activations behind a layer, and an output's weights of them, with the zeros behind the last."""
+    return -(-neurons // EIGHT) * EIGHT
+
+
+def _row(neurons: int) -> int:
     """Length of a row of the copy for neurons in lanes."""
     return -(-neurons // ALIGN) * ALIGN
 
@@ -297,7 +303,7 @@ def layer_numbers(weight: np.ndarray, bias: np.ndarray) -> np.ndarray:
     for first in range(0, h, _block(h)):
         rows = slice(first, first + _block(h))
         parts += [bias[rows], weight[rows].T.reshape(-1)]
-    rows = np.zeros((k + 1, padded(h)), np.float32)
+    rows = np.zeros((k + 1, _row(h)), np.float32)
     rows[0, :h], rows[1:, :h] = bias, weight.T
     return np.concatenate([*parts, np.zeros(_filling(h, k), np.float32), rows.reshape(-1)])
 
