@@ -273,6 +273,33 @@ def test_what_users_have_already():
     assert f"its own pass {own['ns'] * own['count'] / 1e6:.1f}" in PROSE
 
 
+def test_what_is_said_of_the_map_of_newtons_pass():
+    """How many times as fast: ``boxes`` without bounders, ``distance`` with them, ``cores`` with the cull on all cores."""
+    rows = [json.loads(line) for line in (RESULTS / "newton/newton.jsonl").read_text().splitlines()]
+    text = " ".join((ROOT / "docs/newton.md").read_text().split())
+
+    def times(*kinds, **wanted):
+        own = [row for row in rows if all(row[key] in values for key, values in wanted.items())]
+        return [1 / row["share"][kind] for kind in kinds for row in own]
+
+    many, near, one = {"particles": (50_000, 100_000), "meshes": (16, 64)}, (0.01, 0.05), {"meshes": (1,)}
+    fast, wide = times("distance", **many, gap=near), times("distance", **many, gap=(0.2,))
+    most = max(times("cores", **many, gap=near))
+    assert f"is {min(fast):.1f} to {max(fast):.1f} times as fast at gaps of 0.01 and 0.05 m" in text
+    assert f"(up to {most:.1f} with the cull on two), and {min(wide):.1f} to {max(wide):.1f} times at 0.2 m" in text
+    assert max(times("distance", particles=(10_000,), meshes=(1, 4))) < 1.49
+    assert min(times("distance", particles=(10_000,), meshes=(16, 64))) > 1.49
+    few = times("distance", particles=(1000,))
+    assert f"with 1,000 there is little to gain ({min(few):.1f} to {max(few):.2f})" in text
+    with_, without = (times(kind, particles=(100_000,), **one, gap=near) for kind in ("distance", "boxes"))
+    assert f"{with_[0]:.2f} and {with_[1]:.2f} against {without[0]:.2f} and {without[1]:.2f}" in text
+    small = times("boxes", "distance", particles=(1000,), **one)
+    assert f"it is {100 * (max(small) - 1):.0f} % faster to {100 * (1 - min(small)):.0f} % slower" in text
+    for kind, told in (("boxes", "0.3"), ("distance", "0.1")):
+        (row,) = (row for row in rows if (row["particles"], row["meshes"], row["gap"]) == (100_000, 64, 0.01))
+        assert f"{100 * row['left'][kind] / row['pairs']:.1f}" == told
+
+
 def field_ratios() -> tuple[list[float], list[float]]:
     """Of many meshes, at each contact gap: how many times as fast with a bounder of distances, and with the best one of points on one thread."""
     rows = json.loads((RESULTS / "demos/cloth.json").read_text())["field"]
