@@ -26,6 +26,7 @@ from warp_bounding.bounders.load import bounder_of
 from warp_bounding.errors import BounderError, FileFormatError, QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
+from warp_bounding.networks.inference import MlpSource
 from warp_bounding.proof.attest.statistics import fresh_seed
 from warp_bounding.proof.distances.prove import distance_shape
 from warp_bounding.proof.distances.soak import DISTANCE_FORMS, DistancePositives
@@ -281,7 +282,10 @@ def _digest(bounder: Bounder) -> str:
     """SHA-256 of the numbers that the kernels read, padded as in the first version, whose states can be continued."""
     domain, words = bounder.domain, bounder.words()
     header = np.concatenate([domain.header, [bounder.threshold], domain.extra]).astype(np.float32)
-    numbers = [np.pad(header, (0, -len(header) % ALIGNED)), np.asarray(bounder.weights(), dtype=np.float32), words]
+    weights, source = np.asarray(bounder.weights(), dtype=np.float32), bounder.source
+    if isinstance(source, MlpSource):
+        weights = source.narrow(weights)
+    numbers = [np.pad(header, (0, -len(header) % ALIGNED)), weights, words]
     sha = hashlib.sha256(f"{bounder.method}|{bounder.query_kind}|{domain.to_dict()}|".encode())
     sha.update(b"".join(part.tobytes() for part in numbers))
     return sha.hexdigest()
