@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import warp as wp
 
-from warp_bounding.networks import bound_text, polynomial_text
+from warp_bounding.networks import polynomial_text
 from warp_bounding.networks.bound_kernel import double_array
 from warp_bounding.networks.bound_source import BLOCK, NetworkShape, body, stored
 from warp_bounding.runtime.launch import launch_blocks
@@ -16,7 +16,6 @@ __all__ = ["bound_corners"]
 _STORE = """
 const long long o = i + l;
 for (int k = 0; k < 1 << C; ++k) corner_out.data[o * (1 << C) + k] = LANE(corner[k]);
-axes.data[o] = axis;
 """
 
 
@@ -25,7 +24,7 @@ def _kernel(shape: NetworkShape) -> wp.Kernel:
     name = named(unique_name(shape, "corners"))
     bounds = body(shape, "false", multilinear=True) + polynomial_text.CORNERS
 
-    @name.block_kernel(stored(shape, bounds, bound_text.AXIS + _STORE))
+    @name.block_kernel(stored(shape, bounds, _STORE))
     def corners_of_all(
         boxes: wp.array(dtype=wp.float64),
         count: int,
@@ -33,7 +32,6 @@ def _kernel(shape: NetworkShape) -> wp.Kernel:
         weights: wp.array(dtype=wp.float64),
         paddings: wp.array(dtype=wp.float64),
         corner_out: wp.array(dtype=wp.float64),
-        axes: wp.array(dtype=wp.int32),
     ): ...
 
     return corners_of_all
@@ -41,7 +39,7 @@ def _kernel(shape: NetworkShape) -> wp.Kernel:
 
 def bound_corners(
     shape: NetworkShape, weights: np.ndarray, padding: np.ndarray, lower: np.ndarray, upper: np.ndarray, device="cpu"
-) -> tuple[np.ndarray, np.ndarray]:
+) -> np.ndarray:
     """Numbers at the corners of boxes: f is at least what is multilinear between them, certified.
 
     Args:
@@ -53,18 +51,16 @@ def bound_corners(
         device: Warp device.
 
     Returns:
-        ``(N, 2^n)`` float64; the corner at place i is the upper one on axis k where bit k of i is set. And ``(N,)`` int32,
-        the axis along which halving a box should help most.
+        ``(N, 2^n)`` float64; the corner at place i is the upper one on axis k where bit k of i is set.
     """
     count, size = lower.shape
     device = wp.get_device(device)
     held = (np.concatenate([lower, upper], axis=1), weights, padding)
     held = [np.ascontiguousarray(each, dtype=np.float64) for each in held]
     corner = wp.empty(count << size, dtype=wp.float64, device=device)
-    axes = wp.empty(count, dtype=wp.int32, device=device)
     if count:
         boxes, *parameters = (double_array(each, device) for each in held)
         launch_blocks(
-            _kernel(shape), count, [boxes, count, 0, *parameters], [corner, axes], device, first_index=2, block=BLOCK
+            _kernel(shape), count, [boxes, count, 0, *parameters], [corner], device, first_index=2, block=BLOCK
         )
-    return corner.numpy().reshape(count, 1 << size), axes.numpy()
+    return corner.numpy().reshape(count, 1 << size)

@@ -106,7 +106,7 @@ class Network:
         """Lower bounds of f over boxes of its inputs, ``(N, n)`` float64 corners, by the fused kernel."""
         return bound_boxes(self.kernel_shape(), self.packed, np.array(self.padding), lower, upper)
 
-    def corners(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Multilinear bounds under f over boxes of its inputs, as ``bound_corners`` gives them."""
         return bound_corners(self.kernel_shape(), self.packed, np.array(self.padding), lower, upper)
 

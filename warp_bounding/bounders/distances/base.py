@@ -140,7 +140,7 @@ class DistanceBounder(AskingDistance):
     moving: ClassVar[bool] = False  # whether it has distances of shapes that move
     room: ClassVar[float] = 0.0  # of the longest side: by how much the domain reaches beyond the object
 
-    def corners(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Numbers at the corners of boxes: F is at most what is multilinear between them, certified.
 
         Args:
@@ -148,8 +148,7 @@ class DistanceBounder(AskingDistance):
             upper: ``(N, n)`` float64.
 
         Returns:
-            ``(N, 2^n)`` float64; the corner at place i is the upper one on axis k where bit k of i is set. And ``(N,)``, the axis along which a
-            box is best halved.
+            ``(N, 2^n)`` float64; the corner at place i is the upper one on axis k where bit k of i is set.
         """
         raise TypeError(f"{type(self).__name__} does not define corners")
 

@@ -240,7 +240,7 @@ class DistanceGrid(DistanceBounder):
             total += np.where(chosen, share, 1 - share).prod(axis=1) * values
         return total
 
-    def corners(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """See ``DistanceBounder``; boxes lie in one cell each."""
         origin, side, held = self._located((lower + upper) / 2)
         sides = [self._between(v, origin, side) for v in (lower, upper)]
@@ -250,7 +250,7 @@ class DistanceGrid(DistanceBounder):
                     low, high = held[i], held[i | 1 << k]
                     rise = high - low
                     held[i], held[i | 1 << k] = low + sides[0][:, k] * rise, low + sides[1][:, k] * rise
-        return np.stack(held, axis=1), np.argmax(upper - lower, axis=1)
+        return np.stack(held, axis=1)
 
     def pieces(self) -> tuple[np.ndarray, np.ndarray]:
         """Cells that are not refined, in array order, then the finer ones block by block."""

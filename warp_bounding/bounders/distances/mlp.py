@@ -243,11 +243,11 @@ class MlpDistance(DistanceBounder):
         # The sum rounds once; a relief is a whole number of up to 8 bits times a power of two.
         return error + 2 * UNIT32 * (self.network.largest + error + float(self.relief.max()))
 
-    def corners(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """See ``DistanceBounder``: the network's own multilinear bound (``Network.corners``), and the relief."""
-        values, axis = self._negative.corners(lower, upper)
+        values = self._negative.corners(lower, upper)
         relief = np.reshape(self._relief_in(lower, upper), (-1, 1))
-        return relief - values + RELIEF_ROUNDING * UNIT64 * (np.abs(values) + relief), axis
+        return relief - values + RELIEF_ROUNDING * UNIT64 * (np.abs(values) + relief)
 
     @property
     def steepness(self) -> float:
