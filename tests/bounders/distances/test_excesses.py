@@ -23,7 +23,7 @@ class Peaked:
 
     def corners(self, lower, upper):
         nearest = np.clip(self.place, lower, upper)
-        return np.tile(self.reference(nearest)[:, None], 2**self.ndim), np.argmax(upper - lower, axis=1)
+        return np.tile(self.reference(nearest)[:, None], 2**self.ndim)
 
     def pieces(self):
         limit = self.domain.limit.astype(np.float64)
@@ -55,6 +55,20 @@ def test_bars_rise_to_the_peak(peaked):
     assert PEAK - eps <= bars.met[0] <= PEAK
     raised = np.concatenate(bars.raised)
     assert excesses_at(bounder, shape, raised).max() == bars.met[0]
+
+
+def test_no_box_becomes_a_needle(peaked, monkeypatch):
+    """Along a needle the distance bends, and no halving across it mends that, however many there are."""
+    bounder, shape = peaked
+    corners, shares = Peaked.corners, []
+
+    def seen(self, lower, upper):
+        shares.append((upper - lower).max(axis=1) / (upper - lower).min(axis=1))
+        return corners(self, lower, upper)
+
+    monkeypatch.setattr(Peaked, "corners", seen)
+    excesses(bounder, shape, *bounder.pieces(), tolerance=5e-3, halvings=20)
+    assert np.concatenate(shares).max() <= max(2.0, shares[0].max()) * (1 + 1e-9)
 
 
 def test_points_that_samples_miss_are_found(peaked):
