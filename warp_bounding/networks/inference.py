@@ -169,15 +169,6 @@ class MlpSource(Source):
         starts = zip(self.places, self.layers, strict=False)
         return [(place + h * (k + 1) + _filling(h, k), _row(h)) for place, (k, h) in starts]
 
-    def narrow(self, numbers: np.ndarray) -> np.ndarray:
-        """The numbers with rows padded to ``EIGHT`` only, as in the first version, of which digests may be known."""
-        parts, end = [numbers[: self.places[0]]], self.places[0]
-        for place, (k, h), (rows, row) in zip(self.places, self.layers, self.neuron_rows, strict=False):
-            end = rows + row * (k + 1)
-            parts += [numbers[place : place + h * (k + 1)], np.zeros(-h * (k + 1) % EIGHT, np.float32)]
-            parts.append(numbers[rows:end].reshape(k + 1, row)[:, : padded(h)].reshape(-1))
-        return np.concatenate([*parts, numbers[end:]])
-
     def plain(self) -> wp.Function:
         return plain_network(self)
 

@@ -11,7 +11,6 @@ of ``CHUNK`` queries is always the same.
 """
 
 import contextlib
-import hashlib
 import json
 import time
 from collections.abc import Callable
@@ -22,11 +21,11 @@ import numpy as np
 
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.bounders.file_format import digest_of
 from warp_bounding.bounders.load import bounder_of
 from warp_bounding.errors import BounderError, FileFormatError, QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.networks.inference import MlpSource
 from warp_bounding.proof.attest.statistics import fresh_seed
 from warp_bounding.proof.distances.prove import distance_shape
 from warp_bounding.proof.distances.soak import DISTANCE_FORMS, DistancePositives
@@ -43,7 +42,7 @@ CYCLE = ("float32",) * 6 + ("float64", "placed")  # the forms of successive chun
 SAVED_EVERY = 2.0  # seconds between two writings of the state
 WORLDS = 8  # placements that are tried before it is concluded that the certificate covers none
 MOST_SEED = 2**63 - 1
-ALIGNED = 16  # numbers: ``_digest`` pads the domain's to a multiple of this
+STATE = 2  # version of the state file
 
 
 @dataclass
@@ -63,7 +62,7 @@ class Soak:
         missed_form: The form of that query.
         missed_world: Where the shape was placed, for a query in the world: ``xform`` (a matrix) and ``scale``.
         interrupted: Whether Ctrl-C ended the test.
-        bounder: SHA-256 of the numbers that the kernels read.
+        bounder: SHA-256 of its tensors, domain and threshold.
         indicator: SHA-256 of the cells.
 
     Example:
@@ -279,20 +278,19 @@ def _placement(
 
 
 def _digest(bounder: Bounder) -> str:
-    """SHA-256 of the numbers that the kernels read, padded as in the first version, whose states can be continued."""
-    domain, words = bounder.domain, bounder.words()
-    header = np.concatenate([domain.header, [bounder.threshold], domain.extra]).astype(np.float32)
-    weights, source = np.asarray(bounder.weights(), dtype=np.float32), bounder.source
-    if isinstance(source, MlpSource):
-        weights = source.narrow(weights)
-    numbers = [np.pad(header, (0, -len(header) % ALIGNED)), weights, words]
-    sha = hashlib.sha256(f"{bounder.method}|{bounder.query_kind}|{domain.to_dict()}|".encode())
-    sha.update(b"".join(part.tobytes() for part in numbers))
-    return sha.hexdigest()
+    """SHA-256 of what the answers depend on, as the bounder's file has it: tensors, domain, threshold."""
+    asked = {
+        "method": bounder.method,
+        "query": bounder.query_kind,
+        "sizes": bounder.sizes,
+        "domain": bounder.domain.to_dict(),
+        "threshold": float(bounder.threshold),
+    }
+    return digest_of(bounder.tensors, asked)
 
 
 def _save(result: Soak, state: str | Path) -> None:
-    write_whole(state, json.dumps({"soak": 1, **result.to_dict()}, allow_nan=False).encode())
+    write_whole(state, json.dumps({"soak": STATE, **result.to_dict()}, allow_nan=False).encode())
 
 
 def _resumed(fresh: Soak, seed: int | None, state: str | Path | None) -> Soak:
@@ -302,14 +300,19 @@ def _resumed(fresh: Soak, seed: int | None, state: str | Path | None) -> Soak:
         return fresh
     try:
         held = json.loads(Path(state).read_text())
-        if held.pop("soak") != 1:
-            raise ValueError("another version")
+        if (version := held.pop("soak")) != STATE:
+            raise FileFormatError(
+                f"{state}: the state of a soak of another version ({version!r}, this one is {STATE}); "
+                "give another file, or remove it"
+            )
         old = Soak(**held)
         numbers = (old.seed, old.done, old.chunks, *old.forms.values())
         if not all(type(v) is int and v >= 0 for v in numbers) or set(old.forms) != set(fresh.forms):
             raise ValueError("numbers")
         if sum(old.forms.values()) != old.done or not 0 <= float(old.seconds) < float("inf"):
             raise ValueError("numbers")
+    except FileFormatError:
+        raise
     except (ValueError, TypeError, KeyError, AttributeError, OSError, RecursionError) as error:
         raise FileFormatError(f"{state}: not the state of a soak test, or damaged") from error
     fresh.seed = old.seed if seed is None else seed
