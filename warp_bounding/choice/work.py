@@ -219,12 +219,9 @@ class Work:
         return False
 
     def tell(self, note: str) -> None:
-        """Say what is being done, and how much time is left."""
+        """Say what is being done, and how much of the budget is spent."""
         if self.update is not None:
-            left = max(self.spending.left, 0.0)
-            self.update(
-                min(self.spending.spent, self.spending.budget), self.spending.budget, f"{left:.0f} s left, {note}"
-            )
+            self.update(min(self.spending.spent, self.spending.budget), self.spending.budget, note)
 
     def _options_of(self, candidate: Candidate) -> dict:
         """Of its fit; a distance is of the shape alone."""
