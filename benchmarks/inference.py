@@ -71,7 +71,7 @@ def in_kernel(bounder, points: wp.array, out: wp.array):
         if wp.static(bounder.func)(data, q[i]):
             out[i] = wp.uint8(1)
 
-    return lambda: wp.launch(ask, dim=len(points), inputs=[bounder.data, points], outputs=[out], device="cpu")
+    return lambda: wp.launch(ask, dim=len(points), inputs=[bounder.data, points], outputs=[out], device=out.device)
 
 
 def ours(bounder, points: wp.array, out: wp.array) -> dict:

@@ -6,6 +6,8 @@ within the margin, which is exact. Rays: against Warp's rays, its tree, and trim
 In each round every contestant of a group is timed once, in turn, after a pause; ratios are taken within a round, and the median is told. A network's work is its multiply-adds: how many, and what they would take at
 the rate of torch's product of large float32 matrices on the same cores, in the same rounds; no floor, since a batch in lanes is faster than that. Sines come on top. Where Embree is missing
 (``pip install embreex``) its row is.
+
+``--device cuda:0`` asks the same of a GPU: torch there too, without rows of one core. Every time is one of a call that is waited for.
 """
 
 import argparse
@@ -20,7 +22,7 @@ import trimesh
 import warp as wp
 from inference import CHUNKS, chunked, in_kernel, network
 from shared.kept_rows import KeptRows
-from shared.racing import race
+from shared.racing import clock, race
 
 import warp_bounding as wb
 from sims.assets import asset_mesh, surface
@@ -33,7 +35,7 @@ NETWORKS = ((24, 24), (50, 50))
 LEAVES = (64, 256)
 ONE_CORE = "one core"
 PAUSE = 0.02  # seconds; torch's threads wait busily after their work, and would be in the way of the next one
-PRODUCT = 1024  # rows and columns of the matrices whose product is the rate of multiply-adds
+PRODUCT, PRODUCT_OF_GPU = 1024, 8192  # rows and columns of the matrices whose product is the rate of multiply-adds
 Calls = dict[str, Callable]
 
 
@@ -85,48 +87,62 @@ def tree_of(bounder: wb.Bounder) -> wp.Bvh:
     past = bounder.tensors["past"].astype(np.int64)
     leaf = past == np.arange(len(past)) + 1
     corners = [bounder.domain.base.to_object(bounder.tensors[name][leaf]) for name in ("low", "high")]
-    return wp.Bvh(*(wp.array(x.astype(np.float32), dtype=wp.vec3, device="cpu") for x in corners))
+    return wp.Bvh(*(wp.array(x.astype(np.float32), dtype=wp.vec3, device=bounder.device) for x in corners))
 
 
 def of_all_cores(kernel: wp.Kernel, count: int, inputs: list, out: wp.array) -> Callable:
-    """A launch of a kernel on all cores."""
-    return lambda: wb.launch_on_cores(kernel, count, inputs, [out], "cpu")
+    """A launch of a kernel on all cores of the device."""
+    return lambda: wb.launch_on_cores(kernel, count, inputs, [out], out.device)
 
 
-def rate() -> tuple[Callable, int]:
+def rate(device: str) -> tuple[Callable, int]:
     """A product of matrices, and its multiply-adds."""
-    a, b = torch.rand(PRODUCT, PRODUCT), torch.rand(PRODUCT, PRODUCT)
-    return (lambda: torch.mm(a, b)), PRODUCT**3
+    size = PRODUCT if device == "cpu" else PRODUCT_OF_GPU
+    a, b = torch.rand(size, size, device=device), torch.rand(size, size, device=device)
+    return (lambda: torch.mm(a, b)), size**3
 
 
-def points(count: int) -> tuple[Calls, dict[str, dict]]:
+def waited_for(device: str) -> Callable:
+    """A measure of ``race``: seconds of a call until the device has done all of it."""
+
+    def measure(function: Callable) -> tuple[float, float]:
+        wp.synchronize_device(device)
+        return clock(lambda: (function(), wp.synchronize_device(device)))
+
+    return measure
+
+
+def points(count: int, device: str) -> tuple[Calls, dict[str, dict]]:
     """Contestants, and what is known of them."""
     mesh = asset_mesh("bunny").dilated(MARGIN)
     low, high = mesh.sample_lower, mesh.sample_upper
     x = np.random.default_rng(0).uniform(low, high, (count, 3)).astype(np.float32)
-    array, tensor = wp.array(x, dtype=wp.vec3, device="cpu"), torch.from_numpy(x)
+    array, tensor = wp.array(x, dtype=wp.vec3, device=device), torch.from_numpy(x).to(device)
     calls, known = {}, {}
     for widths in NETWORKS:
         label = "mlp " + "-".join(map(str, widths))
+        function = f"{label}, function, {ONE_CORE}" if device == "cpu" else f"{label}, function"
         # random weights, which take as long as any; the domain holds all points, so that each is asked
         bounder, module = network(Domain.of(wb.solids.Box(low, high)), "sin", widths)
+        bounder, module = bounder.to(device), module.to(device)
         sizes = (3, *widths, 1)
         adds = sum(a * b for a, b in pairwise(sizes))
-        best = min(CHUNKS, key=lambda size: min(np.median(race({"": chunked(module, tensor, size)}, 3)[""], axis=0)))
-        out = wp.empty(count, dtype=wp.uint8, device="cpu")
+        sizes_of_chunks = CHUNKS if device == "cpu" else (count,)
+        best = min(sizes_of_chunks, key=lambda size: np.median(race({"": chunked(module, tensor, size)}, 3)[""][:, 0]))
+        out = wp.empty(count, dtype=wp.uint8, device=device)
         calls[label] = bounder.prepare(array, out=out).launch
         calls[f"{label}, candidates"] = bounder.prepare(array, candidates=True).launch
-        calls[f"{label}, function, {ONE_CORE}"] = in_kernel(bounder, array, out)
+        calls[function] = in_kernel(bounder, array, out)
         calls[f"{label}, torch"] = chunked(module, tensor, best)
-        for name in (label, f"{label}, function, {ONE_CORE}", f"{label}, candidates"):
+        for name in (label, function, f"{label}, candidates"):
             known[name] = {"of": label, "multiply_adds": adds, "one_core": ONE_CORE in name}
         known[f"{label}, torch"] = {"of": label, "chunk": best}
     for leaves in LEAVES:
         bounder, out = (
-            wb.fit(asset_mesh("bunny"), method="bvh", leaves=leaves, margin=MARGIN, device="cpu"),
-            wp.empty(count, dtype=wp.uint8, device="cpu"),
+            wb.fit(asset_mesh("bunny"), method="bvh", leaves=leaves, margin=MARGIN, device=device),
+            wp.empty(count, dtype=wp.uint8, device=device),
         )
-        tree, own, label = tree_of(bounder), wp.empty(count, dtype=wp.uint8, device="cpu"), f"bvh {leaves}"
+        tree, own, label = tree_of(bounder), wp.empty(count, dtype=wp.uint8, device=device), f"bvh {leaves}"
         calls[label] = bounder.prepare(array, out=out).launch
         calls[f"{label}, wp.Bvh of the same boxes"] = of_all_cores(_in_boxes, count, [tree.id, array], own)
         known[label] = known[f"{label}, wp.Bvh of the same boxes"] = {"of": label}
@@ -134,10 +150,10 @@ def points(count: int) -> tuple[Calls, dict[str, dict]]:
         assert (out.numpy() != own.numpy()).mean() < 1e-4, "the trees differ"  # by more than by how corners are rounded
         known[label] = {"of": label, "tree": tree}
     for label, method, options in (("kdop", "kdop", {}), ("voxels 32", "voxels", {"resolution": 32})):
-        bounder = wb.fit(asset_mesh("bunny"), method=method, margin=MARGIN, device="cpu", **options)
+        bounder = wb.fit(asset_mesh("bunny"), method=method, margin=MARGIN, device=device, **options)
         calls[label], known[label] = bounder.prepare(array).launch, {"of": label}
     plain = asset_mesh("bunny")
-    triangles, out = surface(plain.vertices, plain.faces, "cpu"), wp.empty(count, dtype=wp.uint8, device="cpu")
+    triangles, out = surface(plain.vertices, plain.faces, device), wp.empty(count, dtype=wp.uint8, device=device)
     label = "wp.mesh_query_point, exact"
     calls[label], known[label] = (
         of_all_cores(_near_mesh, count, [triangles.id, MARGIN, array], out),
@@ -146,7 +162,7 @@ def points(count: int) -> tuple[Calls, dict[str, dict]]:
     return calls, known
 
 
-def rays(count: int) -> tuple[Calls, dict[str, dict]]:
+def rays(count: int, device: str) -> tuple[Calls, dict[str, dict]]:
     """Contestants, and what is known of them."""
     mesh = asset_mesh("bunny")
     rng, low, high = np.random.default_rng(1), mesh.sample_lower, mesh.sample_upper
@@ -154,7 +170,7 @@ def rays(count: int) -> tuple[Calls, dict[str, dict]]:
     x = np.concatenate([rng.uniform(low, high, (count, 3)), way / np.linalg.norm(way, axis=1)[:, None]], axis=1).astype(
         np.float32
     )
-    array = wp.array(x, dtype=wp.float32, device="cpu")
+    array = wp.array(x, dtype=wp.float32, device=device)
     calls, known = {}, {}
     for label, method, options in (
         ("kdop", "kdop", {}),
@@ -163,26 +179,26 @@ def rays(count: int) -> tuple[Calls, dict[str, dict]]:
         ("mlp 50-50", "mlp", {"hidden": (50, 50), "steps": 20}),
     ):
         bounder, out = (
-            wb.fit(mesh, "ray", method, length=LENGTH, resolution=32, device="cpu", progress=False, **options),
-            wp.empty(count, dtype=wp.uint8, device="cpu"),
+            wb.fit(mesh, "ray", method, length=LENGTH, resolution=32, device=device, progress=False, **options),
+            wp.empty(count, dtype=wp.uint8, device=device),
         )
         calls[label], known[label] = bounder.prepare(array, out=out).launch, {"of": label}
         if method == "bvh":
             tree, name = tree_of(bounder), f"{label}, wp.Bvh of the same boxes"
             calls[name], known[name] = (
                 of_all_cores(
-                    _ray_in_boxes, count, [tree.id, LENGTH, array], wp.empty(count, dtype=wp.uint8, device="cpu")
+                    _ray_in_boxes, count, [tree.id, LENGTH, array], wp.empty(count, dtype=wp.uint8, device=device)
                 ),
                 {"of": label, "tree": tree},
             )
-    triangles = surface(mesh.vertices, mesh.faces, "cpu")
+    triangles = surface(mesh.vertices, mesh.faces, device)
     label = "wp.mesh_query_ray_anyhit, exact"
     calls[label] = of_all_cores(
-        _ray_on_mesh, count, [triangles.id, LENGTH, array], wp.empty(count, dtype=wp.uint8, device="cpu")
+        _ray_on_mesh, count, [triangles.id, LENGTH, array], wp.empty(count, dtype=wp.uint8, device=device)
     )
     known[label] = {"of": "bvh 64", "tree": triangles}
     embree = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).ray
-    if "embree" in type(embree).__module__:
+    if device == "cpu" and "embree" in type(embree).__module__:
         label = f"trimesh with Embree, exact, {ONE_CORE}"
         calls[label], known[label] = (
             lambda: embree.intersects_any(x[:, :3], x[:, 3:]),
@@ -191,8 +207,8 @@ def rays(count: int) -> tuple[Calls, dict[str, dict]]:
     return calls, known
 
 
-def pairs() -> tuple[Calls, dict[str, dict], int]:
-    """Newton's contact pass without and with a cull, and the cull alone; one thread."""
+def pairs(device: str) -> tuple[Calls, dict[str, dict], int]:
+    """Newton's contact pass without and with a cull, and the cull alone; one thread of a CPU."""
     import newton
 
     from sims.cloth.field import GAPS, Field
@@ -206,7 +222,7 @@ def pairs() -> tuple[Calls, dict[str, dict], int]:
             {name: dilated(name) for name in SHAPES},
             {name: SPECS[name] for name in ("aabb", "mlp", "distance")},
             scenes="cloth-",
-            device="cpu",
+            device=device,
         ),
     )
     pipeline = newton.CollisionPipeline(field.model, soft_contact_gap=min(GAPS))
@@ -230,10 +246,11 @@ def pairs() -> tuple[Calls, dict[str, dict], int]:
     return calls, known, len(pipeline.soft_rigid_contact_pairs)
 
 
-def measured(group: str, calls: Calls, known: dict[str, dict], count: int, rounds: int) -> list[dict]:
+def measured(group: str, calls: Calls, known: dict[str, dict], count: int, rounds: int, device: str) -> list[dict]:
     """Rows of a group."""
-    product, adds = rate()
-    times = {name: found[:, 0] for name, found in race(calls | {"": product}, rounds, pause=PAUSE).items()}
+    product, adds = rate(device)
+    found = race(calls | {"": product}, rounds, waited_for(device), PAUSE)
+    times = {name: of_all[:, 0] for name, of_all in found.items()}
     rows = []
     for name, about in known.items():
         row = {
@@ -241,6 +258,7 @@ def measured(group: str, calls: Calls, known: dict[str, dict], count: int, round
             "contestant": name,
             "of": about["of"],
             "count": count,
+            "device": device,
             "ns": 1e9 * float(np.median(times[name])) / count,
         }
         row["times"] = float(np.median(times[name] / times[about["of"]]))
@@ -252,14 +270,15 @@ def measured(group: str, calls: Calls, known: dict[str, dict], count: int, round
     return rows
 
 
-def page(kept: KeptRows, command: str) -> str:
+def page(kept: KeptRows, command: str, device: str) -> str:
     """The page, in Markdown."""
+    gpu = "" if device == "cpu" else f" Device {wp.get_device(device).name}."
     lines = [
         "# What is asked most, beside what users have already",
         "",
         f"`{command}`",
         "",
-        f"{kept.about}. {trimesh.__name__} {trimesh.__version__}, torch {torch.__version__}.",
+        f"{kept.about}. {trimesh.__name__} {trimesh.__version__}, torch {torch.__version__}.{gpu}",
         "",
     ]
     lines += [line.strip() for line in __doc__.strip().splitlines()[2:]]
@@ -286,21 +305,23 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("results/speed/rivals"))
     parser.add_argument("--count", type=int, default=1_000_000)
     parser.add_argument("--rounds", type=int, default=15)
+    parser.add_argument("--device", default="cpu")
     options = parser.parse_args()
     wp.config.quiet = True
     torch.set_num_threads(cpu_threads())
     torch.set_grad_enabled(False)
     kept = KeptRows(options.out, "rivals")
     groups = {
-        "points": lambda: (*points(options.count), options.count),
-        "rays": lambda: (*rays(options.count), options.count),
-        "pairs of Newton": pairs,
+        "points": lambda: (*points(options.count, options.device), options.count),
+        "rays": lambda: (*rays(options.count, options.device), options.count),
     }
+    if options.device == "cpu":
+        groups["pairs of Newton"] = lambda: pairs(options.device)
     for group, made in groups.items():
         if not kept.have(group=group):
-            for row in measured(group, *made(), options.rounds):
+            for row in measured(group, *made(), options.rounds, options.device):
                 kept.add(row)
-    kept.write(page(kept, "python benchmarks/rivals.py --out results/speed/rivals"))
+    kept.write(page(kept, f"python benchmarks/rivals.py {' '.join(sys.argv[1:])}", options.device))
     return 0
 
 
