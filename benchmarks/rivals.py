@@ -258,7 +258,7 @@ def measured(group: str, calls: Calls, known: dict[str, dict], count: int, round
             "contestant": name,
             "of": about["of"],
             "count": count,
-            "device": device,
+            "device": "cpu" if device == "cpu" else wp.get_device(device).name,
             "ns": 1e9 * float(np.median(times[name])) / count,
         }
         row["times"] = float(np.median(times[name] / times[about["of"]]))
@@ -270,15 +270,19 @@ def measured(group: str, calls: Calls, known: dict[str, dict], count: int, round
     return rows
 
 
-def page(kept: KeptRows, command: str, device: str) -> str:
+def _digits(ns: float) -> str:
+    return f"{ns:.2f}" if ns >= 1.0 else f"{ns:.3f}"
+
+
+def page(kept: KeptRows, command: str) -> str:
     """The page, in Markdown."""
-    gpu = "" if device == "cpu" else f" Device {wp.get_device(device).name}."
+    devices = dict.fromkeys(row.get("device", "cpu") for row in kept.rows)
     lines = [
         "# What is asked most, beside what users have already",
         "",
         f"`{command}`",
         "",
-        f"{kept.about}. {trimesh.__name__} {trimesh.__version__}, torch {torch.__version__}.{gpu}",
+        f"{kept.about}. {trimesh.__name__} {trimesh.__version__}, torch {torch.__version__}. On {', '.join(devices)}.",
         "",
     ]
     lines += [line.strip() for line in __doc__.strip().splitlines()[2:]]
@@ -294,8 +298,8 @@ def page(kept: KeptRows, command: str, device: str) -> str:
             "|---|---|---|---|---|---|",
         ]
         for row in rows:
-            floor = f"{row['multiply_adds']:,} | {row['product_ns']:.2f}" if "product_ns" in row else " | "
-            lines.append(f"| {row['contestant']} | {row['ns']:.2f} | {row['times']:.2f} | {row['of']} | {floor} |")
+            floor = f"{row['multiply_adds']:,} | {_digits(row['product_ns'])}" if "product_ns" in row else " | "
+            lines.append(f"| {row['contestant']} | {_digits(row['ns'])} | {row['times']:.2f} | {row['of']} | {floor} |")
     return "\n".join(lines) + "\n"
 
 
@@ -321,7 +325,7 @@ def main() -> int:
         if not kept.have(group=group):
             for row in measured(group, *made(), options.rounds, options.device):
                 kept.add(row)
-    kept.write(page(kept, f"python benchmarks/rivals.py {' '.join(sys.argv[1:])}", options.device))
+    kept.write(page(kept, f"python benchmarks/rivals.py {' '.join(sys.argv[1:])}"))
     return 0
 
 

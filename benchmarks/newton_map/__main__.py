@@ -179,7 +179,8 @@ def page(kept: KeptRows, command: str) -> str:
     lines = ["# When a cull of Newton's particle-shape pass pays", "", f"`{command}`", ""]
     lines += [f"{kept.about}; Newton {newtons}; on {devices}{'; ' + notes if notes else ''}.", ""]
     lines += [__doc__.split("\n\n")[1].replace("\n", " "), ""]
-    lines += ["![How many times as fast, by particles, meshes and contact gap](map.png)", ""]
+    if _is_map(kept):
+        lines += ["![How many times as fast, by particles, meshes and contact gap](map.png)", ""]
     ways = [way for way in WAYS if any(way in row["share"] for row in kept.rows)]
     lines += [
         "*Left*: the share of the pairs that Newton's pass still goes through. *Times as fast*: time without / time with, the cull's own time included; under 1 it loses.",
@@ -199,6 +200,11 @@ def page(kept: KeptRows, command: str) -> str:
         cells += [_bold(1 / row["share"][way]) if way in row["share"] else "–" for way in ways]
         lines.append("| " + " | ".join(map(str, cells)) + " |")
     return "\n".join(lines) + "\n"
+
+
+def _is_map(kept: KeptRows) -> bool:
+    """Whether there is more than a line of cells to draw."""
+    return len({(row["meshes"], row["gap"]) for row in kept.rows}) > 1
 
 
 def _bold(times: float) -> str:
@@ -252,8 +258,10 @@ def main() -> None:
         )
     if not kept.rows:
         sys.exit(f"newton_map: there are no rows in {options.out}; run it without --page")
-    kept.write(page(kept, " ".join(["python", "benchmarks/newton_map", "--out", str(options.out)])))
-    drawn(kept, options.out / "map.png")
+    told = [word for word in sys.argv[1:] if word != "--page"]
+    kept.write(page(kept, " ".join(["python", "benchmarks/newton_map", *told])))
+    if _is_map(kept):
+        drawn(kept, options.out / "map.png")
 
 
 if __name__ == "__main__":

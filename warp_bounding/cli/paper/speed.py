@@ -150,6 +150,6 @@ class _Reporter(Reporter):
 
         write_outputs(self._folder, pictures=False)
         self.say(
-            f"{self.done} {row.column.name} {row.object} {row.device}: {row.variant.label}: {row.ns:.1f} ns a query, "
+            f"{self.done} {row.column.name} {row.object} {row.device}: {row.variant.label}: {row.ns:.3g} ns a query, "
             f"{row.ratio:.3f} times as long as {row.reference}, {row.fp_rate:.2f} % false positives"
         )

@@ -29,6 +29,7 @@ from warp_bounding.runtime.whole_file import write_whole
 __all__ = ["page", "summary", "write_outputs"]
 
 PICTURE = "early_out"
+FEW = 3.0  # milliseconds: below, two digits are shown that count
 SMALL = 0.1  # a ratio below is shown with three decimals
 
 
@@ -159,7 +160,7 @@ def _table_2(on: OnDevice) -> list[str]:
         if cell is None:
             continue
         ms = paper_ms(variant.method, TABLE_2) if variant.is_papers(TABLE_2) else None
-        texts = (f"{cell.ms:.1f}", f"{cell.billions:.3f}", f"{cell.ratio:.3f}", f"{cell.fp_rate:.2f}")
+        texts = (_ms(cell.ms, 1), f"{cell.billions:.3f}", f"{cell.ratio:.3f}", f"{cell.fp_rate:.2f}")
         theirs = (None, None, None, None)
         if ms is not None:
             theirs = (f"{ms:g}", f"{QUERIES / ms / 1e6:.2f}", f"{ms / whole:.3f}", f"{variant.paper(TABLE_2):g}")
@@ -183,7 +184,7 @@ def _price(even: BreakEven) -> str:
         return "always"
     if even.never:
         return "never"
-    return f"{even.least:.1f}" if math.isinf(even.most) else f"below {even.most:.1f}"
+    return _ms(even.least, 1) if math.isinf(even.most) else f"below {_ms(even.most, 1)}"
 
 
 def _factor(even: BreakEven) -> str:
@@ -192,6 +193,11 @@ def _factor(even: BreakEven) -> str:
 
 def _times(ratio: float) -> str:
     return f"{ratio:.2f}" if ratio >= SMALL else f"{ratio:.3f}"
+
+
+def _ms(ms: float, digits: int = 0) -> str:
+    """With so many digits behind the point; a GPU's fractions of a millisecond with more."""
+    return f"{ms:.{digits}f}" if ms >= FEW else f"{ms:.2g}"
 
 
 def _every(on: OnDevice, *, relative: bool) -> list[str]:
@@ -203,7 +209,7 @@ def _every(on: OnDevice, *, relative: bool) -> list[str]:
             if cell is None:
                 cells.append(NOT_YET if variant.space_in(column) else NO_METHOD)
                 continue
-            text, ms = _times(cell.ratio) if relative else f"{cell.ms:.0f}", None
+            text, ms = _times(cell.ratio) if relative else _ms(cell.ms), None
             if variant.is_papers(column):
                 ms = paper_ms(variant.method, column)
             theirs = (
