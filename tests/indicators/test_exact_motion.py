@@ -12,6 +12,7 @@ from exact_mesh import NAMES, hard_points, in_tetrahedron, mesh_case, squared_di
 
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators import IndicatorMesh, IndicatorMotion, load_indicator
+from warp_bounding.indicators.half_spaces import HalfSpaces
 from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
 
 
@@ -75,6 +76,12 @@ def _moments(motion: IndicatorMotion, margin: float, rng, count: int) -> np.ndar
     return np.concatenate(found)
 
 
+def _linear(known: HalfSpaces, i: int, x: np.ndarray) -> Fraction:
+    """The linear function of box i at a point, exactly."""
+    terms = zip(known.slope[i].tolist(), x.tolist(), known.center[i].tolist(), strict=True)
+    return Fraction(known.level[i]) + sum(Fraction(s) * (Fraction(p) - Fraction(c)) for s, p, c in terms)
+
+
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("margin", [0.0, 0.125, 0.7])
 @pytest.mark.parametrize("wild", [False, True])
@@ -96,6 +103,9 @@ def test_points_and_boxes(rng, name, margin, wild):
         empty, inside = (f(points - below, points + above) for f in (motion.empty, motion.inside))
         assert not (empty & (exact | rounded)).any()
         assert not (inside & ~(exact & rounded)).any()
+        known = motion.half_spaces(points - below, points + above)
+        assert (known.empty == empty).all()
+        assert all(_linear(known, i, points[i]) >= 0 for i in np.flatnonzero(exact | rounded))
     empty, inside = (f(points, points) for f in (motion.empty, motion.inside))
     assert not (empty & (answer != OUT)).any()
     assert not (inside & (answer == OUT)).any()
@@ -316,3 +326,37 @@ def test_cells_hold_the_object(rng, margin):
     x = rng.uniform(dilated.sample_lower, dilated.sample_upper, (20_000, 4))
     x[:, 0] = rng.uniform(grid.lower[0], grid.upper[0], len(x))
     assert grid.contains(x[dilated.decide(x) == IN]).all()
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.03])
+@pytest.mark.parametrize("name", [*SOLIDS, "open"])
+def test_half_spaces_hold_the_object_in_their_boxes(rng, name, margin):
+    solid = SOLIDS["icosphere" if name == "open" else name]()
+    faces = solid.faces[: len(solid.faces) // 2] if name == "open" else solid.faces
+    motion = IndicatorMotion(_turning(solid), faces, times=[-1, 0.5, 1, 1.25, 4]).dilated(margin)
+    assert name == "open" or not motion.restriction
+    # around points near the faces, in boxes that reach over keyframes and past the ends of time
+    times = rng.uniform(-1, 4, 12)
+    border = [
+        np.insert(motion.vertices_at(t)[rng.integers(len(solid.vertices), size=400)], 0, t, axis=1) for t in times
+    ]
+    border = np.concatenate(border)
+    size = 10.0 ** rng.uniform(-3, -0.3, (len(border), 1)) * [2, 1, 1, 1]
+    low, high = border - size * rng.random(border.shape), border + size * rng.random(border.shape)
+    known = motion.half_spaces(low, high)
+    assert (known.empty == motion.empty(low, high)).all()
+    assert set(known.axis.tolist()) <= {0, 1, 2, 3}
+    found = known.slope.any(axis=1) & ~known.empty
+    over = np.searchsorted(motion.times, low[:, 0]) < np.searchsorted(motion.times, high[:, 0])
+    assert (found & over).sum() > 100
+    assert found.mean() > 0.2
+    cut = held = 0
+    for _ in range(20):
+        share = rng.random(border.shape)
+        x = np.where(rng.random(border.shape) < 0.3, np.where(share < 0.5, low, high), low + share * (high - low))
+        x = x.clip(low, high)
+        value, there = known.level + (known.slope * (x - known.center)).sum(axis=1), motion.decide(x) == IN
+        assert (value[there & ~known.empty] >= 0).all()
+        cut, held = cut + (value[found] < 0).sum(), held + there[found].sum()
+    assert cut > 1000
+    assert held > 1000 or (name == "open" and margin == 0)

@@ -30,6 +30,7 @@ import numpy as np
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.closed_parts import Surface, surface_of
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.half_spaces import HalfSpaces
 from warp_bounding.indicators.limits import cells_around, cells_per_unit, checked_margin, checked_resolution
 from warp_bounding.indicators.mesh import LANDMARK, check_faces
 from warp_bounding.indicators.moving.places import corner_places, random_places
@@ -188,6 +189,9 @@ class IndicatorMotion(Shape):
     def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Certified: which closed boxes of time and space lie in the object whole; see ``Shape``."""
         return self._dilated_solid.inside(lower, upper)
+
+    def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces:
+        return self._dilated_solid.half_spaces(lower, upper)
 
     def distance(self, x: np.ndarray) -> np.ndarray:
         return self.distances(x)[:, 0]

@@ -10,7 +10,7 @@ from warp_bounding.indicators.triangles.answers import LIMIT, OUTWARD, half_of, 
 from warp_bounding.indicators.triangles.arithmetic import largest
 from warp_bounding.indicators.triangles.sides import ENCLOSED, OUTSIDE
 
-__all__ = ["Motion", "decide_moments", "find_empty_spans", "find_inside_spans"]
+__all__ = ["Motion", "decide_moments", "find_empty_spans", "find_inside_spans", "is_empty", "key_at", "place_of"]
 
 _LIMIT = wp.constant(wp.float64(LIMIT))
 _OUTWARD = wp.constant(wp.float64(OUTWARD))
@@ -34,12 +34,13 @@ class Motion:
 
 
 @wp.func
-def _place(x: wp.vec4d) -> wp.vec3d:
+def place_of(x: wp.vec4d) -> wp.vec3d:
+    """All but the time."""
     return wp.vec3d(x[1], x[2], x[3])
 
 
 @wp.func
-def _key_at(times: wp.array(dtype=wp.float64), time: wp.float64) -> int:
+def key_at(times: wp.array(dtype=wp.float64), time: wp.float64) -> int:
     """The last keyframe but one, or the last one before that which is not after a time."""
     low, high = wp.int32(0), times.shape[0] - 1
     while high - low > 1:
@@ -56,10 +57,10 @@ def _point(m: Motion, x: wp.vec4d) -> int:
     for k in range(4):
         if not (x[k] >= m.lower[k] and x[k] <= m.upper[k]):  # NaN is nowhere
             return _OUT
-    place, zero = _place(x), wp.vec3d()
+    place, zero = place_of(x), wp.vec3d()
     if not largest(place) < _LIMIT:
         return _UNDECIDED
-    span = span_between(m.faces.times, _key_at(m.faces.times, x[0]), x[0], x[0])
+    span = span_between(m.faces.times, key_at(m.faces.times, x[0]), x[0], x[0])
     if moving_box_is_free(m.faces, span, place, zero, m.reach):
         side = side_in(m.closed, m.pieces, span, place)
         if side == _OUTSIDE:
@@ -90,20 +91,21 @@ def decide_moments(
 
 
 @wp.func
-def _empty(m: Motion, lower: wp.vec4d, upper: wp.vec4d) -> bool:
+def is_empty(m: Motion, lower: wp.vec4d, upper: wp.vec4d) -> bool:
+    """Is it certain that a closed box of time and space holds no point of the object?"""
     for k in range(4):
         if not lower[k] <= upper[k]:
             return False
     for k in range(4):
         if upper[k] < m.lower[k] or lower[k] > m.upper[k]:
             return True
-    low, high = _place(lower), _place(upper)
+    low, high = place_of(lower), place_of(upper)
     if not is_box(low, high):
         return False
     begin, end = wp.max(lower[0], m.lower[0]), wp.min(upper[0], m.upper[0])
     centre = low * _HALF + high * _HALF
     half = half_of(low, high, centre)
-    key = _key_at(m.faces.times, begin)
+    key = key_at(m.faces.times, begin)
     while key < m.faces.times.shape[0] - 1 and m.faces.times[key] <= end:
         span = span_between(m.faces.times, key, begin, end)
         if not moving_box_is_free(m.faces, span, centre, half, m.reach):
@@ -126,19 +128,19 @@ def find_empty_spans(
 ):
     """Is it certain that a closed box of time and space holds no point of the object?"""
     i = first + wp.tid()
-    answers[i] = wp.uint8(_empty(m, lower[i], upper[i]))
+    answers[i] = wp.uint8(is_empty(m, lower[i], upper[i]))
 
 
 @wp.func
 def _inside(m: Motion, lower: wp.vec4d, upper: wp.vec4d) -> bool:
-    low, high = _place(lower), _place(upper)
+    low, high = place_of(lower), place_of(upper)
     begin, end = lower[0], upper[0]
     if not (is_box(low, high) and begin <= end and begin >= m.lower[0] and end <= m.upper[0]):
         return False
     centre = low * _HALF + high * _HALF
     half = half_of(low, high, centre)
     radius = wp.length(half) * _OUTWARD
-    key = _key_at(m.faces.times, begin)
+    key = key_at(m.faces.times, begin)
     while key < m.faces.times.shape[0] - 1 and m.faces.times[key] <= end:
         span = span_between(m.faces.times, key, begin, end)
         if not moving_holds(m.faces, span, centre, radius, m.hold):

@@ -8,8 +8,10 @@ from functools import cached_property
 import numpy as np
 import warp as wp
 
+from warp_bounding.indicators.half_spaces import HalfSpaces
 from warp_bounding.indicators.moving.answers import Motion, decide_moments, find_empty_spans, find_inside_spans
 from warp_bounding.indicators.moving.excess import CornersThen, find_excesses_then
+from warp_bounding.indicators.moving.half_spaces import find_half_spaces_then
 from warp_bounding.indicators.moving.hierarchy import MovingTriangles
 from warp_bounding.indicators.moving.points import find_distances_then
 from warp_bounding.indicators.moving.sides import MovingSides
@@ -96,6 +98,23 @@ class DilatedMovingSolid(AskedSolid):
             out = wp.array(found, dtype=wp.vec2d, device="cpu", copy=False)
             launch_on_cores(find_distances_then, len(x), inputs, [out], "cpu")
         return found
+
+    def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces:
+        """See ``Shape.half_spaces``."""
+        lower, upper = (np.ascontiguousarray(side, dtype=np.float64) for side in (lower, upper))
+        count = len(lower)
+        level, slope, loss = np.empty(count), np.empty((count, 4)), np.empty(count)
+        empty, axis = np.empty(count, dtype=np.uint8), np.empty(count, dtype=np.int32)
+        if count:
+            self._know(lower, upper)
+            boxes = [wp.array(side, dtype=wp.vec4d, device="cpu", copy=False) for side in (lower, upper)]
+            types = {"empty": wp.uint8, "level": wp.float64, "slope": wp.vec4d, "axis": wp.int32, "loss": wp.float64}
+            made = [
+                wp.array(out, dtype=dtype, device="cpu", copy=False)
+                for out, dtype in zip((empty, level, slope, axis, loss), types.values(), strict=True)
+            ]
+            launch_on_cores(find_half_spaces_then, count, [self._struct, *boxes], made, "cpu")
+        return HalfSpaces(empty.view(bool), lower * 0.5 + upper * 0.5, level, slope, axis, loss)
 
     def excess(
         self,

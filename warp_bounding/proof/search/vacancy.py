@@ -90,10 +90,8 @@ class ShapePositives(Positives):
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """See ``Positives``; flat boxes are halved along their longest side."""
-        bounds, side = self.bounder.bound(lower, upper), upper - lower
-        longest, row = side.argmax(axis=1), np.arange(len(side))
-        flat = side[row, longest] > LONGEST_TO_SPLIT * side[row, bounds.axis]
-        return bounds._replace(axis=np.where(flat, longest, bounds.axis), next_axis=None)
+        bounds = self.bounder.bound(lower, upper)
+        return bounds._replace(axis=_unless_flat(upper - lower, bounds.axis), next_axis=None)
 
     def vacant(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """See ``Positives``."""
@@ -107,7 +105,8 @@ class ShapePositives(Positives):
             least = np.where(self.vacant(lower, upper), np.inf, bounds.lower)
             return HeldBounds(least, bounds.axis, (lower, upper), np.zeros(len(lower), dtype=bool))
         self.asked += len(lower)
-        return bound_in_half_spaces(self.domain, lower, upper, bounds, known, target)
+        found = bound_in_half_spaces(self.domain, lower, upper, bounds, known, target)
+        return found._replace(axis=_unless_flat(found.corners[1] - found.corners[0], found.axis))
 
     def too_small(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """See ``Positives``."""
@@ -116,3 +115,9 @@ class ShapePositives(Positives):
     def holds(self, v: np.ndarray) -> np.ndarray:
         """See ``Positives``: whether the exact v of a point of the object lies here."""
         return self.shape.contains(self.domain.to_object(v))
+
+
+def _unless_flat(side: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """The axes along which boxes of these sides are to be halved, ``(N,)``; of a flat box that of its longest side."""
+    longest, row = side.argmax(axis=1), np.arange(len(side))
+    return np.where(side[row, longest] > LONGEST_TO_SPLIT * side[row, axis], longest, axis)
