@@ -83,6 +83,34 @@ def test_boxes_are_empty_and_full_where_it_is_said(margin, rng):
     assert shape.empty(beyond[None], beyond[None] + 1).all()
 
 
+@pytest.mark.parametrize("margin", [0.0, 0.1])
+@pytest.mark.parametrize(("poses", "halvings"), [(1, 0), (2, 0), (2, 2)])
+def test_half_spaces_hold_the_object_in_their_boxes(poses, halvings, margin, rng):
+    shape = blob(poses, margin, halvings)
+    border = blob(poses, 0.0, halvings).points(4000, rng)
+    size = 10.0 ** rng.uniform(-3, -0.3, (len(border), 1))
+    lower, upper = border - size * rng.random(border.shape), border + size * rng.random(border.shape)
+    known = shape.half_spaces(lower, upper)
+    assert (known.empty == shape.empty(lower, upper)).all()
+    assert not known.empty.any()
+    found = known.slope.any(axis=1)
+    assert found.mean() > 0.1
+    cut = held = 0
+    for turn in range(20):
+        share = rng.random(lower.shape)
+        x = lower + np.where(rng.random(lower.shape) < 0.3, np.round(share), share) * (upper - lower)
+        x = border if turn == 0 else x.clip(lower, upper)
+        value, there = known.level + (known.slope * (x - known.center)).sum(axis=1), shape.decide(x) == IN
+        assert (value[there] >= 0).all()
+        cut, held = cut + (value < 0).sum(), held + there[found].sum()
+    assert (known.level + (known.slope * (border - known.center)).sum(axis=1) >= 0).all()  # the surface itself
+    assert cut > 1000
+    assert held > 1000
+    beside = shape.half_spaces(shape.upper[None] + 1.0, shape.upper[None] + 2.0)
+    assert beside.empty.all()
+    assert not shape.half_spaces(upper[:3], lower[:3]).empty.any()
+
+
 def test_what_is_far_larger_than_a_box_needs_no_luck(rng):
     """Boxes that are nearly points: what is certain of them is what is certain of points."""
     shape = blob()

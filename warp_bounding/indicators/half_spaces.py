@@ -8,6 +8,7 @@ bounds tell it together.
 from typing import NamedTuple
 
 import numpy as np
+import warp as wp
 
 __all__ = ["HalfSpaces"]
 
@@ -30,3 +31,32 @@ class HalfSpaces(NamedTuple):
     slope: np.ndarray
     axis: np.ndarray
     loss: np.ndarray
+
+    @classmethod
+    def blank(cls, lower: np.ndarray, upper: np.ndarray) -> "HalfSpaces":
+        """Of boxes between ``(N, n)`` float64 corners: nothing is known, and each half-space holds everything."""
+        count, n = lower.shape
+        center = lower * 0.5 + upper * 0.5
+        return cls(
+            np.zeros(count, dtype=bool),
+            center,
+            np.ones(count),
+            np.zeros((count, n)),
+            np.zeros(count, dtype=np.int32),
+            np.zeros(count),
+        )
+
+    def arrays(self) -> list[wp.array]:
+        """All but ``center`` as Warp arrays over the same memory, which kernels fill."""
+        vector = wp.types.vector(length=self.slope.shape[1], dtype=wp.float64)
+        parts = (
+            (self.empty, wp.uint8),
+            (self.level, wp.float64),
+            (self.slope, vector),
+            (self.axis, wp.int32),
+            (self.loss, wp.float64),
+        )
+        return [
+            wp.array(x.view(np.uint8) if x.dtype == bool else x, dtype=dtype, device="cpu", copy=False)
+            for x, dtype in parts
+        ]

@@ -19,7 +19,7 @@ from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
 from warp_bounding.indicators.triangles.arithmetic import closest_on_triangle
 from warp_bounding.runtime.native import named
 
-__all__ = ["FREE", "FULL", "OPEN", "Blends", "Kernels", "kernels_of"]
+__all__ = ["FREE", "FULL", "OPEN", "Blends", "Functions", "Kernels", "functions_of", "half_side", "kernels_of"]
 
 OPEN, FREE, FULL = 0, 1, 2  # answers about boxes: nothing is known, nothing of the object is there, all is object
 OUTWARD, INWARD = 1 + 2.0**-40, 1 - 2.0**-40  # outweigh what sums of a few products round, relative to their size
@@ -53,6 +53,21 @@ class Blends:
     allowance: wp.float64  # by how much a gap may be off
 
 
+@wp.func
+def half_side(low: wp.float64, high: wp.float64) -> wp.float64:
+    """Half a box's side, and what its centre may be off."""
+    return ((high * _HALF - low * _HALF) + wp.max(wp.abs(low), wp.abs(high)) * _BLUR) * _OUTWARD
+
+
+class Functions(NamedTuple):
+    """For one number of coordinates, of which three are the place."""
+
+    seen: wp.Function  # a triangle's corners at a pose, less the place
+    apart: wp.Function  # how far a patch stays from the place all over a box
+    gap: wp.Function  # how far a triangle does
+    winding: wp.Function  # how often the surface winds around a place at a pose
+
+
 class Kernels(NamedTuple):
     """For one number of coordinates, of which three are the place."""
 
@@ -61,8 +76,8 @@ class Kernels(NamedTuple):
 
 
 @cache
-def kernels_of(n: int) -> Kernels:
-    """The kernels for points of n coordinates."""
+def functions_of(n: int) -> Functions:
+    """The functions for points of n coordinates."""
     values, poses = wp.types.vector(length=n, dtype=wp.float64), n - 3
 
     @named(f"blend_vertex_{n}").func
@@ -176,6 +191,14 @@ def kernels_of(n: int) -> Kernels:
                 turns += angle(corners[0], corners[1], corners[2]) / _TURN
         return wp.abs(turns)
 
+    return Functions(seen, apart, gap, winding)
+
+
+@cache
+def kernels_of(n: int) -> Kernels:
+    """The kernels for points of n coordinates."""
+    values, (seen, apart, gap, winding) = wp.types.vector(length=n, dtype=wp.float64), functions_of(n)
+
     @named(f"blend_points_{n}").kernel
     def points(
         first: int,
@@ -226,8 +249,7 @@ def kernels_of(n: int) -> Kernels:
             if not (low[i] <= high[i] and wp.abs(low[i]) < _INFINITY and wp.abs(high[i]) < _INFINITY):
                 return
             center[i] = low[i] * _HALF + high[i] * _HALF
-            size = wp.max(wp.abs(low[i]), wp.abs(high[i]))
-            half[i] = ((high[i] * _HALF - low[i] * _HALF) + size * _BLUR) * _OUTWARD
+            half[i] = half_side(low[i], high[i])
         bar = wp.where(asked == _FULL, _ZERO, b.margin)
         for patch in range(b.low.shape[0]):
             if not apart(b, patch, center, half) > bar:

@@ -16,8 +16,10 @@ import warp as wp
 from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.blends.answers import FREE, FULL, Blends, kernels_of
+from warp_bounding.indicators.blends.half_spaces import half_spaces_kernel
 from warp_bounding.indicators.blends.patches import patches_of
 from warp_bounding.indicators.functions.solid import Formula
+from warp_bounding.indicators.half_spaces import HalfSpaces
 from warp_bounding.indicators.shape import DETAILS, OUT, Shape
 from warp_bounding.runtime.launch import launch_on_cores
 
@@ -191,14 +193,28 @@ class IndicatorBlendShapes(Formula):
         launch_on_cores(kernels_of(self.ndim).boxes, len(lower), inputs, [answers], DEVICE)
         return answers.numpy() == asked
 
-    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    def _to_ask(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Which boxes are beside the object's, which must be looked at, and the corners of the part of the latter that matters."""
         lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
         real = (np.isfinite(lower) & np.isfinite(upper) & (lower <= upper)).all(axis=1)
         apart = real & ((lower > self.upper) | (upper < self.lower)).any(axis=1)
-        found, asked = apart.copy(), np.flatnonzero(real & ~apart)
-        low, high = (np.clip(x[asked], self.lower, self.upper) for x in (lower, upper))
+        asked = np.flatnonzero(real & ~apart)
+        return apart, asked, *(np.clip(x[asked], self.lower, self.upper) for x in (lower, upper))
+
+    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        found, asked, low, high = self._to_ask(lower, upper)
         found[asked] = self._ask_boxes(low, high, FREE)
         return found
+
+    def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces:
+        found, asked, low, high = self._to_ask(lower, upper)
+        known, own = HalfSpaces.blank(*map(np.asarray, (lower, upper))), HalfSpaces.blank(low, high)
+        boxes = [self._array(side) for side in (low, high)]
+        launch_on_cores(half_spaces_kernel(self.ndim), len(asked), [self._blends, *boxes], own.arrays(), DEVICE)
+        known.empty[:] = found
+        for all_of_them, of_asked in zip(known, own, strict=True):
+            all_of_them[asked] = of_asked
+        return known
 
     def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)

@@ -195,13 +195,8 @@ def find_half_spaces_then(
     axis: wp.array(dtype=wp.int32),
     loss: wp.array(dtype=wp.float64),
 ):
-    """Is a closed box of time and space certain to be empty? Else a half-space of the object's points in it, around its middle; one that holds everything where none is found."""
+    """Is a closed box of time and space certain to be empty? Else a half-space of the object's points in it, around its middle; what is there stays where none is found."""
     i = first + wp.tid()
-    empty[i] = wp.uint8(0)
-    level[i] = _ONE
-    slope[i] = wp.vec4d()
-    axis[i] = 0
-    loss[i] = _ZERO
     if is_empty(m, lower[i], upper[i]):
         empty[i] = wp.uint8(1)
         return

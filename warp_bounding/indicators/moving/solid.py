@@ -102,19 +102,12 @@ class DilatedMovingSolid(AskedSolid):
     def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces:
         """See ``Shape.half_spaces``."""
         lower, upper = (np.ascontiguousarray(side, dtype=np.float64) for side in (lower, upper))
-        count = len(lower)
-        level, slope, loss = np.empty(count), np.empty((count, 4)), np.empty(count)
-        empty, axis = np.empty(count, dtype=np.uint8), np.empty(count, dtype=np.int32)
-        if count:
+        found = HalfSpaces.blank(lower, upper)
+        if len(lower):
             self._know(lower, upper)
             boxes = [wp.array(side, dtype=wp.vec4d, device="cpu", copy=False) for side in (lower, upper)]
-            types = {"empty": wp.uint8, "level": wp.float64, "slope": wp.vec4d, "axis": wp.int32, "loss": wp.float64}
-            made = [
-                wp.array(out, dtype=dtype, device="cpu", copy=False)
-                for out, dtype in zip((empty, level, slope, axis, loss), types.values(), strict=True)
-            ]
-            launch_on_cores(find_half_spaces_then, count, [self._struct, *boxes], made, "cpu")
-        return HalfSpaces(empty.view(bool), lower * 0.5 + upper * 0.5, level, slope, axis, loss)
+            launch_on_cores(find_half_spaces_then, len(lower), [self._struct, *boxes], found.arrays(), "cpu")
+        return found
 
     def excess(
         self,
