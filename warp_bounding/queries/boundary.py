@@ -21,6 +21,9 @@ FEWEST = 1024  # points around the shape that are drawn at least
 NEAR_SHARE = 0.75  # of the pairs: one end is the nearest known point of the object, of FEW
 FEW = 16_384
 OUTLINE = 16_384  # points of the border that stand for a shape where a volume is fitted to it
+# Of pairs: these are put on an end of the object's box along an axis at which the object is cut off, as a motion is at the ends of its time.
+ENDS_SHARE, TRIED = 0.1, 4.0  # and how many times as many pairs are tried
+ASKED, CUT = 512, 1 / 16  # points that are asked whether it is, and the share of them that must be in the object there
 STEPS = 48  # bisections at most; no pair is further apart than 2^28 NEAREST
 
 
@@ -126,7 +129,30 @@ def border_points(
     inner = held[rng.integers(len(held), size=count)]
     near, few = rng.random(count) < NEAR_SHARE, held[rng.integers(len(held), size=min(len(held), FEW))]
     inner[near] = few[KDTree(few / size).query(outer[near] / size, workers=-1)[1]]
+    _to_ends(shape, inner, outer, rng)
     return pulled(shape.contains, inner, outer, nearest * float(shape.extent.max()))[0]
+
+
+def _to_ends(shape: Shape, inner: np.ndarray, outer: np.ndarray, rng: np.random.Generator) -> None:
+    """Move ``ENDS_SHARE`` of pairs, in place, to where the object is cut off, if it is: a network may be low there, and random points never are."""
+    ends = [(axis, end[axis]) for axis in range(shape.ndim) for end in (shape.lower, shape.upper)]
+    few = inner[:ASKED]
+    ends = [(axis, at) for axis, at in ends if shape.contains(_at_end(few, axis, at)).mean() > CUT]
+    if not ends:
+        return
+    chosen = np.flatnonzero(rng.random(len(inner)) < TRIED * ENDS_SHARE)
+    for part, (axis, at) in zip(np.array_split(chosen, len(ends)), ends, strict=True):
+        within, without = (_at_end(x[part], axis, at) for x in (inner, outer))
+        good = np.flatnonzero(shape.contains(within) & ~shape.contains(without))[
+            : int(ENDS_SHARE * len(inner) / len(ends))
+        ]
+        inner[part[good]], outer[part[good]] = within[good], without[good]
+
+
+def _at_end(x: np.ndarray, axis: int, at: float) -> np.ndarray:
+    moved = x.copy()
+    moved[:, axis] = at
+    return moved
 
 
 _OUTLINES: WeakKeyDictionary[Shape, np.ndarray] = WeakKeyDictionary()

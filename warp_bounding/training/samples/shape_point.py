@@ -97,6 +97,8 @@ class ShapePointSamples(Samples):
     def settled(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
         local, domain = after.T.double().numpy(), self.domain
         moved = domain.to_object(local)
+        if not self.shape.unbounded:  # where the object is cut off, it is walked along the end
+            moved = moved.clip(self.shape.lower, self.shape.upper)
         left = np.flatnonzero(~self.shape.contains(moved))
         start = domain.to_object(before.T.double().numpy()[left])
         nearest = NEAREST / float(domain.scale[int(self.shape.time) :].min())
