@@ -111,6 +111,66 @@ def test_half_spaces_hold_the_object_in_their_boxes(poses, halvings, margin, rng
     assert not shape.half_spaces(upper[:3], lower[:3]).empty.any()
 
 
+@pytest.mark.parametrize("margin", [0.0, 0.1])
+def test_the_box_holds_the_object_where_limits_are_rounded_outwards(margin, rng):
+    """A limit that is no float32 number is asked about as the next one, where the mesh reaches farther."""
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    shape = wb.IndicatorBlendShapes(ball.vertices, [ball.vertices * [1.0, 0.0, 0.0]], ball.faces, upper=[0.7])
+    pose = shape.upper[3]
+    assert pose > 0.7
+    at = shape.at([pose])
+    tip = at[at[:, 0].argmax()]
+    assert tip[0] <= shape.upper[0]
+    x = np.append(tip - [1e-8, 0, 0], pose)[None]
+    assert (shape.decide(x) == IN).all()
+    shape = shape.dilated(margin)
+    size = 10.0 ** rng.uniform(-9, -1, (2000, 1))
+    lower, upper = (x + sign * size * rng.random((2000, 4)) for sign in (-1, 1))
+    assert not shape.empty(lower, upper).any()
+    known = shape.half_spaces(lower, upper)
+    assert not known.empty.any()
+    assert (known.level + (known.slope * (x - known.center)).sum(axis=1) >= 0).all()
+
+
+def test_pose_numbers_beyond_float32_are_refused():
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    with pytest.raises(IndicatorError, match="beyond float32"):
+        wb.IndicatorBlendShapes(ball.vertices, [ball.vertices], ball.faces, upper=[1e39])
+
+
+@pytest.mark.parametrize("scale", [1e-150, 1e-81, 1.2e-81, 1e-40, 1e30, 1e80, 1e150])
+def test_half_spaces_of_tiny_and_huge_meshes_deny_nothing(scale, rng):
+    """Where squares are no normal numbers any more, nothing is said."""
+    box = trimesh.creation.box(extents=(2, 2, 2))
+    vertices = np.concatenate([box.vertices, box.vertices + np.array([0, 0, 5])])
+    faces, moved = np.concatenate([box.faces, box.faces + 8]), np.tile(box.vertices * [0.1, 0, 0], (2, 1))
+    shape = wb.IndicatorBlendShapes(vertices * scale, [moved * scale], faces, margin=0.2 * scale)
+    with np.errstate(over="ignore", invalid="ignore"):
+        x = np.column_stack([rng.uniform(-1.5, 1.5, (5000, 3)) * scale, rng.random(5000)])
+        size = np.append(np.full(3, 0.3 * scale), 0.3) * rng.random((5000, 4))
+        known = shape.half_spaces(x - size, x + size)
+        assert (known.empty <= shape.empty(x - size, x + size)).all()
+        for share in (0.0, 0.5, 1.0):
+            p = x + (2 * share - 1) * size * rng.random((5000, 4))
+            there = (shape.decide(p) == IN) & ~known.empty
+            value = known.level + (known.slope * (p - known.center)).sum(axis=1)
+            assert (value[there] >= 0).all()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e308])
+@pytest.mark.parametrize("column", [0, 4])
+def test_half_spaces_of_boxes_that_are_none(bad, column):
+    shape = blob()
+    lower, upper = np.zeros((1, 5)), np.full((1, 5), 0.1)
+    for side in (lower, upper):
+        side[0, column] = bad
+        with np.errstate(invalid="ignore"):
+            known = shape.half_spaces(lower, upper)
+            assert (known.empty == shape.empty(lower, upper)).all()
+        assert np.isfinite(known.level).all()
+        assert np.isfinite(known.slope).all()
+
+
 def test_what_is_far_larger_than_a_box_needs_no_luck(rng):
     """Boxes that are nearly points: what is certain of them is what is certain of points."""
     shape = blob()

@@ -360,3 +360,40 @@ def test_half_spaces_hold_the_object_in_their_boxes(rng, name, margin):
         cut, held = cut + (value[found] < 0).sum(), held + there[found].sum()
     assert cut > 1000
     assert held > 1000 or (name == "open" and margin == 0)
+
+
+def test_half_spaces_far_away_in_time_and_over_many_keyframes(rng):
+    solid = SOLIDS["icosphere"]()
+    times = 1e6 + 2.0**-4 * np.arange(30)
+    angles = np.linspace(0, 3, len(times))
+    frames = np.array([solid.vertices * (1 + 0.2 * np.sin(a)) + [a, 0, np.cos(3 * a)] for a in angles])
+    motion = IndicatorMotion(frames, solid.faces, times).dilated(0.02)
+    at = rng.uniform(times[0], times[-1], 3000)
+    border = np.array([np.insert(motion.vertices_at(t)[rng.integers(len(solid.vertices))], 0, t) for t in at])
+    size = 10.0 ** rng.uniform(-3, 0, (len(border), 1)) * [1.5, 0.3, 0.3, 0.3]
+    low, high = border - size * rng.random(border.shape), border + size * rng.random(border.shape)
+    known = motion.half_spaces(low, high)
+    spans = np.searchsorted(times, high[:, 0]) - np.searchsorted(times, low[:, 0])
+    found = known.slope.any(axis=1)
+    assert found[spans <= 1].sum() > 20
+    assert found[(spans > 1) & (spans < 6)].any()
+    assert (spans > 9).sum() > 100
+    assert not found[spans > 9].any()
+    for _ in range(10):
+        x = low + rng.random(low.shape) * (high - low)
+        value = known.level + (known.slope * (x - known.center)).sum(axis=1)
+        assert (value[(motion.decide(x) == IN) & ~known.empty] >= 0).all()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e308])
+@pytest.mark.parametrize("column", [0, 2])
+def test_half_spaces_of_boxes_that_are_none(bad, column):
+    motion = IndicatorMotion(_turning(SOLIDS["box"]()), SOLIDS["box"]().faces, times=[-1, 0.5, 1, 1.25, 4])
+    low, high = np.zeros((1, 4)), np.full((1, 4), 0.1)
+    for side in (low, high):
+        side[0, column] = bad
+        with np.errstate(invalid="ignore", over="ignore"):
+            known = motion.half_spaces(low, high)
+            assert (known.empty == motion.empty(low, high)).all()
+        assert np.isfinite(known.level).all()
+        assert np.isfinite(known.slope).all()

@@ -171,7 +171,10 @@ class Shape(ABC):
         return np.zeros(len(lower), dtype=bool)
 
     def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces | None:
-        """Half-spaces that hold the object's points in closed boxes, ``(N, n)`` finite corners; ``None`` where none are known."""
+        """Half-spaces that hold the object's points in closed boxes, ``(N, n)`` finite corners; ``None`` where none are known.
+
+        Points that are ``UNDECIDED`` by themselves may lie beyond: of the box more is known than of them.
+        """
         return None
 
     def distance(self, x: np.ndarray) -> np.ndarray | None:

@@ -85,6 +85,10 @@ class IndicatorBlendShapes(Formula):
             raise IndicatorError(
                 f"{name}: expected {self.poses} least and largest pose numbers, got {lower} and {upper}"
             )
+        with np.errstate(over="ignore"):
+            self._asked_limits = np.stack([round_down(self._limits[0]), round_up(self._limits[1])]).astype(np.float64)
+        if not np.isfinite(self._asked_limits).all():
+            raise IndicatorError(f"{name}: pose numbers beyond float32, got {lower} and {upper}")
         self.faces = self.faces.astype(np.int32)
         self._check_closed()
         for array in (self.vertices, self.deltas, self.faces, self._limits):
@@ -122,16 +126,18 @@ class IndicatorBlendShapes(Formula):
     @cached_property
     def _box(self) -> tuple[np.ndarray, np.ndarray]:
         """Corners of the box that holds all vertices at all poses, and the poses."""
-        ends = self._limits[:, :, None, None] * self.deltas
+        ends = self._asked_limits[:, :, None, None] * self.deltas
         low, high = (getattr(np, side)(ends, axis=0).sum(axis=0) + self.vertices for side in ("min", "max"))
         room = ALLOWANCE * self._size + self.margin * (1 + 2.0**-50)
-        poses = round_down(self._limits[0]).astype(np.float64), round_up(self._limits[1]).astype(np.float64)
-        return np.append(low.min(axis=0) - room, poses[0]), np.append(high.max(axis=0) + room, poses[1])
+        return tuple(
+            np.append(end, pose)
+            for end, pose in zip((low.min(axis=0) - room, high.max(axis=0) + room), self._asked_limits, strict=True)
+        )
 
     @property
     def _size(self) -> float:
         """How far from the origin anything can be."""
-        moved = (np.abs(self._limits).max(axis=0)[:, None, None] * np.abs(self.deltas)).sum(axis=0)
+        moved = (np.abs(self._asked_limits).max(axis=0)[:, None, None] * np.abs(self.deltas)).sum(axis=0)
         return float((np.abs(self.vertices) + moved).sum(axis=1).max()) + self.margin
 
     @property

@@ -16,13 +16,14 @@ import warp as wp
 
 from warp_bounding.indicators.blends.answers import Blends, functions_of, half_side
 from warp_bounding.indicators.triangles.arithmetic import closest_on_triangle
+from warp_bounding.indicators.triangles.excess import SHORTEST
 from warp_bounding.runtime.native import named
 
 __all__ = ["half_spaces_kernel"]
 
 _ZERO, _ONE, _HALF, _QUARTER = (wp.constant(wp.float64(value)) for value in (0.0, 1.0, 0.5, 0.25))
 _THIRD, _FOUR = wp.constant(wp.float64(1.0 / 3.0)), wp.constant(wp.float64(4.0))
-_INFINITY = wp.constant(wp.float64(float("inf")))
+_INFINITY, _SHORTEST = wp.constant(wp.float64(float("inf"))), wp.constant(wp.float64(SHORTEST))
 
 
 @cache
@@ -51,7 +52,7 @@ def half_spaces_kernel(n: int) -> wp.Kernel:
         )
         across = wp.cross(q - p, r - p)
         size = wp.length(across)
-        if size > b.allowance * b.allowance:
+        if size > _SHORTEST:
             m = across / size
             s = wp.dot(along, m)
             rest, tilted = along - m * s, m * s
@@ -63,7 +64,9 @@ def half_spaces_kernel(n: int) -> wp.Kernel:
                 passes(b, face[2], tilted, r, rates, half),
             )
             own = wp.min(own, near + clipped)
-        return own
+        if own < _INFINITY:
+            return own
+        return _INFINITY  # also for NaN, which max would drop
 
     @named(f"blend_half_spaces_{n}").kernel
     def half_spaces(
@@ -88,7 +91,7 @@ def half_spaces_kernel(n: int) -> wp.Kernel:
                 return
             center[i] = low[i] * _HALF + high[i] * _HALF
             half[i] = half_side(low[i], high[i])
-        nearest, away = wp.int32(-1), wp.float64(wp.inf)
+        close, nearest, away = wp.int32(0), wp.int32(0), wp.float64(wp.inf)
         way = wp.vec3d(center[0], center[1], center[2])
         for patch in range(b.low.shape[0]):
             if not apart(b, patch, center, half) > b.margin:
@@ -96,15 +99,18 @@ def half_spaces_kernel(n: int) -> wp.Kernel:
                     corners = seen(b, b.faces[i], center)
                     p, q, r = corners[0], corners[1], corners[2]
                     if not gap(b, b.faces[i], p, q, r, half) > b.margin:
+                        close += 1
                         near = closest_on_triangle(wp.vec3d(), p, q, r)
                         length = wp.length(near)
                         if length < away:
                             away = length
                             nearest = i
                             way = near
-        if nearest < 0:
+        if close == 0:
             if winding(b, center) < _QUARTER:
                 empty[t] = wp.uint8(1)
+            return
+        if not away < _INFINITY:
             return
         face = b.faces[nearest]
         if not away > _FOUR * b.allowance:  # so near that the triangle's normal tells the way
@@ -112,7 +118,7 @@ def half_spaces_kernel(n: int) -> wp.Kernel:
             p, q, r = corners[0], corners[1], corners[2]
             way = wp.cross(q - p, r - p)
         length = wp.length(way)
-        if not length > b.allowance * b.allowance:
+        if not (length > _SHORTEST and length < _INFINITY):
             return
         along, rates = way / -length, values()
         for k in range(poses):

@@ -191,7 +191,8 @@ def minimum(
                 gave_up = True
         if progress:
             progress(done, sum(len(chunk.bound) for chunk in waiting), float(best.min() - least().min()))
-    found, spent = least(), working_seconds() - started
+    # No more than the least value found, which may be that of a point that nothing is decided of.
+    found, spent = np.minimum(least(), best), working_seconds() - started
     complete = not waiting and not gave_up
     return Search(float(found.min()), float(best.min()), low_points, done, spent, complete, by_group=found)
 
