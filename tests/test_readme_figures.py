@@ -324,7 +324,6 @@ def test_what_is_said_of_the_demos(demos):
     price = {name: 1000 * spent[name] / (every["none"] - every[name]) for name in PLANNED[1:]}
     porous = {name: run for (section, name), run in demos["particles"].items() if section == "porous"}
     seldom, often = (demos["particles"]["containment", name] for name in ("distance", "mlp"))
-    assert seldom["calls"] < often["calls"]
     check = 1000 * sum(path[part, "none"]["ms_narrow"] for part in ("rooms", "maze")) / every["none"]
     cloth = {name: run["ms_broad"] + run["ms_narrow"] for (_, name), run in demos["cloth"].items()}
     steps = {name: run["ms_step"] for (_, name), run in demos["cloth"].items()}
@@ -351,7 +350,7 @@ def test_what_is_said_of_the_demos(demos):
         f"{fewer['distance-grid']} times fewer, at {price['distance-grid']:.2f} µs",
         f"({price['bvh']:.2f} µs for each check that it saves); networks save time where a check costs more than {price['mlp']:.0f}",
         f"{porous['mlp+inside']['calls']:,.0f} calls a step with both, {porous['mlp']['calls']:,.0f} with `mlp` alone",
-        f"{100 * seldom['asked'] / 15e6:.0f} % of the questions, {seldom['calls']:,.0f} calls a step, fewer than with `mlp`. On a CPU that does not pay here, "
+        f"{100 * seldom['asked'] / 15e6:.0f} % of the questions, {seldom['calls']:,.0f} calls a step. On a CPU that does not pay here, "
         f"{seldom['ms_broad']:.1f} ms a step against {often['ms_broad']:.1f}",
         f"a step takes {porous['mlp+inside']['ms_step']:.1f} ms, {porous['mlp']['ms_step']:.0f} and {porous['none']['ms_step']:.0f}",
     ]
