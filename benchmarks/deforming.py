@@ -18,7 +18,7 @@ import warp_bounding as wb
 from warp_bounding.proof import soak
 
 PARTICLES, STEPS, DRIFT = 200_000, 24, 0.01
-HIDDEN, BUDGET, ATTACKED = (48, 48), 240.0, 10_000_000
+HIDDEN, BUDGET, PARTS, ATTACKED = (48, 48), 240.0, 1024, 10_000_000
 SHORT = 20.0  # seconds of the fit of few planes
 NONE, BOX, AND = "none", "box, refitted", ", then "
 
@@ -127,7 +127,7 @@ class Step:
 
 def fitted(shape: wb.IndicatorBlendShapes, budget: float) -> dict[str, wb.Bounder]:
     """Bounders over place and pose."""
-    told = {"learned-kdop": {"budget": SHORT}, "mlp": {"hidden": HIDDEN, "budget": budget}}
+    told = {"learned-kdop": {"budget": SHORT}, "mlp": {"hidden": HIDDEN, "budget": budget, "thresholds": PARTS}}
     return {name: wb.fit(shape, method=name, device="cpu", progress=False, **options) for name, options in told.items()}
 
 
