@@ -357,6 +357,28 @@ def test_what_is_said_of_the_demos(demos):
     assert [sentence for sentence in sentences if sentence not in PROSE] == []
 
 
+def test_what_is_said_of_a_gpu():
+    rows = [json.loads(line) for line in (RESULTS / "speed/rivals-cuda/rivals.jsonl").read_text().splitlines()]
+    ns = {(row["group"], row["contestant"]): row["ns"] for row in rows}
+    page = (ROOT / "docs/tables.md").read_text()
+    part = page[page.index("## On a GPU") :]
+    shown = [re.findall(r"[0-9]+\.[0-9]{3}", line) for line in part.splitlines() if line.startswith("| ")]
+    tree = ", wp.Bvh of the same boxes"
+    expected = [[("points", "kdop"), ("rays", "kdop")]]
+    expected += [[(g, f"bvh {n}{end}") for g in ("points", "rays") for end in ("", tree)] for n in (64, 256)]
+    expected += [[("points", "mlp 24-24"), ("points", "mlp 24-24, torch")]]
+    expected += [[("points", "mlp 50-50"), ("points", "mlp 50-50, torch"), ("rays", "mlp 50-50")]]
+    expected += [[("points", "wp.mesh_query_point, exact"), ("rays", "wp.mesh_query_ray_anyhit, exact")]]
+    assert [cells for cells in shown if cells] == [[f"{ns[key]:.3f}" for key in line] for line in expected]
+    told = [json.loads(line) for line in (RESULTS / "newton/cuda/newton.jsonl").read_text().splitlines()]
+    few, even, many = sorted(told, key=lambda row: row["particles"])
+    newton = " ".join((ROOT / "docs/newton.md").read_text().split())
+    assert f"10,000 particles lose ({1 / few['share']['distance']:.1f} times as fast)" in newton
+    assert 0.95 < 1 / even["share"]["distance"] < 1.05
+    ms = [f"{many['ms'][way]:.2f}" for way in ("distance", "boxes", "none")]
+    assert f"the pass takes {ms[0]} ms with bounders, {ms[1]} with boxes alone and {ms[2]} without" in newton
+
+
 def test_what_is_said_of_proofs():
     with (RESULTS / "proofs/proofs.csv").open() as file:
         rows = list(csv.DictReader(file))

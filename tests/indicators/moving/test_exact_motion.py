@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 from exact_mesh import NAMES, hard_points, in_tetrahedron, mesh_case, squared_distance
+from turning_solids import SOLIDS, turning
 
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators import IndicatorMesh, IndicatorMotion, load_indicator
@@ -112,30 +113,12 @@ def test_points_and_boxes(rng, name, margin, wild):
     assert (empty | (answer != OUT)).all()
 
 
-def _turning(solid: trimesh.Trimesh, keyframes: int = 5, angle: float = 1.5) -> np.ndarray:
-    angles = angle * np.sin(np.linspace(0, 3, keyframes))
-    x, y, z = solid.vertices.T
-    return np.array(
-        [np.stack([np.cos(a) * x - np.sin(a) * y + a, np.sin(a) * x + np.cos(a) * y, z * (1 + a)], 1) for a in angles]
-    )
-
-
-SOLIDS = {
-    "icosphere": lambda: trimesh.creation.icosphere(subdivisions=3),
-    "torus": lambda: trimesh.creation.torus(1, 0.3),
-    "box": lambda: trimesh.creation.box(extents=(1, 2, 0.5)),
-    "two spheres": lambda: trimesh.util.concatenate(
-        [trimesh.creation.icosphere(), trimesh.creation.icosphere(radius=0.8).apply_translation([0.9, 0, 0])]
-    ),
-}
-
-
 @pytest.mark.parametrize("margin", [0.0, 0.03])
 @pytest.mark.parametrize("name", [*SOLIDS, "open"])
 def test_answers_never_contradict_each_other(rng, name, margin):
     solid = SOLIDS["icosphere" if name == "open" else name]()
     faces = solid.faces[: len(solid.faces) // 2] if name == "open" else solid.faces
-    motion = IndicatorMotion(_turning(solid), faces, times=[-1, 0.5, 1, 1.25, 4]).dilated(margin)
+    motion = IndicatorMotion(turning(solid), faces, times=[-1, 0.5, 1, 1.25, 4]).dilated(margin)
     count = 50_000
     x = rng.uniform(motion.sample_lower, motion.sample_upper, (count, 4))
     size = 10.0 ** rng.uniform(-4, 0, (count, 1)) * [0.3, 1, 1, 1]
@@ -160,7 +143,7 @@ def test_answers_never_contradict_each_other(rng, name, margin):
 @pytest.mark.parametrize("margin", [0.0, 0.1])
 def test_at_each_time_it_is_the_mesh_there(rng, name, margin):
     solid = SOLIDS[name]()
-    motion = IndicatorMotion(_turning(solid), solid.faces, margin=margin)
+    motion = IndicatorMotion(turning(solid), solid.faces, margin=margin)
     for time in np.float32([0, 0.1, 0.25, 0.6, 0.99, 1]).tolist():
         mesh = IndicatorMesh(motion.vertices_at(time), solid.faces, margin=margin)
         x = rng.uniform(motion.sample_lower[1:], motion.sample_upper[1:], (5000, 3))
@@ -311,7 +294,7 @@ def test_landmarks_lie_on_the_border():
 @pytest.mark.parametrize("margin", [0.0, 0.05])
 def test_random_points_are_of_the_object(rng, margin):
     solid = trimesh.creation.torus(1, 0.3)
-    motion = IndicatorMotion(_turning(solid), solid.faces, times=[1, 2, 4, 5, 6]).dilated(margin)
+    motion = IndicatorMotion(turning(solid), solid.faces, times=[1, 2, 4, 5, 6]).dilated(margin)
     points = motion.points(5000, rng)
     assert points.shape == (5000, 4)
     assert motion.contains(points).mean() > (0.95 if margin else 0.3)  # undecided, as a rule, and rounded
@@ -321,79 +304,8 @@ def test_random_points_are_of_the_object(rng, margin):
 @pytest.mark.parametrize("margin", [0.0, 0.05])
 def test_cells_hold_the_object(rng, margin):
     solid = trimesh.creation.torus(1, 0.3)
-    motion = IndicatorMotion(_turning(solid), solid.faces, time_cells=5)
+    motion = IndicatorMotion(turning(solid), solid.faces, time_cells=5)
     grid, dilated = motion.to_grid(resolution=20, margin=margin), motion.dilated(margin)
     x = rng.uniform(dilated.sample_lower, dilated.sample_upper, (20_000, 4))
     x[:, 0] = rng.uniform(grid.lower[0], grid.upper[0], len(x))
     assert grid.contains(x[dilated.decide(x) == IN]).all()
-
-
-@pytest.mark.parametrize("margin", [0.0, 0.03])
-@pytest.mark.parametrize("name", [*SOLIDS, "open"])
-def test_half_spaces_hold_the_object_in_their_boxes(rng, name, margin):
-    solid = SOLIDS["icosphere" if name == "open" else name]()
-    faces = solid.faces[: len(solid.faces) // 2] if name == "open" else solid.faces
-    motion = IndicatorMotion(_turning(solid), faces, times=[-1, 0.5, 1, 1.25, 4]).dilated(margin)
-    assert name == "open" or not motion.restriction
-    # around points near the faces, in boxes that reach over keyframes and past the ends of time
-    times = rng.uniform(-1, 4, 12)
-    border = [
-        np.insert(motion.vertices_at(t)[rng.integers(len(solid.vertices), size=400)], 0, t, axis=1) for t in times
-    ]
-    border = np.concatenate(border)
-    size = 10.0 ** rng.uniform(-3, -0.3, (len(border), 1)) * [2, 1, 1, 1]
-    low, high = border - size * rng.random(border.shape), border + size * rng.random(border.shape)
-    known = motion.half_spaces(low, high)
-    assert (known.empty == motion.empty(low, high)).all()
-    assert set(known.axis.tolist()) <= {0, 1, 2, 3}
-    found = known.slope.any(axis=1) & ~known.empty
-    over = np.searchsorted(motion.times, low[:, 0]) < np.searchsorted(motion.times, high[:, 0])
-    assert (found & over).sum() > 100
-    assert found.mean() > 0.2
-    cut = held = 0
-    for _ in range(20):
-        share = rng.random(border.shape)
-        x = np.where(rng.random(border.shape) < 0.3, np.where(share < 0.5, low, high), low + share * (high - low))
-        x = x.clip(low, high)
-        value, there = known.level + (known.slope * (x - known.center)).sum(axis=1), motion.decide(x) == IN
-        assert (value[there & ~known.empty] >= 0).all()
-        cut, held = cut + (value[found] < 0).sum(), held + there[found].sum()
-    assert cut > 1000
-    assert held > 1000 or (name == "open" and margin == 0)
-
-
-def test_half_spaces_far_away_in_time_and_over_many_keyframes(rng):
-    solid = SOLIDS["icosphere"]()
-    times = 1e6 + 2.0**-4 * np.arange(30)
-    angles = np.linspace(0, 3, len(times))
-    frames = np.array([solid.vertices * (1 + 0.2 * np.sin(a)) + [a, 0, np.cos(3 * a)] for a in angles])
-    motion = IndicatorMotion(frames, solid.faces, times).dilated(0.02)
-    at = rng.uniform(times[0], times[-1], 3000)
-    border = np.array([np.insert(motion.vertices_at(t)[rng.integers(len(solid.vertices))], 0, t) for t in at])
-    size = 10.0 ** rng.uniform(-3, 0, (len(border), 1)) * [1.5, 0.3, 0.3, 0.3]
-    low, high = border - size * rng.random(border.shape), border + size * rng.random(border.shape)
-    known = motion.half_spaces(low, high)
-    spans = np.searchsorted(times, high[:, 0]) - np.searchsorted(times, low[:, 0])
-    found = known.slope.any(axis=1)
-    assert found[spans <= 1].sum() > 20
-    assert found[(spans > 1) & (spans < 6)].any()
-    assert (spans > 9).sum() > 100
-    assert not found[spans > 9].any()
-    for _ in range(10):
-        x = low + rng.random(low.shape) * (high - low)
-        value = known.level + (known.slope * (x - known.center)).sum(axis=1)
-        assert (value[(motion.decide(x) == IN) & ~known.empty] >= 0).all()
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e308])
-@pytest.mark.parametrize("column", [0, 2])
-def test_half_spaces_of_boxes_that_are_none(bad, column):
-    motion = IndicatorMotion(_turning(SOLIDS["box"]()), SOLIDS["box"]().faces, times=[-1, 0.5, 1, 1.25, 4])
-    low, high = np.zeros((1, 4)), np.full((1, 4), 0.1)
-    for side in (low, high):
-        side[0, column] = bad
-        with np.errstate(invalid="ignore", over="ignore"):
-            known = motion.half_spaces(low, high)
-            assert (known.empty == motion.empty(low, high)).all()
-        assert np.isfinite(known.level).all()
-        assert np.isfinite(known.slope).all()
