@@ -228,14 +228,14 @@ def test_what_is_said_of_an_arm_with_itself():
 def test_what_is_said_of_bodies_that_deform():
     rows = [json.loads(line) for line in (RESULTS / "deforming/deforming.jsonl").read_text().splitlines()]
     assert not any(row["missed"] or row.get("attack_missed") for row in rows)
-    planes, boxes, networks = (
-        [row for row in rows if row["label"] == label] for label in ("learned-kdop", "box, refitted", "mlp")
-    )
-    assert all(network["left"] > box["left"] for network, box in zip(networks, boxes, strict=True))
-    left = [f"{row['left']:.1f}" for row in (*planes, *boxes)]
+    labels = ("learned-kdop", "box, refitted", "mlp", "mlp, 1,024 parts")
+    planes, boxes, networks, parts = ([row for row in rows if row["label"] == label] for label in labels)
+    left = [f"{row['left']:.1f}" for row in (*planes, *boxes, *networks, *parts)]
     assert f"leaves {left[0]} and {left[1]} % of the particles around a finger and a ball, a box that is refitted to each pose {left[2]} and {left[3]} %" in PROSE  # fmt: skip
-    time = [one["step_ms"] / other["step_ms"] for one, other in zip(planes, boxes, strict=True)]
-    assert f"a step takes {time[0]:.2f} and {time[1]:.2f} of its time" in PROSE
+    time = [[one["step_ms"] / other["step_ms"] for one, other in zip(own, boxes, strict=True)] for own in (planes, networks)]  # fmt: skip
+    assert f"a step takes {time[0][0]:.2f} and {time[0][1]:.2f} of its time" in PROSE
+    assert f"leaves {left[5]} % around the ball, and a step takes {time[1][1]:.2f}." in PROSE
+    assert f"one threshold leaves {left[4]} %; one for each of 1,024 parts (`thresholds=1024`) leaves {left[6]} " in PROSE  # fmt: skip
 
 
 PLANNED = ("none", "mlp", "bvh", "mlp+inside", "bvh+inside", "distance", "distance-grid")
