@@ -6,6 +6,7 @@ What no file holds is not checked: what a query costs, the batch against torch, 
 import csv
 import json
 import re
+import statistics
 from functools import partial
 
 import pytest
@@ -236,6 +237,13 @@ def test_what_is_said_of_bodies_that_deform():
     assert f"a step takes {time[0][0]:.2f} and {time[0][1]:.2f} of its time" in PROSE
     assert f"leaves {left[5]} % around the ball, and a step takes {time[1][1]:.2f}." in PROSE
     assert f"one threshold leaves {left[4]} %; one for each of 1,024 parts (`thresholds=1024`) leaves {left[6]} " in PROSE  # fmt: skip
+
+
+def test_what_is_said_of_own_queries():
+    rows = [json.loads(line) for line in (RESULTS / "own-queries/own-queries.jsonl").read_text().splitlines()]
+    usual, own = ([r["calls"] for r in rows if r["label"] == label] for label in ("usual", "to its own queries"))
+    fewer = statistics.geometric_mean(a / b for a, b in zip(usual, own, strict=True))
+    assert f"{fewer:.2f} times fewer calls of the narrow phase in the rain" in PROSE
 
 
 PLANNED = ("none", "mlp", "bvh", "mlp+inside", "bvh+inside", "distance", "distance-grid")
