@@ -52,6 +52,7 @@ def after(namespace: dict) -> dict:
     values = types.SimpleNamespace(**namespace)
     return {
         "bounder.candidates(": lambda: values.count.numpy()[0] == values.mask.numpy().sum() > 0,
+        "shape.dilated(": lambda: (values.mask.numpy()[:1000][values.truth] == 1).all() and values.truth.any(),
         "wp.launch(step": lambda: (values.contacts.numpy() == values.mask.numpy()).all(),
         "wp.launch(narrow_phase": lambda: (values.near.numpy() == values.mask.numpy()[:1000]).all(),
         "bounder.values(": lambda: (

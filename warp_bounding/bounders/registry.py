@@ -1,6 +1,7 @@
 """The methods by name. ``register`` adds one, from inside the package (``methods.py``) or from outside it."""
 
 from collections.abc import Mapping
+from difflib import get_close_matches
 from types import MappingProxyType
 from typing import TypeVar
 
@@ -62,7 +63,10 @@ def method_class(method: str, query: str = "point", ndim: int = 3, space: str = 
         BounderError: For an unknown method, or one that cannot hold the query.
     """
     if method not in METHODS:
-        raise BounderError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+        near = get_close_matches(str(method), METHODS, n=1)
+        meant = f"; did you mean {near[0]!r}?" if near else ""
+        known = f"{', '.join(METHODS)}, or a cascade such as 'aabb+mlp'"
+        raise BounderError(f"method must be one of {known}, got {method!r}{meant}")
     if not METHODS[method].supports(query, ndim, space):
         where = " in parametric space" if space == "parametric" else ""
         raise BounderError(f"method {method} does not bound {query} queries of {ndim}D objects{where}")
