@@ -59,7 +59,9 @@ def test_every_activation_in_every_network(method, query, name, activation, monk
     answers = loaded.query(q).numpy().astype(bool)
     assert (answers == bounder.query(q).numpy()).all()
     assert truth.sum() > 1000
-    assert wb.certify(loaded, grid).kind == (bounder.certificate.kind if kind.conservative else "inapplicable")
+    # the proof may end where that of the fit had too few boxes, never the other way round
+    held = {bounder.certificate.kind, "proven"} if kind.conservative else {"inapplicable"}
+    assert wb.certify(loaded, grid).kind in held
     assert answers[truth].all() or not (kind.conservative and bounder.certificate.proven)
 
 
