@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 from exact_mesh import NAMES, hard_points, in_tetrahedron, mesh_case, squared_distance
-from turning_solids import SOLIDS, turning
+from turning_solids import SOLIDS, turning, unevenly_turning
 
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators import IndicatorMesh, IndicatorMotion, load_indicator
@@ -116,9 +116,7 @@ def test_points_and_boxes(rng, name, margin, wild):
 @pytest.mark.parametrize("margin", [0.0, 0.03])
 @pytest.mark.parametrize("name", [*SOLIDS, "open"])
 def test_answers_never_contradict_each_other(rng, name, margin):
-    solid = SOLIDS["icosphere" if name == "open" else name]()
-    faces = solid.faces[: len(solid.faces) // 2] if name == "open" else solid.faces
-    motion = IndicatorMotion(turning(solid), faces, times=[-1, 0.5, 1, 1.25, 4]).dilated(margin)
+    motion = unevenly_turning(name, margin)
     count = 50_000
     x = rng.uniform(motion.sample_lower, motion.sample_upper, (count, 4))
     size = 10.0 ** rng.uniform(-4, 0, (count, 1)) * [0.3, 1, 1, 1]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from turning_solids import SOLIDS, turning
+from turning_solids import SOLIDS, unevenly_turning
 
 from warp_bounding.indicators import IndicatorMotion
 from warp_bounding.indicators.shape import IN
@@ -11,14 +11,12 @@ from warp_bounding.indicators.shape import IN
 @pytest.mark.parametrize("margin", [0.0, 0.03])
 @pytest.mark.parametrize("name", [*SOLIDS, "open"])
 def test_half_spaces_hold_the_object_in_their_boxes(rng, name, margin):
-    solid = SOLIDS["icosphere" if name == "open" else name]()
-    faces = solid.faces[: len(solid.faces) // 2] if name == "open" else solid.faces
-    motion = IndicatorMotion(turning(solid), faces, times=[-1, 0.5, 1, 1.25, 4]).dilated(margin)
+    motion = unevenly_turning(name, margin)
     assert name == "open" or not motion.restriction
     # around points near the faces, in boxes that reach over keyframes and past the ends of time
     times = rng.uniform(-1, 4, 12)
     border = [
-        np.insert(motion.vertices_at(t)[rng.integers(len(solid.vertices), size=400)], 0, t, axis=1) for t in times
+        np.insert(motion.vertices_at(t)[rng.integers(motion.frames.shape[1], size=400)], 0, t, axis=1) for t in times
     ]
     border = np.concatenate(border)
     size = 10.0 ** rng.uniform(-3, -0.3, (len(border), 1)) * [2, 1, 1, 1]
@@ -68,7 +66,7 @@ def test_half_spaces_far_away_in_time_and_over_many_keyframes(rng):
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e308])
 @pytest.mark.parametrize("column", [0, 2])
 def test_half_spaces_of_boxes_that_are_none(bad, column):
-    motion = IndicatorMotion(turning(SOLIDS["box"]()), SOLIDS["box"]().faces, times=[-1, 0.5, 1, 1.25, 4])
+    motion = unevenly_turning("box", 0.0)
     low, high = np.zeros((1, 4)), np.full((1, 4), 0.1)
     for side in (low, high):
         side[0, column] = bad

@@ -3,6 +3,8 @@
 import numpy as np
 import trimesh
 
+from warp_bounding.indicators import IndicatorMotion
+
 
 def turning(solid: trimesh.Trimesh, keyframes: int = 5, angle: float = 1.5) -> np.ndarray:
     angles = angle * np.sin(np.linspace(0, 3, keyframes))
@@ -20,3 +22,10 @@ SOLIDS = {
         [trimesh.creation.icosphere(), trimesh.creation.icosphere(radius=0.8).apply_translation([0.9, 0, 0])]
     ),
 }
+
+
+def unevenly_turning(name: str, margin: float) -> IndicatorMotion:
+    """A solid that turns between times of uneven distances; ``open``: half the faces of a sphere."""
+    solid = SOLIDS["icosphere" if name == "open" else name]()
+    faces = solid.faces[: len(solid.faces) // 2] if name == "open" else solid.faces
+    return IndicatorMotion(turning(solid), faces, times=[-1, 0.5, 1, 1.25, 4]).dilated(margin)
