@@ -396,3 +396,14 @@ def test_what_is_said_of_proofs():
     assert f"of the [{len(rows)} networks](../results/proofs/README.md)" in PROSE
     assert f"**{missed} had a false negative** that a search then found, {prover} of them the prover's" in PROSE
     assert f"{sum(int(row['missed_zero']) for row in zero)} of {len(zero)}" in PROSE
+
+
+def test_what_is_said_of_early_exits():
+    exits = json.loads((RESULTS / "speed/speed.json").read_text())["cpu"]["early_out"]
+    gains = sorted(column["gain"] for column in exits.values())
+    cheap = sum(column["fp_early"] <= 1.2 * column["fp_mlp"] for column in exits.values())
+    assert gains[0] > 1
+    assert len(gains) == 12
+    assert f"in all twelve, {gains[0]:.2f} to {gains[-1]:.2f} times (3D rays: {exits['3d-ray']['gain']:.2f})" in PROSE
+    assert cheap == 10
+    assert "In ten of them that costs at most a fifth more false positives" in PROSE
