@@ -5,7 +5,8 @@ within the margin, which is exact. Rays: against Warp's rays, its tree, and trim
 
 In each round every contestant of a group is timed once, in turn, after a pause; ratios are taken within a round, and the median is told. A network's work is its multiply-adds: how many, and what they would take at
 the rate of torch's product of large float32 matrices on the same cores, in the same rounds; no floor, since a batch in lanes is faster than that. Sines come on top. Where Embree is missing
-(``pip install embreex``) its row is.
+(``pip install embreex``) its row is. A function's row has answers of both kinds at random, about half and half, which no processor foresees; beside it all are *maybe*.
+Labels: exact answers of the 32-cell grid, as training asks for them.
 
 ``--device cuda:0`` asks the same of a GPU: torch there too, without rows of one core. Every time is one of a call that is waited for.
 """
@@ -13,6 +14,7 @@ the rate of torch's product of large float32 matrices on the same cores, in the 
 import argparse
 import sys
 from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -28,6 +30,7 @@ import warp_bounding as wb
 from sims.assets import asset_mesh, surface
 from sims.threads import threads_of
 from warp_bounding.coordinates.domain import Domain
+from warp_bounding.queries import QUERIES, oracle, sample
 from warp_bounding.runtime.launch import cpu_threads
 
 MARGIN, LENGTH = 0.012, 3.0  # object units; rays end outside of the object, as Embree's do
@@ -133,8 +136,9 @@ def points(count: int, device: str) -> tuple[Calls, dict[str, dict]]:
         calls[label] = bounder.prepare(array, out=out).launch
         calls[f"{label}, candidates"] = bounder.prepare(array, candidates=True).launch
         calls[function] = in_kernel(bounder, array, out)
+        calls[f"{function}, all maybe"] = in_kernel(bounder.to(device).freeze(-1e6, None), array, out)
         calls[f"{label}, torch"] = chunked(module, tensor, best)
-        for name in (label, function, f"{label}, candidates"):
+        for name in (label, function, f"{function}, all maybe", f"{label}, candidates"):
             known[name] = {"of": label, "multiply_adds": adds, "one_core": ONE_CORE in name}
         known[f"{label}, torch"] = {"of": label, "chunk": best}
     for leaves in LEAVES:
@@ -246,6 +250,15 @@ def pairs(device: str) -> tuple[Calls, dict[str, dict], int]:
     return calls, known, len(pipeline.soft_rigid_contact_pairs)
 
 
+def labels(count: int, device: str) -> tuple[Calls, dict[str, dict]]:
+    """Exact answers of a grid, by kind of query."""
+    grid = asset_mesh("bunny").to_grid(resolution=32)
+    calls = {}
+    for kind in QUERIES:
+        calls[kind] = partial(oracle(kind, grid, device), sample(kind, grid, count, np.random.default_rng(0)))
+    return calls, {kind: {"of": "point"} for kind in calls}
+
+
 def measured(group: str, calls: Calls, known: dict[str, dict], count: int, rounds: int, device: str) -> list[dict]:
     """Rows of a group."""
     product, adds = rate(device)
@@ -319,6 +332,7 @@ def main() -> int:
         "points": lambda: (*points(options.count, options.device), options.count),
         "rays": lambda: (*rays(options.count, options.device), options.count),
     }
+    groups["labels"] = lambda: (*labels(options.count, options.device), options.count)
     if options.device == "cpu":
         groups["pairs of Newton"] = lambda: pairs(options.device)
     for group, made in groups.items():
