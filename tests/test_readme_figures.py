@@ -279,6 +279,14 @@ def test_what_users_have_already():
     cull, own = (rows["pairs", name] for name in ("cull, mlp", "Newton's pass"))
     assert f"A cull of Newton's {cull['count']:,} pairs takes {cull['ns'] * cull['count'] / 1e6:.1f} ms" in PROSE
     assert f"its own pass {own['ns'] * own['count'] / 1e6:.1f}" in PROSE
+    labels = ", ".join(
+        f"{1e3 / rows['labels', kind]['ns']:.0f} ({name})" for kind, name in (("ray", "rays"), ("plane", "planes"))
+    )
+    assert f"{labels} and {1e3 / rows['labels', 'box']['ns']:.0f} (boxes) million queries a second" in PROSE
+    functions = [rows["points", f"mlp {size}, function, one core"]["ns"] for size in ("24-24", "50-50")]
+    assert f"takes {functions[0]:.0f} and {functions[1]:.0f} ns there where its answers come at random" in PROSE
+    alike = [rows["points", f"mlp {size}, function, one core, all maybe"]["ns"] for size in ("24-24", "50-50")]
+    assert f"and {alike[0]:.0f} and {alike[1]:.0f} where all are alike" in PROSE
 
 
 def test_what_is_said_of_the_map_of_newtons_pass():
@@ -398,12 +406,29 @@ def test_what_is_said_of_proofs():
     assert f"{sum(int(row['missed_zero']) for row in zero)} of {len(zero)}" in PROSE
 
 
+def test_what_a_query_costs():
+    with (RESULTS / "speed/speed.csv").open() as file:
+        told = [row for row in csv.DictReader(file) if row["dimension"] == "3" and row["space"] == "geometric"]
+    rows = {(row["query"], row["method"]): row for row in told}
+    methods = ("aabb", "kdop", "learned-kdop", "bvh", "mlp-early", "mlp")
+    lines = table("`learned-kdop` | `bvh`, 11 kB | `mlp-early`, 12 kB | `mlp`, 11 kB")
+    assert [line[0] for line in lines] == ["point", "ray", "plane", "box"]
+    for query, *cells in lines:
+        for method, cell in zip(methods, cells, strict=True):
+            row = rows[query, method]
+            ratio = "" if method == "mlp" else f" ({float(row['ratio']):.2f})"
+            assert cell == f"{float(row['ns']):.1f}{ratio}"
+
+
 def test_what_is_said_of_early_exits():
     exits = json.loads((RESULTS / "speed/speed.json").read_text())["cpu"]["early_out"]
     gains = sorted(column["gain"] for column in exits.values())
     cheap = sum(column["fp_early"] <= 1.2 * column["fp_mlp"] for column in exits.values())
     assert gains[0] > 1
     assert len(gains) == 12
-    assert f"in all twelve, {gains[0]:.2f} to {gains[-1]:.2f} times (3D rays: {exits['3d-ray']['gain']:.2f})" in PROSE
+    assert (
+        f"in all twelve columns, {gains[0]:.2f} to {gains[-1]:.2f} times (3D rays: {exits['3d-ray']['gain']:.2f})"
+        in PROSE
+    )
     assert cheap == 10
     assert "In ten of them that costs at most a fifth more false positives" in PROSE
