@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from warp_bounding.choice.prices import Line, cheapest
+from warp_bounding.choice.prices import Line, cheapest, duration
 
 
 def test_it_is_the_least_at_every_price(rng):
@@ -30,3 +30,18 @@ def test_ties_and_nothing():
     free = [Line("none", 0.0, 1.0), Line("free", 0.0, 0.2)]
     assert [stretch.label for stretch in cheapest(free)] == ["free"]
     assert [stretch.label for stretch in cheapest([Line("none", 0.0, 1.0), Line("useless", 3.0, 1.0)])] == ["none"]
+
+
+@pytest.mark.parametrize(
+    ("nanoseconds", "words"),
+    [
+        (0.0, "0 ns"),
+        (0.8641, "0.864 ns"),
+        (999.4, "999 ns"),
+        (999.7, "1 us"),
+        (166_000.0, "166 us"),
+        (2.5e12, "2.5e+03 s"),
+    ],
+)
+def test_a_time_in_words(nanoseconds, words):
+    assert duration(nanoseconds) == words

@@ -28,7 +28,7 @@ def choose(capsys, disk, *options, price=5000, name="c"):
 def test_what_is_written_goes_on_and_is_asked(capsys, disk):
     output, (status, out, err) = choose(capsys, disk)
     assert status == 0, err
-    assert "ns a query in all" in out
+    assert "s a query in all" in out
     assert "Best by the narrow phase's price: none from 0 ns" in out
     assert f"candidates are kept in {output.with_suffix('.choice')}" in out
     assert "…" not in out

@@ -7,6 +7,7 @@ import io
 
 import numpy as np
 
+from warp_bounding.choice.prices import duration
 from warp_bounding.choice.result import NONE, Choice, Row
 from warp_bounding.errors import BoundingError
 
@@ -61,13 +62,13 @@ def _draw(panel, choice: Choice) -> None:
         costs = _costs(rows[label], prices)
         panel.plot(prices, costs, color=colour, linewidth=0.9, alpha=0.6, zorder=2)
         own = np.geomspace(edges[number], edges[number + 1], 50)
-        told = f"{label}, from {_nanoseconds(stretches[number].price)}" if stretches[number].price else label
+        told = f"{label}, from {duration(stretches[number].price)}" if stretches[number].price else label
         panel.plot(own, _costs(rows[label], own), color=colour, linewidth=3, zorder=3, label=told)
     panel.axvline(max(price, low), color=INK, linewidth=0.8, linestyle=(0, (4, 3)), zorder=2)
     chosen = choice.row
     panel.plot([max(price, low)], [_costs(chosen, np.array([max(price, low)]))[0]], "o", color=INK, zorder=4)
     panel.annotate(
-        f"{chosen.label}\n{chosen.cost:.3g} ns a query",
+        f"{chosen.label}\n{duration(chosen.cost)} a query",
         (max(price, low), max(chosen.cost, 1e-3)),
         xytext=(8, -8),
         textcoords="offset points",
@@ -93,7 +94,3 @@ def _draw(panel, choice: Choice) -> None:
 
 def _costs(row: Row, prices: np.ndarray) -> np.ndarray:
     return row.line.cost(prices)
-
-
-def _nanoseconds(value: float) -> str:
-    return f"{value / 1000:.3g} us" if value >= 1000 else f"{value:.3g} ns"

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-__all__ = ["Line", "Stretch", "cheapest"]
+__all__ = ["Line", "Stretch", "cheapest", "duration"]
 
 
 class Line(NamedTuple):
@@ -53,3 +53,18 @@ def cheapest(lines: Sequence[Line]) -> list[Stretch]:
         if price <= found[-1].price:
             found.pop()
         found.append(Stretch(max(price, 0.0) if found else 0.0, at.label))
+
+
+def duration(nanoseconds: float) -> str:
+    """A time in words, three digits and a unit.
+
+    Example:
+        >>> duration(0.8641), duration(999.7), duration(166_000.0)
+        ('0.864 ns', '1 us', '166 us')
+    """
+    size, unit = next(
+        (size, unit)
+        for size, unit in ((1.0, "ns"), (1e3, "us"), (1e6, "ms"), (1e9, "s"))
+        if nanoseconds < 999.5 * size or unit == "s"
+    )
+    return f"{nanoseconds / size:.3g} {unit}"

@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from warp_bounding.bounders import Bounder, DistanceBounder
-from warp_bounding.choice.prices import Line, Stretch, cheapest
+from warp_bounding.choice.prices import Line, Stretch, cheapest, duration
 
 __all__ = ["NONE", "Choice", "Row"]
 
@@ -109,11 +109,11 @@ class Choice:
                 return "no candidate can be chosen, so every query goes to the narrow phase"
             best = min(others, key=lambda row: row.cost)
             return (
-                f"none pays: the narrow phase takes {self.narrow_ns:g} ns, and the best, {best.label}, would cost "
-                f"{best.cost:.3g} ns a query in all"
+                f"none pays: the narrow phase takes {duration(self.narrow_ns)}, and the best, {best.label}, would cost "
+                f"{duration(best.cost)} a query in all"
             )
         return (
-            f"{own.label}: {own.cost:.3g} ns a query in all, {none.cost / own.cost:.3g} times less than with no broad phase; it takes {own.nanoseconds:.3g} ns and leaves "
+            f"{own.label}: {duration(own.cost)} a query in all, {none.cost / own.cost:.3g} times less than with no broad phase; it takes {duration(own.nanoseconds)} and leaves "
             f"{100 * own.share:.3g} % of the queries, of which {100 * self.positives:.3g} % must be left"
         )
 

@@ -111,6 +111,8 @@ def _print(choice, output: str, picture: str, kept: str, whose: str) -> None:
     from rich.markup import escape
     from rich.table import Table
 
+    from warp_bounding.choice.prices import duration
+
     out = console(False)
     where = f"{choice.threads} threads of a CPU" if choice.threads else choice.device
     table, words = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0)), ("", "certificate")
@@ -128,7 +130,15 @@ def _print(choice, output: str, picture: str, kept: str, whose: str) -> None:
         table.add_row(
             row.label,
             f"{row.nbytes:,}" if row.nbytes or measured else "",
-            *((f"{row.nanoseconds:.3g}", f"{100 * row.share:.3g}", f"{row.cost:.4g}") if measured else ("", "", "")),
+            *(
+                (
+                    f"{row.nanoseconds:.3g}",
+                    f"{100 * row.share:.3g}",
+                    f"{row.cost:.4g}" if row.cost < 1000 else f"{row.cost:,.0f}",
+                )
+                if measured
+                else ("", "", "")
+            ),
             f"{row.seconds:.0f}" if row.seconds else "",
             escape(" ".join(told)),
             style="bold" if row.label == choice.label else "dim" if row.why_not else "",
@@ -138,7 +148,7 @@ def _print(choice, output: str, picture: str, kept: str, whose: str) -> None:
         out.print(escape(f"{index} {remark}"), style="dim")
     out.print(choice.why + ".")
     out.print(
-        "Best by the narrow phase's price: " + "; ".join(f"{s.label} from {s.price:.3g} ns" for s in choice.prices)
+        "Best by the narrow phase's price: " + "; ".join(f"{s.label} from {duration(s.price)}" for s in choice.prices)
     )
     if choice.more:
         out.print(choice.more + ".")
