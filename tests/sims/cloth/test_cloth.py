@@ -266,6 +266,7 @@ def test_the_whole_demo(tmp_path, monkeypatch):
         "mlp",
         "occupancy",
         "aabb+mlp",
+        "chosen",
         "mlp, all cores",
     ]
     assert made["identical"]
