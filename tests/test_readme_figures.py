@@ -214,6 +214,17 @@ def test_what_is_said_of_arms(demos):
     assert f"four joints {fewer[2]:.1f} times fewer checks, and the plan takes {100 * time:.0f} % of the time" in PROSE
 
 
+def test_what_is_said_of_a_generative_model(demos):
+    two, three, ten = (
+        {name: run for (section, name), run in demos["digits"].items() if section.startswith(f"{numbers} latent")}
+        for numbers in (2, 3, 10)
+    )
+    rates, faster = zip(*((own["mlp"]["fp_rate"], own["mlp"]["faster"]) for own in (two, three)), strict=True)
+    assert two["mlp"]["certificate"] == three["mlp"]["certificate"] == "proven"
+    assert f"({rates[0]:.1f} and {rates[1]:.1f} % false positives of codes and pixels; {faster[0]:.1f} and {faster[1]:.1f} times as fast)" in PROSE  # fmt: skip
+    assert ten["mlp"]["asked"] == 100.0
+
+
 def test_what_is_said_of_an_arm_with_itself():
     told = json.loads((RESULTS / "self-collision/self-collision.json").read_text())
     alone, rows = told["alone"], told["rows"]
