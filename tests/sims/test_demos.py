@@ -1,5 +1,6 @@
 """Every demo in its small form, with the bounders that come with it: as a user runs it."""
 
+import math
 from functools import cache
 from importlib import import_module
 
@@ -72,7 +73,7 @@ def test_what_is_proven_is_proven_anew(file):
     spec, shape = next((spec, shape) for scene, name, spec, shape in planned() if f"{scene}-{name}" == file)
     bounder = bounder_from(FOLDER / f"{file}.safetensors", shape, spec, device="cpu")
     if bounder.certificate is not None and bounder.certificate.proven:
-        assert wb.certify(bounder, shape).proven
+        assert wb.certify(bounder, shape, seconds=math.inf).proven  # however fast the machine is
 
 
 def test_a_scene_that_there_is_not():
