@@ -331,8 +331,8 @@ def main() -> int:
     groups = {
         "points": lambda: (*points(options.count, options.device), options.count),
         "rays": lambda: (*rays(options.count, options.device), options.count),
+        "labels": lambda: (*labels(options.count, options.device), options.count),
     }
-    groups["labels"] = lambda: (*labels(options.count, options.device), options.count)
     if options.device == "cpu":
         groups["pairs of Newton"] = lambda: pairs(options.device)
     for group, made in groups.items():

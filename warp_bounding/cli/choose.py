@@ -126,19 +126,13 @@ def _print(choice, output: str, picture: str, kept: str, whose: str) -> None:
     number = {remark: f"[{index}]" for index, remark in enumerate(remarks, 1)}
     for row in choice.rows:
         measured = row.cost == row.cost  # not NaN
+        cost = f"{row.cost:.4g}" if row.cost < 1000 else f"{row.cost:,.0f}"
+        numbers = f"{row.nanoseconds:.3g}", f"{100 * row.share:.3g}", cost
         told = [number.get(remark, remark) for remark in (row.why_not or row.certificate, row.note)]
         table.add_row(
             row.label,
             f"{row.nbytes:,}" if row.nbytes or measured else "",
-            *(
-                (
-                    f"{row.nanoseconds:.3g}",
-                    f"{100 * row.share:.3g}",
-                    f"{row.cost:.4g}" if row.cost < 1000 else f"{row.cost:,.0f}",
-                )
-                if measured
-                else ("", "", "")
-            ),
+            *(numbers if measured else ("", "", "")),
             f"{row.seconds:.0f}" if row.seconds else "",
             escape(" ".join(told)),
             style="bold" if row.label == choice.label else "dim" if row.why_not else "",
