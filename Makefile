@@ -7,7 +7,7 @@ OUT ?= out/demo
 .PHONY: demo test test-slow fuzz bench notebooks docs docs-check refit lint format clean dist release-check release-check-full resolve lowest
 
 demo: $(VENV)/.installed
-	$(BIN)/warp-bounding demo particles --out $(OUT)
+	$(BIN)/python -m sims particles --out $(OUT)
 
 # on all cores that this process may use, each worker with a share of the files; a worker that is done helps the others
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal

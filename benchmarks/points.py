@@ -16,9 +16,9 @@ import numpy as np
 import warp as wp
 
 import warp_bounding as wb
-from warp_bounding.paper.columns import COLUMNS, PAPER, Column
-from warp_bounding.paper.run import versions
-from warp_bounding.paper.shapes import find_shapes
+from paper.columns import COLUMNS, PAPER, Column
+from paper.run import versions
+from paper.shapes import find_shapes
 from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.launch import cpu_threads
 

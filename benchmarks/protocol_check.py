@@ -15,9 +15,9 @@ import numpy as np
 import warp as wp
 from shared.racing import options, show
 
+from paper.shapes import find_shapes
 from warp_bounding.bounders import METHODS
 from warp_bounding.indicators import load_indicator
-from warp_bounding.paper.shapes import find_shapes
 from warp_bounding.queries import QUERY_KINDS, SampledOracle, sample
 
 FITTED = 20_000

@@ -10,13 +10,13 @@ import sys
 from pathlib import Path
 
 import warp_bounding as wb
+from paper.run import versions
 from sims.arm.demo import Example, specs_of
 from sims.arm.exact import Hulls
 from sims.arm.robots import CELLS
 from sims.arm.workplace import Workplace
 from sims.planning.broad import Every, Segments
 from sims.prefitted import FitSpec, bounder_from, fit, stored
-from warp_bounding.paper.run import versions
 from warp_bounding.runtime.launch import cpu_threads
 
 NAMES = ("planar-4", "corridor-4")

@@ -1,6 +1,6 @@
 """Shapes for a first look: meshes that installed packages bring along; nothing is downloaded.
 
-``warp-bounding demo --assets DIR`` writes them as ``.obj`` files, so that what documentation shows runs as printed.
+``python -m sims --assets DIR`` writes them as ``.obj`` files, so that what documentation shows runs as printed.
 """
 
 from pathlib import Path

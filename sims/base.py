@@ -6,7 +6,6 @@ slows all of them alike, each is compared with the run without a broad phase, to
 pictures and JSON are made of it.
 """
 
-import runpy
 import sys
 import time
 from abc import ABC, abstractmethod
@@ -91,9 +90,10 @@ class Example(ABC):
 
 
 def command(name: str) -> None:
-    """What ``python -m sims.NAME`` does: the same as ``warp-bounding demo NAME``, with this process' arguments."""
-    sys.argv[1:1] = ["demo", name]
-    runpy.run_module("warp_bounding", run_name="__main__")
+    """What ``python -m sims.NAME`` does: the same as ``python -m sims NAME``, with this process' arguments."""
+    from sims.__main__ import run
+
+    run([name, *sys.argv[1:]])
 
 
 def now(device: wp.Device) -> float:

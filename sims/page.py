@@ -1,6 +1,6 @@
 """``results/demos``: what the demos measured, as JSON and as a page.
 
-warp-bounding demo NAME --out out/demo --json > results/demos/NAME.json     # for each of the demos
+python -m sims NAME --out out/demo --json > results/demos/NAME.json     # for each of the demos
 python -m sims.page results/demos                                           # writes README.md there
 """
 
@@ -51,7 +51,7 @@ def page(folder: Path) -> str:
     machines = "; ".join(sorted({answer["machine"] for answer in answers}))
     parts = ["# What the demos measured", ""]
     parts += [
-        f"`warp-bounding demo NAME --json > results/demos/NAME.json`, then `python -m sims.page results/demos`. {machines}.",
+        f"`python -m sims NAME --json > results/demos/NAME.json`, then `python -m sims.page results/demos`. {machines}.",
         "Milliseconds are medians, on a machine that had other work too: only compare them within a table.",
         "*Missed*: contacts, shadow pixels, colliding",
         "states and edges that the run without a broad phase has and this one lacks. *FP %*: false positives among random",

@@ -21,8 +21,9 @@ import typer
 from reading_order import GUIDE, PAGES, ROOT
 from snippets import FENCED, commands
 
+import paper.__main__
+import sims.__main__
 from warp_bounding import cli, training
-from warp_bounding.cli.demo import DEMOS
 
 for name in ("torch", "trimesh", "matplotlib", "PIL"):
     pytest.importorskip(name, reason=f"{name} is not installed: pip install '.[train]'")
@@ -98,9 +99,11 @@ def read(words: list[str]) -> None:
         Exception: If it would not be understood.
     """
     program, *arguments = words
-    if program == "warp-bounding":
-        name, *options = arguments
-        typer.main.get_command(cli.app).commands[name].make_context(name, options)
+    if program == "warp-bounding" or arguments[:2] == ["-m", "paper"]:
+        app, words = (cli.app, arguments) if program == "warp-bounding" else (paper.__main__._app(), arguments[2:])
+        typer.main.get_command(app).commands[words[0]].make_context(words[0], words[1:])
+    elif arguments[:2] == ["-m", "sims"]:
+        typer.main.get_command(sims.__main__._app()).make_context("sims", arguments[2:])
     elif program == "make":
         assert (
             shutil.which("make") is None
@@ -117,12 +120,16 @@ def read(words: list[str]) -> None:
 
 def run_command(words: list[str], data: Path) -> None:
     """Run a command in the present folder; it must end well."""
-    program, name, *options = words
-    if program != "warp-bounding" or (name == "demo" and options[0] in DEMOS):
+    modules = {"paper": paper.__main__.run, "sims": sims.__main__.run}
+    if words[:2] == ["python", "-m"] and words[2] in modules and words[3] not in sims.DEMOS:
+        main, (name, *options) = modules[words[2]], words[3:]
+    elif words[0] == "warp-bounding":
+        main, (name, *options) = cli.main, words[1:]
+    else:
         return read(words)
     options = [str(data) if word == "DIR" else word for word in options]
     with pytest.raises(SystemExit) as stop:
-        cli.main([name, *options, *SMALL.get(name, "").split()])
+        main([name, *options, *SMALL.get(name, "").split()])
     assert stop.value.code == 0, shlex.join(words)
     return None
 
@@ -166,7 +173,7 @@ def place(tmp_path, monkeypatch):
     """An empty folder to stand in, with the paper's data beside it: one small image; networks of tables are fitted in a few steps."""
     from PIL import Image
 
-    from warp_bounding.paper.run import Run
+    from paper.run import Run
 
     of_table, fit = Run.fit, training.fit
 
@@ -199,10 +206,10 @@ def test_everything_shown_runs(place):
     [
         "```python\nimport warp_bounding as wb\nwb.no_such_function()\n```",
         "```python\nx = 1\n```\nwords\n```python\nassert x == 2\n```",
-        "```sh\nwarp-bounding demo --asset .\n```",
+        "```sh\npython -m sims --asset .\n```",
         "```sh\nwarp-bounding info bunny.safetensors\n```",
         "```sh\nmake no-such-target\n```",
-        "```sh\nwarp-bounding demo particles --no-such-option\n```",
+        "```sh\npython -m sims particles --no-such-option\n```",
     ],
 )
 def test_what_is_broken_is_found(place, text):

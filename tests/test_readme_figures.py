@@ -12,9 +12,9 @@ from functools import partial
 import pytest
 from reading_order import PAGES, ROOT
 
-from warp_bounding.paper.columns import CASCADE, COLUMNS, DISTANCE, LOCAL, PAPER, VARIANTS
-from warp_bounding.paper.pages.means import Means
-from warp_bounding.paper.rows import Row
+from paper.columns import CASCADE, COLUMNS, DISTANCE, LOCAL, PAPER, VARIANTS
+from paper.pages.means import Means
+from paper.rows import Row
 
 TEXT = "\n".join(page.read_text() for page in PAGES)
 PROSE = " ".join(TEXT.split())

@@ -17,7 +17,7 @@ from deaths import WORKERS, killed
 from random_meshes import write_shapes
 from scaling import CLUSTER_SHAPES, pace, scaled, undisturbed
 
-from warp_bounding.paper.run import versions
+from paper.run import versions
 
 
 def page(row: dict) -> str:

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from warp_bounding.paper.run import versions
+from paper.run import versions
 from warp_bounding.runtime.launch import cpu_threads
 
 __all__ = ["KeptRows"]

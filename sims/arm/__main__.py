@@ -1,4 +1,4 @@
-"""``python -m sims.arm``: the same as ``warp-bounding demo arm``."""
+"""``python -m sims.arm``: the same as ``python -m sims arm``."""
 
 from sims.base import command
 

@@ -1,4 +1,4 @@
-"""``python -m sims.cloth``: the same as ``warp-bounding demo cloth``."""
+"""``python -m sims.cloth``: the same as ``python -m sims cloth``."""
 
 from sims.base import command
 

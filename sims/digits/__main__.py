@@ -1,4 +1,4 @@
-"""``python -m sims.digits``: the same as ``warp-bounding demo digits``."""
+"""``python -m sims.digits``: the same as ``python -m sims digits``."""
 
 from sims.base import command
 

@@ -1,4 +1,4 @@
-"""``python -m sims.particles``: the same as ``warp-bounding demo particles``."""
+"""``python -m sims.particles``: the same as ``python -m sims particles``."""
 
 from sims.base import command
 

@@ -1,4 +1,4 @@
-"""``python -m sims.path``: the same as ``warp-bounding demo path``."""
+"""``python -m sims.path``: the same as ``python -m sims path``."""
 
 from sims.base import command
 

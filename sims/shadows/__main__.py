@@ -1,4 +1,4 @@
-"""``python -m sims.shadows``: the same as ``warp-bounding demo shadows``."""
+"""``python -m sims.shadows``: the same as ``python -m sims shadows``."""
 
 from sims.base import command
 

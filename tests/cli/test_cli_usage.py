@@ -212,3 +212,10 @@ def test_processes_give_help(arguments):
     assert done.returncode == 0
     assert "Usage" in done.stdout
     assert done.stderr == ""
+
+
+@pytest.mark.parametrize(("name", "now"), [("demo", "python -m sims"), ("table1", "python -m paper table1")])
+def test_commands_that_have_left_the_package_say_what_replaces_them(name, now):
+    done = command(name, "--help")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"warp-bounding: {name} is no command any more; in a clone of the repository: {now}\n"

@@ -1,4 +1,4 @@
-"""``warp-bounding demo``: options, exit status, JSON, and what is said where a package is missing."""
+"""``python -m sims``: options, exit status, JSON, and what is said where a package is missing."""
 
 import errno
 import json
@@ -108,7 +108,7 @@ def test_where_a_part_of_the_library_names_its_own_extra_the_demo_names_its(caps
     monkeypatch.setattr(sims.particles, "run", without("torch.nn"))
     status, out, err = run(capsys, "demo", "particles", "--quick")
     assert (status, out) == (2, "")
-    assert err == "warp-bounding: the demo needs torch.nn: pip install 'warp-bounding[sims]'\n"
+    assert err == "sims: the demo needs torch.nn: pip install 'warp-bounding[sims]'\n"
     monkeypatch.setattr(sims.particles, "run", without("else"))
     assert "warp-bounding[train]" in run(capsys, "demo", "particles", "--quick")[2]
 
@@ -136,7 +136,7 @@ def test_a_full_disk_is_one_line(asked, capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(sims.particles, "run", full)
     status, out, err = run(capsys, "demo", "particles", "--out", tmp_path)
     assert (status, out) == (2, "")
-    assert err == f"warp-bounding: {tmp_path / 'rain.png'}: {os.strerror(errno.ENOSPC)}\n"
+    assert err == f"sims: {tmp_path / 'rain.png'}: {os.strerror(errno.ENOSPC)}\n"
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full here")

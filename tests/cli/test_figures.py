@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from commands import check_bad, run
 
+from paper.drawing.base import Figure, objects_named
 from warp_bounding.errors import BoundingError
-from warp_bounding.paper.drawing.base import Figure, objects_named
 
 TESTS = Path(__file__).parents[1]
 
@@ -54,8 +54,8 @@ def figures(monkeypatch):
     """Puts two small figures in place of the paper's; returns what the first has computed."""
     line = Line()
     line.log, line.fails = [], ""
-    monkeypatch.setattr("warp_bounding.paper.figures.FIGURES", (line, Data()))
-    monkeypatch.setattr("warp_bounding.cli.paper.figures._draw_solids", lambda scenes: [])
+    monkeypatch.setattr("paper.figures.FIGURES", (line, Data()))
+    monkeypatch.setattr("paper.commands.figures._draw_solids", lambda scenes: [])
     return line
 
 
@@ -88,7 +88,7 @@ def test_a_run_and_the_same_again(capsys, tmp_path, figures):
     page = before["README.md"].decode()
     assert "![A line](line.png)" in page
     assert "It is 5." in page
-    assert "warp-bounding figures all --out out" in page
+    assert "python -m paper figures all --out out" in page
     assert run(capsys, "figures", "line", "--out", tmp_path / "out")[0] == 0
     assert figures.log == ["first", "second"]
     after = contents(tmp_path / "out")
@@ -110,7 +110,7 @@ def test_no_display_is_one_line(capsys, tmp_path, figures, monkeypatch):
     def nothing(scenes):
         raise BoundingError("this machine has no OpenGL for off-screen drawing (libEGL or libOSMesa)")
 
-    monkeypatch.setattr("warp_bounding.cli.paper.figures._draw_solids", nothing)
+    monkeypatch.setattr("paper.commands.figures._draw_solids", nothing)
     status, _, err = run(capsys, "figures", "line", "--out", tmp_path / "out")
     assert status == 1
     assert "failed: line: this machine has no OpenGL" in err
@@ -166,9 +166,9 @@ def test_a_folder_of_something_else_is_left_alone(capsys, tmp_path, figures):
 KILLED = """
 import sys, time
 from test_figures import Line
-import warp_bounding.paper.figures as home
+import paper.figures as home
 from warp_bounding.cli import main
-from warp_bounding.cli.paper import figures
+from paper.commands import figures
 
 class Slow(Line):
     def parts(self, work):
@@ -235,7 +235,7 @@ def test_a_small_run(capsys, tmp_path):
 def test_all_of_them(capsys, tmp_path):
     status, out, err = run(capsys, "figures", "all", "--quick", "--effort", "0.1", "--out", tmp_path, "--json")
     assert status == 0, err
-    from warp_bounding.paper.figures import FIGURES
+    from paper.figures import FIGURES
 
     assert json.loads(out)["done"] == [figure.name for figure in FIGURES if figure.name != "objects"]
     page = (tmp_path / "README.md").read_text()

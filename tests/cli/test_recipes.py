@@ -10,7 +10,7 @@ from commands import check_bad, run
 
 pytest.importorskip("torch", reason="torch is not installed")
 
-from warp_bounding.paper.recipes.run import steps_asked
+from paper.recipes.run import steps_asked
 
 SMALL = ("--columns", "2d-point", "--ways", "default,paper", "--seconds", "5", "--samples", "5000")
 

@@ -8,7 +8,7 @@ from commands import check_bad, run
 
 pytest.importorskip("torch", reason="torch is not installed")
 
-from warp_bounding.paper.speed import run as speed_run
+from paper.speed import run as speed_run
 
 SMALL = ("--columns", "2d-point", "--methods", "aabb,sphere,mlp", "--budget", "0.5", "--queries", "5000")
 SMALL += ("--rounds", "3", "--samples", "5000", "--devices", "cpu")
@@ -38,7 +38,7 @@ def test_a_small_run_and_the_same_again(place, capsys, monkeypatch):
     assert [mlp[name] for name in ("ratio", "ratio_low", "ratio_high")] == ["1.0"] * 3
     assert "3 of 3 cells" in out
     page = (place / "out/README.md").read_text()
-    assert "warp-bounding speed --out out --columns 2d-point" in page
+    assert "python -m paper speed --out out --columns 2d-point" in page
     monkeypatch.setattr(speed_run, "race", lambda *_: pytest.fail("raced again"))
     status, out, _ = speed(capsys, place, *SMALL, "--json")
     assert status == 0

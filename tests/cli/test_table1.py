@@ -36,7 +36,7 @@ def library(place, monkeypatch):
         fake = Library(place / "log", **manners)
         fake.install(monkeypatch)
         plots = {"png": b"picture", "svg": b"<svg/>"}  # tests of the plot itself are elsewhere
-        monkeypatch.setattr("warp_bounding.paper.pages.markdown.rank_plot", lambda rows: plots if list(rows) else {})
+        monkeypatch.setattr("paper.pages.markdown.rank_plot", lambda rows: plots if list(rows) else {})
         return fake
 
     return put
@@ -95,7 +95,7 @@ def test_more_is_added_later_without_fitting_anew(place, library, capsys):
     assert table1(capsys, place, "--columns", "2d-ray", "--methods", "mlp,aabb", "--objects", "2d/bb")[0] == 0
     assert len(rows(place)) == 5
     page = (place / "out/README.md").read_text()
-    assert page.count("warp-bounding table1 --data") == 3 + 1  # the first one by itself, too
+    assert page.count("python -m paper table1 --data") == 3 + 1  # the first one by itself, too
     assert "sampled protocol" in page
 
 
@@ -170,7 +170,7 @@ from fake_library import Library
 from pytest import MonkeyPatch
 from warp_bounding.cli import main
 Library(Path({log!r}), endless=6).install(MonkeyPatch())
-MonkeyPatch().setattr("warp_bounding.paper.pages.markdown.rank_plot", lambda rows: {{}})
+MonkeyPatch().setattr("paper.pages.markdown.rank_plot", lambda rows: {{}})
 main(sys.argv[1:])
 """
 
@@ -319,8 +319,8 @@ def test_real_shapes_from_end_to_end(tmp_path, capsys):
 
 
 def test_help_tells_the_time_that_the_plan_tells(capsys, monkeypatch):
-    from warp_bounding.paper.plan import duration, preset_seconds
-    from warp_bounding.paper.settings import PRESETS
+    from paper.plan import duration, preset_seconds
+    from paper.settings import PRESETS
 
     monkeypatch.setenv("COLUMNS", "250")
     with pytest.raises(SystemExit):

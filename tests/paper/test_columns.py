@@ -3,8 +3,7 @@
 import pytest
 from fake_library import data_folder
 
-from warp_bounding.errors import BoundingError
-from warp_bounding.paper.columns import (
+from paper.columns import (
     COLUMNS,
     METHODS,
     PAPER,
@@ -14,8 +13,9 @@ from warp_bounding.paper.columns import (
     select_columns,
     select_methods,
 )
-from warp_bounding.paper.plan import Selection, plan
-from warp_bounding.paper.shapes import find_shapes, select_shapes
+from paper.plan import Selection, plan
+from paper.shapes import find_shapes, select_shapes
+from warp_bounding.errors import BoundingError
 
 pytestmark = pytest.mark.usefixtures("fake_supports")
 

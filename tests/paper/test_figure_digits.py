@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
+from paper.drawing.base import Tools, Work
+from paper.drawing.settings import FigureSettings
+from paper.figures.digits import Digits
 from warp_bounding.errors import BoundingError
-from warp_bounding.paper.drawing.base import Tools, Work
-from warp_bounding.paper.drawing.settings import FigureSettings
-from warp_bounding.paper.figures.digits import Digits
 
 RUN = {"section": "3 latent numbers", "narrow_calls": 5, "asked": 100.0, "faster": 1.0, "missed": 0, "identical": True}
 RUNS = [

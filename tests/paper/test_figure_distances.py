@@ -2,10 +2,10 @@
 
 import pytest
 
-from warp_bounding.paper.drawing.base import Tools, Work
-from warp_bounding.paper.drawing.masks import unpack_numbers
-from warp_bounding.paper.drawing.settings import FigureSettings
-from warp_bounding.paper.figures.distances import RADII, Distances
+from paper.drawing.base import Tools, Work
+from paper.drawing.masks import unpack_numbers
+from paper.drawing.settings import FigureSettings
+from paper.figures.distances import RADII, Distances
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
+from paper.drawing.base import Tools, Work
+from paper.drawing.canvas import bounded, numbered, upright
+from paper.drawing.masks import pack, pack_numbers, packed, raster, unpack, unpack_numbers
+from paper.drawing.run import lacking, selected
+from paper.drawing.settings import PAPER, FigureSettings
+from paper.drawing.shapes import own_shape
+from paper.figures import FIGURES
 from warp_bounding.indicators import IndicatorGrid
-from warp_bounding.paper.drawing.base import Tools, Work
-from warp_bounding.paper.drawing.canvas import bounded, numbered, upright
-from warp_bounding.paper.drawing.masks import pack, pack_numbers, packed, raster, unpack, unpack_numbers
-from warp_bounding.paper.drawing.run import lacking, selected
-from warp_bounding.paper.drawing.settings import PAPER, FigureSettings
-from warp_bounding.paper.drawing.shapes import own_shape
-from warp_bounding.paper.figures import FIGURES
 
 OWN = [figure for figure in FIGURES if any(thing.own for thing in figure.objects) or not figure.objects]
 

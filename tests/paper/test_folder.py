@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from fake_library import make_row, table_rows
 
+from paper.columns import COLUMNS, VARIANTS
+from paper.folder import open_folder
+from paper.rows import Row
 from warp_bounding.errors import BoundingError
-from warp_bounding.paper.columns import COLUMNS, VARIANTS
-from warp_bounding.paper.folder import open_folder
-from warp_bounding.paper.rows import Row
 
 HEADER = Row.header()
 ROW = make_row(COLUMNS[1], VARIANTS[0])

@@ -3,12 +3,12 @@
 import pytest
 from fake_library import data_folder
 
+from paper.columns import COLUMNS, VARIANTS, Column, Variant, select_columns
+from paper.plan import Selection, TimeLeft, duration, plan, shares
+from paper.settings import PRESETS, Settings, parse_budget
+from paper.shapes import find_shapes
 from warp_bounding import bounders
 from warp_bounding.errors import BoundingError
-from warp_bounding.paper.columns import COLUMNS, VARIANTS, Column, Variant, select_columns
-from warp_bounding.paper.plan import Selection, TimeLeft, duration, plan, shares
-from warp_bounding.paper.settings import PRESETS, Settings, parse_budget
-from warp_bounding.paper.shapes import find_shapes
 
 RAY, BOX = Column(3, "ray"), Column(2, "box")
 

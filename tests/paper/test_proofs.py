@@ -10,10 +10,10 @@ import pytest
 from commands import check_bad, run
 
 import warp_bounding as wb
-from warp_bounding.paper.folder import open_folder
-from warp_bounding.paper.pages.proofs_page import proofs_page, summary
-from warp_bounding.paper.proofs import Thresholds, _as_asked
-from warp_bounding.paper.rows import ProofRow
+from paper.folder import open_folder
+from paper.pages.proofs_page import proofs_page, summary
+from paper.proofs import Thresholds, _as_asked
+from paper.rows import ProofRow
 from warp_bounding.proof import prove
 from warp_bounding.queries import oracle
 from warp_bounding.training import fit
@@ -91,7 +91,7 @@ def test_a_run_and_the_same_again(place, fits, capsys):
     assert result["summary"]["networks"] == 4
     page = (place / "out/README.md").read_text()
     assert "Of 4 networks thresholded at their minimum over at least" in page
-    assert "warp-bounding proofs --data DIR" in page
+    assert "python -m paper proofs --data DIR" in page
     assert str(place) not in page
     before = {p: p.stat().st_mtime_ns for p in (place / "out/bounders").iterdir()}
     content = (place / "out/proofs.csv").read_bytes()
@@ -170,7 +170,7 @@ def test_a_contradiction_is_told(place, fits, capsys, monkeypatch):
         search = prove(bounder, grid, **options)
         return dataclasses.replace(search, upper_bound=search.lower_bound - 1.0, lower_bound=search.lower_bound - 1.5)
 
-    monkeypatch.setattr("warp_bounding.paper.proofs.prove", wrong)
+    monkeypatch.setattr("paper.proofs.prove", wrong)
     status, _, err = proofs(capsys, place, *quick, out="wrong")
     assert status == 1
     assert "the prover found a positive with f =" in err
@@ -233,7 +233,7 @@ def test_what_cannot_be_proven_is_told(place, fits, capsys, monkeypatch):
     def no_proof(*_, **__):
         raise BounderError("mlp: no proof\nyet")
 
-    monkeypatch.setattr("warp_bounding.paper.proofs.prove", no_proof)
+    monkeypatch.setattr("paper.proofs.prove", no_proof)
     quick = ("--columns", "2d-point", "--methods", "mlp", "--objects", "disc", "--samples", "500", "--positives", "500")
     status, _, err = proofs(capsys, place, *quick, out="none")
     assert status == 1

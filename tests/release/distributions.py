@@ -20,10 +20,9 @@ from readme_renderer import markdown
 __all__ = ["LARGEST", "build", "contents", "described", "metadata_of", "problems", "told_by_twine"]
 
 LARGEST = 2_000_000  # bytes of a wheel
-PARTS = ("warp_bounding/", "sims/")  # what a wheel installs
+PARTS = ("warp_bounding/",)  # what a wheel installs
 SUFFIXES = (
     ".py",
-    ".safetensors",
     "/py.typed",
     "/templates/page.css",
     "/templates/page.html",

@@ -73,6 +73,11 @@ class Stay:
         return done
 
 
+def _with_demos(stay: Stay) -> None:
+    """The demos, which only a clone has; what they import of the package is the wheel's."""
+    shutil.copytree(ROOT / "sims", stay.folder / "sims", dirs_exist_ok=True)
+
+
 def _expect(holds: object, what: str) -> None:
     if not holds:
         raise BrokenPromiseError(what)
@@ -80,7 +85,7 @@ def _expect(holds: object, what: str) -> None:
 
 def installed_outside(stay: Stay) -> str:
     """What is imported is what was installed, and its version is the command's."""
-    code = "import warp_bounding as wb, sims; print(wb.__file__); print(sims.__file__); print(wb.__version__)"
+    code = "import warp_bounding as wb; print(wb.__file__); print(wb.__version__)"
     *files, version = stay.run(["python", "-c", code]).stdout.split()
     places = [Path(file).resolve() for file in files]
     _expect(all(place.is_relative_to(stay.environment.folder.resolve()) for place in places), f"imported from {places}")
@@ -93,7 +98,7 @@ def every_help(stay: Stay) -> str:
     """``--help`` of the program and, in one process, of each of its commands."""
     overview = stay.run(["warp-bounding", "--help"]).stdout
     names = re.findall(r"^│ ([a-z]\w*) ", overview.partition("Commands")[2], re.MULTILINE)
-    _expect({"fit", "certify", "demo"} <= set(names), f"--help lists {names}")
+    _expect({"fit", "certify", "choose"} <= set(names), f"--help lists {names}")
     pages = stay.run(["python", "-c", HELP, *names]).stdout.split("\f")[1:]
     for name, page in zip(names, pages, strict=True):
         _expect(f"Usage: warp-bounding {name}" in page and "--json" in page, f"{name} --help: {page[:300]}")
@@ -109,10 +114,7 @@ def core_alone(stay: Stay) -> str:
 def extras_are_named(stay: Stay) -> str:
     """What needs an extra says in one line which one."""
     (stay.folder / "ball.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
-    asked = {
-        "train": ["fit", "ball.obj", "-o", "ball.safetensors", "--method", "kdop"],
-        "sims": ["demo", "particles", "--quick"],
-    }
+    asked = {"train": ["fit", "ball.obj", "-o", "ball.safetensors", "--method", "kdop"]}
     for extra, words in asked.items():
         said = stay.run(["warp-bounding", *words], status=2).stderr.strip().splitlines()
         _expect(
@@ -125,13 +127,15 @@ def extras_are_named(stay: Stay) -> str:
 def quickstart(stay: Stay) -> str:
     """The README's commands and snippets, in one folder: commands before the first snippet, all snippets, the other commands."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
+    _with_demos(stay)
     _expect(FIT in text, f"the README's quickstart has no {FIT} that could be shortened")
     text, snippets, before, behind = text.replace(FIT, SHORT_FIT) if stay.short else text, [], [], []
     for language, body in FENCED.findall(text):
         if language == "python":
             snippets.append(body)
             continue
-        ours = [words for words in commands(body) if words[0] == "warp-bounding"]  # the others set up a checkout
+        told = commands(body)  # the others set up a checkout
+        ours = [words for words in told if words[0] == "warp-bounding" or words[1:3] == ["-m", "sims"]]
         (behind if snippets else before).extend(ours)
     for words in before:
         stay.run(words)
@@ -145,8 +149,9 @@ def quickstart(stay: Stay) -> str:
 
 def particles(stay: Stay) -> str:
     """The first demo, small: every run ends in the same state, and there are pictures."""
+    _with_demos(stay)
     few = ["--particles", "2000", "--steps", "6"] if stay.short else []
-    stay.run(["warp-bounding", "demo", "particles", "--quick", *few, "--out", "demo"])
+    stay.run(["python", "-m", "sims", "particles", "--quick", *few, "--out", "demo"])
     pictures = sorted(path.name for path in (stay.folder / "demo").rglob("*.png"))
     _expect(pictures, "the demo wrote no picture")
     return f"{len(pictures)} pictures"

@@ -8,17 +8,27 @@ from pathlib import Path
 import pytest
 from bounding_shapes import HIDDEN
 
+import paper.__main__
+import sims.__main__
 from warp_bounding.cli import main
 
 ROOT = Path(__file__).parents[2]
 WIDTHS = ",".join(map(str, HIDDEN))  # of a small network
 
 
+PAPER = ("table1", "recipes", "speed", "proofs", "figures")
+
+
 def run(capsys, *arguments):
-    """Status, standard output and standard error of a command in this process."""
+    """Status, standard output and standard error of a command in this process; ``demo`` is that of ``sims``."""
+    name, *rest = words = [str(a) for a in arguments]
     capsys.readouterr()
+    if name == "demo":
+        program, words = sims.__main__.run, rest
+    else:
+        program = paper.__main__.run if name in PAPER else main
     with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
+        program(words)
     out, err = capsys.readouterr()
     return stop.value.code, out, err
 
@@ -27,7 +37,7 @@ def check_bad(status, out, err):
     assert status == 2, err
     assert out == ""
     assert len(err.strip().splitlines()) == 1, err
-    assert err.startswith("warp-bounding: ")
+    assert err.startswith(("warp-bounding: ", "paper: ", "sims: "))
     assert "Traceback" not in err
 
 

@@ -9,11 +9,11 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from paper.columns import COLUMNS, VARIANTS
+from paper.rows import Row
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.options import taken
 from warp_bounding.errors import BounderError, FileFormatError
-from warp_bounding.paper.columns import COLUMNS, VARIANTS
-from warp_bounding.paper.rows import Row
 
 RATES = {v.label: 40.0 - i for i, v in enumerate(VARIANTS)}
 NO_SUCH = {("relu-field", "ray", 3), ("relu-field", "plane", 3), ("relu-field", "box", 3)}

@@ -1,4 +1,4 @@
-"""The command ``warp-bounding``: one file a command.
+"""The command ``warp-bounding``: one file a command. ``main`` also runs the command lines of ``paper/`` and ``sims/``.
 
 Every command takes ``--json``: one JSON object on standard output and nothing else there; progress goes to standard
 error. Exit status: 0; 1 where something is not proven or was interrupted; 2 for bad usage or bad input, with one clear
@@ -7,48 +7,29 @@ line.
 
 import os
 import sys
-from typing import Annotated
+from collections.abc import Callable, Iterable
+from typing import Annotated, Any
 
 from warp_bounding.errors import BoundingError
 from warp_bounding.version import __version__
 
-__all__ = ["app", "main"]
+__all__ = ["app", "app_of", "main"]
+
+# What was a command once, and what does it now, in a clone of the repository.
+MOVED = {"demo": "python -m sims"} | {
+    name: f"python -m paper {name}" for name in ("table1", "recipes", "speed", "proofs", "figures")
+}
 
 
 def _app():
     import typer
 
-    from warp_bounding.cli import bake, certify, choose, demo, evaluate, fit, info, query, show, soak
-    from warp_bounding.cli.paper import figures, proofs, recipes, speed, table1
+    from warp_bounding.cli import bake, certify, choose, evaluate, fit, info, query, show, soak
 
-    app = typer.Typer(
-        name="warp-bounding",
-        help="Proven, tight, fast bounding volumes: fit one, prove it, measure it, see it at work.",
-        no_args_is_help=True,
-        add_completion=False,
-        pretty_exceptions_enable=False,
-    )
     fit.state_options()
     bake.state_options()
-    for module in (
-        fit,
-        choose,
-        bake,
-        query,
-        certify,
-        soak,
-        evaluate,
-        info,
-        show,
-        table1,
-        recipes,
-        speed,
-        proofs,
-        figures,
-        demo,
-    ):
-        name, command = module.__name__.rpartition(".")[2], module.command
-        app.command(name=name, cls=getattr(module, "Help", None), help=_paragraphs(command.__doc__))(command)
+    about = "Proven, tight, fast bounding volumes: fit one, prove it, measure it, see it at work."
+    app = app_of("warp-bounding", about, (fit, choose, bake, query, certify, soak, evaluate, info, show))
 
     def tell(wanted: bool) -> None:
         if wanted:
@@ -61,6 +42,18 @@ def _app():
     def common(version: Annotated[bool, version] = False) -> None:
         """Proven, tight, fast bounding volumes: fit one, prove it, measure it, see it at work."""
 
+    return app
+
+
+def app_of(name: str, about: str, modules: Iterable[Any]):
+    """A command line with the ``command`` of each module, under the last part of the module's name."""
+    import typer
+
+    told = {"add_completion": False, "pretty_exceptions_enable": False}
+    app = typer.Typer(name=name, help=about, no_args_is_help=True, **told)
+    for module in modules:
+        own, command = module.__name__.rpartition(".")[2], module.command
+        app.command(name=own, cls=getattr(module, "Help", None), help=_paragraphs(command.__doc__))(command)
     return app
 
 
@@ -78,8 +71,17 @@ def __getattr__(name: str):
 INTERRUPTED = 130  # what the parser makes of Ctrl-C
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Run the command line and exit with its status."""
+def main(
+    arguments: list[str] | None = None, program: str = "warp-bounding", app_of_it: Callable[[], Any] = _app
+) -> None:
+    """Run a command line and exit with its status.
+
+    Args:
+        arguments: Those of this process if ``None``.
+        program: What an error's line begins with.
+        app_of_it: Makes the command line.
+    """
+    arguments = sys.argv[1:] if arguments is None else arguments
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by who started this, as in ``>&-``
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 (until the process ends)
@@ -87,16 +89,16 @@ def main(arguments: list[str] | None = None) -> None:
         from warp_bounding.cli.output import told_warnings  # a second of imports, which Ctrl-C may end too
 
         with told_warnings():
-            status = _run(arguments)
+            status = _run(arguments, program, app_of_it)
             sys.stdout.flush()
     except KeyboardInterrupt:
         status = INTERRUPTED
     except BoundingError as error:
-        print(f"warp-bounding: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"{program}: {' '.join(str(error).split())}", file=sys.stderr)
         status = 2
     except OSError as error:  # a full disk, a folder that may not be written to, an output that nobody reads any more
         where = f"{error.filename}: " if error.filename else ""
-        print(f"warp-bounding: {where}{error.strerror or ' '.join(str(error).split())}", file=sys.stderr)
+        print(f"{program}: {where}{error.strerror or ' '.join(str(error).split())}", file=sys.stderr)
         if not error.filename:  # standard output itself: what is left in its buffer would fail again at exit
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         status = 2
@@ -116,19 +118,24 @@ def _wrong_value(error: Exception) -> str | None:
     return wanted and f"{error.param.opts[0]} must be {wanted}, got {first['input']!r}"
 
 
-def _run(arguments: list[str] | None) -> int:
+def _run(arguments: list[str], program: str, app_of_it: Callable[[], Any]) -> int:
     """Exit status of a command; an error of the parser becomes an error of ours."""
     import typer
 
+    if app_of_it is _app and arguments and arguments[0] in MOVED:
+        raise BoundingError(
+            f"{arguments[0]} is no command any more; in a clone of the repository: {MOVED[arguments[0]]}"
+        )
+
     usage_error = typer.BadParameter.__base__  # the parser's UsageError, wherever typer takes its parser from
     try:
-        status = _app()(args=arguments, standalone_mode=False)
+        status = app_of_it()(args=arguments, prog_name=program, standalone_mode=False)
         return status if isinstance(status, int) else 0
     except usage_error as error:
         if not error.format_message():  # no command: the help has been printed
             return 2
         context = getattr(error, "ctx", None)
-        where = context.command_path if context else "warp-bounding"
+        where = context.command_path if context else program
         raise BoundingError(
             f"{_wrong_value(error) or error.format_message().rstrip('.')} (see '{where} --help')"
         ) from error

@@ -6,11 +6,11 @@ import struct
 import pytest
 from fake_library import make_row, table_rows
 
-from warp_bounding.paper.columns import COLUMNS, Column, Variant
-from warp_bounding.paper.folder import open_folder
-from warp_bounding.paper.pages.markdown import page, write_outputs
-from warp_bounding.paper.pages.means import Means
-from warp_bounding.paper.pages.rank_plot import rank_plot
+from paper.columns import COLUMNS, Column, Variant
+from paper.folder import open_folder
+from paper.pages.markdown import page, write_outputs
+from paper.pages.means import Means
+from paper.pages.rank_plot import rank_plot
 
 pytestmark = pytest.mark.usefixtures("fake_supports")
 
@@ -38,7 +38,7 @@ ROWS = [
 def opened(path, rows, **given):
     """A closed folder with these rows."""
     with open_folder(path, given, create=True) as folder:
-        folder.remember("warp-bounding table1 --data D --out O")
+        folder.remember("python -m paper table1 --data D --out O")
         folder.rows = {row.key: row for row in rows}
     return folder
 
@@ -79,7 +79,7 @@ def test_the_page(tmp_path):
     assert cells["occupancy, **false negatives %**"][0] == "0.150"
     labels = list(cells)
     assert labels.index("aabb") < labels.index("mlp") < labels.index("occupancy") < labels.index("voxels")
-    assert "warp-bounding table1 --data D --out O" in text
+    assert "python -m paper table1 --data D --out O" in text
     assert all(
         words in text for words in ("60 s for each", "1,000,000 random queries", "CPU threads 2", "Python 3", "no luck")
     )
@@ -162,13 +162,13 @@ def test_the_rank_plot_of_little(rng):
 
 def test_a_page_begins_with_one_line_and_folds_the_rest(tmp_path):
     folder = opened(tmp_path / "out", ROWS)
-    folder.commands.append("warp-bounding table1 --data D --out O --methods mlp")
+    folder.commands.append("python -m paper table1 --data D --out O --methods mlp")
     text = page(folder)
     head, *_ = text.split("\n- A cell is")
     title, _, line, _, details, *folded = head.splitlines()
     assert title.startswith("# Table 1")
-    assert line.endswith("made with `warp-bounding table1 --data D --out O`.")
+    assert line.endswith("made with `python -m paper table1 --data D --out O`.")
     assert details == "<details>"
     assert folded[-2:] == ["</details>", ""] or folded[-1] == "</details>"
-    assert "warp-bounding table1 --data D --out O --methods mlp" in folded
+    assert "python -m paper table1 --data D --out O --methods mlp" in folded
     assert line.startswith(f"{len(ROWS)} cells in [table1.csv](table1.csv), objects: 2 in 2D")

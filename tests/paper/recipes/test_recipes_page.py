@@ -5,12 +5,12 @@ import dataclasses
 import pytest
 from fake_library import make_row
 
+from paper.columns import COLUMNS, Variant
+from paper.folder import open_folder
+from paper.pages.markdown import page, write_page
+from paper.recipes.page import section
+from paper.recipes.rows import FOLDER, WAYS, RecipeRow, RecipeSettings, read_rows
 from warp_bounding.errors import FileFormatError
-from warp_bounding.paper.columns import COLUMNS, Variant
-from warp_bounding.paper.folder import open_folder
-from warp_bounding.paper.pages.markdown import page, write_page
-from warp_bounding.paper.recipes.page import section
-from warp_bounding.paper.recipes.rows import FOLDER, WAYS, RecipeRow, RecipeSettings, read_rows
 
 POINT = COLUMNS[0]
 

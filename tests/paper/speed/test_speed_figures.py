@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from warp_bounding.paper.columns import COLUMNS, PAPER
-from warp_bounding.paper.speed.figures import (
+from paper.columns import COLUMNS, PAPER
+from paper.speed.figures import (
     PAPER_MS,
     PAPER_RATIO,
     TABLE_2,

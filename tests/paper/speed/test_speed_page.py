@@ -6,12 +6,12 @@ import struct
 
 import pytest
 
-from warp_bounding.paper.columns import COLUMNS, Variant
-from warp_bounding.paper.folder import open_folder
-from warp_bounding.paper.speed.figures import TABLE_2
-from warp_bounding.paper.speed.page import write_outputs
-from warp_bounding.paper.speed.rows import SpeedRow, SpeedSettings
-from warp_bounding.paper.speed.tables import EARLY, OnDevice, by_device
+from paper.columns import COLUMNS, Variant
+from paper.folder import open_folder
+from paper.speed.figures import TABLE_2
+from paper.speed.page import write_outputs
+from paper.speed.rows import SpeedRow, SpeedSettings
+from paper.speed.tables import EARLY, OnDevice, by_device
 
 BOX, MLP = Variant("aabb"), Variant("mlp")
 
@@ -59,7 +59,7 @@ ROWS = [
 @pytest.fixture
 def folder(tmp_path):
     with open_folder(tmp_path / "out", {}, create=True, kind=SpeedRow) as opened:
-        opened.remember("warp-bounding speed --out O")
+        opened.remember("python -m paper speed --out O")
         for row in ROWS:
             opened.append(row)
     with open_folder(tmp_path / "out", {}, create=False, kind=SpeedRow) as opened:

@@ -17,7 +17,7 @@ with their coordinates; it computes the shared layers again rather than carry th
 (CUDA, the function for other kernels) asks one query and goes on from the layer where it is.
 
 Limits: one hidden layer has no exit. The gain is what exits decide, less what they cost, a fifth to a third of the
-network (``warp-bounding speed`` measures it).
+network (``python -m paper speed`` measures it).
 """
 
 from collections.abc import Sequence

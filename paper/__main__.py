@@ -1,0 +1,21 @@
+"""``python -m paper table1|speed|figures|proofs|recipes``: the paper's tables and figures, in a clone of the repository."""
+
+from warp_bounding.cli import app_of, main
+
+__all__ = ["run"]
+
+
+def _app():
+    from paper.commands import figures, proofs, recipes, speed, table1
+
+    about = "The paper's tables and figures, computed and drawn: resumable at any moment."
+    return app_of("paper", about, (table1, recipes, speed, proofs, figures))
+
+
+def run(arguments: list[str] | None = None) -> None:
+    """Run the command line and exit with its status."""
+    main(arguments, "paper", _app)
+
+
+if __name__ == "__main__":
+    run()
