@@ -167,7 +167,7 @@ KILLED = """
 import sys, time
 from test_figures import Line
 import paper.figures as home
-from warp_bounding.cli import main
+from paper.__main__ import run
 from paper.commands import figures
 
 class Slow(Line):
@@ -181,7 +181,7 @@ class Slow(Line):
 
 home.FIGURES = (Slow(),)
 figures._draw_solids = lambda scenes: []
-main(["figures", "line", "--out", sys.argv[1]])
+run(["figures", "line", "--out", sys.argv[1]])
 """
 
 
