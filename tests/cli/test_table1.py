@@ -14,7 +14,7 @@ import pytest
 from commands import check_bad, run
 from fake_library import Library, data_folder
 
-from warp_bounding.cli import main
+from paper.__main__ import run as main
 
 TESTS = Path(__file__).parents[1]
 
@@ -168,7 +168,7 @@ from pathlib import Path
 sys.path.insert(0, {tests!r})
 from fake_library import Library
 from pytest import MonkeyPatch
-from warp_bounding.cli import main
+from paper.__main__ import run as main
 Library(Path({log!r}), endless=6).install(MonkeyPatch())
 MonkeyPatch().setattr("paper.pages.markdown.rank_plot", lambda rows: {{}})
 main(sys.argv[1:])
