@@ -246,7 +246,7 @@ def test_unreadable_file_name_too_long():
 
 @pytest.mark.parametrize(
     ("name", "module", "package"),
-    [("a.png", "PIL.Image", "pillow"), ("a.obj", "trimesh", "trimesh"), ("a.usd", "pxr.Usd", "usd-core")],
+    [("a.png", "PIL.Image", "pillow"), ("a.usd", "pxr.Usd", "usd-core")],
 )
 def test_missing_package_names_what_to_install(tmp_path, monkeypatch, name, module, package):
     (tmp_path / name).write_bytes(b"content")
@@ -255,7 +255,7 @@ def test_missing_package_names_what_to_install(tmp_path, monkeypatch, name, modu
 
 
 def test_ctrl_c_is_not_lost_in_an_import(tmp_path, monkeypatch):
-    """Trimesh looks for its optional parts with ``except BaseException``."""
+    """Some packages look for their optional parts with ``except BaseException``."""
     seen = []
 
     def swallows(module):
@@ -265,12 +265,12 @@ def test_ctrl_c_is_not_lost_in_an_import(tmp_path, monkeypatch):
             seen.append(error)
         return sys.modules[module]
 
-    (tmp_path / "a.stl").write_bytes(STL)
+    (tmp_path / "a.png").write_bytes(png())
     monkeypatch.setattr("importlib.import_module", swallows)
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a process in the background may ignore it
     try:
         with pytest.raises(KeyboardInterrupt):
-            load_indicator(tmp_path / "a.stl")
+            load_indicator(tmp_path / "a.png")
         assert not seen
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     finally:

@@ -18,7 +18,7 @@ import safetensors.numpy
 from warp_bounding.certificates.certificate import Subject
 from warp_bounding.errors import FileFormatError
 from warp_bounding.indicators.formats.load import READERS
-from warp_bounding.indicators.formats.mesh_files import MESH_SUFFIXES
+from warp_bounding.indicators.formats.mesh_files import MESH_READERS
 from warp_bounding.indicators.formats.usd import USD_SUFFIXES
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, write_whole
 from warp_bounding.version import __version__
@@ -103,7 +103,7 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], str]:
         if isinstance(error, FileFormatError):
             raise
         if (suffix := path.suffix.lower()) in READERS:
-            shape = "a mesh" if suffix in (*MESH_SUFFIXES, *USD_SUFFIXES) else "an array, image or voxel"
+            shape = "a mesh" if suffix in (*MESH_READERS, *USD_SUFFIXES) else "an array, image or voxel"
             got = f"got {shape} file; where both are named, the bounder comes first, then the shape"
             raise FileFormatError(f"{path}: expected a bounder that fit wrote, {got}") from error
         raise FileFormatError(f"{path}: not a complete safetensors file ({error})") from error

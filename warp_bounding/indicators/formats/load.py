@@ -1,7 +1,7 @@
 """``load_indicator``: one door for files, arrays and meshes; and the readers of the formats that hold arrays.
 
 Which reader a file gets depends on its extension alone (``READERS``); what it holds must then be what the extension
-says. Meshes come from trimesh (``mesh_files.py``) and usd-core (``usd.py``), voxels from ``binvox.py``, pixels from
+says. Meshes come from ``mesh_files.py`` and usd-core (``usd.py``), voxels from ``binvox.py``, pixels from
 ``images.py``. What an array's values mean and where its cells lie is told in ``arrays.py``, meshes and arrays of other
 libraries in ``objects.py``. Shapes of other kinds are objects with a ``to_grid`` (``Indicator``), as ours are, or
 files whose reader makes one.
@@ -19,7 +19,7 @@ from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.formats.arrays import Placement, Threshold, grid_of
 from warp_bounding.indicators.formats.binvox import read_binvox
 from warp_bounding.indicators.formats.images import read_png
-from warp_bounding.indicators.formats.mesh_files import MESH_SUFFIXES, read_mesh
+from warp_bounding.indicators.formats.mesh_files import MESH_READERS, read_mesh
 from warp_bounding.indicators.formats.objects import ACCEPTED, array_from, function_from, mesh_from
 from warp_bounding.indicators.formats.reading import reading
 from warp_bounding.indicators.formats.usd import USD_SUFFIXES, read_usd
@@ -61,8 +61,8 @@ def load_indicator(
 
     Args:
         source: A path to ``.png`` (alpha of at least 0.5 is occupied), ``.binvox`` (coordinates x, y, z), ``.npy``,
-            ``.npz`` (one array, or one named ``occupancy``), a mesh that trimesh reads (``.obj``, ``.ply``, ``.stl``,
-            ``.glb``, ``.gltf``, ``.off``) or USD (``.usd``, ``.usda``, ``.usdc``, ``.usdz``); an n-D array of NumPy,
+            ``.npz`` (one array, or one named ``occupancy``), a mesh (``.obj``, ``.ply``, ``.stl``, ``.glb``,
+            ``.gltf``, ``.off``, ``.dae``) or USD (``.usd``, ``.usda``, ``.usdc``, ``.usdz``); an n-D array of NumPy,
             torch or Warp that holds truth values, or 0 and 1; a pair ``(vertices, faces)``, a ``trimesh.Trimesh`` or
             ``trimesh.Scene``, a ``newton.Mesh`` or a ``wp.Mesh``; an ``IndicatorGrid``, ``IndicatorMesh`` or
             ``IndicatorMotion``, or whatever else has their ``name``, ``extent`` and ``to_grid``, which is returned as
@@ -197,6 +197,6 @@ READERS: dict[str, Callable[[Path, bool], Any]] = {
     ".binvox": lambda path, _: read_binvox(path),
     ".npy": lambda path, _: _read_npy(path),
     ".npz": lambda path, _: _read_npz(path),
-    **dict.fromkeys(MESH_SUFFIXES, lambda path, _: read_mesh(path)),
+    **dict.fromkeys(MESH_READERS, lambda path, _: read_mesh(path)),
     **dict.fromkeys(USD_SUFFIXES, lambda path, _: read_usd(path)),
 }

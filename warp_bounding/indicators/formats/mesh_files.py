@@ -1,62 +1,53 @@
-"""Meshes that trimesh reads: a scene becomes one mesh, every part in its place."""
+"""Mesh files, each by the reader of its format: whatever a file holds is read, noted, or the file is refused."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
-from warp_bounding.indicators.formats.reading import import_optional, reading
-from warp_bounding.indicators.mesh import IndicatorMesh, check_faces
+from warp_bounding.indicators.formats.collada import read_collada
+from warp_bounding.indicators.formats.gltf import read_gltf
+from warp_bounding.indicators.formats.mesh_data import MeshData
+from warp_bounding.indicators.formats.obj import read_obj
+from warp_bounding.indicators.formats.off import read_off
+from warp_bounding.indicators.formats.ply import read_ply
+from warp_bounding.indicators.formats.reading import reading
+from warp_bounding.indicators.formats.stl import read_stl
+from warp_bounding.indicators.mesh import IndicatorMesh
 
-if TYPE_CHECKING:
-    import trimesh
+__all__ = ["MESH_READERS", "read_mesh", "read_mesh_data"]
 
-__all__ = ["MESH_SUFFIXES", "mesh_from_trimesh", "read_mesh"]
+MESH_READERS: dict[str, Callable[[Path], MeshData]] = {
+    ".obj": read_obj,
+    ".ply": read_ply,
+    ".stl": read_stl,
+    ".glb": read_gltf,
+    ".gltf": read_gltf,
+    ".off": read_off,
+    ".dae": read_collada,
+}
 
-MESH_SUFFIXES = (".obj", ".ply", ".stl", ".glb", ".gltf", ".off")
+
+def read_mesh_data(path: Path) -> MeshData:
+    """Read the vertices and faces of a mesh file.
+
+    Args:
+        path: An existing file.
+
+    Raises:
+        IndicatorError: In one line, for a file of another kind, one that is damaged, and one that holds what is not read.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in MESH_READERS:
+        raise IndicatorError(
+            f"{path}: expected a mesh file of {' '.join(MESH_READERS)}, got {suffix or 'no extension'!r}"
+        )
+    with reading(path, f"a {suffix} mesh"), np.errstate(all="ignore"):  # vertices that are not finite are refused
+        return MESH_READERS[suffix](path)
 
 
 def read_mesh(path: Path) -> IndicatorMesh:
-    """Read a mesh file with trimesh, all its meshes in their places.
-
-    Args:
-        path: An existing file with a suffix of ``MESH_SUFFIXES``.
-
-    Raises:
-        IndicatorError: Where trimesh is missing, the file is damaged or there is no mesh in it.
-    """
-    trimesh = import_optional("trimesh", "trimesh", path)
-    # process=False: trimesh's clean-up would drop vertices that are NaN, and with them the evidence of a damaged file.
-    options = {"skip_materials": True} if path.suffix.lower() == ".obj" else {}
-    with reading(path, f"a {path.suffix.lower()} mesh"):
-        return mesh_from_trimesh(trimesh.load_scene(str(path), process=False, **options), name=path.name)
-
-
-def mesh_from_trimesh(source: "trimesh.Trimesh | trimesh.Scene", *, name: str) -> IndicatorMesh:
-    """One mesh of all the meshes of a scene, their transforms applied.
-
-    Args:
-        source: A mesh or a scene.
-        name: For messages.
-
-    Raises:
-        IndicatorError: For a scene without a mesh, or whatever ``IndicatorMesh`` refuses.
-    """
-    import trimesh
-
-    with reading(name, "a scene of meshes"):
-        parts = [source] if isinstance(source, trimesh.Trimesh) else source.dump()
-    meshes = [part for part in parts if isinstance(part, trimesh.Trimesh) and len(part.faces)]
-    others = sorted({type(part).__name__ for part in parts if not isinstance(part, trimesh.Trimesh)})
-    if not meshes:
-        raise IndicatorError(f"{name}: expected a mesh with faces, got {', '.join(others) or 'none'}")
-    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
-    for mesh in meshes:  # before the parts are joined: an index out of range would then point into another part
-        check_faces(np.asarray(mesh.faces), len(mesh.vertices), name)
-    return IndicatorMesh(
-        vertices=np.concatenate([mesh.vertices for mesh in meshes]),
-        faces=np.concatenate([np.asarray(mesh.faces) + start for mesh, start in zip(meshes, starts, strict=False)]),
-        name=name,
-        note=f"not read, as they are not meshes: {', '.join(others)}" if others else "",
-    )
+    """Read a mesh file, as ``read_mesh_data`` does; raises ``IndicatorError`` as well for what ``IndicatorMesh`` refuses."""
+    vertices, faces, notes = read_mesh_data(path)
+    return IndicatorMesh(vertices, faces, name=path.name, note="; ".join(notes))

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
-from warp_bounding.indicators.formats.mesh_files import mesh_from_trimesh
+from warp_bounding.indicators.formats.reading import reading
 from warp_bounding.indicators.functions.function import IndicatorFunction
-from warp_bounding.indicators.mesh import IndicatorMesh
+from warp_bounding.indicators.mesh import IndicatorMesh, check_faces
 
 __all__ = ["ACCEPTED", "array_from", "function_from", "mesh_from"]
 
@@ -26,7 +26,23 @@ class _Kind(NamedTuple):
 
 
 def _from_trimesh(source: Any) -> IndicatorMesh:
-    return mesh_from_trimesh(source, name="trimesh")
+    """One mesh of all the meshes of a scene, their transforms applied; raises ``IndicatorError`` for a scene without a mesh."""
+    trimesh, name = sys.modules["trimesh"], "trimesh"
+    with reading(name, "a scene of meshes"):
+        parts = [source] if isinstance(source, trimesh.Trimesh) else source.dump()
+    meshes = [part for part in parts if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+    others = sorted({type(part).__name__ for part in parts if not isinstance(part, trimesh.Trimesh)})
+    if not meshes:
+        raise IndicatorError(f"{name}: expected a mesh with faces, got {', '.join(others) or 'none'}")
+    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
+    for mesh in meshes:  # before the parts are joined: an index out of range would then point into another part
+        check_faces(np.asarray(mesh.faces), len(mesh.vertices), name)
+    return IndicatorMesh(
+        vertices=np.concatenate([mesh.vertices for mesh in meshes]),
+        faces=np.concatenate([np.asarray(mesh.faces) + start for mesh, start in zip(meshes, starts, strict=False)]),
+        name=name,
+        note=f"not read, as they are not meshes: {', '.join(others)}" if others else "",
+    )
 
 
 def _from_newton(source: Any) -> IndicatorMesh:

@@ -35,6 +35,7 @@ def reading(path: str | os.PathLike, expected: str) -> Iterator[None]:
         raise
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
+        reason = f"{reason} is missing" if isinstance(error, KeyError) else reason
         reason = reason if len(reason) <= LONGEST_REASON else reason[: LONGEST_REASON - 3] + "..."
         raise IndicatorError(f"{path}: expected {expected}, but it cannot be read: {reason}") from error
 

@@ -1,0 +1,45 @@
+"""The table of formats in the guide: for each row a file is made, and read, noted or refused as the row says."""
+
+import re
+from pathlib import Path
+
+import pytest
+from mesh_cases import MESH_CASES
+
+from warp_bounding.errors import IndicatorError
+
+PAGE = Path(__file__).parents[3] / "docs" / "guide" / "formats.md"
+ROW = re.compile(r"^\| `([a-z0-9]+/[a-z0-9-]+)` \|.*\| \*\*(read|noted|refused)\*\*")
+LONGEST = 400  # characters of an error
+CASES = MESH_CASES
+
+
+def rows() -> list[tuple[str, str]]:
+    """Keys and outcomes of all rows."""
+    return [row.groups() for line in PAGE.read_text("utf-8").splitlines() if (row := ROW.match(line))]
+
+
+def test_rows_and_cases_are_the_same():
+    keys = [key for key, _ in rows()]
+    assert len(keys) == len(set(keys))
+    assert set(keys) == set(CASES)
+
+
+@pytest.mark.parametrize(("key", "outcome"), rows())
+def test_row(tmp_path, key, outcome):
+    case = CASES[key]
+    path = case.write(tmp_path)
+    if outcome == "refused":
+        with pytest.raises(IndicatorError) as caught:
+            case.load(path)
+        message = str(caught.value).replace(str(tmp_path), "")
+        assert case.words
+        assert case.words in message
+        assert "\n" not in message
+        assert len(message) < LONGEST
+        return
+    shape = case.load(path)
+    assert (case.words != "") == (outcome == "noted")
+    assert case.words in shape.restriction
+    assert bool(shape.restriction) == (outcome == "noted")
+    case.check(shape)

@@ -1,0 +1,70 @@
+"""OBJ (Wavefront's): vertices and polygons of all objects and groups. Materials, normals and texture coordinates do not count.
+
+Points and lines are noted; free-form curves and surfaces, and what calls other files, are refused, as is every statement that is not known.
+An OBJ file does not say how much it holds: of one that was cut off between two lines nobody can tell.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from warp_bounding.indicators.formats.mesh_data import MeshData, as_numbers, joined, triangulated
+
+__all__ = ["read_obj"]
+
+# Statements that do not change the surface: names, materials, shading, and how it is displayed.
+IGNORED = frozenset(
+    b"vt vn g o s mg usemtl mtllib usemap maplib bevel c_interp d_interp lod shadow_obj trace_obj".split()
+)
+THIN = {b"p": "points", b"l": "lines"}
+FREE_FORM = frozenset(
+    b"vp cstype deg bmat step curv curv2 surf parm trim hole scrv sp end con ctech stech bzp bsp cdc cdp res".split()
+)
+
+
+def read_obj(path: Path) -> MeshData:
+    """Read an OBJ file; raises ``ValueError`` for what is no polygon, or faces of vertices that are not there."""
+    points: list[list[bytes]] = []
+    sizes: list[int] = []
+    corners: list[int] = []
+    thin: set[str] = set()
+    for line in path.read_bytes().replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines():
+        words = line.split(b"#")[0].split()
+        if not words:
+            continue
+        keyword = words[0]
+        if keyword == b"f":
+            if len(words) < 4:
+                raise ValueError(f"expected faces of at least 3 vertices, got {_shown(line)}")
+            sizes.append(len(words) - 1)
+            corners += [_index(word, len(points)) for word in words[1:]]
+        elif keyword == b"v":
+            if len(words) not in (4, 5, 7):
+                raise ValueError(f"expected vertices x y z, and a weight or a colour, got {_shown(line)}")
+            if len(words) == 5 and float(words[4]) != 1:
+                raise ValueError(f"expected vertices of weight 1, got the rational vertex {_shown(line)}")
+            points.append(words[1:4])
+        elif keyword in THIN:
+            thin.add(THIN[keyword])
+        elif keyword in FREE_FORM:
+            raise ValueError(f"expected polygons, got a free-form curve or surface: {_shown(line)}")
+        elif keyword not in IGNORED:
+            raise ValueError(f"expected a statement of a polygon mesh, got {_shown(line)}")
+    vertices = as_numbers([word for point in points for word in point]).reshape(-1, 3)
+    notes = [f"not read, as they have no surface: {', '.join(sorted(thin))}"] if thin else []
+    return joined([(vertices, triangulated(vertices, np.array(sizes, np.int64), np.array(corners, np.int64)))], notes)
+
+
+def _index(word: bytes, points: int) -> int:
+    """A vertex, counted from 0, of a word such as ``7/1/3``; negative ones count back from the last vertex so far."""
+    number = word.split(b"/")[0]
+    if not number.lstrip(b"-").isdigit() or not int(number):
+        raise ValueError(f"expected vertices counted from 1, or backwards from -1, got {_shown(word)}")
+    index = int(number)
+    if index < -points:
+        raise ValueError(f"expected a vertex from -1 to {-points}, got {index}")
+    return index - 1 if index > 0 else points + index
+
+
+def _shown(text: bytes) -> str:
+    return repr(text[:60].decode("latin-1"))
