@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from format_cases import QUADS, Case, T, V, cubes, file, same
 
+from warp_bounding import arms
+
 NOTCHED = np.array([[0, 0], [3, 0], [3, 3], [2, 3], [2, 1], [1, 1], [1, 3], [0, 3]], float)  # a U, which no fan cuts
 PRISM = np.array([[x, y, z] for z in (0, 1) for x, y in NOTCHED])
 WALLS = [(k, (k + 1) % 8, (k + 1) % 8 + 8, k + 8) for k in range(8)]
@@ -395,4 +397,134 @@ GLTF = {
     "gltf/not-finite": Case(glb(points=np.where(V == 1, np.float32(np.inf), V)), "finite"),
 }  # fmt: skip
 
-MESH_CASES: dict[str, Case] = STL | PLY | OBJ | OFF | GLTF
+# --- COLLADA
+
+
+def numbers(values) -> str:
+    return " ".join(f"{x:g}" for x in np.ravel(values))
+
+
+TRIANGLES = f'<triangles count="12"><input semantic="VERTEX" source="#v" offset="0"/><p>{numbers(T)}</p></triangles>'
+SHOWN = '<instance_geometry url="#g"/>'
+
+
+def mesh(polygons=TRIANGLES, points=V, ids="pavg", stride=3) -> str:
+    p, a, v, g = ids
+    params = "".join(f'<param name="{axis}" type="float"/>' for axis in "XYZ")
+    rows = np.column_stack([points, np.full((len(points), stride - 3), 7)])
+    return f'''<geometry id="{g}"><mesh><source id="{p}"><float_array id="{a}" count="{rows.size}">{numbers(rows)}</float_array><technique_common>
+<accessor source="#{a}" count="{len(points)}" stride="{stride}">{params}</accessor></technique_common></source>
+<vertices id="{v}"><input semantic="POSITION" source="#{p}"/></vertices>{polygons}</mesh></geometry>'''
+
+
+def dae(
+    geometry=None,
+    node=SHOWN,
+    asset="<up_axis>Z_UP</up_axis>",
+    more="",
+    scenes="",
+    scene='<scene><instance_visual_scene url="#s"/></scene>',
+) -> str:
+    return f"""<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset>{asset}</asset>
+<library_geometries>{mesh() if geometry is None else geometry}</library_geometries>{more}
+<library_visual_scenes><visual_scene id="s"><node id="n">{node}</node></visual_scene>{scenes}</library_visual_scenes>{scene}</COLLADA>"""
+
+
+def polygons(tag: str, runs, more="", count=None) -> str:
+    """Polygons whose corners have an index of their own for normals."""
+    inputs = '<input semantic="NORMAL" source="#none" offset="0"/><input semantic="VERTEX" source="#v" offset="1"/>'
+    ps = "".join(f"<p>{' '.join(f'0 {k}' for k in run)}</p>" for run in runs)
+    return f'<{tag} count="{len(runs) if count is None else count}">{inputs}{more}{ps}</{tag}>'
+
+
+FOUR = f"<vcount>{' 4' * 6}</vcount>"
+PLACED = f"""<translate>5 0 0</translate><rotate>0 0 1 90</rotate><scale>2 2 -2</scale><node><matrix>0.5 0 0 1 0 0.5 0 0 0 0 0.5 0 0 0 0 1</matrix>{SHOWN}</node>"""
+TWICE = '<node id="pair"><node><translate>3 0 0</translate><instance_geometry url="#g"/></node><instance_geometry url="#g"/></node>'
+STRIP = [0, 1, 2, 3, 6, 7, 4, 5, 5, 0, 0, 4, 1, 5, 3, 7, 7, 0, 0, 2, 4, 6]
+SECOND = '<visual_scene id="t"><node><instance_geometry url="#g"/></node></visual_scene>'
+DAE = {
+    "dae/unit": Case(file("a.dae", dae(mesh(points=100 * V), asset='<unit meter="0.01" name="centimeter"/><up_axis>Z_UP</up_axis>')), check=cubes()),
+    "dae/several-units": Case(file("a.dae", dae(mesh().replace('<mesh>', '<asset><unit meter="2"/></asset><mesh>'))), "one unit"),
+    "dae/other-up-axis": Case(file("a.dae", dae(asset="<up_axis>Y_UP</up_axis>")), "Y_UP"),
+    "dae/no-up-axis": Case(file("a.dae", dae(asset="")), "taken as z up", cubes()),
+    "dae/transforms": Case(file("a.dae", dae(node=PLACED)), check=cubes((5, 2, 0))),
+    "dae/skew-and-lookat": Case(file("a.dae", dae(node="<skew>30 1 0 0 0 1 0</skew>" + SHOWN)), "got skew"),
+    "dae/instances-of-nodes": Case(file("a.dae", dae(node='<instance_node url="#pair"/>', more=f"<library_nodes>{TWICE}</library_nodes>")), check=cubes((0, 0, 0), (3, 0, 0))),
+    "dae/polylists": Case(file("a.dae", dae(mesh(polygons("polylist", [np.ravel(QUADS)], FOUR, 6)))), check=cubes()),
+    "dae/polygons": Case(file("a.dae", dae(mesh(polygons("polygons", (*U_CAPS, *WALLS)), PRISM))), check=prism),
+    "dae/holes": Case(file("a.dae", dae(mesh(polygons("polygons", QUADS, "<ph><p>0 0 0 1 0 2 0 3</p><h>0 0 0 1 0 2</h></ph>", 7)))), "got a hole"),
+    "dae/strips-and-fans": Case(file("a.dae", dae(mesh(polygons("tristrips", [STRIP[:12]]) + polygons("tristrips", [STRIP[10:18]]) + polygons("trifans", [(0, 2, 6, 4)])))), check=cubes()),
+    "dae/lines": Case(file("a.dae", dae(mesh(TRIANGLES + polygons("lines", [(0, 1)])))), "lines", cubes()),
+    "dae/strided-sources": Case(file("a.dae", dae(mesh(stride=5))), check=cubes()),
+    "dae/skins-and-morphs": Case(file("a.dae", dae(node='<instance_controller url="#c"/>')), "a skin or morph"),
+    "dae/splines": Case(file("a.dae", dae(mesh().replace("mesh>", "spline>"))), "got spline"),
+    "dae/other-files": Case(file("a.dae", dae(node='<instance_geometry url="other.dae#g"/>')), "geometry of this file"),
+    "dae/several-scenes": Case(file("a.dae", dae(scenes=SECOND)), "1 scenes that the file does not show", cubes()),
+    "dae/no-scene": Case(file("a.dae", dae(scene="")), "expected a scene"),
+    "dae/not-shown": Case(file("a.dae", dae(mesh() + mesh("", ids="PAVG"))), "1 geometries", cubes()),
+    "dae/animation": Case(file("a.dae", dae(more="<library_animations><animation/></library_animations>")), "animated", cubes()),
+    "dae/counts": Case(file("a.dae", dae(mesh(TRIANGLES.replace('"12"', '"11"')))), "33 indices"),
+    "dae/index-out-of-range": Case(file("a.dae", dae(mesh(points=V[:7]))), "got vertex 7"),
+    "dae/cut": Case(file("a.dae", dae()[:-20]), "expected XML"),
+    "dae/not-finite": Case(file("a.dae", dae(mesh(points=np.where(V == 1, np.nan, V)))), "finite"),
+}  # fmt: skip
+
+# --- URDF
+
+
+def arm(geometry: str = '<mesh filename="a.stl"/>', more="", more_collision="", files: tuple[tuple[str, str | bytes], ...] = (("a.stl", binary_stl()),), start="<robot name='r'>",
+        more_link="", end="</robot>") -> Callable[[Path], Path]:  # fmt: skip
+    """An arm of one joint whose link is a cube of a file."""
+    moved = f"<link name='bar'>{more_link}<collision><origin xyz='1 0 0'/><geometry>{geometry}</geometry>{more_collision}</collision></link>"
+    joint = "<joint name='j' type='revolute'><parent link='base'/><child link='bar'/><axis xyz='0 0 1'/><limit lower='-1' upper='1' effort='1' velocity='1'/></joint>"  # fmt: skip
+    whole = f"{start}<link name='base'/>{moved}{joint}{more}{end}"
+
+    def write(folder: Path) -> Path:
+        for name, content in files:
+            (folder / name).parent.mkdir(exist_ok=True)
+            file(name, content)(folder)
+        return file("a.urdf", whole)(folder)
+
+    return write
+
+
+def load_arm(path: Path) -> arms.ArmConfigurations:
+    pytest.importorskip("yourdfpy", reason="reading URDF needs yourdfpy: pip install 'warp-bounding[arms]'")
+    return arms.ArmConfigurations(arms.load_urdf(path), [arms.Body.sphere([9, 9, 9], 1)])
+
+
+def bar(*half: float) -> Callable[[arms.ArmConfigurations], None]:
+    def check(shape: arms.ArmConfigurations) -> None:
+        (body,) = shape.arm.bodies
+        assert sorted(body.points.tolist()) == pytest.approx(np.array(sorted((V * half + [1, 0, 0]).tolist())))
+
+    return check
+
+
+def urdf(words="", half=(1, 1, 1), **options) -> Case:
+    return Case(arm(**options), words, bar(*half), load_arm)
+
+
+VISUAL = "<link name='extra'><visual><geometry><box size='1 1 1'/></geometry></visual></link><joint name='k' type='fixed'><parent link='bar'/><child link='extra'/></joint>"  # fmt: skip
+CENTIMETRES = dae(mesh(points=100 * V), asset='<unit meter="0.01"/><up_axis>Z_UP</up_axis>')
+URDF = {
+    "urdf/meshes": urdf(),
+    "urdf/scale": urdf(geometry="<mesh filename='a.stl' scale='1 -2 3'/>", half=(1, 2, 3)),
+    "urdf/scale-of-two": urdf("scale of 3 numbers", geometry="<mesh filename='a.stl' scale='1 2'/>"),
+    "urdf/packages": urdf(geometry="<mesh filename='package://robot/meshes/a.stl'/>", files=(("meshes/a.stl", binary_stl()),)),
+    "urdf/collada": urdf(geometry="<mesh filename='a.dae'/>", files=(("a.dae", CENTIMETRES),)),
+    "urdf/missing-mesh": urdf("is missing", geometry="<mesh filename='gone.stl'/>"),
+    "urdf/other-meshes": urdf("expected a mesh file", geometry="<mesh filename='a.3ds'/>", files=(("a.3ds", b"3ds"),)),
+    "urdf/bad-mesh": urdf("12 facets, got", files=(("a.stl", binary_stl()[:-1]),)),
+    "urdf/noted-mesh": urdf("a.stl: 4 bytes behind", files=(("a.stl", binary_stl() + b"text"),)),
+    "urdf/visual-only": urdf("so not bounded: extra", more=VISUAL),
+    "urdf/two-shapes": urdf("one geometry of one shape", geometry="<sphere radius='1'/><box size='1 1 1'/>"),
+    "urdf/two-geometries": urdf("one geometry of one shape", more_collision="<geometry><sphere radius='1'/></geometry>"),
+    "urdf/other-shapes": urdf("cone", geometry="<cone radius='1' length='1'/>"),
+    "urdf/double-names": urdf("two of base", more="<link name='base'/>"),
+    "urdf/other-elements": urdf("elements drake", more="<drake/>"),
+    "urdf/macros": urdf("macro include", start="<robot name='r' xmlns:xacro='http://wiki.ros.org/xacro'><xacro:include filename='b'/>"),
+    "urdf/cut": urdf("no URDF that can be read", end=""),
+}  # fmt: skip
+
+MESH_CASES: dict[str, Case] = STL | PLY | OBJ | OFF | GLTF | DAE | URDF

@@ -5,7 +5,6 @@ looked through as well, hidden files and folders are not.
 """
 
 import hashlib
-import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import NamedTuple
 
 from warp_bounding.baking.settings import file_digest
 from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.formats.gltf import referred_buffers
 from warp_bounding.indicators.formats.load import READERS
 from warp_bounding.indicators.formats.usd import USD_SUFFIXES
 
@@ -81,10 +81,7 @@ def _referred(path: Path) -> set[Path]:
     suffix = path.suffix.lower()
     if suffix == ".gltf":
         try:
-            buffers = json.loads(path.read_text(encoding="utf-8")).get("buffers", [])
-            return {
-                path.parent / buffer["uri"] for buffer in buffers if not buffer.get("uri", "data:").startswith("data:")
-            }
+            return referred_buffers(path)
         except (ValueError, AttributeError, TypeError):
             return set()
     if suffix in USD_SUFFIXES:

@@ -87,11 +87,13 @@ class Arm:
         bodies: Of all links; those of the base have the link ``WORLD``.
         touching: Pairs of links that always touch or may, and are not checked against each other; neighbours are not in any case.
         name: For people.
+        note: What users should know, such as parts of a file that were not read.
 
     Attributes:
         joints: The joints.
         bodies: The bodies.
         touching: Pairs of links, the lower number first.
+        note: As given.
 
     Raises:
         IndicatorError: For no joint, too many, or bodies of links that are not there.
@@ -117,8 +119,9 @@ class Arm:
         *,
         touching: Sequence[tuple[int, int]] = (),
         name: str = "arm",
+        note: str = "",
     ):
-        self.joints, self.bodies, self.name = tuple(joints), tuple(bodies), name
+        self.joints, self.bodies, self.name, self.note = tuple(joints), tuple(bodies), name, note
         if not 1 <= len(self.joints) <= MOST_JOINTS:
             raise IndicatorError(f"{name}: expected 1 to {MOST_JOINTS} joints, got {len(self.joints)}")
         links = range(WORLD, len(self.joints))
@@ -133,7 +136,7 @@ class Arm:
         self.touching = frozenset((min(pair), max(pair)) for pair in touching)
 
     def __repr__(self) -> str:
-        return f"<Arm {self.name}: {len(self.joints)} joints, {len(self.bodies)} bodies>"
+        return f"<Arm {self.name}: {len(self.joints)} joints, {len(self.bodies)} bodies{', ' * bool(self.note)}{self.note}>"
 
     def first(self, count: int) -> "Arm":
         """The arm that ends behind its first ``count`` joints, with what these move.
@@ -145,7 +148,7 @@ class Arm:
             raise IndicatorError(f"{self.name}: expected 1 to {len(self.joints)} joints, got {count}")
         bodies = [body for body in self.bodies if body.link < count]
         touching = [pair for pair in self.touching if pair[1] < count]
-        return Arm(self.joints[:count], bodies, touching=touching, name=self.name)
+        return Arm(self.joints[:count], bodies, touching=touching, name=self.name, note=self.note)
 
     @property
     def lower(self) -> np.ndarray:

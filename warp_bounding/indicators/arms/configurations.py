@@ -77,7 +77,7 @@ class ArmConfigurations(Formula):
         weights=None,
         name: str = "arm",
     ):
-        self.arm, self.obstacles, self.name, self._pieces = arm, tuple(obstacles), name, None
+        self.arm, self.obstacles, self.name, self.note, self._pieces = arm, tuple(obstacles), name, arm.note, None
         self._lay_out(safety, self_collision, weights)
 
     def _lay_out(self, safety: float, self_collision: bool | None, weights) -> None:

@@ -1,23 +1,28 @@
 """Arms from URDF files, as robots' makers write them: the joints that move, in a chain, and convex hulls of the links' collision geometry.
 
-A body holds all of its geometry: boxes and balls as they are, a prism around a cylinder, the convex hull of a mesh. Read with yourdfpy, which is asked for when a file is read.
+A body holds all of its geometry: boxes and balls as they are, a prism around a cylinder, the convex hull of a mesh. Read with yourdfpy, which is asked for when a file is read;
+what it would pass over without a word is looked for before (``_looked_through``).
 """
 
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.etree import ElementTree
 
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.arms.arm import Arm, Joint
 from warp_bounding.indicators.arms.bodies import MOST_POINTS, WORLD, Body
+from warp_bounding.indicators.formats.mesh_files import read_mesh_data
 
 __all__ = ["hull_of", "load_urdf"]
 
 SIDES = 16  # of a prism around a cylinder
 TURNING, SLIDING, FIXED = ("revolute", "continuous"), ("prismatic",), ("fixed",)
 OUTWARD = 1 + 1e-12  # outweighs what float64 rounds
+IN_ROBOT = {"link", "joint", "material", "transmission", "gazebo", "ros2_control", "sensor"}
+IN_LINK = {"inertial", "visual", "collision", "sensor", "contact", "self_collision_checking"}
 
 
 class _Step(NamedTuple):
@@ -45,7 +50,7 @@ def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), nam
         >>> [joint.name for joint in arm.joints]
         ['shoulder', 'elbow']
     """
-    robot, held = _read(Path(path)), dict(held or {})
+    (robot, notes), held = _read(Path(path)), dict(held or {})
     if unknown := sorted(set(held) - {joint.name for joint in robot.joints}):
         raise IndicatorError(f"{path}: held names no joint of it: {', '.join(unknown)}")
     children: dict[str, list[Any]] = {}
@@ -58,7 +63,7 @@ def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), nam
 
     def visit(link: str, number: int, at: np.ndarray) -> None:
         """Take a link and what is fixed to it, ``at`` in the frame of a joint that moves; then the joints that move it on."""
-        bodies.extend(_bodies(links[link], number, at, Path(path)))
+        bodies.extend(_bodies(links[link], number, at, Path(path), notes))
         onward = []
         for joint in children.get(link, ()):
             origin = at @ (np.eye(4) if joint.origin is None else joint.origin)
@@ -81,12 +86,12 @@ def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), nam
             visit(step.joint.child, number + 1, np.eye(4))
 
     visit(roots.pop(), WORLD, np.eye(4))
-    return Arm(
-        [_joint(*step, path) for step in steps], bodies, touching=touching, name=name or robot.name or Path(path).stem
-    )
+    name, note = name or robot.name or Path(path).stem, "; ".join(dict.fromkeys(notes))
+    return Arm([_joint(*step, path) for step in steps], bodies, touching=touching, name=name, note=note)
 
 
-def _read(path: Path):
+def _read(path: Path) -> tuple[Any, list[str]]:
+    """The robot of a file as yourdfpy holds it, and notes of what is not read."""
     try:
         import yourdfpy
     except ImportError as error:
@@ -94,10 +99,36 @@ def _read(path: Path):
     if not path.is_file():
         raise IndicatorError(f"{path}: no such file")
     try:
-        return yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False).robot
+        notes = _looked_through(ElementTree.fromstring(path.read_bytes()))
+        return yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False).robot, notes
     except Exception as error:  # whatever its reader raises, of XML and of what is in it
         reason = " ".join(str(error).split()) or type(error).__name__
         raise IndicatorError(f"{path}: no URDF that can be read ({reason})") from error
+
+
+def _looked_through(robot: ElementTree.Element) -> list[str]:
+    """Notes of what a file holds besides the arm; raises ``ValueError`` for what cannot be told, such as two links of one name."""
+    if macros := [element.tag for element in robot.iter() if "xacro" in element.tag]:
+        raise ValueError(f"expected a URDF file, got the macro {macros[0].rpartition('}')[2]}; let xacro write one")
+    if robot.tag != "robot":
+        raise ValueError(f"expected a robot, got {robot.tag}")
+    for kind in ("link", "joint"):
+        names = [element.get("name") for element in robot.findall(kind)]
+        if twice := {name for name in names if names.count(name) > 1}:
+            raise ValueError(f"expected each {kind} once, got two of {', '.join(map(str, sorted(twice, key=str)))}")
+    notes, bare = [], []
+    for link in robot.findall("link"):
+        for part in link.findall("collision"):
+            shapes = [len(geometry) for geometry in part.findall("geometry")]
+            if shapes != [1] or len(part.findall("origin")) > 1:
+                raise ValueError(
+                    f"link {link.get('name')}: expected one geometry of one shape in a collision, got {shapes}"
+                )
+        if link.find("visual") is not None and link.find("collision") is None:
+            bare.append(str(link.get("name")))
+    notes += [f"without collision geometry, so not bounded: {', '.join(bare)}"] * bool(bare)
+    others = {e.tag for e in robot} - IN_ROBOT | {e.tag for link in robot.findall("link") for e in link} - IN_LINK
+    return notes + [f"not read: elements {', '.join(sorted(others))}"] * bool(others)
 
 
 def _moved(joint, value: float) -> np.ndarray:
@@ -122,8 +153,8 @@ def _joint(joint, origin: np.ndarray, path) -> Joint:
     return Joint(origin, _axis(joint), lower, upper, joint.type in SLIDING, joint.name)
 
 
-def _bodies(link, number: int, at: np.ndarray, path: Path) -> list[Body]:
-    """A link's collision geometry, ``at`` in the frame of its joint."""
+def _bodies(link, number: int, at: np.ndarray, path: Path, notes: list[str]) -> list[Body]:
+    """A link's collision geometry, ``at`` in the frame of its joint; adds to the notes."""
     found = []
     for part in link.collisions:
         pose = at @ (np.eye(4) if part.origin is None else part.origin)
@@ -140,25 +171,26 @@ def _bodies(link, number: int, at: np.ndarray, path: Path) -> list[Body]:
             ends = [np.column_stack([ring, np.full(SIDES, side * shape.cylinder.length / 2)]) for side in (-1, 1)]
             body = Body(np.concatenate(ends), **told)
         elif shape.mesh is not None:
-            body = hull_of(_vertices(shape.mesh, path), **told)
+            body = hull_of(_points(shape.mesh, path, notes), **told)
         else:
             raise IndicatorError(f"{path}: link {link.name}: expected a box, cylinder, sphere or mesh")
         found.append(body.moved(pose))
     return found
 
 
-def _vertices(mesh, path: Path) -> np.ndarray:
-    import trimesh
+def _points(mesh, path: Path, notes: list[str]) -> np.ndarray:
+    """``(N, 3)``, the corners of a mesh's faces, scaled; metres."""
     import yourdfpy.urdf
 
-    found = yourdfpy.urdf.filename_handler_magic(mesh.filename, str(path.parent))
+    scale = np.asarray(1.0 if mesh.scale is None else mesh.scale, dtype=np.float64)
+    if scale.shape not in ((), (3,)) or not np.isfinite(scale).all():
+        raise IndicatorError(f"{path}: mesh {mesh.filename}: expected a scale of 3 numbers, got {scale}")
+    found = yourdfpy.urdf.filename_handler_magic(mesh.filename or "", str(path.parent))
     if not Path(found).is_file():
         raise IndicatorError(f"{path}: mesh {mesh.filename} is missing")
-    try:
-        vertices = trimesh.load(found, force="mesh").vertices
-    except Exception as error:  # whatever its reader raises
-        raise IndicatorError(f"{found}: no mesh that can be read ({error})") from error
-    return np.asarray(vertices) * (1.0 if mesh.scale is None else np.asarray(mesh.scale, dtype=np.float64))
+    vertices, faces, told = read_mesh_data(Path(found))
+    notes.extend(f"{Path(found).name}: {note}" for note in told)
+    return vertices[np.unique(faces)] * scale
 
 
 def hull_of(points: np.ndarray, *, link: int = WORLD, name: str = "hull") -> Body:
