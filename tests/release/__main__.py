@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests/shared/texts"))
+sys.path.insert(0, str(ROOT / "tests/shared"))
 
 import lowest  # noqa: E402
 import resolution  # noqa: E402
