@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 import warp as wp
-from bounding_shapes import shape
+from bounding_shapes import crossed, shape
 from region_cases import REGIONS, VOLUMES, cases, fitted_region, ray_length
 
 from warp_bounding.bounders import load, supports
@@ -29,9 +29,8 @@ def made(method: str, name: str, query: str):
     return fitted_region(method, query, shape(name))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("method", "name"), crossed(VOLUMES, NAMES))
 @pytest.mark.parametrize("query", REGIONS)
-@pytest.mark.parametrize("method", VOLUMES)
 def test_no_false_negative(method, query, name, device):
     q, truth = known(name, query)
     assert truth.sum() > 3000
@@ -112,9 +111,11 @@ def random_coordinates(domain, rng: np.random.Generator, count: int) -> tuple[np
     return np.concatenate([m, c[:, None]], axis=1), points
 
 
-@pytest.mark.parametrize("name", ["c", "blob", "animated"])
+@pytest.mark.parametrize(
+    ("method", "name"),
+    [(m, "blob") for m in VOLUMES] + [(m, n) for m in ("kdop", "ellipsoid") for n in ("c", "animated")],
+)
 @pytest.mark.parametrize("query", REGIONS)
-@pytest.mark.parametrize("method", VOLUMES)
 def test_rounding_bound(method, query, name, device, rng):
     """What a device computes is at least f of every point of the region, less the bound; and it is what the reference says."""
     bounder = made(method, name, query).to(device)

@@ -18,7 +18,7 @@ from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.kernels.functions import Data
 from warp_bounding.queries import sample
 
-NAMES = ("c", "blob", "anisotropic", "mesh", "animated", "five")
+NAMES = ("c", "blob", "anisotropic", "mesh", "animated", pytest.param("five", marks=pytest.mark.slow))
 COUNT = 4000
 
 
@@ -46,7 +46,7 @@ def wide_regions(query: str, grid, length: float, count: int, rng: np.random.Gen
     return np.concatenate([normal * 10.0 ** rng.uniform(-20, 20, (count, 1)), x + away], axis=1).astype(dtype)
 
 
-@pytest.mark.parametrize("n", [2, 7, 9])
+@pytest.mark.parametrize("n", [2, 9])
 @pytest.mark.parametrize(("query", "space"), [("ray", "geometric"), ("plane", "parametric")])
 def test_unit_vectors_stay_within_the_limit(query, space, n, device, rng):
     """One entry of a direction is nearly its length, so rounding may take it beyond 1; the sum of squares grows with n."""
@@ -244,7 +244,7 @@ def test_strange_numbers_do_not_change_their_neighbours_values(query, name, devi
 def asking_kernel(test, ndim: int) -> wp.Kernel:
     vector = vector_type(ndim)
 
-    @wp.kernel(module="unique")
+    @wp.kernel(module="unique", enable_backward=False)
     def asking(data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
         i = wp.tid()
         if test(data, a[i], b[i]):

@@ -116,7 +116,8 @@ def parametric_box(name: str, query: str, length: float):
 @cache
 def bounders(name: str, query: str, length: float):
     grid = shape(name)
-    geometric = (fitted_region(method, query, grid, length=length) for method in ("aabb", "kdop", "sphere"))
+    methods = ("aabb", "kdop", "sphere") if name == "blob" else ("kdop",)
+    geometric = (fitted_region(method, query, grid, length=length) for method in methods)
     return [parametric_box(name, query, length), *geometric]
 
 
@@ -149,7 +150,8 @@ def dyadic(time: bool) -> IndicatorGrid:
 
 @cache
 def dyadic_bounders(time: bool, query: str):
-    return [fitted_region(method, query, dyadic(time)) for method in ("aabb", "obb", "kdop", "sphere")]
+    methods = ("kdop",) if time else ("aabb", "kdop", "sphere")
+    return [fitted_region(method, query, dyadic(time)) for method in methods]
 
 
 @pytest.mark.parametrize("time", [False, True])

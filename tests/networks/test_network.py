@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from bounding_shapes import random_bounder, random_mlp, shape
+from bounding_shapes import NETWORKS, crossed, random_bounder, random_mlp, shape
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -100,15 +100,12 @@ def check_bound(bounder, rng, boxes=400):
         assert (exact - point).max() < 1e-6 * (1 + np.abs(exact).max())
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("name", ["line", "c", "mesh", "animated", "five"])
+@pytest.mark.parametrize(("method", "name"), crossed(METHODS, ["line", "c", "mesh", "animated", "five"]))
 def test_bounds_hold_on_random_boxes(method, name, rng):
     check_bound(random_bounder(method, name), rng)
 
 
-@pytest.mark.parametrize("hidden", [(7,), (25, 25), (13, 30, 5), (6, 6, 6, 6)], ids=str)
-@pytest.mark.parametrize("activation", ACTIVATIONS)
-@pytest.mark.parametrize("octaves", [0, 2])
+@pytest.mark.parametrize(("hidden", "activation", "octaves"), [*NETWORKS, ((6, 6, 6, 6), "sin", 0)])
 def test_bounds_of_networks_hold_on_random_boxes(hidden, activation, octaves, rng):
     for seed in range(3):
         check_bound(random_mlp(shape("blob"), hidden, activation, octaves, seed=seed, gain=6.0), rng, 200)
@@ -131,10 +128,7 @@ def test_noise_does_not_shrink_where_the_sine_falls():
             assert least >= bound(-np.ones((1, 1)), np.ones((1, 1)))[0][0]
 
 
-@pytest.mark.parametrize(
-    ("hidden", "activation", "octaves"),
-    [((25, 25), "sin", 0), ((13, 30, 5), "relu", 0), ((13, 30, 5), "sin", 2), ((13, 30, 5), "tanh", 0)],
-)
+@pytest.mark.parametrize(("hidden", "activation", "octaves"), NETWORKS)
 def test_fused_kernel_is_its_plain_twin(hidden, activation, octaves, rng):
     network = random_mlp(shape("blob"), hidden, activation, octaves).network
     lower = rng.uniform(-1, 0.8, (1000, 3))
@@ -156,9 +150,9 @@ def test_fused_kernel_is_its_plain_twin(hidden, activation, octaves, rng):
 
 
 @pytest.mark.parametrize(
-    ("hidden", "activation", "octaves"), [((25, 25), "sin", 0), ((9, 8, 7), "sin", 1), ((20, 9), "relu", 0)]
+    ("hidden", "activation", "octaves", "name"),
+    [((25, 25), "relu", 0, "c"), ((25, 25), "sin", 0, "blob"), ((13, 30, 5), "sin", 2, "five")],
 )
-@pytest.mark.parametrize("name", ["c", "blob", "five"])
 def test_corners_are_multilinear_bounds(hidden, activation, octaves, name, rng):
     """f is nowhere under what is multilinear between the numbers at the corners, and they are no lower than the linear bound's."""
     network = random_mlp(shape(name), hidden, activation, octaves, gain=4.0).network
@@ -226,10 +220,7 @@ def float32_layer(h, weight, bias, rng, how):
 
 
 @pytest.mark.parametrize("how", ["forwards", "backwards", "random", "pairs", "fused"])
-@pytest.mark.parametrize(
-    ("hidden", "activation", "octaves"),
-    [((25, 25), "sin", 0), ((13, 30, 5), "relu", 0), ((8,), "sin", 2), ((25, 25), "tanh", 0)],
-)
+@pytest.mark.parametrize(("hidden", "activation", "octaves"), NETWORKS)
 def test_rounding_bound_covers_any_order(how, hidden, activation, octaves, rng):
     for seed in range(3):
         mlp = random_mlp(shape("blob"), hidden, activation, octaves, seed=seed)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bounding_shapes import CONSERVATIVE, SHAPES, fitted, object_points, random_bounder, random_mlp, shape
+from bounding_shapes import CONSERVATIVE, SHAPES, crossed, fitted, object_points, random_bounder, random_mlp, shape
 
 import warp_bounding as wb
 from warp_bounding.coordinates.domain import Domain
@@ -32,8 +32,7 @@ def check_refuted(bounder, grid):
     return proof
 
 
-@pytest.mark.parametrize("method", CONSERVATIVE)
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize(("method", "name"), crossed(CONSERVATIVE, SHAPES))
 def test_certify_proves_what_prove_proved(method, name):
     bounder, grid = fitted(method, name), shape(name)
     proof = wb.certify(bounder, grid)

@@ -30,7 +30,7 @@ CASES = {  # shape, and a network with random weights
     "ray-sin": ("c", partial(random_network, "ray")),
     "ray-relu": ("blob", partial(random_network, "ray", activation="relu")),
     "box": ("c", partial(random_network, "box", activation="tanh")),
-    "monotone": ("c", partial(random_monotone, hidden=(9, 7))),
+    "monotone": ("c", random_monotone),
     "plane": ("blob", random_supports),
 }
 PARTS = {"point": "p", "ray": "pd", "plane": "np", "box": "pp"}  # place, direction, normal: how they move
@@ -118,11 +118,11 @@ def float32_affine(h: np.ndarray, weight: np.ndarray, bias: np.ndarray, how: str
 def asking_kernel(test, vector, region: bool) -> wp.Kernel:
     """A kernel as a user would write it."""
 
-    @wp.kernel(module="unique")
+    @wp.kernel(module="unique", enable_backward=False)
     def ask_points(data: Data, q: wp.array2d(dtype=vector), answer: wp.array(dtype=wp.bool)):
         answer[wp.tid()] = test(data, q[wp.tid(), 0])
 
-    @wp.kernel(module="unique")
+    @wp.kernel(module="unique", enable_backward=False)
     def ask_regions(data: Data, q: wp.array2d(dtype=vector), answer: wp.array(dtype=wp.bool)):
         answer[wp.tid()] = test(data, q[wp.tid(), 0], q[wp.tid(), 1])
 

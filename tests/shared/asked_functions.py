@@ -14,6 +14,7 @@ from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.kernels.functions import Data
 
 QUERIES = ("point", "ray", "plane", "box")
+FEW = ("aabb", "bvh", "mlp")  # methods of regions: what tells data apart is the same text for all
 FAR = 1e3  # outside of every domain
 
 
@@ -37,12 +38,14 @@ def network(kind: type[Mlp], query: str, device: str) -> Mlp:
 
 @cache
 def bounders(query: str, device: str) -> dict:
-    """One of every method that bounds this kind of query, and cascades; equal sources once."""
+    """One of every method of points, of a few of regions, and cascades; equal sources once."""
     found = {}
     for method, kind in METHODS.items():
-        if kind.supports(query, 2) and issubclass(kind, Mlp):
+        if not kind.supports(query, 2) or (query != "point" and method not in FEW):
+            continue
+        if issubclass(kind, Mlp):
             found[method] = network(kind, query, device)
-        elif kind.supports(query, 2):
+        else:
             found[method] = kind.fit(shape("c"), domain_of(shape("c"), query), device=device)
     found["aabb+mlp"] = Cascade.of([found["aabb"], found["mlp"]])
     if query == "point":

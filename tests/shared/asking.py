@@ -16,7 +16,7 @@ def asking_kernel(test, ndim: int) -> wp.Kernel:
     """A kernel as a user would write it."""
     vector = vector_type(ndim)
 
-    @wp.kernel(module="unique")
+    @wp.kernel(module="unique", enable_backward=False)
     def ask(data: Data, q: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
         i = wp.tid()
         if test(data, q[i]):

@@ -19,6 +19,13 @@ from warp_bounding.proof import prove
 
 HIDDEN = (8,)  # of every fitted network: each new size costs a compilation
 EARLY = (6, 5)  # of one with exits
+NETWORKS = [  # of random weights, where sizes matter: below, on and above multiples of the lanes; activation, octaves
+    ((25, 25), "sin", 0),
+    ((25, 25), "relu", 0),
+    ((25, 25), "tanh", 0),
+    ((13, 30, 5), "sin", 2),
+    ((13, 30, 5), "relu", 0),
+]
 
 
 def _blob(shape, seed, share=0.35, **options) -> IndicatorGrid:
@@ -127,6 +134,13 @@ def random_mlp(grid, hidden=HIDDEN, activation="sin", octaves=0, seed=0, device=
 
 
 CONSERVATIVE = tuple(name for name, kind in METHODS.items() if kind.conservative)
+
+
+def crossed(methods, names) -> list:
+    """Each method with each shape; in one dimension and in five a box and a network, and with ``--slow`` the others."""
+    rare = [(m, n) for n in ("line", "five") for m in methods if m not in ("aabb", "mlp")]
+    pairs = [(method, name) for name in names for method in methods]
+    return [pytest.param(*p, marks=pytest.mark.slow) if p in rare else p for p in pairs]
 
 
 def skip_unless_supported(method: str, name: str) -> None:

@@ -40,7 +40,7 @@ def signs_of(ndim: int, hidden, falling: float, rng) -> list[np.ndarray]:
     return [*signs, below[None]]
 
 
-def random_monotone(grid, hidden=(9, 6), activation="tanh", falling=0.4, seed=0, gain=3.0, dense=False) -> MonotoneMlp:
+def random_monotone(grid, hidden=(9, 7), activation="tanh", falling=0.4, seed=0, gain=3.0, dense=False) -> MonotoneMlp:
     """Steep enough to be hard to bound; unless it is dense, a third of the weights is 0; not proven."""
     rng, tensors = np.random.default_rng(seed), {}
     for index, sign in enumerate(signs_of(grid.ndim, hidden, falling, rng)):

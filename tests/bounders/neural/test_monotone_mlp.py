@@ -63,7 +63,8 @@ def test_other_kinds_are_refused():
 @pytest.mark.parametrize("name", SHAPES)
 def test_f_never_falls_as_a_box_grows(activation, falling, name, rng):
     for seed in range(4):
-        bounder, n = random_monotone(shape(name), (9, 6), activation, falling, seed), shape(name).ndim
+        bounder = random_monotone(shape(name), activation=activation, falling=falling, seed=seed)
+        n = bounder.ndim
         limit = bounder.domain.limit.astype(np.float64)
         v = rng.uniform(-limit, limit, (4000, 2 * n))
         step = 10.0 ** rng.uniform(-9, 0, (4000, 1)) * rng.random(v.shape) * (rng.random(v.shape) < 0.5)
@@ -78,7 +79,7 @@ def test_f_never_falls_as_a_box_grows(activation, falling, name, rng):
 def test_the_point_network_is_below_every_box_that_holds_the_point(activation, name, rng):
     """Every box that rounding can make of one that holds p: corners up to delta inside of it."""
     for seed in range(4):
-        bounder = random_monotone(shape(name), (9, 6), activation, seed=seed)
+        bounder = random_monotone(shape(name), activation=activation, seed=seed)
         base, delta = bounder.domain.base, bounder.domain.base.delta
         p = rng.uniform(-1, 1, (3000, base.ndim)) * (base.limit - delta)
         reach = rng.random((2, *p.shape)) * rng.choice([0.0, 0.0, 1e-6, 1.0], size=(2, len(p), 1))
@@ -93,7 +94,7 @@ def test_the_point_network_is_below_every_box_that_holds_the_point(activation, n
 @pytest.mark.parametrize("activation", ACTIVATIONS)
 def test_devices_stay_within_the_rounding_bound(activation, device, rng):
     grid = shape("blob")
-    bounder = random_monotone(grid, (13, 9), activation).to(device)
+    bounder = random_monotone(grid, activation=activation).to(device)
     low = rng.random((5000, 3)).astype(np.float32)
     q = np.concatenate([low, low + (rng.random((5000, 3)) * (1 - low)).astype(np.float32)], axis=1)
     base = bounder.domain.base
@@ -112,7 +113,7 @@ def test_no_box_is_missed(name, activation, rng):
     grid = shape(name)
     q, truth = cases("box", grid, rng)
     for seed in range(3):
-        bounder = random_monotone(grid, (9, 6), activation, seed=seed)
+        bounder = random_monotone(grid, activation=activation, seed=seed)
         prove(bounder, grid)
         assert bounder.query(q).numpy()[truth].all()
 

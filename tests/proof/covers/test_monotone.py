@@ -15,7 +15,7 @@ CASES = [("c", "tanh"), ("blob", "relu"), ("blob", "tanh"), ("animated", "tanh")
 
 @pytest.mark.parametrize(("name", "activation"), CASES)
 def test_bounds_hold_on_boxes_of_points(name, activation, rng):
-    bounder = random_monotone(shape(name), (9, 6), activation)
+    bounder = random_monotone(shape(name), activation=activation)
     least, limit, n = LeastBox(bounder), bounder.domain.base.limit.astype(np.float64), bounder.ndim
     center = rng.uniform(-limit, limit, (300, n))
     radius = 10.0 ** rng.uniform(-12, 0, (300, 1))
@@ -30,7 +30,7 @@ def test_bounds_hold_on_boxes_of_points(name, activation, rng):
 
 @pytest.mark.parametrize(("name", "activation"), CASES)
 def test_what_is_proven_is_certified(name, activation, rng):
-    grid, bounder = shape(name), random_monotone(shape(name), (9, 6), activation)
+    grid, bounder = shape(name), random_monotone(shape(name), activation=activation)
     search = prove(bounder, grid)
     assert search.complete
     assert bounder.certificate.proven
@@ -47,7 +47,7 @@ def test_what_is_proven_is_certified(name, activation, rng):
 
 @pytest.mark.parametrize(("name", "activation"), CASES)
 def test_a_raised_threshold_is_refuted_by_a_box(name, activation):
-    grid, bounder = shape(name), random_monotone(shape(name), (9, 6), activation)
+    grid, bounder = shape(name), random_monotone(shape(name), activation=activation)
     prove(bounder, grid)
     bounder.freeze(np.float32(bounder.threshold + 0.3), bounder.certificate)
     proof = wb.certify(bounder, grid)
@@ -59,7 +59,7 @@ def test_a_raised_threshold_is_refuted_by_a_box(name, activation):
 
 
 def test_a_threshold_raised_by_its_last_bits_is_not_proven():
-    grid, bounder = shape("blob"), random_monotone(shape("blob"), (9, 6))
+    grid, bounder = shape("blob"), random_monotone(shape("blob"))
     search = prove(bounder, grid, eps=0.0)
     bounder.freeze(np.float32(search.upper_bound - 0.5 * bounder.rounding_bound()), None)
     assert not wb.certify(bounder, grid).proven
