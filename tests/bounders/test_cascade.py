@@ -16,12 +16,10 @@ from warp_bounding.kernels.functions import batch_kernel
 from warp_bounding.kernels.source import DENIED, GRANTED
 
 CHAINS = [
-    ("aabb", "mlp"),
     ("aabb", "kdop", "mlp"),
     ("sphere", "aabb", "mlp-early"),
     ("voxels", "mlp"),
     ("mlp", "aabb"),
-    ("aabb", "voxels"),
 ]
 QUERIES = ("ray", "plane", "box")
 

@@ -189,7 +189,7 @@ def test_the_inside_of_a_motion_up_to_the_ends_of_its_times():
 
 
 def test_a_cascade_of_inner_bounders_is_one():
-    other = wb.fit(shape("grid"), side="inside", hidden=(4,), steps=30, device="cpu", progress=False)
+    other = wb.fit(shape("grid"), side="inside", hidden=(8,), steps=30, device="cpu", progress=False)
     joined, x = inner("grid") & other, around("grid")
     assert joined.certificate.proven
     assert joined.domain.unbounded

@@ -9,11 +9,14 @@ from subjects import subjects
 
 SUBJECTS = {subject.name: subject for subject in subjects()}
 FILES, POSITIVES = 8, 256
-SLOW = ("ray", "plane", "distance")  # kinds of query that take long in four dimensions: ``make fuzz`` has them
-QUICK = [name for name in SUBJECTS if not (name.endswith("animated") and name.split()[1] in SLOW)]
+FLAT = [name for name in SUBJECTS if not name.endswith(("blob", "animated"))]  # in 2D
+DEEP = [name for name in SUBJECTS if name not in FLAT]  # kernels of their own; ``make fuzz`` has them, too
+FEW = ("bvh point blob", "aabb box blob", "mlp point animated", "sphere distance blob")
 
 
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize(
+    "name", [*FLAT, *FEW, *(pytest.param(n, marks=pytest.mark.slow) for n in DEEP if n not in FEW)]
+)
 def test_no_lie_is_accepted(name, monkeypatch):
     monkeypatch.setattr(fuzzing, "STUCK", 1000)  # what does not end shows itself; a slow machine is no fault
     tally = fuzz(7, iterations=FILES, among=[SUBJECTS[name]], count=POSITIVES, quick=True)
@@ -21,7 +24,7 @@ def test_no_lie_is_accepted(name, monkeypatch):
     assert not tally.found, tally.found
 
 
-@pytest.mark.parametrize("name", [name for name in QUICK if name.endswith(" c")])
+@pytest.mark.parametrize("name", [name for name in FLAT if name.endswith(" c")])
 def test_the_honest_file_is_proven_and_holds(name, tmp_path, rng, monkeypatch):
     """Else the attack would ask what is no positive, or the fuzzer never get to attack."""
     monkeypatch.setattr(fuzzing, "SECONDS", 900.0)

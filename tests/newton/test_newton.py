@@ -139,7 +139,7 @@ def test_pairs_in_any_order(bunny, of_distances):
 @pytest.mark.parametrize("method", ["mlp", "bvh", "sphere"])
 def test_distances_in_lanes_are_those_one_by_one(bunny, method):
     """What a CPU does with many pairs at a time, and CUDA with one; but for the last bits of a distance."""
-    options = {"mlp": {"hidden": (12, 10), "steps": 300}, "bvh": {"leaves": 64}}.get(method, {})
+    options = {"mlp": {"hidden": (12, 12), "steps": 300}, "bvh": {"leaves": 64}}.get(method, {})
     model, _, shapes = scene(bunny, moving=True, particles=6000)
     pipeline = newton.CollisionPipeline(model, soft_contact_gap=0.02)
     far = wb.fit(bunny, "distance", method, margin=0.01, device="cpu", **options)

@@ -4,7 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bounding_shapes import CONSERVATIVE, SHAPES, crossed, fitted, object_points, random_bounder, random_mlp, shape
+from bounding_shapes import (
+    CONSERVATIVE,
+    EARLY,
+    SHAPES,
+    crossed,
+    fitted,
+    object_points,
+    random_bounder,
+    random_mlp,
+    shape,
+)
 
 import warp_bounding as wb
 from warp_bounding.coordinates.domain import Domain
@@ -65,7 +75,7 @@ def test_one_more_voxel_is_found_by_regions(method, query):
 
 @pytest.mark.parametrize("query", ["plane", "box"])
 def test_regions_of_a_network_with_exits_are_proven_part_by_part(query):
-    sizes = {"steps": 40, "hidden": (6, 6), "device": "cpu"}
+    sizes = {"steps": 40, "hidden": EARLY, "device": "cpu"}
     bounder = wb.fit(shape("c"), method="mlp-early", query=query, **sizes)
     with pytest.raises(BounderError, match="part by part"):
         prove(bounder, shape("c"))

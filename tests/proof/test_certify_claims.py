@@ -54,7 +54,7 @@ def test_certificates_say_what_they_are_about(query):
 
 
 def test_a_statistical_certificate_says_so_too():
-    options = {"hidden": (6,), "steps": 3, "length": 0.5, "device": "cpu", "seed": 1}
+    options = {"hidden": (8,), "steps": 3, "length": 0.5, "device": "cpu", "seed": 1}
     bounder = wb.fit(shape("c"), query="ray", method="mlp", budget=1.0, **options)
     assert bounder.certificate.length == 0.5
     assert "length 0.5" in bounder.certificate.message

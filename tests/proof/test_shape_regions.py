@@ -196,7 +196,7 @@ def test_boxes_of_a_network_are_proven_over_the_mesh_itself():
 def test_no_positive_is_in_a_box_that_is_called_vacant(query):
     shape, rng = mesh().dilated(MARGIN), np.random.default_rng(1)
     told = {"length": 0.7} if query == "ray" else {}
-    bounder = wb.fit(mesh(), query, hidden=(4,), steps=2, margin=MARGIN, device="cpu", progress=False, **told)
+    bounder = wb.fit(mesh(), query, hidden=(8,), steps=2, margin=MARGIN, device="cpu", progress=False, **told)
     regions = ShapeRegions(bounder, shape, coarse_cells(shape, 0.25))
     lower, upper = regions.boxes()
     count, n = 4000, shape.ndim

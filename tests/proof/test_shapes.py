@@ -124,7 +124,7 @@ def test_cells_are_laid_where_they_are_asked_for():
 
 def test_a_function_that_certifies_nothing_is_attested():
     shape = wb.IndicatorFunction(lambda x: np.linalg.norm(x, axis=1) <= 0.5, [-0.5, -0.5], [0.5, 0.5])
-    for options in ({"method": "sphere"}, {"hidden": (8, 8), "steps": 100}):
+    for options in ({"method": "sphere"}, {"hidden": (12, 12), "steps": 100}):
         bounder = wb.fit(shape, device="cpu", progress=False, **options)
         assert bounder.certificate.kind == "statistical"
         assert wb.certify(bounder, shape).kind == "statistical"
@@ -169,7 +169,7 @@ def test_what_fills_its_box_is_bounded():
     box = wb.solids.Box([0, 0, 0], [1, 2, 3])
     bounder = wb.fit(box, method="aabb", device="cpu", progress=False)
     assert wb.evaluate(bounder, box, 100_000).fp_rate < 0.1
-    assert wb.fit(box, hidden=(8, 8), steps=50, device="cpu", progress=False).certificate.proven
+    assert wb.fit(box, hidden=(12, 12), steps=50, device="cpu", progress=False).certificate.proven
 
 
 def test_rates_of_regions_are_those_of_the_mesh():

@@ -82,9 +82,9 @@ def needed(requirements: Iterable[str], extras: Iterable[str] = ()) -> dict[str,
         try:
             distribution = found.setdefault(key[0], metadata.distribution(wanted.name))
         except metadata.PackageNotFoundError as error:
-            raise LookupError(f"{wanted} is asked for and not installed: make .venv/.installed") from error
+            raise LookupError(f"{wanted} is asked for and not installed: make .venv/.dev") from error
         if not wanted.specifier.contains(distribution.version, prereleases=True):
-            raise LookupError(f"{wanted} is asked for, {distribution.version} is installed: make .venv/.installed")
+            raise LookupError(f"{wanted} is asked for, {distribution.version} is installed: make .venv/.dev")
         if key not in seen:
             seen.add(key)
             left += [(Requirement(text), key[1]) for text in distribution.requires or ()]

@@ -16,7 +16,7 @@ from warp_bounding.training.thresholds import Costs  # noqa: E402
 
 def few(name, method, query="point", **options):
     known = all(part in wb.METHODS for part in method.split("+"))
-    small = told_of(method, query, hidden=(8, 8), steps=60) if known else {}
+    small = told_of(method, query, hidden=(12, 12), steps=60) if known else {}
     return wb.fit(shape(name), query, method, **({"device": "cpu"} | small | options))
 
 

@@ -32,13 +32,21 @@ def same(a, b) -> bool:
     return all(a.tensors[k].tobytes() == b.tensors[k].tobytes() for k in a.tensors) and a.threshold == b.threshold
 
 
-@pytest.mark.parametrize("name", ["line", "c", "blob", "animated"])
+OPTIONS = {
+    "sin": {},
+    "relu": {"activation": "relu"},
+    "octaves": {"octaves": 2},
+    "three": {"hidden": (13, 30, 5), "activation": "relu"},
+    "paper": {"recipe": "paper"},
+}
+
+
 @pytest.mark.parametrize(
-    "options",
-    [{}, {"activation": "relu"}, {"octaves": 2}, {"hidden": (13, 30, 5)}, {"recipe": "paper"}],
-    ids=["sin", "relu", "octaves", "three", "paper"],
+    ("name", "options"),
+    [("line", "sin"), ("c", "octaves"), ("animated", "relu"), *(("blob", each) for each in OPTIONS)],
 )
 def test_it_runs(name, options, monkeypatch, rng):
+    options = OPTIONS[options]
     monkeypatch.setattr(PaperTrainer, "paper", replace(PaperTrainer.paper, batch=2000, stage=2, stable=2))
     bounder = few(name, **options)
     assert bounder.certificate.proven

@@ -55,13 +55,13 @@ def test_negatives_lie_where_it_is_asked(rng):
 def test_rays_of_a_grid(rng):
     grid = BALL.to_grid(resolution=8)
     x = np.concatenate([above(rng, 3000), rng.normal(size=(3000, 3))], axis=1)
-    bounder = wb.fit(grid, "ray", queries=x, hidden=(8, 8), steps=200, length=0.5, device="cpu", progress=False)
+    bounder = wb.fit(grid, "ray", queries=x, hidden=(12, 12), steps=200, length=0.5, device="cpu", progress=False)
     assert wb.evaluate(bounder, grid, samples=20_000).fn == 0
 
 
 @pytest.mark.parametrize("method", ["aabb", "relu-field", "mlp-early", "occupancy", "kdop+mlp"])
 def test_every_method_takes_them(method, rng):
-    options = {} if method in ("aabb", "relu-field") else {"hidden": (6, 6), "steps": 60}
+    options = {} if method in ("aabb", "relu-field") else {"hidden": (12, 12), "steps": 60}
     bounder = wb.fit(
         BALL, method=method, queries=above(rng, 500), resolution=8, device="cpu", progress=False, **options
     )
@@ -72,7 +72,7 @@ def test_every_method_takes_them(method, rng):
 def test_queries_that_tell_nothing_leave_the_usual_fit(rng):
     """All far away, or all in the object: there are no negatives of theirs to learn from."""
     for x in (np.full((50, 3), 9.0), rng.uniform(-0.4, 0.4, (50, 3))):
-        bounder = wb.fit(BALL, queries=x, hidden=(6, 6), steps=60, device="cpu", progress=False)
+        bounder = wb.fit(BALL, queries=x, hidden=(12, 12), steps=60, device="cpu", progress=False)
         assert bounder.certificate.proven
 
 

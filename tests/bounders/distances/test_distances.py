@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from bounding_shapes import fitted
+from bounding_shapes import crossed, fitted
 from distances import THINGS, far, points_around, squared_distance_to_cells, thing
 
 import warp_bounding as wb
@@ -14,8 +14,7 @@ from warp_bounding.proof.distances.soak import DISTANCE_FORMS, DistancePositives
 GRIDS = ("line", "c", "blob", "anisotropic", "mesh", "five")
 
 
-@pytest.mark.parametrize("name", THINGS)
-@pytest.mark.parametrize("method", DISTANCES)
+@pytest.mark.parametrize(("method", "name"), crossed(DISTANCES, THINGS))
 def test_never_above_the_distance(method, name, rng):
     bounder, shape = far(method, name), thing(name)
     assert bounder.certificate.proven
@@ -29,8 +28,7 @@ def test_never_above_the_distance(method, name, rng):
     assert (bounder.query(x).numpy() == ~(g > 0)).all()
 
 
-@pytest.mark.parametrize("name", GRIDS)
-@pytest.mark.parametrize("method", DISTANCES)
+@pytest.mark.parametrize(("method", "name"), crossed(DISTANCES, GRIDS))
 def test_never_above_the_distance_in_rational_arithmetic(method, name, rng):
     bounder, shape = far(method, name), thing(name)
     x = points_around(shape, 15, rng)
@@ -83,8 +81,13 @@ def test_everywhere(method):
     assert bounder.distance(np.zeros((0, 3), np.float32)).shape == (0,)
 
 
-@pytest.mark.parametrize("name", ["c", "blob", "anisotropic", "tetrahedron", "torus"])
-@pytest.mark.parametrize("method", DISTANCES)
+@pytest.mark.parametrize(
+    ("method", "name"),
+    [(m, name) for name in ("blob", "anisotropic", "tetrahedron", "torus") for m in DISTANCES]
+    + [
+        pytest.param(m, "c", marks=() if m in ("aabb", "mlp", "distance-grid") else pytest.mark.slow) for m in DISTANCES
+    ],
+)
 def test_hard_positives_are_not_missed(method, name):
     bounder, shape = far(method, name), thing(name)
     positives = DistancePositives(bounder, shape)
@@ -258,7 +261,7 @@ def test_a_network_learns_the_distance(name, rng):
 @pytest.mark.parametrize("name", ["c", "tetrahedron"])
 def test_parts_have_a_slack_of_their_own(name, rng, tmp_path):
     shape = thing(name)
-    options = {"method": "mlp", "hidden": (16, 16), "steps": 300, "seed": 0, "device": "cpu"}
+    options = {"method": "mlp", "hidden": (12, 12), "steps": 300, "seed": 0, "device": "cpu"}
     whole, cut = (wb.fit(shape, "distance", thresholds=parts, **options) for parts in (1, 40))
     assert cut.lattice.count > 8
     assert cut.relief.max() > 0

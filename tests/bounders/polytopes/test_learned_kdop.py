@@ -20,7 +20,8 @@ from warp_bounding.training.problem import Problem
 CASES = [
     ("c", "point", "geometric"),
     *(("c", query, space) for query in ("ray", "plane", "box") for space in ("geometric", "parametric")),
-    *(("mesh", query, "geometric") for query in ("point", "ray", "plane", "box")),
+    ("mesh", "point", "geometric"),
+    ("mesh", "ray", "geometric"),
     ("blob", "box", "parametric"),
     ("animated", "plane", "geometric"),
     ("animated", "ray", "geometric"),

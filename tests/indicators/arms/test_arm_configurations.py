@@ -121,7 +121,7 @@ def within(lower, upper, rng):
 
 
 @SLIDES
-@pytest.mark.parametrize("n", [1, 2, 4, 6])
+@pytest.mark.parametrize("n", [1, 3, 6])
 def test_truth_is_that_of_the_bodies(n, slides, rng):
     for _ in range(4):
         arm, obstacles, shape = cell(rng, n, slides)

@@ -23,7 +23,7 @@ def grid():
 
 @pytest.fixture(scope="module")
 def networks(grid):
-    return {q: wb.fit(grid, query=q, method="mlp", hidden=(8, 8), steps=30, device="cpu") for q in QUERIES}
+    return {q: wb.fit(grid, query=q, method="mlp", hidden=(12, 12), steps=30, device="cpu") for q in QUERIES}
 
 
 @pytest.mark.parametrize("query", QUERIES)

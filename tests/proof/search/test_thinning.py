@@ -16,7 +16,7 @@ def network() -> tuple[wb.Bounder, wb.IndicatorFunction]:
     shape = wb.IndicatorFunction(
         None, [-0.5] * 4, [0.5] * 4, distance=lambda x: np.abs(np.linalg.norm(x, axis=1) - 0.4) - 0.05
     )
-    return wb.fit(shape, hidden=(10, 10), steps=100, device="cpu", progress=False), shape
+    return wb.fit(shape, hidden=(12, 12), steps=100, device="cpu", progress=False), shape
 
 
 @pytest.mark.parametrize(("many", "too_many"), [(1000, 2000), (4000, 6000), (10**9, 10**9)])

@@ -25,7 +25,7 @@ from sims.prefitted import FitSpec, fitted  # noqa: E402
 
 SIDE, STEPS = 33, 120
 CLOSED = {"aabb": FitSpec("aabb"), "kdop": FitSpec("kdop"), "voxels": FitSpec("voxels", resolution=64)}
-TINY = {"hidden": (8, 8), "steps": 20}
+TINY = {"hidden": (12, 12), "steps": 20}
 
 
 def denying(bounder):

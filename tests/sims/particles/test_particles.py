@@ -221,11 +221,11 @@ def within(
 @pytest.mark.slow
 def test_the_demo(tmp_path, capsys):
     specs = {name: FitSpec(name, resolution=12) for name in ("aabb", "voxels")}
-    specs["mlp"] = FitSpec("mlp", options={"hidden": (8, 8), "steps": 20})
+    specs["mlp"] = FitSpec("mlp", options={"hidden": (12, 12), "steps": 20})
     specs["kdop"] = FitSpec("kdop")
     specs["kdop+mlp"] = FitSpec("kdop+mlp")
-    specs["occupancy"] = FitSpec("occupancy", options={"hidden": (8, 8), "steps": 20})
-    inner = FitSpec("mlp", options={"hidden": (8, 8), "steps": 20, "side": "inside"})
+    specs["occupancy"] = FitSpec("occupancy", options={"hidden": (12, 12), "steps": 20})
+    inner = FitSpec("mlp", options={"hidden": (12, 12), "steps": 20, "side": "inside"})
     options = {"particles": 1500, "steps": 4, "device": "cpu", "inner": inner}
     result = run(tmp_path, specs=specs, refit=True, **options)
     assert result["identical"]
