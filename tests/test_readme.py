@@ -1,8 +1,8 @@
 """The README, *Get started* and the guide run as they are printed: every snippet and every command, in order, in one folder and one namespace.
 
-What would take minutes is shortened, by ``SHORTER`` (words of the text that are replaced, such as the seconds of a fit by a few steps), by ``SMALL``
-(options that are added to a command), and by tiny fits of the networks of tables. Commands that set up an environment or run a whole demo (its
-tests run a small one) are not run but read, by what would run them: ``make -n``, the parser of the command line.
+What would take minutes is shortened, by ``SHORTER`` (words of the text that are replaced, such as the seconds of a fit by a few steps) and by ``SMALL``
+(options that are added to a command). Commands that set up an environment, run a whole demo or the paper's tables (tests of their own run small ones) are
+not run but read, by what would run them: ``make -n``, the parser of the command line.
 """
 
 import importlib.metadata
@@ -15,7 +15,6 @@ import types
 from importlib.util import find_spec
 from pathlib import Path
 
-import numpy as np
 import pytest
 import typer
 from reading_order import GUIDE, PAGES, ROOT
@@ -23,28 +22,27 @@ from snippets import FENCED, commands
 
 import paper.__main__
 import sims.__main__
-from warp_bounding import cli, training
+from warp_bounding import cli
 
 for name in ("torch", "trimesh", "matplotlib", "PIL"):
     pytest.importorskip(name, reason=f"{name} is not installed: pip install '.[train]'")
 
 SHOWN = "\n".join(page.read_text() for page in PAGES)  # each page goes on where the one before ends
-SHORTER = {
-    "budget=60.0": "budget=3.0, steps=20",
-    "hidden=(24, 24), budget=20.0": "hidden=(50, 50), budget=3.0, steps=20",  # whose kernels are compiled already
+SMALL_FIT = "hidden=(8,), budget=3.0, steps=20"  # whose kernels other tests need as well
+SHORTER = {  # in turns
+    "hidden=(50, 50), budget=60.0": SMALL_FIT,
+    "hidden=(24, 24), budget=20.0": SMALL_FIT,
+    "hidden=(16, 16), budget=10.0": SMALL_FIT,
+    "budget=60.0": SMALL_FIT,
     "budget=8.0": "budget=1.0",
-    "--budget 60 ": "--budget 30 --steps 20 ",
-    "--samples 10000000 ": "--samples 50000 ",
+    "--hidden 50,50 --budget 60 ": "--hidden 8 --budget 30 --steps 20 --samples 20000 ",
+    "--samples 10000000 ": "--samples 20000 ",
     "--count 1e8 ": "--count 1e5 ",
-    "random((1_000_000, 3)": "random((100_000, 3)",
-    "figures all --quick ": "figures progressive --quick --effort 0.05 --samples 4000 ",
+    "random((1_000_000, 3)": "random((20_000, 3)",
+    "uniform(-1.0, 1.0, (1_000_000, 3)": "uniform(-1.0, 1.0, (20_000, 3)",
+    "evaluate(bounder, shape)": "evaluate(bounder, shape, samples=20_000)",
 }
-SMALL = {  # one column of twelve, and its network; no networks
-    "table1": "--columns 2d-point --methods aabb,mlp --samples 4000",
-    "speed": "--columns 2d-point --methods aabb,mlp --samples 4000 --queries 4000",
-    "proofs": "--columns 2d-point --methods mlp --samples 4000 --positives 20000 --seconds 20",
-    "choose": "--methods aabb",  # which takes no longer than it needs, whatever the budget
-}
+SMALL = {"choose": "--methods aabb"}  # takes no longer than it needs, whatever the budget
 PROGRAMS = ("warp-bounding", "python", "make", "pip")
 
 
@@ -118,29 +116,26 @@ def read(words: list[str]) -> None:
         assert all(f'"{word}"' in source for word in arguments if word.startswith("--"))
 
 
-def run_command(words: list[str], data: Path) -> None:
+def run_command(words: list[str]) -> None:
     """Run a command in the present folder; it must end well."""
-    modules = {"paper": paper.__main__.run, "sims": sims.__main__.run}
-    if words[:2] == ["python", "-m"] and words[2] in modules and words[3] not in sims.DEMOS:
-        main, (name, *options) = modules[words[2]], words[3:]
-    elif words[0] == "warp-bounding":
+    if words[0] == "warp-bounding":
         main, (name, *options) = cli.main, words[1:]
+    elif words[:3] == ["python", "-m", "sims"] and words[3] not in sims.DEMOS:
+        main, (name, *options) = sims.__main__.run, words[3:]
     else:
         return read(words)
-    options = [str(data) if word == "DIR" else word for word in options]
     with pytest.raises(SystemExit) as stop:
         main([name, *options, *SMALL.get(name, "").split()])
     assert stop.value.code == 0, shlex.join(words)
     return None
 
 
-def run(text: str, folder: Path, data: Path) -> set[str]:
+def run(text: str, folder: Path) -> set[str]:
     """Run every fenced block of a text, in order, in one namespace.
 
     Args:
         text: Markdown.
         folder: The present one; snippets are written there, since Warp reads the source of kernels from files.
-        data: What ``DIR`` stands for.
 
     Returns:
         Which promises of ``after`` were asked.
@@ -151,7 +146,7 @@ def run(text: str, folder: Path, data: Path) -> set[str]:
         for number, (language, body) in enumerate(FENCED.findall(shortened(text))):
             if language == "sh":
                 for words in commands(body):
-                    run_command(words, data)
+                    run_command(words)
                 continue
             assert language == "python", language
             if "import newton" in body and find_spec("newton") is None:
@@ -170,34 +165,14 @@ def run(text: str, folder: Path, data: Path) -> set[str]:
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """An empty folder to stand in, with the paper's data beside it: one small image; networks of tables are fitted in a few steps."""
-    from PIL import Image
-
-    from paper.run import Run
-
-    of_table, fit = Run.fit, training.fit
-
-    def few_steps(grid, **options):
-        return fit(grid, **options, **({"steps": 20} if options["method"] == "mlp" else {}))
-
-    def quick(self, *job):
-        with monkeypatch.context() as patch:
-            patch.setattr(training, "fit", few_steps)
-            return of_table(self, *job)
-
-    monkeypatch.setattr(Run, "fit", quick)
-    (tmp_path / "data/2D").mkdir(parents=True)
-    pixels = np.zeros((10, 10, 4), np.uint8)
-    pixels[3:8, 2:6, 3] = 255
-    Image.fromarray(pixels).save(tmp_path / "data/2D/box.png")
-    (tmp_path / "here").mkdir()
-    monkeypatch.chdir(tmp_path / "here")
+    """An empty folder to stand in."""
+    monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 def test_everything_shown_runs(place):
     missing = {"cull.collide("} if find_spec("newton") is None else set()
-    asked = run(SHOWN, place / "here", place / "data")
+    asked = run(SHOWN, place)
     assert asked == set(after({})) - missing
 
 
@@ -214,7 +189,7 @@ def test_everything_shown_runs(place):
 )
 def test_what_is_broken_is_found(place, text):
     with pytest.raises((Exception, pytest.fail.Exception)):
-        run(text, place / "here", place / "data")
+        run(text, place)
 
 
 def test_the_guide_names_all_its_pages():
