@@ -311,3 +311,11 @@ def test_what_does_not_fit_is_refused(bunny):
     with pytest.raises(wb.BounderError, match="proven"):
         ParticleCull(pipeline, {shapes[0]: occupancy})
     ParticleCull(pipeline, {shapes[0]: occupancy}, unproven=True)
+
+
+def test_full_surface_contacts_are_told_not_to_be_culled(bunny):
+    model, _, _ = scene(bunny, particles=4)
+    pipeline = newton.CollisionPipeline(model, enable_rigid_soft_full_surface_contact=True)
+    with pytest.warns(wb.BoundingWarning, match="every edge and face") as told:
+        ParticleCull(pipeline)
+    assert len(told) == 1

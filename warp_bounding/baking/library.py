@@ -11,12 +11,13 @@ from warp_bounding.baking.names import key_parts
 from warp_bounding.baking.stack import BounderStack
 from warp_bounding.bounders import Bounder, DistanceBounder, load
 from warp_bounding.errors import FileFormatError, QueryError
+from warp_bounding.runtime.pickling import Picklable
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, file_path
 
 __all__ = ["BounderLibrary"]
 
 
-class BounderLibrary(Mapping):
+class BounderLibrary(Picklable, Mapping):
     """The bounders of a folder, by name.
 
     A name is that of the shape's file without its extension; where several bounders have it (of other settings, or of shapes in other folders),

@@ -73,7 +73,7 @@ class BounderStack:
                     f"bounders of a stack must be of one kind, dimension and device, got {first!r} and {bounder!r}"
                 )
             groups.setdefault(bounder.source, []).append(number)
-        self._size = len(bounders)
+        self._bounders = [bounder.to() for bounder in bounders]  # at these thresholds, for pickling
         self.groups = tuple(self._group(source, members, bounders) for source, members in groups.items())
 
     def _group(self, source: Source, members: list[int], bounders: Sequence[Bounder]) -> BounderGroup:
@@ -89,8 +89,11 @@ class BounderStack:
             held=held,
         )
 
+    def __reduce__(self):
+        return BounderStack, (self._bounders,)
+
     def __len__(self) -> int:
-        return self._size
+        return len(self._bounders)
 
     def __repr__(self) -> str:
         return f"<stack of {len(self)} bounders, {len(self.groups)} functions, {self.ndim}D {self.query_kind} queries>"
@@ -124,7 +127,7 @@ class BounderStack:
         rows, vector = count * self._columns // self.ndim, vector_type(self.ndim)
         vectors = wp.array(ptr=queries.ptr, dtype=vector, shape=(rows,), device=self.device, copy=False)
         for group in self.groups:
-            inputs = [0, group.data, group.slots, self._size, numbers, vectors]
+            inputs = [0, group.data, group.slots, len(self), numbers, vectors]
             launch_blocks(_asking(group.source), count, inputs, [out], self.device, first_index=0, block=1)
         return out
 
@@ -135,9 +138,9 @@ class BounderStack:
             values = given.numpy() if isinstance(given, wp.array) else np.asarray(given)
             if values.dtype.kind not in "iu" and values.size:
                 raise QueryError(f"shape_indices must be whole numbers, got {values.dtype}")
-            wrong = values[(values < 0) | (values >= self._size)] if values.size else values
+            wrong = values[(values < 0) | (values >= len(self))] if values.size else values
             if len(wrong):
-                raise QueryError(f"shape_indices must be from 0 to {self._size - 1}, got {wrong[0]}")
+                raise QueryError(f"shape_indices must be from 0 to {len(self) - 1}, got {wrong[0]}")
             numbers = wp.array(values.astype(np.int32), dtype=wp.int32, device=self.device)
         if numbers.shape != (count,):
             raise QueryError(f"shape_indices must have shape ({count},), one for each query, got {numbers.shape}")

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warp_bounding.bounders.pickling import PicklableBounder
 from warp_bounding.coordinates.placement import Placement
 from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import QueryError
@@ -127,7 +128,7 @@ class Prepared:
         self._launch = self._bounder.batch_launch(self._queries, self._number, self._place, self.out)
 
 
-class Asking(ABC):
+class Asking(PicklableBounder, ABC):
     """What a ``Bounder`` needs to answer queries; ``Bounder`` adds fitting, bounds and proofs."""
 
     domain: AnyDomain

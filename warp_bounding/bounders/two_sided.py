@@ -12,6 +12,7 @@ from warp_bounding.indicators.parts.complement import SIDES, outside_of
 from warp_bounding.kernels.functions import Data
 from warp_bounding.runtime.launch import launch_on_cores
 from warp_bounding.runtime.native import named
+from warp_bounding.runtime.pickling import Picklable
 
 __all__ = ["MAYBE", "NO", "YES", "TwoSided", "two_sided"]
 
@@ -24,7 +25,7 @@ def _combine(first: int, inner: wp.array(dtype=wp.uint8), found: wp.array(dtype=
     found[i] = found[i] * (wp.uint8(YES) - inner[i])
 
 
-class TwoSided:
+class TwoSided(Picklable):
     """Two bounders of one object; made by ``two_sided``.
 
     Attributes:

@@ -18,6 +18,7 @@ from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.half_spaces import HalfSpaces
 from warp_bounding.indicators.limits import checked_margin
 from warp_bounding.indicators.parts.pieces import Pieces
+from warp_bounding.runtime.pickling import Picklable
 
 __all__ = ["DETAILS", "IN", "OUT", "UNDECIDED", "Shape"]
 
@@ -27,7 +28,7 @@ PADDING = 0.1  # of the longest side: by how much random queries reach beyond th
 DETAILS = 64  # along the longest side: float32 must tell apart points that are a DETAILS-th of it from each other
 
 
-class Shape(ABC):
+class Shape(Picklable, ABC):
     """A closed set in n dimensions, the object; all coordinates are in object space, all lengths in object units.
 
     Attributes:
@@ -252,14 +253,14 @@ class Shape(ABC):
         """
         return np.empty((0, self.ndim))
 
-    def check(self) -> None:  # noqa: B027  (most shapes rest on nobody's word)
+    def check(self) -> None:
         """Look for points that contradict what the shape claims of itself, where it rests on somebody's word.
 
         Raises:
             IndicatorError: With the counterexample.
         """
 
-    def check_contents(self) -> None:  # noqa: B027  (meshes and grids hold something)
+    def check_contents(self) -> None:
         """Refuse a shape that holds nothing, or everything, as far as a search tells.
 
         Raises:

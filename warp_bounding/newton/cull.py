@@ -23,13 +23,14 @@ What this does not do: rigid contacts, self-contacts of cloth, and the passes ov
 (``enable_rigid_soft_full_surface_contact``) are left as they are. A mesh whose points are moved in place has no true box: it must be ``untested``.
 """
 
+import warnings
 from collections.abc import Collection, Mapping
 from functools import cache, partial
 
 import warp as wp
 
 from warp_bounding.bounders import Bounder, DistanceBounder
-from warp_bounding.errors import BounderError
+from warp_bounding.errors import BounderError, BoundingWarning
 from warp_bounding.newton import kernels
 from warp_bounding.newton.accepted import contact_gap
 from warp_bounding.newton.distances import BLOCKS, ask_distances_in_lanes
@@ -82,7 +83,7 @@ class ParticleCull:
                 proof; for a shape that is no mesh; for a differentiable pipeline, or what is no pipeline at all.
 
         Warns:
-            BoundingWarning: Once, of shapes that have no test.
+            BoundingWarning: Once, of shapes that have no test, and of a pipeline with full-surface soft contacts.
         """
         if not isinstance(pipeline, newton.CollisionPipeline):
             raise BounderError(f"pipeline must be a newton.CollisionPipeline, got {type(pipeline).__name__}")
@@ -93,6 +94,9 @@ class ParticleCull:
         self.pipeline, self.model = pipeline, pipeline.model
         if getattr(pipeline, "requires_grad", False):
             raise BounderError("a differentiable pipeline reads its pairs again when it goes backwards; they must stay")
+        if getattr(pipeline, "enable_rigid_soft_full_surface_contact", False):
+            told = "only pairs of particles and shapes are culled; full-surface soft contacts test every edge and face"
+            warnings.warn(told, BoundingWarning, stacklevel=2)
         self._reads_back = reads_back
         self._all = pipeline.soft_rigid_contact_pairs.contiguous()
         self.pairs = len(self._all)

@@ -11,6 +11,7 @@ import warp as wp
 
 from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.bounders.distances.double_queries import lengths_of, longer, moved, outwards, turned
+from warp_bounding.bounders.pickling import PicklableBounder
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import QueryError
 from warp_bounding.kernels.distances.batch import (
@@ -39,7 +40,7 @@ from warp_bounding.runtime.launch import BlockLaunch
 __all__ = ["AskingDistance"]
 
 
-class AskingDistance(ABC):
+class AskingDistance(PicklableBounder, ABC):
     """What a ``DistanceBounder`` needs to answer; see there."""
 
     domain: DistanceDomain

@@ -12,6 +12,7 @@ import numpy as np
 
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.arms.bodies import WORLD, Body, checked_pose
+from warp_bounding.runtime.pickling import Picklable
 
 __all__ = ["MOST_JOINTS", "Arm", "Joint"]
 
@@ -22,7 +23,7 @@ OUTWARD = 1 + 2.0**-40  # outweighs what float64 rounds in a reach
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
+class Joint(Picklable):
     """What one number of a configuration moves.
 
     Attributes:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
+from warp_bounding.runtime.pickling import Picklable
 
 __all__ = ["MOST_POINTS", "WORLD", "Body", "ball_of", "checked_pose"]
 
@@ -18,7 +19,7 @@ LARGEST = 1e6  # metres: a coordinate or radius
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class Body(Picklable):
     """The convex hull of points, and all within a radius of it.
 
     Attributes:

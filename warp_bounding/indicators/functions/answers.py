@@ -3,6 +3,8 @@
 What cannot be relied on is an ``IndicatorError`` in one line that names the function and shows what came.
 """
 
+import copy
+import pickle
 from collections.abc import Callable
 
 import numpy as np
@@ -34,6 +36,17 @@ class Answers:
             raise IndicatorError(f"{name}: {what} must be a function of arrays, got {function!r}")
         self.function, self.what, self.name, self.numbers = function, what, name, numbers
         self._calls = 0
+
+    def __getstate__(self) -> dict:
+        try:
+            pickle.dumps(self.function)
+        except Exception as error:  # what it holds may raise anything
+            needed = "define it in a module, and not as a lambda or in a function"
+            raise IndicatorError(f"{self.name}: {self.what} cannot be pickled ({error}); {needed}") from error
+        return vars(self)
+
+    def __deepcopy__(self, memo: dict) -> "Answers":
+        return Answers(copy.deepcopy(self.function, memo), self.what, self.name, numbers=self.numbers)
 
     def __call__(self, *arrays: np.ndarray) -> np.ndarray:
         """The answers ``(N,)``, bool or float64, to finite arrays.

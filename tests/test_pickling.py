@@ -1,0 +1,207 @@
+"""Bounders and shapes come back from pickles and from ``copy.deepcopy`` as they were, used or not, and share no memory with them."""
+
+import copy
+import multiprocessing
+import pickle
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+import warp as wp
+from asked_functions import QUERIES, bounders
+from bounding_shapes import fitted, shape
+from distances import far, thing
+
+import warp_bounding as wb
+from warp_bounding.bounders import DISTANCES, METHODS
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.shape import Shape
+
+COPIES = {"pickle": lambda value: pickle.loads(pickle.dumps(value)), "deepcopy": copy.deepcopy}
+
+
+@pytest.fixture(params=COPIES)
+def copied(request):
+    return COPIES[request.param]
+
+
+def arrays_in(value, found: dict[int, np.ndarray], seen: set[int]) -> dict[int, np.ndarray]:
+    """All arrays that an object of the library holds, however deep."""
+    if id(value) not in seen:
+        seen.add(id(value))
+        if isinstance(value, np.ndarray):
+            found[id(value)] = value
+        elif isinstance(value, dict):
+            _ = [arrays_in(each, found, seen) for each in value.values()]
+        elif isinstance(value, (list, tuple)):
+            _ = [arrays_in(each, found, seen) for each in value]
+        elif type(value).__module__.startswith("warp_bounding") and hasattr(value, "__dict__"):
+            arrays_in(vars(value), found, seen)
+    return found
+
+
+def check_apart(made, original) -> None:
+    """No array of a copy shares memory with the original's; what the original keeps read-only stays so."""
+    own, other = (arrays_in(each, {}, set()).values() for each in (made, original))
+    assert not any(np.may_share_memory(a, b) for a in own for b in other if a.size and b.size)
+    for name, value in vars(original).items():
+        if isinstance(value, np.ndarray) and not value.flags.writeable and name in vars(made):
+            assert not vars(made)[name].flags.writeable
+
+
+def check_bounder(copied, bounder, ask) -> None:
+    """Copies of a bounder, as it is and after use, answer as it does, and a new threshold of one is not the other's."""
+    for used in (False, True):
+        if used:
+            if hasattr(bounder, "prepare"):
+                bounder.prepare(np.zeros((4, bounder.domain.columns), np.float32)).launch()
+            _ = bounder.data, bounder.func if hasattr(bounder, "func") else bounder.distance_func
+        made = copied(bounder)
+        check_apart(made, bounder)
+        assert all(not tensor.flags.writeable for tensor in made.tensors.values())
+        assert type(made) is type(bounder)
+        assert (made.threshold, made.certificate) == (bounder.threshold, bounder.certificate)
+        assert (made.info, made.native, str(made.device)) == (bounder.info, bounder.native, str(bounder.device))
+        assert made.domain.to_dict() == bounder.domain.to_dict()
+        assert ask(made).tobytes() == ask(bounder).tobytes()
+        assert made.data.parameters.ptr != bounder.data.parameters.ptr
+        before = bounder.threshold, bounder.certificate
+        made.freeze(0.0, None)
+        made.info["note"] = "changed"
+        assert (bounder.threshold, bounder.certificate) == before
+        assert bounder.info.get("note") != "changed"
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method(copied, method, rng):
+    bounder = fitted(method, "c").to("cpu")
+    x = rng.random((500, bounder.domain.columns), np.float32)
+    check_bounder(copied, bounder, lambda b: b.values(x).numpy())
+
+
+@pytest.mark.parametrize("query", QUERIES)
+def test_every_query(copied, query, rng):
+    for bounder in bounders(query, "cpu").values():  # also cascades
+        x = rng.random((500, bounder.domain.columns), np.float32)
+        check_bounder(copied, bounder.to("cpu"), lambda b, x=x: b.values(x).numpy())
+
+
+@pytest.mark.parametrize("method", DISTANCES)
+def test_every_distance(copied, method, rng):
+    x = thing("blob").lower + rng.random((500, 3)) * 2
+    check_bounder(copied, far(method, "blob").to("cpu"), lambda b: b.distance(x.astype(np.float32)).numpy())
+
+
+def test_compositions(copied, rng, tmp_path):
+    box, volume = fitted("aabb", "c"), fitted("kdop", "c")
+    x = rng.random((500, 2), np.float32)
+    tree = wb.hierarchy(shape("c"), method="kdop", levels=1, device="cpu", progress=False)
+    for bounder in (box | volume, tree):
+        check_bounder(copied, bounder, lambda b: b.query(x).numpy())
+    inner = wb.fit(shape("c"), side="inside", hidden=(8,), steps=3, device="cpu", progress=False)
+    both, stack = wb.two_sided(box, inner), wb.BounderStack([box, volume])
+    box.save(tmp_path / "box.safetensors")
+    library, numbers = wb.BounderLibrary(tmp_path, device="cpu"), np.arange(500) % 2
+    for _ in range(2):  # before and after use
+        assert (copied(both).classify(x).numpy() == both.classify(x).numpy()).all()
+        assert (copied(stack).query(numbers, x).numpy() == stack.query(numbers, x).numpy()).all()
+        again = copied(library)
+        assert again["box"].query(x).numpy().tobytes() == library["box"].query(x).numpy().tobytes()
+        assert (again.query_pairs(0 * numbers, x).numpy() == library.query_pairs(0 * numbers, x).numpy()).all()
+        _ = both.func
+
+
+def star(x: np.ndarray) -> np.ndarray:
+    return np.hypot(x[:, 0], x[:, 1]) <= 0.7 + 0.2 * np.sin(5 * np.arctan2(x[:, 1], x[:, 0]))
+
+
+def away(x: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(x, axis=1) - 0.5
+
+
+def _mesh() -> wb.IndicatorMesh:
+    corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    return wb.IndicatorMesh(corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+
+
+def _blend() -> wb.IndicatorBlendShapes:
+    mesh = _mesh()
+    return wb.IndicatorBlendShapes(mesh.vertices, [0.5 * mesh.vertices], mesh.faces)
+
+
+def _network() -> wb.IndicatorNetwork:
+    torch.manual_seed(0)
+    layers = torch.nn.Sequential(torch.nn.Linear(2, 8), torch.nn.ReLU(), torch.nn.Linear(8, 1))
+    return wb.IndicatorNetwork(layers, [-1, -1], [1, 1])
+
+
+def _arm() -> wb.arms.ArmConfigurations:
+    links = [wb.arms.Body.capsule([0, 0, 0], [1, 0, 0], 0.1, link=i) for i in range(2)]
+    arm = wb.arms.Arm([wb.arms.Joint(), wb.arms.Joint()], links)
+    return wb.arms.ArmConfigurations(arm, [wb.arms.Body.sphere([0, 0.8, 0], 0.2)])
+
+
+SHAPES = {
+    "grid": lambda: shape("c"),
+    "mesh": _mesh,
+    "dilated mesh": lambda: _mesh().dilated(0.1),
+    "motion": lambda: wb.IndicatorMotion([_mesh().vertices, _mesh().vertices + 0.5], _mesh().faces),
+    "blend shapes": _blend,
+    "function": lambda: wb.IndicatorFunction(star, [-1, -1], [1, 1]),
+    "distance": lambda: wb.IndicatorFunction(None, [-1, -1], [1, 1], distance=away),
+    "network": _network,
+    "solids": lambda: (wb.solids.Sphere([0, 0], 0.7) - wb.solids.Box([0, 0], [1, 1])).dilated(0.1),
+    "mixed": lambda: wb.solids.Union(wb.solids.Sphere([0, 0, 0], 0.5), _mesh()),
+    "extrusion": lambda: wb.solids.Extrusion(wb.solids.Sphere([0, 0], 0.5), [0, 1], [[0, 0], [2, 1]]),
+    "complement": lambda: wb.Complement(_mesh()),
+    "arm": _arm,
+}
+
+
+@cache
+def answers(name: str, made: Shape | None = None) -> bytes:
+    made = SHAPES[name]() if made is None else made
+    x = np.random.default_rng(0).uniform(made.sample_lower, made.sample_upper, (300, made.ndim))
+    found = [made.contains(x), made.empty(x, x + 0.05), made.inside(x, x + 0.05), made.distance(x)]
+    return b"".join(each.tobytes() for each in found if each is not None)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_every_shape(copied, name):
+    original = SHAPES[name]()
+    for _ in range(2):  # before and after use
+        made = copied(original)
+        check_apart(made, original)
+        assert (type(made), made.digest, repr(made)[:20]) == (type(original), original.digest, repr(original)[:20])
+        assert answers(name, made) == answers(name) == answers(name, original)
+
+
+def test_a_function_that_cannot_be_pickled_is_one_error():
+    local = wb.Complement(wb.IndicatorFunction(lambda x: star(x), [-1, -1], [1, 1]))
+    with pytest.raises(IndicatorError, match=r"^function: contains cannot be pickled .*define it in a module"):
+        pickle.dumps(local)
+    assert copy.deepcopy(local).contains(np.zeros((1, 2))) == local.contains(np.zeros((1, 2)))
+
+
+def test_arms_and_their_parts_stay_read_only(copied):
+    arm = copied(_arm().arm)
+    assert not any(array.flags.writeable for array in arrays_in(arm, {}, set()).values())
+
+
+def in_a_process(bounder, solid, x: np.ndarray, answer) -> None:
+    answer.put((bounder.query(x).numpy(), solid.contains(x), wp.config.log_level))
+
+
+def test_another_process_answers_the_same(rng):
+    """A spawned process gets a network and a shape after use, and gives the same answers."""
+    bounder, solid = fitted("mlp", "c"), SHAPES["distance"]()
+    x = rng.random((500, 2), np.float32)
+    here = bounder.query(x).numpy(), solid.contains(x)
+    context = multiprocessing.get_context("spawn")
+    answer = context.Queue()
+    process = context.Process(target=in_a_process, args=(bounder, solid, x, answer))
+    process.start()
+    there = answer.get(timeout=120)
+    process.join()
+    assert all((a == b).all() for a, b in zip(here, there[:2], strict=True))
