@@ -231,9 +231,7 @@ def test_what_is_made_of_an_open_mesh_tells_so_too():
     with pytest.warns(wb.BoundingWarning, match=SURFACE_ONLY):
         wb.hierarchy(hole, method="kdop", levels=1, margin=0.05, device="cpu", progress=False)
     with pytest.warns(wb.BoundingWarning, match=SURFACE_ONLY) as caught:
-        wb.choose(
-            hole, narrow_ns=50.0, methods=["aabb", "obb"], networks=(), budget=1.0, device="cpu", progress=False
-        )
+        wb.choose(hole, narrow_ns=50.0, methods=["aabb", "obb"], networks=(), budget=1.0, device="cpu", progress=False)
     assert len(caught) == 1
 
 
