@@ -257,6 +257,7 @@ class Bounder(Operators, Asking):
                 without ``fast_math``. ``None`` keeps what it is.
 
         Raises:
+            BounderError: For the plain twin of a bounder of configurations, whose joints only native text turns back.
             DeviceError: If there is no such device.
 
         Example:
@@ -266,6 +267,8 @@ class Bounder(Operators, Asking):
         """
         device = self._device if device is None else device
         device_of(device)
+        if native is False and self.domain.joints is not None:
+            raise BounderError(f"{self.method}: bounders of configurations run as native text only")
         copy = object.__new__(type(self))
         copy.__dict__.update(self.__dict__)  # tensors are shared, they cannot change
         copy.__dict__.pop("func", None)  # it is cached, and depends on ``native``

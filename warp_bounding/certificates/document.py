@@ -75,6 +75,8 @@ def about(bounder: Subject, grid: Shape) -> str:
 
 def _placed(bounder: Subject) -> str:
     """Which placements are covered."""
+    if bounder.domain.joints is not None:
+        return "Beyond limits of joints the answer is maybe."
     if not bounder.domain.base.delta.any():  # nothing is left for a placement
         return "Queries are in the object's own coordinates."
     return f"An xform= or scale= that rounds a query by more than {least_allowance(bounder):.2g} is refused."

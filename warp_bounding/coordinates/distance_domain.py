@@ -71,7 +71,7 @@ class DistanceDomain:
     query = DISTANCE.name
     space = "geometric"
     length = None
-    unbounded = False
+    unbounded, joints = False, None  # as ``Domain`` has them
     parametric = False
     tested_as_point = True
     tested_as_region = False

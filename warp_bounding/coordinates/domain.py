@@ -10,7 +10,7 @@ of this map needs (a 4096th of a cell), so that the rounding of a placement, giv
 ``|v| <= limit`` is the widened domain. Nothing outside it can be in the object, and no bounder is asked about it. On
 the axis of time, where the answer outside is *maybe*, the limit lies inside the range instead, by twice the rounding.
 Where the object is unbounded (``indicators.parts.complement``) the answer outside is *maybe* on every axis, and proofs run over
-all of ``|v| <= limit``.
+all of ``|v| <= limit``. Of joints a query is *maybe* beyond their limits, and turned back into one turn before it is mapped (``joints``).
 """
 
 from dataclasses import dataclass
@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, gamma, round_down, round_up
+from warp_bounding.indicators.joints import Joints
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.shape import Shape
 
@@ -50,6 +51,7 @@ class Domain:
         lower: ``(n,)`` float64, lower corner of the domain in object space.
         upper: ``(n,)`` float64, upper corner.
         unbounded: The object may be anywhere outside the domain: there the answer is *maybe*.
+        joints: Limits and periods, where the coordinates are those of joints.
     """
 
     center: np.ndarray
@@ -60,6 +62,7 @@ class Domain:
     lower: np.ndarray
     upper: np.ndarray
     unbounded: bool = False
+    joints: Joints | None = None
 
     query = "point"
     space = "geometric"
@@ -91,8 +94,9 @@ class Domain:
         scale = (2 / (upper - lower)).astype(np.float32)
         detail = scale / shape.details_per_unit
         extent = np.maximum(np.abs(lower - center), np.abs(upper - center)) * scale.astype(np.float64) * GROWTH
-        needed = input_rounding(center, scale, extent, lower, upper)
-        delta = np.maximum(np.maximum(DELTA_SHARE * detail, 4 * needed), least_delta)
+        needed = input_rounding(center, scale, extent, lower, upper, shape.joints)
+        room = 4 if shape.joints is None else GROWTH * POSITIONS_ROUNDING  # joints are not placed
+        delta = np.maximum(np.maximum(DELTA_SHARE * detail, room * needed), least_delta)
         if (delta > shape.largest_delta * detail).any():
             axis = int(np.argmax(delta / detail))
             raise IndicatorError(
@@ -103,7 +107,7 @@ class Domain:
         if shape.time:
             inner = min(upper[0] - center[0], center[0] - lower[0]) * float(scale[0])
             limit[0] = round_down(inner - 2 * needed[0])
-        return cls(center, scale, limit, delta, shape.time, lower, upper, shape.unbounded)
+        return cls(center, scale, limit, delta, shape.time, lower, upper, shape.unbounded, shape.joints)
 
     def fault(self) -> str | None:
         """What is wrong with these numbers, in a few words; ``None`` if every claim of this class holds for them."""
@@ -113,10 +117,13 @@ class Domain:
         extents = self.upper - self.lower
         if not ((extents >= EXTENTS[0]) & (extents <= EXTENTS[1]) & (self.scale > 0)).all():
             return "the domain's extents or scale are impossible"
+        if self.joints is not None and (len(self.joints.lower) != self.ndim or self.joints.fault()):
+            return "the limits and periods of joints are none, or not one per axis"
         low, high = -self.to_local(self.lower), self.to_local(self.upper)
         if not ((np.minimum(low, high) >= LIMIT_LEAST) & (self.limit <= LIMIT_MOST)).all():
             return "the domain's map does not take it to about [-1, 1]"
-        needed = input_rounding(self.center, self.scale, np.maximum(low, high) * GROWTH, self.lower, self.upper)
+        extent = np.maximum(low, high) * GROWTH
+        needed = input_rounding(self.center, self.scale, extent, self.lower, self.upper, self.joints)
         if not (needed * POSITIONS_ROUNDING <= self.delta).all():
             return "the domain's delta does not cover the rounding of its own map"
         covered = self.limit >= np.maximum(low, high) * (1 + 1e-12) + self.delta
@@ -148,8 +155,8 @@ class Domain:
 
     @property
     def extra(self) -> np.ndarray:
-        """float32 numbers behind the threshold: none."""
-        return np.zeros(0, np.float32)
+        """float32 numbers behind the threshold: those of joints."""
+        return np.zeros(0, np.float32) if self.joints is None else self.joints.numbers
 
     def to_local(self, x: np.ndarray) -> np.ndarray:
         """``v`` of object coordinates ``(..., n)``, in float64."""
@@ -193,6 +200,7 @@ class Domain:
         """JSON-ready numbers; float32 values survive the trip exactly."""
         arrays = {k: getattr(self, k) for k in ("center", "scale", "limit", "delta", "lower", "upper")}
         flags = {"time": self.time} | ({"unbounded": True} if self.unbounded else {})
+        flags |= {} if self.joints is None else {"joints": self.joints.to_dict()}
         return {k: [float(a) for a in v] for k, v in arrays.items()} | flags
 
     @classmethod
@@ -206,7 +214,8 @@ class Domain:
             raise ValueError(f"the domain's {rounded[0]} must be float32 numbers, got {values[rounded[0]]}")
         flags = {"time": values["time"], "unbounded": values.get("unbounded", False)}
         flags = {name: json_bool(value, name) for name, value in flags.items()}
-        domain = cls(**single, **{k: arrays[k] for k in DOUBLE}, **flags)
+        joints = Joints.from_dict(values["joints"], json_number) if "joints" in values else None
+        domain = cls(**single, **{k: arrays[k] for k in DOUBLE}, **flags, joints=joints)
         fault = domain.fault()
         if fault:
             raise ValueError(fault)
@@ -232,8 +241,9 @@ def rounding_of_map(extent: np.ndarray) -> np.ndarray:
     return gamma(2) * extent
 
 
-def input_rounding(center, scale, extent, lower, upper) -> np.ndarray:
-    """Largest error of ``v`` for a point of the domain given in float64: its own rounding, then the map's."""
+def input_rounding(center, scale, extent, lower, upper, joints: Joints | None = None) -> np.ndarray:
+    """Largest error of ``v`` for a point of the domain given in float64: its own rounding, that of turning it back, then the map's."""
     reach = np.maximum(np.abs(lower), np.abs(upper))
+    reach = reach if joints is None else np.maximum(reach, joints.reach)
     flushed = 2 * TINY * scale.astype(np.float64) + TINY  # the input or the difference set to zero; the product
     return rounding_of_map(extent) + UNIT32 * reach * scale.astype(np.float64) * (1 + gamma(2)) + flushed

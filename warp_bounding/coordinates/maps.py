@@ -6,6 +6,7 @@ import warp as wp
 
 from warp_bounding.coordinates.base import PARAMETRIC, Coordinates, Numbers, vector_type
 from warp_bounding.coordinates.box import BOX
+from warp_bounding.indicators.joints import TEXT
 from warp_bounding.coordinates.plane import PLANE
 from warp_bounding.coordinates.point import POINT
 from warp_bounding.coordinates.ray import RAY
@@ -34,7 +35,7 @@ def coordinates_of(query: str, space: str) -> Coordinates:
     return COORDINATES[query].parametric if space == PARAMETRIC else COORDINATES[query]
 
 
-def locate(query: str, space: str, n: int, free: int, placed: bool = False) -> str:
+def locate(query: str, space: str, n: int, free: int, placed: bool = False, joints: bool = False) -> str:
     """The C text from a query's numbers to the coordinates ``v``.
 
     Args:
@@ -45,8 +46,10 @@ def locate(query: str, space: str, n: int, free: int, placed: bool = False) -> s
             is time, all n where the object is unbounded (points only). So is a region that lies wholly outside, and maybe
             one that only just reaches into it.
         placed: ``q`` are in the world, and the text may change them.
+        joints: ``q`` are values of joints, with their numbers at ``extra``; points only.
     """
     kind = coordinates_of(query, space)
+    text = f"{TEXT} {{ const V* q = turned; {kind.text} }}" if joints else kind.text
     return _FRAME.format(
         n=n,
         free=int(free),
@@ -54,7 +57,7 @@ def locate(query: str, space: str, n: int, free: int, placed: bool = False) -> s
         no_place="" if placed else "const float* place = nullptr; (void)place;",
         columns=kind.columns(n),
         moving=f"{{ {kind.moving} }}" if placed else "",
-        text=kind.text,
+        text=text,
     )
 
 

@@ -63,6 +63,8 @@ class Placement:
         """
         if xform is None and scale is None:
             return None
+        if domain.joints is not None:
+            raise QueryError("configurations of joints have no place in the world, got xform or scale")
         n, first_spatial = domain.space_ndim, int(domain.time)  # coordinate 0 may be time, which no placement moves
         spatial = n - first_spatial
         factors = np.ones(spatial) if scale is None else _numbers(scale)

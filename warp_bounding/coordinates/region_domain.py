@@ -86,6 +86,8 @@ class RegionDomain:
         """See ``domain_of``."""
         if grid.unbounded:
             raise BounderError(f"{grid.name}: {query} queries are not bounded from the inside, points are")
+        if grid.joints is not None:
+            raise BounderError(f"{grid.name}: {query} queries of configurations are not bounded, points are; see clear_segments")
         # To the base time is an axis like the others: a region counts by its part inside the domain, and what it is to
         # the range of time its own test decides (``extra``).
         still = replace(grid, time=False) if isinstance(grid, IndicatorGrid) else grid
@@ -119,8 +121,8 @@ class RegionDomain:
         if (self.length is None) == kind.has_length or not np.isfinite(self.length or 1.0) or (self.length or 1) <= 0:
             return f"a ray's length must be positive, got {self.length}"
         fault = self.base.fault()
-        if fault or self.base.time or self.base.unbounded:
-            return fault or "a region's base domain has no time of its own, and ends"
+        if fault or self.base.time or self.base.unbounded or self.base.joints is not None:
+            return fault or "a region's base domain has no time and no joints of its own, and ends"
         least, most = STRETCHES
         if not ((self.stretch >= least) & (self.stretch <= most)).all():
             return f"a ray of length {self.length} does not fit a domain of this size"
@@ -139,7 +141,7 @@ class RegionDomain:
         """Whether v is one point of R^2n, which a volume contains or not; else v is tested as a region."""
         return self.space == PARAMETRIC
 
-    unbounded = False  # as ``Domain`` has it
+    unbounded, joints = False, None  # as ``Domain`` has them
 
     tested_as_point = parametric  # ``Domain`` has this too, where it is always true
 

@@ -21,6 +21,7 @@ import numpy as np
 from warp_bounding.arithmetic import UNIT64
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.dilation import dilate
+from warp_bounding.indicators.joints import Joints
 from warp_bounding.indicators.limits import MAX_CELLS
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.indicators.summed_area import block_counts, summed_area
@@ -42,6 +43,7 @@ class IndicatorGrid(Shape):
         resolution: The ``resolution`` that a mesh was voxelised with; ``None`` where the grid was given as one.
         note: A restriction that a user should know, such as that an open mesh is bounded by its surface only.
         shape_digest: Of the shape whose cells these are; ``None`` where the grid was given as one.
+        joints: Those of that shape.
 
     Raises:
         IndicatorError: If all cells are empty, or all are occupied, or the map is none.
@@ -64,6 +66,7 @@ class IndicatorGrid(Shape):
     resolution: int | None = None
     note: str = field(default="", compare=False)
     shape_digest: str | None = field(default=None, compare=False)
+    joints: Joints | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         occupancy = np.array(self.occupancy, dtype=bool, order="C")  # our own copy: a proof must not change under us

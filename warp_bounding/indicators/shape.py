@@ -16,6 +16,7 @@ import numpy as np
 
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.half_spaces import HalfSpaces
+from warp_bounding.indicators.joints import Joints
 from warp_bounding.indicators.limits import checked_margin
 from warp_bounding.indicators.parts.pieces import Pieces
 from warp_bounding.runtime.pickling import Picklable
@@ -39,6 +40,7 @@ class Shape(Picklable, ABC):
         resolution: Of cells that were laid over a shape; ``None`` where the shape itself is asked.
         certified: Whether ``empty`` can certify anything, so that bounders of this shape can be proven.
         unbounded: The object is all that lies beyond the box, too (``complement``); a query there is *maybe* in it.
+        joints: Where the coordinates are values of joints, their limits, beyond which nothing is known, and their periods.
     """
 
     name: str = "shape"
@@ -48,6 +50,7 @@ class Shape(Picklable, ABC):
     resolution: int | None = None
     certified: bool = True
     unbounded: ClassVar[bool] = False
+    joints: Joints | None = None
     largest_delta: ClassVar[float] = 8.0  # details: where float32 blurs queries by more, the shape is refused
     # Truth of regions, where a shape can tell it: called with what is said in ``IndicatorMesh``, they answer as ``decide``.
     decide_boxes: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
@@ -85,6 +88,15 @@ class Shape(Picklable, ABC):
     def known_times(self) -> tuple[float, float]:
         """Where coordinate 0 is time: first and last time at which it is known what the object is."""
         return float(self.lower[0]), float(self.upper[0])
+
+    @property
+    def known(self) -> tuple[np.ndarray, np.ndarray]:
+        """``(n,)`` float64 each: beyond which coordinates nothing is known, which are times and values of joints with limits; else infinite."""
+        end = np.full(self.ndim, np.inf)
+        lower, upper = -end, end
+        if self.time:
+            lower[0], upper[0] = self.lower[0], self.upper[0]
+        return lower, upper
 
     @property
     def speed(self) -> float | None:

@@ -21,6 +21,7 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.coordinates.base import PARAMETRIC, literal
+from warp_bounding.indicators.joints import NUMBERS
 from warp_bounding.coordinates.maps import coordinates_of
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.point import POINT
@@ -64,6 +65,7 @@ class Source:
         query: Kind of query.
         unbounded: Outside the domain the answer is *maybe*, as it is outside a range of time.
         space: ``"geometric"``, or ``"parametric"``: the numbers of a query are the coordinates of a point to be bounded.
+        joints: The coordinates are values of joints; told apart by ``identity``, which is what it was for all others.
     """
 
     ndim: int
@@ -71,6 +73,7 @@ class Source:
     query: str = field(default="point", kw_only=True)
     space: str = field(default="geometric", kw_only=True)
     unbounded: bool = field(default=False, kw_only=True)
+    joints: bool = field(default=False, kw_only=True, repr=False)
 
     block: ClassVar[int] = BLOCK  # queries of a block of the CPU batch path
     packed: ClassVar[bool] = False  # gather the queries inside the domain first: pays for costly bodies
@@ -84,7 +87,7 @@ class Source:
     @property
     def start(self) -> int:
         """Index in ``parameters`` where the method's own numbers begin, a multiple of ``ALIGN``."""
-        extra = coordinates_of(self.query, self.space).extra_count(self.ndim, self.time)
+        extra = coordinates_of(self.query, self.space).extra_count(self.ndim, self.time) + NUMBERS * self.ndim * self.joints
         return aligned(LABEL + 3 * self.ndim + 1 + extra)
 
     @property

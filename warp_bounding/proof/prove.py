@@ -244,6 +244,8 @@ def mismatch(bounder: Bounder, grid: IndicatorGrid) -> str | None:
                 return f"{part.query_kind} queries of {part.method} are bounded over cells, and the shape has none; give a resolution"
     if grid.unbounded != bounder.domain.unbounded:
         return "the bounder is about the other side of the shape"
+    if grid.joints != domain.joints:
+        return "the bounder was made for joints of other limits, or before it was told of any; fit it anew"
     if grid.time and (domain.lower[0] < grid.known_times[0] or domain.upper[0] > grid.known_times[1]):
         times = (grid.known_times, (domain.lower[0], domain.upper[0]))
         known, asked = (f"{first:.7g} to {last:.7g}" for first, last in times)

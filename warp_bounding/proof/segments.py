@@ -10,6 +10,10 @@ the computed ends. Where a and w are within ``LARGEST_LOCAL``, a point of the tr
 four products and sums of 2^-52 each; and proofs hold for the object dilated by delta, the float32 rounding of the same
 map, which is at least a hundred times as much. Clipping errs outwards by ``INSIDE``, which is more than the rounding of
 t times w. Segments that lie farther out are not cleared.
+
+Of joints, a segment is one of configurations that are not turned back: it may turn a joint many times. It is cut where a continuous joint has made half a turn more, and each
+piece is asked about in the turn around 0, a little wider than one (``joints.WIDER``), so that it does not matter what the place of a cut rounds. What the piece itself is
+off by, ``PIECE`` of the largest coordinate, counts as above: far less than delta. A segment that goes beyond a limit is not cleared.
 """
 
 import numpy as np
@@ -26,6 +30,7 @@ from warp_bounding.bounders.local.local import Local
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError, QueryError
+from warp_bounding.indicators.joints import Joints
 from warp_bounding.networks.bound_kernel import bound_boxes
 from warp_bounding.networks.charts.segment import SegmentChart
 from warp_bounding.proof.search.best_first import halve
@@ -39,6 +44,8 @@ AROUND = (
     2.0**-28
 )  # local units: more than a point of a piece may be off, where it is asked which part of a domain it lies in
 INSIDE = 1e-9  # of the domain's half-widths: segments are clipped this far outside the domain
+PIECE = 2.0**-45  # of the largest coordinate of a segment: above what a dozen operations on an end of a piece round
+MOST_PIECES = 64  # of a segment, by turns of joints; one that has more is not cleared
 LARGEST_LOCAL = 2.0**20  # half-widths of the domain: a segment is bounded only if no coordinate of a or w is larger
 
 
@@ -48,14 +55,15 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
     Args:
         bounder: A network (``mlp``, ``mlp-early``, with thresholds of parts or one) of points, several of them put together by ``&`` and ``|``, a volume of points
             that has a distance (``DISTANCES``), or a distance bounder, proven or not; if it is proven, so is the answer.
-        starts: ``(N, n)``, object space; taken as they are, float32 or float64.
+        starts: ``(N, n)``, object space; taken as they are, float32 or float64. Of continuous joints they are not turned back: from 3 to 4 is
+            another way than from 3 to 4 - 2 pi.
         ends: ``(N, n)``, object space.
         depth: How often a piece is halved at most, or the logarithm of the steps of a march; a larger depth clears more segments
             that pass close to the object.
 
     Returns:
         ``(N,)`` bool: True if no point of the closed segment lies in the object. False says nothing; it is the answer
-        for NaN, infinity and segments that are a million domains away.
+        for NaN, infinity, segments that are a million domains away, and those that go beyond a joint's limits.
 
     Raises:
         BounderError: For another kind of bounder.
@@ -66,9 +74,49 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
         >>> wb.clear_segments(network, np.array([[9.0, 9.0, 9.0], [0.0, 0.0, 0.0]]), np.array([[9.0, 9.0, 0.0], [1.0, 1.0, 1.0]]))
         array([ True, False])
     """
+    joints = getattr(getattr(bounder, "domain", None), "joints", None)
+    if joints is not None:
+        starts, ends = _checked(bounder.ndim, starts, ends, depth)
+        cleared, owner, *pieces = _in_one_turn(joints, starts, ends)
+        if len(owner):
+            cleared[owner[~_cleared(bounder, *pieces, depth)]] = False
+        return cleared
+    return _cleared(bounder, starts, ends, depth)
+
+
+def _in_one_turn(joints: Joints, starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Which segments ``(N,)`` lie within the limits; and of these the pieces: of which segment each is, and its ends, turned back."""
+    period = np.array(joints.period)
+    inside = joints.within(starts) & joints.within(ends)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        seams = [np.where(period > 0, np.floor(end / period + 0.5), 0.0) for end in (starts, ends)]  # how many lie before an end
+        first, last = np.minimum(*seams), np.maximum(*seams)
+        inside &= (last - first).sum(axis=1) < MOST_PIECES
+        cuts = [np.zeros((len(starts), 1)), np.ones((len(starts), 1))]
+        for axis in np.flatnonzero(period):
+            for number in range(int((last - first)[inside, axis].max(initial=0))):
+                at = (first[:, axis] + number + 0.5) * period[axis]
+                share = (at - starts[:, axis]) / (ends - starts)[:, axis]
+                cuts.append(np.where(first[:, axis] + number < last[:, axis], share, 0.0)[:, None])
+    times = np.sort(np.clip(np.concatenate(cuts, axis=1)[inside], 0.0, 1.0), axis=1)
+    row, number = np.nonzero(times[:, 1:] > times[:, :-1])
+    owner = np.flatnonzero(inside)[row]
+    a, b = starts[owner], ends[owner]
+    low, high = (a + times[row, number + side][:, None] * (b - a) for side in (0, 1))
+    high = np.where((times[row, number + 1] == 1)[:, None], b, high)
+    middle = (low + high) / 2
+    by = joints.turned_back(middle) - middle
+    return inside, owner, low + by, high + by
+
+
+def _cleared(bounder, starts: np.ndarray, ends: np.ndarray, depth: int) -> np.ndarray:
+    """``clear_segments`` of what lies in one turn."""
     if (far := _with_distance(bounder)) is not None:
         starts, ends = _checked(far.ndim, starts, ends, depth)
-        return _marched(far, starts, ends, 2 ** min(depth, MOST_DEPTH))
+        joints, off = bounder.domain.joints, 0.0
+        if joints is not None and any(joints.period):
+            off = PIECE * max(map(abs, (*joints.lower, *joints.upper)))
+        return _marched(far, starts, ends, 2 ** min(depth, MOST_DEPTH), off)
     if (
         not isinstance(bounder, Bounder)
         or bounder.domain is not bounder.domain.base
@@ -130,12 +178,14 @@ def _with_distance(bounder) -> DistanceBounder | None:
     return far.freeze(min(float(round_down(np.nextafter(-far.rounding_bound(), -np.inf))), 0.0), None)
 
 
-def _marched(bounder: DistanceBounder, starts: np.ndarray, ends: np.ndarray, steps: int) -> np.ndarray:
-    """``clear_segments`` of a distance."""
+def _marched(
+    bounder: DistanceBounder, starts: np.ndarray, ends: np.ndarray, steps: int, off: float = 0.0
+) -> np.ndarray:
+    """``clear_segments`` of a distance; coordinates may be ``off`` by so much."""
     with np.errstate(over="ignore", invalid="ignore"):
         rounded = [part.astype(np.float32) for part in (starts, ends)]
         moved = [np.linalg.norm(a - b, axis=1) for a, b in zip((starts, ends), rounded, strict=True)]
-        radius = np.maximum(*moved) * (1 + INSIDE)
+        radius = (np.maximum(*moved) + off * np.sqrt(bounder.ndim)) * (1 + INSIDE)
     known = np.isfinite(radius) & (radius < LARGEST_MOVE)
     radius = np.where(known, radius, 0.0)
     return known & (bounder.segments(*rounded, radius, steps)[0].numpy() == 0)

@@ -63,8 +63,9 @@ def _maps(whole: Domain, part: Domain) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def _fits(whole: Domain, part: Domain) -> bool:
-    """Whether a domain may be that of a part: of the first coordinates, with time where the whole has it."""
-    return part.ndim <= whole.ndim and part.time == whole.time
+    """Whether a domain may be that of a part: of the first coordinates, with time where the whole has it, and its joints."""
+    joints = None if whole.joints is None else whole.joints.first(part.ndim)
+    return part.ndim <= whole.ndim and part.time == whole.time and part.joints == joints
 
 
 def common_domain(domain: Domain, others: list[Domain]) -> Domain:

@@ -33,9 +33,10 @@ class Joint(Picklable):
         upper: Largest value.
         slides: Whether it slides along the axis (prismatic) instead of turning about it.
         name: For people.
+        continuous: Whether it turns without end: q and q + 2 pi k are the same, and its limits, which are not told, are those of one turn.
 
     Raises:
-        IndicatorError: For numbers that are none, or limits in the wrong order or too far.
+        IndicatorError: For numbers that are none, or limits in the wrong order or too far, or of a joint without any.
 
     Example:
         >>> elbow = wb.arms.Joint(axis=[0, 2, 0], lower=-2.0, upper=2.0)
@@ -49,6 +50,7 @@ class Joint(Picklable):
     upper: float = np.pi
     slides: bool = False
     name: str = "joint"
+    continuous: bool = False
 
     def __post_init__(self):
         axis = np.array(self.axis, dtype=np.float64)
@@ -61,6 +63,8 @@ class Joint(Picklable):
             raise IndicatorError(
                 f"{self.name}: expected limits from {-farthest:.4g} to {farthest:.4g}, the lower one first, got {lower} and {upper}"
             )
+        if self.continuous and (self.slides or (lower, upper) != (-np.pi, np.pi)):
+            raise IndicatorError(f"{self.name}: a continuous joint turns, and has no limits, got {lower} and {upper}")
         for name, value in (
             ("origin", checked_pose(self.origin, self.name)),
             ("axis", axis / length),

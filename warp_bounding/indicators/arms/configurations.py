@@ -1,11 +1,13 @@
 """The configurations in which an arm collides, as a shape of as many coordinates as it has joints.
 
 Everything that a shape answers comes from float64 kernels (``answers``): truth, certified boxes, half-spaces and distances. Configurations
-beyond the joints' limits are not in the shape: there are none. The limits are rounded outwards to float32, so that a query at a limit is asked about.
+beyond the joints' limits are not in the shape, as nothing is known of them: bounders answer *maybe* there (``indicators.joints``). The limits are rounded outwards to
+float32, so that a query at a limit is asked about, and the shape reaches beyond them by what float32 rounds. Of a continuous joint q and q + 2 pi k are the same.
 """
 
 import hashlib
 from collections.abc import Sequence
+from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
@@ -21,9 +23,10 @@ from warp_bounding.indicators.arms.separation import Bodies
 from warp_bounding.indicators.functions.parameters import checked_number
 from warp_bounding.indicators.functions.solid import Formula
 from warp_bounding.indicators.half_spaces import HalfSpaces
+from warp_bounding.indicators.joints import BEYOND, TWO_PI, WIDER, Joints, turned_back
 from warp_bounding.indicators.limits import checked_margin
 from warp_bounding.indicators.parts.pieces import Pieces
-from warp_bounding.indicators.shape import Shape
+from warp_bounding.indicators.shape import UNDECIDED, Shape
 from warp_bounding.runtime.launch import launch_on_cores
 
 __all__ = ["ArmConfigurations"]
@@ -36,7 +39,8 @@ DEVICE = "cpu"
 class ArmConfigurations(Formula):
     """All configurations in which an arm touches an obstacle, or itself.
 
-    A configuration q, joint values in radians (metres of a joint that slides), has the coordinates ``weights * q``. Distances are Euclidean in these
+    A configuration q, joint values in radians (metres of a joint that slides), has the coordinates ``weights * q``. Beyond the limits nothing is in the shape, and
+    every bounder answers *maybe*; continuous joints have no limits, and ``weights * 2 pi`` is one turn. Distances are Euclidean in these
     coordinates. With the weights of ``Arm.reaching`` one unit moves the arm by a metre at most.
 
     Args:
@@ -131,15 +135,39 @@ class ArmConfigurations(Formula):
 
     @property
     def lower(self) -> np.ndarray:
-        return round_down(self.arm.lower * self.weights).astype(np.float64)
+        """See ``Shape``; of a continuous joint a little more than one turn."""
+        return round_down(self.arm.lower * self.weights * np.where(self._turns, WIDER, 1.0)).astype(np.float64)
 
     @property
     def upper(self) -> np.ndarray:
-        return round_up(self.arm.upper * self.weights).astype(np.float64)
+        """See ``lower``."""
+        return round_up(self.arm.upper * self.weights * np.where(self._turns, WIDER, 1.0)).astype(np.float64)
 
     @property
     def _padding(self) -> np.ndarray:
-        return np.zeros(self.ndim)  # there are no configurations beyond the limits
+        return np.zeros(self.ndim)  # beyond the limits nothing is known
+
+    @property
+    def _turns(self) -> np.ndarray:
+        return np.array([joint.continuous for joint in self.arm.joints])
+
+    @cached_property
+    def _periods(self) -> list[Fraction]:
+        return [TWO_PI * Fraction(each) * int(turns) for each, turns in zip(self.weights, self._turns, strict=True)]
+
+    @cached_property
+    def joints(self) -> Joints:
+        """See ``Shape``."""
+        return Joints.of(self.lower, self.upper, np.array(self._periods, dtype=np.float64))
+
+    @cached_property
+    def known(self) -> tuple[np.ndarray, np.ndarray]:
+        """See ``Shape``: what float32 rounds to a limit counts."""
+        beyond = BEYOND * np.maximum(np.abs(self.lower), np.abs(self.upper))
+        return tuple(
+            np.where(self._turns, np.copysign(np.inf, side), end + side * beyond)
+            for side, end in ((-1, self.lower), (1, self.upper))
+        )
 
     @property
     def waves(self) -> np.ndarray | None:
@@ -155,6 +183,7 @@ class ArmConfigurations(Formula):
         sha = hashlib.sha256(b"warp-bounding arm 1")
         for joint in self.arm.joints:
             numbers = [*joint.origin.ravel(), *joint.axis, joint.lower, joint.upper, joint.slides]
+            numbers += [joint.continuous] * joint.continuous
             sha.update(np.array(numbers, dtype="<f8").tobytes())
         for body in (*self.arm.bodies, *self.obstacles):
             sha.update(np.array([*body.points.ravel(), body.radius, body.link], dtype="<f8").tobytes() + b";")
@@ -169,7 +198,7 @@ class ArmConfigurations(Formula):
         origins, moved = self.arm.moved
         bodies = (*self.arm.bodies, *self.obstacles)
         points = (*moved, *(body.points for body in self.obstacles))
-        largest = np.maximum(np.abs(self.lower), np.abs(self.upper)) / self.weights * OUTWARD
+        largest = np.where(self._turns, 0.0, np.maximum(*map(np.abs, self.known))) / self.weights * OUTWARD
         reach = np.concatenate([self.arm.reach(largest), np.zeros((len(self.obstacles), self.ndim))])
         found = Collisions()
         found.chain, found.bodies = Chain(), Bodies()
@@ -195,8 +224,7 @@ class ArmConfigurations(Formula):
         found.reach = wp.array(reach, dtype=wp.float64, device=DEVICE)
         found.speed = wp.array(speed, dtype=wp.float64, device=DEVICE)
         found.weights = wp.array(self.weights, dtype=wp.float64, device=DEVICE)
-        found.lower = wp.array(self.lower, dtype=wp.float64, device=DEVICE)
-        found.upper = wp.array(self.upper, dtype=wp.float64, device=DEVICE)
+        found.lower, found.upper = (wp.array(end, dtype=wp.float64, device=DEVICE) for end in self.known)
         found.safety = self.safety
         far = max(np.abs(body.points).sum(axis=1).max() + body.radius for body in bodies) * 2 + self.safety
         slides = sum(most for joint, most in zip(self.arm.joints, largest, strict=True) if joint.slides)
@@ -211,13 +239,15 @@ class ArmConfigurations(Formula):
         return self._ask_points(x)[1]
 
     def _ask_points(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        x = np.ascontiguousarray(x, dtype=np.float64)
+        given = np.asarray(x, dtype=np.float64)
+        x = turned_back(given, self._periods)
         c, kernels = self._collisions, kernels_of(self.ndim)
         near = float(np.linalg.norm(self.upper - self.lower))
         answers, distances = (wp.empty(len(x), dtype=dtype, device=DEVICE) for dtype in (wp.uint8, wp.float64))
         inputs = [c, self._array(x), near]
         launch_on_cores(kernels.points, len(x), inputs, [answers, distances], DEVICE)
-        return answers.numpy(), distances.numpy()
+        lost = np.isnan(x).any(axis=1) & np.isfinite(given).all(axis=1)  # more turns than float64 tells apart
+        return np.where(lost, np.uint8(UNDECIDED), answers.numpy()), distances.numpy()
 
     def _array(self, x: np.ndarray) -> wp.array:
         dtype = wp.types.vector(length=self.ndim, dtype=wp.float64)
@@ -225,25 +255,40 @@ class ArmConfigurations(Formula):
         return wp.array(x, dtype=dtype, shape=(len(x),), device=DEVICE, copy=False)
 
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        (lower, upper), apart = self._within(lower, upper)
+        (lower, upper), apart, _ = self._within(lower, upper)
         return apart | (self._ask_boxes(lower, upper, FREE)[0] == FREE)
 
-    def _within(self, lower: np.ndarray, upper: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-        """The parts of boxes within the limits, where colliding configurations are, and which boxes have none; what is no box stays as it is."""
-        lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
+    def _within(
+        self, lower: np.ndarray, upper: np.ndarray
+    ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
+        """The parts of boxes in what is known, which boxes have none, and which were turned back by whole turns; what is no box stays as it is."""
+        lower, upper = np.array(lower, dtype=np.float64), np.array(upper, dtype=np.float64)
         real = (np.isfinite(lower) & np.isfinite(upper) & (lower <= upper)).all(axis=1)
-        apart = real & ((lower > self.upper) | (upper < self.lower)).any(axis=1)
+        away = self._turns & (np.abs(lower / 2 + upper / 2) > self.upper)  # never so where a proof asks
+        if away.any():
+            center = lower / 2 + upper / 2
+            with np.errstate(invalid="ignore", over="ignore"):
+                by = turned_back(center, self._periods) - center
+                room = BLUR * (np.abs(lower) + np.abs(upper))  # of these sums
+                lower, upper = np.where(away, lower + by - room, lower), np.where(away, upper + by + room, upper)
+        first, last = self.known
+        apart = real & ((lower > last) | (upper < first)).any(axis=1)
         clipped = real & ~apart
-        low, high = (np.where(clipped[:, None], np.clip(x, self.lower, self.upper), x) for x in (lower, upper))
-        return (low, high), apart
+        low, high = (np.where(clipped[:, None], np.clip(x, first, last), x) for x in (lower, upper))
+        return (low, high), apart, away.any(axis=1)
 
     def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        return self._ask_boxes(lower, upper, FULL)[0] == FULL
+        (low, high), _, _ = self._within(lower, upper)
+        held = ((low <= lower) & (high >= upper) | self._turns).all(axis=1)  # nothing was cut off
+        return held & (self._ask_boxes(low, high, FULL)[0] == FULL)
 
     def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces:
-        (lower, upper), apart = self._within(lower, upper)
+        (lower, upper), apart, away = self._within(lower, upper)
         answers, level, slope, axis, loss = self._ask_boxes(lower, upper, HALVES)
         center = lower * 0.5 + upper * 0.5
+        if away.any():  # these half-spaces are of another turn
+            level, loss = np.where(away, 1.0, level), np.where(away, 0.0, loss)
+            slope = np.where(away[:, None], 0.0, slope)
         return HalfSpaces(apart | (answers == FREE), center, level, slope, axis, loss)
 
     def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:

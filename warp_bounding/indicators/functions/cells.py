@@ -63,6 +63,7 @@ def cells_of(shape: Shape, resolution: int | None, margin: float) -> IndicatorGr
         resolution=resolution,
         note=shape.restriction,
         shape_digest=shape.digest,
+        joints=shape.joints,
     )
 
 

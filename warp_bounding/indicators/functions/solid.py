@@ -213,6 +213,8 @@ class Foreign(Solid):
     """
 
     def __init__(self, shape: Shape):
+        if shape.joints is not None:
+            raise IndicatorError(f"{shape.name}: configurations of joints are not combined with other shapes")
         self.shape, self.time, self.certified = shape, shape.time, shape.certified
         super().__init__(shape.lower, shape.upper, [], shape.name)
 

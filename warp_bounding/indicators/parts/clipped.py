@@ -27,7 +27,7 @@ class Clipped(Shape):
         if not (self._lower <= self._upper).all():
             raise IndicatorError(f"{shape.name}: a part outside the box of the whole, from {lower} to {upper}")
         self.name, self.note, self.time, self.margin = shape.name, shape.note, shape.time, shape.margin
-        self.certified = shape.certified
+        self.certified, self.joints = shape.certified, shape.joints
 
     @property
     def restriction(self) -> str:

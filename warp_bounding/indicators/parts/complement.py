@@ -44,7 +44,7 @@ class Complement(Shape):
             raise IndicatorError(f"{shape.name}: a complement has no complement here")
         self.whole = shape
         self.name, self.note, self.time, self.margin = f"outside of {shape.name}", shape.note, shape.time, shape.margin
-        self.certified, self.largest_delta = shape.certified, shape.largest_delta
+        self.certified, self.largest_delta, self.joints = shape.certified, shape.largest_delta, shape.joints
 
     @property
     def restriction(self) -> str:
@@ -66,7 +66,8 @@ class Complement(Shape):
 
     @property
     def _ring(self) -> np.ndarray:
-        return np.where(np.arange(self.ndim) >= int(self.time), 1 / self.details_per_unit, 0.0)
+        joints = self.joints is not None
+        return np.where((np.arange(self.ndim) >= int(self.time)) & ~joints, 1 / self.details_per_unit, 0.0)
 
     @property
     def sample_lower(self) -> np.ndarray:
@@ -90,23 +91,21 @@ class Complement(Shape):
         return np.where(np.isfinite(x).all(axis=1) & self._timely(x, x), turned, OUT).astype(np.uint8)
 
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        if not self.time:
-            return self.whole.inside(lower, upper)
+        """Beyond what is known of the whole there is nothing: only the part of a box before that is asked about."""
         lower, upper = (np.array(corner, dtype=np.float64) for corner in (lower, upper))
-        asked = lower[:, 0] <= upper[:, 0]
-        np.maximum(lower[:, 0], self.whole.lower[0], out=lower[:, 0])
-        np.minimum(upper[:, 0], self.whole.upper[0], out=upper[:, 0])
-        beyond = asked & (lower[:, 0] > upper[:, 0])
+        boxes, (first, last) = (lower <= upper).all(axis=1), self.whole.known
+        np.maximum(lower, first, out=lower, where=boxes[:, None])
+        np.minimum(upper, last, out=upper, where=boxes[:, None])
+        beyond = boxes & (lower > upper).any(axis=1)
         return beyond | (self.whole.inside(lower, upper) & ~beyond)
 
     def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         return self.whole.empty(lower, upper) & self._timely(lower, upper)
 
     def _timely(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """``(N,)`` bool: whether boxes lie in the range of times, if there is one."""
-        if not self.time:
-            return np.ones(len(lower), dtype=bool)
-        return (lower[:, 0] >= self.whole.lower[0]) & (upper[:, 0] <= self.whole.upper[0])
+        """``(N,)`` bool: whether boxes lie in what is known of the whole."""
+        first, last = self.whole.known
+        return ((lower >= first) & (upper <= last)).all(axis=1)
 
     def check(self) -> None:
         self.whole.check()
