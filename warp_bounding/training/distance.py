@@ -99,6 +99,8 @@ def fit_distance(
     metric = options.pop(METRIC, METRICS[0])
     shape = in_metric(shape, metric)
     cls = distance_class(method, shape.ndim)
+    if shape.joints is not None:
+        raise BounderError(f"{method}: {shape.name}: distances of configurations are not bounded, points are; clear_segments clears whole motions")  # fmt: skip
     if shape.time and not (cls.moving and shape.speed is not None):
         able = ", ".join(name for name, each in DISTANCES.items() if each.moving)
         raise BounderError(

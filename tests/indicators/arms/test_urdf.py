@@ -101,6 +101,11 @@ def test_a_hull_of_too_many_points_is_held_by_fewer():
         ((BASE, link("a"), link("b"), joint("one", "base", "a"), joint("two", "base", "b")), "one and two both move"),
         ((BASE, link("a"), link("b"), joint("one", "base", "a"), joint("two", "a", "b", more='<mimic joint="one"/>')), "two follows one"),
         ((BASE, link("a", '<collision><geometry><mesh filename="no.stl"/></geometry></collision>'), joint("one", "base", "a")), "mesh no.stl is missing"),
+        ((BASE, link("a"), link("b"), joint("one", "base", "a"), joint("two", "a", "b", more='<mimic joint="none"/>')), "two mimics none, which is no joint"),
+        ((BASE, link("a"), joint("one", "base", "a", more='<mimic joint="one"/>')), "one mimics one, which is no joint of its own"),
+        ((BASE, link("a"), joint("one", "base", "a", axis="0 0 0")), "one: expected an axis of 3 numbers that are not all 0"),
+        ((BASE, link("a"), joint("one", "base", "a", limit='<limit lower="1" upper="0" effort="1" velocity="1"/>')), "one: expected limits"),
+        ((BASE, link("a", '<collision><geometry><capsule radius="1" length="1"/></geometry></collision>'), joint("one", "base", "a")), "capsule"),
         ((BASE, link("a")), "expected one base, got a, base"),
         ((BASE,), "expected 1 to 16 joints"),
     ],
@@ -108,6 +113,33 @@ def test_a_hull_of_too_many_points_is_held_by_fewer():
 def test_mistakes(tmp_path, parts, message):
     with pytest.raises(IndicatorError, match=message):
         wb.arms.load_urdf(written(tmp_path, *parts))
+
+
+def test_joints_that_stand(tmp_path):
+    """Between equal limits, held, and mimicking one of these; what floats only at 0."""
+    equal = '<limit lower="0.3" upper="0.3" effort="1" velocity="1"/>'
+    parts = (
+        BASE, link("a"), link("b"), link("c"), link("d"), link("e"),
+        joint("float", "base", "a", "floating", limit=""),
+        joint("equal", "a", "b", limit=equal),
+        joint("turn", "b", "c", "continuous", xyz="0.5 0 0", axis="0 0 -3", limit=""),
+        joint("like", "c", "d", xyz="0.5 0 0", more='<mimic joint="equal" multiplier="-2" offset="0.1"/>'),
+        joint("finger", "d", "e", "prismatic", axis="", limit='<limit lower="0" upper="0.1" effort="1" velocity="1"/>'),
+    )  # fmt: skip
+    file = written(tmp_path, *parts)
+    arm = wb.arms.load_urdf(file, held={"float": 0, "finger": 0.05})
+    (turn,) = arm.joints
+    assert (turn.name, turn.continuous, turn.axis.tolist()) == ("turn", True, [0, 0, -1])
+    assert np.allclose(turn.origin[:2, :2], [[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
+    along = np.array([np.cos(-0.5), np.sin(-0.5)])  # of d, which stands at -2 * 0.3 + 0.1; e is 0.05 along its x
+    assert np.allclose(arm.bodies[-1].points.mean(axis=0)[:2], [0.5, 0] + 0.3 * along)
+    for held, message in (
+        ({"float": 0.1, "finger": 0}, "float: expected a type"),
+        ({"float": 0, "finger": 0.2}, "finger is held at 0.2"),
+        ({"float": 0, "finger": np.nan}, "finger is held at nan"),
+    ):
+        with pytest.raises(IndicatorError, match=message):
+            wb.arms.load_urdf(file, held=held)
 
 
 def test_what_is_no_file(tmp_path):

@@ -37,13 +37,14 @@ def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), nam
 
     Args:
         path: The file; meshes are looked for as it names them, beside it and in the folders above it.
-        held: Values at which joints stand that are not to move, such as a gripper's, by name; radians or metres.
+        held: Values at which joints stand that are not to move, such as a gripper's, by name; radians or metres. A joint between equal limits stands, and so
+            does one that mimics a joint that stands; floating and planar joints can be held at 0 only.
         touching: Pairs of links that are not checked against each other, as ``Arm`` takes them: numbers of joints that move, in order.
         name: For people; the robot's own if ``None``.
 
     Raises:
-        IndicatorError: For what is no URDF, a mesh that is missing, a joint of an unknown type or without limits, joints in no chain, or if yourdfpy is not
-            installed.
+        IndicatorError: For what is no URDF, a mesh that is missing, a joint of an unknown type or without limits, one that mimics a joint that moves, a value beyond its joint's limits,
+            joints in no chain, or if yourdfpy is not installed.
 
     Example:
         >>> arm = wb.arms.load_urdf("arm.urdf", held={"finger": 0.02})
@@ -60,6 +61,7 @@ def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), nam
     if len(roots) != 1:
         raise IndicatorError(f"{path}: expected one base, got {', '.join(sorted(roots)) or 'none'}")
     links, bodies, steps = {link.name: link for link in robot.links}, [], []
+    named = {joint.name: joint for joint in robot.joints}
 
     def visit(link: str, number: int, at: np.ndarray) -> None:
         """Take a link and what is fixed to it, ``at`` in the frame of a joint that moves; then the joints that move it on."""
@@ -67,12 +69,10 @@ def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), nam
         onward = []
         for joint in children.get(link, ()):
             origin = at @ (np.eye(4) if joint.origin is None else joint.origin)
-            if joint.type in FIXED or joint.name in held:
-                visit(joint.child, number, origin @ _moved(joint, held.get(joint.name, 0.0)))
+            value = _standing(joint, named, held, path)
+            if value is not None:
+                visit(joint.child, number, origin @ _moved(joint, value))
                 continue
-            if joint.type not in (*TURNING, *SLIDING):
-                known = ", ".join((*TURNING, *SLIDING, *FIXED))
-                raise IndicatorError(f"{path}: joint {joint.name}: expected a type of {known}, got {joint.type}")
             if joint.mimic is not None:
                 raise IndicatorError(f"{path}: joint {joint.name} follows {joint.mimic.joint}; hold it, held={{{joint.name!r}: value}}")  # fmt: skip
             onward.append(_Step(joint, origin))
@@ -131,9 +131,31 @@ def _looked_through(robot: ElementTree.Element) -> list[str]:
     return notes + [f"not read: elements {', '.join(sorted(others))}"] * bool(others)
 
 
-def _moved(joint, value: float) -> np.ndarray:
-    """The motion of a joint at a value that it is held at."""
+def _standing(joint, named: dict[str, Any], held: Mapping[str, float], path, followed: int = 0) -> float | None:
+    """The value that a joint stands at; ``None`` of one that moves."""
+    value, limit = held.get(joint.name), joint.limit
+    if joint.type not in (*TURNING, *SLIDING, *FIXED) and value != 0:
+        known = ", ".join((*TURNING, *SLIDING, *FIXED))
+        raise IndicatorError(f"{path}: joint {joint.name}: expected a type of {known}, got {joint.type}; hold it at 0, held={{{joint.name!r}: 0}}")  # fmt: skip
+    limited = joint.type != "continuous" and limit is not None and None not in (limit.lower, limit.upper)
+    if value is not None:
+        if not np.isfinite(value) or (limited and joint.type not in FIXED and not limit.lower <= value <= limit.upper):
+            raise IndicatorError(f"{path}: joint {joint.name} is held at {value}, which is not within its limits")
+        return float(value)
     if joint.type in FIXED:
+        return 0.0
+    if joint.mimic is not None:
+        leader = named.get(joint.mimic.joint)
+        if leader is None or followed > len(named):
+            raise IndicatorError(f"{path}: joint {joint.name} mimics {joint.mimic.joint}, which is no joint of its own")
+        value = _standing(leader, named, held, path, followed + 1)
+        return None if value is None else joint.mimic.multiplier * value + joint.mimic.offset
+    return float(limit.lower) if limited and limit.lower == limit.upper else None
+
+
+def _moved(joint, value: float) -> np.ndarray:
+    """The motion of a joint at a value that it stands at."""
+    if joint.type not in (*TURNING, *SLIDING):
         return np.eye(4)
     one = Joint(axis=_axis(joint), slides=joint.type in SLIDING, name=joint.name)
     return Arm([one], [Body.sphere([0, 0, 0], 1.0, link=0)]).frames(np.array([[value]]))[0, 0]
@@ -144,13 +166,13 @@ def _axis(joint) -> np.ndarray:
 
 
 def _joint(joint, origin: np.ndarray, path) -> Joint:
-    lower, upper = -np.pi, np.pi
-    if joint.type != "continuous":
+    lower, upper, continuous = -np.pi, np.pi, joint.type == "continuous"
+    if not continuous:
         limit = joint.limit
         if limit is None or limit.lower is None or limit.upper is None:
             raise IndicatorError(f"{path}: joint {joint.name} has no limits")
         lower, upper = limit.lower, limit.upper
-    return Joint(origin, _axis(joint), lower, upper, joint.type in SLIDING, joint.name)
+    return Joint(origin, _axis(joint), lower, upper, joint.type in SLIDING, joint.name, continuous)
 
 
 def _bodies(link, number: int, at: np.ndarray, path: Path, notes: list[str]) -> list[Body]:
