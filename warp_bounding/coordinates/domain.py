@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, gamma, round_down, round_up
-from warp_bounding.indicators.joints import Joints
 from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.joints import Joints
 from warp_bounding.indicators.shape import Shape
 
 __all__ = ["Domain", "json_bool", "json_number"]

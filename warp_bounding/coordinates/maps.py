@@ -6,10 +6,10 @@ import warp as wp
 
 from warp_bounding.coordinates.base import PARAMETRIC, Coordinates, Numbers, vector_type
 from warp_bounding.coordinates.box import BOX
-from warp_bounding.indicators.joints import TEXT
 from warp_bounding.coordinates.plane import PLANE
 from warp_bounding.coordinates.point import POINT
 from warp_bounding.coordinates.ray import RAY
+from warp_bounding.indicators.joints import TEXT
 from warp_bounding.runtime.native import named
 
 __all__ = ["COORDINATES", "coordinates_of", "locate", "plain_map"]

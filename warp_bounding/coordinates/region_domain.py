@@ -87,7 +87,9 @@ class RegionDomain:
         if grid.unbounded:
             raise BounderError(f"{grid.name}: {query} queries are not bounded from the inside, points are")
         if grid.joints is not None:
-            raise BounderError(f"{grid.name}: {query} queries of configurations are not bounded, points are; see clear_segments")
+            raise BounderError(
+                f"{grid.name}: {query} queries of configurations are not bounded, points are; see clear_segments"
+            )
         # To the base time is an axis like the others: a region counts by its part inside the domain, and what it is to
         # the range of time its own test decides (``extra``).
         still = replace(grid, time=False) if isinstance(grid, IndicatorGrid) else grid

@@ -21,8 +21,8 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.coordinates.base import PARAMETRIC, literal
-from warp_bounding.indicators.joints import NUMBERS
 from warp_bounding.coordinates.maps import coordinates_of
+from warp_bounding.indicators.joints import NUMBERS
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.launch import BLOCK
@@ -87,7 +87,9 @@ class Source:
     @property
     def start(self) -> int:
         """Index in ``parameters`` where the method's own numbers begin, a multiple of ``ALIGN``."""
-        extra = coordinates_of(self.query, self.space).extra_count(self.ndim, self.time) + NUMBERS * self.ndim * self.joints
+        extra = (
+            coordinates_of(self.query, self.space).extra_count(self.ndim, self.time) + NUMBERS * self.ndim * self.joints
+        )
         return aligned(LABEL + 3 * self.ndim + 1 + extra)
 
     @property

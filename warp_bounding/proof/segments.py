@@ -89,7 +89,9 @@ def _in_one_turn(joints: Joints, starts: np.ndarray, ends: np.ndarray) -> tuple[
     period = np.array(joints.period)
     inside = joints.within(starts) & joints.within(ends)
     with np.errstate(divide="ignore", invalid="ignore"):
-        seams = [np.where(period > 0, np.floor(end / period + 0.5), 0.0) for end in (starts, ends)]  # how many lie before an end
+        seams = [
+            np.where(period > 0, np.floor(end / period + 0.5), 0.0) for end in (starts, ends)
+        ]  # how many lie before an end
         first, last = np.minimum(*seams), np.maximum(*seams)
         inside &= (last - first).sum(axis=1) < MOST_PIECES
         cuts = [np.zeros((len(starts), 1)), np.ones((len(starts), 1))]

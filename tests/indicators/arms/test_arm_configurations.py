@@ -369,15 +369,14 @@ def test_reaches_are_upper_bounds(rng):
             assert (far[body.link + 1 :] == 0).all()
 
 
-@pytest.mark.parametrize("query", ["point", "distance"])
-def test_a_bounder_of_an_arm_is_proven(query, rng, tmp_path):
+def test_a_bounder_of_an_arm_is_proven(rng, tmp_path):
     step = np.eye(4)
     step[0, 3] = 0.5
     links = [Body.capsule([0, 0, 0], [0.5, 0, 0], 0.05, link=i) for i in range(2)]
     arm = Arm([Joint(), Joint(step)], links)
     posts = [Body.capsule([0.3, 0.6, -1], [0.3, 0.6, 1], 0.1), Body.box([-0.8, -0.5, -1], [-0.6, 0.1, 1])]
     shape = ArmConfigurations(arm, posts, weights=arm.reaching)
-    bounder = wb.fit(shape, query, method="mlp", budget=6.0, hidden=(16, 16), seed=0, device="cpu")
+    bounder = wb.fit(shape, method="mlp", budget=6.0, hidden=(16, 16), seed=0, device="cpu")
     assert bounder.certificate.kind == "proven"
     x = configurations(shape, rng, 100_000).astype(np.float32)
     held = shape.decide(x) == IN

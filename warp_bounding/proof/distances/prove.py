@@ -51,6 +51,8 @@ def distance_shape(bounder: DistanceBounder, shape) -> Shape:
 def other_motion(bounder: DistanceBounder, shape: Shape) -> str | None:
     """What the domain says of how a shape moves that is not so, in a few words; ``None`` if it holds."""
     domain = bounder.domain
+    if shape.joints is not None:
+        return "distances of configurations are not bounded, since nothing is known beyond the limits of joints"
     if domain.time != shape.time:
         return "the bounder knows time and the shape does not, or the other way round"
     if not domain.time:
