@@ -249,7 +249,7 @@ class Asking(PicklableBounder, ABC):
 
         Returns:
             ``(N,)`` uint8 ``wp.array``: 1 = maybe, 0 = certainly not. NaN, infinity, a direction of no length, a box
-            upside down: maybe. Outside the domain: no.
+            upside down: maybe. Outside the domain: no; but beyond the limits of an arm's joints: maybe.
 
         Raises:
             QueryError: For a wrong shape, dtype or device, or a placement that the certificate does not cover.

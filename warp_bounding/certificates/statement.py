@@ -11,6 +11,7 @@ import numpy as np
 
 from warp_bounding.certificates.certificate import Certificate, Subject
 from warp_bounding.certificates.document import least_allowance, shown
+from warp_bounding.indicators.joints import TURNS
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.distance import DISTANCE
 
@@ -42,6 +43,9 @@ def _queries(bounder: Subject) -> str:
     every = kind.every.format(length=domain.length or 0)
     if domain.unbounded:
         return f"{every}, {corners}, that is not in it; what lies outside the domain is answered with maybe"
+    if domain.joints is not None:
+        turns = f", and continuous joints count within {TURNS:,} turns" if any(domain.joints.period) else ""
+        return f"{every}, {corners}; beyond the limits of joints the answer is maybe{turns}"
     if not kind.is_region:
         return f"{every}, {corners}; what lies outside it is not in the object"
     text = f"{every}; only its part inside the domain counts, {corners}"
@@ -118,6 +122,8 @@ def statement(bounder: Subject) -> dict[str, str]:
     placement = (
         f"xform= and scale= may round a query by up to {least_allowance(bounder):.2g} ({UNITS}) on every axis; what would round "
         "it by more, such as a translation that is very large beside the object, is refused with an error"
+        if bounder.domain.joints is None
+        else "configurations have no place in the world: xform= and scale= are refused"
     )
     if not certificate.proven:
         return _statistical(bounder, certificate, about, placement)
