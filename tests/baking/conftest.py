@@ -21,7 +21,7 @@ def folder(tmp_path):
     where.mkdir()
     for name in ("blob", "star"):
         np.save(where / f"{name}.npy", shape(name).occupancy)
-    (where / "broken.stl").write_text("solid nothing")
+    (where / "broken.stl").write_text("solid nothing\nendsolid")
     (where / "notes.txt").write_text("no shape")
     return where
 

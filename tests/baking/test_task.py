@@ -31,7 +31,7 @@ def test_every_shape_is_a_row_and_a_card(baked):
         rates = wb.evaluate(bounder, baked.parent / "shapes" / f"{name}.npy", samples=1000)
         assert rows[name]["fp_rate"] == pytest.approx(rates.fp_rate)
     assert rows["broken"]["file"] == ""
-    assert "endsolid" in rows["broken"]["error"]
+    assert "expected a mesh with faces" in rows["broken"]["error"]
     page = (baked / SHEET).read_text()
     assert page.count("<article") == 3
     assert page.count("data:image/png;base64,") == 2

@@ -131,7 +131,7 @@ BAD_FILES = {
     "other.usdc": (b"PXR-USDC\0\0\0\0 and nothing more", "USD stage"),
     "other.usdz": (b"PK and nothing more", "USD stage"),
     "none.usda": (b"#usda 1.0\n", "meshes", "none"),
-    "cube.usda": (b'#usda 1.0\ndef Cube "c" {}\n', "meshes", "Cube"),
+    "ball.usda": (b'#usda 1.0\ndef Sphere "c" {}\n', "meshes", "Sphere", "/c"),
     "bare.usda": (usda(""), "faces"),
     "counts.usda": (
         usda("point3f[] points=[(0,0,0),(1,0,0),(0,1,0)] int[] faceVertexCounts=[3,3] int[] faceVertexIndices=[0,1,2]"),

@@ -527,4 +527,136 @@ URDF = {
     "urdf/cut": urdf("no URDF that can be read", end=""),
 }  # fmt: skip
 
-MESH_CASES: dict[str, Case] = STL | PLY | OBJ | OFF | GLTF | DAE | URDF
+# --- USD
+
+PLAIN = 'uniform token subdivisionScheme = "none"\n'
+
+
+def usd_mesh(more=PLAIN, name="m", quads=QUADS, points=V, meta="") -> str:
+    places = ", ".join(f"({x:g}, {y:g}, {z:g})" for x, y, z in points)
+    counts, corners = [len(q) for q in quads], np.concatenate(quads).tolist()
+    return f'''def Mesh "{name}" ({meta}) {{
+    point3f[] points = [{places}]
+    int[] faceVertexCounts = {counts}
+    int[] faceVertexIndices = {corners}
+    {more}
+}}
+'''
+
+
+def moved(*shift: float, attribute="double3 xformOp:translate") -> str:
+    return f'{attribute} = {shift}\nuniform token[] xformOpOrder = ["xformOp:translate"]\n'
+
+
+def usd(words="", check=None, text="", head="", **others: str) -> Case:
+    """A stage, by default of a cube and what is named ``text``; ``others`` are the contents of layers beside it."""
+
+    def write(folder: Path) -> Path:
+        pytest.importorskip("pxr", reason="usd-core is not installed")
+        for name, content in others.items():
+            (folder / f"{name}.usda").write_text("#usda 1.0\n" + content)
+        return file("a.usda", f"#usda 1.0\n({head})\n{text}")(folder)
+
+    return Case(write, words, check or cubes())
+
+
+def usdz() -> Case:
+    def write(folder: Path) -> Path:
+        path = usd(text=usd_mesh()).write(folder)
+        from pxr import Sdf, UsdUtils
+
+        assert UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(path)), str(folder / "b.usdz"))
+        return folder / "b.usdz"
+
+    return Case(write, check=cubes())
+
+
+def skeleton(mesh="", animation="") -> str:
+    """A cube on two bones, which an animation puts elsewhere."""
+    bind = "[((1,0,0,0),(0,1,0,0),(0,0,1,0),(0,0,0,1)), ((1,0,0,0),(0,1,0,0),(0,0,1,0),(0,1,0,1))]"
+    bones = f"""prepend apiSchemas = ["SkelBindingAPI"]
+) {{
+        uniform token[] joints = ["j", "j/k"]
+        uniform matrix4d[] bindTransforms = {bind}
+        uniform matrix4d[] restTransforms = {bind}
+        rel skel:animationSource = </r/s/a>
+        def SkelAnimation "a" {{
+            uniform token[] joints = ["j", "j/k"]
+            float3[] translations.timeSamples = {{ 3: [(5,0,0),(0,3,0)], 4: [(7,0,0),(0,3,0)] }}
+            quatf[] rotations = [(1,0,0,0),(1,0,0,0)]
+            half3[] scales = [(1,1,1),(1,1,1)]
+            {animation}
+        }}
+    }}"""
+    bound = f"""{PLAIN}rel skel:skeleton = </r/s>
+    int[] primvars:skel:jointIndices = [1,1,1,1,0,0,0,0] (
+        interpolation = "vertex"
+    )
+    float[] primvars:skel:jointWeights = [1,1,1,1,1,1,1,1] (
+        interpolation = "vertex"
+    )
+    {mesh}
+"""
+    skin = usd_mesh(bound + moved(100.0, 0, 0), meta='prepend apiSchemas = ["SkelBindingAPI"]')
+    return f'def SkelRoot "r" {{\ndef Skeleton "s" (\n{bones}\n{skin}}}'
+
+
+def raised(shape) -> None:
+    same(shape, V + np.where(np.arange(8)[:, None] < 4, [5, 2, 9], [5, 0, 9]), T)
+
+
+BLEND = """uniform token[] skel:blendShapes = ["b"]
+rel skel:blendShapeTargets = </r/m/b>
+def BlendShape "b" {
+    uniform vector3f[] offsets = [(0,0,18),(0,0,18),(0,0,18),(0,0,18),(0,0,18),(0,0,18),(0,0,18),(0,0,18)]
+}"""
+FLAT = [[-1, -3, 0], [1, -3, 0], [1, 3, 0], [-1, 3, 0]]
+CLASS = f'class Xform "proto" {{\n{usd_mesh()}}}\n'
+COPIES = "".join(
+    f'def Xform "{n}" (\ninstanceable = true\ninherits = </proto>\n) {{ {moved(x, 0, 0)} }}\n'
+    for n, x in (("one", 0), ("two", 5))
+)
+VARIANTS = f"""def Xform "v" (
+    variants = {{ string look = "cube" }}
+    prepend variantSets = "look"
+) {{
+    variantSet "look" = {{
+        "cube" {{
+{usd_mesh()}        }}
+        "none" {{ }}
+    }}
+}}"""
+DEFAULT = 'defaultPrim = "m"\n'
+USD = {
+    "usd/meshes": usd(text=usd_mesh(name="a") + 'def Xform "x" {\n' + moved(5, 0, 0) + usd_mesh() + "}", check=cubes((0, 0, 0), (5, 0, 0))),
+    "usd/usdz": usdz(),
+    "usd/polygons": usd(text=usd_mesh(quads=(*QUADS[:5], QUADS[5][:3], (QUADS[5][0], *QUADS[5][2:])))),
+    "usd/left-handed": usd(text=usd_mesh(PLAIN + 'uniform token orientation = "leftHanded"')),
+    "usd/units-and-axes": usd(text=usd_mesh(), head='metersPerUnit = 0.01\nupAxis = "Z"\n'),
+    "usd/layers": usd(text='def "x" (\npayload = @b.usda@\n) {}\n', head="subLayers = [@c.usda@]", b=f"({DEFAULT})\n" + usd_mesh(), c=usd_mesh(PLAIN + moved(5, 0, 0)), check=cubes((0, 0, 0), (5, 0, 0))),
+    "usd/layers-of-other-units": usd("another metersPerUnit: b.usda", text='def "x" (\nreferences = @b.usda@\n) {}\n', b=f"({DEFAULT}metersPerUnit = 1)\n" + usd_mesh()),
+    "usd/missing-layers": usd("complete USD stage", text=usd_mesh(), head="subLayers = [@gone.usda@]"),
+    "usd/missing-payloads": usd("complete USD stage", text=usd_mesh() + 'def "x" (\npayload = @gone.usda@\n) {}\n'),
+    "usd/instances": usd(text=CLASS + COPIES, check=cubes((0, 0, 0), (5, 0, 0))),
+    "usd/point-instancers": usd("a point instancer at /p", text=usd_mesh() + 'def PointInstancer "p" {}'),
+    "usd/cubes": usd(text='def Cube "c" { ' + moved(5, 0, 0) + "}", check=cubes((5, 0, 0))),
+    "usd/planes": usd(text='def Plane "p" {\ndouble width = 2\ndouble length = 6\nuniform token axis = "Z"\n}\n' + usd_mesh(),
+                      check=lambda shape: same(shape, np.concatenate([V, FLAT]), [*T.tolist(), [8, 9, 10], [8, 10, 11]]), words="surface only for 2 of 14"),
+    "usd/other-surfaces": usd("a Sphere at /s", text=usd_mesh() + 'def Sphere "s" {}'),
+    "usd/points-and-curves": usd("no surface: /c, /p", text=usd_mesh() + 'def BasisCurves "c" {}\ndef Points "p" {}'),
+    "usd/unknown-types": usd("/f (Foo)", text=usd_mesh() + 'def Foo "f" {}'),
+    "usd/subdivision": usd("control cage is bounded: /m", text=usd_mesh("")),
+    "usd/holes": usd("read as faces: /m", text=usd_mesh(PLAIN + "int[] holeIndices = [0]")),
+    "usd/skins-and-blend-shapes": usd("skinned: only the first pose", text=skeleton(BLEND, 'uniform token[] blendShapes = ["b"]\nfloat[] blendShapeWeights = [0.5]'), check=raised),
+    "usd/animation": usd("only its first pose is bounded: /m", text=usd_mesh(PLAIN + moved(0, 0, 0).replace("(0, 0, 0)", "{ 1: (5, 0, 0), 2: (9, 0, 0) }").replace("translate =", "translate.timeSamples =")), check=cubes((5, 0, 0))),
+    "usd/variants": usd("/v look=cube", text=VARIANTS),
+    "usd/invisible": usd("although it is invisible: /m", text=usd_mesh(PLAIN + 'token visibility = "invisible"')),
+    "usd/purposes": usd("of purpose guide: /m", text=usd_mesh(PLAIN + 'uniform token purpose = "guide"')),
+    "usd/inactive": usd("inactive: /x", text=usd_mesh() + 'def "x" (\nactive = false\n) {}'),
+    "usd/counts": usd("indices for 7 polygons", text=usd_mesh().replace("faceVertexCounts = [", "faceVertexCounts = [3, ")),
+    "usd/index-out-of-range": usd("got vertex 8", text=usd_mesh(quads=(*QUADS, (0, 1, 8)))),
+    "usd/cut": usd("USD stage", text=usd_mesh()[:-20]),
+    "usd/not-finite": usd("finite", text=usd_mesh().replace("(-1, -1, -1)", "(nan, -1, -1)")),
+}  # fmt: skip
+
+MESH_CASES: dict[str, Case] = STL | PLY | OBJ | OFF | GLTF | DAE | URDF | USD

@@ -8,6 +8,7 @@ from warp_bounding.indicators import load_indicator
 pytest.importorskip("pxr", reason="usd-core is not installed")
 
 QUAD = """
+    uniform token subdivisionScheme = "none"
     point3f[] points = [(0,0,0), (1,0,0), (1,1,0), (0,1,0), (2,0,0)]
     int[] faceVertexCounts = [4, 3]
     int[] faceVertexIndices = [0, 1, 2, 3, 1, 4, 2]
@@ -79,8 +80,8 @@ def test_instances_are_read_once_each(tmp_path):
 
 
 def test_what_is_left_out_is_noted(tmp_path):
-    mesh = load(tmp_path, f'def Mesh "m" {{{QUAD}}}\ndef Cube "c" {{}}')
-    assert "Cube" in mesh.note
+    mesh = load(tmp_path, f'def Mesh "m" {{{QUAD}}}\ndef Points "c" {{}}')
+    assert "/c" in mesh.note
 
 
 def test_animation_is_noted(tmp_path):
