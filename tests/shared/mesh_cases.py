@@ -168,6 +168,7 @@ OFF = {
         file("a.off", off(counts="8 7 0", faces=(*QUADS, (0, 1)))), "1 points and lines", cubes()
     ),
     "off/colour-index": Case(file("a.off", off(face=" 3")), "expected a face"),
+    "off/number-with-underscore": Case(file("a.off", off().replace("-1 -1 -1", "-1 -1 -0_1", 1)), "expected a number"),
     "off/four-numbers": Case(file("a.off", off("4OFF", point=" 1")), "vertices of 4 numbers"),
     "off/n-numbers": Case(file("a.off", off("nOFF", "3\n8 6 0")), "vertices of n numbers"),
     "off/binary": Case(file("a.off", off("OFF BINARY")), "binary data"),
@@ -653,6 +654,7 @@ USD = {
     "usd/invisible": usd("although it is invisible: /m", text=usd_mesh(PLAIN + 'token visibility = "invisible"')),
     "usd/purposes": usd("of purpose guide: /m", text=usd_mesh(PLAIN + 'uniform token purpose = "guide"')),
     "usd/inactive": usd("inactive: /x", text=usd_mesh() + 'def "x" (\nactive = false\n) {}'),
+    "usd/overs": usd("nothing defines it: /x", text=usd_mesh() + 'over "x" {}'),
     "usd/counts": usd("indices for 7 polygons", text=usd_mesh().replace("faceVertexCounts = [", "faceVertexCounts = [3, ")),
     "usd/index-out-of-range": usd("got vertex 8", text=usd_mesh(quads=(*QUADS, (0, 1, 8)))),
     "usd/cut": usd("USD stage", text=usd_mesh()[:-20]),

@@ -64,7 +64,7 @@ def _document(content: bytes) -> tuple[dict[str, Any], bytes | None]:
         if kinds[:1] != [b"JSON"] or kinds[1:2] not in ([], [b"BIN\0"]) or len(kinds) > 2:
             raise ValueError(f"expected a chunk of JSON and one of binary data, got {kinds}")
         content, chunk = chunks[0][1], chunks[1][1] if len(chunks) > 1 else None
-    document = json.loads(content.decode("utf-8-sig"), object_pairs_hook=_without_doubles)
+    document = json.loads(content.rstrip(b"\0").decode("utf-8-sig"), object_pairs_hook=_without_doubles)
     version = str(document["asset"]["version"])
     if not version.startswith("2."):
         raise ValueError(f"expected glTF 2, got version {version[:20]}")

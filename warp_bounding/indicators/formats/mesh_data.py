@@ -31,8 +31,10 @@ def as_numbers(words: Sequence[bytes]) -> np.ndarray:
     """Decimal numbers of a text, ``(N,)`` float64; raises ``ValueError`` for a word that is none."""
     if not words:
         return np.zeros(0)
-    if any(b"_" in word for word in words):  # Python takes 1_000 for a thousand
-        raise ValueError(f"expected a number, got {next(w for w in words if b'_' in w)[:40].decode('latin-1')!r}")
+    if odd := [
+        word for word in words if b"_" in word or b"\0" in word
+    ]:  # 1_000 is a thousand for Python, and 1\0 one for NumPy
+        raise ValueError(f"expected a number, got {odd[0][:40].decode('latin-1')!r}")
     return np.array(words).astype(np.float64)
 
 

@@ -12,7 +12,7 @@ from warp_bounding.indicators.formats.mesh_data import MeshData, as_numbers, joi
 
 __all__ = ["read_off"]
 
-HEADER = re.compile(rb"(ST)?(C)?(N)?(4)?(n)?OFF")
+HEADER = re.compile(rb"(ST)?(CN?|NC?)?(4)?(n)?OFF")
 COLOURS = (0, 3, 4)  # how many numbers a colour may have
 
 
@@ -23,7 +23,7 @@ def read_off(path: Path) -> MeshData:
     kind = HEADER.fullmatch(first[0])
     if not kind:
         raise ValueError(f"expected a file that begins with 'OFF', got {first[0][:40].decode('latin-1')!r}")
-    texture, colour, normal, four, many = kind.groups()
+    texture, more, four, many = kind.groups(default=b"")
     if four or many or b"BINARY" in first:
         what = "binary data" if b"BINARY" in first else "vertices of 4 numbers" if four else "vertices of n numbers"
         raise ValueError(f"expected a text of vertices x y z, got {what} ({b' '.join(first).decode('latin-1')})")
@@ -35,8 +35,8 @@ def read_off(path: Path) -> MeshData:
     lines = lines[1:]
     if len(lines) != count + polygons:
         raise ValueError(f"expected {count} vertices and {polygons} faces, one a line, got {len(lines)} lines")
-    fixed = 3 + 3 * bool(normal) + 2 * bool(texture)
-    widths = {fixed + c for c in (COLOURS[1:] if colour else COLOURS if first[0] == b"OFF" else COLOURS[:1])}
+    fixed = 3 + 3 * (b"N" in more) + 2 * bool(texture)
+    widths = {fixed + c for c in (COLOURS[1:] if b"C" in more else COLOURS if first[0] == b"OFF" else COLOURS[:1])}
     if wrong := [line for line in lines[:count] if len(line) not in widths]:
         raise ValueError(f"expected {' or '.join(map(str, sorted(widths)))} numbers a vertex, got {len(wrong[0])}")
     vertices = as_numbers([word for line in lines[:count] for word in line[:3]]).reshape(-1, 3)

@@ -78,6 +78,8 @@ class _Stage:
         for prim in self.stage.TraverseAll():
             if not prim.IsActive():
                 self.note("not read, as it is inactive", prim)
+            elif not prim.IsDefined():
+                self.note("not read, as nothing defines it", prim)
             if prim.HasVariantSets():
                 sets = prim.GetVariantSets()
                 chosen = ", ".join(f"{name}={sets.GetVariantSelection(name)}" for name in sets.GetNames())
