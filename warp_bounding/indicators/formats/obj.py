@@ -24,9 +24,10 @@ FREE_FORM = frozenset(
 
 def read_obj(path: Path) -> MeshData:
     """Read an OBJ file; raises ``ValueError`` for what is no polygon, or faces of vertices that are not there."""
-    points: list[list[bytes]] = []
+    points: list[bytes] = []  # words of vertices
     sizes: list[int] = []
-    corners: list[int] = []
+    before: list[int] = []  # vertices so far, of each face
+    corners: list[bytes] = []  # words of faces
     thin: set[str] = set()
     for line in path.read_bytes().replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines():
         words = line.split(b"#")[0].split()
@@ -37,33 +38,36 @@ def read_obj(path: Path) -> MeshData:
             if len(words) < 4:
                 raise ValueError(f"expected faces of at least 3 vertices, got {_shown(line)}")
             sizes.append(len(words) - 1)
-            corners += [_index(word, len(points)) for word in words[1:]]
+            before.append(len(points) // 3)
+            corners += words[1:]
         elif keyword == b"v":
             if len(words) not in (4, 5, 7):
                 raise ValueError(f"expected vertices x y z, and a weight or a colour, got {_shown(line)}")
             if len(words) == 5 and float(words[4]) != 1:
                 raise ValueError(f"expected vertices of weight 1, got the rational vertex {_shown(line)}")
-            points.append(words[1:4])
+            points += words[1:4]
         elif keyword in THIN:
             thin.add(THIN[keyword])
         elif keyword in FREE_FORM:
             raise ValueError(f"expected polygons, got a free-form curve or surface: {_shown(line)}")
         elif keyword not in IGNORED:
             raise ValueError(f"expected a statement of a polygon mesh, got {_shown(line)}")
-    vertices = as_numbers([word for point in points for word in point]).reshape(-1, 3)
+    vertices, counts = as_numbers(points).reshape(-1, 3), np.array(sizes, np.int64)
+    indices = _indices(corners, np.repeat(np.array(before, np.int64), counts))
     notes = [f"not read, as they have no surface: {', '.join(sorted(thin))}"] if thin else []
-    return joined([(vertices, triangulated(vertices, np.array(sizes, np.int64), np.array(corners, np.int64)))], notes)
+    return joined([(vertices, triangulated(vertices, counts, indices))], notes)
 
 
-def _index(word: bytes, points: int) -> int:
-    """A vertex, counted from 0, of a word such as ``7/1/3``; negative ones count back from the last vertex so far."""
-    number = word.split(b"/")[0]
-    if not number.lstrip(b"-").isdigit() or not int(number):
-        raise ValueError(f"expected vertices counted from 1, or backwards from -1, got {_shown(word)}")
-    index = int(number)
-    if index < -points:
-        raise ValueError(f"expected a vertex from -1 to {-points}, got {index}")
-    return index - 1 if index > 0 else points + index
+def _indices(words: list[bytes], before: np.ndarray) -> np.ndarray:
+    """Vertices, counted from 0, of words such as ``7/1/3``; negative ones count back from the vertices ``before`` each."""
+    if b"/" in b"".join(words):
+        words = [word.split(b"/")[0] for word in words]
+    numbers = as_numbers(words)
+    if wrong := np.flatnonzero((numbers == 0) | (np.floor(numbers) != numbers)).tolist():
+        raise ValueError(f"expected vertices counted from 1, or backwards from -1, got {_shown(words[wrong[0]])}")
+    if wrong := np.flatnonzero(numbers < -before).tolist():
+        raise ValueError(f"expected a vertex from -1 to -{before[wrong[0]]}, got {numbers[wrong[0]]:.15g}")
+    return np.where(numbers > 0, numbers - 1, before + numbers)
 
 
 def _shown(text: bytes) -> str:
