@@ -26,8 +26,8 @@ from paper.rows import Line
 from paper.shapes import Shape
 from warp_bounding.bounders import METHODS, DistanceBounder
 from warp_bounding.bounders.options import taken
+from warp_bounding.certificates.claim import as_fitted
 from warp_bounding.errors import BoundingError, FileFormatError, IndicatorError
-from warp_bounding.proof.distances.prove import distance_shape
 from warp_bounding.queries.distance import DISTANCE, METRICS
 from warp_bounding.runtime.launch import cpu_threads
 from warp_bounding.version import __version__
@@ -156,7 +156,7 @@ class Run(ABC):
         except BoundingError as error:
             self.reporter.say(f"{error}; fitted again")
             return None
-        fitted = distance_shape(bounder, grid) if isinstance(bounder, DistanceBounder) else grid
+        fitted = as_fitted(bounder, grid) if isinstance(bounder, DistanceBounder) else grid
         if (bounder.info.get("indicator"), bounder.info.get("seed")) == (fitted.digest, settings.seed):
             return bounder
         self.reporter.say(f"{path}: fitted to another object or with another seed; fitted again")

@@ -28,10 +28,9 @@ from subjects import Subject, subjects
 
 import warp_bounding as wb
 from warp_bounding.bounders import DistanceBounder
+from warp_bounding.certificates.claim import as_fitted, mismatch, outside
 from warp_bounding.errors import BoundingError, FileFormatError
 from warp_bounding.proof.attest.soak import soak_grid
-from warp_bounding.proof.distances.prove import distance_shape
-from warp_bounding.proof.prove import mismatch, outside
 
 SECONDS = 1.0  # for a certificate
 STUCK = 60  # seconds after which an iteration counts as one that does not end
@@ -180,7 +179,7 @@ def _write(file: File, path: Path, subject: Subject, rng: np.random.Generator, r
         return
     try:
         bounder = wb.load(path, device="cpu")
-        grid = distance_shape(bounder, subject.grid) if isinstance(bounder, DistanceBounder) else subject.grid
+        grid = as_fitted(bounder, subject.grid) if isinstance(bounder, DistanceBounder) else subject.grid
         if mismatch(bounder, grid) or len(outside(bounder, grid)):
             return
         tighten(file, bounder, grid, rng)

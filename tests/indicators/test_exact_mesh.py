@@ -179,7 +179,8 @@ def test_a_dilated_mesh():
     assert dilated.dilated(0.25) is dilated
     assert mesh.dilated(0) is mesh
     assert (dilated.margin, mesh.margin) == (0.25, 0.0)
-    assert dilated.digest == mesh.digest
+    assert dilated.geometry == mesh.geometry
+    assert dilated.digest != mesh.digest
     assert (dilated.lower <= mesh.lower - 0.25).all()
     assert (dilated.upper >= mesh.upper + 0.25).all()
     assert "margin 0.25" in repr(dilated)

@@ -11,10 +11,10 @@ from itertools import combinations
 import numpy as np
 
 from warp_bounding.bounders import Bounder, DistanceBounder
+from warp_bounding.certificates.claim import as_fitted, of_side
 from warp_bounding.evaluation.truth import PROTOCOLS, judge_of, truth_by
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.shape import OUT, Shape
-from warp_bounding.proof.prove import as_fitted, of_side
 from warp_bounding.queries.box import BOX
 from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.queries.plane import PLANE

@@ -7,6 +7,7 @@ from warp_bounding.bounders.composition.cover import Region, check_cover
 from warp_bounding.bounders.composition.tree import AND, OR, SPLIT, Tree
 from warp_bounding.bounders.operators import JOINED
 from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates.claim import differing, object_of
 from warp_bounding.certificates.document import conjunction, together
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.parts.pieces import Pieces
@@ -14,10 +15,10 @@ from warp_bounding.indicators.shape import Shape
 
 __all__ = ["both", "cascade", "compose", "either"]
 
-SAME = ("indicator", "margin", "resolution")  # entries of ``info`` that all parts must share
-ABOUT = (*SAME, "shape", "name", "grid_shape", "seed", "note", "pieces")  # those that the whole has of one of them
+# Entries of ``info`` that the whole has of one of its parts.
+ABOUT = ("indicator", "margin", "resolution", "shape", "name", "grid_shape", "seed", "note", "pieces")
 
-CLAIMED = ("indicator", "margin", "length", "resolution")  # fields of certificates
+CLAIMED = ("margin", "length", "resolution")  # fields of certificates, beside the object (``differing``)
 
 
 def cascade(*bounders: Bounder) -> Cascade:
@@ -43,10 +44,8 @@ def cascade(*bounders: Bounder) -> Cascade:
     whole = Cascade.of(list(bounders))
     last = bounders[-1]
     for bounder in bounders:
-        for key in SAME:
-            if bounder.info.get(key) != last.info.get(key):
-                got = f"{bounder.info.get(key)} and {last.info.get(key)}"
-                raise BounderError(f"cascade: expected bounders of the same object, got {key} {got}")
+        if other := differing(bounder, last):
+            raise BounderError(f"cascade: expected bounders of the same object, got {other}")
     whole.info = {key: last.info.get(key) for key in ABOUT}
     whole.info["training"] = {"parts": [bounder.info.get("training") for bounder in bounders]}
     certificates = [bounder.certificate for bounder in bounders]
@@ -194,15 +193,11 @@ def _about(bounders: list[Bounder], mixed: bool) -> Bounder:
         BounderError: If they are about different objects.
     """
     for bounder in bounders:
-        told = [(bounders[0].info.get(key), bounder.info.get(key), key) for key in SAME if not mixed or key == "margin"]
-        if mixed:
-            told.append((_shape_of(bounders[0]), _shape_of(bounder), "the shape"))
-        for one, other, key in told:
-            if one != other:
-                raise BounderError(f"expected bounders of the same object, got {key} {one} and {other}")
+        if other := differing(bounders[0], bounder, ("margin",) if mixed else ("margin", "resolution")):
+            raise BounderError(f"expected bounders of the same object, got {other}")
     if not mixed:
         return bounders[0]
-    if _shape_of(bounders[0]) is None:
+    if object_of(bounders[0]) is None:
         raise BounderError(
             "expected bounders of the same object; of whose cells these bound is not known, fit them anew"
         )
@@ -213,12 +208,6 @@ def _about(bounders: list[Bounder], mixed: bool) -> Bounder:
             f"expected one bounder of the shape itself, or cells of one resolution; got cells of resolution {told}"
         )
     return found
-
-
-def _shape_of(bounder: Bounder) -> str | None:
-    """The digest of the shape that is bounded, or whose cells are; ``None`` where that is not known."""
-    cells = bounder.info.get("resolution") is not None
-    return bounder.info.get("shape" if cells else "indicator")
 
 
 def _resolutions(bounder: Bounder, parts: list[Bounder]) -> list[int | None]:

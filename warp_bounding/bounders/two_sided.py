@@ -6,9 +6,10 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.bounders.base import Bounder
+from warp_bounding.certificates.claim import differing
 from warp_bounding.coordinates.base import vector_type
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.parts.complement import SIDES, outside_of
+from warp_bounding.indicators.parts.complement import SIDES
 from warp_bounding.kernels.functions import Data
 from warp_bounding.runtime.launch import launch_on_cores
 from warp_bounding.runtime.native import named
@@ -46,7 +47,8 @@ class TwoSided(Picklable):
         """Where points are; arguments as of ``Bounder.query``.
 
         Returns:
-            ``(N,)`` uint8 ``wp.array``: 0 = certainly not in the object, 2 = certainly in it, 1 = maybe.
+            ``(N,)`` uint8 ``wp.array``: 0 = certainly not in the object dilated by the outer margin, 2 = certainly in the
+            object dilated by the inner one, 1 = maybe.
 
         Raises:
             QueryError: As ``Bounder.query`` does.
@@ -104,7 +106,7 @@ def two_sided(outer: Bounder, inner: Bounder) -> TwoSided:
 
     Args:
         outer: Of points, as ``fit`` makes it.
-        inner: Of points, made by ``fit(..., side="inside")``.
+        inner: Of points, made by ``fit(..., side="inside")``, with a margin of at most the outer one. One of the two may bound cells of the other's shape.
 
     Returns:
         What classifies points; each half is proven, saved and certified by itself.
@@ -125,14 +127,11 @@ def two_sided(outer: Bounder, inner: Bounder) -> TwoSided:
     kinds = [(b.ndim, b.domain.time, str(b.device)) for b in (outer, inner)]
     if kinds[0] != kinds[1]:
         raise BounderError(f"two_sided: expected the same dimension and device, got {kinds[0]} and {kinds[1]}")
-    _check_object(outer, inner)
+    if other := differing(outer, inner, ()):
+        raise BounderError(f"two_sided: expected bounders of the same object, got {other}")
+    margins = [bounder.info.get("margin") or 0.0 for bounder in (outer, inner)]
+    if not margins[0] >= margins[1]:
+        raise BounderError(
+            f"two_sided: expected an outer margin of at least the inner one, got {margins[0]} and {margins[1]}"
+        )
     return TwoSided(outer, inner)
-
-
-def _check_object(outer: Bounder, inner: Bounder) -> None:
-    """Refuse bounders of different shapes, where that is known: cells and margins may differ for good reasons."""
-    if any(outer.info.get(key) != inner.info.get(key) for key in ("margin", "resolution")):
-        return
-    told = outer.info.get("indicator"), inner.info.get("indicator")
-    if None not in told and outside_of(told[0]) != told[1]:
-        raise BounderError(f"two_sided: expected bounders of the same object, got {outer!r} and {inner!r}")

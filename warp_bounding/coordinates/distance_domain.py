@@ -141,6 +141,8 @@ class DistanceDomain:
         low, high = -self.to_local(self.lower), self.to_local(self.upper)
         if not (self.limit >= np.maximum(low, high) * (1 + 1e-13)).all() or not (self.limit <= 2).all():
             return "the domain's limit does not fit its corners"
+        if self.time and not self.limit[0] <= round_up(np.maximum(low, high)[0] * GROWTH):
+            return "the domain's limit reaches beyond its range of time"
         return None
 
     @property

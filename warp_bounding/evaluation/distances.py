@@ -6,13 +6,13 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.certificates.claim import as_fitted
 from warp_bounding.errors import QueryError
 from warp_bounding.evaluation.counting import counted
 from warp_bounding.evaluation.report import QUICK, QUICK_SEED, Rates, truth_told
 from warp_bounding.evaluation.truth import judge_of, truth_by
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import IN, OUT, UNDECIDED, Shape
-from warp_bounding.proof.distances.prove import distance_shape
 from warp_bounding.queries import QUERIES, sample
 from warp_bounding.queries.box import BOX
 from warp_bounding.queries.distance import METRICS, in_metric
@@ -99,7 +99,7 @@ def evaluate_distance(
             isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not 0 <= value < np.inf
         ):
             raise QueryError(f"{name} must be a length of at least 0, got {value!r}")
-    fitted, rng = distance_shape(bounder, shape), np.random.default_rng(seed)
+    fitted, rng = as_fitted(bounder, shape), np.random.default_rng(seed)
     told = {"protocol": protocol, "seed": seed, "indicator": fitted.digest, "query": query}
     if kind.is_region:
         length = 1.0 if length is None else float(length)

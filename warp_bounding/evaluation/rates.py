@@ -9,6 +9,7 @@ from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.bounders.load import bounder_of
 from warp_bounding.bounders.slabs.aabb import Aabb
+from warp_bounding.certificates.claim import as_fitted, of_side
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import QueryError
 from warp_bounding.evaluation.counting import counted
@@ -17,7 +18,6 @@ from warp_bounding.evaluation.report import QUICK, QUICK_SEED, Rates, truth_told
 from warp_bounding.evaluation.truth import PROTOCOLS, judge_of, truth_by
 from warp_bounding.indicators import IndicatorGrid, load_indicator
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.proof.prove import as_fitted, of_side
 from warp_bounding.queries import oracle, sample
 
 __all__ = ["PROTOCOLS", "evaluate", "quick_rates"]

@@ -42,7 +42,7 @@ class IndicatorGrid(Shape):
         margin: How far the object was dilated before it was divided into cells, object units.
         resolution: The ``resolution`` that a mesh was voxelised with; ``None`` where the grid was given as one.
         note: A restriction that a user should know, such as that an open mesh is bounded by its surface only.
-        shape_digest: Of the shape whose cells these are; ``None`` where the grid was given as one.
+        shape_digest: Of the geometry whose cells these are; ``None`` where the grid was given as one, and is not dilated.
         joints: Those of that shape.
 
     Raises:
@@ -277,9 +277,14 @@ class IndicatorGrid(Shape):
     def landmarks(self) -> np.ndarray:
         return self.position(self.boundary.astype(np.float64))
 
-    @cached_property
+    @property
     def digest(self) -> str:
-        """SHA-256 of the geometry: cells and map; the name and the way it was made do not enter."""
+        """``geometry``: the cells are those of the dilated object."""
+        return self.geometry
+
+    @cached_property
+    def geometry(self) -> str:
+        """SHA-256 of cells and map; the name and the way it was made do not enter."""
         sha = hashlib.sha256(b"warp-bounding grid 1")
         sha.update(np.array(self.shape, dtype="<i8").tobytes())
         sha.update(np.packbits(self.occupancy).tobytes())
@@ -339,5 +344,10 @@ class IndicatorGrid(Shape):
             radius = margin * self.cells_per_unit
         occupancy, pad = dilate(self.occupancy, radius, static_axes=(0,) if self.time else ())
         return replace(
-            self, occupancy=occupancy, cells_per_unit=self.cells_per_unit, offset=self.offset - pad, margin=margin
+            self,
+            occupancy=occupancy,
+            cells_per_unit=self.cells_per_unit,
+            offset=self.offset - pad,
+            margin=margin,
+            shape_digest=self.shape_digest or self.geometry,
         )

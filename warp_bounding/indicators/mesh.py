@@ -138,7 +138,7 @@ class IndicatorMesh(Shape):
         return self.surface.watertight
 
     @cached_property
-    def digest(self) -> str:
+    def geometry(self) -> str:
         """SHA-256 of the geometry, vertices and faces; name, note and margin do not enter."""
         sha = hashlib.sha256(b"warp-bounding mesh 1")
         sha.update(np.array([len(self.vertices), len(self.faces)], dtype="<i8").tobytes())
@@ -303,7 +303,7 @@ class IndicatorMesh(Shape):
             margin=margin,
             resolution=resolution,
             note=self.restriction,
-            shape_digest=self.digest,
+            shape_digest=self.geometry,
         )
 
 

@@ -150,7 +150,7 @@ class IndicatorMotion(Shape):
         return self.surface.watertight
 
     @cached_property
-    def digest(self) -> str:
+    def geometry(self) -> str:
         """SHA-256 of the geometry; name, note and ``time_cells`` do not enter."""
         sha = hashlib.sha256(b"warp-bounding motion 1")
         sha.update(np.array([*self.frames.shape, len(self.faces)], dtype="<i8").tobytes())
@@ -308,7 +308,7 @@ class IndicatorMotion(Shape):
             margin=margin,
             resolution=resolution,
             note=self.restriction,
-            shape_digest=self.digest,
+            shape_digest=self.geometry,
         )
 
     def _exactly_at(self, time: float) -> np.ndarray:

@@ -8,6 +8,7 @@ is. A shape without ``empty`` (``certified`` is False) can be bounded too, but i
 Whatever a shape cannot decide it counts as object; ``decide`` tells these cases apart, so that they can be counted.
 """
 
+import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import ClassVar
@@ -149,8 +150,15 @@ class Shape(Picklable, ABC):
 
     @property
     @abstractmethod
-    def digest(self) -> str:
+    def geometry(self) -> str:
         """SHA-256 of the geometry, the margin not included; name and note do not enter."""
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the object: of its geometry, and of the margin where there is one."""
+        if not self.margin:
+            return self.geometry
+        return hashlib.sha256(f"{self.geometry} dilated by {float(self.margin)!r}".encode()).hexdigest()
 
     @abstractmethod
     def decide(self, x: np.ndarray) -> np.ndarray:

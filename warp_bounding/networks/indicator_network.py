@@ -131,7 +131,7 @@ class IndicatorNetwork(Combinable, Formula):
         return self._networks[0].rounding
 
     @cached_property
-    def digest(self) -> str:
+    def geometry(self) -> str:
         """SHA-256 of the box, the level and the weights."""
         sha = hashlib.sha256(b"warp-bounding network 1")
         sha.update(np.append(self._bounds, self.level).astype("<f8").tobytes() + bytes([self.time]))

@@ -17,6 +17,7 @@ from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.bounders.load import bounder_of
 from warp_bounding.bounders.local.local import Local
 from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates.claim import OUTSIDE, as_fitted, mismatch, other_claim
 from warp_bounding.certificates.document import document, together
 from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -26,7 +27,7 @@ from warp_bounding.proof.box_check import NARROWEST, check_boxes, check_charted,
 from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.covers.monotone_box import of_points
 from warp_bounding.proof.distances.certify import certify_distance
-from warp_bounding.proof.prove import OUTSIDE, as_fitted, charted, mismatch, other_claim, reaches_outside
+from warp_bounding.proof.prove import charted
 from warp_bounding.proof.search.best_first import minimum
 from warp_bounding.proof.shape_check import CHUNK, SUSPECTS, Checked, check_regions, check_shape, points_outside
 from warp_bounding.queries import QUERIES, decision
@@ -95,16 +96,16 @@ def certify(
         grid = as_fitted(bounder, shape)
     except BoundingError as error:
         return _inapplicable(bounder, shape, other or str(error))
-    reason = other or mismatch(bounder, grid) or bounder.domain.fault()
+    reason = other or mismatch(bounder, grid)
     if not bounder.conservative:
         reason = f"{bounder.method} is not conservative"
-    if reason:
+    if reason and reason != OUTSIDE:
         return _inapplicable(bounder, grid, reason)
     try:
         owed = bounder.obligations(grid)
     except BoundingError as error:
         return document(bounder, grid, "undecided", float(bounder.threshold), 0.0, 0, 0.0, str(error))
-    if bounder.composed and reaches_outside(bounder, grid):  # outside its own domain no part of it is asked
+    if reason:  # outside its own domain no part of it is asked
         point, threshold = _denied_outside(bounder, bounder, grid), float(bounder.threshold)
         kind, spent = "undecided" if point is None else "refuted", working_seconds() - started
         return document(bounder, grid, kind, threshold, threshold, 0, spent, OUTSIDE, point)
@@ -143,9 +144,9 @@ def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress, as
 
     if len(bounder.parts) > 1:  # its parts are proven one by one (``Bounder.obligations``), never as a whole
         return result("undecided", f"{bounder.method}: a part of several tests", threshold)
-    if reaches_outside(bounder, grid):
-        point = _denied_outside(asked, bounder, grid)
-        return result("refuted" if point is not None else "undecided", OUTSIDE, threshold, 0, point)
+    if reason := mismatch(bounder, grid):
+        point = _denied_outside(asked, bounder, grid) if reason == OUTSIDE else None
+        return result("refuted" if point is not None else "undecided", reason, threshold, 0, point)
     f = of_points(bounder)  # of boxes and a monotone network too (``covers.monotone_box``)
     if QUERIES[bounder.query_kind].is_region and f is bounder:
         return _certify_regions(bounder, grid, target, seconds, result, progress)

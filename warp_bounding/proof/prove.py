@@ -12,11 +12,10 @@ from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates.claim import mismatch
 from warp_bounding.certificates.document import document, shown
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.parts.complement import Complement
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.attest.falsify import Walk
 from warp_bounding.proof.attest.statistics import attest
@@ -30,22 +29,8 @@ from warp_bounding.queries import QUERIES
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.runtime.working_time import working_seconds
 
-__all__ = [
-    "as_fitted",
-    "charted",
-    "least_value",
-    "mismatch",
-    "of_side",
-    "other_claim",
-    "other_dimension",
-    "outside",
-    "prove",
-    "prove_or_attest",
-    "reaches_outside",
-    "settle",
-]
+__all__ = ["charted", "least_value", "prove", "prove_or_attest", "settle"]
 
-OUTSIDE = "the shape reaches outside the domain that the bounder was made for"
 ROOM = 1e-4  # of f: how far under the least value that a search has found an attested threshold is set
 STARTS = 4096  # points of a shape's border that a search begins with, where it is given none
 CENTERS = 64  # about how many cells' centres a search begins with, where it is given no points
@@ -130,8 +115,7 @@ def prove(
         BounderError: If the bounder was made for another domain; if it consists of several networks whose regions are
             proven one by one (``Bounder.parts``); or if no threshold separates anything (the minimum is not finite).
     """
-    reason = mismatch(bounder, grid) or bounder.domain.fault() or (reaches_outside(bounder, grid) and OUTSIDE)
-    if reason:
+    if reason := mismatch(bounder, grid):
         raise BounderError(f"{bounder.method}: {reason}")
     if not bounder.provable:
         raise BounderError(f"{bounder.method}: {bounder.query_kind} queries of networks like this one have no proof")
@@ -175,8 +159,10 @@ def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate
     """Set a bounder's threshold under what ``least_value`` has certified, and give it its certificate.
 
     Raises:
-        BounderError: If the minimum is not finite: no threshold separates anything.
+        BounderError: If the minimum is not finite: no threshold separates anything; or if the bounder was made for another object.
     """
+    if reason := mismatch(bounder, grid):
+        raise BounderError(f"{bounder.method}: {reason}")
     error = bounder.rounding_bound()
     threshold = float(round_down(np.nextafter(search.lower_bound - error, -np.inf)))
     if not np.isfinite(threshold):
@@ -191,90 +177,3 @@ def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate
     certificate = document(bounder, grid, "proven", threshold, *found, message, numbers=numbers)
     bounder.freeze(threshold, certificate)
     return certificate
-
-
-def as_fitted(bounder: Bounder, shape) -> Shape:
-    """What the fit bounded: the shape dilated by the bounder's margin, or its cells where these were bounded."""
-    shape, margin, resolution = (
-        of_side(bounder, shape),
-        bounder.info.get("margin") or 0.0,
-        bounder.info.get("resolution"),
-    )
-    if isinstance(shape, Shape) and (resolution is None or isinstance(shape, IndicatorGrid)):
-        return shape.dilated(margin)
-    return shape.to_grid(resolution=resolution, margin=margin)
-
-
-def of_side(bounder: Bounder, shape) -> Shape:
-    """The shape that is given, or its complement where the bounder is about that (``side="inside"`` of a fit)."""
-    shape = load_indicator(shape)
-    return Complement(shape) if bounder.domain.unbounded and not shape.unbounded else shape
-
-
-def other_claim(bounder: Bounder, expected: dict[str, str | float | None]) -> str | None:
-    """How a bounder's claim differs from what is expected of it, or ``None``; an expected ``None`` is not compared."""
-    claimed = {
-        "query": bounder.query_kind,
-        "margin": bounder.info.get("margin") or 0.0,
-        "length": bounder.domain.length,
-        "resolution": bounder.info.get("resolution"),
-    }
-    for name, value in expected.items():
-        if value is not None and value != claimed[name]:
-            own = "none" if claimed[name] is None else claimed[name]
-            return f"another claim than the expected one: expected {name} {value}, the bounder is for {name} {own}"
-    return None
-
-
-def other_dimension(bounder: Bounder, grid: IndicatorGrid) -> str | None:
-    """How a grid's dimension, or its having a time, differs from the bounder's; ``None`` where it does not."""
-    sides = ((grid.ndim, grid.time), (bounder.ndim, bounder.domain.time))
-    kinds = [f"{n}D" + (", animated" if t else "") for n, t in sides]
-    return None if sides[0] == sides[1] else f"the shape is {kinds[0]}, the bounder {kinds[1]}"
-
-
-def mismatch(bounder: Bounder, grid: IndicatorGrid) -> str | None:
-    """Why a grid's points cannot be this bounder's queries, or ``None``."""
-    domain = bounder.domain.base
-    if other := other_dimension(bounder, grid):
-        return other
-    if not isinstance(grid, IndicatorGrid):
-        for part in bounder.parts:
-            if part.info.get("resolution") is None and not part.takes_shapes(part.query_kind, part.domain.space):
-                return f"{part.query_kind} queries of {part.method} are bounded over cells, and the shape has none; give a resolution"
-    if grid.unbounded != bounder.domain.unbounded:
-        return "the bounder is about the other side of the shape"
-    if grid.joints != domain.joints:
-        return "the bounder was made for joints of other limits, or before it was told of any; fit it anew"
-    if grid.time and (domain.lower[0] < grid.known_times[0] or domain.upper[0] > grid.known_times[1]):
-        times = (grid.known_times, (domain.lower[0], domain.upper[0]))
-        known, asked = (f"{first:.7g} to {last:.7g}" for first, last in times)
-        return f"the shape is known at times from {known}, the bounder denies queries from {asked}"
-    return None
-
-
-def reaches_outside(bounder: Bounder, shape: Shape) -> bool:
-    """Whether a shape may have points outside the bounder's domain."""
-    if isinstance(shape, IndicatorGrid):
-        return len(outside(bounder, shape)) > 0
-    domain = bounder.domain.base
-    if domain.unbounded:  # all that the domain's limit lets through is searched, and the rest is maybe
-        return False
-    for axis in range(shape.ndim):
-        for side, beyond in ((0, shape.lower < domain.lower), (1, shape.upper > domain.upper)):
-            if beyond[axis]:
-                lower, upper = shape.lower[None].copy(), shape.upper[None].copy()
-                if side:
-                    lower[0, axis] = domain.upper[axis]
-                else:
-                    upper[0, axis] = domain.lower[axis]
-                if not shape.empty(lower, upper)[0]:
-                    return True
-    return False
-
-
-def outside(bounder: Bounder, grid: IndicatorGrid) -> np.ndarray:
-    """The occupied cells that reach outside the bounder's domain."""
-    domain, cells = bounder.domain.base, grid.occupied
-    lower, upper = grid.position(cells - 0.5), grid.position(cells + 0.5)
-    return cells[((lower < domain.lower) | (upper > domain.upper)).any(axis=1)]

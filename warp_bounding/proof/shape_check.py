@@ -7,9 +7,9 @@ import numpy as np
 
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.certificates.claim import outside
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.proof.prove import outside
 from warp_bounding.proof.search.best_first import halve
 from warp_bounding.proof.search.vacancy import NARROWEST, Positives, ShapePositives
 from warp_bounding.proof.shape_regions import ShapeRegions, coarse_cells

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
+from warp_bounding.certificates.claim import as_fitted, mismatch
 from warp_bounding.errors import BounderError
-from warp_bounding.proof.prove import as_fitted, mismatch, reaches_outside
 from warp_bounding.proof.search.best_first import halve
 from warp_bounding.proof.search.vacancy import ShapePositives
 from warp_bounding.runtime.working_time import working_seconds
@@ -74,8 +74,6 @@ def proven_share(
         raise BounderError(f"a share of the domain is told of single bounders of points of shapes, got {bounder!r}")
     if reason := mismatch(bounder, shape):
         raise BounderError(reason)
-    if reaches_outside(bounder, shape):
-        raise BounderError("the shape reaches outside the domain that the bounder was made for")
     started, positives = working_seconds(), ShapePositives(bounder, shape)
     target = float(np.nextafter(float(bounder.threshold) + bounder.rounding_bound(), np.inf))
     low, high = positives.boxes()

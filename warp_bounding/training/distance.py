@@ -17,13 +17,13 @@ from warp_bounding.bounders.distances.mlp import MlpDistance
 from warp_bounding.bounders.distances.registry import DISTANCES, distance_class
 from warp_bounding.bounders.distances.volume import VolumeDistance
 from warp_bounding.bounders.options import unknown_option
+from warp_bounding.certificates.claim import as_fitted
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.evaluation.distances import quick_distance_rates
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.distances.excesses import excesses
 from warp_bounding.proof.distances.prove import prove_distance
-from warp_bounding.proof.prove import as_fitted
 from warp_bounding.queries.distance import METRICS, in_metric
 from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.progress import reported

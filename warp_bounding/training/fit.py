@@ -247,7 +247,7 @@ def described(shape: Shape, seed: int, record: dict[str, Any]) -> dict[str, Any]
         "grid_shape": list(shape.shape) if isinstance(shape, IndicatorGrid) else None,
         "margin": shape.margin,
         "resolution": shape.resolution,
-        "shape": shape.shape_digest if isinstance(shape, IndicatorGrid) else None,
+        "shape": shape.shape_digest if isinstance(shape, IndicatorGrid) else shape.geometry,
         "seed": int(seed),
         "note": shape.restriction,
         "pieces": pieces_told(shape),

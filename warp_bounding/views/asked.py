@@ -11,12 +11,11 @@ import numpy as np
 
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.certificates.claim import as_fitted, of_side
 from warp_bounding.errors import QueryError
 from warp_bounding.evaluation.distances import judge_of_points
 from warp_bounding.evaluation.truth import PROTOCOLS, judge_of
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.proof.distances.prove import distance_shape
-from warp_bounding.proof.prove import as_fitted, of_side
 from warp_bounding.queries.box import BOX
 from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.queries.point import POINT
@@ -60,7 +59,7 @@ def _boxes(bounder: Bounder, shape: Shape, radius: float) -> Asked:
 
 
 def _distances(bounder: DistanceBounder, shape: Shape, radius: float) -> Asked:
-    fitted = distance_shape(bounder, shape)
+    fitted = as_fitted(bounder, shape)
     _, around, truth = judge_of_points(bounder, shape, fitted, radius)
     return Asked(lambda x: bounder.query(x, radius).numpy() != 0, truth, around, fitted)
 

@@ -176,7 +176,7 @@ class ArmConfigurations(Formula):
         return angles / self.weights if len(angles) else None
 
     @cached_property
-    def digest(self) -> str:
+    def geometry(self) -> str:
         """SHA-256 of all numbers of joints, bodies, obstacles, pairs, weights and the safety; names do not enter."""
         if self._pieces is not None:
             return self._pieces.digest

@@ -159,7 +159,7 @@ class IndicatorBlendShapes(Formula):
         return np.append(np.full(PLACE, 0.1 * (self.upper - self.lower)[:PLACE].max()), np.zeros(self.poses))
 
     @cached_property
-    def digest(self) -> str:
+    def geometry(self) -> str:
         """SHA-256 of vertices, deltas, faces and limits; margin and name do not enter."""
         sha = hashlib.sha256(b"warp-bounding blend shapes 1")
         for array in (self.vertices, self.deltas, self.faces, self._limits):

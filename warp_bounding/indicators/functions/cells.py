@@ -62,7 +62,7 @@ def cells_of(shape: Shape, resolution: int | None, margin: float) -> IndicatorGr
         margin=margin,
         resolution=resolution,
         note=shape.restriction,
-        shape_digest=shape.digest,
+        shape_digest=shape.geometry,
         joints=shape.joints,
     )
 

@@ -62,7 +62,7 @@ class Combination(Combinable, Solid):
     def __init__(self, parts: tuple[Shape, ...], lower: np.ndarray, upper: np.ndarray, numbers: list, name: str):
         self.parts, self.time = parts, parts[0].time
         self._solids = tuple(part if isinstance(part, Solid) else Foreign(part) for part in parts)
-        own = [text for part in parts for text in (part.digest, repr(part.margin))]
+        own = [text for part in parts for text in (part.geometry, repr(part.margin))]
         super().__init__(lower, upper, [*numbers, *own], name)
 
     @property

@@ -133,7 +133,7 @@ class IndicatorFunction(Combinable, Formula):
         return widened(self._bounds[1], self.margin, 1)
 
     @cached_property
-    def digest(self) -> str:
+    def geometry(self) -> str:
         """SHA-256 of the box, the Lipschitz constant and the answers on a lattice of about ``LATTICE`` points.
 
         A function has no geometry that could be read: two functions that agree on the lattice have one digest.

@@ -157,7 +157,7 @@ class Solid(Formula):
         return corner
 
     @property
-    def digest(self) -> str:
+    def geometry(self) -> str:
         """SHA-256 of the solid's kind and numbers, the margin not included; the name does not enter."""
         return self._digest
 

@@ -50,9 +50,9 @@ class Clipped(Shape):
         return self.whole.known_times  # at times beyond the box the part is known to be empty
 
     @property
-    def digest(self) -> str:
+    def geometry(self) -> str:
         box = np.stack([self._lower, self._upper]).astype("<f8").tobytes()
-        return hashlib.sha256(f"part of {self.whole.digest} ".encode() + box).hexdigest()
+        return hashlib.sha256(f"part of {self.whole.geometry} ".encode() + box).hexdigest()
 
     def decide(self, x: np.ndarray) -> np.ndarray:
         x = np.asarray(x)

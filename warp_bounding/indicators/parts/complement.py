@@ -82,8 +82,8 @@ class Complement(Shape):
         return self.whole.details_per_unit
 
     @property
-    def digest(self) -> str:
-        return outside_of(self.whole.digest)
+    def geometry(self) -> str:
+        return outside_of(self.whole.geometry)
 
     def decide(self, x: np.ndarray) -> np.ndarray:
         found = self.whole.decide(x)

@@ -23,13 +23,12 @@ from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.bounders.file_format import digest_of
 from warp_bounding.bounders.load import bounder_of
+from warp_bounding.certificates.claim import OUTSIDE, as_fitted, mismatch
 from warp_bounding.errors import BounderError, FileFormatError, QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.attest.statistics import fresh_seed
-from warp_bounding.proof.distances.prove import distance_shape
 from warp_bounding.proof.distances.soak import DISTANCE_FORMS, DistancePositives
-from warp_bounding.proof.prove import as_fitted, other_dimension
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.hard import FORMS, HardPositives, World
 from warp_bounding.queries.hard_shape import HardShapePositives
@@ -121,10 +120,10 @@ def soak_grid(bounder: Bounder, shape) -> IndicatorGrid:
     """A shape's cells, made as they were for the fit.
 
     Raises:
-        QueryError: If the shape is of another dimension, or animated where the bounded one is not.
+        QueryError: If the bounder's claim cannot be about the shape, as where it is of another dimension.
     """
-    grid = (distance_shape if isinstance(bounder, DistanceBounder) else as_fitted)(bounder, shape)
-    if other := other_dimension(bounder, grid):
+    grid = as_fitted(bounder, shape)
+    if (other := mismatch(bounder, grid)) and other != OUTSIDE:
         raise QueryError(other)
     return grid
 

@@ -8,13 +8,12 @@ import numpy as np
 
 from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates.claim import OUTSIDE, as_fitted, mismatch, other_claim
 from warp_bounding.certificates.document import document
 from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.indicators.shape import IN, Shape
 from warp_bounding.proof.distances.checkpoint import Checkpoint
 from warp_bounding.proof.distances.excesses import excess_within
-from warp_bounding.proof.distances.prove import distance_shape, other_motion
-from warp_bounding.proof.prove import OUTSIDE, other_claim, other_dimension, reaches_outside
 from warp_bounding.proof.shape_check import points_outside
 from warp_bounding.runtime.working_time import working_seconds
 
@@ -54,7 +53,7 @@ def certify_distance(
         )
     other = other_claim(bounder, expected)
     try:
-        grid = distance_shape(bounder, shape)
+        grid = as_fitted(bounder, shape)
     except BoundingError as reason:
         found = document(bounder, None, "inapplicable", threshold, 0.0, 0, 0.0, other or str(reason))
         return replace(found, indicator=getattr(shape, "digest", ""))
@@ -63,10 +62,10 @@ def certify_distance(
         spent = before + working_seconds() - started
         return document(bounder, grid, status, threshold, least, boxes, spent, message, counterexample)
 
-    reason = other or other_dimension(bounder, grid) or bounder.domain.fault() or other_motion(bounder, grid)
-    if reason:
+    reason = other or mismatch(bounder, grid)
+    if reason and reason != OUTSIDE:
         return result("inapplicable", reason, threshold)
-    if reaches_outside(bounder, grid):
+    if reason:
         point = _overestimated(bounder, grid, points_outside(bounder, grid))
         return result("undecided" if point is None else "refuted", OUTSIDE, threshold, 0, point)
     if bounder.volume is not None:

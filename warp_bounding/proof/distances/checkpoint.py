@@ -1,9 +1,10 @@
 """A proof that can be stopped and goes on where it stopped: what its search has still to do, in a file.
 
-Such a file is believed as far as its claim goes: it is part of the machine that proves, not of what is to be proven. It names the bounder's numbers, the shape and the
-library's version, and holds a SHA-256 of its content; a file that says anything else is refused, and kept as it is.
+Such a file is believed as far as its claim goes: it is part of the machine that proves, not of what is to be proven. It names the bounder's numbers, the shape with its
+margin, some of its distances and the library's version, and holds a SHA-256 of its content; a file that says anything else is refused, and kept as it is.
 """
 
+import hashlib
 import json
 import os
 from typing import NamedTuple
@@ -24,6 +25,9 @@ __all__ = ["Boxes", "Checkpoint", "Left"]
 
 KEY = "warp_bounding_checkpoint"
 EVERY = 15.0  # seconds between two writes
+ASKED = (
+    1024  # points whose distances tell one function from another, of which a digest knows little more than the object
+)
 
 
 class Boxes(NamedTuple):
@@ -63,6 +67,9 @@ class Checkpoint:
         self.path, self._written = file_path(path), working_seconds()
         about = {"method": bounder.method, "sizes": bounder.sizes, "domain": bounder.domain.to_dict()}
         about |= {"threshold": float(bounder.threshold), "shape": shape.digest, "library": __version__}
+        low, high = shape.lower, shape.upper  # what the search rests on, as this machine computes it
+        asked = low + np.random.default_rng(0).uniform(-0.5, 1.5, (ASKED, shape.ndim)) * (high - low)
+        about["distances"] = hashlib.sha256(np.asarray(shape.distances(asked)).tobytes()).hexdigest()
         self._claim = digest_of(bounder.tensors, about)
         check_writable(self.path, kind=BOUNDER_FILE)
         self._left = self._read() if self.path.exists() else None

@@ -11,16 +11,14 @@ import numpy as np
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates.claim import mismatch
 from warp_bounding.certificates.document import document
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.distances.excesses import largest_excess
-from warp_bounding.proof.prove import OUTSIDE, as_fitted, other_dimension, reaches_outside
-from warp_bounding.queries.distance import METRICS, in_metric
 from warp_bounding.runtime.working_time import working_seconds
 
-__all__ = ["Found", "distance_shape", "other_motion", "prove_distance", "search", "settle_distance"]
+__all__ = ["Found", "prove_distance", "search", "settle_distance"]
 
 
 class Found(NamedTuple):
@@ -41,27 +39,6 @@ class Found(NamedTuple):
     complete: bool = True
     worst: np.ndarray | None = None
     excess: np.ndarray | None = None
-
-
-def distance_shape(bounder: DistanceBounder, shape) -> Shape:
-    """What the fit bounded: the shape in the bounder's metric, dilated by its margin, or its cells where these were bounded."""
-    return as_fitted(bounder, in_metric(load_indicator(shape), bounder.sizes.get("metric", METRICS[0])))
-
-
-def other_motion(bounder: DistanceBounder, shape: Shape) -> str | None:
-    """What the domain says of how a shape moves that is not so, in a few words; ``None`` if it holds."""
-    domain = bounder.domain
-    if shape.joints is not None:
-        return "distances of configurations are not bounded, since nothing is known beyond the limits of joints"
-    if domain.time != shape.time:
-        return "the bounder knows time and the shape does not, or the other way round"
-    if not domain.time:
-        return None
-    if shape.speed is None or not domain.speed >= shape.speed:
-        return f"the shape moves faster than the bounder knows, by up to {shape.speed or np.inf:.6g} a unit of time, not {domain.speed:.6g}"
-    if domain.lower[0] < shape.lower[0] or domain.upper[0] > shape.upper[0]:
-        return "the bounder's range of time is longer than the shape's"
-    return None
 
 
 def search(bounder: DistanceBounder, shape: Shape, seconds: float) -> Found:
@@ -85,9 +62,7 @@ def prove_distance(
     Raises:
         BounderError: If the bounder was made for another domain or dimension, its volume is not proven, or nothing was found.
     """
-    reason = other_dimension(bounder, shape) or bounder.domain.fault() or other_motion(bounder, shape)
-    reason = reason or (reaches_outside(bounder, shape) and OUTSIDE)
-    if reason:
+    if reason := mismatch(bounder, shape):
         raise BounderError(f"{bounder.method}: {reason}")
     if bounder.volume is not None:
         if of_volume is None or not of_volume.proven:
@@ -106,8 +81,10 @@ def settle_distance(bounder: DistanceBounder, shape: Shape, found: Found) -> Cer
     """Set a bounder's threshold under what was found, and give it its certificate.
 
     Raises:
-        BounderError: If there is no finite lower bound.
+        BounderError: If there is no finite lower bound, or if the bounder was made for another object.
     """
+    if reason := mismatch(bounder, shape):
+        raise BounderError(f"{bounder.method}: {reason}")
     error = bounder.rounding_bound()
     threshold = min(float(round_down(np.nextafter(found.least - error, -np.inf))), 0.0)
     if not np.isfinite(threshold):

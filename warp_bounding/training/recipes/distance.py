@@ -106,7 +106,7 @@ class DistanceTrainer:
         optimiser, searches = Soap(self.network.layers, BETA1, BETA2), list(SEARCHES)
         for step, used in clock.steps():
             if step % REFRESH == 0:
-                if searches and used >= searches[0]:
+                if step and searches and used >= searches[0]:
                     searches.pop(0)
                     self._search(SEARCH_SHARE * clock.total if clock.timed else math.inf)
                 self._refresh()
