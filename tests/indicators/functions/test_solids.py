@@ -179,7 +179,8 @@ def test_dilation_is_exact(kind, n, rng):
         again = S.Dilation(s, 0.0625).dilated(0.0625)
         assert not (real & (again.decide(x) == OUT)).any()
         assert not (~real & (again.decide(x) == IN)).any()
-        assert (wide.digest != s.digest) and wide.geometry == s.geometry
+        assert wide.geometry == s.geometry
+        assert wide.digest != s.digest
         assert wide.margin == margin
         assert again.digest != s.digest
 

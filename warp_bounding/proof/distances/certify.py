@@ -54,17 +54,17 @@ def certify_distance(
     other = other_claim(bounder, expected)
     try:
         grid = as_fitted(bounder, shape)
-    except BoundingError as reason:
-        found = document(bounder, None, "inapplicable", threshold, 0.0, 0, 0.0, other or str(reason))
-        return replace(found, indicator=getattr(shape, "digest", ""))
+        reason = other or mismatch(bounder, grid)
+    except BoundingError as error:
+        grid, reason = shape, other or str(error)
+    if reason and reason != OUTSIDE:
+        found = document(bounder, None, "inapplicable", threshold, 0.0, 0, 0.0, reason)
+        return replace(found, indicator=getattr(grid, "digest", ""))
 
     def result(status: str, message: str, least: float, boxes: int = 0, counterexample=None) -> Certificate:
         spent = before + working_seconds() - started
         return document(bounder, grid, status, threshold, least, boxes, spent, message, counterexample)
 
-    reason = other or mismatch(bounder, grid)
-    if reason and reason != OUTSIDE:
-        return result("inapplicable", reason, threshold)
     if reason:
         point = _overestimated(bounder, grid, points_outside(bounder, grid))
         return result("undecided" if point is None else "refuted", OUTSIDE, threshold, 0, point)
