@@ -168,11 +168,6 @@ class DistanceDomain:
         return 1.0 / float(self.scale[-1])
 
     @property
-    def haste(self) -> float:
-        """By how many local units of space points of the object move at most in a local unit of time."""
-        return self.speed / float(self.scale[0]) * float(self.scale[-1])
-
-    @property
     def header(self) -> np.ndarray:
         """float32 numbers in front of the threshold in a kernel's ``parameters``: center, limit, scale, unit."""
         return np.concatenate([self.center, self.limit, [self.scale[-1], np.float32(self.unit)]])

@@ -24,6 +24,7 @@ from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.composition.composition import Composition
 from warp_bounding.bounders.composition.tree import AND, SPLIT, Tree, children_of
 from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.bounders.distances.mlp import MlpDistance
 from warp_bounding.bounders.distances.registry import DISTANCES
 from warp_bounding.bounders.distances.volume import VolumeDistance
 from warp_bounding.bounders.local.local import Local
@@ -38,7 +39,6 @@ from warp_bounding.proof.search.best_first import halve
 __all__ = ["clear_segments"]
 
 MOST_DEPTH = 30  # of a march: its steps are 2^30 at most
-LARGEST_MOVE = 1e37  # object units: by which the ends of a segment are rounded; others are not cleared
 DEPTH = 8  # a piece is halved at most this often
 AROUND = (
     2.0**-28
@@ -54,7 +54,8 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
 
     Args:
         bounder: A network (``mlp``, ``mlp-early``, with thresholds of parts or one) of points, several of them put together by ``&`` and ``|``, a volume of points
-            that has a distance (``DISTANCES``), or a distance bounder, proven or not; if it is proven, so is the answer.
+            that has a distance (``DISTANCES``), or a distance bounder, proven or not; if it is proven, so is the answer. Of a shape that moves
+            segments are of time and space.
         starts: ``(N, n)``, object space; taken as they are, float32 or float64. Of continuous joints they are not turned back: from 3 to 4 is
             another way than from 3 to 4 - 2 pi.
         ends: ``(N, n)``, object space.
@@ -62,8 +63,8 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
             that pass close to the object.
 
     Returns:
-        ``(N,)`` bool: True if no point of the closed segment lies in the object. False says nothing; it is the answer
-        for NaN, infinity, segments that are a million domains away, and those that go beyond a joint's limits.
+        ``(N,)`` bool: True if no point of the closed segment lies in the object, of one that moves at the
+            point's time. False says nothing; it is the answer for NaN, infinity, segments that are a million domains away, and those that go beyond a joint's limits.
 
     Raises:
         BounderError: For another kind of bounder.
@@ -113,13 +114,15 @@ def _in_one_turn(joints: Joints, starts: np.ndarray, ends: np.ndarray) -> tuple[
 
 def _cleared(bounder, starts: np.ndarray, ends: np.ndarray, depth: int) -> np.ndarray:
     """``clear_segments`` of what lies in one turn."""
-    if (far := _with_distance(bounder)) is not None:
+    far = _with_distance(bounder)
+    if far is not None and not far.domain.time:
         starts, ends = _checked(far.ndim, starts, ends, depth)
         joints, off = bounder.domain.joints, 0.0
         if joints is not None and any(joints.period):
-            off = PIECE * max(map(abs, (*joints.lower, *joints.upper)))
-        return _marched(far, starts, ends, 2 ** min(depth, MOST_DEPTH), off)
-    if (
+            off = PIECE * max(map(abs, (*joints.lower, *joints.upper))) * np.sqrt(far.ndim) * (1 + INSIDE)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return far.segments(starts, ends, off, 2 ** min(depth, MOST_DEPTH))[0].numpy() == 0
+    if far is None and (
         not isinstance(bounder, Bounder)
         or bounder.domain is not bounder.domain.base
         or not _of_networks(bounder)
@@ -132,9 +135,13 @@ def _cleared(bounder, starts: np.ndarray, ends: np.ndarray, depth: int) -> np.nd
         a = bounder.domain.to_local(starts)
         w = bounder.domain.to_local(ends) - a
         known = ((np.abs(a) <= LARGEST_LOCAL) & (np.abs(w) <= LARGEST_LOCAL)).all(axis=1)  # False for NaN
+    if bounder.domain.time:  # beyond its range nothing is known
+        within = [bounder.domain.lower[0], bounder.domain.upper[0]]
+        known &= np.logical_and.reduce([(x[:, 0] >= within[0]) & (x[:, 0] <= within[1]) for x in (starts, ends)])
     segments = np.flatnonzero(known)
     a, w = a[segments], w[segments]
-    first, last, inside = _within(a, w, bounder.domain.limit.astype(np.float64))
+    limit = bounder.domain.limit.astype(np.float64)
+    first, last, inside = _within(a, w, limit if far is None else limit + 2 * AROUND)  # a distance's has no delta
     a, w, owner = a[inside], w[inside], segments[inside]
     low = np.concatenate([a, w, first[inside, None]], axis=1)
     high = np.concatenate([a, w, last[inside, None]], axis=1)
@@ -180,19 +187,6 @@ def _with_distance(bounder) -> DistanceBounder | None:
     return far.freeze(min(float(round_down(np.nextafter(-far.rounding_bound(), -np.inf))), 0.0), None)
 
 
-def _marched(
-    bounder: DistanceBounder, starts: np.ndarray, ends: np.ndarray, steps: int, off: float = 0.0
-) -> np.ndarray:
-    """``clear_segments`` of a distance; coordinates may be ``off`` by so much."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        rounded = [part.astype(np.float32) for part in (starts, ends)]
-        moved = [np.linalg.norm(a - b, axis=1) for a, b in zip((starts, ends), rounded, strict=True)]
-        radius = (np.maximum(*moved) + off * np.sqrt(bounder.ndim)) * (1 + INSIDE)
-    known = np.isfinite(radius) & (radius < LARGEST_MOVE)
-    radius = np.where(known, radius, 0.0)
-    return known & (bounder.segments(*rounded, radius, steps)[0].numpy() == 0)
-
-
 def _of_networks(bounder: Bounder) -> bool:
     """Whether a bounder is a network, or consists of some, all asked about coordinates of the whole."""
     if isinstance(bounder, Cascade | Composition):
@@ -210,6 +204,8 @@ def _asked(bounder: Bounder, ndim: int, tree: Tree | None = None) -> "_Part | _P
         if tree[0] == SPLIT:
             raise BounderError("segments need networks that are asked everywhere, got a hierarchy with splits")
         return _Parts([_asked(bounder, ndim, child) for child in children_of(tree)], tree[0] == AND)
+    if isinstance(bounder, MlpDistance):
+        return _MovingDistance(bounder, ndim)
     if isinstance(bounder, Local):
         return _LocalPart(bounder, ndim)
     if len(bounder.parts) > 1:
@@ -254,14 +250,15 @@ class _Part:
         self._bound(part, ndim)
         self.target = np.nextafter(-(float(part.threshold) + part.rounding_bound()), np.inf)
 
-    def _bound(self, part: Mlp, ndim: int) -> None:
-        """Keep what bounds of -f along a piece need."""
+    def _bound(self, part: Mlp | MlpDistance, ndim: int, sign: float = 1.0) -> None:
+        """Keep what bounds of -f along a piece need, or of f for the sign -1."""
         network, own = part.network, np.arange(part.ndim)
         self.shape, self.part = network.kernel_shape(SegmentChart(part.ndim)), part
         self.columns = [*own, *(own + ndim), 2 * ndim]
         self.weights = network.packed.copy()
-        self.weights[-1 - network.output.weight.shape[1] :] *= -1.0  # the output layer's, so that -f is bounded
-        self.padding = network.padding_for(part.domain.limit.astype(np.float64) * (1 + 2 * INSIDE))
+        self.weights[-1 - network.output.weight.shape[1] :] *= -sign  # the output layer's, so that -f is bounded
+        limit = part.domain.limit.astype(np.float64) + (4 * AROUND if sign < 0 else 0.0)
+        self.padding = network.padding_for(limit * (1 + 2 * INSIDE))
 
     def lowest(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Lower bounds ``(N,)`` of -f on pieces."""
@@ -294,6 +291,30 @@ class _LocalPart(_Part):
 
     def lets_through(self, points: np.ndarray) -> np.ndarray:
         return ~(-self.whole.reference(points[:, : self.whole.ndim]) > self.target)
+
+
+class _MovingDistance(_Part):
+    """A network's distance to a shape that moves: a piece is cleared where the distance is proven to be above 0 all along it.
+
+    It is not enough that no face touches the point on its way, which a march would tell: a hole may close around it.
+    """
+
+    def __init__(self, part: MlpDistance, ndim: int):
+        self._bound(part, ndim, -1.0)
+        self.target = -float(part.threshold) + part.steepness * AROUND  # for what a point of a piece may be off
+
+    def lowest(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        found = super().lowest(low, high)
+        if self.part.lattice is None:
+            return found
+        n = self.part.ndim
+        at, way, times = np.split(low[:, self.columns], [n, 2 * n], axis=1)
+        ends = [at + time * way for time in (times, high[:, self.columns[-1:]])]
+        corners = np.minimum(*ends) - AROUND, np.maximum(*ends) + AROUND
+        return np.nextafter(found + self.part.lattice.extremes(self.part.relief, *corners)[0], -np.inf)
+
+    def lets_through(self, points: np.ndarray) -> np.ndarray:
+        return ~(self.part.reference(points) > self.target)
 
 
 def _within(a: np.ndarray, w: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

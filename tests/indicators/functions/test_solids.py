@@ -339,3 +339,41 @@ def test_what_holds_nothing_is_refused():
     (S.Sphere([0, 0], 1) & S.Sphere([1, 1], 1)).check_contents()
     speck = S.Sphere([0.3, 0.2, 0.1], 1e-3)
     (speck | (S.Box([-9, -9, -9], [9, 9, 9]) & S.Sphere([0.3, 0.2, 0.1], 1e-3))).check_contents()
+
+
+def spikes():
+    """Solids and functions whose gap is less than the distance somewhere, so that a level holds more than what is near; and the box of each."""
+    corner = S.Intersection(S.Box([0, 0], [4, 1]), S.Transform(S.Box([0, 0], [4, 1]), rotated(0.1)))
+    short = wb.IndicatorFunction(None, [-1, -1], [1, 1], distance=lambda x: 0.25 * (np.linalg.norm(x, axis=1) - 1))
+    cells = wb.IndicatorGrid(np.eye(5, dtype=bool))
+    for one in (corner, short, cells, S.Box([0, 0], [1, 1]) & S.Box([0, 0], [1, 1])):
+        yield one
+        yield S.Transform(one, rotated(np.pi / 4), [1, 2], 0.5)
+        yield S.Union(one, S.Sphere([0, 0], 0.5))
+        yield S.Difference(S.Box([-9, -9], [9, 9]), S.Dilation(one, 0.5))
+
+
+def rotated(angle):
+    return [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+
+
+@pytest.mark.parametrize("margin", [0.25, 1.0])
+def test_a_dilation_lies_in_the_box_that_is_bounded(margin, rng):
+    """Whatever it is made of, it holds nothing beyond its box, and all that lies within the margin; so a bounder of it misses nothing."""
+    for number, one in enumerate(spikes()):
+        wide = one.dilated(margin)
+        x = rng.uniform(wide.lower - 2 * margin - 1, wide.upper + 2 * margin + 1, (20_000, 2))
+        beyond = ((x < wide.lower) | (x > wide.upper)).any(axis=1)
+        assert beyond.any()
+        assert not wide.contains(x[beyond]).any(), number
+        assert wide.empty(x[beyond], x[beyond]).all()
+        assert not wide.inside(x[beyond], x[beyond]).any()
+        held = x[one.decide(x) == IN]
+        angle = rng.uniform(0, 2 * np.pi, len(held))
+        near = held + margin * (1 - 1e-9) * rng.random((len(held), 1)) * np.stack([np.cos(angle), np.sin(angle)], 1)
+        assert wide.contains(near).all(), number
+        assert not wide.empty(near, near).any()
+    short = next(one for one in spikes() if isinstance(one, wb.IndicatorFunction))
+    bounder = wb.fit(short, margin=margin, method="aabb", device="cpu", progress=False, force=True)
+    assert wb.certify(bounder, short).proven
+    assert wb.evaluate(bounder, short.dilated(margin), samples=20_000).fn == 0

@@ -69,6 +69,32 @@ class AskingDistance(PicklableBounder, ABC):
         return 0.0
 
     @property
+    @abstractmethod
+    def rate(self) -> float:
+        """See ``DistanceBounder``."""
+
+    @cached_property
+    def pace(self) -> float:
+        """How fast g falls with time at most where the object does not move faster; object units a unit of time, float32, 0 of a shape at rest.
+
+        The distance itself may jump to 0 where a hole closes around a point; g is below it before and after, and falls no faster than this.
+        """
+        if not self.domain.time:
+            return 0.0
+        own = self.rate * float(self.domain.scale[0]) * self.domain.unit
+        return float(round_up(max(own, self.domain.speed)))
+
+    @property
+    def haste(self) -> float:
+        """``pace`` in local units."""
+        return self.pace / (float(self.domain.scale[0]) * self.domain.unit)
+
+    @property
+    def extra(self) -> np.ndarray:
+        """float32 numbers behind the threshold and the share: where there is time, its scale, the speed and the pace."""
+        return np.append(self.domain.extra, np.float32(self.pace)) if self.domain.time else self.domain.extra
+
+    @property
     def ndim(self) -> int:
         """Dimension n of the object."""
         return self.domain.ndim
@@ -90,8 +116,8 @@ class AskingDistance(PicklableBounder, ABC):
         if held is None or held[0] is not threshold:
             source, words, weights = self.source, self.words(), np.asarray(self.weights(), dtype=np.float32)
             parameters = np.zeros(source.start + len(weights), dtype=np.float32)
-            share = round_up(share_of(self.ndim, self.growth() + self.domain.haste))
-            head = np.concatenate([self.domain.header, [threshold, share], self.domain.extra])
+            share = round_up(share_of(self.ndim, self.growth() + self.haste))
+            head = np.concatenate([self.domain.header, [threshold, share], self.extra])
             parameters[:LABEL] = source.label(len(parameters), len(words))
             parameters[LABEL : LABEL + len(head)] = head
             parameters[source.start :] = weights
@@ -165,7 +191,7 @@ class AskingDistance(PicklableBounder, ABC):
         out = new_output(out, count, wp.float32, self.device)
         self._points(queries, count, np.zeros(1, np.float32), out, values=True)
         if double:
-            out.assign(np.fmax(round_down(out.numpy() - moved(self.domain, queries, count)), np.float32(0)))
+            out.assign(np.fmax(round_down(out.numpy() - moved(self, queries, count)), np.float32(0)))
         return out
 
     def query(self, x, radius=0.0, *, xform=None, scale=None, out: wp.array | None = None) -> wp.array:
@@ -195,7 +221,7 @@ class AskingDistance(PicklableBounder, ABC):
         queries, count, double = flat_queries(x, self.ndim, self.device)
         radii = lengths_of("radius", radius, count)
         if double:
-            radii = longer(radii, moved(self.domain, queries, count))
+            radii = longer(radii, moved(self, queries, count))
         out = new_output(out, count, wp.uint8, self.device)
         self._points(queries, count, radii, out, values=False)
         return out
@@ -207,7 +233,9 @@ class AskingDistance(PicklableBounder, ABC):
     def segments(self, start, end, radius=0.0, steps: int = SEGMENT_STEPS) -> tuple[wp.array, wp.array]:
         """Which segments may come within a radius of the object, and when first; with a radius they are swept balls.
 
-        Of a shape that moves, segments are of time and space: points (or balls) that move, too. This is conservative advancement.
+        Of a shape that moves, segments are of time and space: points (or balls) that move, too. This is conservative advancement: *no* means
+        that a point which is outside at the start touches no face on its way. It does not mean that the object never encloses it on the way
+        without touching it, as a lid does that closes over a point; ``boxes`` and ``clear_segments`` mean that, too.
 
         Args:
             start: ``(N, n)``, as for ``distance``.
@@ -233,7 +261,7 @@ class AskingDistance(PicklableBounder, ABC):
             raise QueryError(f"start and end must be as many, got {count} and {others}")
         radii = lengths_of("radius", radius, count)
         if one or other:
-            radii = longer(radii, np.maximum(moved(self.domain, a, count), moved(self.domain, b, count)))
+            radii = longer(radii, np.maximum(moved(self, a, count), moved(self, b, count)))
         return self._march(a, b, count, np.zeros(1, np.float32), radii, steps, ray=False)
 
     def rays(self, x, *, length, radius=0.0, steps: int = SEGMENT_STEPS) -> tuple[wp.array, wp.array]:
@@ -261,11 +289,14 @@ class AskingDistance(PicklableBounder, ABC):
         queries, count, double = flat_queries(x, 2 * self.ndim, self.device)
         lengths, radii = lengths_of("length", length, count), lengths_of("radius", radius, count)
         if double:
-            radii = longer(radii, moved(self.domain, queries, count, 2 * self.ndim) + turned(queries, count, lengths))
+            radii = longer(radii, moved(self, queries, count, 2 * self.ndim) + turned(queries, count, lengths))
         return self._march(queries, queries, count, lengths, radii, steps, ray=True)
 
     def boxes(self, lower, upper, steps: int = BOX_STEPS, *, out: wp.array | None = None) -> wp.array:
         """Which closed boxes may meet the object, by halving them until each part is proven to be clear.
+
+        Of a shape that moves, boxes are of time and space; *no* means that no point of one is in the object at its time, enclosed ones included. Long
+        ones in time need many steps.
 
         Args:
             lower: ``(N, n)``, lower corners, as for ``distance``.

@@ -171,6 +171,11 @@ class DistanceBounder(AskingDistance):
         """
 
     @property
+    def rate(self) -> float:
+        """Where coordinate 0 is time: more than F changes in a local unit of time; local units."""
+        raise TypeError(f"{type(self).__name__} does not define rate")
+
+    @property
     def steepness(self) -> float:
         """At least 1, and more than the numbers at corners change on the way of one local unit along any axis, all axes together."""
         return 1.0
@@ -256,7 +261,7 @@ class DistanceBounder(AskingDistance):
     @property
     def nbytes(self) -> int:
         """Bytes of data that one query can read; the tag and the lengths in front of them are not counted."""
-        head = len(self.domain.header) + 2 + len(self.domain.extra)
+        head = len(self.domain.header) + 2 + len(self.extra)
         return 4 * (head + len(self.weights())) + (self.words().nbytes if len(self.words()) > 1 else 0)
 
     @property

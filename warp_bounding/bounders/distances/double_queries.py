@@ -3,23 +3,27 @@
 g knows the float32 point alone. The float64 one is farther from it by what is told here, which is added to its radius or taken off its bound.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import warp as wp
 
 from warp_bounding.arithmetic import TINY, UNIT32, round_up
-from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import QueryError
+
+if TYPE_CHECKING:
+    from warp_bounding.bounders.distances.asking import AskingDistance
 
 __all__ = ["lengths_of", "longer", "moved", "outwards", "turned"]
 
 GROWTH = 1.0 + 1e-12  # covers the float64 evaluation of a few sums and products
 
 
-def moved(domain: DistanceDomain, queries: wp.array, count: int, columns: int | None = None) -> np.ndarray:
-    """How far from a float64 point its float32 one is at most, the way that the object may make meanwhile included.
+def moved(bounder: "AskingDistance", queries: wp.array, count: int, columns: int | None = None) -> np.ndarray:
+    """How far from a float64 point its float32 one is at most, what g may fall by meanwhile included.
 
     Args:
-        domain: Of the distance.
+        bounder: Of the distance.
         queries: float32, flat.
         count: N, how many there are.
         columns: Numbers of each, of which the point is the first ones; those of a point if ``None``.
@@ -27,9 +31,9 @@ def moved(domain: DistanceDomain, queries: wp.array, count: int, columns: int | 
     Returns:
         ``(N,)`` float64, object units.
     """
-    x = np.abs(_rows(queries, count, columns or domain.ndim)[:, : domain.ndim])
-    by, first = (UNIT32 * x + TINY) * GROWTH, int(domain.time)
-    return (np.linalg.norm(by[:, first:], axis=1) + domain.speed * by[:, :first].sum(axis=1)) * GROWTH
+    x = np.abs(_rows(queries, count, columns or bounder.ndim)[:, : bounder.ndim])
+    by, first = (UNIT32 * x + TINY) * GROWTH, int(bounder.domain.time)
+    return (np.linalg.norm(by[:, first:], axis=1) + bounder.pace * by[:, :first].sum(axis=1)) * GROWTH
 
 
 def turned(rays: wp.array, count: int, lengths: np.ndarray) -> np.ndarray:

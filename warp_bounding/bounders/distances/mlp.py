@@ -31,6 +31,7 @@ __all__ = ["AXES_OF_MANY", "MANY", "MlpDistance", "MlpDistanceSource"]
 
 MOST_AXES = 8  # 2^n corners of each box are asked for
 RELIEF_ROUNDING = 4.0  # units: more than a sum rounds in float64
+NORMS = 1 + 1e-9  # outweighs what float64 rounds in products of norms
 
 
 LEVELS = 255  # the highest level of relief
@@ -150,13 +151,24 @@ class MlpDistance(DistanceBounder):
     @property
     def relief(self) -> np.ndarray:
         """``(parts,)`` float64, exact: by how much each part's slack is smaller, local units; in array order of the parts."""
-        return unpacked(self.tensors["levels"], self.lattice.count) * np.float64(self.tensors["step"][0])
+        return self._levels * np.float64(self.tensors["step"][0])
+
+    @property
+    def _levels(self) -> np.ndarray:
+        """``(parts,)`` uint8: of parts that differ in time only, as older files have them, the least, so that F does not jump with time."""
+        levels = unpacked(self.tensors["levels"], self.lattice.count)
+        if not self.domain.time:
+            return levels
+        by_place = levels.reshape(self.lattice.shape).min(axis=0)
+        return np.broadcast_to(by_place, self.lattice.shape).reshape(-1)
 
     def cut_in(self, parts: int) -> "MlpDistance":
         """This one with a lattice of at most so many parts, about cubes, without any relief yet; itself for one part."""
         limit, counts = self.domain.limit.astype(np.float64), np.ones(self.ndim, dtype=int)
+        limit_of_parts = limit.copy()
+        limit_of_parts[: int(self.domain.time)] = 0.0  # parts are places, at all times: F does not jump with time
         while True:
-            longest = np.argmax(limit / counts)
+            longest = np.argmax(limit_of_parts / counts)
             if counts.prod() // counts[longest] * (counts[longest] + 1) > parts:
                 break
             counts[longest] += 1
@@ -217,7 +229,7 @@ class MlpDistance(DistanceBounder):
 
     def words(self) -> np.ndarray:
         """See ``DistanceBounder``."""
-        return super().words() if self.lattice is None else self.tensors["levels"]
+        return super().words() if self.lattice is None else packed(self._levels)
 
     def _network_numbers(self) -> np.ndarray:
         *layers, last = self._layers()
@@ -248,6 +260,19 @@ class MlpDistance(DistanceBounder):
         values = self._negative.corners(lower, upper)
         relief = np.reshape(self._relief_in(lower, upper), (-1, 1))
         return relief - values + RELIEF_ROUNDING * UNIT64 * (np.abs(values) + relief)
+
+    @property
+    def rate(self) -> float:
+        """See ``DistanceBounder``: activations have slopes of at most 1, so products of norms bound the network's; the better of two kinds of norm."""
+        (weight, _), *others = self._layers()
+        entries, spectral = (
+            np.abs(weight[:, 0]).astype(np.float64),
+            float(np.linalg.norm(weight[:, 0].astype(np.float64))),
+        )
+        for weight, _ in others:
+            weight = weight.astype(np.float64)
+            entries, spectral = np.abs(weight) @ entries, spectral * float(np.linalg.norm(weight, 2))
+        return min(float(entries.max()), spectral) * NORMS
 
     @property
     def steepness(self) -> float:

@@ -81,6 +81,19 @@ class Lattice:
             pairs.append((first, np.maximum(first, np.searchsorted(axis, upper[:, k], side="left"))))
         return pairs
 
+    def extremes(
+        self, values: np.ndarray, lower: np.ndarray, upper: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The least and the largest of the ``values`` ``(parts,)`` of the parts that boxes ``(N, n)`` meet, and which boxes meet one only."""
+        ranges, every = self.ranges(lower, upper), values.reshape(self.shape)
+        single = np.all([first == last for first, last in ranges], axis=0)
+        least = every[tuple(first for first, _ in ranges)]
+        most = least.copy()
+        for row in np.flatnonzero(~single):
+            inside = every[tuple(slice(first[row], last[row] + 1) for first, last in ranges)]
+            least[row], most[row] = inside.min(), inside.max()
+        return least, most, single
+
     @classmethod
     def stored(cls, edges: np.ndarray, shape: tuple[int, ...], method: str) -> "Lattice":
         """The lattice of a file: the edges of each axis in turn.

@@ -123,14 +123,7 @@ class Local(Bounder):
 
     def thresholds_in(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The least and the largest threshold of the parts that boxes ``(N, n)`` meet, and which boxes meet one only."""
-        ranges, every = self.lattice.ranges(lower, upper), self.thresholds.reshape(self.lattice.shape)
-        single = np.all([first == last for first, last in ranges], axis=0)
-        least = every[tuple(first for first, _ in ranges)]
-        most = least.copy()
-        for row in np.flatnonzero(~single):
-            inside = every[tuple(slice(first[row], last[row] + 1) for first, last in ranges)]
-            least[row], most[row] = inside.min(), inside.max()
-        return least, most, single
+        return self.lattice.extremes(self.thresholds, lower, upper)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """See ``Bounder``. A box inside one part has the part's threshold everywhere, on its upper sides too."""

@@ -71,15 +71,13 @@ class Combination(Combinable, Solid):
         parts = [f"{part.name}: {part.restriction}" for part in self.parts if part.restriction]
         return "; ".join(dict.fromkeys(filter(None, [self.note, *parts])))
 
-    def _lowered(self, box: list[Interval]) -> Interval:
-        return self._gap(box)
-
     def _gaps(self, box: list[Interval]) -> list[Interval]:
         return [solid._lowered(box) for solid in self._solids]
 
     def _at_level(self, level: float) -> "Combination":
         found, signs = super()._at_level(level), self.signs or (1,) * len(self._solids)
         found._solids = tuple(solid._at_level(sign * level) for solid, sign in zip(self._solids, signs, strict=True))
+        found._taken = len(found.levels)
         return found
 
     def landmarks(self) -> np.ndarray:

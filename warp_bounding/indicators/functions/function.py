@@ -161,7 +161,10 @@ class IndicatorFunction(Combinable, Formula):
     def _holds(self, x: np.ndarray, level: float) -> np.ndarray:
         held = np.zeros(len(x), dtype=bool) if self._contains is None else self._contains(x)
         if self._distance is not None and (level or self._contains is None):
-            held = held | (self._distance(x) <= level)
+            near = self._distance(x) <= level
+            if level:  # a distance that is too short holds points that are farther than the margin: those beyond the box are none
+                near &= ((x >= self.lower) & (x <= self.upper)).all(axis=1)
+            held = held | near
         return held
 
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
@@ -184,7 +187,8 @@ class IndicatorFunction(Combinable, Formula):
         value = self._distance(center)
         with np.errstate(all="ignore"):
             gap = Interval(value) + allowed + reach * self.lipschitz
-        return (gap.high <= self._level) & real
+        within = not self.margin or ((lower >= self.lower) & (upper <= self.upper)).all(axis=1)
+        return (gap.high <= self._level) & real & within
 
     def distance(self, x: np.ndarray) -> np.ndarray | None:
         x = np.asarray(x, dtype=np.float64)
@@ -218,10 +222,10 @@ class IndicatorFunction(Combinable, Formula):
     # --- what can be made of it --------------------------------------------------------------------------------------
 
     def dilated(self, margin: float) -> "IndicatorFunction":
-        """The object and all points whose distance, over L, is at most ``margin``.
+        """The object, and of the box from ``lower`` to ``upper``, wider by ``margin``, all points whose distance, over L, is at most ``margin``.
 
-        That is all points within ``margin`` of the object, and no others if ``distance`` is the Euclidean distance
-        and L is 1.
+        Among them are all points within ``margin`` of the object, and there are no others if ``distance`` is the
+        Euclidean distance and L is 1.
 
         Raises:
             IndicatorError: For a margin that is negative or not finite, a shape that is dilated already, a function

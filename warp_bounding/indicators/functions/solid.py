@@ -4,7 +4,9 @@ The gap of a solid is a function g of points with two properties: the object is 
 in space. So outside the object g is at most the distance to it, and within it ``-g`` is at most the distance to its
 border. A solid encloses its gap over closed boxes in ``intervals``, and everything else follows: a box over which the
 gap stays above 0 is empty, one over which it does not pass 0 lies in the object whole. A dilation lowers the gap by
-the margin; what else keeps both properties is the algebra (``combination``).
+the margin; what else keeps both properties is the algebra (``combination``). Where the gap is less than the distance,
+a lowered one holds more than what lies within the margin, next to edges; beyond the solid's box, wider by the margin,
+it holds nothing.
 """
 
 import hashlib
@@ -100,6 +102,7 @@ class Solid(Formula):
 
     exact: bool = True
     levels: tuple[float, ...] = ()
+    _taken: int = 0  # how many of the levels its parts have taken off already
 
     def __init__(self, lower: np.ndarray, upper: np.ndarray, numbers: list, name: str):
         self.name = name
@@ -133,7 +136,15 @@ class Solid(Formula):
         return gap.low, gap.high
 
     def _lowered(self, box: list[Interval]) -> Interval:
-        return reduce(Interval.__sub__, self.levels, self._gap(box))
+        gap, (lower, upper), beyond = self._gap(box), self._bounds, []
+        for number, level in enumerate(self.levels):
+            gap = gap if number < self._taken else gap - level
+            lower, upper = self._moved(lower, level, -1), self._moved(upper, level, 1)
+            beyond = [side - level for side in beyond]
+            if level > 0:
+                sides = list(zip(box, lower, upper, strict=True))[int(self.time) :]
+                beyond += [side for x, low, high in sides for side in (-x + low, x - high)]
+        return reduce(Interval.maximum, beyond, gap)
 
     # --- what a shape answers ----------------------------------------------------------------------------------------
 
@@ -150,10 +161,12 @@ class Solid(Formula):
         return self._widened(self._bounds[1], 1)
 
     def _widened(self, corner: np.ndarray, sign: int) -> np.ndarray:
+        return reduce(lambda moved, level: self._moved(moved, level, sign), self.levels, corner.copy())
+
+    def _moved(self, corner: np.ndarray, level: float, sign: int) -> np.ndarray:
         corner = corner.copy()
         space = corner[1 if self.time else 0 :]
-        for level in self.levels:
-            space[:] = widened(space, level, sign)
+        space[:] = widened(space, level, sign)
         return corner
 
     @property

@@ -40,8 +40,6 @@ class Transform(Combination):
         (array([-2.,  0.]), array([0., 4.]))
     """
 
-    _here: tuple[float, ...] = ()  # the levels that are subtracted here, and not left to the part
-
     def __init__(self, shape: Shape, rotation=None, translation=None, scale: float = 1.0, *, name: str = "transform"):
         check_parts((shape,), name)
         n = shape.ndim
@@ -89,17 +87,12 @@ class Transform(Combination):
         gap = gap * self.scale if self.scale != 1.0 else gap
         return gap / self._stretch if self.error else gap
 
-    def _lowered(self, box: list[Interval]) -> Interval:
-        return reduce(Interval.__sub__, self._here, self._gap(box))
-
     def _at_level(self, level: float) -> "Transform":
         found = Solid._at_level(self, level)
         if level > 0 and not self.levels and isinstance(self._solids[0], Foreign):
             # A shape that is no solid dilates itself; so that nothing is lost, by a little more than was asked for.
             own = Interval(level) * self._stretch / self.scale
-            found._solids = (self._solids[0]._at_level(float(own.high)),)
-        else:
-            found._here = (*self._here, level)
+            found._solids, found._taken = (self._solids[0]._at_level(float(own.high)),), 1
         return found
 
     def landmarks(self) -> np.ndarray:

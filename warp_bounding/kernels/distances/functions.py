@@ -14,10 +14,11 @@ first contact. Batches march in lanes (``lanes``), by the same steps.
 
 *Time.* Where coordinate 0 is time, the distance from a moving point to an object that moves, too, shrinks by no more than both ways together: ``|w|`` in space
 and the object's speed times ``|w_0|``. Their sum is what is called the length, and what rounds of ``a_0`` and ``w_0`` counts times the speed in the room. A segment that leaves the range of time is told
-nothing of: *maybe*, at 0. Contact is that with the object as it moves; a space that closes around a point, and never touches it, is not told (``IndicatorMotion``).
+nothing of: *maybe*, at 0. Contact is that with the faces as they move; a march passes by where a hole closes around a point and touches nothing.
 
 *Halving.* A box is clear where g at a point c of it exceeds the largest distance in it from c, rounded up. Otherwise it is halved along its
-longest side at c, which is a float32 number, so that the halves cover the box exactly; where g is 0 at c no halving can clear it, and the answer is
+longest side at c, which is a float32 number, so that the halves cover the box exactly; its sides in time count times the *pace*, which g falls by at most, since the object may enclose points
+that it does not touch, and g at a time tells of that time alone. Where g is 0 at c no halving can clear it, and the answer is
 *maybe*. The walk goes depth first without a stack: a path of bits tells which half was taken at each level. Only the part in the
 domain is asked, since the object lies there.
 """
@@ -31,7 +32,7 @@ from warp_bounding.coordinates.base import DIRECTION_LARGEST, DIRECTION_SMALLEST
 from warp_bounding.kernels.distances.assemble import function_snippet
 from warp_bounding.kernels.distances.clipping import FINITE, LEAST, LONGER, SHORTER, clip_func, owns_func
 from warp_bounding.kernels.distances.plain import plain_distance
-from warp_bounding.kernels.distances.source import DistanceSource
+from warp_bounding.kernels.distances.source import HEADER, HEADER_OF_TIME, DistanceSource
 from warp_bounding.kernels.functions import Data, Words
 from warp_bounding.kernels.source import LABEL
 from warp_bounding.runtime.native import named, unique_name
@@ -222,13 +223,16 @@ def box_func(source: DistanceSource, native: bool = True) -> wp.Function:
     distance, vector, n = distance_func(source, native), vector_type(source.ndim), source.ndim
     name, center, limit = _named(source, native, "box"), LABEL, LABEL + source.ndim
     unit, time, clock_of = LABEL + 2 * source.ndim + 1, int(source.time), clock_func(source)
+    pace_at = LABEL + 2 * source.ndim + HEADER + HEADER_OF_TIME - 1
     owns = owns_func(source)
 
     @name.func
     def box(data: Data, lower: vector, upper: vector, steps: int = BOX_STEPS) -> bool:
         low, high, clock = vector(), vector(), clock_of(data)
-        empty, real = wp.bool(False), owns(data.parameters)
+        empty, real, pace = wp.bool(False), owns(data.parameters), wp.float32(0.0)
         if real:
+            if time:
+                pace = float(data.parameters[pace_at])
             for k in range(n):
                 real = real and lower[k] <= upper[k] and lower[k] > -FINITE and upper[k] < FINITE
                 if k < time:
@@ -258,7 +262,7 @@ def box_func(source: DistanceSource, native: bool = True) -> wp.Function:
                 for k in range(n):
                     side = last[k] - first[k]
                     if k < time:
-                        side = side * clock[2]
+                        side = side * pace
                     if side > longest:
                         axis, longest = k, side
                 if turn < level:
@@ -271,7 +275,7 @@ def box_func(source: DistanceSource, native: bool = True) -> wp.Function:
                 c[k] = first[k] * 0.5 + last[k] * 0.5
                 reach = wp.max(last[k] - c[k], c[k] - first[k])
                 if k < time:
-                    moved = clock[2] * reach * LONGER
+                    moved = pace * reach * LONGER
                 else:
                     square += reach * reach
             g = distance(data, c)
