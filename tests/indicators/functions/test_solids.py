@@ -357,12 +357,12 @@ def rotated(angle):
     return [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
 
 
-@pytest.mark.parametrize("margin", [0.25, 1.0])
-def test_a_dilation_lies_in_the_box_that_is_bounded(margin, rng):
+def test_a_dilation_lies_in_the_box_that_is_bounded(rng):
     """Whatever it is made of, it holds nothing beyond its box, and all that lies within the margin; so a bounder of it misses nothing."""
+    margin = 0.25
     for number, one in enumerate(spikes()):
         wide = one.dilated(margin)
-        x = rng.uniform(wide.lower - 2 * margin - 1, wide.upper + 2 * margin + 1, (20_000, 2))
+        x = rng.uniform(wide.lower - 2 * margin, wide.upper + 2 * margin, (1500, 2))
         beyond = ((x < wide.lower) | (x > wide.upper)).any(axis=1)
         assert beyond.any()
         assert not wide.contains(x[beyond]).any(), number
