@@ -264,3 +264,25 @@ def test_what_is_no_blend_is_refused_in_one_line(name):
     with pytest.raises(IndicatorError) as error:
         wb.IndicatorBlendShapes(**given)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_parts_that_overlap_do_not_cancel(turned, rng):
+    """Whichever way each closed part is turned, both are held where they overlap, as in a mesh."""
+    one, other = trimesh.creation.box(extents=[2, 2, 2]), trimesh.creation.box(extents=[2, 2, 2])
+    other.apply_translation([1, 0.25, 0.5])
+    faces = np.concatenate([one.faces, (other.faces[:, ::-1] if turned else other.faces) + len(one.vertices)])
+    vertices = np.concatenate([one.vertices, other.vertices])
+    deltas = np.where(np.arange(len(vertices)) < len(one.vertices), 0.0, 1.0)[None, :, None] * np.array([0, 0, 0.5])
+    shape = wb.IndicatorBlendShapes(vertices, deltas, faces)
+    assert len(set(patches_of(vertices, deltas, faces).part.tolist())) == 2
+    x = asked(shape, rng, 3000)
+    truth = (np.abs(x[:, :3]) <= 1).all(axis=1)
+    truth |= (np.abs(x[:, :3] - [1, 0.25, 0.5] - x[:, 3:] * [0, 0, 0.5]) <= 1).all(axis=1)
+    truth &= (x[:, 3] >= 0) & (x[:, 3] <= 1)
+    assert (shape.decide(x) == np.where(truth, IN, OUT)).mean() > 0.99
+    assert not (truth & (shape.decide(x) == OUT)).any()
+    assert not shape.empty(x, x)[truth].any()
+    mesh = wb.IndicatorMesh(shape.at([0.5]), faces)
+    x[:, 3] = 0.5
+    assert not (mesh.contains(x[:, :3]) & (shape.decide(x) == OUT)).any()

@@ -1,4 +1,5 @@
-"""What says one thing and is asked about another is never proven: every kind of bounder, against shapes that are not what it claims, and files that lie."""
+"""What says one thing and is asked about another is never proven: every kind of bounder, against shapes that are not
+what it claims, and files that lie."""
 
 import dataclasses
 import json
@@ -78,7 +79,8 @@ def others(name: str):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_another_shape_is_never_proven(kind):
-    """Whatever is given is refused before a proof, with the reason; the shape that is meant is proven, dilated by ``certify`` or before."""
+    """Whatever is given is refused before a proof, with the reason; the shape that is meant is proven, dilated by
+    ``certify`` or before."""
     bounder, name = fitted(kind), KINDS[kind][0]
     for given in (shape(name), shape(name).dilated(MARGIN)):
         assert wb.certify(bounder, given, margin=MARGIN).proven
@@ -151,7 +153,8 @@ LIES = {
 @pytest.mark.parametrize("lie", LIES)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_file_that_lies_is_found_out(kind, lie, tmp_path, rng):
-    """It does not load; or it is not proven; or what it says is true all the same: then it misses nothing of the object that it claims."""
+    """It does not load; or it is not proven; or what it says is true all the same: then it misses nothing of the object
+    that it claims."""
     bounder, own = fitted(kind), shape(KINDS[kind][0])
     try:
         liar = lying(bounder, tmp_path / "b.safetensors", LIES[lie])
@@ -171,7 +174,8 @@ def test_a_file_that_lies_is_found_out(kind, lie, tmp_path, rng):
 
 
 def test_a_checkpoint_is_of_one_claim(tmp_path):
-    """Of another margin, threshold, method's numbers, shape, or of a function whose object is the same and whose distance is not."""
+    """Of another margin, threshold, method's numbers, shape, or of a function whose object is the same and whose
+    distance is not."""
 
     def ball(steep):
         return wb.IndicatorFunction(
@@ -205,7 +209,8 @@ def test_a_checkpoint_is_of_one_claim(tmp_path):
 
 
 def test_two_sides_are_of_one_object():
-    """Whatever their margins and cells: objects are compared, and an inner margin above the outer one says nothing of any object."""
+    """Whatever their margins and cells: objects are compared, and an inner margin above the outer one says nothing of
+    any object."""
     flat = {"ball": wb.solids.Sphere([0, 0], 1.0), "box": wb.solids.Box([-2, -2], [2, 2])}
     inner = {
         (name, margin): wb.fit(
@@ -234,7 +239,8 @@ def test_two_sides_are_of_one_object():
 
 
 def test_parts_keep_the_checks_of_the_whole(monkeypatch):
-    """``certify`` asks of every part what ``prove`` asks of it: here a part is about the other side, and about another margin."""
+    """``certify`` asks of every part what ``prove`` asks of it: here a part is about the other side, and about another
+    margin."""
     bounder = fitted("cascade")
     for change in (
         {"domain": dataclasses.replace(bounder.domain, unbounded=True)},

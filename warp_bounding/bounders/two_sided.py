@@ -47,7 +47,8 @@ class TwoSided(Picklable):
         """Where points are; arguments as of ``Bounder.query``.
 
         Returns:
-            ``(N,)`` uint8 ``wp.array``: 0 = certainly not in the object dilated by the outer margin, 2 = certainly in the
+            ``(N,)`` uint8 ``wp.array``: 0 = certainly not in the object dilated by the outer margin, 2 = certainly in
+            the
             object dilated by the inner one, 1 = maybe.
 
         Raises:
@@ -106,7 +107,8 @@ def two_sided(outer: Bounder, inner: Bounder) -> TwoSided:
 
     Args:
         outer: Of points, as ``fit`` makes it.
-        inner: Of points, made by ``fit(..., side="inside")``, with a margin of at most the outer one. One of the two may bound cells of the other's shape.
+        inner: Of points, made by ``fit(..., side="inside")``, with a margin of at most the outer one. One of the two
+            may bound cells of the other's shape.
 
     Returns:
         What classifies points; each half is proven, saved and certified by itself.

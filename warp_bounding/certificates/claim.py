@@ -1,8 +1,11 @@
 """What a bounder claims to be about, and whether a shape, or another bounder's claim, is that.
 
-Whatever proves, certifies, goes on from a checkpoint or puts bounders together asks here (``mismatch``, ``differing``), so that no claim is taken for
-another one. A claim is about a kind of query, coordinates with or without a time, a side, a margin, the length of rays, cells, and times; its domain
-must hold the shape. What a file says of these is compared with the shape that is given. The digest of the object is compared between bounders only:
+Whatever proves, certifies, goes on from a checkpoint or puts bounders together asks here (``mismatch``, ``differing``),
+so that no claim is taken for
+another one. A claim is about a kind of query, coordinates with or without a time, a side, a margin, the length of rays,
+cells, and times; its domain
+must hold the shape. What a file says of these is compared with the shape that is given. The digest of the object is
+compared between bounders only:
 where there is a shape, its geometry decides, and a different digest is reported.
 """
 
@@ -24,7 +27,9 @@ OUTSIDE = "the shape reaches outside the domain that the bounder was made for"
 
 
 def of_side(bounder: Subject, shape) -> Shape:
-    """The shape that is given, in the metric of a distance; or its complement where the bounder is about that (``side="inside"`` of a fit)."""
+    """The shape that is given, in the metric of a distance; or its complement where the bounder is about that
+    (``side="inside"`` of a fit).
+    """
     shape = load_indicator(shape)
     if bounder.query_kind == DISTANCE.name:
         return in_metric(shape, bounder.sizes.get("metric", METRICS[0]))
@@ -80,7 +85,8 @@ def _other_dimension(bounder: Subject, shape: Shape) -> str | None:
 
 
 def _other_times(bounder: Subject, shape: Shape) -> str | None:
-    """A bounder may deny only at times at which it is known what the object is; a distance must know how fast that moves.
+    """A bounder may deny only at times at which it is known what the object is; a distance must know how fast that
+    moves.
 
     Which times these are its domain's corners tell: ``fault`` holds its ``limit`` to them.
     """

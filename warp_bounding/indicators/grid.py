@@ -42,7 +42,8 @@ class IndicatorGrid(Shape):
         margin: How far the object was dilated before it was divided into cells, object units.
         resolution: The ``resolution`` that a mesh was voxelised with; ``None`` where the grid was given as one.
         note: A restriction that a user should know, such as that an open mesh is bounded by its surface only.
-        shape_digest: Of the geometry whose cells these are; ``None`` where the grid was given as one, and is not dilated.
+        shape_digest: Of the geometry whose cells these are; ``None`` where the grid was given as one, and is not
+            dilated.
         joints: Those of that shape.
 
     Raises:

@@ -159,7 +159,8 @@ def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate
     """Set a bounder's threshold under what ``least_value`` has certified, and give it its certificate.
 
     Raises:
-        BounderError: If the minimum is not finite: no threshold separates anything; or if the bounder was made for another object.
+        BounderError: If the minimum is not finite: no threshold separates anything; or if the bounder was made for
+            another object.
     """
     if reason := mismatch(bounder, grid):
         raise BounderError(f"{bounder.method}: {reason}")

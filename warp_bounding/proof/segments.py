@@ -54,7 +54,8 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
 
     Args:
         bounder: A network (``mlp``, ``mlp-early``, with thresholds of parts or one) of points, several of them put together by ``&`` and ``|``, a volume of points
-            that has a distance (``DISTANCES``), or a distance bounder, proven or not; if it is proven, so is the answer. Of a shape that moves
+            that has a distance (``DISTANCES``), or a distance bounder, proven or not; if it is proven, so is the
+            answer. Of a shape that moves
             segments are of time and space.
         starts: ``(N, n)``, object space; taken as they are, float32 or float64. Of continuous joints they are not turned back: from 3 to 4 is
             another way than from 3 to 4 - 2 pi.
@@ -63,8 +64,9 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
             that pass close to the object.
 
     Returns:
-        ``(N,)`` bool: True if no point of the closed segment lies in the object, of one that moves at the
-            point's time. False says nothing; it is the answer for NaN, infinity, segments that are a million domains away, and those that go beyond a joint's limits.
+        ``(N,)`` bool: True if no point of the closed segment lies in the object, of one that moves at the point's time.
+        False says nothing; it is the answer for NaN, infinity, segments that are a million domains away, and those that
+        go beyond a joint's limits.
 
     Raises:
         BounderError: For another kind of bounder.
@@ -294,7 +296,8 @@ class _LocalPart(_Part):
 
 
 class _MovingDistance(_Part):
-    """A network's distance to a shape that moves: a piece is cleared where the distance is proven to be above 0 all along it.
+    """A network's distance to a shape that moves: a piece is cleared where the distance is proven to be above 0 all
+    along it.
 
     It is not enough that no face touches the point on its way, which a march would tell: a hole may close around it.
     """

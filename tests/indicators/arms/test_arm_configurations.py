@@ -393,3 +393,20 @@ def test_links_of_the_world_are_of_the_base():
     arm = Arm([Joint(), Joint(), Joint()], [base, Body.capsule([0, 0, 0], [0.05, 0, 0], 0.01, link=2)])
     shape = ArmConfigurations(arm)
     assert (shape.decide(np.zeros((3, 3))) == IN).all()
+
+
+@SLIDES
+def test_distances_hold_beyond_the_limits(slides, rng):
+    """There bodies sweep farther than within the limits, but all that collides is within: no distance is longer than
+    that to a configuration that is found."""
+    for _ in range(4):
+        _, _, shape = cell(rng, 2, slides)
+        q = rng.uniform(shape.lower, shape.upper, (4000, 2))
+        q = q[shape.decide(q) == IN]
+        if not len(q):
+            continue
+        size = shape.upper - shape.lower
+        x = rng.uniform(shape.lower - 4 * size, shape.upper + 4 * size, (2000, 2))
+        nearest = np.linalg.norm(x[:, None] - q[None], axis=2).min(axis=1)
+        assert (shape.distance(x) <= nearest).all()
+        assert (shape.clearance(x, x) <= nearest).all()

@@ -342,7 +342,8 @@ def test_what_holds_nothing_is_refused():
 
 
 def spikes():
-    """Solids and functions whose gap is less than the distance somewhere, so that a level holds more than what is near; and the box of each."""
+    """Solids and functions whose gap is less than the distance somewhere, so that a level holds more than what is near;
+    and the box of each."""
     corner = S.Intersection(S.Box([0, 0], [4, 1]), S.Transform(S.Box([0, 0], [4, 1]), rotated(0.1)))
     short = wb.IndicatorFunction(None, [-1, -1], [1, 1], distance=lambda x: 0.25 * (np.linalg.norm(x, axis=1) - 1))
     cells = wb.IndicatorGrid(np.eye(5, dtype=bool))
@@ -358,7 +359,8 @@ def rotated(angle):
 
 
 def test_a_dilation_lies_in_the_box_that_is_bounded(rng):
-    """Whatever it is made of, it holds nothing beyond its box, and all that lies within the margin; so a bounder of it misses nothing."""
+    """Whatever it is made of, it holds nothing beyond its box, and all that lies within the margin; so a bounder of it
+    misses nothing."""
     margin = 0.25
     for number, one in enumerate(spikes()):
         wide = one.dilated(margin)

@@ -75,9 +75,11 @@ class AskingDistance(PicklableBounder, ABC):
 
     @cached_property
     def pace(self) -> float:
-        """How fast g falls with time at most where the object does not move faster; object units a unit of time, float32, 0 of a shape at rest.
+        """How fast g falls with time at most where the object does not move faster; object units a unit of time,
+        float32, 0 of a shape at rest.
 
-        The distance itself may jump to 0 where a hole closes around a point; g is below it before and after, and falls no faster than this.
+        The distance itself may jump to 0 where a hole closes around a point; g is below it before and after, and falls
+        no faster than this.
         """
         if not self.domain.time:
             return 0.0
@@ -91,7 +93,9 @@ class AskingDistance(PicklableBounder, ABC):
 
     @property
     def extra(self) -> np.ndarray:
-        """float32 numbers behind the threshold and the share: where there is time, its scale, the speed and the pace."""
+        """float32 numbers behind the threshold and the share: where there is time, its scale, the speed and the
+        pace.
+        """
         return np.append(self.domain.extra, np.float32(self.pace)) if self.domain.time else self.domain.extra
 
     @property
@@ -233,8 +237,10 @@ class AskingDistance(PicklableBounder, ABC):
     def segments(self, start, end, radius=0.0, steps: int = SEGMENT_STEPS) -> tuple[wp.array, wp.array]:
         """Which segments may come within a radius of the object, and when first; with a radius they are swept balls.
 
-        Of a shape that moves, segments are of time and space: points (or balls) that move, too. This is conservative advancement: *no* means
-        that a point which is outside at the start touches no face on its way. It does not mean that the object never encloses it on the way
+        Of a shape that moves, segments are of time and space: points (or balls) that move, too. This is conservative
+        advancement: *no* means
+        that a point which is outside at the start touches no face on its way. It does not mean that the object never
+        encloses it on the way
         without touching it, as a lid does that closes over a point; ``boxes`` and ``clear_segments`` mean that, too.
 
         Args:
@@ -295,7 +301,8 @@ class AskingDistance(PicklableBounder, ABC):
     def boxes(self, lower, upper, steps: int = BOX_STEPS, *, out: wp.array | None = None) -> wp.array:
         """Which closed boxes may meet the object, by halving them until each part is proven to be clear.
 
-        Of a shape that moves, boxes are of time and space; *no* means that no point of one is in the object at its time, enclosed ones included. Long
+        Of a shape that moves, boxes are of time and space; *no* means that no point of one is in the object at its
+        time, enclosed ones included. Long
         ones in time need many steps.
 
         Args:

@@ -236,7 +236,10 @@ class ArmConfigurations(Formula):
 
     def distance(self, x: np.ndarray) -> np.ndarray:
         """Lower bounds ``(N,)`` of the distance from configurations to the next colliding one, in the shape's coordinates."""
-        return self._ask_points(x)[1]
+        x = np.asarray(x, dtype=np.float64)
+        within = np.clip(x, self.lower, self.upper)  # beyond, bodies sweep farther than what bounds their speeds
+        beyond = np.nan_to_num(np.linalg.norm(x - within, axis=1), posinf=0.0)
+        return np.hypot(self._ask_points(within)[1], beyond) * (1 / OUTWARD)
 
     def _ask_points(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         given = np.asarray(x, dtype=np.float64)

@@ -5,8 +5,12 @@ its least value over a box is known exactly, and the least of the three of a tri
 the place, all over the box, along u. Whatever u is, that is a lower bound of the distance; the best is the way from the triangle's
 nearest point, at the box's centre. Where it is above the margin for every triangle, no place of the box is within the margin of the
 surface at any of its poses, and either all of them are inside or none is, since the surface never passes between two of them. The winding number
-at the centre tells which: how often the surface passes a ray along x, one way less the other; where the ray comes so near an edge that
-rounding could decide, it is the sum of the angles under which all triangles are seen. Triangles lie in patches, and those of a patch whose box at these poses is far away, or beside the
+at the centre tells which: how often a connected part of the surface passes a ray along x, one way less the other; where
+the ray comes so near an edge that
+rounding could decide, it is the sum of the angles under which its triangles are seen. Parts count one by one, so that
+two that overlap do not cancel where they wind
+in opposite directions. Triangles lie in patches, and those of a patch whose box at these poses is far away, or beside
+the
 ray, need no look.
 """
 
@@ -49,6 +53,7 @@ class Blends:
     high: wp.array(dtype=wp.vec3d)
     low_deltas: wp.array(dtype=wp.vec3d, ndim=2)  # and least and largest deltas in it, of each pose number
     high_deltas: wp.array(dtype=wp.vec3d, ndim=2)
+    part: wp.array(dtype=int)  # of the surface, that a patch belongs to; ascending
     margin: wp.float64
     allowance: wp.float64  # by how much a gap may be off
 
@@ -65,7 +70,7 @@ class Functions(NamedTuple):
     seen: wp.Function  # a triangle's corners at a pose, less the place
     apart: wp.Function  # how far a patch stays from the place all over a box
     gap: wp.Function  # how far a triangle does
-    winding: wp.Function  # how often the surface winds around a place at a pose
+    winding: wp.Function  # how often a part of the surface winds around a place at a pose, at most
 
 
 class Kernels(NamedTuple):
@@ -171,11 +176,23 @@ def functions_of(n: int) -> Functions:
         side = wp.where(least > _ZERO, _ONE, -_ONE)
         return wp.where(where * side > _ZERO, side, wp.float64(0.0))
 
+    @named(f"blend_greater_{n}").func
+    def greater(most: wp.float64, turns: wp.float64) -> wp.float64:
+        """The larger one, NaN where either is."""
+        if wp.isnan(most) or wp.isnan(turns):
+            return wp.float64(wp.nan)
+        return wp.max(most, wp.abs(turns))
+
     @named(f"blend_winding_{n}").func
     def winding(b: Blends, x: values) -> wp.float64:
-        """How often the surface winds around a place at a pose."""
-        place, turns = wp.vec3d(x[0], x[1], x[2]), wp.float64(0.0)
+        """How often a connected part of the surface winds around a place at a pose, either way; of the part that does
+        most.
+        """
+        place, turns, most = wp.vec3d(x[0], x[1], x[2]), wp.float64(0.0), wp.float64(0.0)
         for patch in range(b.low.shape[0]):
+            if patch > 0 and b.part[patch] != b.part[patch - 1]:
+                most = greater(most, turns)
+                turns = wp.float64(0.0)
             low, high = corner(b, patch, x, values(), -_ONE) - place, corner(b, patch, x, values(), _ONE) - place
             beside = wp.max(wp.max(low[1], -high[1]), wp.max(low[2], -high[2]))
             if wp.max(beside, -high[0]) <= b.allowance:
@@ -183,13 +200,19 @@ def functions_of(n: int) -> Functions:
                     face = b.faces[i]
                     corners = seen(b, face, x)
                     turns += passed(corners[0], corners[1], corners[2], b.allowance)
-        if wp.isnan(turns):
-            turns = wp.float64(0.0)
-            for i in range(b.faces.shape[0]):
-                face = b.faces[i]
-                corners = seen(b, face, x)
-                turns += angle(corners[0], corners[1], corners[2]) / _TURN
-        return wp.abs(turns)
+        most = greater(most, turns)
+        if wp.isnan(most):
+            turns, most = wp.float64(0.0), wp.float64(0.0)
+            for patch in range(b.low.shape[0]):
+                if patch > 0 and b.part[patch] != b.part[patch - 1]:
+                    most = greater(most, turns)
+                    turns = wp.float64(0.0)
+                for i in range(b.first[patch], b.first[patch + 1]):
+                    face = b.faces[i]
+                    corners = seen(b, face, x)
+                    turns += angle(corners[0], corners[1], corners[2]) / _TURN
+            most = greater(most, turns)
+        return most
 
     return Functions(seen, apart, gap, winding)
 

@@ -39,7 +39,10 @@ class IndicatorBlendShapes(Formula):
     Args:
         vertices: ``(V, 3)``, at pose 0, object units.
         deltas: ``(K, V, 3)``, by how much each pose number moves them, per unit of it.
-        faces: ``(F, 3)`` int, triangles; the mesh must be closed. Its sides may pass through each other: what is wound around is in the object.
+        faces: ``(F, 3)`` int, triangles; the mesh must be closed. Its sides may pass through each other, and its
+            connected parts may be turned either way: what one
+            of these winds around is in the object. What is enclosed and not wound around, as a hollow between parts, is
+            not; in a mesh it is.
         lower: ``(K,)``, least pose numbers; 0 for ``None``.
         upper: ``(K,)``, largest pose numbers; 1 for ``None``.
         margin: The object is dilated by this length, in space.
@@ -173,7 +176,7 @@ class IndicatorBlendShapes(Formula):
         found = Blends()
         patches = patches_of(self.vertices, self.deltas, self.faces)
         for name, values in {**patches._asdict(), "vertices": self.vertices, "deltas": self.deltas}.items():
-            dtype = {"faces": wp.vec3i, "first": wp.int32}.get(name, wp.vec3d)
+            dtype = {"faces": wp.vec3i, "first": wp.int32, "part": wp.int32}.get(name, wp.vec3d)
             setattr(found, name, wp.array(values, dtype=dtype, device=DEVICE))
         found.margin = self.margin
         found.allowance = ALLOWANCE * (self._size + float(np.abs(self._box[0][:PLACE]).max()))

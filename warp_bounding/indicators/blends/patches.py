@@ -19,6 +19,7 @@ class Patches(NamedTuple):
         high: ``(C, 3)``, largest ones.
         low_deltas: ``(K, C, 3)``, least deltas of a patch's vertices, of each pose number.
         high_deltas: ``(K, C, 3)``, largest ones.
+        part: ``(C,)`` int32, ascending: the part of the surface, connected along edges, that a patch belongs to.
     """
 
     faces: np.ndarray
@@ -27,11 +28,13 @@ class Patches(NamedTuple):
     high: np.ndarray
     low_deltas: np.ndarray
     high_deltas: np.ndarray
+    part: np.ndarray
 
 
 def patches_of(vertices: np.ndarray, deltas: np.ndarray, faces: np.ndarray) -> Patches:
-    """Halve the faces by the middles of where they lie until each part has ``FACES`` at most."""
-    middles, parts, waiting = vertices[faces].mean(axis=1), [], [np.arange(len(faces))]
+    """Halve the faces of each connected part by the middles of where they lie until there are ``FACES`` at most."""
+    connected, middles, parts = _connected(faces), vertices[faces].mean(axis=1), []
+    waiting = [np.flatnonzero(connected == number) for number in np.unique(connected)[::-1]]
     while waiting:
         part = waiting.pop()
         if len(part) <= FACES:
@@ -47,4 +50,19 @@ def patches_of(vertices: np.ndarray, deltas: np.ndarray, faces: np.ndarray) -> P
     moved = [ends(delta) for delta in deltas]
     first = np.cumsum([0, *map(len, parts)]).astype(np.int32)
     low_deltas, high_deltas = (np.stack([pair[side] for pair in moved]) for side in (0, 1))
-    return Patches(faces[np.concatenate(parts)], first, *ends(vertices), low_deltas, high_deltas)
+    part = np.array([connected[own[0]] for own in parts], dtype=np.int32)
+    return Patches(faces[np.concatenate(parts)], first, *ends(vertices), low_deltas, high_deltas, part)
+
+
+def _connected(faces: np.ndarray) -> np.ndarray:
+    """``(F,)`` int, the same number for faces that edges join: the least number of a face among them."""
+    edges = np.sort(np.concatenate([faces[:, pair] for pair in ((0, 1), (1, 2), (2, 0))]), axis=1)
+    _, edge = np.unique(edges, axis=0, return_inverse=True)
+    edge = edge.reshape(3, -1).T
+    found, before = np.arange(len(faces)), None
+    while before is None or (found != before).any():
+        before, least = found, np.full(edge.max() + 1, len(faces))
+        np.minimum.at(least, edge, found[:, None])
+        found = least[edge].min(axis=1)
+        found = found[found]
+    return found

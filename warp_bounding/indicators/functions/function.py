@@ -222,7 +222,8 @@ class IndicatorFunction(Combinable, Formula):
     # --- what can be made of it --------------------------------------------------------------------------------------
 
     def dilated(self, margin: float) -> "IndicatorFunction":
-        """The object, and of the box from ``lower`` to ``upper``, wider by ``margin``, all points whose distance, over L, is at most ``margin``.
+        """The object, and of the box from ``lower`` to ``upper``, wider by ``margin``, all points whose distance, over
+        L, is at most ``margin``.
 
         Among them are all points within ``margin`` of the object, and there are no others if ``distance`` is the
         Euclidean distance and L is 1.

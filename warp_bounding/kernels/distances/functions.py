@@ -14,11 +14,14 @@ first contact. Batches march in lanes (``lanes``), by the same steps.
 
 *Time.* Where coordinate 0 is time, the distance from a moving point to an object that moves, too, shrinks by no more than both ways together: ``|w|`` in space
 and the object's speed times ``|w_0|``. Their sum is what is called the length, and what rounds of ``a_0`` and ``w_0`` counts times the speed in the room. A segment that leaves the range of time is told
-nothing of: *maybe*, at 0. Contact is that with the faces as they move; a march passes by where a hole closes around a point and touches nothing.
+nothing of: *maybe*, at 0. Contact is that with the faces as they move; a march passes by where a hole closes around a
+point and touches nothing.
 
 *Halving.* A box is clear where g at a point c of it exceeds the largest distance in it from c, rounded up. Otherwise it is halved along its
-longest side at c, which is a float32 number, so that the halves cover the box exactly; its sides in time count times the *pace*, which g falls by at most, since the object may enclose points
-that it does not touch, and g at a time tells of that time alone. Where g is 0 at c no halving can clear it, and the answer is
+longest side at c, which is a float32 number, so that the halves cover the box exactly; its sides in time count times
+the *pace*, which g falls by at most, since the object may enclose points
+that it does not touch, and g at a time tells of that time alone. Where g is 0 at c no halving can clear it, and the
+answer is
 *maybe*. The walk goes depth first without a stack: a path of bits tells which half was taken at each level. Only the part in the
 domain is asked, since the object lies there.
 """

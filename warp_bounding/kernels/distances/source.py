@@ -17,8 +17,11 @@ positive, and else nothing is claimed. In the second way the n differences, n + 
 at most ``d (1 + (n + 8) u)``. A computed ``share (...)`` is at least ``1 - (n + 5) u`` times the exact one, and the last difference rounds by
 1 + u. So g' stays under the true distance if ``share (1 - (n + 5) u)`` is at least ``(n + 10 + growth) u`` for the part ``|f|`` or r, and
 ``(2 + growth) u`` for the part ``|v|_1``: ``share_of`` is ``(2 n + 32 + growth) u``. Fused operations round less often, and
-any order of sums is covered. Where coordinate 0 is time it is off by ``u |v_0|`` at most. There d may jump, where a hole closes, but F does not, and what holds of the computed v_0 is
-what F + threshold says there: it falls by ``rate`` times as much at most (``DistanceBounder``), which growth contains; outside the range of time g is 0. Results that are subnormal, or set to zero, err by under ``(4 n + 8) TINY`` before the root, and so by under 2^-61 behind it:
+any order of sums is covered. Where coordinate 0 is time it is off by ``u |v_0|`` at most. There d may jump, where a
+hole closes, but F does not, and what holds of the computed v_0 is
+what F + threshold says there: it falls by ``rate`` times as much at most (``DistanceBounder``), which growth contains;
+outside the range of time g is 0. Results that are subnormal, or set to zero, err by under ``(4 n + 8) TINY`` before the
+root, and so by under 2^-61 behind it:
 all of that is under ``TINIEST``, which is added to E (``FLUSHED``). Where numbers overflow, ``|v|_1`` or f is infinite and g' is NaN or minus
 infinity. ``unit`` is a power of two from 2^-61 to 2^61, so ``g' unit`` is exact.
 """
@@ -48,7 +51,8 @@ def share_of(ndim: int, growth: float) -> float:
 class DistanceSource(Source):
     """What a distance's native code depends on; a method adds its sizes.
 
-    ``parameters`` begin with the label, then ``center[n] limit[n] scale unit threshold share``, and of a shape that moves ``time_scale speed pace``; the
+    ``parameters`` begin with the label, then ``center[n] limit[n] scale unit threshold share``, and of a shape that
+    moves ``time_scale speed pace``; the
     method's numbers follow from ``start`` on. Only methods that are asked in the domain know time.
     """
 

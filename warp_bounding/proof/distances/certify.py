@@ -14,6 +14,7 @@ from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.indicators.shape import IN, Shape
 from warp_bounding.proof.distances.checkpoint import Checkpoint
 from warp_bounding.proof.distances.excesses import excess_within
+from warp_bounding.proof.distances.prove import TOUCHED
 from warp_bounding.proof.shape_check import points_outside
 from warp_bounding.runtime.working_time import working_seconds
 
@@ -81,7 +82,8 @@ def certify_distance(
         least, before = -excess, held.seconds if held else 0.0
         told = CLOSE if complete else f"no decision within {seconds:.3g} s{GOES_ON.format(checkpoint) if held else ''}"
     if threshold <= 0 and float(np.nextafter(threshold + error, np.inf)) <= least < np.inf:
-        return result("proven", "Proven from scratch: the distance is never overestimated.", least, boxes)
+        told = f"Proven from scratch: the distance is never overestimated{TOUCHED if grid.time else ''}."
+        return result("proven", told, least, boxes)
     point = None if suspects is None else _overestimated(bounder, grid, suspects)
     least = max(least, -float(np.finfo(np.float32).max))  # JSON has no infinity
     if point is not None:

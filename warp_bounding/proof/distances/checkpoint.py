@@ -1,7 +1,9 @@
 """A proof that can be stopped and goes on where it stopped: what its search has still to do, in a file.
 
-Such a file is believed as far as its claim goes: it is part of the machine that proves, not of what is to be proven. It names the bounder's numbers, the shape with its
-margin, some of its distances and the library's version, and holds a SHA-256 of its content; a file that says anything else is refused, and kept as it is.
+Such a file is believed as far as its claim goes: it is part of the machine that proves, not of what is to be proven. It
+names the bounder's numbers, the shape with its
+margin, some of its distances and the library's version, and holds a SHA-256 of its content; a file that says anything
+else is refused, and kept as it is.
 """
 
 import hashlib

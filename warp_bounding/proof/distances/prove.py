@@ -18,6 +18,8 @@ from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.distances.excesses import largest_excess
 from warp_bounding.runtime.working_time import working_seconds
 
+TOUCHED = ", at its time; segments and swept balls that are cleared touch nothing on their way, but may be enclosed"
+
 __all__ = ["Found", "prove_distance", "search", "settle_distance"]
 
 
@@ -90,7 +92,9 @@ def settle_distance(bounder: DistanceBounder, shape: Shape, found: Found) -> Cer
     if not np.isfinite(threshold):
         raise BounderError(f"{bounder.method}: the proof found no finite slack")
     unit = bounder.domain.unit
-    message = "Proven: the distance is never overestimated, for any float32 point anywhere."
+    message = (
+        f"Proven: the distance is never overestimated, for any float32 point anywhere{TOUCHED if shape.time else ''}."
+    )
     numbers = (
         f"The slack, taken off so that no distance is too large, is {-threshold * unit:.3g}, {error * unit:.2g} of it for float32 "
         "rounding."
