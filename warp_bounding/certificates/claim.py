@@ -27,9 +27,7 @@ OUTSIDE = "the shape reaches outside the domain that the bounder was made for"
 
 
 def of_side(bounder: Subject, shape) -> Shape:
-    """The shape that is given, in the metric of a distance; or its complement where the bounder is about that
-    (``side="inside"`` of a fit).
-    """
+    """The shape that is given, in a distance's metric; its complement where the bounder is about that."""
     shape = load_indicator(shape)
     if bounder.query_kind == DISTANCE.name:
         return in_metric(shape, bounder.sizes.get("metric", METRICS[0]))
@@ -59,11 +57,8 @@ def mismatch(bounder: Subject, shape: Shape) -> str | None:
     if other := _other_dimension(bounder, shape):
         return other
     if shape.unbounded != domain.unbounded:
-        return f"the bounder is about the {SIDES[domain.unbounded]} of an object, the shape about the {SIDES[shape.unbounded]}"
-    if bounder.query_kind == DISTANCE.name and shape.joints is not None:
-        return "distances of configurations are not bounded, since nothing is known beyond the limits of joints"
-    if bounder.query_kind != DISTANCE.name and shape.joints != domain.base.joints:
-        return "the bounder was made for joints of other limits, or before it was told of any; fit it anew"
+        sides = SIDES[domain.unbounded], SIDES[shape.unbounded]
+        return f"the bounder holds an object from the {sides[0]}, the shape is one from the {sides[1]}"
     for name in ("margin", "resolution"):
         told, own = bounder.info.get(name), getattr(shape, name)
         if told is not None and told != own:
@@ -71,7 +66,8 @@ def mismatch(bounder: Subject, shape: Shape) -> str | None:
     if not isinstance(shape, IndicatorGrid):
         for part in bounder.parts if bounder.query_kind != DISTANCE.name else ():
             if part.info.get("resolution") is None and not part.takes_shapes(part.query_kind, part.domain.space):
-                return f"{part.query_kind} queries of {part.method} are bounded over cells, and the shape has none; give a resolution"
+                what = f"{part.query_kind} queries of {part.method} are bounded over cells"
+                return f"{what}, and the shape has none; give a resolution"
     if shape.time and (other := _other_times(bounder, shape)):
         return other
     return domain.fault() or (OUTSIDE if _reaches_outside(bounder, shape) else None)
@@ -85,8 +81,7 @@ def _other_dimension(bounder: Subject, shape: Shape) -> str | None:
 
 
 def _other_times(bounder: Subject, shape: Shape) -> str | None:
-    """A bounder may deny only at times at which it is known what the object is; a distance must know how fast that
-    moves.
+    """Times are denied only where the object is known, and a distance knows how fast that moves.
 
     Which times these are its domain's corners tell: ``fault`` holds its ``limit`` to them.
     """

@@ -116,9 +116,7 @@ def contact_gap(pipeline: newton.CollisionPipeline) -> float:
 
 
 def _digests(vertices: np.ndarray, indices: np.ndarray, resolution: int | None, margin: float) -> tuple[str, ...]:
-    """Digests of what a bounder of a mesh is made for: its cells, or without a resolution the dilated mesh; older files
-    leave the margin out.
-    """
+    """Digests of what a bounder of a mesh is made for, cells or the dilated mesh; older files leave the margin out."""
     vertices, indices = np.asarray(vertices, np.float32), np.asarray(indices, np.int32)
     return _digests_of(vertices.tobytes(), indices.tobytes(), resolution, margin)
 

@@ -296,8 +296,7 @@ class _LocalPart(_Part):
 
 
 class _MovingDistance(_Part):
-    """A network's distance to a shape that moves: a piece is cleared where the distance is proven to be above 0 all
-    along it.
+    """A network's distance to a shape that moves: pieces are cleared where it is proven to be above 0 all along.
 
     It is not enough that no face touches the point on its way, which a march would tell: a hole may close around it.
     """

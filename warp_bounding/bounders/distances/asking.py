@@ -75,8 +75,7 @@ class AskingDistance(PicklableBounder, ABC):
 
     @cached_property
     def pace(self) -> float:
-        """How fast g falls with time at most where the object does not move faster; object units a unit of time,
-        float32, 0 of a shape at rest.
+        """How fast g falls with time at most, and the object moves; object units a unit of time, float32, 0 at rest.
 
         The distance itself may jump to 0 where a hole closes around a point; g is below it before and after, and falls
         no faster than this.
@@ -93,9 +92,7 @@ class AskingDistance(PicklableBounder, ABC):
 
     @property
     def extra(self) -> np.ndarray:
-        """float32 numbers behind the threshold and the share: where there is time, its scale, the speed and the
-        pace.
-        """
+        """float32 numbers behind threshold and share: where there is time, its scale, the speed and the pace."""
         return np.append(self.domain.extra, np.float32(self.pace)) if self.domain.time else self.domain.extra
 
     @property

@@ -155,9 +155,7 @@ class MlpDistance(DistanceBounder):
 
     @property
     def _levels(self) -> np.ndarray:
-        """``(parts,)`` uint8: of parts that differ in time only, as older files have them, the least, so that F does
-        not jump with time.
-        """
+        """``(parts,)`` uint8; of parts that differ in time alone (in older files) the least: F does not jump then."""
         levels = unpacked(self.tensors["levels"], self.lattice.count)
         if not self.domain.time:
             return levels
@@ -265,9 +263,7 @@ class MlpDistance(DistanceBounder):
 
     @property
     def rate(self) -> float:
-        """See ``DistanceBounder``: activations have slopes of at most 1, so products of norms bound the network's; the
-        better of two kinds of norm.
-        """
+        """See ``DistanceBounder``: products of the layers' norms, of two kinds, since activations have slopes up to 1."""
         (weight, _), *others = self._layers()
         entries, spectral = (
             np.abs(weight[:, 0]).astype(np.float64),

@@ -84,9 +84,7 @@ class Lattice:
     def extremes(
         self, values: np.ndarray, lower: np.ndarray, upper: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The least and the largest of the ``values`` ``(parts,)`` of the parts that boxes ``(N, n)`` meet, and which
-        boxes meet one only.
-        """
+        """Least and largest ``values`` ``(parts,)`` of parts that boxes ``(N, n)`` meet, and which boxes meet one only."""
         ranges, every = self.ranges(lower, upper), values.reshape(self.shape)
         single = np.all([first == last for first, last in ranges], axis=0)
         least = every[tuple(first for first, _ in ranges)]

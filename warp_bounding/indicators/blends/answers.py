@@ -185,9 +185,7 @@ def functions_of(n: int) -> Functions:
 
     @named(f"blend_winding_{n}").func
     def winding(b: Blends, x: values) -> wp.float64:
-        """How often a connected part of the surface winds around a place at a pose, either way; of the part that does
-        most.
-        """
+        """How often a connected part of the surface winds around a place at a pose, at most, either way."""
         place, turns, most = wp.vec3d(x[0], x[1], x[2]), wp.float64(0.0), wp.float64(0.0)
         for patch in range(b.low.shape[0]):
             if patch > 0 and b.part[patch] != b.part[patch - 1]:

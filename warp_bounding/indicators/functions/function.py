@@ -162,7 +162,7 @@ class IndicatorFunction(Combinable, Formula):
         held = np.zeros(len(x), dtype=bool) if self._contains is None else self._contains(x)
         if self._distance is not None and (level or self._contains is None):
             near = self._distance(x) <= level
-            if level:  # a distance that is too short holds points that are farther than the margin: those beyond the box are none
+            if level:  # a distance that is too short holds points beyond the box, which are farther than the margin
                 near &= ((x >= self.lower) & (x <= self.upper)).all(axis=1)
             held = held | near
         return held
@@ -222,8 +222,7 @@ class IndicatorFunction(Combinable, Formula):
     # --- what can be made of it --------------------------------------------------------------------------------------
 
     def dilated(self, margin: float) -> "IndicatorFunction":
-        """The object, and of the box from ``lower`` to ``upper``, wider by ``margin``, all points whose distance, over
-        L, is at most ``margin``.
+        """The object, and all points of its box, wider by ``margin``, whose distance, over L, is at most ``margin``.
 
         Among them are all points within ``margin`` of the object, and there are no others if ``distance`` is the
         Euclidean distance and L is 1.
