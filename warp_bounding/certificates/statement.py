@@ -22,10 +22,14 @@ NOT_CONSERVATIVE = "NOT conservative: it misses queries that meet the object, an
 
 DIGITS = 4  # of the size of a box, to which its corners are told
 
-AT_REST = "The distance is never above that to the object, and so no ball, segment, swept ball or box that meets the object is ever answered with no."
+AT_REST = (
+    "The distance is never above that to the object, and so no ball, segment, swept ball or box that meets the object "
+    "is ever answered with no."
+)
 MOVING = (
-    "The distance is never above that to the object at its time, and so no ball at a time and no box of time and space that meets the object is ever "
-    "answered with no; nor is a segment of time and space or a swept ball that touches it on its way (one that it encloses without touching may be)."
+    "The distance is never above that to the object at its time, and so no ball at a time and no box of time and space "
+    "that meets the object is ever answered with no; nor is a segment of time and space or a swept ball that touches it "
+    "on its way (one that it encloses without touching may be)."
 )
 UNITS = "object units"  # those of the shape's own coordinates
 

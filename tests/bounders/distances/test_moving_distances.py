@@ -5,8 +5,12 @@ from functools import cache
 
 import numpy as np
 import pytest
+import trimesh
 
 import warp_bounding as wb
+from warp_bounding.bounders.distances.mlp import MlpDistance
+from warp_bounding.bounders.local.lattice import Lattice, packed, unpacked
+from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError, IndicatorError, QueryError
 from warp_bounding.indicators.shape import IN
 from warp_bounding.proof.distances.soak import DISTANCE_FORMS, DistancePositives
@@ -195,3 +199,103 @@ def test_what_there_is_not():
     grid = wb.IndicatorGrid(np.eye(4, dtype=bool)[None].repeat(3, 0), time=True)
     with pytest.raises((BounderError, IndicatorError), match=r"moves|time"):
         wb.fit(grid, "distance", "mlp", steps=1, device="cpu")
+
+
+@cache
+def closing() -> tuple[wb.IndicatorMotion, wb.DistanceBounder]:
+    """A cup over which a lid closes and opens again; and a distance in it that falls faster than anything moves."""
+
+    def box(lower, upper):
+        return trimesh.creation.box(bounds=[lower, upper])
+
+    walls = [box([-1, -1, -1], [1, 1, -0.8]), box([-1, -1, -1], [-0.8, 1, 1]), box([0.8, -1, -1], [1, 1, 1])]
+    walls += [box([-1, -1, -1], [1, -0.8, 1]), box([-1, 0.8, -1], [1, 1, 1]), box([-1, -1, 3], [1, 1, 3.2])]
+    mesh = trimesh.util.concatenate(walls)
+    low = mesh.vertices.copy()
+    low[-8:, 2] -= 2.1
+    motion = wb.IndicatorMotion([mesh.vertices, low, mesh.vertices], mesh.faces, times=[0, 1, 2], name="cup")
+    domain = DistanceDomain.of(motion, 0.1)
+    # relu(c - |x|_1 - c h(t)): as far as the walls; h goes from 0 at 0.8 to 1 at 0.9, and back from 1.1 to 1.2
+    scale, middle = domain.scale.astype(float), domain.to_local(np.array([1.0, 0, 0, 0]))
+    first, bias = np.zeros((12, 4)), np.zeros(12)
+    for k in range(1, 4):
+        first[[2 * k - 2, 2 * k - 1], k] = 1, -1
+        bias[[2 * k - 2, 2 * k - 1]] = -middle[k], middle[k]
+    for row, (way, at) in enumerate([(1, 0.8), (1, 0.9), (1, 1.1), (1, 1.2)], 6):
+        first[row, 0], bias[row] = way, -way * (at - float(domain.center[0])) * scale[0]
+    fall = 0.6 * scale[1] / (0.1 * scale[0])
+    second = np.zeros((12, 12))
+    second[0, :10] = [-1] * 6 + [-fall, fall, fall, -fall]
+    tensors = {
+        "layers.0.weight": first,
+        "layers.0.bias": bias,
+        "layers.1.weight": second,
+        "layers.1.bias": np.eye(12)[0] * 0.6 * scale[1],
+        "layers.2.weight": np.eye(1, 12),
+        "layers.2.bias": np.zeros(1),
+    }
+    tensors = {name: value.astype(np.float32) for name, value in tensors.items()}
+    sizes = {"hidden": [12, 12], "activation": "relu", "metric": "space"}
+    bounder = MlpDistance(domain, tensors, sizes, "cpu").freeze(-1e-4, None)
+    bounder.info = {"margin": 0.0}
+    return motion, bounder
+
+
+def enclosed(motion, low, high, count=33):
+    """Whether a point of the segments from corner to corner is in the object, of many that are looked at."""
+    share = np.linspace(0, 1, count)[:, None, None]
+    return motion.contains(((1 - share) * low + share * high).reshape(-1, 4)).reshape(count, -1).any(axis=0)
+
+
+def test_points_that_a_hole_closes_around_are_in_the_object(rng):
+    """Nothing touches them, so a march may pass; distances, boxes of time and space and ``clear_segments`` tell."""
+    motion, bounder = closing()
+    x = np.zeros((2001, 4))
+    x[:, 0] = np.linspace(0.0, 2.0, 2001)
+    held = motion.contains(x)
+    assert 50 < held.sum() < 400
+    assert not bounder.distance(x).numpy()[held].any()
+    assert not bounder.distance(x.astype(np.float32)).numpy()[held].any()
+    assert (bounder.distance(x).numpy() > 0.5).mean() > 0.5
+    a, b = np.zeros((2, 600, 4))
+    a[:, 0] = rng.uniform(0, 2, 600)
+    b[:, 0] = np.clip(a[:, 0] + rng.choice([-1, 1], 600) * np.exp2(rng.uniform(-10, 0, 600)), 0, 2)
+    a[:, 1:], b[:, 1:] = rng.uniform(-0.1, 0.1, (2, 600, 3))
+    a[0], b[0] = [0.5, 0, 0, 0], [1.5, 0, 0, 0]  # over all of it, outside at either end
+    met = enclosed(motion, a, b)
+    assert met[0]
+    clear = wb.clear_segments(bounder, a, b)
+    assert not (clear & met).any()
+    assert clear.mean() > 0.5
+    low, high = np.minimum(a, b).astype(np.float32), np.maximum(a, b).astype(np.float32)
+    free = bounder.boxes(low, high, steps=512).numpy() == 0
+    assert not (free & enclosed(motion, low, high)).any()
+    assert free.mean() > 0.2
+    assert (bounder.segments(a[:1], b[:1])[0].numpy() == 0).all()  # which promises contact, and there is none
+
+
+@pytest.mark.parametrize("activation", ["sin", "relu", "tanh"])
+def test_the_pace_is_no_less_than_any_slope_in_time(activation, rng):
+    """Over the whole domain, of random networks; and where parts have reliefs, these are the same at all times."""
+    domain = far("solid").domain
+    for size in (0.3, 1.5):
+        tensors = {f"layers.{i}.weight": rng.normal(0, size, s) for i, s in enumerate([(12, 4), (12, 12), (1, 12)])}
+        tensors |= {f"layers.{i}.bias": rng.normal(0, 1, s) for i, s in enumerate([12, 12, 1])}
+        tensors = {name: value.astype(np.float32) for name, value in tensors.items()}
+        bounder = MlpDistance(domain, tensors, {"hidden": [12, 12], "activation": activation}, "cpu")
+        v = rng.uniform(-1, 1, (20_000, 4)) * domain.limit
+        w = v.copy()
+        w[:, 0] = rng.uniform(-1, 1, len(v)) * domain.limit[0]
+        fall = np.abs(bounder.reference(v) - bounder.reference(w))
+        assert (fall <= bounder.rate * np.abs(v[:, 0] - w[:, 0]) + 1e-12).all()
+        assert bounder.pace >= domain.speed
+        cut = bounder.cut_in(50)
+        assert cut.lattice.shape[0] == 1
+        older = Lattice.of(-domain.limit.astype(float), domain.limit.astype(float), (3, 2, 1, 2))
+        levels = rng.integers(0, 256, 12).astype(np.uint8)
+        own = {"edges": np.concatenate(older.edges), "levels": packed(levels), "step": np.float32([2.0**-10])}
+        older = MlpDistance(domain, tensors | own, bounder.sizes | {"shape": [3, 2, 1, 2]}, "cpu")
+        least = levels.reshape(3, 4).min(axis=0) * 2.0**-10
+        assert (older.relief.reshape(3, 4) == least).all()
+        assert (unpacked(older.words(), 12) * 2.0**-10 == older.relief).all()
+        assert (older.tensors["levels"] == packed(levels)).all()
