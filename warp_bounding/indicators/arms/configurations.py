@@ -236,8 +236,9 @@ class ArmConfigurations(Formula):
 
     def distance(self, x: np.ndarray) -> np.ndarray:
         """Lower bounds ``(N,)`` of the distance from configurations to the next colliding one, in the shape's coordinates."""
-        x = np.asarray(x, dtype=np.float64)
-        within = np.clip(x, self.lower, self.upper)  # beyond, bodies sweep farther than what bounds their speeds
+        x = turned_back(np.asarray(x, dtype=np.float64), self._periods)
+        # beyond the limits bodies sweep farther than what bounds their speeds
+        within = np.clip(x, *self.known)
         beyond = np.nan_to_num(np.linalg.norm(x - within, axis=1), posinf=0.0)
         return np.hypot(self._ask_points(within)[1], beyond) * (1 / OUTWARD)
 
