@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from warp_bounding import bounders
-from warp_bounding.bounders.composition.composition import Composition
 from warp_bounding.bounders.distances.mlp import MlpDistance
 from warp_bounding.bounders.local.local import Local
 from warp_bounding.bounders.options import STEPS
+from warp_bounding.bounders.union import Union
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.evaluation.distances import ASKED
 from warp_bounding.queries import QUERIES, Query
@@ -58,7 +58,7 @@ CASCADE = "learned-kdop+mlp"
 DISTANCE = "distance"  # a network that learned the distance: one fit an object, which all of these queries are asked
 LOCAL = "mlp-local"  # an ``mlp`` with a threshold for each part of its domain
 LOCAL_PARTS = 256  # about how many
-TREE = "hierarchy"  # a tree of boxes whose leaves are networks, of about the memory of one
+TREE = "hierarchy"  # boxes with a network in each, of about the memory of one
 TREE_LEAVES, TREE_NARROWER = 8, 3  # how many there are, and how many times as narrow as one network their layers are
 NETWORKS = (
     "mlp",
@@ -87,7 +87,7 @@ class Fitted(NamedTuple):
 
 FITTED = {
     LOCAL: Fitted(Local, "mlp", {"thresholds": LOCAL_PARTS}),
-    TREE: Fitted(Composition, "mlp", {"leaves": TREE_LEAVES}, "hierarchy", TREE_NARROWER, (POINT.name,)),
+    TREE: Fitted(Union, "mlp", {"leaves": TREE_LEAVES}, "hierarchy", TREE_NARROWER, (POINT.name,)),
     DISTANCE: Fitted(MlpDistance, "mlp", {}),
 }
 

@@ -208,7 +208,7 @@ def test_what_is_not_registered_is_not_known(ball, tmp_path):
         (type("Nameless", (Diamond,), {"method": ""}), "must be a name"),
         (type("Two", (Diamond,), {"method": "a+b"}), "must be a name without"),
         (type("Other", (Diamond,), {}), "method diamond is Diamond already"),
-        (type("Cascade", (Diamond,), {"method": "cascade"}), "none of cascade, composition, local"),
+        (type("Cascade", (Diamond,), {"method": "cascade"}), "none of cascade, local, union"),
     ],
 )
 def test_what_cannot_be_registered(kind, words):

@@ -153,7 +153,7 @@ def ask_distance(name: str, bounder, shape) -> None:
 
 
 def answers(folder: Path) -> None:
-    """Every method, kind of query and dimension; distances; compositions that stay; functions' text."""
+    """Every method, kind of query and dimension; distances; cascades, thresholds, both sides; functions' text."""
     folder.mkdir(parents=True, exist_ok=True)
     shapes = objects()
     methods = ("aabb", "obb", "sphere", "ellipsoid", "oriented-ellipsoid", "kdop", "bvh", "voxels", *LEARNED)

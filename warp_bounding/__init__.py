@@ -65,6 +65,7 @@ __all__ = [
     "proven_share",
     "solids",
     "two_sided",
+    "union",
 ]
 
 _HOMES = {
@@ -88,6 +89,7 @@ _HOMES = {
         "cascade",
         "compact",
         "load",
+        "union",
     ),
     "warp_bounding.bounders.two_sided": ("TwoSided", "two_sided"),
     "warp_bounding.indicators": (

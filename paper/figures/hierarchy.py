@@ -9,6 +9,7 @@ from paper.drawing.base import Figure
 from paper.drawing.canvas import OBJECT, page, show, upright
 from paper.drawing.masks import packed, raster, unpack
 from paper.drawing.shapes import fish
+from warp_bounding.bounders import cascade
 from warp_bounding.indicators import IndicatorGrid
 
 __all__ = ["Hierarchy", "school"]
@@ -48,8 +49,8 @@ class Hierarchy(Figure):
     paper = "the paper's figure of a hierarchy"
     caption = (
         "A school of fish, drawn by code, in three levels: one network around all (blue), one for each half of the school (yellow), and one for "
-        "each quarter (pink). What a level answers *no* is not asked further, so together (right) only what all three levels let "
-        "through is left. No level has to bound the level below it: each is proven to bound the fish in its own region, and that is enough; in places a "
+        "each quarter (pink). What a level answers *no* is not asked further, so together (right) only what the first and the last level "
+        "let through is left. No level has to bound the level below it: each is proven to bound the fish in its own region, and that is enough; in places a "
         "child's bound reaches beyond its parent's."
     )
 
@@ -71,7 +72,7 @@ class Hierarchy(Figure):
                 make = partial(hierarchy, levels=depth) if depth else fit
                 bounders[level] = make(grid, hidden=hidden, **about)
                 work.heed()
-            bounders["together"] = bounders["root"] & bounders["children"] & bounders["leaves"]
+            bounders["together"] = cascade(bounders["root"], bounders["leaves"])
             found = {name: {**work.rates(b, grid), "maybe": packed(b, points)} for name, b in bounders.items()}
             return {"inside": packed(grid, points), "levels": found}
 

@@ -44,7 +44,7 @@ GROUPS = (
 )
 TOLD = {
     LOCAL: f"{LOCAL}: an mlp with a threshold for each of up to {LOCAL_PARTS} parts of its domain, a byte each",
-    TREE: f"{TREE}: a tree of boxes whose {TREE_LEAVES} leaves are networks, which together hold about what one mlp does",
+    TREE: f"{TREE}: {TREE_LEAVES} boxes with a network in each, which together hold about what one mlp does",
     DISTANCE: f"{DISTANCE}: one network of the distance an object, which points, rays and boxes of it are asked; a ray by "
     f"{DISTANCE_STEPS['ray']} evaluations at most, a box by {DISTANCE_STEPS['box']}",
 }  # of rows that are not named after their method

@@ -14,8 +14,6 @@ from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import IndicatorGrid
-from warp_bounding.indicators.parts.clipped import part_of
-from warp_bounding.proof import prove
 
 HIDDEN = (8,)  # of every fitted network: each new size costs a compilation
 EARLY = (6, 5)  # of one with exits
@@ -205,18 +203,6 @@ def without_proof(monkeypatch) -> Mlp:
     bounder = Mlp(domain_of(shape("c"), "ray"), tensors, sizes, "cpu")
     bounder.info = {"indicator": shape("c").digest, "margin": 0.0, "seed": 0}
     return bounder
-
-
-def in_two(ball: wb.solids.Sphere, cut: float, first_end: float | None = None) -> tuple[list, list, list]:
-    """Two boxes around both halves of a ball: tree, parts and regions; the first may end before the cut."""
-    ends = np.float32(cut if first_end is None else first_end), np.float32(cut)
-    regions = [([-np.inf] * 3, [ends[0], np.inf, np.inf]), ([ends[1], -np.inf, -np.inf], [np.inf] * 3)]
-    domain, parts = fitted_ball(ball).domain, []
-    for region in regions:
-        own = part_of(ball, np.array(region))
-        parts.append(wb.METHODS["aabb"].fit(own, domain, device="cpu"))
-        prove(parts[-1], own, eps=1e-2, boxes=50_000)
-    return ["or", 0, 1], parts, regions
 
 
 def fitted_ball(ball: wb.solids.Sphere) -> wb.Bounder:

@@ -4,14 +4,14 @@ from warp_bounding.bounders import methods  # noqa: F401 (registers them)
 from warp_bounding.bounders.asking import Prepared
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.cascade import Cascade
-from warp_bounding.bounders.composition.composition import Composition
 from warp_bounding.bounders.distances import methods as distance_methods  # noqa: F401 (registers them)
 from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.bounders.distances.registry import DISTANCES, distance_class, register_distance, unregister_distance
 from warp_bounding.bounders.file_format import save
-from warp_bounding.bounders.joining import both, cascade, compose, either
+from warp_bounding.bounders.joining import cascade, union, united
 from warp_bounding.bounders.load import bounder_of, load
 from warp_bounding.bounders.registry import METHODS, method_class, register, supports, unregister
+from warp_bounding.bounders.union import Union
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.kernels.functions import Data
 from warp_bounding.runtime.compaction import compact
@@ -22,23 +22,22 @@ __all__ = [
     "Bounder",
     "Cascade",
     "Certificate",
-    "Composition",
     "Data",
     "DistanceBounder",
     "Prepared",
-    "both",
+    "Union",
     "bounder_of",
     "cascade",
     "compact",
-    "compose",
     "distance_class",
-    "either",
     "load",
     "method_class",
     "register",
     "register_distance",
     "save",
     "supports",
+    "union",
+    "united",
     "unregister",
     "unregister_distance",
 ]

@@ -24,7 +24,6 @@ import numpy as np
 from warp_bounding.arithmetic import UNIT32
 from warp_bounding.bounders.asking import Asking
 from warp_bounding.bounders.file_format import save
-from warp_bounding.bounders.operators import Operators
 from warp_bounding.bounders.options import Option
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
@@ -40,7 +39,7 @@ __all__ = ["Bounder", "BoxBounds"]
 CELLS_AT_A_TIME = 16384  # cells whose boxes are bounded in one call, so that memory stays small
 
 
-class Bounder(Operators, Asking):
+class Bounder(Asking):
     """A conservative test: *maybe* (1) or certainly *no* (0). Never *no* where the truth is *yes*.
 
     Attributes:
@@ -64,8 +63,8 @@ class Bounder(Operators, Asking):
 
     method: ClassVar[str]
     exact_on_cells: ClassVar[bool] = True  # one pass over the cells (``least``) is the proof, without a search
-    composed: ClassVar[bool] = False  # of bounders by *and* and *or*, with an f and a threshold of its own
-    delta_share: "np.ndarray | None" = None  # of a composition whose parts have domains of their own, see there
+    composed: ClassVar[bool] = False  # a union of bounders, with an f and a threshold of its own
+    delta_share: "np.ndarray | None" = None  # of a union whose parts have domains of their own, see there
     lays_cells: ClassVar[bool] = False  # it is made of cells, also where the shape has none
     conservative: ClassVar[bool] = True  # false: kept to show what goes wrong; it never holds a certificate
     bit_fields: ClassVar[tuple[str, ...]] = ()  # tensors, of members too, that are uint32: the end of their names

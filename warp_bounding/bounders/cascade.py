@@ -28,6 +28,7 @@ from warp_bounding.bounders.members import (
 from warp_bounding.bounders.neural.mlp_early import MlpEarly, bounds_of_all, denied_early
 from warp_bounding.bounders.registry import composed
 from warp_bounding.errors import BounderError
+from warp_bounding.indicators.shape import Shape
 from warp_bounding.kernels.plain import Numbers, Words, plain_value, twin, vector_type
 from warp_bounding.kernels.source import DENIED, Early, Lanes, Source, aligned, literal, words_at
 
@@ -73,6 +74,9 @@ class CascadeSource(Source):
         lanes = Lanes(vector=True)
         own = [Early(_at(place, source.body(lanes)), bar) for place, source, bar in self._before_last()]
         return [*own, *self.sources[-1].early()]
+
+    def ask(self, values: bool) -> str | None:
+        return self.sources[-1].ask(values)
 
     def body(self, lanes: Lanes) -> str:
         """See ``Source.body``: all parts for a single query; the last one for lanes, where ``early`` has the others."""
@@ -155,10 +159,8 @@ class Cascade(Bounder):
         if not 2 <= len(classes) <= MOST_PARTS:
             raise BounderError(f"{cls.method}: expected 2 to {MOST_PARTS} bounders, got {len(classes)}")
         check_kinds(cls.method, classes)
-        if any(part.composed for part in classes):
-            raise BounderError(f"{cls.method}: a composition is put together by & and |, it is no part of a cascade")
-        if any(issubclass(part, (MlpEarly, Local, Cascade)) for part in classes[:-1]):
-            raise BounderError(f"{cls.method}: only the last part may have exits or thresholds of its own")
+        if any(part.composed or issubclass(part, (MlpEarly, Local, Cascade)) for part in classes[:-1]):
+            raise BounderError(f"{cls.method}: only the last part may have exits, thresholds or parts of its own")
 
     @classmethod
     def of(cls, parts: list[Bounder]) -> "Cascade":
@@ -176,6 +178,7 @@ class Cascade(Bounder):
     def check_tensors(self) -> None:
         self.members, shapes = members_of(self, 2, MOST_PARTS)
         self.check([type(part) for part in self.members])
+        self.composed = self.members[-1].composed  # a union, whose f it then has
         self.expect_shapes(shapes | {"thresholds": (len(self.members) - 1,)})
         for part, threshold in zip(self.members[:-1], self.tensors["thresholds"], strict=True):
             part.freeze(threshold, None)
@@ -184,7 +187,18 @@ class Cascade(Bounder):
     def parts(self) -> list[Bounder]:
         """See ``Bounder``: copies of the members, in order; a last member with exits counts as its own parts."""
         *firsts, last = (part.to(self._device) for part in self.members)
-        return [*firsts, *last.freeze(self.threshold, None).parts]
+        last = last.freeze(self.threshold, None)
+        return [*firsts, last] if last.composed else [*firsts, *last.parts]
+
+    def obligations(self, shape: Shape) -> list[tuple[Bounder, Shape]]:
+        """See ``Bounder``: a union at the end has obligations of its own."""
+        *firsts, last = self.parts
+        return [*((part, shape) for part in firsts), *last.obligations(shape)]
+
+    @property
+    def delta_share(self) -> "np.ndarray | None":
+        """See ``Bounder``."""
+        return self.members[-1].delta_share
 
     @property
     def provable(self) -> bool:

@@ -67,10 +67,16 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder | Distan
     return bounder
 
 
+# Methods of older files that are gone, and what does their work now.
+GONE = {"composition": "put together by & and |: fit it anew, with cascade, union or hierarchy"}
+
+
 def _made(document: dict, tensors: dict[str, np.ndarray], device: str | None) -> Bounder | DistanceBounder:
     """The bounder that a file describes, without threshold and certificate."""
     name, of_distances = document["method"], document["query"] == DISTANCE.name
     method = DISTANCES.get(name) if of_distances else class_named(name)
+    if method is None and name in GONE:
+        raise FileFormatError(f"method {name!r} is gone: {GONE[name]}")
     if method is None:
         known = ", ".join(DISTANCES if of_distances else METHODS)
         raise FileFormatError(f"method {name!r} is not among those that are known here: {known}")

@@ -1,8 +1,7 @@
 """Bounders that a bounder is made of: what they must share, how its tensors and sizes hold them, how they are read back.
 
 Tensor ``r`` of member i is the tensor ``i.r`` of the whole; ``sizes["parts"]`` has an entry for each member, its
-``method`` and its ``sizes``; and where these are not the whole's, its ``domain``, and the ``resolution`` of the cells
-that it bounds of a shape that the whole bounds itself.
+``method`` and its ``sizes``; and its ``domain``, where that is not the whole's.
 """
 
 from collections.abc import Callable, Sequence
@@ -71,7 +70,7 @@ def members_of(
         least: How many there are at least.
         most: How many there are at most.
         fits: Whether a class can be a member.
-        own_domains: Whether entries may have a ``domain`` and a ``resolution``; else these are not read.
+        own_domains: Whether entries may have a ``domain``; else it is not read.
 
     Returns:
         The members; and the shapes of the tensors that are theirs, by their names in the whole.
@@ -101,10 +100,6 @@ def members_of(
             except (KeyError, TypeError, ValueError) as error:
                 raise BounderError(f"{whole.method}: the domain of part {i} is none ({error})") from error
         members.append(kind(domain, tensors, entry["sizes"], whole._device))
-        if own_domains and (cells := entry.get("resolution")) is not None:
-            if type(cells) is not int or cells < 1:
-                raise BounderError(f"{whole.method}: the resolution of part {i} is none, {cells!r}")
-            members[-1].info = {"resolution": cells}
     check_kinds(whole.method, [type(member) for member in members])
     return members, {f"{i}.{role}": t.shape for i, tensors in enumerate(own) for role, t in tensors.items()}
 

@@ -11,7 +11,7 @@ from warp_bounding.indicators.shape import Shape
 
 __all__ = ["COMPOSED", "conjunction", "document", "least_allowance", "shown", "together"]
 
-COMPOSED = 1.0  # f of a composition where it says *maybe*
+COMPOSED = 1.0  # f of a union where it says *maybe*
 
 
 def document(
@@ -121,10 +121,10 @@ def conjunction(certificates: list[Certificate]) -> Certificate:
 def together(bounder: Subject, certificates: list[Certificate], indicator: str) -> Certificate:
     """What is known of a bounder whose ``obligations`` for the object of this digest these certificates are about.
 
-    A chain of tests has the threshold of its last part; a composition by *and* and *or* has one of its own.
+    A chain of tests has the threshold of its last part; what ends in a union has one of its own.
     """
-    # The whole is about the shape itself, and has as many coordinates as the part with most.
-    known = conjunction(sorted(certificates, key=lambda c: (c.resolution is None, len(c.delta))))
+    # The whole has as many coordinates as the part with most.
+    known = conjunction(sorted(certificates, key=lambda c: len(c.delta)))
     if not bounder.composed:
         return known
     if bounder.delta_share is not None:  # parts have domains of their own, and the whole has less room for rounding
@@ -132,7 +132,7 @@ def together(bounder: Subject, certificates: list[Certificate], indicator: str) 
         known = replace(known, delta=delta, placement=placement_allowance(bounder.domain).tolist())
     if known.kind not in ("proven", "statistical"):
         return replace(known, threshold=float(bounder.threshold))
-    told = f"{len(certificates)} tests put together by *and* and *or*, each by itself, and they cover the object; the last: "
+    told = f"{len(certificates)} tests put together, each proven by itself, and they cover the object; the last: "
     return replace(
         known,
         threshold=float(bounder.threshold),

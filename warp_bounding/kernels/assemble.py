@@ -314,8 +314,7 @@ def batch_snippet(source: Source, placed: bool, values: bool) -> str:
         "read": read_rows(source.columns, source.width),
     }
     if source.packed:
-        ask = source.ask(values)
-        loop = fill(_GATHERED, **texts, unasked=_UNASKED[values], ask=_together(source, values) if ask is None else ask)
+        loop = fill(_GATHERED, **texts, unasked=_UNASKED[values], ask=_together(source, values))
     else:
         loop = fill(_ALL, **texts, body=source.body(Lanes(vector=True)), store=_STORE[values])
     yes, no, decision = ("INFINITY", "-INFINITY", "f") if values else ("1", "0", "!(f < threshold)")
@@ -325,7 +324,9 @@ def batch_snippet(source: Source, placed: bool, values: bool) -> str:
 
 def _together(source: Source, values: bool) -> str:
     """C statements that answer the gathered queries by the source's ``early`` and ``body``."""
-    early = "\n".join(_early(test, values) for test in source.early())
+    early, ask = "\n".join(_early(test, values) for test in source.early()), source.ask(values)
+    if ask is not None:
+        return early + ask
     decision = "f[l]" if values else "!(f[l] < threshold)"
     return fill(_TOGETHER, body=source.body(Lanes(vector=True)), early=early, lane_decision=decision)
 

@@ -153,7 +153,7 @@ class Source:
         return []
 
     def ask(self, values: bool) -> str | None:
-        """C statements of the CPU batch path that answer the gathered queries, in place of ``early`` and ``body``.
+        """C statements of the CPU batch path that answer the gathered queries, in place of ``body``.
 
         They read ``held[k][g]``, ``kept`` and ``where[g]`` (``assemble``) and write ``out.data``: f where ``values``, else
         0 and 1. ``None``, as for most sources: lanes of queries go through ``early`` and ``body`` together.

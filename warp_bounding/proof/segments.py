@@ -21,14 +21,13 @@ import numpy as np
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.cascade import Cascade
-from warp_bounding.bounders.composition.composition import Composition
-from warp_bounding.bounders.composition.tree import AND, SPLIT, Tree, children_of
 from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.bounders.distances.mlp import MlpDistance
 from warp_bounding.bounders.distances.registry import DISTANCES
 from warp_bounding.bounders.distances.volume import VolumeDistance
 from warp_bounding.bounders.local.local import Local
 from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.union import Union
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.indicators.joints import Joints
@@ -53,10 +52,9 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
     """Which segments are proven to meet the object nowhere.
 
     Args:
-        bounder: A network (``mlp``, ``mlp-early``, with thresholds of parts or one) of points, several of them put together by ``&`` and ``|``, a volume of points
-            that has a distance (``DISTANCES``), or a distance bounder, proven or not; if it is proven, so is the
-            answer. Of a shape that moves
-            segments are of time and space.
+        bounder: A network (``mlp``, ``mlp-early``, with thresholds of parts or one) of points, several of them in a cascade or a union, a
+            volume of points that has a distance (``DISTANCES``), or a distance bounder, proven or not; if it is proven, so is the
+            answer. Of a shape that moves segments are of time and space.
         starts: ``(N, n)``, object space; taken as they are, float32 or float64. Of continuous joints they are not turned back: from 3 to 4 is
             another way than from 3 to 4 - 2 pi.
         ends: ``(N, n)``, object space.
@@ -191,21 +189,15 @@ def _with_distance(bounder) -> DistanceBounder | None:
 
 def _of_networks(bounder: Bounder) -> bool:
     """Whether a bounder is a network, or consists of some, all asked about coordinates of the whole."""
-    if isinstance(bounder, Cascade | Composition):
-        same = isinstance(bounder, Cascade) or bounder.moves is None
-        return same and all(map(_of_networks, bounder.members))
+    if isinstance(bounder, Cascade | Union):
+        return all(map(_of_networks, bounder.members))
     return isinstance(bounder, Mlp | Local)
 
 
-def _asked(bounder: Bounder, ndim: int, tree: Tree | None = None) -> "_Part | _Parts":
-    """What is asked about pieces: of a composition that part of its tree."""
-    if isinstance(bounder, Composition):
-        tree = bounder.tree if tree is None else tree
-        if isinstance(tree, int):
-            return _asked(bounder.members[tree], ndim)
-        if tree[0] == SPLIT:
-            raise BounderError("segments need networks that are asked everywhere, got a hierarchy with splits")
-        return _Parts([_asked(bounder, ndim, child) for child in children_of(tree)], tree[0] == AND)
+def _asked(bounder: Bounder, ndim: int) -> "_Part | _Parts":
+    """What is asked about pieces."""
+    if isinstance(bounder, Union):
+        return _Parts([_asked(part, ndim) for part in bounder.members], False)
     if isinstance(bounder, MlpDistance):
         return _MovingDistance(bounder, ndim)
     if isinstance(bounder, Local):

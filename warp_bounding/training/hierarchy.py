@@ -1,12 +1,10 @@
-"""A tree of bounders: the domain is cut again and again, and a small bounder holds its part of the object in each leaf.
+"""A hierarchy of two levels, the paper's: a root, and children of which any may say *maybe*.
 
-A point goes down to one leaf, by comparisons, and is asked by the box around the leaf's part of the object and by the
-leaf's own bounder; so a tree of many small networks costs about as much as one of them. A leaf bounds what the
-object has in its region and nothing else. The regions of both sides of a cut overlap by what is rounded on the way to a leaf, so
-together they hold all that their parent's holds.
+The root is the box of the domain. The object is cut again and again, and a child bounds what the object has in its region, and nothing
+else: a box around it, then a small bounder of the child's own. The regions together hold the object (``bounders.cover``).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -14,15 +12,14 @@ from typing import Any
 import numpy as np
 
 from warp_bounding.arithmetic import round_down, round_up
-from warp_bounding.bounders import Bounder, compose, method_class
-from warp_bounding.bounders.composition.composition import Composition
-from warp_bounding.bounders.composition.cover import Region, check_cover, split_regions
-from warp_bounding.bounders.composition.tree import AND, SPLIT, Tree
-from warp_bounding.bounders.local.lattice import NEAREST_TO_ZERO
+from warp_bounding.bounders import Bounder, Union, method_class, united
+from warp_bounding.bounders.cascade import Cascade
+from warp_bounding.bounders.cover import Region, check_cover
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.options import settled
 from warp_bounding.bounders.slabs.aabb import Aabb
 from warp_bounding.bounders.volume import VolumeBounder
+from warp_bounding.certificates.document import conjunction
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
@@ -57,21 +54,12 @@ BOX_EPS, BOX_BOXES = 1e-3, 200_000
 
 
 @dataclass(frozen=True)
-class _Node:
-    """A region, object space, float32 numbers; and the axis, the place in v and the sides where it is split, no leaf."""
+class _Leaf:
+    """A region, object space, float32 numbers."""
 
     lower: np.ndarray
     upper: np.ndarray
     border: np.ndarray  # points of the object's border in it
-    axis: int = 0
-    place: float = 0.0
-    children: tuple["_Node", ...] = ()
-
-    def leaves(self) -> Iterator["_Node"]:
-        if not self.children:
-            yield self
-        for child in self.children:
-            yield from child.leaves()
 
 
 def hierarchy(
@@ -87,11 +75,10 @@ def hierarchy(
     device: str | None = None,
     progress: Progress | bool | None = None,
     **options,
-) -> Composition:
-    """Fit a tree of bounders to a shape, and prove it part by part.
+) -> Union:
+    """Fit bounders to the parts of a shape, prove each of them, and put them together: *maybe* where one of them says so.
 
-    The union of k-DOPs with learned half-spaces, each around its part of the object, is such a tree too:
-    ``method="learned-kdop"``.
+    The union of k-DOPs with learned half-spaces, each around its part of the object, is made by ``method="learned-kdop"``.
 
     Args:
         shape: As of ``fit``; no cells are laid over it.
@@ -107,7 +94,7 @@ def hierarchy(
         **options: The method's own, of each leaf, such as ``hidden=(16, 16)``.
 
     Returns:
-        The composition, with ``certificate`` and ``info``.
+        The union, with ``certificate`` and ``info``.
 
     Raises:
         IndicatorError: If the shape cannot be read or bounded.
@@ -116,7 +103,7 @@ def hierarchy(
     Example:
         >>> tree = wb.hierarchy(ball, method="kdop", levels=1, device="cpu", progress=False)
         >>> tree.certificate.proven, len(tree.parts)
-        (True, 4)
+        (True, 2)
     """
     if query != POINT.name:
         raise BounderError(f"a hierarchy bounds point queries, got {query!r}")
@@ -138,27 +125,30 @@ def hierarchy(
     if not shape.certified:
         raise BounderError(f"{shape.name} certifies no box to be empty, so the parts of a hierarchy have no proof")
     domain = domain_of(shape, query)
-    root = _shared_out(shape, domain, leaves or 2 ** int(levels), issubclass(cls, VolumeBounder), seed)
+    regions = _shared_out(shape, leaves or 2 ** int(levels), issubclass(cls, VolumeBounder), seed)
     builder = _Builder(shape, domain, cls, told, seed, device)
-    count = len(list(root.leaves()))
-    with reported(progress, f"hierarchy of {count} {method}") as update:
-        tree = builder.build(root, budget, count, spent, update)
-    whole = compose(tree, builder.parts, builder.regions, shape)
+    with reported(progress, f"hierarchy of {len(regions)} {method}") as update:
+        for number, leaf in enumerate(regions):
+            if update:
+                update(number, len(regions), f"leaf {number + 1} of {len(regions)}")
+            left = max(budget - spent.working, LEAST_SHARE * budget)
+            builder.add(leaf, left / (len(regions) - number))
+    whole = united(builder.parts, builder.regions, shape)
     whole.info = described(shape, seed, {"leaves": builder.records} | spent.seconds())
     whole.info["rates"] = quick_rates(whole, shape)
     return whole
 
 
-def _shared_out(shape: Shape, domain: Domain, leaves: int, convex: bool, seed: int) -> _Node:
+def _shared_out(shape: Shape, leaves: int, convex: bool, seed: int) -> list[_Leaf]:
     """Regions that share the border out, evenly or if the leaves are convex about evenly, each cut where it costs least.
 
-    Of convex leaves that is where the sides' convex hulls are smallest, of others where the boxes are, by the border in them.
+    Of convex leaves that is where the sides' convex hulls are smallest, of others where the boxes are, by the border in them. Both sides
+    of a cut are closed: the border between them is in both.
     """
     points, cost = border_points(shape, BORDER, np.random.default_rng(seed)), _hull if convex else _box
 
-    def cut(lower: np.ndarray, upper: np.ndarray, border: np.ndarray, leaves: int) -> _Node:
-        first_leaves = leaves // 2
-        share = first_leaves / leaves
+    def cut(lower: np.ndarray, upper: np.ndarray, border: np.ndarray, leaves: int) -> list[_Leaf]:
+        share = leaves // 2 / leaves
         shares = [share * part for part in (CUTS if convex else (1.0,)) if share * part < 1]
         tried = [
             _cut(shape, border, axis, each, cost)
@@ -168,16 +158,12 @@ def _shared_out(shape: Shape, domain: Domain, leaves: int, convex: bool, seed: i
         ]
         tried = [each for each in tried if each is not None]
         if not tried:
-            return _Node(lower, upper, border)
-        _, axis, middle, below = min(tried, key=lambda each: each[0])
-        place = np.float32(domain.to_local(np.full(domain.ndim, middle))[axis])
-        place = float(place if abs(place) >= NEAREST_TO_ZERO else np.float32(NEAREST_TO_ZERO))
-        (_, first), (last, _) = split_regions(domain, axis, place)
-        sides = (
-            cut(lower, np.minimum(upper, first), border[below], first_leaves),
-            cut(np.maximum(lower, last), upper, border[~below], leaves - first_leaves),
-        )
-        return _Node(lower, upper, border, axis, place, sides)
+            return [_Leaf(lower, upper, border)]
+        _, axis, place, below = min(tried, key=lambda each: each[0])
+        middle_low, middle_high = lower.copy(), upper.copy()
+        middle_low[axis] = middle_high[axis] = np.float32(place)
+        first = cut(lower, middle_high, border[below], leaves // 2)
+        return first + cut(middle_low, upper, border[~below], leaves - leaves // 2)
 
     least = np.full(shape.ndim, -np.inf)
     return cut(least, -least, points, leaves)
@@ -217,7 +203,7 @@ def _hull(border: np.ndarray, room: np.ndarray) -> float:
 
 
 class _Builder:
-    """Parts and regions of the composition, in the order in which they are asked."""
+    """Parts and regions of the union, in the order in which they are asked."""
 
     def __init__(self, shape: Shape, domain: Domain, cls: type[Bounder], told: dict[str, Any], seed: int, device):
         self.shape, self.domain, self.cls, self.told = shape, domain, cls, told
@@ -226,41 +212,36 @@ class _Builder:
         self.regions: list[Region] = []
         self.records: list[dict[str, Any]] = []
 
-    def build(self, node: _Node, budget: float, leaves: int, spent: Stopwatch, progress: Progress | None) -> Tree:
-        """The tree of a node; what is left of the budget is shared by the leaves that are left."""
-        if node.children:
-            halves = [self.build(child, budget, leaves, spent, progress) for child in node.children]
-            return [SPLIT, node.axis, node.place, *halves]
-        region = self._tightened(node)
+    def add(self, leaf: _Leaf, seconds: float) -> None:
+        """Bound what the object has in a leaf's region, by a box and by a bounder of the class."""
+        region = self._tightened(leaf)
         own = part_of(self.shape, region)
         box = Aabb.fit(own, self.domain, device=self.device)
         prove(box, own, eps=BOX_EPS, boxes=BOX_BOXES)
-        guard = self._add(box, region)
-        left = leaves - len(self.records)
-        seconds = max(budget - spent.working, LEAST_SHARE * budget) / left
-        if progress:
-            progress(len(self.records), leaves, f"leaf {len(self.records) + 1} of {leaves}")
-        return [AND, guard, self._add(self._leaf(own, seconds), region)]
+        within = self._fitted(own, seconds)
+        part = Cascade.of([box, within])
+        self.parts.append(part.freeze(float(part.threshold), conjunction([box.certificate, within.certificate])))
+        self.regions.append(region)
 
-    def _tightened(self, node: _Node) -> Region:
-        """The smallest box around the node's part of the object that the shape certifies to hold it, about."""
-        whole, size = part_of(self.shape, (node.lower, node.upper)), float(self.shape.extent.max())
-        if not len(node.border):
-            return node.lower, node.upper
+    def _tightened(self, leaf: _Leaf) -> Region:
+        """The smallest box around the leaf's part of the object that the shape certifies to hold it, about."""
+        whole, size = part_of(self.shape, (leaf.lower, leaf.upper)), float(self.shape.extent.max())
+        if not len(leaf.border):
+            return leaf.lower, leaf.upper
         for room in TIGHT:
             low, high = (
-                round_down(node.border.min(axis=0) - room * size),
-                round_up(node.border.max(axis=0) + room * size),
+                round_down(leaf.border.min(axis=0) - room * size),
+                round_up(leaf.border.max(axis=0) + room * size),
             )
-            region = np.maximum(low, node.lower), np.minimum(high, node.upper)
+            region = np.maximum(low, leaf.lower), np.minimum(high, leaf.upper)
             try:
                 check_cover(whole, [region])
             except BounderError:
                 continue
             return region
-        return node.lower, node.upper
+        return leaf.lower, leaf.upper
 
-    def _leaf(self, own: Shape, seconds: float) -> Bounder:
+    def _fitted(self, own: Shape, seconds: float) -> Bounder:
         network = issubclass(self.cls, Mlp)
         domain = domain_of(own, POINT.name) if network else self.domain  # a network learns best in a domain of its own
         target = self.domain if network else None
@@ -270,8 +251,3 @@ class _Builder:
         if not network:
             prove(bounder, own, eps=SHAPE_EPS, boxes=SHAPE_BOXES)
         return bounder
-
-    def _add(self, part: Bounder, region: Region) -> int:
-        self.parts.append(part)
-        self.regions.append(region)
-        return len(self.parts) - 1

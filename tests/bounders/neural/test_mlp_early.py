@@ -219,7 +219,7 @@ def test_grants_lower_f_nowhere(case, rng):
     assert (bounds.value == bounder.reference(bounds.point)).all()
 
 
-def test_grants_in_compositions_and_cascades(device):
+def test_grants_in_unions_and_cascades(device):
     (without, x), bounder = early("points", device), granting("points", device)
     ball = METHODS["sphere"].fit(shape("blob"), bounder.domain, device=device)
     f = ball.values(x).numpy()
@@ -227,7 +227,7 @@ def test_grants_in_compositions_and_cascades(device):
     own, other, before = (each.query(x).numpy() for each in (bounder, ball, without))
     for whole, expected, differs in (
         (wb.cascade(ball, bounder), own & other, before & other),
-        (bounder | ball, own | other, before | other),
+        (wb.union(bounder, ball), own | other, before | other),
     ):
         assert (expected != differs).any()
         assert (whole.query(x).numpy() == expected).all()

@@ -6,12 +6,10 @@ least at the next float64 number behind its side, and the boxes between begin th
 
 import numpy as np
 
-from warp_bounding.arithmetic import round_down, round_up
-from warp_bounding.coordinates.domain import Domain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.shape import Shape
 
-__all__ = ["Region", "check_cover", "common", "split_regions"]
+__all__ = ["Region", "check_cover"]
 
 Region = tuple[np.ndarray, np.ndarray]  # corners of a box, object space
 SMALLEST = 2.0**-12  # of the longest side: pieces between the boxes that are not halved any more
@@ -66,22 +64,3 @@ def _outside(low: np.ndarray, high: np.ndarray, first: np.ndarray, last: np.ndar
                 high[:, axis] = np.minimum(high[:, axis], last[axis])
             kept.append((piece_low, piece_high))
     return tuple(np.concatenate(side) for side in zip(*kept, strict=True))
-
-
-def split_regions(domain: Domain, axis: int, place: float) -> tuple[Region, Region]:
-    """What the children of a split must hold: boxes, object space, infinite but for one side each, float32 numbers.
-
-    The first has all points whose computed v may lie below a place along an axis, the second those at it or above.
-    """
-    at = np.full((1, domain.ndim), float(np.float32(place)))
-    least, most = domain.origins(at, at)
-    end = np.full(domain.ndim, np.inf)
-    below, above = (-end, end.copy()), (-end, end.copy())
-    below[1][axis], above[0][axis] = round_up(most[0, axis]), round_down(least[0, axis])
-    return below, above
-
-
-def common(one: list[Region], other: list[Region]) -> list[Region]:
-    """The boxes that are in a box of both."""
-    pairs = [(np.maximum(a, c), np.minimum(b, d)) for a, b in one for c, d in other]
-    return [(low, high) for low, high in pairs if (low <= high).all()]

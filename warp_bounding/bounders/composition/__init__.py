@@ -1,1 +1,0 @@
-"""Bounders made of bounders by *and* and *or*."""
