@@ -69,7 +69,7 @@ NETWORKS = (
     CASCADE,
     DISTANCE,
 )  # compared with the paper's best network
-EXACT = ("voxels", "kd-tree")  # on their own grid, at the price of their memory, or of their time
+EXACT = ("voxels",)  # on its own grid, at the price of its memory
 ROWS = (*PAPER, "monotone-mlp", LOCAL, TREE, CASCADE, DISTANCE, "occupancy", *EXACT)  # methods, in the table's order
 DISTANCE_STEPS = {"ray": 128, "box": 512}  # evaluations that a query of these may take at most; most take a few
 

@@ -112,7 +112,7 @@ def page(folder: Folder, failed: Sequence[str] = (), picture: str | None = None)
             "One panel a dimension. Each method's false-positive rates over all test cases (object × query), sorted: a line that "
             "stays low to the right is tight on the hard cases, too. Where volumes were fitted in both spaces, the upper panels "
             "have those around the object and the lower ones those around query parameters, against the same networks. Lines of methods that exist for fewer queries "
-            "are shorter; `bvh-16` and the like, `occupancy`, `voxels` and `kd-tree` are not drawn. Also as [SVG](rank.svg)."
+            "are shorter; `bvh-16` and the like, `occupancy` and `voxels` are not drawn. Also as [SVG](rank.svg)."
         ]
     if recipes := section(read_rows(folder.path)):
         lines += ["", *recipes]
@@ -182,7 +182,7 @@ def _legend(tables: Sequence[Means]) -> list[str]:
         "all its objects). Lower is better. **Bold**: the tightest conservative bounder of the column.",
         "Every row but `occupancy` promises to have no false negative; the column of these counts those that were found.",
         "Memory: what a query can read, the mean of all bounders of a row in a dimension. On so coarse a grid the object itself is small: `voxels` is one bit a "
-        "cell, `kd-tree` the same cells in fewer bits, which answer every query exactly and slowly.",
+        "cell, and is asked about points only.",
     ]
     if parametric:
         lines.append(

@@ -128,7 +128,7 @@ def test_the_overhead_of_asking_counts(points, kept):
 
 
 def test_it_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
-    closed = ("aabb", "sphere", "ellipsoid", "kdop", "bvh", "voxels", "kd-tree")
+    closed = ("aabb", "sphere", "ellipsoid", "kdop", "bvh", "voxels")
     given = {"narrow_ns": 2000.0, "methods": closed, "budget": 600.0, "folder": tmp_path / "c"}
     real, fitted = Work.fitted, []
 

@@ -93,10 +93,7 @@ def check_bound(bounder, rng, boxes=400):
     point = bounder.bound(center, center).lower
     exact = bounder.reference(center)
     assert (point <= exact).all()
-    if bounder.method not in (
-        "voxels",
-        "kd-tree",
-    ):  # of these a point beside a border may lie in a neighbour, which is wider
+    if bounder.method != "voxels":  # of which a point beside a border may lie in a neighbour, which is wider
         assert (exact - point).max() < 1e-6 * (1 + np.abs(exact).max())
 
 

@@ -113,7 +113,6 @@ def test_one_changed_weight_is_found(method):
         "mlp": ("layers.1.bias", 0, -0.1),
         "mlp-early": ("layers.2.bias", 0, -0.1),
         "voxels": ("summand", 0, 1.0),
-        "kd-tree": ("low", 0, 0.2),
         "bvh": ("low", -1, 0.1),
     }[method]
     tensor = bounder.tensors[name].copy()

@@ -68,7 +68,10 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder | Distan
 
 
 # Methods of older files that are gone, and what does their work now.
-GONE = {"composition": "put together by & and |: fit it anew, with cascade, union or hierarchy"}
+GONE = {
+    "composition": "put together by & and |: fit it anew, with cascade, union or hierarchy",
+    "kd-tree": "fit a bvh, which holds the same cells",
+}
 
 
 def _made(document: dict, tensors: dict[str, np.ndarray], device: str | None) -> Bounder | DistanceBounder:

@@ -4,7 +4,6 @@ from warp_bounding.bounders.bvh.bvh import Bvh
 from warp_bounding.bounders.ellipsoids.ellipsoid import Ellipsoid
 from warp_bounding.bounders.ellipsoids.oriented_ellipsoid import OrientedEllipsoid
 from warp_bounding.bounders.ellipsoids.sphere import Sphere
-from warp_bounding.bounders.kdtree.kdtree import KdTree
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.neural.mlp_early import MlpEarly
 from warp_bounding.bounders.neural.monotone_mlp import MonotoneMlp
@@ -28,7 +27,6 @@ register(Kdop)
 register(Bvh)
 register(LearnedKdop)
 register(Voxels)
-register(KdTree)
 register(ReluField)
 register(Mlp)
 register(MlpEarly)

@@ -32,7 +32,6 @@ FRONT, BEHIND = "learned-kdop", (24, 24)  # of the cascade: what is asked first,
 CLOSED_SIZES: dict[str, list[dict[str, Any]]] = {
     "bvh": [{"leaves": leaves} for leaves in (16, 64, 256, 1024, 4096)],
     "voxels": [{"resolution": cells} for cells in (16, 32, 64, 128)],
-    "kd-tree": [{"resolution": cells} for cells in (32, 64, 128)],
     "kdop": [{}, {"k": 26}],
 }
 DIMENSIONS_OF_K = 3  # where k-DOPs have such a k
@@ -49,7 +48,6 @@ TIMES_AABB = {
     DistanceGrid.method: 3.0,
     "voxels": 0.05,
     "bvh": 0.1,
-    "kd-tree": 0.1,
     "relu-field": 0.5,
 }
 TIMES_SMALLER = 2.0  # the same of a size and the one before it

@@ -87,7 +87,7 @@ def fit(
             cells raises a warning, because the cells are what is bounded.
         force: Accept a margin that is larger than the object.
         resolution: Cells along a mesh's longest axis, where cells are laid: for regions in parametric space, and
-            those of an ``mlp`` with ``thresholds``, 128 if ``None``; for ``bvh``, ``voxels``, ``kd-tree`` and ``relu-field`` 64. For all else
+            those of an ``mlp`` with ``thresholds``, 128 if ``None``; for ``bvh``, ``voxels`` and ``relu-field`` 64. For all else
             ``None`` is the mesh itself. Grids bring their own.
         length: Length of a ray, object units; 1 if ``None``. Other queries have none.
         space: For rays, planes and boxes: ``"geometric"``, the default, tests a region against the volume;
@@ -113,7 +113,7 @@ def fit(
             ``certificate``: of an mlp of points, ``"statistical"`` for a threshold that samples attest, where a proof in many
             dimensions leaves nothing; ``proven_share`` then tells how much of it is proven all the same.
             ``metric``: of a distance, where coordinate 0 of a grid is time: ``"spacetime"`` takes it as one more coordinate.
-            ``k``: half-spaces of a kdop or learned-kdop. ``leaves``: leaf boxes of a bvh, leaves of a kd-tree.
+            ``k``: half-spaces of a kdop or learned-kdop. ``leaves``: leaf boxes of a bvh.
             ``steps``: training steps instead of seconds; the result is then repeatable to the bit on the same machine.
 
     Returns:

@@ -1,1 +1,0 @@
-"""The occupied cells as a k-d tree of bits."""
