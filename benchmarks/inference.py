@@ -2,8 +2,8 @@
 
 Each round times every contestant once, in turn; ratios are taken within a round, so that a machine whose speed drifts does
 not matter, and their median is printed. All points lie in the domain: none is answered without asking the network.
-Contestants: torch eager on one (N, 3) tensor; torch eager in chunks, the best of several sizes; ours, its function in somebody's kernel,
-and the plain twins of both in Warp's own Python. Same cores, same data, results compared first.
+Contestants: torch eager on one (N, 3) tensor; torch eager in chunks, the best of several sizes; ours, its function in somebody's kernel.
+Same cores, same data, results compared first.
 """
 
 import argparse
@@ -75,17 +75,10 @@ def in_kernel(bounder, points: wp.array, out: wp.array):
 
 
 def ours(bounder, points: wp.array, out: wp.array) -> dict:
-    """Calls of a bounder, native and as its plain twin, in a batch and in a kernel; the answers are compared."""
-    plain = bounder.to(native=False)
-    different = (plain.query(points).numpy() != bounder.query(points).numpy()).mean()
-    assert different < 1e-5, (
-        f"{different:.2%} of the twin's answers differ"
-    )  # where f is as near to the threshold as its rounding
+    """Calls of a bounder, in a batch and in a kernel."""
     return {
         "ours": lambda: bounder.query(points, out=out),
         "ours, func in a kernel, one core": in_kernel(bounder, points, out),
-        "plain twin": lambda: plain.query(points, out=out),
-        "plain twin, func in a kernel, one core": in_kernel(plain, points, out),
     }
 
 

@@ -9,7 +9,6 @@ from bounding_shapes import random_bounder, random_mlp, shape
 
 from warp_bounding.bounders import METHODS
 from warp_bounding.kernels.functions import Data, batch_kernel
-from warp_bounding.kernels.plain import plain_kernel
 from warp_bounding.networks.bound_kernel import _kernel as bound_kernel
 from warp_bounding.networks.bound_source import NetworkShape
 from warp_bounding.networks.charts.base import PlainChart
@@ -26,11 +25,6 @@ pytestmark = [
 @pytest.mark.parametrize("method", METHODS)
 def test_batch_kernels_compile(method, tmp_path):
     check_compiles(batch_kernel(random_bounder(method, "blob").source, True, False), tmp_path)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_plain_twins_compile(method, tmp_path):
-    check_compiles(plain_kernel(random_bounder(method, "blob").source, True, False), tmp_path)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -12,8 +12,6 @@ from warp_bounding.kernels.distances.batch import (
     box_kernel,
     distance_kernel,
     lines_kernel,
-    march_kernel,
-    plain_kernel,
 )
 from warp_bounding.kernels.distances.lanes import lanes_kernel
 
@@ -27,7 +25,6 @@ pytestmark = [
 def test_distances_compile(method, tmp_path):
     source = far(method, "blob").source
     check_compiles(distance_kernel(source, False), tmp_path / "radius")
-    check_compiles(march_kernel(source, True, False), tmp_path / "march")
     check_compiles(lanes_kernel(source), tmp_path / "lanes")
 
 
@@ -35,9 +32,7 @@ def test_all_kernels_compile(tmp_path):
     source = far("oriented-ellipsoid", "blob").source
     kernels = [
         distance_kernel(source, True),
-        plain_kernel(source, True),
-        march_kernel(source, True, True),
-        box_kernel(source, True),
+        box_kernel(source),
         lines_kernel(source, True),
     ]
     for number, kernel in enumerate(kernels):

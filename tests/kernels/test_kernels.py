@@ -1,4 +1,4 @@
-"""Batch kernels and functions for other kernels against the plain twin, within the proven rounding bound and no more."""
+"""Batch kernels and functions for other kernels against the reference, within the proven rounding bound and no more."""
 
 import numpy as np
 import pytest
@@ -56,7 +56,7 @@ def check_func(bounder, x: np.ndarray) -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", ["c", "blob", "animated"])
-def test_batch_kernel_is_its_twin(method, name, device, rng):
+def test_batch_kernel_is_its_reference(method, name, device, rng):
     bounder, grid = random_bounder(method, name, device), shape(name)
     check_values(bounder, np.concatenate([domain_points(grid, 6000, rng), object_points(grid, rng, 1000)]))
 

@@ -17,7 +17,6 @@ from warp_bounding.coordinates.placement import Placement
 from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import QueryError
 from warp_bounding.kernels.functions import Data, batch_kernel, point_func
-from warp_bounding.kernels.plain import plain_func, plain_kernel
 from warp_bounding.kernels.source import LABEL, Source
 from warp_bounding.runtime.arrays import flat_queries, memory_of, new_output
 from warp_bounding.runtime.compaction import Compaction, compact
@@ -133,7 +132,6 @@ class Asking(PicklableBounder, ABC):
 
     domain: AnyDomain
     threshold: np.float32
-    native: bool
     _device: str | None
     _data: tuple[np.float32, Data] | None = None  # the threshold for which ``data`` was made, and it
 
@@ -199,7 +197,7 @@ class Asking(PicklableBounder, ABC):
             >>> bool((answers.numpy() == bounder.query(points).numpy()).all())
             True
         """
-        return point_func(self.source) if self.native else plain_func(self.source)
+        return point_func(self.source)
 
     @property
     def data(self) -> Data:
@@ -347,6 +345,5 @@ class Asking(PicklableBounder, ABC):
         data = self.data
         place_or_any = data.parameters if place is None else place  # kernels may not be given null pointers
         inputs = [queries, count, 0, data.parameters, data.words, place_or_any]
-        kernel_of, block = (batch_kernel, self.source.block) if self.native else (plain_kernel, 1)
-        kernel = kernel_of(self.source, place is not None, values)
-        return BlockLaunch(kernel, count, inputs, [out], self.device, first_index=2, block=block)
+        kernel = batch_kernel(self.source, place is not None, values)
+        return BlockLaunch(kernel, count, inputs, [out], self.device, first_index=2, block=self.source.block)

@@ -3,7 +3,7 @@
 A bounder maps a query to coordinates ``v`` (``Domain``), computes one float32 number ``f(v)`` and answers *maybe* iff
 ``not (f < threshold)``, which is not ``f >= threshold``: a NaN must be answered with *maybe*. A method supplies:
 
-* ``source``: a ``Source`` with the native text of ``f`` (``body``) and its twin in Warp's own Python (``plain``); and
+* ``source``: a ``Source`` with the native text of ``f`` (``body``); and
   ``weights()``, the float32 numbers that both read;
 * ``reference(v)``: the same ``f`` in plain NumPy float64, which tests and proofs evaluate;
 * ``bound(lower, upper)``: a certified lower bound of the exact ``f`` over boxes of ``v``;
@@ -51,7 +51,6 @@ class Bounder(Asking):
         info: How it was made, by the names in ``file_format.INFO_FIELDS``. ``training`` is a record of the fit, with its
             seconds; ``rates`` are false positives on a few queries, its own and an axis-aligned box's (``quick_rates``).
         device: The Warp device that queries run on.
-        native: Whether queries run as native text, or as its plain twin (``to``).
 
     Example:
         >>> bounder = wb.fit(ball, method="obb", device="cpu")
@@ -110,7 +109,6 @@ class Bounder(Asking):
         self.certificate: Certificate | None = None
         self.info: dict[str, Any] = {}
         self._device = device
-        self.native = True
         self.check_tensors()
 
     def expect_shapes(self, expected: dict[str, tuple[int, ...]]) -> None:
@@ -244,35 +242,24 @@ class Bounder(Asking):
         """Whether the method bounds a kind of query of an n-dimensional object, in a space; by default only points."""
         return query in QUERIES and not QUERIES[query].is_region
 
-    def to(self, device: str | None = None, *, native: bool | None = None) -> "Bounder":
+    def to(self, device: str | None = None) -> "Bounder":
         """This bounder on another device; weights are copied, the certificate holds for both.
 
         Args:
             device: Warp device; the same one if ``None``.
-            native: ``False`` runs ``func``, ``query``, ``candidates`` and ``prepare`` as the plain twin in Warp's own
-                Python (``kernels.plain``), for devices without a compiler for native text. Its answers may differ by
-                rounding only, which the certificate covers. It handles one query at a time: on a CPU a box takes about
-                twice as long, a network some 50 times (``benchmarks/inference.py``). Its kernels must be compiled
-                without ``fast_math``. ``None`` keeps what it is.
 
         Raises:
-            BounderError: For the plain twin of a bounder of configurations, whose joints only native text turns back.
             DeviceError: If there is no such device.
 
         Example:
-            >>> plain = bounder.to("cpu", native=False)
-            >>> bool((plain.query(points).numpy() == bounder.query(points).numpy()).all())
+            >>> bounder.to("cpu").certificate == bounder.certificate
             True
         """
         device = self._device if device is None else device
         device_of(device)
-        if native is False and self.domain.joints is not None:
-            raise BounderError(f"{self.method}: bounders of configurations run as native text only")
         copy = object.__new__(type(self))
         copy.__dict__.update(self.__dict__)  # tensors are shared, they cannot change
-        copy.__dict__.pop("func", None)  # it is cached, and depends on ``native``
         copy._device, copy._data = device, None
-        copy.native = self.native if native is None else native
         return copy
 
     def freeze(self, threshold: float, certificate: Certificate | None) -> "Bounder":

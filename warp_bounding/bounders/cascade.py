@@ -12,7 +12,6 @@ from functools import cached_property
 from itertools import accumulate
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.local.local import Local
@@ -29,7 +28,6 @@ from warp_bounding.bounders.neural.mlp_early import MlpEarly, bounds_of_all, den
 from warp_bounding.bounders.registry import composed
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.kernels.plain import Numbers, Words, plain_value, twin, vector_type
 from warp_bounding.kernels.source import DENIED, Early, Lanes, Source, aligned, literal, words_at
 
 __all__ = ["Cascade", "CascadeSource"]
@@ -101,32 +99,6 @@ class CascadeSource(Source):
         *places, _, thresholds_at = self.places
         own = enumerate(zip(zip(places, self.fields[:-1], strict=True), self.sources[:-1], strict=True))
         return [(place, source, f"w[{thresholds_at + i}]") for i, (place, source) in own]
-
-    def plain(self) -> wp.Function:
-        f = plain_value(self.sources[-1])
-        for index in reversed(range(len(self.sources) - 1)):
-            f = _from_part(self, index, f)
-        return f
-
-
-def _from_part(source: CascadeSource, index: int, rest: wp.Function) -> wp.Function:
-    """The plain f of the parts from ``index`` on: DENIED where this part denies, else ``rest``, the f of later ones."""
-    part, place, threshold_at = plain_value(source.sources[index]), source.places[index], source.places[-1] + index
-    vector, field = vector_type(source.coordinates), source.fields[index]
-
-    @twin(source, f"value_{index}")
-    def f(w: Numbers, words: Words, at: int, v: vector) -> float:
-        if part(w, words, at + place, v) < w[at + threshold_at]:
-            return DENIED
-        return rest(w, words, at, v)
-
-    @twin(source, f"value_of_words_{index}")
-    def with_words(w: Numbers, words: Words, at: int, v: vector) -> float:
-        if part(w, words[field:], at + place, v) < w[at + threshold_at]:
-            return DENIED
-        return rest(w, words, at, v)
-
-    return with_words if field else f
 
 
 def _at(place: tuple[int, int], code: str) -> str:

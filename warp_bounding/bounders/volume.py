@@ -14,7 +14,6 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.coordinates.base import GEOMETRIC
@@ -50,15 +49,11 @@ class VolumeSource(Source):
     """Native code of a volume's tests: a text for each kind, in which the class's own fields and ``n`` are filled in."""
 
     texts: ClassVar[Mapping[str, str | Callable[[Any], str]]]  # by the kind of query that is tested
-    twins: ClassVar[Mapping[str, Callable[[Any], wp.Function]]]
 
     def body(self, lanes: Lanes) -> str:
         text = self.texts[self.tested_kind]
         own = {name: str(value).lower() for name, value in vars(self).items()}  # C's true and false
         return fill(text(self) if callable(text) else text, n=self.tested_ndim, **own)
-
-    def plain(self) -> wp.Function:
-        return self.twins[self.tested_kind](self)
 
 
 class VolumeBounder(Bounder):

@@ -9,14 +9,12 @@ from dataclasses import dataclass
 from math import prod
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_up
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.coordinates.domain import GROWTH, Domain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.kernels.plain import Numbers, Words, twin, vector_type
 from warp_bounding.kernels.source import Lanes, Source, fill
 
 __all__ = ["Voxels", "VoxelsSource"]
@@ -79,30 +77,6 @@ class VoxelsSource(Source):
             index = f"({index}) * {self.shape[k]} + i{k}"
         sizes = {"n": self.ndim, "shape": ", ".join(map(str, self.shape)), "at": at, "loops": loops, "index": index}
         return fill(_TEXT, **sizes, **(_TOGETHER if lanes.vector else _ALONE))
-
-    def plain(self) -> wp.Function:
-        """See ``Source.plain``: 1 where one of the cells within reach is occupied."""
-        n, vector, cells = self.ndim, vector_type(self.ndim), wp.types.vector(length=self.ndim, dtype=wp.int32)
-        shape = cells(*self.shape)
-
-        @twin(self)
-        def f(w: Numbers, words: Words, at: int, v: vector) -> float:
-            first, span, count, found = cells(), cells(), wp.int32(1), wp.uint32(0)
-            for k in range(n):
-                t, last = v[k] * w[at + k] + w[at + n + k], float(shape[k] - 1)
-                reach = w[at + 2 * n + k]
-                first[k] = int(wp.clamp(t - reach, 0.0, last))
-                span[k] = int(wp.clamp(t + reach, 0.0, last)) - first[k] + 1
-                count *= span[k]
-            for choice in range(count):
-                rest, c = wp.int32(choice), wp.int32(0)
-                for k in range(n):
-                    c = c * shape[k] + first[k] + rest % span[k]
-                    rest = rest // span[k]
-                found |= words[c >> 5] >> wp.uint32(c & 31)
-            return float(found & wp.uint32(1))
-
-        return f
 
 
 def _size(factor: np.ndarray, summand: np.ndarray, limit: np.ndarray) -> np.ndarray:

@@ -154,17 +154,6 @@ class Coordinates(ABC):
     def rounding(self, base, length: float | None) -> np.ndarray:
         """``(n,)``: how far, per axis of local space, the computed query may pass a point of the exact one."""
 
-    @abstractmethod
-    def plain(self, n: int, time: bool, placed: bool, begin: int) -> wp.Function:
-        """The twin of ``text`` in Warp's own Python: ``(parameters, place, q) -> (v, testable, inside)``.
-
-        ``center scale limit threshold extra`` begin at ``begin`` in ``parameters``.
-        """
-
-    @abstractmethod
-    def plain_move(self, n: int) -> wp.Function:
-        """The twin of ``moving``: ``(place, q) -> (q, testable)``."""
-
     def placed_values(self, domain, world: WorldMap) -> list[np.ndarray]:
         """What the kernels read of a placement besides translation and matrix."""
         return []

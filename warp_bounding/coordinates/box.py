@@ -1,14 +1,11 @@
 """Boxes: ``v = (low, high)``, the corners in local space, cut at the domain; a moved box is the one around it."""
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.arithmetic import TINY, UNIT32
-from warp_bounding.coordinates.base import Coordinates, Numbers, WorldMap, vector_type
-from warp_bounding.coordinates.direction import plain_parts
+from warp_bounding.coordinates.base import Coordinates, WorldMap
 from warp_bounding.coordinates.domain import GROWTH, Domain, input_rounding
 from warp_bounding.coordinates.placement_rounding import at_points
-from warp_bounding.runtime.native import named
 
 __all__ = ["BOX"]
 
@@ -61,46 +58,6 @@ for (int k = 0; k < AXES; ++k) {
     def placed_rounding(self, domain, world: WorldMap, input_unit: float) -> np.ndarray:
         base = domain.base
         return (at_points(base, world, input_unit) * base.scale.astype(np.float64) * (1 + 4 * UNIT32) + TINY) * GROWTH
-
-    def plain(self, n: int, time: bool, placed: bool, begin: int) -> wp.Function:
-        pair, _, _, local = plain_parts(n, begin)
-        limit, extra = begin + 2 * n, begin + 3 * n + 1
-
-        @named(f"wb_plain_box_{n}_{time:d}_{begin}").func
-        def locate(p: Numbers, place: Numbers, q: pair):
-            low, _ = local(p, q, 0)
-            high, _ = local(p, q, n)
-            v, testable, inside = pair(), wp.bool(True), wp.bool(True)
-            for k in range(n):
-                top = p[limit + k]
-                testable = testable and q[k] <= q[n + k]
-                inside = inside and low[k] <= top and high[k] >= -top
-                v[k] = wp.clamp(low[k], -top, top)
-                v[n + k] = wp.clamp(high[k], -top, top)
-            if time:
-                testable = testable and low[0] <= p[extra] and high[0] >= -p[extra]
-            return v, testable, inside
-
-        return locate
-
-    def plain_move(self, n: int) -> wp.Function:
-        pair = vector_type(2 * n)
-
-        @named(f"wb_plain_move_box_{n}").func
-        def move(place: Numbers, q: pair):
-            x, testable = pair(), wp.bool(True)
-            for k in range(n):
-                testable = testable and q[k] <= q[n + k]
-                for j in range(n):
-                    low, high = (q[j] - place[j]) * place[n + n * k + j], (q[n + j] - place[j]) * place[n + n * k + j]
-                    x[k] += wp.min(low, high)
-                    x[n + k] += wp.max(low, high)
-            for k in range(n):
-                testable = testable and wp.isfinite(q[k] - place[k]) and wp.isfinite(q[n + k] - place[k])
-                testable = testable and wp.isfinite(x[k]) and wp.isfinite(x[n + k])
-            return x, testable
-
-        return move
 
 
 BOX = BoxCoordinates()

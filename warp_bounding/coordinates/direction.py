@@ -10,17 +10,13 @@ The texts below read three constants of the kind (``_PLACES``): where the point 
 ``Placement.values``).
 """
 
-from functools import cache
-
 import numpy as np
-import warp as wp
 
 from warp_bounding.arithmetic import gamma
-from warp_bounding.coordinates.base import DIRECTION_LARGEST, DIRECTION_SMALLEST, FAR, Numbers, literal, vector_type
+from warp_bounding.coordinates.base import DIRECTION_LARGEST, DIRECTION_SMALLEST, FAR, literal
 from warp_bounding.coordinates.domain import Domain, input_rounding
-from warp_bounding.runtime.native import named
 
-__all__ = ["FAR_POINT", "MOVING", "UNIT", "origin_rounding", "plain_move_pair", "plain_parts"]
+__all__ = ["FAR_POINT", "MOVING", "UNIT", "origin_rounding"]
 
 # The largest entry of a direction, and whether it has a size that directions may have.
 POSSIBLE = f"""
@@ -86,57 +82,3 @@ def origin_rounding(base: Domain) -> np.ndarray:
     extent = np.full(base.ndim, FAR * (1 + gamma(4)))
     around = extent / base.scale.astype(np.float64)
     return input_rounding(base.center, base.scale, extent, base.center - around, base.center + around)
-
-
-@cache
-def plain_parts(n: int, begin: int) -> tuple:
-    """Warp's type of 2n numbers, and the twins of ``POSSIBLE``, ``UNIT`` and ``FAR_POINT`` (``Coordinates.plain``)."""
-    pair, vector = vector_type(2 * n), vector_type(n)
-
-    @named(f"wb_plain_sized_{n}_{begin}").func
-    def sized(q: pair, first: int) -> bool:
-        longest = wp.float32(0.0)
-        for k in range(n):
-            longest = wp.max(longest, wp.abs(q[first + k]))
-        return longest >= DIRECTION_SMALLEST and longest <= DIRECTION_LARGEST
-
-    @named(f"wb_plain_unit_{n}_{begin}").func
-    def unit(q: pair, first: int) -> vector:
-        u, longest, norm = vector(), wp.float32(0.0), wp.float32(0.0)
-        for k in range(n):
-            longest = wp.max(longest, wp.abs(q[first + k]))
-        for k in range(n):
-            u[k] = q[first + k] / longest
-            norm += u[k] * u[k]
-        for k in range(n):
-            u[k] = u[k] / wp.sqrt(norm)
-        return u
-
-    @named(f"wb_plain_local_{n}_{begin}").func
-    def local(p: Numbers, q: pair, first: int):
-        a, distance = vector(), wp.float32(0.0)
-        for k in range(n):
-            a[k] = (q[first + k] - p[begin + k]) * p[begin + n + k]
-            distance += wp.abs(a[k])
-        return a, distance
-
-    return pair, sized, unit, local
-
-
-@cache
-def plain_move_pair(n: int, point: int, turn: int, matrix: int) -> wp.Function:
-    """The twin of ``MOVING``; point, direction and its matrix begin at ``q[point]``, ``q[turn]``, ``place[matrix]``."""
-    pair, sized, _, _ = plain_parts(n, 0)
-
-    @named(f"wb_plain_move_{point}_{n}").func
-    def move(place: Numbers, q: pair):
-        x, testable = pair(), wp.bool(True)
-        for k in range(n):
-            for j in range(n):
-                x[point + k] += (q[point + j] - place[j]) * place[n + n * k + j]
-                x[turn + k] += q[turn + j] * place[matrix + n * k + j]
-        for k in range(2 * n):
-            testable = testable and wp.isfinite(x[k])
-        return x, testable and sized(q, turn) and sized(x, turn)
-
-    return move

@@ -1,18 +1,13 @@
 """The coordinates of each kind of query by its name, and what frames the texts and functions of their maps."""
 
-from functools import cache
-
-import warp as wp
-
-from warp_bounding.coordinates.base import PARAMETRIC, Coordinates, Numbers, vector_type
+from warp_bounding.coordinates.base import PARAMETRIC, Coordinates
 from warp_bounding.coordinates.box import BOX
 from warp_bounding.coordinates.plane import PLANE
 from warp_bounding.coordinates.point import POINT
 from warp_bounding.coordinates.ray import RAY
 from warp_bounding.indicators.joints import TEXT
-from warp_bounding.runtime.native import named
 
-__all__ = ["COORDINATES", "coordinates_of", "locate", "plain_map"]
+__all__ = ["COORDINATES", "coordinates_of", "locate"]
 
 COORDINATES: dict[str, Coordinates] = {kind.name: kind for kind in (POINT, RAY, PLANE, BOX)}  # a new kind is one more
 
@@ -59,28 +54,3 @@ def locate(query: str, space: str, n: int, free: int, placed: bool = False, join
         moving=f"{{ {kind.moving} }}" if placed else "",
         text=text,
     )
-
-
-@cache
-def plain_map(query: str, space: str, n: int, free: int, placed: bool, begin: int) -> wp.Function:
-    """The twin of ``locate`` in Warp's own Python, a function ``(parameters, place, q) -> (v, testable, inside)``.
-
-    The arguments are those of ``locate``; ``center scale limit threshold extra`` begin at ``begin`` in ``parameters``.
-    """
-    kind = coordinates_of(query, space)
-    locate, move, columns = kind.plain(n, free, placed, begin), kind.plain_move(n), kind.columns(n)
-    numbers = vector_type(columns)
-
-    @named(f"wb_plain_map_{space}_{query}_{n}_{free:d}{placed:d}").func
-    def located(parameters: Numbers, place: Numbers, q: numbers):
-        known = wp.bool(True)
-        for k in range(columns):
-            known = known and wp.isfinite(q[k])
-        x = q
-        if placed:
-            x, sized = move(place, q)
-            known = known and sized
-        v, testable, inside = locate(parameters, place, x)
-        return v, known and testable, inside
-
-    return located

@@ -8,7 +8,6 @@ and the point a in local space, 2n numbers. A plane whose point lies outside the
 """
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_up
 from warp_bounding.coordinates import direction
@@ -21,14 +20,11 @@ from warp_bounding.coordinates.base import (
     SUMMED,
     UNIT_LIMIT,
     Coordinates,
-    Numbers,
     WorldMap,
     literal,
-    vector_type,
 )
 from warp_bounding.coordinates.domain import GROWTH, Domain
 from warp_bounding.coordinates.placement_rounding import SLOPE, STEEPEST, alpha_beta, far_point_error, tilt
-from warp_bounding.runtime.native import named
 
 __all__ = ["PLANE"]
 
@@ -82,27 +78,6 @@ if (TIME) testable = testable & (size[0] <= zero + extra[AXES]);
         limit = base.limit.astype(np.float64)
         offset_error = float(point_error.sum() + (tau @ limit + tau.max() * farthest) / (1 - tau.max()))
         return (np.full(base.ndim, offset_error) * (1 + 4 * UNIT32) + TINY) * GROWTH
-
-    def plain(self, n: int, time: bool, placed: bool, begin: int) -> wp.Function:
-        pair, sized, unit, local = direction.plain_parts(n, begin)
-        limit, extra = begin + 2 * n, begin + 3 * n + 1
-
-        @named(f"wb_plain_plane_parameters_{n}_{time:d}_{begin}").func
-        def locate(p: Numbers, place: Numbers, q: pair):
-            a, _ = local(p, q, n)
-            u, testable, v = unit(q, 0), sized(q, 0), pair()
-            for k in range(n):
-                testable = testable and wp.abs(a[k]) <= p[limit + k]
-                v[k] = u[k]
-                v[n + k] = a[k]
-            if time:
-                testable = testable and wp.abs(a[0]) <= p[extra + n]
-            return v, testable, True
-
-        return locate
-
-    def plain_move(self, n: int) -> wp.Function:
-        return direction.plain_move_pair(n, n, 0, 2 * n + n * n)
 
 
 class PlaneCoordinates(PlaneParameters):
@@ -176,41 +151,6 @@ if (TIME) {{  // a plane of constant time, outside the range
         normal = v[:, :n]
         foot = normal * (v[:, n:] / (normal * normal).sum(axis=1, keepdims=True))
         return np.concatenate([normal * base.scale.astype(np.float64), base.to_object(foot)], axis=1)
-
-    def plain(self, n: int, time: bool, placed: bool, begin: int) -> wp.Function:
-        (pair, _, _, local), numbers, vector = direction.plain_parts(n, begin), vector_type(n + 1), vector_type(n)
-        limit, extra, drift = begin + 2 * n, begin + 3 * n + 1, n + n * n
-
-        @named(f"wb_plain_plane_{n}_{time:d}{placed:d}_{begin}").func
-        def locate(p: Numbers, place: Numbers, q: pair):
-            a, distance = local(p, q, n)
-            e, pivot, longest = vector(), wp.float32(0.0), wp.float32(0.0)
-            widest, still = wp.float32(1.0), wp.bool(True)
-            for k in range(n):
-                e[k] = q[k] * p[extra + k]
-                widest = wp.max(widest, p[extra + k])
-                if wp.abs(e[k]) > longest:
-                    pivot = e[k]
-                    longest = wp.abs(e[k])
-                if k > 0:
-                    still = still and e[k] == 0.0
-            v, offset, summed, reach = numbers(), wp.float32(0.0), wp.float32(0.0), wp.float32(0.0)
-            for k in range(n):
-                v[k] = e[k] / pivot
-                offset += v[k] * a[k]
-                summed += wp.abs(v[k] * a[k])
-                reach += wp.abs(v[k]) * p[limit + k]
-            v[n] = offset
-            room = reach * (1.0 + GUARD) + summed * SUMMED
-            if placed and distance > FAR:
-                room += distance * place[drift]
-            testable = longest >= DIRECTION_SMALLEST * widest and longest <= DIRECTION_LARGEST
-            testable = testable and distance <= FARTHEST_SUM and (distance <= FAR or wp.abs(offset) > room)
-            if time:  # a plane of constant time, outside the range
-                testable = testable and (not still or wp.abs(a[0]) <= p[extra + n])
-            return v, testable, wp.abs(offset) <= room
-
-        return locate
 
 
 PLANE = PlaneCoordinates()

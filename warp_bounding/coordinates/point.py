@@ -1,13 +1,11 @@
 """Points: ``v = (x - center) * scale``, inside where ``|v| <= limit``; see ``domain`` for what that rounds."""
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.arithmetic import TINY, UNIT32
-from warp_bounding.coordinates.base import Coordinates, Numbers, WorldMap, vector_type
+from warp_bounding.coordinates.base import Coordinates, WorldMap
 from warp_bounding.coordinates.domain import GROWTH, Domain, rounding_of_map
 from warp_bounding.coordinates.placement_rounding import at_points
-from warp_bounding.runtime.native import named
 
 __all__ = ["POINT"]
 
@@ -44,34 +42,6 @@ for (int k = 0; k < AXES; ++k) {
     def placed_rounding(self, domain: Domain, world: WorldMap, input_unit: float) -> np.ndarray:
         moved = at_points(domain, world, input_unit) * domain.scale.astype(np.float64) * (1 + 4 * UNIT32)
         return (moved + self.rounding(domain, None) + TINY) * GROWTH
-
-    def plain(self, n: int, free: int, placed: bool, begin: int) -> wp.Function:
-        vector = vector_type(n)
-
-        @named(f"wb_plain_point_{n}_{free:d}_{begin}").func
-        def locate(p: Numbers, place: Numbers, q: vector):
-            v, testable, inside = vector(), wp.bool(True), wp.bool(True)
-            for k in range(n):
-                v[k] = (q[k] - p[begin + k]) * p[begin + n + k]
-                inside = inside and v[k] <= p[begin + 2 * n + k] and v[k] >= -p[begin + 2 * n + k]
-            for k in range(free):  # outside, the object may be anywhere
-                testable = testable and v[k] <= p[begin + 2 * n + k] and v[k] >= -p[begin + 2 * n + k]
-            return v, testable, inside
-
-        return locate
-
-    def plain_move(self, n: int) -> wp.Function:
-        vector = vector_type(n)
-
-        @named(f"wb_plain_move_point_{n}").func
-        def move(place: Numbers, q: vector):
-            x = vector()
-            for k in range(n):
-                for j in range(n):
-                    x[k] += (q[j] - place[j]) * place[n + n * k + j]
-            return x, True
-
-        return move
 
 
 POINT = PointCoordinates()

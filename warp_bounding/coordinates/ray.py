@@ -7,7 +7,6 @@ which makes samples and serves tests, does not move the origin.
 """
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_up
 from warp_bounding.coordinates import direction
@@ -18,14 +17,12 @@ from warp_bounding.coordinates.base import (
     LATER,
     PARALLEL,
     Coordinates,
-    Numbers,
     WorldMap,
     direction_rounding,
     literal,
 )
 from warp_bounding.coordinates.domain import GROWTH, Domain
 from warp_bounding.coordinates.placement_rounding import SLOPE, STEEPEST, alpha_beta, far_point_error, turn
-from warp_bounding.runtime.native import named
 
 __all__ = ["RAY"]
 
@@ -105,43 +102,6 @@ if (TIME) {{
         limit = base.limit.astype(np.float64)
         way = min(domain.length * (1 + 4 * UNIT32), float((limit / scale).sum() + farthest / scale.min()))
         return ((point_error + scale * epsilon * (1 + epsilon) * way) * (1 + 4 * UNIT32) + TINY) * GROWTH
-
-    def plain(self, n: int, time: bool, placed: bool, begin: int) -> wp.Function:
-        pair, sized, unit, local = direction.plain_parts(n, begin)
-        limit, extra, drift = begin + 2 * n, begin + 3 * n + 1, n + n * n
-
-        @named(f"wb_plain_ray_{n}_{time:d}{placed:d}_{begin}").func
-        def locate(p: Numbers, place: Numbers, q: pair):
-            a, distance = local(p, q, 0)
-            u, testable = unit(q, n), sized(q, n)
-            v, enter, leave = pair(), wp.float32(0.0), wp.float32(1.0)
-            for k in range(n):
-                speed = u[k] * p[extra + k]
-                v[n + k] = speed
-                room = p[limit + k] + wp.abs(a[k]) * GUARD
-                if placed and distance > FAR:
-                    room += distance * place[drift + k]
-                if wp.abs(speed) > PARALLEL:
-                    first, last = (-room - a[k]) / speed, (room - a[k]) / speed
-                    enter = wp.max(enter, wp.min(first, last))
-                    leave = wp.min(leave, wp.max(first, last))
-                elif wp.abs(a[k]) > room:  # parallel to the faces, and not between them
-                    enter = wp.max(enter, 2.0)
-                    leave = wp.min(leave, -1.0)
-            enter *= 1.0 - GUARD
-            leave *= 1.0 + GUARD
-            testable = testable and distance <= FARTHEST_SUM and (distance <= FAR or enter > leave)
-            for k in range(n):
-                v[k] = wp.clamp(a[k] + enter * v[n + k], -p[limit + k], p[limit + k])
-            if time:
-                top, end = p[extra + n] - wp.abs(a[0]) * LATER, a[0] + v[n]
-                testable = testable and (a[0] <= top or end <= top) and (a[0] >= -top or end >= -top)
-            return v, testable, enter <= leave
-
-        return locate
-
-    def plain_move(self, n: int) -> wp.Function:
-        return direction.plain_move_pair(n, 0, n, n)
 
 
 RAY = RayCoordinates()

@@ -4,16 +4,9 @@ Comparisons with edges are exact, so every device finds the same part of the dom
 for each v in it.
 """
 
-from functools import cache
-
-import warp as wp
-
-from warp_bounding.coordinates.base import Numbers, vector_type
-from warp_bounding.kernels.functions import Words
 from warp_bounding.kernels.source import fill
-from warp_bounding.runtime.native import named
 
-__all__ = ["PER_WORD", "level_text", "plain_level"]
+__all__ = ["PER_WORD", "level_text"]
 
 PER_WORD = 4  # levels, a byte each, in a word
 
@@ -54,24 +47,3 @@ def level_text(shape: tuple[int, ...], first: int, vector: bool) -> str:
             lines.append(fill(_AXIS[vector], k=k, first=first, last=first + count - 1, count=count))
         first += count - 1
     return fill(_PLACE[vector], axes="\n".join(lines)) + _LEVEL[vector]
-
-
-@cache
-def plain_level(shape: tuple[int, ...]) -> wp.Function:
-    """``level(w, words, edge, v) -> float``, the same in Warp's own Python; ``edge`` is where the first edge stands."""
-    axes, vector = len(shape), vector_type(len(shape))
-    counts = wp.types.vector(length=axes, dtype=wp.int32)(*shape)
-
-    @named(f"lattice_level_{'_'.join(map(str, shape))}").func
-    def level(w: Numbers, words: Words, edge: int, v: vector) -> float:
-        part, at = wp.int32(0), wp.int32(edge)
-        for k in range(axes):
-            place = wp.int32(0)
-            for _ in range(counts[k] - 1):
-                if v[k] >= w[at]:
-                    place += 1
-                at += 1
-            part = part * counts[k] + place
-        return float(words[part >> 2] >> wp.uint32(8 * (part & 3)) & wp.uint32(255))
-
-    return level

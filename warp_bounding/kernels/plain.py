@@ -1,110 +1,88 @@
-"""The plain twin of a bounding test: Warp functions and kernels in Warp's own Python, for any source, whatever its method.
+"""The tests of ``mlp`` and ``kdop`` for points as plain Warp kernels: what the native text computes, to be read, and an oracle of it.
 
-It reads the same data as the native function, takes the same way from a query to an answer and shows it in a page: is it the data's
-own function, is the query testable, where is it in the object's space, is it inside the domain, what is f there. ``Source.plain`` gives f
-itself; each family has a ``plain.py`` for that. It answers as the native text does but for rounding, which what is proven leaves
-room for in any order of sums, fused or not. It is an oracle of the native text, and runs where there is no compiler for that.
-
-It is slower, one query at a time and without lanes: see ``Bounder.to``. And quotients and roots are what the module says: of a module with ``fast_math``
-nothing is claimed, other than of the native text.
+They are slow, a query a thread and without lanes (a network takes some 50 times as long), and nothing is claimed of their rounding.
 """
 
 from functools import cache
 
 import warp as wp
 
-from warp_bounding.coordinates.base import Numbers, vector_type
-from warp_bounding.coordinates.maps import plain_map
-from warp_bounding.kernels.functions import Data, Words
-from warp_bounding.kernels.source import DENIED, GRANTED, LABEL, Source
-from warp_bounding.runtime.native import named, unique_name
+from warp_bounding.activations import ACTIVATIONS
+from warp_bounding.coordinates.base import Numbers
 
-__all__ = ["DENIED", "GRANTED", "Numbers", "Words", "plain_func", "plain_kernel", "plain_value", "twin", "vector_type"]
+__all__ = ["kdop_kernel", "mlp_kernel"]
 
 
-def twin(source: Source, role: str = "value"):
-    """``wp.func`` for a function of a source, under a name of its own."""
-    return named(unique_name(source, f"plain_{role}")).func
+@wp.func
+def local(x: wp.float32, center: wp.float32, scale: wp.float32):
+    """A coordinate in local space, where the domain is about [-1, 1]."""
+    return (x - center) * scale
 
 
 @cache
-def plain_value(source: Source) -> wp.Function:
-    """``f(w, words, at, v) -> float32``: the method's numbers begin at ``w[at]``."""
-    return source.plain()
+def mlp_kernel(widest: int, activation: str) -> wp.Kernel:
+    """``f`` of points by a network of layers no wider than ``widest``, input and output included; minus infinity outside the domain.
 
+    Arguments: points ``x``, n numbers each; ``center``, ``scale`` and ``limit`` (n); ``sizes`` of all layers, the first n and the last 1;
+    ``numbers``, of each layer the biases, then the weights row by row; ``f``.
+    """
+    layer, act = wp.types.vector(length=widest, dtype=wp.float32), ACTIVATIONS[activation].plain
 
-@cache
-def _asked(source: Source, placed: bool) -> wp.Function:
-    """``(parameters, words, place, q) -> (testable, inside, f)``: f where both are true."""
-    locate = plain_map(source.query, source.space, source.ndim, source.free, placed, LABEL)
-    f, start, numbers = plain_value(source), source.start, vector_type(source.columns)
-
-    @twin(source, f"asked{'_placed' * placed}")
-    def asked(parameters: Numbers, words: Words, place: Numbers, q: numbers):
-        v, testable, inside = locate(parameters, place, q)
-        value = wp.float32(0.0)
-        if testable and inside:
-            value = f(parameters, words, start, v)
-        return testable, inside, value
-
-    return asked
-
-
-@cache
-def plain_func(source: Source) -> wp.Function:
-    """``test(data, q)`` or ``test(data, a, b)``, as ``point_func`` has it."""
-    asked, n, bar = _asked(source, False), source.ndim, LABEL + 3 * source.ndim
-    first, second = (wp.uint32(bits) for bits in source.tag)
-    vector, numbers = vector_type(n), vector_type(source.columns)
-
-    @twin(source, "test_numbers")
-    def test_numbers(data: Data, q: numbers) -> bool:
-        w = data.parameters
-        if w.shape[0] < LABEL:
-            return True
-        if wp.cast(w[0], wp.uint32) != first or wp.cast(w[1], wp.uint32) != second:  # another function's data
-            return True
-        if w.shape[0] < wp.cast(w[2], wp.int32) or data.words.shape[0] < wp.cast(w[3], wp.int32):
-            return True
-        testable, inside, value = asked(w, data.words, w, q)
-        return not testable or (inside and not value < w[bar])
-
-    @twin(source, "test")
-    def test_region(data: Data, a: vector, b: vector) -> bool:
-        q = numbers()
-        for k in range(n):
-            q[k] = a[k]
-            q[n + k] = b[k]
-        return test_numbers(data, q)
-
-    return test_numbers if source.columns == n else test_region
-
-
-@cache
-def plain_kernel(source: Source, placed: bool, values: bool) -> wp.Kernel:
-    """The kernel that tests many queries, arguments as of ``batch_kernel``; one query a thread."""
-    asked, columns, bar = _asked(source, placed), source.columns, LABEL + 3 * source.ndim
-    numbers, out_type = vector_type(columns), wp.float32 if values else wp.uint8
-
-    def batch(
+    @wp.kernel(module="unique", enable_backward=False)
+    def mlp(
         # inputs
         x: Numbers,
-        count: int,
-        first: int,
-        parameters: Numbers,
-        words: Words,
-        placement: Numbers,
+        center: Numbers,
+        scale: Numbers,
+        limit: Numbers,
+        sizes: wp.array(dtype=wp.int32),
+        numbers: Numbers,
         # outputs
-        out: wp.array(dtype=out_type),
+        f: Numbers,
     ):
-        i = first + wp.tid()
-        q = numbers()
-        for k in range(columns):
-            q[k] = x[i * columns + k]
-        testable, inside, value = asked(parameters, words, placement, q)
-        if values:
-            out[i] = wp.where(testable, wp.where(inside, value, -wp.inf), wp.inf)
-        else:
-            out[i] = wp.uint8(not testable or (inside and not value < parameters[bar]))
+        i, n, last = wp.tid(), sizes[0], sizes.shape[0] - 1
+        h, z, inside, at = layer(), layer(), wp.bool(True), wp.int32(0)
+        for k in range(n):
+            h[k] = local(x[i * n + k], center[k], scale[k])
+            inside = inside and wp.abs(h[k]) <= limit[k]
+        for number in range(last):
+            below, above = sizes[number], sizes[number + 1]
+            for j in range(above):
+                z[j] = numbers[at + j]
+                for k in range(below):
+                    z[j] += numbers[at + above + j * below + k] * h[k]
+            for j in range(above):
+                h[j] = wp.where(number + 1 < last, act(z[j]), z[j])
+            at += above * (below + 1)
+        f[i] = wp.where(inside, h[0], -wp.inf)
 
-    return named(unique_name(source, f"plain_batch{'_placed' * placed}{'_values' * values}")).kernel(batch)
+    return mlp
+
+
+@wp.kernel(enable_backward=False)
+def kdop_kernel(
+    # inputs
+    x: Numbers,
+    center: Numbers,
+    scale: Numbers,
+    limit: Numbers,
+    directions: Numbers,
+    low: Numbers,
+    high: Numbers,
+    # outputs
+    f: Numbers,
+):
+    """``f`` of points by slabs ``low_k <= d_k . v <= high_k``: the least distance to a face; minus infinity outside the domain.
+
+    ``directions`` are row by row; the others are as of ``mlp_kernel``.
+    """
+    i, n = wp.tid(), center.shape[0]
+    least, inside = wp.float32(wp.inf), wp.bool(True)
+    for k in range(n):
+        inside = inside and wp.abs(local(x[i * n + k], center[k], scale[k])) <= limit[k]
+    for slab in range(low.shape[0]):
+        y = wp.float32(0.0)
+        for k in range(n):
+            y += directions[slab * n + k] * local(x[i * n + k], center[k], scale[k])
+        least = wp.min(least, wp.min(y - low[slab], high[slab] - y))
+    f[i] = wp.where(inside, least, -wp.inf)

@@ -18,7 +18,6 @@ from string import Template
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.coordinates.base import PARAMETRIC, literal
 from warp_bounding.coordinates.maps import coordinates_of
@@ -163,10 +162,6 @@ class Source:
     def function_body(self) -> str:
         """C statements that declare and compute ``float f`` for one query on a CPU, from ``float v[]``."""
         return "typedef float V; V f;\n" + self.body(Lanes(vector=False))
-
-    def plain(self) -> wp.Function:
-        """The twin of ``body`` in Warp's own Python, ``f(w, words, at, v) -> float32``: the method's numbers begin at ``w[at]``."""
-        raise TypeError(f"{type(self).__name__} does not define plain")
 
 
 def aligned(count: int) -> int:

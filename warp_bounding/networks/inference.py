@@ -10,13 +10,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.activations import SINE, activation_of
 from warp_bounding.activations.base import constants
 from warp_bounding.kernels.source import Lanes, Source
 from warp_bounding.networks.heads import Head, head_of
-from warp_bounding.networks.plain import plain_network
 
 __all__ = ["MlpSource", "head_numbers", "layer_numbers", "padded"]
 
@@ -168,9 +166,6 @@ class MlpSource(Source):
         """Where each layer's copy for neurons in lanes begins, and the length of its rows."""
         starts = zip(self.places, self.layers, strict=False)
         return [(place + h * (k + 1) + _filling(h, k), _row(h)) for place, (k, h) in starts]
-
-    def plain(self) -> wp.Function:
-        return plain_network(self)
 
     def head_size(self, index: int) -> int:
         """Numbers of the outputs behind hidden layer ``index``."""

@@ -81,11 +81,10 @@ def test_the_first_and_the_last_time_are_bounded_as_well_as_others(rng):
     assert min(told) > 0.6 * max(told)
 
 
-@pytest.mark.parametrize("native", [True, False])
 @pytest.mark.parametrize("name", ["solid", "sheet"])
-def test_a_moving_point_against_a_moving_mesh(name, native, rng):
+def test_a_moving_point_against_a_moving_mesh(name, rng):
     """What is cleared stays clear at all times that are looked at, and a time of contact is not behind the first one that is found."""
-    bounder, motion = far(name).to(native=native), moving(name)
+    bounder, motion = far(name), moving(name)
     a, b = (moments(motion, 300, rng) for _ in "ab")
     b[:50, 0] = a[:50, 0]  # at one time
     radius = rng.uniform(0, 0.3, 300) * (rng.random(300) > 0.5)

@@ -125,7 +125,7 @@ def test_function_for_kernels_is_the_batch_kernel(case, device):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_twin(case, device):
+def test_the_reference(case, device):
     bounder, x = early(case, device)
     values = bounder.values(x).numpy().astype(np.float64)
     asked = np.isfinite(values)
@@ -202,7 +202,6 @@ def test_grants_are_told_in_turn_on_every_path(case, device):
             near |= np.abs(own.values(x).numpy().astype(np.float64) - float(bar)) <= 2 * own.rounding_bound()
     assert near.mean() < 0.1
     assert (ask(bounder, x) == answers)[~near].all()
-    assert (bounder.to(native=False).query(x).numpy() == answers)[~near].all()
 
 
 @pytest.mark.parametrize("case", ["points", "points-2d"])

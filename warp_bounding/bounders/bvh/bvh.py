@@ -15,13 +15,11 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.arithmetic import TINY, gamma, round_down, round_up
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.bvh.build import ARITY, build
 from warp_bounding.bounders.bvh.native import ALONE, TOGETHER, TOUCHES
-from warp_bounding.bounders.bvh.plain import plain_walk
 from warp_bounding.bounders.neural.mlp import HIDDEN
 from warp_bounding.bounders.options import Option, whole
 from warp_bounding.bounders.slabs.regions import ROOM
@@ -71,9 +69,6 @@ class BvhSource(Source):
         prepare, touches = TOUCHES[self.query](self.ndim)
         walk = TOGETHER if lanes.vector else ALONE
         return fill(walk, prepare=prepare, touches=touches, leading=LEADING, n=self.ndim)
-
-    def plain(self) -> wp.Function:
-        return plain_walk(self, LEADING)
 
 
 class Bvh(Bounder):

@@ -18,8 +18,6 @@ from warp_bounding.kernels.distances.batch import (
     box_kernel,
     distance_kernel,
     lines_kernel,
-    march_kernel,
-    plain_kernel,
 )
 from warp_bounding.kernels.distances.functions import (
     BOX_STEPS,
@@ -45,7 +43,6 @@ class AskingDistance(PicklableBounder, ABC):
 
     domain: DistanceDomain
     threshold: np.float32
-    native: bool
     _device: str | None
     _data: tuple[np.float32, Data] | None = None
 
@@ -150,22 +147,22 @@ class AskingDistance(PicklableBounder, ABC):
             >>> bool((d.numpy() == far.distance(points).numpy()).all())
             True
         """
-        return distance_func(self.source, self.native)
+        return distance_func(self.source)
 
     @cached_property
     def segment_func(self) -> wp.Function:
         """``maybe, t = segment(data, start: vec_n, end: vec_n, radius, steps=32)``, for kernels of your own; see ``segments``."""
-        return segment_func(self.source, self.native)
+        return segment_func(self.source)
 
     @cached_property
     def ray_func(self) -> wp.Function:
         """``maybe, t = ray(data, origin: vec_n, direction: vec_n, length, radius, steps=32)``, for kernels of your own; see ``rays``."""
-        return ray_func(self.source, self.native)
+        return ray_func(self.source)
 
     @cached_property
     def box_func(self) -> wp.Function:
         """``maybe = box(data, lower: vec_n, upper: vec_n, steps=64)``, for kernels of your own; see ``boxes``."""
-        return box_func(self.source, self.native)
+        return box_func(self.source)
 
     # --- in batches --------------------------------------------------------------------------------------------------
 
@@ -328,32 +325,26 @@ class AskingDistance(PicklableBounder, ABC):
         out = new_output(out, count, wp.uint8, self.device)
         data = self.data
         inputs = [0, data, a, b, _steps(steps)]
-        self._run(box_kernel(self.source, self.native), count, inputs, [out], first_index=0)
+        self._run(box_kernel(self.source), count, inputs, [out], first_index=0)
         return out
 
     def _points(self, queries: wp.array, count: int, radii: np.ndarray, out: wp.array, *, values: bool) -> None:
         data, radius = self.data, wp.array(radii, dtype=wp.float32, device=self.device)
         many = int(len(radii) > 1)
-        if self.native:
-            inputs = [queries, count, 0, data.parameters, data.words, radius, many]
-            kernel, block = distance_kernel(self.source, values), self.source.block
-            self._run(kernel, count, inputs, [out], first_index=2, block=block)
-        else:
-            self._run(plain_kernel(self.source, values), count, [0, data, queries, radius, many], [out], first_index=0)
+        inputs = [queries, count, 0, data.parameters, data.words, radius, many]
+        kernel, block = distance_kernel(self.source, values), self.source.block
+        self._run(kernel, count, inputs, [out], first_index=2, block=block)
 
     def _march(self, a, b, count: int, lengths: np.ndarray, radii: np.ndarray, steps: int, *, ray: bool):
         numbers = [wp.array(values, dtype=wp.float32, device=self.device) for values in (lengths, radii)]
         maybe, t = (wp.empty(count, dtype=kind, device=self.device) for kind in (wp.uint8, wp.float32))
         many = [int(len(values) > 1) for values in (lengths, radii)]
         data, steps, given = self.data, _steps(steps), [a, b, numbers[0], many[0], numbers[1], many[1]]
-        if self.native and count:
+        if count:
             lines = wp.empty(count * (2 * self.ndim + 4), dtype=wp.float32, device=self.device)
             self._run(lines_kernel(self.source, ray), count, [0, data, *given, self._clock], [lines], first_index=0)
             inputs = [lines, count, 0, data.parameters, data.words, steps]
             self._run(lanes_kernel(self.source), count, inputs, [maybe, t], first_index=2, block=self.source.block)
-            return maybe, t
-        inputs = [0, data, *given, steps]
-        self._run(march_kernel(self.source, self.native, ray), count, inputs, [maybe, t], first_index=0)
         return maybe, t
 
     @property

@@ -15,7 +15,6 @@ the result's own rounding has room for.
 from dataclasses import dataclass
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.arithmetic import UNIT32, round_down, round_up
 from warp_bounding.bounders.base import Bounder
@@ -25,7 +24,6 @@ from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.box_distances import BoxDistances
 from warp_bounding.kernels.distances.source import DistanceSource
-from warp_bounding.kernels.plain import Numbers, Words, twin, vector_type
 from warp_bounding.kernels.source import Lanes, fill
 
 __all__ = ["BvhDistance", "BvhDistanceSource"]
@@ -84,33 +82,6 @@ class BvhDistanceSource(DistanceSource):
             ("there[0]", "!__builtin_reduce_or(there < nearest)") if lanes.vector else ("there", "!(there < nearest)")
         )
         return fill(_BODY, first=first, none=none, farthest=f"{FARTHEST:g}f")
-
-    def plain(self) -> wp.Function:
-        n, size, vector = self.ndim, 2 * self.ndim + 1, vector_type(self.ndim)
-
-        @twin(self, "way")
-        def way(w: Numbers, at: int, v: vector) -> float:
-            total = wp.float32(0.0)
-            for k in range(n):
-                out = wp.max(wp.max(w[at + k] - v[k], v[k] - w[at + n + k]), 0.0)
-                total += out * out
-            return total
-
-        @twin(self)
-        def f(w: Numbers, words: Words, at: int, v: vector) -> float:
-            count, i, nearest = int(w[at]), wp.int32(0), wp.float32(FARTHEST)
-            while i < count:
-                node = at + 1 + i * size
-                there, past = way(w, node, v), int(w[node + size - 1])
-                if there < nearest:
-                    i += 1
-                    if past == i:
-                        nearest = there
-                else:
-                    i = past
-            return wp.sqrt(nearest)
-
-        return f
 
 
 class BvhDistance(VolumeDistance):

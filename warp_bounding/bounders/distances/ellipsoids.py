@@ -17,7 +17,6 @@ distances do not grow under R.
 from dataclasses import dataclass
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.arithmetic import UNIT32, round_up
 from warp_bounding.bounders.base import Bounder
@@ -29,7 +28,6 @@ from warp_bounding.bounders.ellipsoids.sphere import Sphere
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.distances.source import DistanceSource
-from warp_bounding.kernels.plain import Numbers, Words, twin, vector_type
 from warp_bounding.kernels.source import Lanes, fill, literal
 
 __all__ = ["BallSource", "EllipsoidDistance", "EllipsoidSource", "OrientedEllipsoidDistance", "SphereDistance"]
@@ -56,18 +54,6 @@ class BallSource(DistanceSource):
 
     def body(self, lanes: Lanes) -> str:
         return _BALL
-
-    def plain(self) -> wp.Function:
-        n, vector = self.ndim, vector_type(self.ndim)
-
-        @twin(self)
-        def f(w: Numbers, words: Words, at: int, v: vector) -> float:
-            square = wp.float32(0.0)
-            for k in range(n):
-                square += (v[k] - w[at + k]) * (v[k] - w[at + k])
-            return wp.sqrt(square) - w[at + n]
-
-        return f
 
 
 _ELLIPSOID = """
@@ -120,37 +106,6 @@ class EllipsoidSource(DistanceSource):
 
     def body(self, lanes: Lanes) -> str:
         return fill(_ELLIPSOID, rotated=str(self.rotated).lower(), steps=NEWTON_STEPS, rounded=literal(self.rounded))
-
-    def plain(self) -> wp.Function:
-        n, rotated, rounded, steps, vector = self.ndim, self.rotated, self.rounded, NEWTON_STEPS, vector_type(self.ndim)
-
-        @twin(self)
-        def f(w: Numbers, words: Words, at: int, v: vector) -> float:
-            z2, t = vector(), wp.float32(0.0)
-            for k in range(n):
-                z = wp.float32(0.0)
-                if rotated:
-                    for j in range(n):
-                        z += (v[j] - w[at + j]) * w[at + 2 * n + k * n + j]
-                else:
-                    z = v[k] - w[at + k]
-                z2[k] = z * z
-                t = wp.max(t, wp.sqrt(z2[k] * w[at + n + k]) - w[at + n + k])
-            for _ in range(steps):
-                q, slope = wp.float32(0.0), wp.float32(0.0)
-                for k in range(n):
-                    one = 1.0 / (t + w[at + n + k])
-                    part = z2[k] * w[at + n + k] * one * one
-                    q += part
-                    slope += part * one
-                t = wp.max(t + (wp.sqrt(q) - 1.0) * q / slope, 0.0)
-            total = wp.float32(0.0)
-            for k in range(n):
-                total += z2[k] / (t + w[at + n + k])
-            square = t * (total - 1.0) - t * (total + 1.0) * rounded
-            return wp.where(square > 0.0, wp.sqrt(square), 0.0)
-
-        return f
 
 
 class EllipsoidDistance(VolumeDistance):

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.arithmetic import UNIT32, round_down, round_up
 from warp_bounding.bounders.base import Bounder
@@ -31,7 +30,6 @@ from warp_bounding.bounders.slabs.obb import Obb
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.distances.source import DistanceSource
-from warp_bounding.kernels.plain import Numbers, Words, twin, vector_type
 from warp_bounding.kernels.source import Lanes, fill
 
 __all__ = ["AabbDistance", "FacesSource", "KdopDistance", "LearnedKdopDistance", "ObbDistance", "frame_norm"]
@@ -85,34 +83,6 @@ class FacesSource(DistanceSource):
     def body(self, lanes: Lanes) -> str:
         own = {name: str(value).lower() for name, value in vars(self).items()}
         return fill(_BODY, **own, unrolled=min(self.faces, _MOST_UNROLLED))
-
-    def plain(self) -> wp.Function:
-        n, faces, frame, sides, diagonal = self.ndim, self.faces, self.frame, 1 + self.two_sided, self.diagonal
-        vector = vector_type(n)
-
-        @twin(self)
-        def f(w: Numbers, words: Words, at: int, v: vector) -> float:
-            square, farthest = wp.float32(0.0), wp.float32(-3e38)
-            for k in range(faces):
-                z = wp.float32(0.0)
-                for j in range(n):
-                    if diagonal:
-                        if j == k:
-                            z = v[j]
-                    else:
-                        z += v[j] * w[at + sides * faces + k * n + j]
-                m = z - w[at + k]
-                if sides == 2:
-                    m = wp.max(m, w[at + faces + k] - z)
-                farthest = wp.max(farthest, m)
-                if k < frame:
-                    away = wp.max(m, 0.0)
-                    square += away * away
-            if frame > 0:
-                farthest = wp.max(farthest, wp.sqrt(square))
-            return farthest
-
-        return f
 
 
 def frame_norm(frame: np.ndarray) -> float:

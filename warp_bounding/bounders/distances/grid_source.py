@@ -5,12 +5,9 @@ Of a refined grid each cell has a bit that says whether it has a block of finer 
 
 from dataclasses import dataclass
 
-import warp as wp
-
-from warp_bounding.bounders.distances.grid_values import decode_text, plain_decode
+from warp_bounding.bounders.distances.grid_values import decode_text
 from warp_bounding.kernels.distances.source import DistanceSource
-from warp_bounding.kernels.plain import Numbers, Words, twin, vector_type
-from warp_bounding.kernels.source import LABEL, Lanes, fill
+from warp_bounding.kernels.source import Lanes, fill
 
 __all__ = ["DistanceGridSource"]
 
@@ -102,65 +99,3 @@ class DistanceGridSource(DistanceSource):
             place = fill(_PLACE, refine=self.refine, last=self.refine - 1, floor=floor)
             own = {"begin": _BEGIN, "place": place, "enter": fill(_ENTER, size=nodes**self.ndim, nodes=nodes, l=lane)}
         return fill(_BODY, decode=decode_text(self.storage), floor=floor, lanes=loop, l=lane, **own)
-
-    def plain(self) -> wp.Function:
-        n, corners, refined = self.ndim, 2**self.ndim, wp.constant(self.refine > 1)
-        refine, nodes, size = float(self.refine), self.refine + 1, (self.refine + 1) ** self.ndim
-        limit, fine = LABEL + n - self.start, 3 * n + 2  # of the domain, and of blocks, from the method's numbers on
-        vector, held, decode = vector_type(n), wp.types.vector(corners, wp.float32), plain_decode(self, self.storage)
-
-        @twin(self, "block")
-        def block(w: Numbers, words: Words, at: int, cell: int) -> int:
-            """The number of a cell's block; -1 where it has none."""
-            word = int(w[at + fine + n + 3]) + 2 * (cell >> 5)
-            bits, bit, before = words[word], wp.uint32(cell & 31), wp.int32(words[word + 1])
-            if (bits >> bit) & wp.uint32(1) == wp.uint32(0):
-                return -1
-            for b in range(32):
-                if wp.uint32(b) < bit:
-                    before += wp.int32((bits >> wp.uint32(b)) & wp.uint32(1))
-            return before
-
-        @twin(self)
-        def f(w: Numbers, words: Words, at: int, v: vector) -> float:
-            share, node = vector(), held()
-            first, cell, entered = wp.int32(0), wp.int32(0), wp.int32(-1)
-            low, unit = wp.float32(w[at + 3 * n]), wp.float32(w[at + 3 * n + 1])
-            for k in range(n):
-                t = (v[k] + w[at + limit + k]) * w[at + k]
-                c = wp.floor(wp.clamp(t, 0.0, w[at + 2 * n + k]))
-                share[k] = t - c
-                first += int(c) * int(w[at + n + k])
-                if refined:
-                    cell += int(c) * int(w[at + fine + k])
-            if refined:
-                entered = block(w, words, at, cell)
-            if entered >= 0:
-                first = wp.int32(0)
-                low = wp.float32(w[at + fine + n])
-                unit = wp.float32(w[at + fine + n + 1])
-                for k in range(n):
-                    s = share[k] * refine
-                    sub = wp.floor(wp.clamp(s, 0.0, refine - 1.0))
-                    share[k] = s - sub
-                    first = first * nodes + int(sub)
-                first += int(w[at + fine + n + 2]) + entered * size
-            for c in range(corners):
-                i = wp.int32(first)
-                wide = wp.int32(1)
-                for j in range(n):
-                    k = n - 1 - j
-                    stride = wp.int32(w[at + n + k])
-                    if entered >= 0:
-                        stride = wp.int32(wide)
-                    i += ((c >> k) & 1) * stride
-                    wide *= nodes
-                node[c] = decode(w, words, i, low, unit)
-            count = wp.int32(corners)
-            for k in range(n):
-                count = count // 2
-                for j in range(count):
-                    node[j] = node[2 * j] + share[k] * (node[2 * j + 1] - node[2 * j])
-            return node[0]
-
-        return f

@@ -3,12 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.arithmetic import round_down
-from warp_bounding.kernels.plain import Numbers, Words, twin
 
-__all__ = ["SMALLEST_HALF", "STORAGES", "Values", "decode_text", "plain_decode"]
+__all__ = ["SMALLEST_HALF", "STORAGES", "Values", "decode_text"]
 
 SMALLEST_HALF = 2.0**-14  # the least normal number of 16 bits; smaller ones are rounded down to 0, or to minus this
 LEVELS = 255  # of 8 bits, above the lowest
@@ -71,26 +69,3 @@ class Values(NamedTuple):
 def decode_text(storage: str) -> str:
     """Native text of a function of a value's number among those stored, and of what 8 bits mean."""
     return _DECODE[storage]
-
-
-def plain_decode(source, storage: str) -> wp.Function:
-    """Its twin, of ``source``: words, the value's number, the value of 0, the step."""
-
-    @twin(source, "decode")
-    def single(w: Numbers, words: Words, i: int, low: float, step: float) -> float:
-        return wp.cast(words[i], wp.float32)
-
-    @twin(source, "decode")
-    def half(w: Numbers, words: Words, i: int, low: float, step: float) -> float:
-        h = (words[i >> 1] >> wp.uint32(16 * (i & 1))) & wp.uint32(0xFFFF)
-        size = h & wp.uint32(0x7FFF)
-        value = wp.cast((size << wp.uint32(13)) + wp.uint32(0x38000000), wp.float32)
-        value = wp.where(size == wp.uint32(0), 0.0, value)
-        return wp.where(h > wp.uint32(0x7FFF), -value, value)
-
-    @twin(source, "decode")
-    def byte(w: Numbers, words: Words, i: int, low: float, step: float) -> float:
-        q = (words[i >> 2] >> wp.uint32(8 * (i & 3))) & wp.uint32(0xFF)
-        return low + step * float(q)
-
-    return dict(zip(STORAGES, (single, half, byte), strict=True))[storage]

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from math import prod
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.activations import activation_of
 from warp_bounding.arithmetic import UNIT32, UNIT64
@@ -17,12 +16,9 @@ from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.bounders.local.lattice import Lattice, packed, unpacked
 from warp_bounding.bounders.neural.mlp import ACTIVATION, HIDDEN, MOST_THRESHOLDS, THRESHOLDS, Mlp, check_hidden
 from warp_bounding.bounders.options import STEPS
-from warp_bounding.coordinates.base import Numbers, vector_type
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.distances.source import FLUSHED, DistanceSource
-from warp_bounding.kernels.functions import Words
-from warp_bounding.kernels.lattice import PER_WORD, level_text, plain_level
-from warp_bounding.kernels.plain import twin
+from warp_bounding.kernels.lattice import PER_WORD, level_text
 from warp_bounding.kernels.source import Lanes
 from warp_bounding.networks.inference import MlpSource, head_numbers, layer_numbers
 from warp_bounding.networks.network import Network
@@ -74,19 +70,6 @@ class MlpDistanceSource(DistanceSource, MlpSource):
         if not self.shape:
             return network
         return f"float relieved_;\n{{ {network}\n{self._relief(vector=False)} relieved_ = f; }}\nconst float f = relieved_;"
-
-    def plain(self) -> wp.Function:
-        """See ``Source``."""
-        network = super().plain()
-        if not self.shape:
-            return network
-        level_of, vector, start, step_at = plain_level(self.shape), vector_type(self.ndim), self.count, self.step_at
-
-        @twin(self, "relieved")
-        def f(w: Numbers, words: Words, at: int, v: vector) -> float:
-            return network(w, words, at, v) + level_of(w, words, at + start, v) * w[at + step_at]
-
-        return f
 
 
 PARTS = replace(THRESHOLDS, default=None, help="parts of the domain, each with a slack of its own")

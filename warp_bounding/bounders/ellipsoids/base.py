@@ -11,7 +11,6 @@ from typing import ClassVar
 import numpy as np
 
 from warp_bounding.bounders.ellipsoids.native import TEXTS
-from warp_bounding.bounders.ellipsoids.plain import PLAIN
 from warp_bounding.bounders.ellipsoids.regions import TESTS, Quadric
 from warp_bounding.bounders.volume import VolumeBounder, VolumeSource
 from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
@@ -35,7 +34,7 @@ class QuadricSource(VolumeSource):
 
     diagonal: bool
 
-    texts, twins = TEXTS, PLAIN
+    texts = TEXTS
 
 
 class QuadricBounder(VolumeBounder):

@@ -7,11 +7,8 @@ holds it, however it is computed.
 from dataclasses import dataclass
 from math import prod
 
-import warp as wp
-
-from warp_bounding.kernels.lattice import level_text, plain_level
-from warp_bounding.kernels.plain import DENIED, Numbers, Words, plain_value, twin, vector_type
-from warp_bounding.kernels.source import Early, Lanes, Source, literal
+from warp_bounding.kernels.lattice import level_text
+from warp_bounding.kernels.source import DENIED, Early, Lanes, Source, literal
 
 __all__ = ["CERTAIN", "EVERYWHERE", "NOWHERE", "LocalSource"]
 
@@ -71,22 +68,6 @@ class LocalSource(Source):
         own = f"else {{ {self.member.function_body()} local_f_ = f - {self._rest()}; }} }}"
         lines = ["float local_f_;", f"{{ {self._level(vector=False)}", self._given("local_f_"), own]
         return "\n".join([*lines, "const float f = local_f_;"])
-
-    def plain(self) -> wp.Function:
-        member, vector, level_of = plain_value(self.member), vector_type(self.coordinates), plain_level(self.shape)
-        start, scale_at = self.count, self.scale_at
-        nowhere, everywhere = float(NOWHERE), float(EVERYWHERE)
-
-        @twin(self)
-        def f(w: Numbers, words: Words, at: int, v: vector) -> float:
-            level = level_of(w, words, at + start, v)
-            if level == nowhere:
-                return DENIED
-            if level == everywhere:
-                return CERTAIN
-            return member(w, words, at, v) - (level + w[at + scale_at]) * w[at + scale_at + 1]
-
-        return f
 
     @property
     def parts(self) -> int:

@@ -14,7 +14,6 @@ import numpy as np
 
 from warp_bounding.arithmetic import TINY, gamma, round_up
 from warp_bounding.bounders.polytopes.native import TEXTS
-from warp_bounding.bounders.polytopes.plain import PLAIN
 from warp_bounding.bounders.slabs.regions import ROOM, SlabBox, SlabPlane, SlabPoint, SlabRay, Slabs
 from warp_bounding.bounders.volume import VolumeSource
 from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
@@ -31,7 +30,7 @@ class HalfSpacesSource(VolumeSource):
 
     half_spaces: int
 
-    texts, twins = TEXTS, PLAIN
+    texts = TEXTS
 
 
 def _numbers(slabs: Slabs, offsets: np.ndarray) -> np.ndarray:

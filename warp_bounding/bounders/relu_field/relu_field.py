@@ -13,14 +13,12 @@ from functools import cached_property
 from math import prod
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.arithmetic import TINY, UNIT64, gamma
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.options import STEPS, Option, whole
 from warp_bounding.bounders.relu_field.cover import positive_boxes, positive_cells
 from warp_bounding.bounders.relu_field.native import ALONE, TEXT, TOGETHER
-from warp_bounding.bounders.relu_field.plain import plain_field
 from warp_bounding.coordinates.base import GEOMETRIC
 from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
@@ -91,9 +89,6 @@ class ReluFieldSource(Source):
         strides = [prod(self.nodes[k + 1 :]) for k in range(len(self.nodes))]
         listed = {"nodes": ", ".join(map(str, self.nodes)), "strides": ", ".join(map(str, strides))}
         return fill(TEXT, m=len(self.nodes), **listed, **(TOGETHER if lanes.vector else ALONE))
-
-    def plain(self) -> wp.Function:
-        return plain_field(self)
 
 
 class ReluField(Bounder):

@@ -13,7 +13,6 @@ import numpy as np
 
 from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.bounders.slabs.native import TEXTS
-from warp_bounding.bounders.slabs.plain import PLAIN
 from warp_bounding.bounders.slabs.regions import TESTS, SlabPoint, Slabs
 from warp_bounding.bounders.volume import VolumeBounder, VolumeSource
 from warp_bounding.coordinates.domain import Domain
@@ -41,7 +40,7 @@ class SlabsSource(VolumeSource):
     slabs: int
     diagonal: bool
 
-    texts, twins = TEXTS, PLAIN
+    texts = TEXTS
 
 
 class FaceBounder(VolumeBounder):

@@ -1,4 +1,4 @@
-"""Batch kernels of a distance: points in lanes, native; and one query a thread for all that marches or halves, and for the plain twin."""
+"""Batch kernels of a distance: points in lanes, native; and one query a thread for all that marches or halves."""
 
 from functools import cache
 
@@ -9,22 +9,19 @@ from warp_bounding.kernels.distances.assemble import batch_snippet
 from warp_bounding.kernels.distances.clipping import clip_func
 from warp_bounding.kernels.distances.functions import (
     box_func,
-    distance_func,
-    ray_func,
     ray_line,
     room_func,
-    segment_func,
     segment_line,
 )
 from warp_bounding.kernels.distances.source import DistanceSource
 from warp_bounding.kernels.functions import Data, Words
 from warp_bounding.runtime.native import named, unique_name
 
-__all__ = ["box_kernel", "distance_kernel", "lines_kernel", "march_kernel", "plain_kernel"]
+__all__ = ["box_kernel", "distance_kernel", "lines_kernel"]
 
 
-def _name(source: DistanceSource, native: bool, role: str) -> named:
-    return named(unique_name(source, f"{role}{'' if native else '_plain'}"))
+def _name(source: DistanceSource, role: str) -> named:
+    return named(unique_name(source, role))
 
 
 @cache
@@ -32,7 +29,7 @@ def distance_kernel(source: DistanceSource, values: bool) -> wp.Kernel:
     """``(x, count, block, parameters, words, radius, many, out)``, one block a thread: distances where ``values``, else 0 and 1."""
     out_type = wp.float32 if values else wp.uint8
 
-    @_name(source, True, f"distances{'_values' * values}").block_kernel(batch_snippet(source, values))
+    @_name(source, f"distances{'_values' * values}").block_kernel(batch_snippet(source, values))
     def batch(
         x: Numbers,
         count: int,
@@ -45,91 +42,6 @@ def distance_kernel(source: DistanceSource, values: bool) -> wp.Kernel:
     ): ...
 
     return batch
-
-
-@cache
-def plain_kernel(source: DistanceSource, values: bool) -> wp.Kernel:
-    """The plain twin of ``distance_kernel``: ``(first, data, x, radius, many, out)``, one query a thread."""
-    distance, n, vector = distance_func(source, False), source.ndim, vector_type(source.ndim)
-    out_type = wp.float32 if values else wp.uint8
-
-    def batch(
-        first: int,
-        # inputs
-        data: Data,
-        x: Numbers,
-        radius: Numbers,
-        many: int,
-        # outputs
-        out: wp.array(dtype=out_type),
-    ):
-        i = first + wp.tid()
-        q = vector()
-        for k in range(n):
-            q[k] = x[i * n + k]
-        g = distance(data, q)
-        if values:
-            out[i] = out_type(g)
-        else:
-            out[i] = out_type(not g > radius[many * i])
-
-    return _name(source, False, f"distances{'_values' * values}").kernel(batch)
-
-
-@cache
-def march_kernel(source: DistanceSource, native: bool, ray: bool) -> wp.Kernel:
-    """``(first, data, a, b, length, lengths, radius, radii, steps, maybe, t)``: segments from a to b, or rays of a alone."""
-    march, n, vector = (ray_func if ray else segment_func)(source, native), source.ndim, vector_type(source.ndim)
-
-    def segments(
-        first: int,
-        # inputs
-        data: Data,
-        a: Numbers,
-        b: Numbers,
-        length: Numbers,
-        lengths: int,
-        radius: Numbers,
-        radii: int,
-        steps: int,
-        # outputs
-        maybe: wp.array(dtype=wp.uint8),
-        t: wp.array(dtype=wp.float32),
-    ):
-        i = first + wp.tid()
-        start, end = vector(), vector()
-        for k in range(n):
-            start[k] = a[i * n + k]
-            end[k] = b[i * n + k]
-        told, when = march(data, start, end, radius[radii * i], steps)
-        maybe[i] = wp.uint8(told)
-        t[i] = when
-
-    def rays(
-        first: int,
-        # inputs
-        data: Data,
-        a: Numbers,
-        b: Numbers,
-        length: Numbers,
-        lengths: int,
-        radius: Numbers,
-        radii: int,
-        steps: int,
-        # outputs
-        maybe: wp.array(dtype=wp.uint8),
-        t: wp.array(dtype=wp.float32),
-    ):
-        i = first + wp.tid()
-        origin, direction = vector(), vector()
-        for k in range(n):
-            origin[k] = a[2 * n * i + k]
-            direction[k] = a[2 * n * i + n + k]
-        told, when = march(data, origin, direction, length[lengths * i], radius[radii * i], steps)
-        maybe[i] = wp.uint8(told)
-        t[i] = when
-
-    return _name(source, native, "rays" if ray else "segments").kernel(rays if ray else segments)
 
 
 @cache
@@ -176,13 +88,13 @@ def lines_kernel(source: DistanceSource, ray: bool) -> wp.Kernel:
         lines[row + 2 * n + 2] = span[0]
         lines[row + 2 * n + 3] = span[1]
 
-    return _name(source, True, "ray_lines" if ray else "segment_lines").kernel(lines_of)
+    return _name(source, "ray_lines" if ray else "segment_lines").kernel(lines_of)
 
 
 @cache
-def box_kernel(source: DistanceSource, native: bool) -> wp.Kernel:
+def box_kernel(source: DistanceSource) -> wp.Kernel:
     """``(first, data, lower, upper, steps, maybe)``, one box a thread."""
-    box, n, vector = box_func(source, native), source.ndim, vector_type(source.ndim)
+    box, n, vector = box_func(source), source.ndim, vector_type(source.ndim)
 
     def boxes(
         first: int,
@@ -201,4 +113,4 @@ def box_kernel(source: DistanceSource, native: bool) -> wp.Kernel:
             high[k] = upper[i * n + k]
         maybe[i] = wp.uint8(box(data, low, high, steps))
 
-    return _name(source, native, "boxes").kernel(boxes)
+    return _name(source, "boxes").kernel(boxes)

@@ -1,6 +1,6 @@
-"""Warp functions of a distance: of one point, along a segment or a ray, and over a box; of any source, native or its plain twin.
+"""Warp functions of a distance: of one point, along a segment or a ray, and over a box; of any source.
 
-``distance_func`` is native text (``assemble``) or the plain twin (``plain``), and all others ask it, so they are the same function in
+``distance_func`` is native text (``assemble``), and all others ask it, so they are the same function in
 Warp's own Python for every source and device.
 
 *Marching.* A segment is ``a + t w``, ``0 <= t <= 1``. At a time t all points before which are proven to be farther than the radius,
@@ -34,7 +34,6 @@ from warp_bounding.arithmetic import UNIT32
 from warp_bounding.coordinates.base import DIRECTION_LARGEST, DIRECTION_SMALLEST, Numbers, vector_type
 from warp_bounding.kernels.distances.assemble import function_snippet
 from warp_bounding.kernels.distances.clipping import FINITE, LEAST, LONGER, SHORTER, clip_func, owns_func
-from warp_bounding.kernels.distances.plain import plain_distance
 from warp_bounding.kernels.distances.source import HEADER, HEADER_OF_TIME, DistanceSource
 from warp_bounding.kernels.functions import Data, Words
 from warp_bounding.kernels.source import LABEL
@@ -63,10 +62,8 @@ MOST_LEVELS = 62  # halvings of a box
 
 
 @cache
-def distance_func(source: DistanceSource, native: bool = True) -> wp.Function:
+def distance_func(source: DistanceSource) -> wp.Function:
     """``distance(data: Data, x: vec_n) -> float32``, g of one point; 0 for the data of another source."""
-    if not native:
-        return plain_distance(source)
     name, vector = named(unique_name(source, "distance")), vector_type(source.ndim)
 
     @name.func_native(function_snippet(source))
@@ -79,8 +76,8 @@ def distance_func(source: DistanceSource, native: bool = True) -> wp.Function:
     return distance
 
 
-def _named(source: DistanceSource, native: bool, role: str) -> named:
-    return named(unique_name(source, f"{role}{'' if native else '_plain'}"))
+def _named(source: DistanceSource, role: str) -> named:
+    return named(unique_name(source, role))
 
 
 @cache
@@ -88,7 +85,7 @@ def clock_func(source: DistanceSource) -> wp.Function:
     """``clock(data) -> vec3``: the middle and half of the range of time, and the speed; zeros of a shape at rest."""
     numbers, limit, time = LABEL + 2 * source.ndim, LABEL + source.ndim, source.time
 
-    @_named(source, True, "clock").func
+    @_named(source, "clock").func
     def clock(data: Data) -> wp.vec3:
         told, w = wp.vec3(), data.parameters
         if time and w.shape[0] > numbers + 5:
@@ -103,7 +100,7 @@ def room_func(source: DistanceSource) -> wp.Function:
     """``room(a, w, length, radius, clock)``: what g must exceed, for the radius and for what rounds; infinite for numbers that cannot be marched."""
     vector, n, blur, time = vector_type(source.ndim), source.ndim, (source.ndim + 16) * UNIT32, int(source.time)
 
-    @_named(source, True, "room").func
+    @_named(source, "room").func
     def room(a: vector, w: vector, length: float, radius: float, clock: wp.vec3) -> float:
         size = wp.float32(0.0)
         for k in range(n):
@@ -123,7 +120,7 @@ def segment_line(source: DistanceSource) -> wp.Function:
     """``(w, length) = line(start, end, clock)``: a segment as ``start + t w``, its length rounded up, infinite where it leaves the range of time."""
     vector, n, time = vector_type(source.ndim), source.ndim, int(source.time)
 
-    @_named(source, True, "segment_line").func
+    @_named(source, "segment_line").func
     def line(start: vector, end: vector, clock: wp.vec3):
         w, square = end - start, wp.float32(0.0)
         for k in range(time, n):
@@ -143,7 +140,7 @@ def ray_line(source: DistanceSource) -> wp.Function:
     """``(w, length) = line(direction, length)``: a ray's displacement, and its length rounded up; infinite without a usable direction."""
     vector, n = vector_type(source.ndim), source.ndim
 
-    @_named(source, True, "ray_line").func
+    @_named(source, "ray_line").func
     def line(direction: vector, length: float):
         largest, square = wp.float32(0.0), wp.float32(0.0)
         finite = wp.bool(True)
@@ -163,11 +160,11 @@ def ray_line(source: DistanceSource) -> wp.Function:
 
 
 @cache
-def march_func(source: DistanceSource, native: bool = True) -> wp.Function:
+def march_func(source: DistanceSource) -> wp.Function:
     """``march(data, a, w, length, room, steps) -> (maybe, t)`` along ``a + t w``; ``length`` is no less than that of w."""
-    distance, vector, clip = distance_func(source, native), vector_type(source.ndim), clip_func(source)
+    distance, vector, clip = distance_func(source), vector_type(source.ndim), clip_func(source)
 
-    @_named(source, native, "march").func
+    @_named(source, "march").func
     def march(data: Data, a: vector, w: vector, length: float, room: float, steps: int):
         span = clip(data, a, w, room)
         t, last, maybe, going = span[0], span[1], wp.bool(True), wp.int32(steps)
@@ -190,12 +187,12 @@ def march_func(source: DistanceSource, native: bool = True) -> wp.Function:
 
 
 @cache
-def segment_func(source: DistanceSource, native: bool = True) -> wp.Function:
+def segment_func(source: DistanceSource) -> wp.Function:
     """``segment(data, start: vec_n, end: vec_n, radius: float, steps: int = 32) -> (maybe: bool, t: float)``; see module."""
-    march, vector = march_func(source, native), vector_type(source.ndim)
+    march, vector = march_func(source), vector_type(source.ndim)
     line, room, clock_of = segment_line(source), room_func(source), clock_func(source)
 
-    @_named(source, native, "segment").func
+    @_named(source, "segment").func
     def segment(data: Data, start: vector, end: vector, radius: float, steps: int = SEGMENT_STEPS):
         clock = clock_of(data)
         w, length = line(start, end, clock)
@@ -206,12 +203,12 @@ def segment_func(source: DistanceSource, native: bool = True) -> wp.Function:
 
 
 @cache
-def ray_func(source: DistanceSource, native: bool = True) -> wp.Function:
+def ray_func(source: DistanceSource) -> wp.Function:
     """``ray(data, origin: vec_n, direction: vec_n, length: float, radius: float, steps: int = 32) -> (maybe: bool, t: float)``; see module."""
-    march, vector = march_func(source, native), vector_type(source.ndim)
+    march, vector = march_func(source), vector_type(source.ndim)
     line, room = ray_line(source), room_func(source)
 
-    @_named(source, native, "ray").func
+    @_named(source, "ray").func
     def ray(data: Data, origin: vector, direction: vector, length: float, radius: float, steps: int = SEGMENT_STEPS):
         w, long = line(direction, length)
         maybe, t = march(data, origin, w, long, room(origin, w, long, radius, wp.vec3()), steps)
@@ -221,10 +218,10 @@ def ray_func(source: DistanceSource, native: bool = True) -> wp.Function:
 
 
 @cache
-def box_func(source: DistanceSource, native: bool = True) -> wp.Function:
+def box_func(source: DistanceSource) -> wp.Function:
     """``box(data, lower: vec_n, upper: vec_n, steps: int = 64) -> bool``: may the closed box meet the object? See module."""
-    distance, vector, n = distance_func(source, native), vector_type(source.ndim), source.ndim
-    name, center, limit = _named(source, native, "box"), LABEL, LABEL + source.ndim
+    distance, vector, n = distance_func(source), vector_type(source.ndim), source.ndim
+    name, center, limit = _named(source, "box"), LABEL, LABEL + source.ndim
     unit, time, clock_of = LABEL + 2 * source.ndim + 1, int(source.time), clock_func(source)
     pace_at = LABEL + 2 * source.ndim + HEADER + HEADER_OF_TIME - 1
     owns = owns_func(source)
