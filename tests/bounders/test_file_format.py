@@ -119,6 +119,14 @@ def test_foreign_files_are_refused(tmp_path, saved):
         check_refused(path)
 
 
+@pytest.mark.parametrize(
+    ("method", "words"), [("kd-tree", "fit a bvh"), ("composition", "cascade, union or hierarchy")]
+)
+def test_files_of_methods_that_are_gone_say_what_replaces_them(saved, method, words):
+    rewrite(saved, lambda document: document.update(method=method))
+    check_refused(saved, f"method '{method}' is gone", words)
+
+
 def test_newer_files_are_refused(saved):
     for version in (file_format.FORMAT + 1, "2", None, 1.5):
         rewrite(saved, lambda d, v=version: d.update(format=v))

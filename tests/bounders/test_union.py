@@ -127,7 +127,7 @@ def test_a_root_and_any_child(device, tmp_path, rng):
     root, children = parts[0], Union.of(parts[1:]).freeze(0.0, None)
     expected = root.query(x).numpy() & children.query(x).numpy()
     assert 0.05 < expected.mean() < 0.95
-    whole = wb.cascade(root, children).to(device)
+    whole = Cascade.of([root, children]).to(device)
     assert (whole.query(x).numpy() == expected).all()
     assert (ask(whole, x) == expected).mean() > 0.999
     assert ((whole.values(x).numpy() >= 0) == expected).all()
