@@ -75,7 +75,7 @@ def test_regions_are_asked_together(rng):
 def test_a_group_is_asked_in_a_kernel_of_ones_own(library, rng):
     group = max(library.stack().groups, key=lambda group: len(group.members))
 
-    @wp.kernel
+    @wp.kernel(enable_backward=False)
     def ask(
         data: wp.array(dtype=wb.Data),
         slots: wp.array(dtype=wp.int32),

@@ -185,7 +185,7 @@ def test_other_warp_arrays_are_refused(bounder):
             bounder.query(x)
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def _takes_data(data: wb.Data, out: wp.array(dtype=float)):
     out[0] = data.parameters[0]
 

@@ -126,7 +126,7 @@ def test_both_sides_in_a_kernel_and_placed():
     outer = wb.fit(shape("mesh"), method="sphere", device="cpu", progress=False)
     both, x = wb.two_sided(outer, inner("mesh")), around("mesh", 20_000)
 
-    @wp.kernel
+    @wp.kernel(enable_backward=False)
     def ask(outside: wb.Data, inside: wb.Data, q: wp.array(dtype=wp.vec3), answers: wp.array(dtype=int)):
         i = wp.tid()
         answers[i] = wp.static(both.func)(outside, inside, q[i])

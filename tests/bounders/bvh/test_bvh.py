@@ -98,7 +98,7 @@ def test_boxes_that_lose_a_cell_prove_nothing():
     assert Bvh(bounder.domain, bounder.tensors | {"high": smaller}, {}, "cpu").least(grid)[0] == -1.0
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def count_boxes(
     tree: wp.uint64, low: wp.array(dtype=wp.vec3), high: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.uint8)
 ):
@@ -109,7 +109,7 @@ def count_boxes(
         out[i] = wp.uint8(1)
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def count_rays(
     tree: wp.uint64,
     start: wp.array(dtype=wp.vec3),

@@ -114,7 +114,7 @@ def test_functions_in_kernels(rng):
     bounder, n = far("sphere", "blob"), 200
     x, y = points_around(thing("blob"), n // 2, rng), points_around(thing("blob"), n // 2, rng)
 
-    @wp.kernel
+    @wp.kernel(enable_backward=False)
     def ask(
         data: wb.Data,
         x: wp.array(dtype=wp.vec3),
