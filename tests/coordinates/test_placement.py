@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
-from bounding_shapes import CONSERVATIVE, fitted, object_points, shape
+from bounding_shapes import CONSERVATIVE, crossed, fitted, object_points, shape
 from placements import homogeneous, rotation
 
 from warp_bounding.errors import QueryError
@@ -23,8 +23,10 @@ def to_world(grid, x, q, t, factors) -> np.ndarray:
     return world
 
 
-@pytest.mark.parametrize("method", CONSERVATIVE)
-@pytest.mark.parametrize("name", ["c", "blob", "animated"])
+@pytest.mark.parametrize(
+    ("method", "name"),
+    crossed(CONSERVATIVE, ["c", "blob", "animated"], kinds=("kdop", "mlp")),  # of a map that all have
+)
 def test_placed_points_are_never_denied(method, name, device, rng):
     grid, bounder = shape(name), fitted(method, name).to(device)
     s = grid.ndim - grid.time

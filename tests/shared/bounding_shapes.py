@@ -135,10 +135,12 @@ CONSERVATIVE = tuple(name for name, kind in METHODS.items() if kind.conservative
 
 
 def crossed(methods, names, kinds=None) -> list:
-    """Each method with each shape, but with ``--slow`` only, since each dimension has kernels of its own: in one dimension and in
-    five all but a box and a network; in two and in four all but these ``kinds``, if they are told.
+    """Each method with each shape, but with ``--slow`` only, since they have kernels of their own: in one dimension and in five all
+    but a box and a network; methods of cells, whose kernels depend on how many there are, but for a few shapes; in two dimensions
+    and in four all but these ``kinds``, if they are told.
     """
     rare = [(m, n) for n in ("line", "five") for m in methods if m not in ("aabb", "mlp")]
+    rare += [(m, n) for m in ("voxels", "relu-field") for n in ("star", "half", "single", "anisotropic")]
     rare += [(m, n) for n in ("c", "animated") for m in methods if kinds and m not in kinds]
     pairs = [(method, name) for name in names for method in methods]
     return [pytest.param(*p, marks=pytest.mark.slow) if p in rare else p for p in pairs]
