@@ -8,7 +8,7 @@ from mutations import MUTATIONS, File, mutate
 from subjects import subjects
 
 SUBJECTS = {subject.name: subject for subject in subjects()}
-FILES, POSITIVES = 8, 256
+FILES, POSITIVES = 4, 256
 FLAT = [name for name in SUBJECTS if not name.endswith(("blob", "animated"))]  # in 2D
 DEEP = [name for name in SUBJECTS if name not in FLAT]  # kernels of their own; ``make fuzz`` has them, too
 FEW = ("bvh point blob", "aabb box blob", "mlp point animated", "sphere distance blob")
