@@ -141,6 +141,7 @@ OBJ = {
     "obj/materials": Case(file("a.obj", obj(head="mtllib none.mtl\nusemtl red\n")), check=cubes()),
     "obj/lines-and-points": Case(file("a.obj", obj(tail="l 1 2\np 1\n")), "lines, points", cubes()),
     "obj/index-0": Case(file("a.obj", obj(first=0)), "counted from 1"),
+    "obj/other-corners": Case(file("a.obj", obj(face="{0}/1/1f", head="vt 0 0\nvn 0 0 1\n")), "1/1/1f"),
     "obj/index-out-of-range": Case(file("a.obj", obj(first=2)), "got vertex 8"),
     "obj/index-before-first": Case(file("a.obj", obj(first=-9)), "got -9"),
     "obj/free-form": Case(file("a.obj", obj(tail="cstype bezier\ndeg 3\ncurv 0 1 1 2 3 4\nend\n")), "free-form"),

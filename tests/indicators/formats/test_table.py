@@ -1,9 +1,13 @@
 """The table of formats in the guide: for each row a file is made, and read, noted or refused as the row says."""
 
+import contextlib
 import re
+import zlib
 from pathlib import Path
 
+import numpy as np
 import pytest
+from format_cases import measures
 from mesh_cases import MESH_CASES
 
 from warp_bounding.errors import IndicatorError
@@ -43,3 +47,21 @@ def test_row(tmp_path, key, outcome):
     assert case.words in shape.restriction
     assert bool(shape.restriction) == (outcome == "noted")
     case.check(shape)
+
+
+UNCOUNTED = (".obj", ".usda", ".urdf")  # texts that do not say how much they hold; URDF has its own rows
+CUTS = 6
+
+
+@pytest.mark.parametrize("key", [key for key, outcome in rows() if outcome != "refused"])
+def test_what_is_cut_off_is_refused_or_whole(tmp_path, key):
+    """Files end early, at places that differ from row to row."""
+    path = CASES[key].write(tmp_path)
+    if path.suffix in UNCOUNTED or not hasattr(whole := CASES[key].load(path), "faces"):
+        pytest.skip("nothing in it says where it ends")
+    content, rng = path.read_bytes(), np.random.default_rng(zlib.crc32(key.encode()))
+    for end in rng.integers(1, len(content), CUTS):
+        path.write_bytes(content[:end])
+        with contextlib.suppress(IndicatorError):
+            cut = CASES[key].load(path)
+            assert measures(cut.vertices, cut.faces) == measures(whole.vertices, whole.faces)

@@ -60,10 +60,10 @@ def read_obj(path: Path) -> MeshData:
 
 def _indices(words: list[bytes], before: np.ndarray) -> np.ndarray:
     """Vertices, counted from 0, of words such as ``7/1/3``; negative ones count back from the vertices ``before`` each."""
-    if b"/" in b"".join(words):
-        words = [word.split(b"/")[0] for word in words]
-    numbers = as_numbers(words)
-    if wrong := np.flatnonzero((numbers == 0) | (np.floor(numbers) != numbers)).tolist():
+    if odd := set(b"".join(words).translate(None, b"0123456789-/")):
+        raise ValueError(f"expected corners such as 7 or 7/1/3, got {_shown(next(w for w in words if odd & set(w)))}")
+    numbers = as_numbers([word.split(b"/")[0] for word in words])
+    if wrong := np.flatnonzero(numbers == 0).tolist():
         raise ValueError(f"expected vertices counted from 1, or backwards from -1, got {_shown(words[wrong[0]])}")
     if wrong := np.flatnonzero(numbers < -before).tolist():
         raise ValueError(f"expected a vertex from -1 to -{before[wrong[0]]}, got {numbers[wrong[0]]:.15g}")

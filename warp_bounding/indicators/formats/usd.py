@@ -96,7 +96,7 @@ class _Stage:
             more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
             notes.append(f"{text}: {', '.join(names[:MOST_NAMES])}{more}")
         if not parts:
-            raise IndicatorError(f"{self.path}: expected a USD stage with meshes, got {'; '.join(notes) or 'none'}")
+            raise IndicatorError(f"{self.path}: expected a USD stage with meshes, got {'; '.join(['none', *notes])}")
         return joined(parts, notes)
 
     def _pose_skins(self) -> None:
