@@ -262,7 +262,11 @@ def test_files_of_older_digests_stay_true(tmp_path):
         document.pop("shape")
 
     old = lying(fitted("points"), tmp_path / "old.safetensors", aged)
-    assert old.info["indicator"] == shape("mesh").geometry != fitted("points").info["indicator"]
+    for name in ("indicator", "shape"):
+        assert old.info[name] == fitted("points").info[name]
+    assert (
+        old.certificate.indicator == fitted("points").certificate.indicator == wb.certify(old, shape("mesh")).indicator
+    )
     assert wb.certify(old, shape("mesh"), margin=MARGIN).proven
     sphere = wb.fit(shape("mesh"), method="sphere", margin=MARGIN, device="cpu", progress=False)
     assert wb.cascade(sphere, old).certificate.proven

@@ -1,6 +1,7 @@
 """``load``: from a file to a bounder; every number in the file is checked as far as it can be without the shape."""
 
 import os
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from warp_bounding.coordinates.domain import json_number
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError
 from warp_bounding.indicators.parts.pieces import Pieces
+from warp_bounding.indicators.shape import dilated_digest
 from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.runtime.devices import device_of
 from warp_bounding.runtime.whole_file import file_path
@@ -60,6 +62,7 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder | Distan
             check_claims(bounder, certificate, document)
         bounder.freeze(threshold, certificate)
         bounder.info = {field: document.get(field) for field in INFO_FIELDS} | {"library": document["library"]}
+        _bring_up(bounder)
     except BoundingError as error:
         raise FileFormatError(f"{path}: {error}") from error
     except (KeyError, TypeError, ValueError) as error:
@@ -72,6 +75,17 @@ GONE = {
     "composition": "put together by & and |: fit it anew, with cascade, union or hierarchy",
     "kd-tree": "fit a bvh, which holds the same cells",
 }
+
+
+def _bring_up(bounder: Bounder | DistanceBounder) -> None:
+    """Older files name a shape without cells by the digest of its geometry alone; now that of the object has the margin."""
+    info = bounder.info
+    if info["indicator"] is None or any(info[name] is not None for name in ("shape", "grid_shape", "resolution")):
+        return
+    geometry, digest = info["indicator"], dilated_digest(info["indicator"], info["margin"] or 0.0)
+    info |= {"shape": geometry, "indicator": digest}
+    if bounder.certificate is not None and bounder.certificate.indicator == geometry:
+        bounder.certificate = replace(bounder.certificate, indicator=digest)
 
 
 def _made(document: dict, tensors: dict[str, np.ndarray], device: str | None) -> Bounder | DistanceBounder:

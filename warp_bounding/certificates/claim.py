@@ -163,10 +163,7 @@ def differing(one: Subject, other: Subject, names: tuple[str, ...] = ("margin", 
 
 
 def object_of(bounder: Subject) -> str | None:
-    """The digest of the geometry that is bounded, without margin and cells; ``None`` where that is not known.
-
-    Older files name it beside cells only; there the digest of a shape without cells did not contain the margin.
-    """
+    """The digest of the geometry that is bounded, without margin and cells; ``None`` where that is not known."""
     if told := bounder.info.get("shape"):
         return told
     in_cells = bounder.info.get("grid_shape") is not None or _told(bounder, "resolution") is not None

@@ -22,12 +22,17 @@ from warp_bounding.indicators.limits import checked_margin
 from warp_bounding.indicators.parts.pieces import Pieces
 from warp_bounding.runtime.pickling import Picklable
 
-__all__ = ["DETAILS", "IN", "OUT", "UNDECIDED", "Shape"]
+__all__ = ["DETAILS", "IN", "OUT", "UNDECIDED", "Shape", "dilated_digest"]
 
 OUT, IN, UNDECIDED = 0, 1, 2  # answers of ``decide``
 BALL = 1 + 2.0**-40  # outweighs what float64 rounds in a length and a difference
 PADDING = 0.1  # of the longest side: by how much random queries reach beyond the box that holds the object
 DETAILS = 64  # along the longest side: float32 must tell apart points that are a DETAILS-th of it from each other
+
+
+def dilated_digest(geometry: str, margin: float) -> str:
+    """The digest of an object, from those of its geometry and its margin."""
+    return hashlib.sha256(f"{geometry} dilated by {float(margin)!r}".encode()).hexdigest() if margin else geometry
 
 
 class Shape(Picklable, ABC):
@@ -156,9 +161,7 @@ class Shape(Picklable, ABC):
     @property
     def digest(self) -> str:
         """SHA-256 of the object: of its geometry, and of the margin where there is one."""
-        if not self.margin:
-            return self.geometry
-        return hashlib.sha256(f"{self.geometry} dilated by {float(self.margin)!r}".encode()).hexdigest()
+        return dilated_digest(self.geometry, self.margin)
 
     @abstractmethod
     def decide(self, x: np.ndarray) -> np.ndarray:

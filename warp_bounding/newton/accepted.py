@@ -95,7 +95,7 @@ def check_bounder(
     if bounder.certificate is None or not bounder.certificate.proven:
         raise BounderError(f"shape {shape}: expected a proven bounder, got {bounder!r}")
     made_for, resolution, margin = (bounder.info.get(key) for key in ("indicator", "resolution", "margin"))
-    if made_for is None or margin is None or made_for not in _digests(*mesh_of(shape), resolution, margin):
+    if made_for is None or margin is None or _digest(*mesh_of(shape), resolution, margin) != made_for:
         raise BounderError(f"shape {shape}: the bounder was made for another mesh, {bounder.info.get('name')}")
     if of_distances:
         return
@@ -115,14 +115,14 @@ def contact_gap(pipeline: newton.CollisionPipeline) -> float:
     return float(pipeline.soft_contact_gap if hasattr(pipeline, "soft_contact_gap") else pipeline.soft_contact_margin)
 
 
-def _digests(vertices: np.ndarray, indices: np.ndarray, resolution: int | None, margin: float) -> tuple[str, ...]:
-    """Digests of what a bounder of a mesh is made for, cells or the dilated mesh; older files leave the margin out."""
+def _digest(vertices: np.ndarray, indices: np.ndarray, resolution: int | None, margin: float) -> str:
+    """Digest of what a bounder of a mesh is made for: its cells, or without a resolution the dilated mesh itself."""
     vertices, indices = np.asarray(vertices, np.float32), np.asarray(indices, np.int32)
-    return _digests_of(vertices.tobytes(), indices.tobytes(), resolution, margin)
+    return _digest_of(vertices.tobytes(), indices.tobytes(), resolution, margin)
 
 
 @lru_cache(maxsize=64)
-def _digests_of(vertices: bytes, indices: bytes, resolution: int | None, margin: float) -> tuple[str, ...]:
+def _digest_of(vertices: bytes, indices: bytes, resolution: int | None, margin: float) -> str:
     vertices, faces = np.frombuffer(vertices, np.float32), np.frombuffer(indices, np.int32)
     mesh = IndicatorMesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), margin=margin)
-    return (mesh.digest, mesh.geometry) if resolution is None else (mesh.to_grid(resolution=resolution).digest,)
+    return mesh.digest if resolution is None else mesh.to_grid(resolution=resolution).digest
