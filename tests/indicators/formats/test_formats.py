@@ -223,6 +223,7 @@ def test_a_file_gives_its_name_and_not_its_folder(tmp_path, name, blob, write_bi
             pytest.importorskip("pxr", reason="usd-core is not installed")
             text = """#usda 1.0
 def Mesh "m" {
+    uniform token subdivisionScheme = "none"
     point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
     int[] faceVertexCounts = [3, 3, 3, 3]
     int[] faceVertexIndices = [0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3]
