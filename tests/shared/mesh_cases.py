@@ -55,6 +55,7 @@ STL = {
     "stl/binary-cut": Case(file("a.stl", binary_stl()[:-50]), "684 bytes for 12 facets, got 634"),
     "stl/more-facets": Case(file("a.stl", binary_stl(count=11)), "may be more facets"),
     "stl/trailing-bytes": Case(file("a.stl", binary_stl() + b"made by hand"), "12 bytes behind the last facet", cubes()),
+    "stl/bytes-behind-each-facet": Case(file("a.stl", binary_stl(attribute=2) + b"\7" * 24), "how many bytes follow"),
     "stl/not-finite": Case(file("a.stl", solid().replace("vertex 1", "vertex nan", 1)), "finite"),
 }  # fmt: skip
 
@@ -76,17 +77,18 @@ def ply(
     after="",
 ) -> bytes:
     """A cube; ``vertex`` and ``face`` are further properties of a byte each, ``more`` further lines of the header."""
+    more_text, more_bytes = (" 1 7", b"\1\7") if "list" in face else (" 7" * bool(face), b"\7" * bool(face))
     code = {"int": "i", "uint": "I", "uchar": "B", "float": "f", "double": "d"}
     header = f"ply\nformat {kind} 1.0\ncomment a cube\n{more}element vertex {len(points)}\n"
     header += "".join(f"property {real} {axis}\n" for axis in "xyz") + vertex
     header += f"element face {len(faces)}\nproperty list uchar {index} {name}\n{face}{after}end_header\n"
     if kind == "ascii":
         rows = ["{:g} {:g} {:g}".format(*p) + " 7" * bool(vertex) for p in points]
-        rows += [f"{len(f)} {' '.join(map(str, f))}" + " 7" * bool(face) for f in faces]
+        rows += [f"{len(f)} {' '.join(map(str, f))}" + more_text for f in faces]
         return header.encode() + before + "\n".join([*rows, ""]).encode() + rest
     order = "<" if "little" in kind else ">"
     body = b"".join(struct.pack(f"{order}3{code[real]}", *p) + b"\7" * bool(vertex) for p in points)
-    return header.encode() + before + body + b"".join(struct.pack(f"{order}B{len(f)}{code[index]}", len(f), *f) + b"\7" * bool(face) for f in faces) + rest  # fmt: skip
+    return header.encode() + before + body + b"".join(struct.pack(f"{order}B{len(f)}{code[index]}", len(f), *f) + more_bytes for f in faces) + rest  # fmt: skip
 
 
 LITTLE, BIG = "binary_little_endian", "binary_big_endian"
@@ -102,6 +104,7 @@ PLY = {
     "ply/mixed-polygons": Case(file("a.ply", ply(LITTLE, MIXED)), check=cubes()),
     "ply/concave-polygons": Case(file("a.ply", ply(BIG, (*U_CAPS, *WALLS), points=PRISM)), check=prism),
     "ply/other-properties": Case(file("a.ply", ply(LITTLE, MIXED, "property uchar red\n", "property uchar flags\n")), check=cubes()),
+    "ply/several-lists": Case(file("a.ply", ply(LITTLE, MIXED, face="property list uchar uchar more\n")), check=cubes()),
     "ply/strips": Case(file("a.ply", ply(LITTLE, (), after="element tristrips 1\nproperty list int int vertex_indices\n",
                                          rest=struct.pack("<21i", 20, *STRIPS))), check=cubes()),
     "ply/other-elements": Case(file("a.ply", ply(LITTLE, more=CAMERA, before=b"\0\0\0\0")), "1 of camera", cubes()),
@@ -371,6 +374,7 @@ GLTF = {
     "gltf/cut": Case(file("a.glb", Gltf().glb()[:-4]), "bytes of glTF 2, got"),
     "gltf/out-of-bounds": Case(glb(lambda made: made.accessors[0].update(count=9)), "in the 96 of buffer view 0"),
     "gltf/index-out-of-range": Case(glb(points=V[:7]), "got vertex 7"),
+    "gltf/primitive-restart": Case(glb(faces=strip(0, 1, 2, 65535, 3, 2, 1), primitive={"mode": 5}), "got vertex 65535"),
     "gltf/strides": Case(glb(padded), check=cubes()),
     "gltf/sparse": Case(glb(sparse), check=cubes((5, 0, 0))),
     "gltf/sparse-from-zero": Case(glb(lambda made: sparse(made, False)), check=cubes((5, 0, 0))),
@@ -465,7 +469,7 @@ DAE = {
     "dae/no-scene": Case(file("a.dae", dae(scene="")), "expected a scene"),
     "dae/not-shown": Case(file("a.dae", dae(mesh() + mesh("", ids="PAVG"))), "1 geometries", cubes()),
     "dae/animation": Case(file("a.dae", dae(more="<library_animations><animation/></library_animations>")), "animated", cubes()),
-    "dae/counts": Case(file("a.dae", dae(mesh(TRIANGLES.replace('"12"', '"11"')))), "33 indices"),
+    "dae/counts": Case(file("a.dae", dae(mesh(TRIANGLES.replace('"12"', '"11"')))), "expected 11 triangles"),
     "dae/index-out-of-range": Case(file("a.dae", dae(mesh(points=V[:7]))), "got vertex 7"),
     "dae/cut": Case(file("a.dae", dae()[:-20]), "expected XML"),
     "dae/not-finite": Case(file("a.dae", dae(mesh(points=np.where(V == 1, np.nan, V)))), "finite"),
@@ -519,6 +523,7 @@ URDF = {
     "urdf/other-meshes": urdf("expected a mesh file", geometry="<mesh filename='a.3ds'/>", files=(("a.3ds", b"3ds"),)),
     "urdf/bad-mesh": urdf("12 facets, got", files=(("a.stl", binary_stl()[:-1]),)),
     "urdf/noted-mesh": urdf("a.stl: 4 bytes behind", files=(("a.stl", binary_stl() + b"text"),)),
+    "urdf/gltf": urdf("taken as it stands", geometry="<mesh filename='a.glb'/>", files=(("a.glb", Gltf().glb()),)),
     "urdf/visual-only": urdf("so not bounded: extra", more=VISUAL),
     "urdf/two-shapes": urdf("one geometry of one shape", geometry="<sphere radius='1'/><box size='1 1 1'/>"),
     "urdf/two-geometries": urdf("one geometry of one shape", more_collision="<geometry><sphere radius='1'/></geometry>"),
@@ -639,6 +644,7 @@ USD = {
     "usd/layers-of-other-units": usd("another metersPerUnit: b.usda", text='def "x" (\nreferences = @b.usda@\n) {}\n', b=f"({DEFAULT}metersPerUnit = 1)\n" + usd_mesh()),
     "usd/missing-layers": usd("complete USD stage", text=usd_mesh(), head="subLayers = [@gone.usda@]"),
     "usd/missing-payloads": usd("complete USD stage", text=usd_mesh() + 'def "x" (\npayload = @gone.usda@\n) {}\n'),
+    "usd/missing-prims": usd("complete USD stage", text=usd_mesh() + 'def "x" (\nreferences = @b.usda@</gone>\n) {}\n', b=usd_mesh()),
     "usd/instances": usd(text=CLASS + COPIES, check=cubes((0, 0, 0), (5, 0, 0))),
     "usd/point-instancers": usd("a point instancer at /p", text=usd_mesh() + 'def PointInstancer "p" {}'),
     "usd/cubes": usd(text='def Cube "c" { ' + moved(5, 0, 0) + "}", check=cubes((5, 0, 0))),

@@ -211,6 +211,9 @@ def _points(mesh, path: Path, notes: list[str]) -> np.ndarray:
     if not Path(found).is_file():
         raise IndicatorError(f"{path}: mesh {mesh.filename} is missing")
     vertices, faces, told = read_mesh_data(Path(found))
+    told += ("glTF, whose y is up by its standard, is taken as it stands",) * (
+        Path(found).suffix.lower() in (".glb", ".gltf")
+    )
     notes.extend(f"{Path(found).name}: {note}" for note in told)
     return vertices[np.unique(faces)] * scale
 

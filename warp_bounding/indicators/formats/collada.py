@@ -153,7 +153,7 @@ class _File:
         count = int(part.get("count", -1))
         if part.tag in ("triangles", "polylist"):
             if part.tag == "triangles":
-                sizes = np.full(count if count >= 0 else sum(map(len, runs)) // 3, 3)
+                sizes = np.full(sum(map(len, runs)) // 3, 3)
             else:
                 sizes = np.concatenate([np.zeros(0, np.int64), *map(_integers, part.findall("vcount"))])
             faces = triangulated(vertices, sizes, np.concatenate([np.zeros(0, np.int64), *runs]))

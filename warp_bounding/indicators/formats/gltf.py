@@ -27,6 +27,7 @@ HARMLESS = re.compile(
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 POINTS_AND_LINES, TRIANGLES, STRIP, FAN = (0, 1, 2, 3), 4, 5, 6  # modes of a primitive
+MOST_ZEROS = 2**26  # elements of an accessor without data of its own
 UNIT = 1e-2  # by how much the length of a rotation's quaternion may miss 1
 INSTANCING = "EXT_mesh_gpu_instancing"
 
@@ -322,7 +323,7 @@ class _Asset:
             raise ValueError(f"expected unsigned integers in accessor {index}, got {kind}")
         if "bufferView" in found:
             values = self._view(found["bufferView"], found.get("byteOffset", 0), count, kind, width, True)
-        elif "sparse" in found:
+        elif "sparse" in found and count <= MOST_ZEROS:
             values = np.zeros((count, width), kind)
         else:
             raise ValueError(f"accessor {index} has no data (of an extension that is not read?)")

@@ -71,5 +71,9 @@ def _binary(content: bytes) -> tuple[np.ndarray, tuple[str, ...]]:
         unit = not normal.any() or abs(normal @ normal - 1) < 0.01
         if len(rest) % FACET.itemsize == 0 or (len(rest) > FACET.itemsize and unit):
             raise ValueError(f"the header counts {count} facets, and {len(rest)} bytes behind them may be more facets")
-    corners = np.frombuffer(content, FACET, count, start)["corners"].reshape(-1, 3)
-    return corners, (f"{len(rest)} bytes behind the last facet were not read",) if rest else ()
+    facets = np.frombuffer(content, FACET, count, start)
+    if rest and facets["attribute"].any():
+        raise ValueError(
+            f"{len(rest)} bytes behind the facets, and attributes that may tell how many bytes follow each facet"
+        )
+    return facets["corners"].reshape(-1, 3), (f"{len(rest)} bytes behind the last facet were not read",) if rest else ()
