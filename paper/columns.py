@@ -12,6 +12,7 @@ from warp_bounding.bounders.distances.mlp import MlpDistance
 from warp_bounding.bounders.local.local import Local
 from warp_bounding.bounders.options import STEPS
 from warp_bounding.bounders.union import Union
+from warp_bounding.bounders.volume import VolumeBounder
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.evaluation.distances import ASKED
 from warp_bounding.queries import QUERIES, Query
@@ -100,7 +101,9 @@ def _of_parts(method: str) -> list[type[bounders.Bounder] | type[bounders.Distan
 
 LEARNED = tuple(m for m in ROWS if any(STEPS in cls.options for cls in _of_parts(m)))  # a fit takes a budget
 CLASSIC = tuple(m for m in PAPER if m not in LEARNED)
-IN_BOTH_SPACES = (*CLASSIC, "learned-kdop")  # a row for each; for points there is but one
+IN_BOTH_SPACES = tuple(
+    m for m in (*CLASSIC, "learned-kdop") if issubclass(bounders.METHODS[m], VolumeBounder)
+)  # a row for each; for points there is but one
 SPACES = ("geometric", "parametric")
 LEAVES = {"bvh": (None, 16, 64, 256)}  # a row for each number; ``None`` where the fit decides
 
@@ -209,12 +212,14 @@ class Variant(NamedTuple):
         return self.conservative and self.method not in EXACT
 
     def _supports(self, column: Column, space: str) -> bool:
+        if space != SPACES[0]:  # ``paper.parametric``
+            return column.kind.is_region and self.in_both_spaces
         if self.of_distances:
-            return space == SPACES[0] and column.query in ASKED and self.of_distances.supports(column.ndim)
+            return column.query in ASKED and self.of_distances.supports(column.ndim)
         if self.method in FITTED:
             made = FITTED[self.method]
-            return column.query in made.queries and made.kind.supports(column.query, column.ndim, space)
-        return bounders.supports(self.method, column.query, column.ndim, space)
+            return column.query in made.queries and made.kind.supports(column.query, column.ndim)
+        return bounders.supports(self.method, column.query, column.ndim)
 
     def space_in(self, column: Column) -> str | None:
         """The space that this row has in a column, or ``None`` where there is no such bounder.
@@ -223,7 +228,7 @@ class Variant(NamedTuple):
         """
         if self.parametric and not column.kind.is_region:
             return None
-        spaces = (SPACES[self.parametric],) if self.in_both_spaces else SPACES
+        spaces = (SPACES[self.parametric],) if self.in_both_spaces else SPACES[:1]
         return next((s for s in spaces if self._supports(column, s)), None)
 
     def paper(self, column: Column) -> float | None:
@@ -234,7 +239,7 @@ class Variant(NamedTuple):
         """Whether the paper's figures of a column belong beside this row."""
         if self.method not in PAPER or self.leaves is not None:
             return False
-        parametric = column.kind.is_region and self._supports(column, "parametric")
+        parametric = self.in_both_spaces and self._supports(column, "parametric")
         return not self.in_both_spaces or self.parametric == parametric
 
 

@@ -21,7 +21,7 @@ from typing import Any
 
 from paper.columns import DISTANCE_STEPS, Variant
 from paper.folder import Folder
-from paper.plan import Job, Selection, TimeLeft, plan
+from paper.plan import KDOP_SECONDS, Job, Selection, TimeLeft, plan
 from paper.rows import Line
 from paper.shapes import Shape
 from warp_bounding.bounders import METHODS, DistanceBounder
@@ -180,7 +180,6 @@ class Run(ABC):
         if not of_distances:
             options |= {"last": last} if last is not None else {}
             options |= {"length": settings.length} if query.has_length else {}
-            options |= {"space": job.space} if query.is_region else {}
         maker = getattr(training, made.by)
         about |= {"budget": settings.budget_of(job.column, job.variant), "seed": settings.seed}
         bounder = maker(grid, **about, device=settings.device, progress=progress, **options)
@@ -230,16 +229,18 @@ class TableRun(Run):
         self.left = TimeLeft(self.jobs, self.folder.settings, self.folder.fitted)
 
     def measure(self, job: Job, grid: Any) -> None:
+        from paper.parametric import volumes
         from warp_bounding.evaluation import evaluate
 
         s = self.folder.settings
-        bounder, seconds, spent = self._bounder(job, grid)
+        bounder, seconds, spent = self._parametric(job, grid) if job.variant.parametric else self._bounder(job, grid)
         started, found = time.perf_counter(), {}
         for protocol in job.protocols:
-            progress = self._note(f"measuring, {protocol}")
-            found[protocol] = evaluate(
-                bounder, grid, s.samples, protocol, seed=s.sample_seed, progress=progress, **self._asked(job)
-            )
+            about = {"seed": s.sample_seed, "progress": self._note(f"measuring, {protocol}")}
+            if job.variant.parametric:
+                found[protocol] = volumes.rates(bounder, grid, s.samples, protocol, **about, device=s.device)
+            else:
+                found[protocol] = evaluate(bounder, grid, s.samples, protocol, **about, **self._asked(job))
             self.heed()
         self.left.finish(job, spent, time.perf_counter() - started)
         about = {
@@ -274,6 +275,16 @@ class TableRun(Run):
         seconds = time.perf_counter() - started
         before = 0.0 if last is None else (last.info.get("training") or {}).get("seconds", 0.0)
         return bounder, seconds + before, seconds
+
+    def _parametric(self, job: Job, grid: Any) -> tuple[Any, float, float]:
+        """The volume around the numbers of regions of a job, which no file keeps, and the seconds that its fit took."""
+        from paper.parametric.volumes import fit
+
+        s, started = self.folder.settings, time.perf_counter()
+        seconds = min(s.budget_of(job.column, job.variant), KDOP_SECONDS) if job.variant.learned else 0.0
+        volume = fit(grid, job.column.query, job.variant.method, length=s.length, seed=s.seed, seconds=seconds)
+        self.heed()
+        return volume, *[time.perf_counter() - started] * 2
 
     def _asked(self, job: Job) -> dict[str, Any]:
         """What a bounder of distances is asked; others have one kind of query."""

@@ -175,7 +175,9 @@ def answers(folder: Path) -> None:
         for method in DISTANCES:
             if where == "4d" and method not in ("distance-grid", "mlp"):
                 continue
-            told = FEW if method == "mlp" else LEARNED.get(method, {})
+            told = (FEW if method == "mlp" else LEARNED.get(method, {})) | (
+                {"metric": "spacetime"} if where == "4d" else {}
+            )
             bounder = made(folder, f"{method}-distance-{where}", shape, query="distance", method=method, **told)
             ask_distance(f"{method} {where}", bounder, shape)
     three = shapes["3d"]

@@ -87,8 +87,9 @@ def _selection(data: str | None, quick: bool, columns, methods, objects, devices
 
     wanted = select_columns(words_of(columns))
     variants = select_methods(words_of(methods)) if methods else select_methods(METHODS)
+    variants = [v for v in variants if not v.parametric]  # those are NumPy
     if quick and methods is None:
-        variants = [v for v in variants if v.method in PAPER and not v.parametric]
+        variants = [v for v in variants if v.method in PAPER]
     dimensions = dict.fromkeys(c.ndim for c in wanted)
     if data is None:
         grids = generated(dimensions)

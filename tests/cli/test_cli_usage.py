@@ -20,7 +20,6 @@ BAD = {
     "unknown query": ["fit", "{c}", "-o", "{out}", "--query", "cone"],
     "missing shape": ["fit", "{dir}/none.npy", "-o", "{out}"],
     "voxels have no rule for boxes": ["fit", "{c}", "-o", "{out}", "--query", "box", "--method", "voxels"],
-    "networks have no parametric space": ["fit", "{c}", "-o", "{out}", "--query", "box", "--space", "parametric"],
     "hidden 0": ["fit", "{c}", "-o", "{out}", "--hidden", "0"],
     "hidden words": ["fit", "{c}", "-o", "{out}", "--hidden", "wide"],
     "hidden nothing": ["fit", "{c}", "-o", "{out}", "--hidden", ""],

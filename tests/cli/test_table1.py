@@ -19,7 +19,7 @@ from paper.__main__ import run as main
 TESTS = Path(__file__).parents[1]
 
 QUICK = ("--columns", "2d-point,3d-ray", "--methods", "aabb,bvh-16,mlp,relu-field")
-CELLS = 3 * 4 + 2 * 5  # points: one row a method; rays: two of each classic volume, no field in 3D
+CELLS = 3 * 4 + 2 * 4  # points: one row a method; rays: two of a box, no field in 3D
 
 
 @pytest.fixture

@@ -47,15 +47,14 @@ def wide_regions(query: str, grid, length: float, count: int, rng: np.random.Gen
 
 
 @pytest.mark.parametrize("n", [2, 9])
-@pytest.mark.parametrize(("query", "space"), [("ray", "geometric"), ("plane", "parametric")])
-def test_unit_vectors_stay_within_the_limit(query, space, n, device, rng):
+def test_unit_vectors_stay_within_the_limit(n, device, rng):
     """One entry of a direction is nearly its length, so rounding may take it beyond 1; the sum of squares grows with n."""
     grid = IndicatorGrid(np.arange(2**n).reshape((2,) * n) == 0)
-    domain = domain_of(grid, query, space=space)
+    domain = domain_of(grid, "ray")
     d = rng.normal(size=(COUNT, n)) * 10.0 ** rng.uniform(-9, 0, (COUNT, 1))
     d[np.arange(COUNT), rng.integers(n, size=COUNT)] = rng.normal(size=COUNT)
     x = np.full((COUNT, n), 0.5)
-    q = np.concatenate([x, d] if query == "ray" else [d, x], axis=1).astype(np.float32)
+    q = np.concatenate([x, d], axis=1).astype(np.float32)
     v, testable, inside = located(domain, q, device, False)
     assert (testable & inside).all()
     assert (np.abs(v) <= domain.limit).all()
@@ -301,12 +300,11 @@ def timed(query: str, first: np.ndarray, last: np.ndarray, place: np.ndarray) ->
     return np.column_stack([first, at, np.zeros(count), np.ones(count), zero[:, 1:]]).astype(np.float32)
 
 
-@pytest.mark.parametrize("space", ["geometric", "parametric"])
 @pytest.mark.parametrize("query", REGIONS)
-def test_outside_the_range_of_time_the_answer_is_maybe(query, space, device, rng):
+def test_outside_the_range_of_time_the_answer_is_maybe(query, device, rng):
     """By however little; the object may be anywhere then."""
     grid = shape("animated")
-    domain = domain_of(grid, query, 0.5, space)
+    domain = domain_of(grid, query, 0.5)
     assert len(domain.extra) == COORDINATES[query].extra_count(4, True)
     start, end = grid.lower[0], grid.upper[0]
     away = np.concatenate([[0.0], 10.0 ** rng.uniform(-9, 6, 2000)])

@@ -14,28 +14,27 @@ from warp_bounding.queries import oracle, sample
 REGIONS = ("ray", "plane", "box")
 SAMPLES = 20_000
 CLASSICS = [
-    (method, query, space)
+    (method, query)
     for method in ("aabb", "kdop", "sphere", "bvh")
     for query in REGIONS
-    for space in ("geometric", "parametric")
-    if method in METHODS and METHODS[method].supports(query, 3, space)
+    if method in METHODS and METHODS[method].supports(query, 3)
 ]
 
 
 @cache
-def fitted(method: str, query: str, space: str = "geometric", length: float = 0.6):
+def fitted(method: str, query: str, length: float = 0.6):
     """On the CPU; never change it."""
-    told = told_of(method, query, space=space, length=length)
+    told = told_of(method, query, length=length)
     return wb.fit(shape("star"), query=query, method=method, device="cpu", **told)
 
 
 def test_there_are_classics():
-    assert {query for _, query, _ in CLASSICS} == set(REGIONS)
+    assert {query for _, query in CLASSICS} == set(REGIONS)
 
 
-@pytest.mark.parametrize(("method", "query", "space"), CLASSICS)
-def test_rates_are_what_a_count_gives(method, query, space, device):
-    bounder, grid = fitted(method, query, space).to(device), shape("star")
+@pytest.mark.parametrize(("method", "query"), CLASSICS)
+def test_rates_are_what_a_count_gives(method, query, device):
+    bounder, grid = fitted(method, query).to(device), shape("star")
     rates = wb.evaluate(bounder, grid, samples=SAMPLES, seed=5)
     x = sample(query, grid, SAMPLES, np.random.default_rng(5))
     truth, maybe = oracle(query, grid, "cpu", 0.6)(x), bounder.query(x).numpy().astype(bool)

@@ -1,4 +1,4 @@
-"""Honest bounders to be spoilt: every method, kind of query and space that it has, on small shapes in 2D, 3D and 4D (animated)."""
+"""Honest bounders to be spoilt: every method and kind of query that it has, on small shapes in 2D, 3D and 4D (animated)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,10 +16,8 @@ from warp_bounding.bounders.neural.mlp_early import MlpEarly
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.proof import least_value
 from warp_bounding.queries import QUERY_KINDS
-from warp_bounding.queries.positives import draw_positives
 
 SHAPES = ("c", "blob", "animated")
-PARAMETRIC = {"c": ("ray", "plane", "box"), "blob": ("box",)}  # the others take seconds to bound
 ACTIVATIONS = {"point": "sin", "ray": "relu", "plane": "tanh", "box": "sin"}
 CASCADES = (
     ("point", "voxels+mlp"),
@@ -35,7 +33,6 @@ DISTANT = {  # what distances are told, so that a fit takes no time to speak of
 }
 LENGTH = 0.75
 BOXES = 20_000  # of a search for a network's least value: what it has by then is proven
-POSITIVES = 500  # that a volume in parametric space takes its shape from
 
 
 @dataclass(frozen=True)
@@ -80,10 +77,10 @@ def network(name: str, query: str, hidden=HIDDEN, seed: int = 0) -> Mlp:
     return Mlp(domain, tensors, {"hidden": list(hidden), "activation": ACTIVATIONS[query], "octaves": 0}, "cpu")
 
 
-def made(method: str, name: str, query: str, space: str = "geometric") -> Bounder:
+def made(method: str, name: str, query: str) -> Bounder:
     """A bounder at its threshold."""
     grid, kind = shape(name), METHODS[method]
-    domain = domain_of(grid, query, LENGTH, space)
+    domain = domain_of(grid, query, LENGTH)
     if method == "monotone-mlp":
         return settled(random_monotone(grid, HIDDEN), name)
     if method == "mlp-early":
@@ -93,9 +90,6 @@ def made(method: str, name: str, query: str, space: str = "geometric") -> Bounde
         return MlpEarly.of([settled(first, name), settled(whole, name)])
     if issubclass(kind, Mlp):
         return settled(network(name, query), name)
-    if space == "parametric" and method != "learned-kdop":
-        positives = next(draw_positives(query, grid, POSITIVES, 0, "cpu", LENGTH, outside=False))[:POSITIVES]
-        return settled(kind.fit_parametric(grid, domain, domain.to_local(positives), device="cpu"), name)
     return settled(kind.fit(grid, domain, device="cpu"), name)
 
 
@@ -118,12 +112,8 @@ def subjects() -> list[Subject]:
     for name in SHAPES:
         for method, kind in METHODS.items():
             for query in QUERY_KINDS:
-                for space in ("geometric", "parametric"):
-                    if space == "parametric" and query not in PARAMETRIC.get(name, ()):
-                        continue
-                    if kind.conservative and kind.supports(query, shape(name).ndim, space):
-                        text = f"{method} {query} {name}{' parametric' * (space == 'parametric')}"
-                        found.append(Subject(text, name, _maker(method, name, query, space)))
+                if kind.conservative and kind.supports(query, shape(name).ndim):
+                    found.append(Subject(f"{method} {query} {name}", name, _maker(method, name, query)))
         for method, kind in DISTANCES.items():
             if kind.supports(shape(name).ndim):
                 found.append(Subject(f"{method} distance {name}", name, _distance(method, name)))

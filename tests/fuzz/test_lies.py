@@ -15,7 +15,6 @@ from mutations import File
 from subjects import made, network, settled
 
 import warp_bounding as wb
-from warp_bounding.bounders import Cascade
 from warp_bounding.bounders.polytopes import half_spaces
 from warp_bounding.bounders.voxels import Voxels
 from warp_bounding.coordinates.domain import Domain
@@ -103,17 +102,6 @@ def test_a_domain_of_too_many_cells_is_not_proven(rng, monkeypatch):
     monkeypatch.setattr(boxes, "MOST_CELLS", np.inf)
     with undistracted():
         assert not wb.certify(liar, grid, seconds=5).proven
-
-
-@pytest.mark.parametrize("query", ["ray", "plane", "box"])
-def test_parts_must_bound_the_queries_of_the_whole(query):
-    """A network has no parametric space: its proof would be one of other numbers than the kernel's."""
-    part = network("c", query)
-    domain = domain_of(shape("c"), query, 0.75, "parametric")
-    tensors = {f"{i}.{k}": t for i in range(2) for k, t in part.tensors.items()}
-    tensors["thresholds"] = np.zeros(1, np.float32)
-    with pytest.raises(BounderError, match="does not bound"):
-        Cascade(domain, tensors, {"parts": [{"method": "mlp", "sizes": part.sizes}] * 2}, "cpu")
 
 
 def test_a_flat_field_is_looked_up_inside_its_grid():

@@ -220,7 +220,7 @@ def test_no_positive_is_in_a_box_that_is_called_vacant(query):
 @pytest.mark.parametrize("query", ["ray", "box"])
 def test_a_claim_over_cells_is_none_about_the_shape(query):
     shape = mesh()
-    bounder = wb.fit(shape, query, "aabb", space="parametric", resolution=8, device="cpu", progress=False)
+    bounder = wb.fit(shape, query, "bvh", resolution=8, device="cpu", progress=False)
     bounder.info["resolution"] = None
     found = wb.certify(bounder, shape)
     assert found.kind == "inapplicable"

@@ -48,7 +48,6 @@ def test_and_has_coordinates(cuboid, rng):
     q = sample(cuboid, grid, 100, rng)
     np.testing.assert_array_equal(domain.to_local(q), same.to_local(q))
     np.testing.assert_array_equal(domain.limit, same.limit)
-    assert locate(cuboid, "geometric", 3, False) == locate("box", "geometric", 3, False)
+    assert locate(cuboid, 3, False) == locate("box", 3, False)
     assert COORDINATES[cuboid].extra_count(3, True) == 1
     assert domain.tested_as_region
-    assert domain_of(grid, cuboid, space="parametric").tested_as_point

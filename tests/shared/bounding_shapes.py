@@ -109,7 +109,6 @@ def told_of(method: str, query: str = "point", **options) -> dict:
     """Of these options of ``fit`` those that the method, or a part of a cascade, takes for the query."""
     known = {*taken((METHODS[part] for part in method.split("+")), query)}
     known |= {"length"} if query == "ray" else set()
-    known |= {"space"} if query != "point" else set()
     return {name: value for name, value in options.items() if name in known}
 
 

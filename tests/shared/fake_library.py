@@ -19,9 +19,9 @@ RATES = {v.label: 40.0 - i for i, v in enumerate(VARIANTS)}
 NO_SUCH = {("relu-field", "ray", 3), ("relu-field", "plane", 3), ("relu-field", "box", 3)}
 
 
-def supports(method, query, ndim, space):
-    """Everything but ReLU fields of six coordinates, and parametric networks."""
-    return (method, query, ndim) not in NO_SUCH and (space == "geometric" or method in ("aabb", "bvh"))
+def supports(method, query, ndim):
+    """Everything but ReLU fields of six coordinates."""
+    return (method, query, ndim) not in NO_SUCH
 
 
 class Bounder(SimpleNamespace):
@@ -82,6 +82,16 @@ class Library:
         about = {"method": method, "query": query, "space": space, "leaves": leaves}
         return Bounder(kind=kind, info=info, nbytes=100, about=about)
 
+    def fit_parametric(self, grid, query, method, *, length, seed, seconds):
+        """See class."""
+        self._note("fit", grid.name, query, method, "parametric", None)
+        about = {"method": method, "query": query, "space": "parametric", "leaves": None}
+        return Bounder(kind=None, info={}, nbytes=100, about=about)
+
+    def rates(self, volume, grid, samples, protocol, *, seed, progress, device):
+        """See class."""
+        return self.evaluate(volume, grid, samples, protocol, seed=seed, progress=progress)
+
     def evaluate(self, bounder, grid, samples, protocol, *, seed, progress):
         """See class."""
         about = bounder.about
@@ -125,6 +135,8 @@ class Library:
             "indicators.load_indicator": self.load_shape,
         }.items():
             monkeypatch.setattr(f"warp_bounding.{place}", fake)
+        monkeypatch.setattr("paper.parametric.volumes.fit", self.fit_parametric)
+        monkeypatch.setattr("paper.parametric.volumes.rates", self.rates)
 
 
 def data_folder(path: Path) -> Path:

@@ -24,8 +24,8 @@ class Located(NamedTuple):
 
 
 @cache
-def _kernel(query: str, space: str, n: int, time: bool, coordinates: int, lanes: bool) -> wp.Kernel:
-    text = locate(query, space, n, time)
+def _kernel(query: str, n: int, time: bool, coordinates: int, lanes: bool) -> wp.Kernel:
+    text = locate(query, n, time)
     head = f"""
 const float* center = domain.data; const float* scale = center + {n}; const float* limit = center + {2 * n};
 const float* extra = center + {3 * n};
@@ -58,7 +58,7 @@ for (int k = 0; k < {2 * n}; ++k) q[k] = x.data[(long long)j * {2 * n} + k];
 {text}
 {write.format(at="")}
 """
-    name = named(f"wb_test_locate_{query}_{space}_{n}d_{time:d}_{lanes:d}")
+    name = named(f"wb_test_locate_{query}_geometric_{n}d_{time:d}_{lanes:d}")
 
     @name.func_native(body)
     def native(
@@ -94,7 +94,7 @@ def located(domain: RegionDomain, q: np.ndarray, device: str = "cpu", lanes: boo
     x, numbers = (wp.array(a, dtype=wp.float32, device=device) for a in (flat, values))
     v = wp.zeros(len(q) * domain.ndim, dtype=wp.float32, device=device)
     answers = wp.zeros(2 * len(q), dtype=wp.uint8, device=device)
-    kernel = _kernel(domain.query, domain.space, domain.space_ndim, domain.time, domain.ndim, lanes)
+    kernel = _kernel(domain.query, domain.space_ndim, domain.time, domain.ndim, lanes)
     dim = -(-len(q) // LANES) if lanes else len(q)
     wp.launch(kernel, dim=dim, inputs=[x, numbers, len(q)], outputs=[v, answers], device=device)
     answers = answers.numpy().reshape(-1, 2).astype(bool)

@@ -20,7 +20,6 @@ WRONG = {
     "seed": [-1, 1.5, 2**63, "a", None, True],
     "margin": [-1, float("nan"), float("inf"), "wide", None],
     "length": [0, -1, float("nan"), "long"],
-    "space": ["flat", 3],
     "octaves": [-1, 11, 1.5, "many", None, True],
     "steps": [0, -1, 1.5, "many", True],
     "recipe": ["soup", None],
@@ -50,21 +49,20 @@ TOLD = {
     "leaves": 7,
     "steps": 3,
     "length": 0.5,
-    "space": "geometric",
 }
 TAKEN = {
     ("aabb", "point"): set(),
     ("voxels", "point"): set(),
     ("kdop", "point"): {"k"},
-    ("kdop", "ray"): {"k", "length", "space"},
-    ("learned-kdop", "plane"): {"k", "steps", "space"},
+    ("kdop", "ray"): {"k", "length"},
+    ("learned-kdop", "plane"): {"k", "steps"},
     ("relu-field", "point"): {"steps"},
     ("bvh", "point"): {"leaves", "hidden"},
     ("mlp", "point"): {"hidden", "activation", "octaves", "recipe", "thresholds", "steps"},
-    ("mlp", "plane"): {"hidden", "activation", "steps", "space"},
+    ("mlp", "plane"): {"hidden", "activation", "steps"},
     ("mlp-early", "point"): {"hidden", "activation", "octaves", "steps"},
-    ("mlp-early", "ray"): {"hidden", "activation", "octaves", "recipe", "steps", "length", "space"},
-    ("monotone-mlp", "box"): {"hidden", "activation", "steps", "space"},
+    ("mlp-early", "ray"): {"hidden", "activation", "octaves", "recipe", "steps", "length"},
+    ("monotone-mlp", "box"): {"hidden", "activation", "steps"},
     ("occupancy", "point"): {"hidden", "activation", "octaves", "steps"},
     ("kdop+mlp", "point"): {"k", "hidden", "activation", "octaves", "recipe", "thresholds", "steps"},
 }
@@ -87,12 +85,17 @@ def test_options_that_a_method_does_not_take_are_refused(method, query, monkeypa
         with pytest.raises(expected) as error:
             wb.fit(shape("blob"), query, method, device="cpu", **told)
         if expected is BounderError:
-            if option in ("length", "space"):
+            if option == "length":
                 assert f"got {option}" in str(error.value)
             else:
                 assert f"option {option!r}" in str(error.value)
                 assert f"beside the arguments of fit, {method} takes " in str(error.value).lower()
-                assert all(name in str(error.value) for name in TAKEN[method, query] - {"length", "space"})
+                assert all(name in str(error.value) for name in TAKEN[method, query] - {"length"})
+
+
+def test_volumes_around_numbers_of_queries_are_gone():
+    with pytest.raises(BounderError, match="python -m paper table1"):
+        wb.fit(shape("c"), "ray", "kdop", space="parametric")
 
 
 TYPED_WRONG = {  # what was meant, and what the message says at its end

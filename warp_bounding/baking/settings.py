@@ -102,15 +102,15 @@ class FitSettings(Settings):
         from warp_bounding.training.distance import check_distance_options
 
         told, own = _told(fit, self.arguments)
-        query, space, method = told["query"], told["space"], told["method"]
+        query, method = told["query"], told["method"]
         check_query(query, DISTANCE.name)
         check_numbers(told["budget"], told["seed"], told["margin"])
         device_of(told["device"])
         if query == DISTANCE.name:
-            check_distance(method, told["length"], space, told["side"], None, self.queries)
+            check_distance(method, told["length"], told["side"], None, self.queries)
             check_distance_options(distance_class(method), own, [fit, *callers])
             return
-        check_regions(query, method, told["length"], space, told["side"])
+        check_regions(query, method, told["length"], told["side"])
         names = method.split("+")
         for name in names:
             if name not in METHODS:

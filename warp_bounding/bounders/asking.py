@@ -143,8 +143,7 @@ class Asking(PicklableBounder, ABC):
     def source_of(self, kind: type[Source], *sizes: Any) -> Any:
         """A source for this bounder's queries, with the sizes that its class has besides."""
         domain = self.domain
-        named = {"query": domain.query, "space": domain.space, "unbounded": domain.unbounded}
-        named["joints"] = domain.joints is not None
+        named = {"query": domain.query, "unbounded": domain.unbounded, "joints": domain.joints is not None}
         return kind(self.ndim, domain.time, *sizes, **named)
 
     @abstractmethod

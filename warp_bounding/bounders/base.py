@@ -26,7 +26,7 @@ from warp_bounding.bounders.asking import Asking
 from warp_bounding.bounders.file_format import save
 from warp_bounding.bounders.options import Option
 from warp_bounding.certificates.certificate import Certificate
-from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
+from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
@@ -90,9 +90,8 @@ class Bounder(Asking):
             DeviceError: If there is no such device.
         """
         device_of(device)
-        if not self.supports(domain.query, domain.space_ndim, domain.space):
-            what = f"{domain.space_ndim}D objects{' in parametric space' if domain.parametric else ''}"
-            raise BounderError(f"{self.method} does not bound {domain.query} queries of {what}")
+        if not self.supports(domain.query, domain.space_ndim):
+            raise BounderError(f"{self.method} does not bound {domain.query} queries of {domain.space_ndim}D objects")
         if not isinstance(sizes, dict):
             raise BounderError(f"sizes must be a table of names, got {sizes!r}")
         self.domain = domain
@@ -189,24 +188,6 @@ class Bounder(Asking):
         """
         raise BounderError(f"{cls.method}: there is no closed form")
 
-    @classmethod
-    def fit_parametric(
-        cls, grid: IndicatorGrid, domain: RegionDomain, positives: np.ndarray, *, device: str | None = None, **options
-    ) -> "Bounder":
-        """A volume around all positive regions, in the space of their own numbers; ``prove`` sets its threshold.
-
-        Args:
-            grid: The object.
-            domain: ``domain_of(grid, query, length, "parametric")``.
-            positives: ``(N, 2 n)`` float64, ``v`` of sampled positive queries; they give the shape, not the size.
-            device: Warp device.
-            options: The method's own.
-
-        Raises:
-            BounderError: If the method has no volume in parametric space, or there are no positives.
-        """
-        raise BounderError(f"{cls.method}: there is no such volume in parametric space")
-
     def least(self, grid: IndicatorGrid) -> tuple[float, int]:
         """Certified least ``f`` over all v that can arise from a positive query, by one pass over the cells of an object.
 
@@ -233,13 +214,13 @@ class Bounder(Asking):
     # --- where it runs -----------------------------------------------------------------------------------------------
 
     @classmethod
-    def takes_shapes(cls, query: str, space: str = "geometric") -> bool:
+    def takes_shapes(cls, query: str) -> bool:
         """Whether it bounds a shape without cells, for a kind of query; else cells are laid over the shape."""
         return not cls.lays_cells and not QUERIES[query].is_region
 
     @classmethod
-    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
-        """Whether the method bounds a kind of query of an n-dimensional object, in a space; by default only points."""
+    def supports(cls, query: str, ndim: int) -> bool:
+        """Whether the method bounds a kind of query of an n-dimensional object; by default only points."""
         return query in QUERIES and not QUERIES[query].is_region
 
     def to(self, device: str | None = None) -> "Bounder":

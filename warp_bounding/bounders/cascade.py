@@ -122,7 +122,7 @@ class Cascade(Bounder):
     bit_fields = BIT_FIELDS
 
     @classmethod
-    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
+    def supports(cls, query: str, ndim: int) -> bool:
         return True  # whatever its parts support
 
     @classmethod

@@ -16,6 +16,7 @@ import safetensors
 import safetensors.numpy
 
 from warp_bounding.certificates.certificate import Subject
+from warp_bounding.coordinates.region_domain import SPACE
 from warp_bounding.errors import FileFormatError
 from warp_bounding.indicators.formats.load import READERS
 from warp_bounding.indicators.formats.mesh_files import MESH_READERS
@@ -50,7 +51,7 @@ def save(bounder: Subject, path: str | os.PathLike) -> None:
         "method": bounder.method,
         "query": bounder.query_kind,
         "dimension": bounder.ndim,
-        "space": bounder.domain.space,
+        "space": SPACE,
         "length": bounder.domain.length,
         "motion": "time" if bounder.domain.time else None,
         "sizes": bounder.sizes,

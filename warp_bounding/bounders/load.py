@@ -14,7 +14,7 @@ from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.claims import check_claims
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.coordinates.domain import json_number
-from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.coordinates.region_domain import SPACE, RegionDomain
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError
 from warp_bounding.indicators.parts.pieces import Pieces
 from warp_bounding.indicators.shape import dilated_digest
@@ -53,7 +53,7 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder | Distan
         certificate = Certificate.from_dict(document["certificate"]) if document["certificate"] else None
         described = [document[k] for k in ("query", "dimension", "space", "length", "motion")]
         motion = "time" if bounder.domain.time else None
-        if described != [bounder.query_kind, bounder.ndim, bounder.domain.space, bounder.domain.length, motion]:
+        if described != [bounder.query_kind, bounder.ndim, SPACE, bounder.domain.length, motion]:
             raise FileFormatError("query, dimension, space, length and motion are not those of the domain inside")
         if not np.isfinite(json_number(threshold, "the threshold")) or float(np.float32(threshold)) != threshold:
             raise FileFormatError(f"the threshold {threshold} is not a finite float32 number")
@@ -97,6 +97,8 @@ def _made(document: dict, tensors: dict[str, np.ndarray], device: str | None) ->
     if method is None:
         known = ", ".join(DISTANCES if of_distances else METHODS)
         raise FileFormatError(f"method {name!r} is not among those that are known here: {known}")
+    if document["space"] != SPACE:
+        raise FileFormatError(f"volumes in {document['space']} space are gone: fit one around the object")
     domain = (DistanceDomain if of_distances else RegionDomain).from_dict(document["domain"])
     return method(domain, tensors, document["sizes"], device)
 

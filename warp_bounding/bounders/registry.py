@@ -56,7 +56,7 @@ def unregister(kind: type[Bounder]) -> None:
         del _registered[kind.method]
 
 
-def method_class(method: str, query: str = "point", ndim: int = 3, space: str = "geometric") -> type[Bounder]:
+def method_class(method: str, query: str = "point", ndim: int = 3) -> type[Bounder]:
     """The class of a method that can hold a kind of query.
 
     Raises:
@@ -67,15 +67,14 @@ def method_class(method: str, query: str = "point", ndim: int = 3, space: str = 
         meant = f"; did you mean {near[0]!r}?" if near else ""
         known = f"{', '.join(METHODS)}, or a cascade such as 'aabb+mlp'"
         raise BounderError(f"method must be one of {known}, got {method!r}{meant}")
-    if not METHODS[method].supports(query, ndim, space):
-        where = " in parametric space" if space == "parametric" else ""
-        raise BounderError(f"method {method} does not bound {query} queries of {ndim}D objects{where}")
+    if not METHODS[method].supports(query, ndim):
+        raise BounderError(f"method {method} does not bound {query} queries of {ndim}D objects")
     return METHODS[method]
 
 
-def supports(method: str, query: str, ndim: int, space: str = "geometric") -> bool:
-    """Whether a method can bound a kind of query of an n-dimensional object, in a space; ``False`` for unknown methods.
+def supports(method: str, query: str, ndim: int) -> bool:
+    """Whether a method can bound a kind of query of an n-dimensional object; ``False`` for unknown methods.
 
     A cascade such as ``"kdop+mlp"`` can if each of its parts can.
     """
-    return all(name in METHODS and METHODS[name].supports(query, ndim, space) for name in method.split("+"))
+    return all(name in METHODS and METHODS[name].supports(query, ndim) for name in method.split("+"))

@@ -159,7 +159,7 @@ class Union(Bounder):
     bit_fields = BIT_FIELDS
 
     @classmethod
-    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
+    def supports(cls, query: str, ndim: int) -> bool:
         return True  # whatever its parts support
 
     @classmethod

@@ -1,11 +1,4 @@
-"""Volumes that regions are tested against as a whole: what slabs, ellipsoids and half-spaces have in common.
-
-In parametric space a region's own numbers are one point, and the volume holds all positive ones: the paper's way to
-bound rays, planes and boxes. The paper fits a volume to the parameters of 20,000 positive regions. Its shape is taken
-from such samples here too (axes, principal axes, an enclosing ellipsoid); faces and radius are then set by proven
-bounds of the set of all positives (``ParametricSupport``), so that the volume has no false negative beyond the samples
-either. Statistics of the samples are computed in a query's own units, as in the paper's code, not in those of ``v``.
-"""
+"""Volumes of points that regions are tested against as a whole: what slabs, ellipsoids and half-spaces have in common."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
@@ -16,17 +9,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder, BoxBounds
-from warp_bounding.coordinates.base import GEOMETRIC
-from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
+from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.object_support import ObjectSupport
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry.hull import whole_hull
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.kernels.source import Lanes, Source, fill
-from warp_bounding.queries import QUERIES
 from warp_bounding.queries.point import POINT
-from warp_bounding.support_functions.base import ObjectSupport
-from warp_bounding.support_functions.parametric import ParametricSupport
 
 __all__ = ["VolumeBounder", "VolumeSource", "VolumeTest"]
 
@@ -57,7 +47,7 @@ class VolumeSource(Source):
 
 
 class VolumeBounder(Bounder):
-    """A volume in the space of points, which regions are tested against, or of a region's own numbers (parametric).
+    """A volume of points, which regions are tested against.
 
     A subclass has the numbers of its volume (``shape``) and the tests that are made of them and a domain.
     """
@@ -65,12 +55,12 @@ class VolumeBounder(Bounder):
     tests: ClassVar[Mapping[str, Callable[..., Any]]]  # by the kind of query that is tested
 
     @classmethod
-    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
-        return super().supports(query, ndim, space) or (query in cls.tests and ndim >= 2)
+    def supports(cls, query: str, ndim: int) -> bool:
+        return super().supports(query, ndim) or (query in cls.tests and ndim >= 2)
 
     @classmethod
-    def takes_shapes(cls, query: str, space: str = GEOMETRIC) -> bool:
-        return not cls.lays_cells and (space == GEOMETRIC or not QUERIES[query].is_region)
+    def takes_shapes(cls, query: str) -> bool:
+        return not cls.lays_cells
 
     @property
     @abstractmethod
@@ -78,9 +68,9 @@ class VolumeBounder(Bounder):
         """The numbers of the volume in float64, as its tests take them."""
 
     @property
-    def volume_domain(self) -> AnyDomain:
-        """The domain of the space that the volume lies in."""
-        return self.domain.base if self.domain.tested_as_region else self.domain
+    def volume_domain(self) -> Domain:
+        """The domain of points."""
+        return self.domain.base
 
     @cached_property
     def volume(self) -> "VolumeBounder | None":
@@ -111,12 +101,10 @@ class VolumeBounder(Bounder):
 
     def exact_on_hull(self, shape: Shape) -> bool:
         """See ``Bounder``: f of points is concave, so least over a hull where it is least over the object."""
-        return not self.domain.parametric and whole_hull(shape) is not None
+        return whole_hull(shape) is not None
 
     def least(self, grid: Shape) -> tuple[float, int]:
         """See ``Bounder``; of a shape without cells over the hull of the object (``geometry.hull``)."""
-        if self.domain.parametric:
-            return self.hull_least(ParametricSupport(grid, self.domain))
         if isinstance(grid, IndicatorGrid):
             return super().least(grid)
         hull, volume = whole_hull(grid), self.volume or self
@@ -129,18 +117,8 @@ class VolumeBounder(Bounder):
         return least, count
 
     @abstractmethod
-    def hull_least(self, support: ObjectSupport | ParametricSupport) -> tuple[float, int]:
-        """``least`` over the convex hull of all positives: of the object's points, or of regions in parametric space."""
-
-    @classmethod
-    def samples_of(cls, domain: RegionDomain, positives: np.ndarray) -> np.ndarray:
-        """``fit_parametric``'s positives in a query's own units."""
-        if not domain.parametric:
-            raise BounderError(f"{cls.method}: expected a region's domain in parametric space")
-        positives = np.asarray(positives, dtype=np.float64)
-        if positives.ndim != 2 or positives.shape[1] != domain.ndim or len(positives) == 0:
-            raise BounderError(f"{cls.method}: positives must have shape (N, {domain.ndim}), got {positives.shape}")
-        return positives / domain.coordinates.v_per_unit(domain)
+    def hull_least(self, support: ObjectSupport) -> tuple[float, int]:
+        """``least`` over the convex hull of the object's points."""
 
     def check_range(self) -> None:
         if self.volume is not None:

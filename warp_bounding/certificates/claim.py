@@ -65,7 +65,7 @@ def mismatch(bounder: Subject, shape: Shape) -> str | None:
             return f"the bounder is for {name} {told}, the shape has {'none' if own is None else own}"
     if not isinstance(shape, IndicatorGrid):
         for part in bounder.parts if bounder.query_kind != DISTANCE.name else ():
-            if part.info.get("resolution") is None and not part.takes_shapes(part.query_kind, part.domain.space):
+            if part.info.get("resolution") is None and not part.takes_shapes(part.query_kind):
                 what = f"{part.query_kind} queries of {part.method} are bounded over cells"
                 return f"{what}, and the shape has none; give a resolution"
     if shape.time and (other := _other_times(bounder, shape)):

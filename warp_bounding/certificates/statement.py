@@ -57,10 +57,7 @@ def _queries(bounder: Subject) -> str:
         return f"{every}, {corners}; beyond the limits of joints the answer is maybe{turns}"
     if not kind.is_region:
         return f"{every}, {corners}; what lies outside it is not in the object"
-    text = f"{every}; only its part inside the domain counts, {corners}"
-    if domain.parametric:
-        text += "; fitted in the paper's parametric space, a query given by a point outside the domain is answered with maybe"
-    return text
+    return f"{every}; only its part inside the domain counts, {corners}"
 
 
 def _object(bounder: Subject, certificate: Certificate | None) -> str:

@@ -20,7 +20,7 @@ from warp_bounding.choice.races import race
 from warp_bounding.choice.result import NONE, Choice
 from warp_bounding.choice.verdict import chosen
 from warp_bounding.choice.work import Work
-from warp_bounding.coordinates.region_domain import SPACES, domain_of
+from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.parts.complement import SIDES
@@ -109,7 +109,7 @@ def choose(
     warn_of_restriction(shape)
     bounded, rng = shape.dilated(margin) if margin else shape, np.random.default_rng(seed)
     x = sample(query, bounded, SAMPLES, rng) if queries is None else queries
-    told = CallersQueries(x, bounded, domain_of(bounded, query, length, SPACES[0]), seed)
+    told = CallersQueries(x, bounded, domain_of(bounded, query, length), seed)
     sizes = check_networks(networks)
     learned, own = _halves(told.x, rng)
     options = {"margin": margin, "seed": int(seed)} | ({"length": length} if QUERIES[query].has_length else {})

@@ -62,13 +62,6 @@ def command(
     length: Annotated[
         float | None, typer.Option(help="Length of a ray, object units; other queries have none (default: 1)")
     ] = None,
-    space: Annotated[
-        str | None,
-        typer.Option(
-            help="Of rays, planes and boxes: geometric, or parametric: the paper's fit to the queries' own numbers "
-            "(default: geometric)"
-        ),
-    ] = None,
     side: Annotated[
         str,
         typer.Option(help="outside: no is certainly not in the object; inside: no is certainly in it (points)."),
@@ -99,7 +92,7 @@ def command(
     from warp_bounding.training import fit
 
     quiet_warp(device)
-    of_queries = {"query": query, "length": length, "space": space}
+    of_queries = {"query": query, "length": length}
     of_object = {"margin": margin, "force": force, "resolution": resolution, "side": side}
     run = {"budget": budget, "seed": seed, "device": device}
     arguments = fit_arguments(told | {"method": method, "metric": metric} | of_queries | of_object | run)
@@ -151,7 +144,7 @@ def _took(bounder: Bounder | DistanceBounder, seconds: float) -> str:
     return f"{seconds:.1f} s" + (f", {compiling:.1f} of them for compiling kernels" if compiling >= 0.1 else "")
 
 
-OWN = ("query", "length", "space", "margin", "force", "resolution", "side", "budget", "seed", "device", "method")
+OWN = ("query", "length", "margin", "force", "resolution", "side", "budget", "seed", "device", "method")
 
 
 def fit_arguments(said: Mapping[str, Any]) -> dict[str, Any]:

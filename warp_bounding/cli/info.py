@@ -18,7 +18,6 @@ def command(file: BounderFile, json: Json = False) -> int:
     from warp_bounding.bounders.voxels import Voxels
     from warp_bounding.certificates.statement import statement
     from warp_bounding.indicators.parts.complement import SIDES
-    from warp_bounding.queries import described
 
     quiet_warp()
     bounder = load(file, device="cpu")
@@ -33,7 +32,6 @@ def command(file: BounderFile, json: Json = False) -> int:
                 "method": bounder.method,
                 "query": bounder.query_kind,
                 "dimension": bounder.ndim,
-                "space": bounder.domain.space,
                 "side": SIDES[bounder.domain.unbounded],
                 "length": bounder.domain.length,
                 "conservative": bounder.conservative,
@@ -52,9 +50,8 @@ def command(file: BounderFile, json: Json = False) -> int:
     table.add_column(no_wrap=True, style="bold")
     table.add_column(overflow="fold")
     sizes = ", ".join(f"{key} {value}" for key, value in bounder.sizes.items())
-    space = f", {bounder.domain.space} space" if described(bounder.query_kind).is_region else ""
     side = " from the inside" if bounder.domain.unbounded else ""
-    about = f"{bounder.ndim}D {bounder.query_kind} queries{space}{side}, {bounder.nbytes:,} bytes"
+    about = f"{bounder.ndim}D {bounder.query_kind} queries{side}, {bounder.nbytes:,} bytes"
     table.add_row("method", f"{bounder.method}, {about}")
     if sizes:
         table.add_row("sizes", sizes if len(sizes) <= MOST_SIZES else sizes[:MOST_SIZES] + " ...")

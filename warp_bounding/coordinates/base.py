@@ -26,11 +26,9 @@ __all__ = [
     "DIRECTION_SMALLEST",
     "FAR",
     "FARTHEST_SUM",
-    "GEOMETRIC",
     "GUARD",
     "LATER",
     "PARALLEL",
-    "PARAMETRIC",
     "SUMMED",
     "UNIT_LIMIT",
     "Coordinates",
@@ -41,7 +39,6 @@ __all__ = [
     "vector_type",
 ]
 
-GEOMETRIC, PARAMETRIC = "geometric", "parametric"  # spaces: v is tested as a region, or its numbers are one point
 FAR = 8.0  # of |a|_1, a region's point in local space: one from farther away that may meet the domain is *maybe*
 FARTHEST_SUM = 2.0**60  # of |a|_1: beyond it a region is *maybe* in any case, as sums with it could overflow
 # A direction whose largest |entry| is outside of these is *maybe*, so that products with it neither overflow nor
@@ -93,11 +90,6 @@ class Coordinates(ABC):
     text: str
     moving: str
 
-    @property
-    def parametric(self) -> "Coordinates":
-        """The coordinates in parametric space: where v is a query's own numbers already, these."""
-        return self
-
     def columns(self, n: int) -> int:
         """Numbers of a query about an object of dimension n."""
         return QUERIES[self.name].columns(n)
@@ -117,10 +109,6 @@ class Coordinates(ABC):
     def extra(self, domain) -> np.ndarray:
         """float32, the kind's own part of ``extra``."""
         return np.zeros(0, np.float32)
-
-    def v_per_unit(self, domain) -> np.ndarray:
-        """``v`` per unit of a query's own numbers, float64, in parametric space."""
-        return self._by_part(domain.base.scale, domain.stretch).astype(np.float64)
 
     def limit(self, domain) -> np.ndarray:
         """``(ndim,)`` float32, largest ``|v|`` that a bounder is asked about."""

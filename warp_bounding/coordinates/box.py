@@ -11,7 +11,7 @@ __all__ = ["BOX"]
 
 
 class BoxCoordinates(Coordinates):
-    """The coordinates of boxes; the same in either space."""
+    """The coordinates of boxes."""
 
     name = "box"
     directed = (False, False)

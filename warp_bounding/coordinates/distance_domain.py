@@ -69,10 +69,8 @@ class DistanceDomain:
     speed: float = 0.0
 
     query = DISTANCE.name
-    space = "geometric"
     length = None
     unbounded, joints = False, None  # as ``Domain`` has them
-    parametric = False
     tested_as_point = True
     tested_as_region = False
 

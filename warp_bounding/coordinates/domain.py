@@ -65,12 +65,10 @@ class Domain:
     joints: Joints | None = None
 
     query = "point"
-    space = "geometric"
     length = None
     oracle_length = 1.0
     tested_as_point = True  # ``v`` is one point of the space that is bounded
     tested_as_region = False
-    parametric = False
 
     @classmethod
     def of(cls, shape: Shape, *, least_delta: np.ndarray | float = 0.0) -> "Domain":

@@ -1,13 +1,13 @@
 """The coordinates of each kind of query by its name, and what frames the texts and functions of their maps."""
 
-from warp_bounding.coordinates.base import PARAMETRIC, Coordinates
+from warp_bounding.coordinates.base import Coordinates
 from warp_bounding.coordinates.box import BOX
 from warp_bounding.coordinates.plane import PLANE
 from warp_bounding.coordinates.point import POINT
 from warp_bounding.coordinates.ray import RAY
 from warp_bounding.indicators.joints import TEXT
 
-__all__ = ["COORDINATES", "coordinates_of", "locate"]
+__all__ = ["COORDINATES", "locate"]
 
 COORDINATES: dict[str, Coordinates] = {kind.name: kind for kind in (POINT, RAY, PLANE, BOX)}  # a new kind is one more
 
@@ -25,17 +25,11 @@ auto testable = (q[0] - q[0]) == zero, inside = zero <= zero;  // false for NaN 
 """
 
 
-def coordinates_of(query: str, space: str) -> Coordinates:
-    """The coordinates of a kind of query in one of the two spaces."""
-    return COORDINATES[query].parametric if space == PARAMETRIC else COORDINATES[query]
-
-
-def locate(query: str, space: str, n: int, free: int, placed: bool = False, joints: bool = False) -> str:
+def locate(query: str, n: int, free: int, placed: bool = False, joints: bool = False) -> str:
     """The C text from a query's numbers to the coordinates ``v``.
 
     Args:
         query: Kind of query.
-        space: ``"geometric"`` or ``"parametric"``.
         n: Dimension of the indicator.
         free: Queries outside the domain on one of the first so many axes are answered with maybe: 1 where coordinate 0
             is time, all n where the object is unbounded (points only). So is a region that lies wholly outside, and maybe
@@ -43,7 +37,7 @@ def locate(query: str, space: str, n: int, free: int, placed: bool = False, join
         placed: ``q`` are in the world, and the text may change them.
         joints: ``q`` are values of joints, with their numbers at ``extra``; points only.
     """
-    kind = coordinates_of(query, space)
+    kind = COORDINATES[query]
     text = f"{TEXT} {{ const V* q = turned; {kind.text} }}" if joints else kind.text
     return _FRAME.format(
         n=n,

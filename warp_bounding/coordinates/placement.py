@@ -19,7 +19,7 @@ import numpy as np
 from warp_bounding.arithmetic import LARGEST, UNIT32
 from warp_bounding.coordinates.base import FAR, WorldMap
 from warp_bounding.coordinates.domain import GROWTH, Domain, rounding_of_map
-from warp_bounding.coordinates.maps import coordinates_of
+from warp_bounding.coordinates.maps import COORDINATES
 from warp_bounding.coordinates.region_domain import RegionDomain, region_rounding
 from warp_bounding.errors import QueryError
 
@@ -91,7 +91,7 @@ class Placement:
             raise QueryError("xform and scale must fit float32")
         world = WorldMap(matrix, forward, translation, np.abs(translation - translation32))
         with np.errstate(over="ignore"):
-            extra = coordinates_of(domain.query, domain.space).placed_values(domain, world)
+            extra = COORDINATES[domain.query].placed_values(domain, world)
             values = np.concatenate([translation32, matrix.reshape(-1), *extra]).astype(np.float32)
         if not np.isfinite(values).all():
             raise QueryError("xform and scale must fit float32")
@@ -124,7 +124,7 @@ def placement_error(domain: Domain | RegionDomain, world: WorldMap, *, double: b
         world: The map.
         double: Queries come in float64 and are rounded to float32 in the world first.
     """
-    return coordinates_of(domain.query, domain.space).placed_rounding(domain, world, UNIT32 if double else 0.0)
+    return COORDINATES[domain.query].placed_rounding(domain, world, UNIT32 if double else 0.0)
 
 
 def _farthest(domain: Domain | RegionDomain, world: WorldMap) -> np.ndarray:

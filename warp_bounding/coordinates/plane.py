@@ -1,10 +1,6 @@
 """Planes: ``v = (m, c)``, all y with ``m . y = c``; the entry of m that is largest in absolute value is exactly 1.
 
-That is for geometric space, in which a plane is tested against a volume of the object: n + 1 numbers in local space.
-The normals m lie on the faces of a cube, and each plane has one pair (m, c), not two.
-
-In parametric space, in which the paper fits its classic volumes, ``v = (u, a)``: the unit normal u in *object* space,
-and the point a in local space, 2n numbers. A plane whose point lies outside the domain is *maybe* there.
+That is n + 1 numbers in local space. The normals m lie on the faces of a cube, and each plane has one pair (m, c), not two.
 """
 
 import numpy as np
@@ -18,7 +14,6 @@ from warp_bounding.coordinates.base import (
     FARTHEST_SUM,
     GUARD,
     SUMMED,
-    UNIT_LIMIT,
     Coordinates,
     WorldMap,
     literal,
@@ -32,57 +27,12 @@ __all__ = ["PLANE"]
 _PLACES = "constexpr int POINT_AT = AXES, DIRECTION_AT = 0, MATRIX_AT = 2 * AXES + AXES * AXES;\n"
 
 
-class PlaneParameters(Coordinates):
-    """The coordinates of planes in parametric space."""
+class PlaneCoordinates(Coordinates):
+    """The coordinates of planes."""
 
     name = "plane"
     directed = (True, False)
     moving = _PLACES + direction.MOVING
-    text = f"""{_PLACES}{direction.FAR_POINT}{direction.UNIT}
-for (int k = 0; k < AXES; ++k) {{
-    testable = testable & (size[k] <= limit[k]);
-    v[k] = u[k], v[AXES + k] = a[k];
-}}
-if (TIME) testable = testable & (size[0] <= zero + extra[AXES]);
-"""
-
-    def extra_count(self, n: int, time: bool) -> int:
-        return n + time
-
-    def extra(self, domain) -> np.ndarray:
-        return (1 / domain.base.scale.astype(np.float64)).astype(np.float32)
-
-    def limit(self, domain) -> np.ndarray:
-        return np.concatenate([round_up(np.full(domain.base.ndim, UNIT_LIMIT)), domain.base.limit])
-
-    def rounding(self, base: Domain, length: float | None) -> np.ndarray:
-        # The offset m . a: entries of m are off by gamma(7), of which 2 are float64 input's, and by numbers that are
-        # subnormal or flushed; products and sum by gamma(n + 2).
-        n, limit = base.ndim, base.limit.astype(np.float64)
-        tilt = (gamma(7) + 4 * TINY / DIRECTION_SMALLEST) * (FAR * (1 + gamma(4)) + limit.sum()) + (2 * n + 4) * TINY
-        origin = direction.origin_rounding(base).sum() * (1 + gamma(8))
-        return np.full(n, float(tilt + gamma(n + 2) * FAR * (1 + gamma(8)) + origin))
-
-    def placed_values(self, domain, world: WorldMap) -> list[np.ndarray]:
-        base, scale = domain.base, domain.base.scale.astype(np.float64)
-        _, beta = alpha_beta(base, world, UNIT32)
-        drift = np.full(base.ndim, float((scale * beta).sum() + tilt(base, world, UNIT32).max()) * SLOPE)
-        return [round_up(drift), world.forward.T.reshape(-1)]
-
-    def placed_rounding(self, domain, world: WorldMap, input_unit: float) -> np.ndarray:
-        base = domain.base
-        point_error, farthest = far_point_error(base, world, input_unit)
-        tau = tilt(base, world, input_unit)
-        if not (np.isfinite(farthest) and tau.max() < STEEPEST):
-            return np.full(base.ndim, np.inf)
-        limit = base.limit.astype(np.float64)
-        offset_error = float(point_error.sum() + (tau @ limit + tau.max() * farthest) / (1 - tau.max()))
-        return (np.full(base.ndim, offset_error) * (1 + 4 * UNIT32) + TINY) * GROWTH
-
-
-class PlaneCoordinates(PlaneParameters):
-    """The coordinates of planes in geometric space."""
-
     text = f"""{_PLACES}{direction.FAR_POINT}
 V e[AXES], d[AXES];  // the normal in local space, and |e|, whose largest entry is the pivot
 for (int k = 0; k < AXES; ++k) {{
@@ -121,10 +71,6 @@ if (TIME) {{  // a plane of constant time, outside the range
 }}
 """
 
-    @property
-    def parametric(self) -> Coordinates:
-        return PlaneParameters()
-
     def ndim(self, n: int) -> int:
         return n + 1
 
@@ -151,6 +97,36 @@ if (TIME) {{  // a plane of constant time, outside the range
         normal = v[:, :n]
         foot = normal * (v[:, n:] / (normal * normal).sum(axis=1, keepdims=True))
         return np.concatenate([normal * base.scale.astype(np.float64), base.to_object(foot)], axis=1)
+
+    def extra_count(self, n: int, time: bool) -> int:
+        return n + time
+
+    def extra(self, domain) -> np.ndarray:
+        return (1 / domain.base.scale.astype(np.float64)).astype(np.float32)
+
+    def rounding(self, base: Domain, length: float | None) -> np.ndarray:
+        # The offset m . a: entries of m are off by gamma(7), of which 2 are float64 input's, and by numbers that are
+        # subnormal or flushed; products and sum by gamma(n + 2).
+        n, limit = base.ndim, base.limit.astype(np.float64)
+        tilt = (gamma(7) + 4 * TINY / DIRECTION_SMALLEST) * (FAR * (1 + gamma(4)) + limit.sum()) + (2 * n + 4) * TINY
+        origin = direction.origin_rounding(base).sum() * (1 + gamma(8))
+        return np.full(n, float(tilt + gamma(n + 2) * FAR * (1 + gamma(8)) + origin))
+
+    def placed_values(self, domain, world: WorldMap) -> list[np.ndarray]:
+        base, scale = domain.base, domain.base.scale.astype(np.float64)
+        _, beta = alpha_beta(base, world, UNIT32)
+        drift = np.full(base.ndim, float((scale * beta).sum() + tilt(base, world, UNIT32).max()) * SLOPE)
+        return [round_up(drift), world.forward.T.reshape(-1)]
+
+    def placed_rounding(self, domain, world: WorldMap, input_unit: float) -> np.ndarray:
+        base = domain.base
+        point_error, farthest = far_point_error(base, world, input_unit)
+        tau = tilt(base, world, input_unit)
+        if not (np.isfinite(farthest) and tau.max() < STEEPEST):
+            return np.full(base.ndim, np.inf)
+        limit = base.limit.astype(np.float64)
+        offset_error = float(point_error.sum() + (tau @ limit + tau.max() * farthest) / (1 - tau.max()))
+        return (np.full(base.ndim, offset_error) * (1 + 4 * UNIT32) + TINY) * GROWTH
 
 
 PLANE = PlaneCoordinates()

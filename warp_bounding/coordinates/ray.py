@@ -31,7 +31,7 @@ _PLACES = "constexpr int POINT_AT = 0, DIRECTION_AT = AXES, MATRIX_AT = AXES;\n"
 
 
 class RayCoordinates(Coordinates):
-    """The coordinates of rays; the same in either space."""
+    """The coordinates of rays."""
 
     name = "ray"
     directed = (False, True)

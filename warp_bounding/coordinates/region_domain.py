@@ -1,6 +1,6 @@
 """From a region (a query that is a set of points) to the coordinates ``v`` that a bounder computes with.
 
-What v is, in geometric and in parametric space, is said in the file of its kind. A region counts by its part inside
+What v is, is said in the file of its kind. A region counts by its part inside
 the domain, in time too; one that lies wholly outside the range of time is answered with *maybe*. So is one that is
 given from farther away than ``FAR`` (``coordinates.base``) and may meet the domain.
 
@@ -17,7 +17,7 @@ from operator import attrgetter
 import numpy as np
 
 from warp_bounding.arithmetic import round_down
-from warp_bounding.coordinates.base import GEOMETRIC, PARAMETRIC, Coordinates
+from warp_bounding.coordinates.base import Coordinates
 from warp_bounding.coordinates.domain import (
     DELTA_LARGEST_SHARE,
     GROWTH,
@@ -26,7 +26,7 @@ from warp_bounding.coordinates.domain import (
     json_bool,
     json_number,
 )
-from warp_bounding.coordinates.maps import COORDINATES, coordinates_of
+from warp_bounding.coordinates.maps import COORDINATES
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
@@ -34,7 +34,7 @@ from warp_bounding.queries import QUERIES
 
 __all__ = ["AnyDomain", "RegionDomain", "domain_of"]
 
-SPACES = (GEOMETRIC, PARAMETRIC)
+SPACE = "geometric"  # what files say of a region: it is tested against what bounds the object
 PLACED = 2.0**-12  # local units: what delta allows for the rounding of a placement, beyond the map's own
 # Local units, a ray's displacement on each axis: the least is far above ``PARALLEL``; a ray as long as the largest
 # rounds by more than delta may be, unless a cell is half of the domain or more.
@@ -42,47 +42,41 @@ STRETCHES = (2.0**-60, 2.0**16)
 PLACED_SHARE = 1.0 / 32.0  # of a cell: map and placement together get no more than this, unless the map alone needs it
 
 
-def domain_of(
-    grid: IndicatorGrid, query: str = "point", length: float = 1.0, space: str = "geometric"
-) -> "Domain | RegionDomain":
+def domain_of(grid: IndicatorGrid, query: str = "point", length: float = 1.0) -> "Domain | RegionDomain":
     """The domain of a kind of query.
 
     Args:
         grid: The object.
         query: Kind of query.
         length: Of a ray, object units.
-        space: ``"geometric"`` or ``"parametric"``; the same for points.
 
     Raises:
         IndicatorError: If float32 cannot resolve the grid's cells where the grid lies.
         BounderError: If the length is so large that float32 cannot resolve the cells along a ray.
     """
-    return RegionDomain.of(grid, query, length, space) if QUERIES[query].is_region else Domain.of(grid)
+    return RegionDomain.of(grid, query, length) if QUERIES[query].is_region else Domain.of(grid)
 
 
 @dataclass(frozen=True, eq=False)
 class RegionDomain:
     """The coordinates of a kind of region.
 
-    ``space_ndim`` is the dimension n of the object; ``ndim`` is the length of v: 2n, or n + 1 for planes in geometric
-    space.
+    ``space_ndim`` is the dimension n of the object; ``ndim`` is the length of v: 2n, or n + 1 for planes.
 
     Attributes:
         query: ``"ray"``, ``"plane"`` or ``"box"``.
-        space: ``"geometric"`` or ``"parametric"``.
         base: The domain of points.
         time: Coordinate 0 of the object is time.
         length: Of a ray, object units; ``None`` for other regions.
     """
 
     query: str
-    space: str
     base: Domain
     time: bool
     length: float | None = None
 
     @classmethod
-    def of(cls, grid: Shape, query: str, length: float = 1.0, space: str = "geometric") -> "RegionDomain":
+    def of(cls, grid: Shape, query: str, length: float = 1.0) -> "RegionDomain":
         """See ``domain_of``."""
         if grid.unbounded:
             raise BounderError(f"{grid.name}: {query} queries are not bounded from the inside, points are")
@@ -109,7 +103,7 @@ class RegionDomain:
         # much.
         with_placement = np.minimum(needed + PLACED, PLACED_SHARE * cell)
         least_delta = np.maximum(needed * POSITIONS_ROUNDING * GROWTH, with_placement)
-        domain = cls(query, space, Domain.of(still, least_delta=least_delta), grid.time, length)
+        domain = cls(query, Domain.of(still, least_delta=least_delta), grid.time, length)
         fault = domain.fault()
         if fault:
             raise BounderError(f"{grid.name}: {fault}")
@@ -118,8 +112,8 @@ class RegionDomain:
     def fault(self) -> str | None:
         """What is wrong with these numbers, in a few words; ``None`` if every claim of this class holds for them."""
         kind = QUERIES.get(self.query)
-        if kind is None or not kind.is_region or self.space not in SPACES:
-            return f"{self.query} in {self.space} space is not a kind of region"
+        if kind is None or not kind.is_region:
+            return f"{self.query} is not a kind of region"
         if (self.length is None) == kind.has_length or not np.isfinite(self.length or 1.0) or (self.length or 1) <= 0:
             return f"a ray's length must be positive, got {self.length}"
         fault = self.base.fault()
@@ -138,19 +132,8 @@ class RegionDomain:
         property(attrgetter(f"base.{name}")) for name in ("ndim", "lower", "upper", "center", "scale", "header")
     )
 
-    @property
-    def parametric(self) -> bool:
-        """Whether v is one point of R^2n, which a volume contains or not; else v is tested as a region."""
-        return self.space == PARAMETRIC
-
     unbounded, joints = False, None  # as ``Domain`` has them
-
-    tested_as_point = parametric  # ``Domain`` has this too, where it is always true
-
-    @property
-    def tested_as_region(self) -> bool:
-        """``v`` is a set of points of the object's space, whether it is tested against a volume or by a network."""
-        return not self.parametric
+    tested_as_point, tested_as_region = False, True  # v is a set of points of the object's space
 
     @property
     def oracle_length(self) -> float:
@@ -160,7 +143,7 @@ class RegionDomain:
     @property
     def coordinates(self) -> Coordinates:
         """The coordinates of this kind of query in this space."""
-        return coordinates_of(self.query, self.space)
+        return COORDINATES[self.query]
 
     @property
     def columns(self) -> int:
@@ -215,7 +198,7 @@ class RegionDomain:
 
     def to_dict(self) -> dict:
         """JSON-ready numbers."""
-        own = {"query": self.query, "space": self.space, "length": self.length}
+        own = {"query": self.query, "space": SPACE, "length": self.length}
         return self.base.to_dict() | own | {"moving": self.time}  # "time" is a key of the base, whose time is False
 
     @classmethod
@@ -226,7 +209,9 @@ class RegionDomain:
             return base
         length = values["length"]
         length = None if length is None else json_number(length, "length")
-        domain = cls(values["query"], values["space"], base, json_bool(values["moving"], "moving"), length)
+        if values["space"] != SPACE:
+            raise ValueError(f"volumes in {values['space']} space are gone: fit one around the object")
+        domain = cls(values["query"], base, json_bool(values["moving"], "moving"), length)
         fault = domain.fault()
         if fault:
             raise ValueError(fault)

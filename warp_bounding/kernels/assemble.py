@@ -251,7 +251,7 @@ def _shared(source: Source, placed: bool) -> dict[str, object]:
         "parts": fill(_PARTS, label=LABEL, n=source.ndim, start=source.start),
         "columns": source.columns,
         "coordinates": source.coordinates,
-        "locate": locate(source.query, source.space, source.ndim, source.free, placed, source.joints),
+        "locate": locate(source.query, source.ndim, source.free, placed, source.joints),
         "scalar_body": source.body(Lanes(vector=False)),
     }
 

@@ -19,8 +19,8 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from warp_bounding.coordinates.base import PARAMETRIC, literal
-from warp_bounding.coordinates.maps import coordinates_of
+from warp_bounding.coordinates.base import literal
+from warp_bounding.coordinates.maps import COORDINATES
 from warp_bounding.indicators.joints import NUMBERS
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.point import POINT
@@ -63,14 +63,14 @@ class Source:
         time: Coordinate 0 is time.
         query: Kind of query.
         unbounded: Outside the domain the answer is *maybe*, as it is outside a range of time.
-        space: ``"geometric"``, or ``"parametric"``: the numbers of a query are the coordinates of a point to be bounded.
+        space: Always the same; part of the names and tags of functions, which stay what they were.
         joints: The coordinates are values of joints; told apart by ``identity``, which is what it was for all others.
     """
 
     ndim: int
     time: bool
     query: str = field(default="point", kw_only=True)
-    space: str = field(default="geometric", kw_only=True)
+    space: str = field(default="geometric", kw_only=True, init=False)
     unbounded: bool = field(default=False, kw_only=True)
     joints: bool = field(default=False, kw_only=True, repr=False)
 
@@ -86,9 +86,7 @@ class Source:
     @property
     def start(self) -> int:
         """Index in ``parameters`` where the method's own numbers begin, a multiple of ``ALIGN``."""
-        extra = (
-            coordinates_of(self.query, self.space).extra_count(self.ndim, self.time) + NUMBERS * self.ndim * self.joints
-        )
+        extra = COORDINATES[self.query].extra_count(self.ndim, self.time) + NUMBERS * self.ndim * self.joints
         return aligned(LABEL + 3 * self.ndim + 1 + extra)
 
     @property
@@ -118,12 +116,12 @@ class Source:
     @property
     def coordinates(self) -> int:
         """Numbers ``v`` that the body computes with: n, 2 n, or n + 1 (a plane's normal and offset)."""
-        return coordinates_of(self.query, self.space).ndim(self.ndim)
+        return COORDINATES[self.query].ndim(self.ndim)
 
     @property
     def tested_as_point(self) -> bool:
         """Whether ``v`` is one point of the space that is bounded, rather than a region in it."""
-        return self.space == PARAMETRIC or not self.is_region
+        return not self.is_region
 
     @property
     def tested_kind(self) -> str:

@@ -28,8 +28,8 @@ class Query(ABC):
 
     Attributes:
         name: What users call it.
-        is_region: It is a set of many points of space, given by 2n numbers: a bounder may test the set against a
-            volume, or (in parametric space) its numbers as one point. A point query is not.
+        is_region: It is a set of many points of space, given by 2n numbers: a bounder tests the set, not its numbers as one
+            point. A point query is not.
         has_length: Its queries share a length, which is an option: rays.
         every: In words, all queries of the kind; ``{length}`` stands for the length.
         hard_positives: In words, the half of ``draw_positives`` that is drawn to be missed.

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.coordinates.region_domain import SPACES
 from warp_bounding.errors import BounderError, BoundingWarning
 from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, IndicatorMotion
 from warp_bounding.indicators.limits import MAX_RESOLUTION
@@ -86,13 +85,12 @@ def _warn(text: str) -> None:
     warnings.warn(text, BoundingWarning, stacklevel=level)
 
 
-def check_distance(method: str, length, space, side: str, last, queries) -> None:
+def check_distance(method: str, length, side: str, last, queries) -> None:
     """Refuse what only other queries have."""
     if not isinstance(method, str):
         raise BounderError(f"method must be a name, got {method!r}")
     for name, given, default in (
         ("length", length, None),
-        ("space", space, None),
         ("last", last, None),
         ("side", side, SIDES[0]),
     ):
@@ -102,7 +100,7 @@ def check_distance(method: str, length, space, side: str, last, queries) -> None
         raise BounderError("queries are not for distances, which have no false positives of their own")
 
 
-def check_regions(query: str, method: str, length: float | None, space: str | None, side: str) -> None:
+def check_regions(query: str, method: str, length: float | None, side: str) -> None:
     """Refuse what other kinds of query have, or none."""
     if not isinstance(method, str):
         raise BounderError(f"method must be a name, or several joined by +, got {method!r}")
@@ -114,7 +112,3 @@ def check_regions(query: str, method: str, length: float | None, space: str | No
         raise BounderError(f"length is for ray queries, got length={length} for {query} queries")
     if length is not None and (not is_number(length) or length <= 0):
         raise BounderError(f"length must be a positive number, got {length!r}")
-    if space is not None and not QUERIES[query].is_region:
-        raise BounderError(f"space is for ray, plane and box queries, got space={space} for point queries")
-    if space is not None and space not in SPACES:
-        raise BounderError(f"space must be one of {', '.join(SPACES)}, got {space!r}")

@@ -9,7 +9,7 @@ from warp_bounding.bounders import METHODS, Bounder, DistanceBounder, cascade, m
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.neural.mlp import THRESHOLDS
 from warp_bounding.bounders.options import settled
-from warp_bounding.coordinates.region_domain import SPACES, domain_of
+from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import IndicatorGrid, load_indicator
@@ -60,7 +60,6 @@ def fit(
     force: bool = False,
     resolution: int | None = None,
     length: float | None = None,
-    space: str | None = None,
     side: str = SIDES[0],
     queries=None,
     last: Bounder | None = None,
@@ -86,12 +85,9 @@ def fit(
         margin: The object is dilated by this length first, object (world) units. A margin under the size of a mesh's
             cells raises a warning, because the cells are what is bounded.
         force: Accept a margin that is larger than the object.
-        resolution: Cells along a mesh's longest axis, where cells are laid: for regions in parametric space, and
-            those of an ``mlp`` with ``thresholds``, 128 if ``None``; for ``bvh``, ``voxels`` and ``relu-field`` 64. For all else
+        resolution: Cells along a mesh's longest axis, where cells are laid: for regions of an ``mlp`` with ``thresholds``, 128 if ``None``; for ``bvh``, ``voxels`` and ``relu-field`` 64. For all else
             ``None`` is the mesh itself. Grids bring their own.
         length: Length of a ray, object units; 1 if ``None``. Other queries have none.
-        space: For rays, planes and boxes: ``"geometric"``, the default, tests a region against the volume;
-            ``"parametric"``, the paper's way, fits the volume to the positives' own 2 n numbers.
         side: ``"outside"``: *no* means certainly not in the object. ``"inside"``: *no* means certainly in it, and *maybe*
             that it may not be; the bounder holds the shape's complement, and the proof is about that. For points, and of
             methods that lay no cells; with an outer bounder it makes a ``two_sided`` one.
@@ -137,10 +133,14 @@ def fit(
     if query in METHODS:
         raise QueryError(f"{query!r} is a method, which comes after the query: method={query!r}")
     check_query(query, DISTANCE.name)
+    if "space" in options:
+        raise BounderError(
+            "space is gone: volumes are fitted around the object; those around queries' numbers: python -m paper table1"
+        )
     check_numbers(budget, seed, margin)
     spent = Stopwatch()
     if query == DISTANCE.name:
-        check_distance(method, length, space, side, last, queries)
+        check_distance(method, length, side, last, queries)
         device_of(device)
         shape = load_indicator(shape)
         check_extent(shape, margin, force)
@@ -156,22 +156,22 @@ def fit(
         found, spent = fit_distance(shape, method, options, **run, **own), spent.seconds()
         found.info["training"] |= spent
         return found
-    check_regions(query, method, length, space, side)
-    length, space = length or 1.0, space or SPACES[0]
+    check_regions(query, method, length, side)
+    length = length or 1.0
     device_of(device)
     shape = load_indicator(shape)
     check_extent(shape, margin, force)
     warn_of_restriction(shape)
     if side == SIDES[1]:
         shape = Complement(shape)
-    grid = _bounded(shape, query, method, space, resolution, margin, options.get(THRESHOLDS.name, 1) == 1)
-    classes = [method_class(name, query, grid.ndim, space) for name in method.split("+")]
+    grid = _bounded(shape, query, method, resolution, margin, options.get(THRESHOLDS.name, 1) == 1)
+    classes = [method_class(name, query, grid.ndim) for name in method.split("+")]
     if len(classes) > 1:
         Cascade.check(classes)
     if last is not None and (len(classes) < 2 or type(last) is not classes[-1]):
         raise BounderError(f"last must be the last of several methods, {method!r}, got {last!r}")
     told = settled(classes, query, options, [fit])
-    domain, repeatable = domain_of(grid, query, length, space), any(each.get("steps") for each in told)
+    domain, repeatable = domain_of(grid, query, length), any(each.get("steps") for each in told)
     callers = None if queries is None else CallersQueries(queries, grid, domain, int(seed))
     problem = Problem(grid, domain, query, int(seed), device, callers=callers, repeatable=repeatable)
     with reported(progress, f"fit {method}") as update:
@@ -261,9 +261,7 @@ def pieces_told(shape: Shape) -> dict[str, Any] | None:
     return None if own is None or own.all else own.to_dict()
 
 
-def _bounded(
-    shape, query: str, method: str, space: str, resolution: int | None, margin: float, one_threshold: bool
-) -> Shape:
+def _bounded(shape, query: str, method: str, resolution: int | None, margin: float, one_threshold: bool) -> Shape:
     """What is bounded: the dilated shape itself, or its cells where a resolution or a method asks for them."""
     own = isinstance(shape, IndicatorGrid)
     known = [METHODS[name] for name in method.split("+") if name in METHODS]  # other names are refused later
@@ -271,7 +269,7 @@ def _bounded(
         kind = QUERIES[query]
         # thresholds of the parts of a domain of regions are proven over cells
         told = not kind.is_region or (kind.decides(shape) and shape.corners() is not None and one_threshold)
-        if told and all(cls.takes_shapes(query, space) for cls in known):
+        if told and all(cls.takes_shapes(query) for cls in known):
             shape.check()
             shape = shape.dilated(margin)
             shape.check_contents()

@@ -9,14 +9,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from warp_bounding.bounders import Bounder
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.polytopes.learned_kdop import LearnedKdop
 from warp_bounding.bounders.relu_field.relu_field import ReluField
-from warp_bounding.queries import oracle, sample
-from warp_bounding.queries.positives import draw_positives
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.training.fit_network import fit_network
 from warp_bounding.training.learned_kdop.train import train_learned_kdop
@@ -25,7 +21,6 @@ from warp_bounding.training.relu_field import train_relu_field
 
 __all__ = ["TRAINERS", "Trainer", "trainer_of"]
 
-PARAMETRIC_SAMPLES = 20_000  # queries that a volume in parametric space is fitted to, as in the paper's code
 KDOP_SECONDS = 10.0  # training longer does not make learned half-spaces tighter
 
 
@@ -48,19 +43,10 @@ class Trainer:
 
 
 def _closed_form(cls: type[Bounder], problem: Problem, options: dict[str, Any], seconds: float, _) -> Trained:
-    """The volume that the class computes; in parametric space with the shape of sampled positives, as in the paper."""
-    grid, domain, device = problem.grid, problem.domain, problem.device
-    if domain.parametric:
-        x = sample(problem.query, grid, PARAMETRIC_SAMPLES, np.random.default_rng(problem.seed))
-        length = domain.oracle_length
-        positive = x[oracle(problem.query, grid, device, length)(x)]
-        if len(positive) < 2:  # too few for a volume's shape: where positives are rare, hard ones stand in
-            drawn = draw_positives(problem.query, grid, PARAMETRIC_SAMPLES, problem.seed, device, length, outside=False)
-            positive = next(drawn)  # one chunk
-        return cls.fit_parametric(grid, domain, domain.to_local(positive), device=device, **options), {}
+    """The volume that the class computes."""
     if cls.takes_seconds:
         options = options | {"seconds": math.inf if problem.repeatable else seconds}
-    return cls.fit(grid, domain, device=device, **options), {}
+    return cls.fit(problem.grid, problem.domain, device=problem.device, **options), {}
 
 
 TRAINERS: dict[type[Bounder], Trainer] = {

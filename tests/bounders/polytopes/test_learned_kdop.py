@@ -1,4 +1,4 @@
-"""Learned half-spaces: no false negative for any query in either space, never looser than ``kdop``, kernels as the reference."""
+"""Learned half-spaces: no false negative for any query, never looser than ``kdop``, kernels as the reference."""
 
 from functools import cache
 
@@ -18,13 +18,11 @@ from warp_bounding.training.learned_kdop.train import train_learned_kdop
 from warp_bounding.training.problem import Problem
 
 CASES = [
-    ("c", "point", "geometric"),
-    *(("c", query, space) for query in ("ray", "plane", "box") for space in ("geometric", "parametric")),
-    ("mesh", "point", "geometric"),
-    ("mesh", "ray", "geometric"),
-    ("blob", "box", "parametric"),
-    ("animated", "plane", "geometric"),
-    ("animated", "ray", "geometric"),
+    *(("c", query) for query in ("point", "ray", "plane", "box")),
+    ("mesh", "point"),
+    ("mesh", "ray"),
+    ("animated", "plane"),
+    ("animated", "ray"),
 ]
 LENGTH = {"c": 1.0, "blob": 1.0, "mesh": 0.1, "animated": 0.7}  # of rays
 
@@ -36,8 +34,8 @@ def frozen(bounder: LearnedKdop, name: str) -> LearnedKdop:
 
 
 @cache
-def trained(name: str, query: str, space: str) -> LearnedKdop:
-    problem = Problem(shape(name), domain_of(shape(name), query, LENGTH[name], space), query, 2, "cpu")
+def trained(name: str, query: str) -> LearnedKdop:
+    problem = Problem(shape(name), domain_of(shape(name), query, LENGTH[name]), query, 2, "cpu")
     bounder, record = train_learned_kdop(LearnedKdop, problem, {"k": None, "steps": 60}, 20.0, None)
     assert record["fp_rate"] <= record["fp_rate_kdop"]
     return frozen(bounder, name)
@@ -50,9 +48,9 @@ def positives(name: str, query: str) -> np.ndarray:
     return x if query != "point" else np.concatenate([x, object_points(shape(name), np.random.default_rng(0))])
 
 
-@pytest.mark.parametrize(("name", "query", "space"), CASES)
-def test_no_false_negative(name, query, space):
-    bounder, x = trained(name, query, space), positives(name, query)
+@pytest.mark.parametrize(("name", "query"), CASES)
+def test_no_false_negative(name, query):
+    bounder, x = trained(name, query), positives(name, query)
     assert bounder.query(x).numpy().all()
     assert bounder.values(x).numpy().min() >= bounder.threshold
     random = np.random.default_rng(1).normal(size=bounder.tensors["normals"].shape)
@@ -60,9 +58,9 @@ def test_no_false_negative(name, query, space):
     assert other.query(x).numpy().all()
 
 
-@pytest.mark.parametrize(("name", "query", "space"), CASES)
-def test_never_looser_than_kdop(name, query, space):
-    bounder = trained(name, query, space)
+@pytest.mark.parametrize(("name", "query"), CASES)
+def test_never_looser_than_kdop(name, query):
+    bounder = trained(name, query)
     classic = frozen(LearnedKdop.fit(shape(name), bounder.domain, device="cpu"), name)
     assert len(bounder.tensors["offsets"]) == len(classic.tensors["offsets"])
     x = sample(query, shape(name), 40_000, np.random.default_rng(8))
@@ -72,9 +70,9 @@ def test_never_looser_than_kdop(name, query, space):
         assert rate[0] < 1
 
 
-@pytest.mark.parametrize(("name", "query", "space"), CASES)
-def test_kernels_decide_as_the_reference(name, query, space, device):
-    bounder = trained(name, query, space).to(device)
+@pytest.mark.parametrize(("name", "query"), CASES)
+def test_kernels_decide_as_the_reference(name, query, device):
+    bounder = trained(name, query).to(device)
     x = sample(query, shape(name), 5000, np.random.default_rng(4))
     exact = bounder.reference(bounder.domain.to_local(x))
     answer = bounder.query(x).numpy().astype(bool)
@@ -84,9 +82,8 @@ def test_kernels_decide_as_the_reference(name, query, space, device):
     assert answer.mean() < 1 or not sure.any()
 
 
-@pytest.mark.parametrize("space", ["point", "parametric"])
-def test_bounds_are_exact(space, rng):
-    bounder = trained("c", "point", "geometric") if space == "point" else trained("c", "box", "parametric")
+def test_bounds_are_exact(rng):
+    bounder = trained("c", "point")
     m = bounder.domain.ndim
     lower = rng.uniform(-1, 1, (200, m))
     upper = lower + rng.random((200, m)) * 0.3
@@ -99,7 +96,7 @@ def test_bounds_are_exact(space, rng):
 
 def test_the_polytope_must_hold_the_object():
     grid = shape("c")
-    bounder = trained("c", "ray", "geometric")
+    bounder = trained("c", "ray")
     tensors = dict(bounder.tensors) | {"offsets": bounder.tensors["offsets"] - np.float32(0.1)}
     with pytest.raises(BounderError, match="do not hold"):
         LearnedKdop(bounder.domain, tensors, {}, "cpu").least(grid)
@@ -116,7 +113,6 @@ def test_errors():
         LearnedKdop(domain, {"normals": np.ones((3, 3), np.float32), "offsets": np.ones(3, np.float32)}, {})
     with pytest.raises(BounderError, match="kdop offers"):
         classic_normals(domain, 5)
-    assert len(classic_normals(domain_of(grid, "ray", space="parametric"))) == 16
     assert not LearnedKdop.supports("ray", 1)
 
 

@@ -23,7 +23,7 @@ from warp_bounding.bounders.bvh.native import ALONE, TOGETHER, TOUCHES
 from warp_bounding.bounders.neural.mlp import HIDDEN
 from warp_bounding.bounders.options import Option, whole
 from warp_bounding.bounders.slabs.regions import ROOM
-from warp_bounding.coordinates.base import GEOMETRIC, PARALLEL
+from warp_bounding.coordinates.base import PARALLEL
 from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -86,8 +86,8 @@ class Bvh(Bounder):
     )
 
     @classmethod
-    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
-        return space == GEOMETRIC and query in TOUCHES and (ndim >= 2 or not QUERIES[query].is_region)
+    def supports(cls, query: str, ndim: int) -> bool:
+        return query in TOUCHES and (ndim >= 2 or not QUERIES[query].is_region)
 
     @classmethod
     def fit(
@@ -123,8 +123,8 @@ class Bvh(Bounder):
     def check_tensors(self) -> None:
         n, count = self.ndim, max(len(self.tensors.get("past", ())), 1)
         self.expect_shapes({"low": (count, n), "high": (count, n), "past": (count,)})
-        if not count < 2**24 or self.domain.parametric:
-            raise BounderError(f"bvh: expected under 2^24 nodes in geometric space, got {count} nodes")
+        if not count < 2**24:
+            raise BounderError(f"bvh: expected under 2^24 nodes, got {count} nodes")
         self.past = self.tensors["past"].astype(np.int64)
         parent = self._parents()
         low, high = self.tensors["low"], self.tensors["high"]

@@ -13,14 +13,13 @@ import numpy as np
 from warp_bounding.bounders.ellipsoids.native import TEXTS
 from warp_bounding.bounders.ellipsoids.regions import TESTS, Quadric
 from warp_bounding.bounders.volume import VolumeBounder, VolumeSource
-from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
+from warp_bounding.coordinates.object_support import ObjectSupport
+from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.geometry.enclosing_ellipsoid import enclosing_of_hull, enclosing_of_points, extreme_corners
 from warp_bounding.geometry.hull import whole_hull
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.boundary import outline
-from warp_bounding.support_functions.base import ObjectSupport
-from warp_bounding.support_functions.parametric import ParametricSupport
 
 __all__ = ["QuadricBounder", "QuadricSource"]
 
@@ -60,14 +59,6 @@ class QuadricBounder(VolumeBounder):
         return cls._around(domain, matrix / domain.scale.astype(np.float64), -matrix @ (center - domain.center), device)
 
     @classmethod
-    def fit_parametric(
-        cls, grid: IndicatorGrid, domain: RegionDomain, positives: np.ndarray, *, device: str | None = None
-    ) -> "QuadricBounder":
-        """See ``Bounder``; the threshold is the radius."""
-        matrix, center = enclosing_of_points(cls.samples_of(domain, positives), cls.family)
-        return cls._around(domain, matrix / domain.coordinates.v_per_unit(domain), -matrix @ center, device)
-
-    @classmethod
     def _around(cls, domain: AnyDomain, matrix: np.ndarray, offset: np.ndarray, device) -> "QuadricBounder":
         tensors = {"matrix": np.diag(matrix) if cls.diagonal else matrix, "offset": offset}
         return cls(domain, {name: value.astype(np.float32) for name, value in tensors.items()}, {}, device)
@@ -86,5 +77,5 @@ class QuadricBounder(VolumeBounder):
     def source(self) -> QuadricSource:
         return self.source_of(QuadricSource, self.diagonal)
 
-    def hull_least(self, support: ObjectSupport | ParametricSupport) -> tuple[float, int]:
+    def hull_least(self, support: ObjectSupport) -> tuple[float, int]:
         return -support.square(*self.shape[:2]), 1

@@ -45,8 +45,8 @@ class Local(Bounder):
     bit_fields = ("levels",)
 
     @classmethod
-    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
-        return Mlp.supports(query, ndim, space) and head_of(query).outputs == 1
+    def supports(cls, query: str, ndim: int) -> bool:
+        return Mlp.supports(query, ndim) and head_of(query).outputs == 1
 
     @classmethod
     def of(cls, member: Mlp, lattice: Lattice, thresholds: np.ndarray, step: float) -> "Local":

@@ -107,12 +107,12 @@ class Mlp(Bounder):
     source_kind: ClassVar[type[MlpSource]] = MlpSource
 
     @classmethod
-    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
-        return space == "geometric" and (not QUERIES[query].is_region or ndim >= 2)
+    def supports(cls, query: str, ndim: int) -> bool:
+        return not QUERIES[query].is_region or ndim >= 2
 
     @classmethod
-    def takes_shapes(cls, query: str, space: str = "geometric") -> bool:
-        return space == "geometric"
+    def takes_shapes(cls, query: str) -> bool:
+        return True
 
     def check_tensors(self) -> None:
         self.hidden = check_hidden(self.sizes.get("hidden", ()))

@@ -57,11 +57,11 @@ class MonotoneMlp(Mlp):
     options = (HIDDEN, Option("activation", DEFAULT.monotone.name, _help(), _monotone), STEPS)
 
     @classmethod
-    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
-        return query == BOX.name and super().supports(query, ndim, space)
+    def supports(cls, query: str, ndim: int) -> bool:
+        return query == BOX.name and super().supports(query, ndim)
 
     @classmethod
-    def takes_shapes(cls, query: str, space: str = "geometric") -> bool:
+    def takes_shapes(cls, query: str) -> bool:
         return True  # it is proven over the object's points
 
     def check_tensors(self) -> None:

@@ -3,8 +3,7 @@
 As many half-spaces as ``kdop`` has, but each with a normal of its own instead of pairs on given axes. Learned are the normals
 only (``training.learned_kdop``): every face is set to a certified upper bound of the support of what is bounded, so any
 normals make a conservative volume, and any step of training can be the last. f is ``min_k (offset_k - normal_k . v)``.
-For regions there are two kinds, as for the classics: a polytope in object space that rays, planes and boxes are tested
-against (k = 4 n, ``half_spaces``), and one in the space of a region's own 2n numbers (k = 8 n, ``ParametricSupport``).
+Rays, planes and boxes are tested against the polytope (``half_spaces``).
 """
 
 import numpy as np
@@ -15,35 +14,26 @@ from warp_bounding.bounders.polytopes.half_spaces import TESTS, HalfSpacesSource
 from warp_bounding.bounders.slabs.base import FaceBounder
 from warp_bounding.bounders.slabs.kdop import BY_VERTICES, kdop_directions
 from warp_bounding.bounders.slabs.regions import Slabs
-from warp_bounding.coordinates.base import GEOMETRIC
+from warp_bounding.coordinates.object_support import ObjectSupport
 from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry.checked_inverse import MOST_VERTEX_DIMENSIONS
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.support_functions.base import ObjectSupport
-from warp_bounding.support_functions.parametric import ParametricSupport
 
-__all__ = ["LearnedKdop", "classic_normals", "support_of"]
-
-Support = ObjectSupport | ParametricSupport
+__all__ = ["LearnedKdop", "classic_normals"]
 
 
 def classic_normals(domain: AnyDomain, k: int | None = None) -> np.ndarray:
-    """``kdop``'s half-spaces, where training starts from: ``(k, m)`` float64 normals in the coordinates of what is bounded."""
-    scale = domain.coordinates.v_per_unit(domain) if domain.parametric else domain.scale.astype(np.float64)
+    """``kdop``'s half-spaces, where training starts from: ``(k, n)`` float64 normals in local space."""
+    scale = domain.scale.astype(np.float64)
     directions = kdop_directions(len(scale), k) / scale  # because v = (x - center) scale
     return np.concatenate([directions, -directions])
-
-
-def support_of(grid: IndicatorGrid, domain: AnyDomain) -> Support:
-    """The certified support of what half-spaces of this domain's kind of query hold: the object, or its positive regions."""
-    return ParametricSupport(grid, domain) if domain.parametric else ObjectSupport(grid, domain.base)
 
 
 class LearnedKdop(FaceBounder):
     """k free half-spaces; see module.
 
-    Tensors: ``normals`` ``(k, m)`` and ``offsets`` ``(k,)``, in the coordinates of points, or of v in parametric space.
+    Tensors: ``normals`` ``(k, n)`` and ``offsets`` ``(k,)``, in the coordinates of points.
     """
 
     method = "learned-kdop"
@@ -56,9 +46,8 @@ class LearnedKdop(FaceBounder):
     )
 
     @classmethod
-    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
-        by_vertices = query in BY_VERTICES and space == GEOMETRIC
-        return super().supports(query, ndim, space) and (not by_vertices or ndim <= MOST_VERTEX_DIMENSIONS)
+    def supports(cls, query: str, ndim: int) -> bool:
+        return super().supports(query, ndim) and (query not in BY_VERTICES or ndim <= MOST_VERTEX_DIMENSIONS)
 
     @classmethod
     def fit(
@@ -74,18 +63,17 @@ class LearnedKdop(FaceBounder):
         domain: AnyDomain,
         normals: np.ndarray,
         *,
-        support: Support | None = None,
+        support: ObjectSupport | None = None,
         device: str | None = None,
     ) -> "LearnedKdop":
-        """The tightest half-spaces with these normals ``(k, m)`` of any length; ``support`` is ``support_of(grid, domain)``."""
+        """The tightest half-spaces with these normals ``(k, n)`` of any length; ``support`` is the object's."""
         normals = np.asarray(normals, dtype=np.float64)
         largest = np.abs(normals).max(axis=1, keepdims=True)
         normals = (normals / np.where(largest > 0, largest, 1)).astype(np.float32)
         if not (np.isfinite(normals).all() and (largest > 0).all()):
             raise BounderError("learned-kdop: a normal is zero or not finite")
-        reach = (support or support_of(grid, domain))(normals.astype(np.float64))
-        tested_domain = domain.base if domain.tested_as_region else domain
-        tight = cls(tested_domain, {"normals": normals, "offsets": round_up(reach)}, {}, device)
+        reach = (support or ObjectSupport(grid, domain.base))(normals.astype(np.float64))
+        tight = cls(domain.base, {"normals": normals, "offsets": round_up(reach)}, {}, device)
         # The least f is about 2 E then, and the threshold, which lies E below it, at zero or a little above.
         offsets = round_up(reach + 2 * tight.rounding_bound())
         return cls(domain, {"normals": normals, "offsets": offsets}, {}, device)

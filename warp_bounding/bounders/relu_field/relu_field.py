@@ -19,7 +19,6 @@ from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.options import STEPS, Option, whole
 from warp_bounding.bounders.relu_field.cover import positive_boxes, positive_cells
 from warp_bounding.bounders.relu_field.native import ALONE, TEXT, TOGETHER
-from warp_bounding.coordinates.base import GEOMETRIC
 from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -112,10 +111,10 @@ class ReluField(Bounder):
     )
 
     @classmethod
-    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
+    def supports(cls, query: str, ndim: int) -> bool:
         if query in PLACES:
-            return ndim == 2 and space == GEOMETRIC
-        return super().supports(query, ndim, space) and 1 <= ndim <= 4
+            return ndim == 2
+        return super().supports(query, ndim) and 1 <= ndim <= 4
 
     @classmethod
     def fit(

@@ -16,14 +16,13 @@ from warp_bounding.bounders.slabs.native import TEXTS
 from warp_bounding.bounders.slabs.regions import TESTS, SlabPoint, Slabs
 from warp_bounding.bounders.volume import VolumeBounder, VolumeSource
 from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
+from warp_bounding.coordinates.object_support import ObjectSupport
+from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry.hull import whole_hull
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.boundary import outline
-from warp_bounding.support_functions.base import ObjectSupport
-from warp_bounding.support_functions.parametric import ParametricSupport
 
 __all__ = ["FaceBounder", "SlabBounder", "SlabsSource"]
 
@@ -60,7 +59,7 @@ class FaceBounder(VolumeBounder):
             raise BounderError(f"{self.method}: the faces do not hold all of the object")
         return 0.0, count
 
-    def hull_least(self, support: ObjectSupport | ParametricSupport) -> tuple[float, int]:
+    def hull_least(self, support: ObjectSupport) -> tuple[float, int]:
         directions, low, high, _ = self.shape
         two_sided = np.isfinite(low).all()
         reach = support(np.concatenate([directions, -directions]) if two_sided else directions)
@@ -107,19 +106,6 @@ class SlabBounder(FaceBounder):
             center, half = (lower + upper) / 2 @ local.T, (upper - lower) / 2 @ np.abs(local).T
             low, high = np.minimum(low, (center - half).min(axis=0)), np.maximum(high, (center + half).max(axis=0))
         return low, high
-
-    @classmethod
-    def fit_parametric(
-        cls, grid: IndicatorGrid, domain: RegionDomain, positives: np.ndarray, *, device: str | None = None, **options
-    ) -> "SlabBounder":
-        """See ``Bounder``; ``options`` are those of ``sampled_directions``."""
-        samples = cls.samples_of(domain, positives)
-        local = cls._local(cls.sampled_directions(samples, **options), domain.coordinates.v_per_unit(domain))
-        support = ParametricSupport(grid, domain)(np.concatenate([local, -local]))
-        low, high = -support[len(local) :], support[: len(local)]
-        tight = cls._of_faces(domain, local, low, high, device)
-        room = 2 * tight.rounding_bound()
-        return cls._of_faces(domain, local, low - room, high + room, device)
 
     @classmethod
     def _local(cls, directions: np.ndarray, scale: np.ndarray) -> np.ndarray:

@@ -31,9 +31,9 @@ class Kdop(SlabBounder):
     )
 
     @classmethod
-    def supports(cls, query: str, ndim: int, space: str = "geometric") -> bool:
+    def supports(cls, query: str, ndim: int) -> bool:
         """See ``Bounder``; planes are tested against the vertices, whose number grows quickly."""
-        return super().supports(query, ndim, space) and (query not in BY_VERTICES or ndim <= MOST_VERTEX_DIMENSIONS)
+        return super().supports(query, ndim) and (query not in BY_VERTICES or ndim <= MOST_VERTEX_DIMENSIONS)
 
     @classmethod
     def sampled_directions(cls, samples: np.ndarray, k: int | None = None) -> np.ndarray:

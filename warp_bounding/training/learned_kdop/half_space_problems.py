@@ -4,37 +4,32 @@ Normals have length 1 in the coordinates of what is bounded. Faces are supports 
 rounding: they steer the search only, ``LearnedKdop.of_normals`` sets the real ones.
 """
 
-from itertools import combinations, product
+from itertools import combinations
 
 import numpy as np
 import torch
 
 from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.object_support import ObjectSupport
 from warp_bounding.coordinates.region_domain import RegionDomain
-from warp_bounding.geometry.direction_patches import DirectionPatches
-from warp_bounding.support_functions.parametric import ObjectSupport, ParametricSupport
 
 __all__ = ["HalfSpaceProblem", "problem_of"]
 
 HALVINGS = 12  # of the interval in which f is highest along a ray
-DIRECTIONS = {2: 64, 3: 12, 4: 4}  # by dimension: directions along an edge of a cube's face, of those that set faces
-ENDS = 150  # points of the object that set faces: rays begin or end there
-FARTHEST = 64  # positive rays that each normal is set by, between two refreshes
-TILTS = (1.0, 0.6, 1.6)  # weights of u relative to those of a in the first half-spaces around planes
 
 
 class HalfSpaceProblem:
-    """Half-spaces around points, or around regions in parametric space where faces are the only difference.
+    """Half-spaces around points.
 
     Args:
         domain: Of the kind of query.
         support: Certified, of what is bounded.
     """
 
-    def __init__(self, domain: Domain | RegionDomain, support: ObjectSupport | ParametricSupport):
+    def __init__(self, domain: Domain | RegionDomain, support: ObjectSupport):
         self.domain, self.support = domain, support
         self.points = tensor(support.points)
-        self.columns = domain.ndim if domain.parametric else domain.space_ndim
+        self.columns = domain.space_ndim
 
     def offsets(self, normals: torch.Tensor) -> torch.Tensor:
         """``(k,)`` faces of normals ``(k, m)``."""
@@ -50,74 +45,6 @@ class HalfSpaceProblem:
     def values(self, normals: torch.Tensor, offsets: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
         """``(N,)``, f of ``v`` ``(N, ndim)``."""
         return (offsets - v @ normals.T).amin(dim=1)
-
-
-class BoxParameters(HalfSpaceProblem):
-    """Boxes in parametric space; see ``ParametricSupport``."""
-
-    def offsets(self, normals: torch.Tensor) -> torch.Tensor:
-        x, y = normals.chunk(2, dim=1)
-        limit = tensor(self.support.region.limit)
-        free = (-x).clamp(min=0) + y.clamp(min=0)
-        return super().offsets(x.clamp(min=0) - (-y).clamp(min=0)) + free @ limit
-
-
-class RayParameters(HalfSpaceProblem):
-    """Rays in parametric space: faces are set by many extreme positives, which begin at the object or end there."""
-
-    def __init__(self, domain: RegionDomain, support: ParametricSupport):
-        super().__init__(domain, support)
-        n, points = support.ndim, support.points
-        if len(points) > ENDS:
-            points = points[np.random.default_rng(0).choice(len(points), ENDS, replace=False)]
-        w = DirectionPatches.cover(n, DIRECTIONS.get(n, 3)).centers * support.region.stretch
-        p, w = (z.reshape(-1, n) for z in np.broadcast_arrays(points[:, None], w[None]))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            exits = np.where(
-                w > 0, (p + support.region.limit) / w, np.where(w < 0, (p - support.region.limit) / w, np.inf)
-            )
-        back = np.minimum(exits.min(axis=1), 1)[:, None]
-        self.all_points = tensor(np.concatenate([np.concatenate([p - t * w, w], axis=1) for t in (0 * back, back)]))
-        self.points = self.all_points
-
-    def refresh(self, normals: torch.Tensor) -> None:
-        """Until the next call, faces are set by the positives that are farthest now."""
-        count = min(FARTHEST, len(self.all_points))
-        near = [(self.all_points @ normal).topk(count).indices for normal in normals.detach()]
-        self.points = self.all_points[torch.cat(near).unique()]
-
-
-class PlaneParameters(HalfSpaceProblem):
-    """Planes in parametric space: for each of many u the highest a is known, a linear program of n + 1 candidates."""
-
-    def __init__(self, domain: RegionDomain, support: ParametricSupport):
-        super().__init__(domain, support)
-        n = support.ndim
-        u = DirectionPatches.cover(n, DIRECTIONS.get(n, 3)).centers
-        local = u / support.region.scale
-        self.u, self.local, self.limit = tensor(u), tensor(local), tensor(support.region.limit)
-        self.high, self.low = tensor(support.object_support(local)), tensor(support.object_support(-local))
-        self.safe = torch.where(self.local.abs() < 1e-4, torch.full_like(self.local, 1e4), self.local)
-
-    def start(self, count: int, generator: torch.Generator) -> torch.Tensor:
-        """Planes that cut off a corner of the domain, from the one side and from the other."""
-        n = self.support.ndim
-        corners = torch.tensor(list(product((1.0, -1.0), repeat=n)))
-        index = torch.arange(count)
-        side = 1.0 - 2.0 * (index // len(corners) % 2)
-        tilt = torch.tensor(TILTS)[index // (2 * len(corners)) % len(TILTS)]
-        corner = corners[index % len(corners)]
-        return torch.cat([corner * (side * tilt)[:, None], corner], dim=1) + 0.05 * torch.randn(
-            count, 2 * n, generator=generator
-        )
-
-    def offsets(self, normals: torch.Tensor) -> torch.Tensor:
-        x, y = normals.chunk(2, dim=1)
-        kinks = y[:, None] / self.safe  # (k, J, n)
-        kinks = torch.cat([kinks, torch.zeros_like(kinks[:, :, :1])], dim=2)
-        rest = (y[:, None, None] - kinks[..., None] * self.local[:, None]).abs() @ self.limit
-        hull = torch.maximum(kinks * self.high[:, None], -kinks * self.low[:, None])
-        return ((rest + hull).amin(dim=2) + x @ self.u.T).amax(dim=1)
 
 
 class BoxInObject(HalfSpaceProblem):
@@ -170,9 +97,7 @@ def tensor(values: np.ndarray) -> torch.Tensor:
     return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))
 
 
-def problem_of(domain: Domain | RegionDomain, support: ObjectSupport | ParametricSupport) -> HalfSpaceProblem:
-    """The problem of a kind of query in its space."""
-    inside = {"ray": RayInObject, "plane": PlaneInObject, "box": BoxInObject}
-    parameters = {"ray": RayParameters, "plane": PlaneParameters, "box": BoxParameters}
-    kinds = parameters if domain.parametric else inside
+def problem_of(domain: Domain | RegionDomain, support: ObjectSupport) -> HalfSpaceProblem:
+    """The problem of a kind of query."""
+    kinds = {"ray": RayInObject, "plane": PlaneInObject, "box": BoxInObject}
     return kinds.get(domain.query, HalfSpaceProblem)(domain, support)

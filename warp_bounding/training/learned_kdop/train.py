@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from warp_bounding.bounders.polytopes.learned_kdop import LearnedKdop, classic_normals, support_of
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import RegionDomain
+from warp_bounding.bounders.polytopes.learned_kdop import LearnedKdop, classic_normals
+from warp_bounding.coordinates.object_support import ObjectSupport
+from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import oracle
 from warp_bounding.queries.plane import PLANE
@@ -26,7 +26,7 @@ from warp_bounding.training.engine.team import single_threaded_torch
 from warp_bounding.training.learned_kdop.half_space_problems import HalfSpaceProblem, problem_of, tensor
 from warp_bounding.training.problem import Problem, Trained
 
-__all__ = ["train_learned_kdop"]
+__all__ = ["descend", "of_length_1", "train_learned_kdop"]
 
 # Queries of the protocol are sampled SAMPLES at a time, MOST_SAMPLES at most, until there are FEW * SAMPLES negatives,
 # from which the normals are learned.
@@ -55,12 +55,12 @@ def train_learned_kdop(
     if k is None and problem.in_front and problem.query != PLANE.name:
         k = FRONT_FACES
     clock = Clock(seconds, options["steps"], progress)
-    support, generator = support_of(grid, domain), torch.Generator().manual_seed(problem.seed)
+    support, generator = ObjectSupport(grid, domain.base), torch.Generator().manual_seed(problem.seed)
     faces, (v, share) = problem_of(domain, support), _negatives(problem)
     classic = _classic(domain, k)
-    start = _unit(tensor(classic))
+    start = of_length_1(tensor(classic))
     if k is not None and k > len(start):
-        start = torch.cat([start, _unit(faces.start(k - len(start), generator))])
+        start = torch.cat([start, of_length_1(faces.start(k - len(start), generator))])
     clock.reserved = min(0.15 * seconds, 2 * clock.seconds)
     found: list[tuple[float, torch.Tensor]] = []
 
@@ -71,7 +71,7 @@ def train_learned_kdop(
                 normals = faces.start(len(start), generator)
             part = ((index + 1) / STARTS, index / STARTS)
             found.append((np.inf, start))
-            _descend(faces, v, _unit(normals), clock, part, generator, found)
+            descend(faces, v, of_length_1(normals), clock, part, generator, found)
             if clock.fraction() >= 1:
                 break
 
@@ -89,7 +89,7 @@ def train_learned_kdop(
     return bounders[best], record | {"fp_rate": rates[best] * share, "fp_rate_kdop": rates[0] * share}
 
 
-def _classic(domain: Domain | RegionDomain, k: int | None) -> np.ndarray:
+def _classic(domain: AnyDomain, k: int | None) -> np.ndarray:
     """``kdop``'s half-spaces where it offers ``k`` of them, else its default ones.
 
     Raises:
@@ -106,7 +106,7 @@ def _classic(domain: Domain | RegionDomain, k: int | None) -> np.ndarray:
         return usual
 
 
-def _descend(
+def descend(
     problem: HalfSpaceProblem,
     v: torch.Tensor,
     normals: torch.Tensor,
@@ -123,7 +123,7 @@ def _descend(
         used = max(step / STEPS, (clock.fraction() - begin) / (end - begin))
         last = used >= 1 or step == STEPS - 1
         with torch.enable_grad():
-            unit = _unit(normals)
+            unit = of_length_1(normals)
             if step % REFRESH == 0 or last:
                 problem.refresh(unit)
             if step % CHECK == 0 or last:
@@ -148,7 +148,8 @@ def _count(problem: HalfSpaceProblem, v: torch.Tensor, normals: torch.Tensor) ->
     return inside / len(v), normals.clone()
 
 
-def _unit(normals: torch.Tensor) -> torch.Tensor:
+def of_length_1(normals: torch.Tensor) -> torch.Tensor:
+    """Normals ``(k, m)``, each divided by its length."""
     return normals / normals.norm(dim=1, keepdim=True).clamp(min=1e-9)
 
 

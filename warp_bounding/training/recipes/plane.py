@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from warp_bounding.activations import activation_of
-from warp_bounding.support_functions.base import ObjectSupport
+from warp_bounding.coordinates.object_support import ObjectSupport
 from warp_bounding.training.engine.clock import Clock, cosine, geometric
 from warp_bounding.training.engine.row_network import RowNetwork, initial, initial_layers, tensors_of
 from warp_bounding.training.engine.soap import Soap
