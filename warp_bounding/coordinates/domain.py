@@ -29,6 +29,10 @@ __all__ = ["Domain", "json_bool", "json_number"]
 DELTA_SHARE = (
     1.0 / 4096.0
 )  # of a detail (of a grid, a cell): the input error that proofs allow for where rounding needs less
+PLACED, TURNED = (
+    4.0,
+    1.0 + 2.0**-4,
+)  # times what the map rounds: room for a placement; for parts in domains of their own, of a joint that is turned back
 DELTA_LARGEST_SHARE = 1.0 / 16.0  # of a detail: a shape that needs more is refused
 EXTENTS = (2.0**-60, 2.0**60)  # object units, of a domain: products with its scale then stay far from float32's ends
 LIMIT_LEAST, LIMIT_MOST = 0.5, 2.0  # of |v|: a domain's ends and limit lie between; all methods' rounding counts on it
@@ -93,7 +97,8 @@ class Domain:
         detail = scale / shape.details_per_unit
         extent = np.maximum(np.abs(lower - center), np.abs(upper - center)) * scale.astype(np.float64) * GROWTH
         needed = input_rounding(center, scale, extent, lower, upper, shape.joints)
-        room = 4 if shape.joints is None else GROWTH * POSITIONS_ROUNDING  # joints are not placed
+        turns = np.zeros(len(lower)) if shape.joints is None else np.array(shape.joints.period)
+        room = np.where(turns > 0, TURNED, PLACED)
         delta = np.maximum(np.maximum(DELTA_SHARE * detail, room * needed), least_delta)
         if (delta > shape.largest_delta * detail).any():
             axis = int(np.argmax(delta / detail))

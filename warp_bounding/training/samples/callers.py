@@ -36,6 +36,10 @@ class CallersQueries:
 
     def __init__(self, x, shape: Shape, domain: Domain | RegionDomain, seed: int = 0):
         self.x = _checked(x, domain)
+        if domain.joints is not None:  # where nothing is known every bounder says maybe
+            self.x = domain.joints.turned_back(self.x[domain.joints.within(self.x)]).astype(np.float32)
+            if not len(self.x):
+                raise QueryError("queries must lie within the limits of joints, got none that does")
         if len(self.x) > MOST:
             self.x = self.x[np.random.default_rng(seed).choice(len(self.x), MOST, replace=False)]
         truth = np.asarray(oracle(domain.query, shape, "cpu", domain.oracle_length)(self.x), dtype=bool)
