@@ -68,6 +68,8 @@ def mismatch(bounder: Subject, shape: Shape) -> str | None:
             if part.info.get("resolution") is None and not part.takes_shapes(part.query_kind):
                 what = f"{part.query_kind} queries of {part.method} are bounded over cells"
                 return f"{what}, and the shape has none; give a resolution"
+    if shape.joints != bounder.domain.base.joints:
+        return "the bounder does not know the limits and turns of the shape's joints, such as one from an older file; fit it anew"
     if shape.time and (other := _other_times(bounder, shape)):
         return other
     return domain.fault() or (OUTSIDE if _reaches_outside(bounder, shape) else None)

@@ -29,10 +29,8 @@ __all__ = ["Domain", "json_bool", "json_number"]
 DELTA_SHARE = (
     1.0 / 4096.0
 )  # of a detail (of a grid, a cell): the input error that proofs allow for where rounding needs less
-PLACED, TURNED = (
-    4.0,
-    1.0 + 2.0**-4,
-)  # times what the map rounds: room for a placement; for parts in domains of their own, of a joint that is turned back
+# Times what the map rounds: room for a placement, which joints that are turned back do not have.
+PLACED, TURNED = 4.0, 1.0 + 2.0**-4
 DELTA_LARGEST_SHARE = 1.0 / 16.0  # of a detail: a shape that needs more is refused
 EXTENTS = (2.0**-60, 2.0**60)  # object units, of a domain: products with its scale then stay far from float32's ends
 LIMIT_LEAST, LIMIT_MOST = 0.5, 2.0  # of |v|: a domain's ends and limit lie between; all methods' rounding counts on it

@@ -309,7 +309,7 @@ def test_bounders_of_links_together(rng):
     shape = ArmConfigurations(Arm(joints, LINKS), [wall], weights=WEIGHTS)
     upper, lower = (wb.fit(shape.piece([link]), method="aabb", device="cpu") for link in (0, 1))
     assert upper.domain.joints == shape.joints.first(1)
-    both = upper | lower
+    both = wb.union(upper, lower)
     x = rng.uniform([-8000, -1.4], [8000, 1.4], (20000, 2)).astype(np.float32)
     maybe = both.query(x).numpy().astype(bool)
     assert maybe[shape.contains(x.astype(np.float64))].all()
