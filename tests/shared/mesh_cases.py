@@ -113,6 +113,7 @@ PLY = {
     "ply/no-faces": Case(file("a.ply", ply(faces=())), "faces"),
     "ply/index-out-of-range": Case(file("a.ply", ply(LITTLE, (*QUADS, (0, 1, 8)))), "got vertex 8"),
     "ply/negative-index": Case(file("a.ply", ply(LITTLE, (*QUADS, (0, 1, -1)))), "got vertex -1"),
+    "ply/wrong-count": Case(file("a.ply", ply().replace(b"4 0 2 6 4", b"2 0 2 6 4")), "one for each vertex"),
     "ply/fractional-index": Case(file("a.ply", ply(BIG, index="float")), "expected integers as vertex indices"),
     "ply/missing-bytes": Case(file("a.ply", ply(LITTLE)[:-1]), "got the end of the file"),
     "ply/trailing-bytes": Case(file("a.ply", ply(LITTLE, rest=b"\0\0")), "end of the file"),

@@ -188,17 +188,26 @@ def _size(number: np.generic, most: int) -> int:
 
 
 def _text(elements: list[_Element], content: bytes) -> tuple[Columns, int]:
-    """Read a text as if it were binary and all its numbers were doubles; integers must be whole."""
+    """Read a text as if it were binary and all its numbers were doubles; integers must be whole, and a line is a row."""
     whole = [
         e._replace(properties=[_Property(p.name, "f8", p.counts and "f8") for p in e.properties]) for e in elements
     ]
     columns, rest = _body(whole, as_numbers(content.split()).astype("<f8").tobytes(), "<")
+    widths = [np.zeros(0, np.int64)]
     for element in elements:
+        widths.append(np.zeros(element.count, np.int64))
         for p in element.properties:
             column = columns[element.name][p.name]
+            widths[-1] += 1 + column[0] if p.counts else 1
             entries = column[1] if p.counts else column
             if p.kind[0] in "iu":
                 if not (np.floor(entries) == entries).all():
                     raise ValueError(f"expected integers for {p.name} of {element.name}, got another number")
                 columns[element.name][p.name] = (column[0], entries.astype(np.int64)) if p.counts else entries
+    found = np.array([count for line in content.splitlines() if (count := len(line.split()))], np.int64)
+    wanted = np.concatenate(widths)
+    if not np.array_equal(wanted[wanted > 0], found):
+        raise ValueError(
+            f"expected {(wanted > 0).sum()} lines, one for each vertex, face or other element, got {len(found)} of other lengths"
+        )
     return columns, rest
