@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from format_cases import measures
 from mesh_cases import MESH_CASES
 
 from warp_bounding.errors import IndicatorError
@@ -49,19 +48,18 @@ def test_row(tmp_path, key, outcome):
     case.check(shape)
 
 
-UNCOUNTED = (".obj", ".usda", ".urdf")  # texts that do not say how much they hold; URDF has its own rows
+UNCOUNTED = ("obj", "usd", "urdf")  # texts that do not say how much they hold; URDF has rows of its own
 CUTS = 6
 
 
-@pytest.mark.parametrize("key", [key for key, outcome in rows() if outcome != "refused"])
+@pytest.mark.parametrize(
+    "key", [k for k, outcome in rows() if outcome != "refused" and k.split("/")[0] not in UNCOUNTED]
+)
 def test_what_is_cut_off_is_refused_or_whole(tmp_path, key):
     """Files end early, at places that differ from row to row."""
     path = CASES[key].write(tmp_path)
-    if path.suffix in UNCOUNTED or not hasattr(whole := CASES[key].load(path), "faces"):
-        pytest.skip("nothing in it says where it ends")
-    content, rng = path.read_bytes(), np.random.default_rng(zlib.crc32(key.encode()))
+    whole, content, rng = CASES[key].load(path), path.read_bytes(), np.random.default_rng(zlib.crc32(key.encode()))
     for end in rng.integers(1, len(content), CUTS):
         path.write_bytes(content[:end])
         with contextlib.suppress(IndicatorError):
-            cut = CASES[key].load(path)
-            assert measures(cut.vertices, cut.faces) == measures(whole.vertices, whole.faces)
+            assert CASES[key].load(path).digest == whole.digest
