@@ -116,10 +116,13 @@ def bounder_of(source: Bounder | DistanceBounder | str | os.PathLike, device: st
 def _check_info(document: dict) -> None:
     """Margin and resolution are used again, to make the same cells of a mesh; rates are shown."""
     margin, resolution = document.get("margin"), document.get("resolution")
-    if margin is not None and not (isinstance(margin, int | float) and 0 <= margin < float("inf")):
+    if margin is not None and not (type(margin) in (int, float) and 0 <= margin < float("inf")):
         raise FileFormatError(f"the margin {margin!r} is not a length")
-    if resolution is not None and not isinstance(resolution, int):
+    if resolution is not None and type(resolution) is not int:
         raise FileFormatError(f"the resolution {resolution!r} is not a whole number")
+    for name in ("indicator", "shape", "name", "note"):
+        if not isinstance(document.get(name), str | None):
+            raise FileFormatError(f"the {name} {document[name]!r} is no text")
     if document.get("pieces") is not None:
         Pieces.from_dict(document["pieces"])
     rates = document.get("rates")

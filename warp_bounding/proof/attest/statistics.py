@@ -20,6 +20,7 @@ import numpy as np
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.certificates.certificate import Certificate, fn_rate_bound
+from warp_bounding.certificates.claim import mismatch
 from warp_bounding.certificates.document import document
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -113,8 +114,11 @@ def attest(
         seconds: Time allowed for each attempt; see ``try_positives``. The bound counts the positives that were asked.
 
     Raises:
-        BounderError: If the threshold had to be lowered too often, as where the search found no low f at all.
+        BounderError: If the bounder was made for another object; or if the threshold had to be lowered too often, as
+            where the search found no low f at all.
     """
+    if reason := mismatch(bounder, grid):
+        raise BounderError(f"{bounder.method}: {reason}")
     started, error = working_seconds(), bounder.rounding_bound()
     for restart in range(MOST_RESTARTS):
         bounder.freeze(float(round_down(least - 2 * error - room)), None)
