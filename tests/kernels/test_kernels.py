@@ -7,6 +7,7 @@ from asking import ask
 from bounding_shapes import (
     NETWORKS,
     SHAPES,
+    crossed,
     device_coordinates,
     domain_points,
     object_points,
@@ -19,6 +20,15 @@ from warp_bounding.bounders import METHODS
 from warp_bounding.kernels.functions import Data
 
 COUNTS = (1, 3, 511, 512, 513, 2049)
+DEEP = (
+    "oriented-ellipsoid",
+    "bvh",
+    "learned-kdop",
+    "relu-field",
+    "voxels",
+    "mlp",
+    "mlp-early",
+)  # in other dimensions than three
 
 
 def check_values(bounder, x: np.ndarray) -> None:
@@ -54,8 +64,7 @@ def check_func(bounder, x: np.ndarray) -> None:
             assert (answers == expected)[sure | ~inside].all()
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("name", ["c", "blob", "animated"])
+@pytest.mark.parametrize(("method", "name"), crossed(METHODS, ["c", "blob", "animated"], kinds=DEEP))
 def test_batch_kernel_is_its_reference(method, name, device, rng):
     bounder, grid = random_bounder(method, name, device), shape(name)
     check_values(bounder, np.concatenate([domain_points(grid, 6000, rng), object_points(grid, rng, 1000)]))
