@@ -102,7 +102,14 @@ def test_parts_must_know_the_query():
 
 
 @pytest.mark.parametrize(
-    ("query", "name"), [("point", "blob"), ("ray", "blob"), ("box", "c"), ("plane", "c"), ("ray", "animated")]
+    ("query", "name"),
+    [
+        ("point", "blob"),
+        ("ray", "blob"),
+        ("box", "c"),
+        ("plane", "c"),
+        pytest.param("ray", "animated", marks=pytest.mark.slow),
+    ],
 )
 def test_more_half_spaces_than_kdop_has(query, name):
     usual, more = (few(name, "learned-kdop", query=query, k=k, steps=300) for k in (None, 40))
