@@ -11,7 +11,10 @@ import trimesh
 
 import warp_bounding as wb
 from warp_bounding.bounders import file_format
+from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.union import Union
 from warp_bounding.certificates.claim import as_fitted, mismatch
+from warp_bounding.coordinates.domain import Domain
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError
 from warp_bounding.indicators.shape import IN
 from warp_bounding.proof import prove, settle
@@ -272,3 +275,22 @@ def test_files_of_older_digests_stay_true(tmp_path):
     assert wb.cascade(sphere, old).certificate.proven
     with pytest.raises(BoundingError, match="expected bounders of the same"):
         wb.cascade(wb.fit(shape("mesh"), method="sphere", device="cpu", progress=False), old)
+
+
+def test_parts_in_boxes_do_not_hold_what_has_no_end(tmp_path):
+    """A union from the inside whose part denies nearly everything outside of its box is no proof about that."""
+    ball, big = wb.solids.Sphere([0, 0], 1.0), wb.solids.Sphere([0, 0], 5.0)
+    domain = Domain.of(wb.Complement(big))
+    reach = float(domain.scale[0]) * 2
+    tensors = {
+        "layers.0.weight": np.float32([[1, 0], [-1, 0]]),
+        "layers.0.bias": np.float32([-reach, -reach]),
+        "layers.1.weight": np.float32([[-50, -50]]),
+        "layers.1.bias": np.float32([1]),
+    }
+    part = Mlp(domain, tensors, {"hidden": [2], "activation": "relu"}, "cpu").freeze(0.5, None)
+    for region in ((np.full(2, -1.5), np.full(2, 1.5)), (np.full(2, -1e3), np.full(2, 1e3)), None):
+        whole = Union.of([part], [region]).freeze(0.0, None)
+        whole.info = {"margin": 0.0, "resolution": None}
+        whole.save(tmp_path / "u.safetensors")
+        assert not wb.certify(tmp_path / "u.safetensors", ball).proven

@@ -22,6 +22,8 @@ def check_cover(shape: Shape, boxes: list[Region]) -> None:
     Raises:
         BounderError: Naming a point of the object, or one where the shape may be, that no box holds.
     """
+    if shape.unbounded:  # what lies beyond its box is object, too
+        raise BounderError(f"{shape.name}: parts in boxes do not hold a shape without an end")
     low, high = shape.lower[None].copy(), shape.upper[None].copy()
     for first, last in boxes:
         low, high = _outside(low, high, first, last)
