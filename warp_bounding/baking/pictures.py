@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from warp_bounding.bounders import Bounder, DistanceBounder
-from warp_bounding.certificates.claim import as_fitted, of_side
+from warp_bounding.certificates.claim import as_fitted, in_local, of_side
 from warp_bounding.evaluation.truth import PROTOCOLS, judge_of, truth_by
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.shape import OUT, Shape
@@ -42,6 +42,7 @@ def picture(bounder: Bounder | DistanceBounder, source) -> bytes:
     Returns:
         A PNG with the colours ``COLOURS``; empty for objects of one dimension.
     """
+    bounder, source = in_local(bounder, source)
     shape, truth, ask = _asked(bounder, source)
     axes = list(range(1 if shape.time else 0, shape.ndim))[:3]
     if len(axes) < 2:

@@ -63,6 +63,7 @@ class BounderStack:
         for bounder in bounders:
             if isinstance(bounder, DistanceBounder):
                 raise QueryError(f"a stack is asked points, rays, planes or boxes, got {bounder!r}, a distance")
+            bounder.expect_local("a stack")
         first = bounders[0]
         self.query_kind, self.ndim, self.device = first.query_kind, first.ndim, first.device
         self._columns = first.domain.columns

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warp_bounding.bounders.framed import Framed
 from warp_bounding.bounders.pickling import PicklableBounder
+from warp_bounding.coordinates.maps import COORDINATES
 from warp_bounding.coordinates.placement import Placement
 from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import QueryError
@@ -46,6 +48,7 @@ class Prepared:
     """
 
     def __init__(self, bounder: "Asking", x, *, out: wp.array | None, xform, scale, candidates: bool):
+        bounder.expect_local("prepare")
         self._bounder, self._x = bounder, x
         self._queries, self._number, _ = flat_queries(x, bounder.domain.columns, bounder.device)
         self._memory = memory_of(x)
@@ -127,7 +130,7 @@ class Prepared:
         self._launch = self._bounder.batch_launch(self._queries, self._number, self._place, self.out)
 
 
-class Asking(PicklableBounder, ABC):
+class Asking(Framed, PicklableBounder, ABC):
     """What a ``Bounder`` needs to answer queries; ``Bounder`` adds fitting, bounds and proofs."""
 
     domain: AnyDomain
@@ -196,6 +199,7 @@ class Asking(PicklableBounder, ABC):
             >>> bool((answers.numpy() == bounder.query(points).numpy()).all())
             True
         """
+        self.expect_local("func")
         return point_func(self.source)
 
     @property
@@ -235,7 +239,8 @@ class Asking(PicklableBounder, ABC):
             x: ``(N, m)`` NumPy array, torch tensor, ``wp.array`` or sequence of numbers, or ``wp.array`` of ``vec_m``
                 ``(N,)``. Points: m = n. Regions, m = 2 n: a ray's origin and direction, a plane's normal and point, a
                 box's lower and upper corner. float32 is read in place where it lies on this device; float64 is rounded
-                to float32, which the certificate covers. Whole numbers must be ones that float32 holds exactly, and no
+                to float32, which the certificate covers. Of a shape with an ``origin`` these are world coordinates, of any type, and the
+                origin is taken off in float64 first, on the host. Whole numbers must be ones that float32 holds exactly, and no
                 ``wp.array``.
             xform: Places the shape in the world: ``wp.transform``, 7 numbers or a homogeneous rigid matrix. ``x`` are
                 then numbers in the world; time is not moved. A rotated box is tested by the axis-aligned box around it
@@ -320,7 +325,10 @@ class Asking(PicklableBounder, ABC):
 
     def _batch(self, x, xform, scale, out, *, values: bool) -> wp.array:
         device = self.device
-        queries, count, double = flat_queries(x, self.domain.columns, device)
+        if xform is not None or scale is not None:
+            self.expect_local("xform= or scale=")
+        directed = COORDINATES[self.domain.query].directed
+        queries, count, double = self._flat(x, self.domain.columns, directed)
         placement, place = Placement.of(self.domain, xform, scale), None
         if placement is not None:
             placement.check(self.domain, double=double)

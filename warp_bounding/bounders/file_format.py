@@ -26,7 +26,7 @@ from warp_bounding.version import __version__
 
 __all__ = ["FORMAT", "INFO_FIELDS", "digest_of", "read", "save"]
 
-FORMAT = 1
+FORMAT, FRAMED = 2, 2  # the newest, and the first one that knows an origin; without one a file is of format 1
 KEY = "warp_bounding"
 INFO_FIELDS = (
     "indicator",
@@ -46,7 +46,7 @@ INFO_FIELDS = (
 def save(bounder: Subject, path: str | os.PathLike) -> None:
     """Write a bounder; see ``Bounder.save``."""
     document = {
-        "format": FORMAT,
+        "format": 1 if bounder.frame is None else FRAMED,
         "library": __version__,
         "method": bounder.method,
         "query": bounder.query_kind,
@@ -59,6 +59,7 @@ def save(bounder: Subject, path: str | os.PathLike) -> None:
         "threshold": float(bounder.threshold),
         "certificate": bounder.certificate.to_dict() if bounder.certificate else None,
         **{field: bounder.info.get(field) for field in INFO_FIELDS},
+        **({} if bounder.frame is None else {"frame": bounder.frame.to_dict()}),
     }
     text = json.dumps({"sha256": digest_of(bounder.tensors, document), "bounder": document}, allow_nan=False)
     write_whole(path, safetensors.numpy.save(bounder.tensors, metadata={KEY: text}), BOUNDER_FILE)
@@ -82,6 +83,8 @@ def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     if type(version) is not int or version > FORMAT:
         known = f"newer than this library knows ({FORMAT}); please update warp-bounding"
         raise FileFormatError(f"{path}: format {version} is {known}")
+    if ("frame" in document) != (version >= FRAMED):
+        raise FileFormatError(f"{path}: files of format {FRAMED} have an origin, others have none")
     # The digest covers values, not their spelling: a file edited from 1.0 to 1.00 would pass it.
     same_text = json.dumps(signed) == text
     if digest != digest_of(tensors, document) or not same_text:

@@ -39,8 +39,9 @@ def cascade(*bounders: Bounder) -> Cascade:
         >>> both.method, both.certificate.proven
         ('cascade', True)
     """
-    whole = Cascade.of(list(bounders))
     last = bounders[-1]
+    whole = Cascade.of([bounder.local for bounder in bounders])
+    whole.frame = last.frame
     for bounder in bounders:
         if other := differing(bounder, last):
             raise BounderError(f"cascade: expected bounders of the same object, got {other}")
@@ -78,15 +79,18 @@ def union(*bounders: Bounder) -> Union:
             raise BounderError(f"union: expected bounders, got {type(bounder).__name__}")
     parts, held = [], []
     for bounder in bounders:
-        parts += bounder.parts if isinstance(bounder, Union) else [bounder]
+        parts += bounder.parts if isinstance(bounder, Union) else [bounder.local]
         held += bounder.held if isinstance(bounder, Union) else [_pieces(bounder) and list(_pieces(bounder).held)]
     whole = Union.of(parts, held).freeze(0.0, None)
     widest = max(bounders, key=lambda bounder: bounder.ndim)
+    whole.frame = widest.frame
     pieces, indicator = [_pieces(bounder) for bounder in bounders], widest.info.get("indicator")
     for bounder in bounders:
         if other := None if all(pieces) else differing(bounders[0], bounder):
             raise BounderError(f"union: expected bounders of the same object, got {other}")
     if all(pieces):
+        if any(bounder.frame for bounder in bounders):
+            raise BounderError("union: expected pieces of a shape without an origin")
         joined = pieces[0]
         for other, bounder in zip(pieces, bounders, strict=True):
             same = all(bounder.info.get(name) == widest.info.get(name) for name in ("margin", "resolution"))

@@ -9,6 +9,7 @@ from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.bounders.distances.registry import DISTANCES
 from warp_bounding.bounders.file_format import INFO_FIELDS, read
+from warp_bounding.bounders.framed import frame_fault
 from warp_bounding.bounders.registry import METHODS, class_named
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.claims import check_claims
@@ -17,6 +18,7 @@ from warp_bounding.coordinates.domain import json_number
 from warp_bounding.coordinates.region_domain import SPACE, RegionDomain
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError
 from warp_bounding.indicators.parts.pieces import Pieces
+from warp_bounding.indicators.recentred import Frame
 from warp_bounding.indicators.shape import dilated_digest
 from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.runtime.devices import device_of
@@ -61,6 +63,10 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder | Distan
         if certificate:
             check_claims(bounder, certificate, document)
         bounder.freeze(threshold, certificate)
+        if "frame" in document:
+            bounder.frame = Frame.from_dict(document["frame"], bounder.ndim)
+            if fault := frame_fault(bounder, bounder.frame):
+                raise FileFormatError(fault)
         bounder.info = {field: document.get(field) for field in INFO_FIELDS} | {"library": document["library"]}
         _bring_up(bounder)
     except BoundingError as error:

@@ -10,10 +10,11 @@ class PicklableBounder:
 
     def __reduce__(self):
         made = type(self), type(self.domain), self.domain.to_dict(), self.tensors, self.sizes, self._device
-        return _remade, (*made, self.threshold, self.certificate, self.info)
+        return _remade, (*made, self.threshold, self.certificate, self.info, self.frame)
 
 
-def _remade(kind, domain, numbers, tensors, sizes, device, threshold, certificate, info):
+def _remade(kind, domain, numbers, tensors, sizes, device, threshold, certificate, info, frame):
     bounder = kind(domain.from_dict(numbers), tensors, copy.deepcopy(sizes), device)
     bounder.freeze(threshold, certificate).info = copy.deepcopy(info)
+    bounder.frame = frame
     return bounder

@@ -10,6 +10,7 @@ import numpy as np
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import FileFormatError
+from warp_bounding.indicators.recentred import Frame
 
 __all__ = ["ABOUT", "Certificate", "Subject", "fn_rate_bound"]
 
@@ -141,6 +142,7 @@ class Subject(Protocol):
     threshold: np.float32
     certificate: Certificate | None
     info: dict[str, Any]
+    frame: Frame | None
     query_kind: str
     ndim: int
     provable: bool

@@ -12,13 +12,25 @@ where there is a shape, its geometry decides, and a different digest is reported
 import numpy as np
 
 from warp_bounding.certificates.certificate import Subject
+from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.parts.complement import SIDES, Complement, outside_of
+from warp_bounding.indicators.recentred import Frame, own_coordinates, parted
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.distance import DISTANCE, METRICS, in_metric
 
-__all__ = ["OUTSIDE", "as_fitted", "differing", "mismatch", "object_of", "of_side", "other_claim", "outside"]
+__all__ = [
+    "OUTSIDE",
+    "as_fitted",
+    "differing",
+    "in_local",
+    "mismatch",
+    "object_of",
+    "of_side",
+    "other_claim",
+    "outside",
+]
 
 OUTSIDE = "the shape reaches outside the domain that the bounder was made for"
 
@@ -26,9 +38,27 @@ OUTSIDE = "the shape reaches outside the domain that the bounder was made for"
 # --- a bounder and a shape -------------------------------------------------------------------------------------------
 
 
+def in_local(bounder: Subject, shape) -> tuple:
+    """A bounder and its shape, both in local coordinates.
+
+    Raises:
+        IndicatorError: If their origins are not the same, or the shape cannot be read.
+    """
+    local, frame = parted(load_indicator(shape))
+    if frame != bounder.frame:
+        told = [_framed(each) for each in (bounder.frame, frame)]
+        raise IndicatorError(f"{local.name}: expected the bounder's origin, {told[0]}, got {told[1]}")
+    return bounder.local, local
+
+
+def _framed(frame: Frame | None) -> str:
+    return "none" if frame is None else f"{list(frame.origin)} (blur {max(frame.blur):.3g})"
+
+
 def of_side(bounder: Subject, shape) -> Shape:
     """The shape that is given, in a distance's metric; its complement where the bounder is about that."""
-    shape = load_indicator(shape)
+    shape = own_coordinates(load_indicator(shape), "this")
+    bounder.expect_local("this")
     if bounder.query_kind == DISTANCE.name:
         return in_metric(shape, bounder.sizes.get("metric", METRICS[0]))
     return Complement(shape) if bounder.domain.unbounded and not shape.unbounded else shape
@@ -154,6 +184,8 @@ def differing(one: Subject, other: Subject, names: tuple[str, ...] = ("margin", 
         told = [_told(bounder, name) for bounder in (one, other)]
         if told[0] != told[1]:
             return f"{name} {told[0]} and {told[1]}"
+    if one.frame != other.frame:
+        return f"origin {_framed(one.frame)} and {_framed(other.frame)}"
     objects = [object_of(bounder) for bounder in (one, other)]
     if None in objects:  # cells of a shape that an older file does not name
         objects = [_told(bounder, "indicator") for bounder in (one, other)]

@@ -69,7 +69,8 @@ def about(bounder: Subject, grid: Shape) -> str:
         fineness = "" if grid.resolution is None else f", resolution {grid.resolution}"
         words.append(f"as {len(grid.occupied):,} of {' x '.join(map(str, grid.shape))} cells{fineness}")
     rays = "" if bounder.domain.length is None else f" Rays have length {bounder.domain.length}."
-    restricted = f" ({grid.restriction})" if grid.restriction else ""
+    known = "; ".join(filter(None, [grid.restriction, grid.remark]))
+    restricted = f" ({known})" if known else ""
     return f"Object: {', '.join(words)}{restricted}.{rays}"
 
 

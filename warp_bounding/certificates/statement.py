@@ -76,7 +76,12 @@ def _object(bounder: Subject, certificate: Certificate | None) -> str:
 
 def _note(bounder: Subject) -> dict[str, str]:
     """What of the object is not bounded, under a heading of its own, where there is something."""
-    return {"note": str(bounder.info["note"])} if bounder.info.get("note") else {}
+    told = {"note": str(bounder.info["note"])} if bounder.info.get("note") else {}
+    if bounder.frame is not None:
+        told["origin"] = (
+            f"{bounder.frame.told}; query takes world coordinates, and takes it off in float64; kernels take local ones"
+        )
+    return told
 
 
 def _input_error(bounder: Subject) -> str:

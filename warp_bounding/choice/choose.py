@@ -24,6 +24,7 @@ from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.parts.complement import SIDES
+from warp_bounding.indicators.recentred import own_coordinates
 from warp_bounding.queries import QUERIES, check_query, oracle, sample
 from warp_bounding.runtime.devices import device_of
 from warp_bounding.runtime.progress import Progress, reported
@@ -105,7 +106,7 @@ def choose(
     wanted = check_methods(methods)
     device = str(device_of(device))
     spending = Spending(float(budget))
-    shape, length = load_indicator(shape), length or 1.0
+    shape, length = own_coordinates(load_indicator(shape), "choose"), length or 1.0
     warn_of_restriction(shape)
     bounded, rng = shape.dilated(margin) if margin else shape, np.random.default_rng(seed)
     x = sample(query, bounded, SAMPLES, rng) if queries is None else queries

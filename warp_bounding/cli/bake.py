@@ -102,7 +102,7 @@ def _lines():
 
 def _settings(told: dict[str, Any]) -> Settings:
     """How each shape is baked, by the options of ``fit`` and ``choose``; ``BoundingError`` where these do not go together."""
-    reading = shape_arguments(*(told[name] for name in ("threshold", "spacing", "origin")))
+    reading = shape_arguments(*(told[name] for name in ("threshold", "spacing", "origin", "unknown", "hollow")))
     samples, queries = whole_number("samples", told["samples"]), told["queries"]
     if queries is not None:
         read_queries(queries)

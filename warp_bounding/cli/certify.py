@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from warp_bounding.cli.options import BounderFile, Json, Origin, Spacing, Threshold, read_shape
+from warp_bounding.cli.options import BounderFile, Hollow, Json, Origin, Spacing, Threshold, Unknown, read_shape
 from warp_bounding.cli.output import bar, certificate_summary, console, other_shape, print_json, quiet_warp, warn
 from warp_bounding.errors import BoundingError
 
@@ -26,6 +26,8 @@ def command(
     threshold: Threshold = None,
     spacing: Spacing = None,
     origin: Origin = None,
+    unknown: Unknown = None,
+    hollow: Hollow = None,
     json: Json = False,
 ) -> int:
     """Prove from scratch that FILE has no false negative on SHAPE. Exit status 0: proven; 1: not.
@@ -48,7 +50,7 @@ def command(
         check_query(query, DISTANCE.name)
     quiet_warp()
     bounder = load(file, device="cpu")
-    indicator = read_shape(shape, threshold, spacing, origin)
+    indicator = read_shape(shape, threshold, spacing, origin, unknown, hollow)
     with bar("certify") as update:
         certificate = certify(bounder, indicator, **expected, seconds=budget, progress=update, checkpoint=checkpoint)
     fitted = bounder.info.get("indicator")

@@ -7,7 +7,18 @@ from typing import Annotated, Any
 
 import typer
 
-from warp_bounding.cli.options import Device, Json, Origin, Queries, Spacing, Threshold, read_queries, read_shape
+from warp_bounding.cli.options import (
+    Device,
+    Hollow,
+    Json,
+    Origin,
+    Queries,
+    Spacing,
+    Threshold,
+    Unknown,
+    read_queries,
+    read_shape,
+)
 from warp_bounding.cli.output import bar, console, print_json, print_table, quiet_warp
 from warp_bounding.errors import BounderError
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, PICTURE_FILE, check_writable, write_whole
@@ -51,6 +62,8 @@ def command(
     threshold: Threshold = None,
     spacing: Spacing = None,
     origin: Origin = None,
+    unknown: Unknown = None,
+    hollow: Hollow = None,
     device: Device = "cpu",
     json: Json = False,
 ) -> int:
@@ -73,7 +86,7 @@ def command(
     check_writable(output, *inputs, kind=BOUNDER_FILE)
     check_writable(picture, *inputs, kind=PICTURE_FILE)
     asked = None if queries is None else read_queries(queries)
-    indicator = read_shape(shape, threshold, spacing, origin)
+    indicator = read_shape(shape, threshold, spacing, origin, unknown, hollow)
     kept = Path(output).with_suffix(".choice") if folder is None else Path(folder)
     with bar("choose") as update:
         choice = choose(indicator, queries=asked, folder=kept, progress=update, **arguments)

@@ -4,7 +4,18 @@ from typing import Annotated
 
 import typer
 
-from warp_bounding.cli.options import BounderFile, Device, Json, Origin, Spacing, Threshold, read_shape, whole_number
+from warp_bounding.cli.options import (
+    BounderFile,
+    Device,
+    Hollow,
+    Json,
+    Origin,
+    Spacing,
+    Threshold,
+    Unknown,
+    read_shape,
+    whole_number,
+)
 from warp_bounding.cli.output import bar, certificate_summary, console, other_shape, print_json, quiet_warp
 
 __all__ = ["command"]
@@ -29,6 +40,8 @@ def command(
     threshold: Threshold = None,
     spacing: Spacing = None,
     origin: Origin = None,
+    unknown: Unknown = None,
+    hollow: Hollow = None,
     device: Device = "cpu",
     json: Json = False,
 ) -> int:
@@ -39,7 +52,7 @@ def command(
     count = whole_number("samples", samples)
     quiet_warp(device)
     bounder = load(file, device=device)
-    indicator = read_shape(shape, threshold, spacing, origin)
+    indicator = read_shape(shape, threshold, spacing, origin, unknown, hollow)
     with bar("evaluate") as update:
         told = {"radius": radius, "query": query, "length": length, "steps": steps}
         rates = evaluate(bounder, indicator, count, protocol, seed=seed, progress=update, **told)

@@ -14,11 +14,13 @@ from warp_bounding.bounders.options import STEPS, Option
 from warp_bounding.certificates.statement import NOT_CONSERVATIVE
 from warp_bounding.cli.options import (
     Device,
+    Hollow,
     Json,
     Origin,
     Queries,
     Spacing,
     Threshold,
+    Unknown,
     read_queries,
     read_shape,
     whole_number,
@@ -54,6 +56,8 @@ def command(
     threshold: Threshold = None,
     spacing: Spacing = None,
     origin: Origin = None,
+    unknown: Unknown = None,
+    hollow: Hollow = None,
     force: Annotated[bool, typer.Option("--force", help="Take a margin that is larger than the object, too.")] = False,
     resolution: Annotated[
         int | None,
@@ -99,7 +103,7 @@ def command(
     count = whole_number("samples", samples)
     check_writable(output, shape, *([] if queries is None else [queries]), kind=BOUNDER_FILE)
     asked = None if queries is None else read_queries(queries)
-    indicator = read_shape(shape, threshold, spacing, origin)
+    indicator = read_shape(shape, threshold, spacing, origin, unknown, hollow)
     started = time.perf_counter()
     with bar("fit") as update:
         bounder = fit(indicator, queries=asked, progress=update, **arguments)

@@ -11,11 +11,13 @@ from warp_bounding.errors import IndicatorError, QueryError
 __all__ = [
     "BounderFile",
     "Device",
+    "Hollow",
     "Json",
     "Origin",
     "Queries",
     "Spacing",
     "Threshold",
+    "Unknown",
     "read_queries",
     "read_shape",
     "shape_arguments",
@@ -35,6 +37,14 @@ Spacing = Annotated[
 Origin = Annotated[
     str | None, typer.Option(help="Where the centre of an array's or image's first cell is: -12.5,3; rows first.")
 ]
+Unknown = Annotated[
+    str | None,
+    typer.Option(help="Of a map, what cells are that nobody has seen: occupied or free (default: occupied)."),
+]
+Hollow = Annotated[
+    str | None,
+    typer.Option(help="What air is that a shape encloses: filled, inside, or empty (default: a mesh's is filled)."),
+]
 
 Queries = Annotated[
     str | None,
@@ -42,18 +52,24 @@ Queries = Annotated[
 ]
 
 
-def read_shape(path: str, threshold: str | None, spacing: str | None, origin: str | None):
-    """``load_indicator`` of what a command line says.
+def read_shape(path: str, *said: str | None):
+    """``load_indicator`` of what a command line says, as ``shape_arguments`` takes it.
 
     Raises:
         IndicatorError: In one line, for whatever cannot be read.
     """
     from warp_bounding.indicators import load_indicator
 
-    return load_indicator(path, **shape_arguments(threshold, spacing, origin))
+    return load_indicator(path, **shape_arguments(*said))
 
 
-def shape_arguments(threshold: str | None, spacing: str | None, origin: str | None) -> dict[str, Any]:
+def shape_arguments(
+    threshold: str | None,
+    spacing: str | None,
+    origin: str | None,
+    unknown: str | None = None,
+    hollow: str | None = None,
+) -> dict[str, Any]:
     """What a command line says of a shape, as keyword arguments of ``load_indicator``; those that it does not say are left out.
 
     Raises:
@@ -64,6 +80,8 @@ def shape_arguments(threshold: str | None, spacing: str | None, origin: str | No
         "threshold": threshold,
         "spacing": sizes[0] if sizes and len(sizes) == 1 else sizes,
         "origin": None if origin is None else _numbers("origin", origin),
+        "unknown": unknown,
+        "hollow": hollow,
     }
     return {name: value for name, value in said.items() if value is not None}
 

@@ -8,7 +8,18 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from warp_bounding.cli.options import BounderFile, Device, Json, Origin, Spacing, Threshold, read_shape, whole_number
+from warp_bounding.cli.options import (
+    BounderFile,
+    Device,
+    Hollow,
+    Json,
+    Origin,
+    Spacing,
+    Threshold,
+    Unknown,
+    read_shape,
+    whole_number,
+)
 from warp_bounding.cli.output import bar, certificate_summary, console, print_json, quiet_warp, warn
 from warp_bounding.errors import BoundingError, QueryError
 from warp_bounding.runtime.whole_file import PAGE_FILE, PICTURE_FILE, FileKind, check_writable, write_whole
@@ -49,6 +60,8 @@ def command(
     threshold: Threshold = None,
     spacing: Spacing = None,
     origin: Origin = None,
+    unknown: Unknown = None,
+    hollow: Hollow = None,
     device: Device = "cpu",
     json: Json = False,
 ) -> int:
@@ -78,7 +91,7 @@ def command(
             raise QueryError("--json is for --screenshot or --html; a window prints nothing")
         check_display()
     quiet_warp(device)
-    bounder, indicator = load(file, device=device), read_shape(shape, threshold, spacing, origin)
+    bounder, indicator = load(file, device=device), read_shape(shape, threshold, spacing, origin, unknown, hollow)
     with bar("show") as update:
         view = view_of(
             bounder,

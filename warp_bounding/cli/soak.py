@@ -4,7 +4,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from warp_bounding.cli.options import BounderFile, Device, Json, Origin, Spacing, Threshold, read_shape, whole_number
+from warp_bounding.cli.options import (
+    BounderFile,
+    Device,
+    Hollow,
+    Json,
+    Origin,
+    Spacing,
+    Threshold,
+    Unknown,
+    read_shape,
+    whole_number,
+)
 from warp_bounding.cli.output import bar, console, other_shape, print_json, quiet_warp
 
 if TYPE_CHECKING:
@@ -26,6 +37,8 @@ def command(
     threshold: Threshold = None,
     spacing: Spacing = None,
     origin: Origin = None,
+    unknown: Unknown = None,
+    hollow: Hollow = None,
     device: Device = "cpu",
     json: Json = False,
 ) -> int:
@@ -41,7 +54,7 @@ def command(
     wanted = whole_number("count", count)
     quiet_warp(device)
     bounder = load(file, device=device)
-    indicator = read_shape(shape, threshold, spacing, origin)
+    indicator = read_shape(shape, threshold, spacing, origin, unknown, hollow)
     with bar("soak") as update:
         result = soak(bounder, indicator, wanted, seed=seed, state=resume, progress=update)
     same = result.indicator == bounder.info.get("indicator")

@@ -34,7 +34,9 @@ PLACED, TURNED = 4.0, 1.0 + 2.0**-4
 DELTA_LARGEST_SHARE = 1.0 / 16.0  # of a detail: a shape that needs more is refused
 EXTENTS = (2.0**-60, 2.0**60)  # object units, of a domain: products with its scale then stay far from float32's ends
 LIMIT_LEAST, LIMIT_MOST = 0.5, 2.0  # of |v|: a domain's ends and limit lie between; all methods' rounding counts on it
-POSITIONS_ROUNDING = 1.0 + 2.0**-20  # leaves room for the float64 rounding of cells' positions far from the origin
+# Leaves room, 2^-44 of the largest coordinate, for the float64 rounding of cells' positions far from the origin, and of the difference
+# between a query and a frame's origin (2^-53 of it).
+POSITIONS_ROUNDING = 1.0 + 2.0**-20
 DOUBLE = ("delta", "lower", "upper")  # float64 fields of a domain; the others are float32
 GROWTH = 1.0 + 1e-9  # covers the float64 evaluation of the bounds below, whose relative error is under 1e-14
 
@@ -110,8 +112,12 @@ class Domain:
             limit[0] = round_down(inner - 2 * needed[0])
         return cls(center, scale, limit, delta, shape.time, lower, upper, shape.unbounded, shape.joints)
 
-    def fault(self) -> str | None:
-        """What is wrong with these numbers, in a few words; ``None`` if every claim of this class holds for them."""
+    def fault(self, blur: np.ndarray | float = 0.0) -> str | None:
+        """What is wrong with these numbers, in a few words; ``None`` if every claim of this class holds for them.
+
+        Args:
+            blur: ``(n,)``, object units: what ``delta`` must hold besides (``indicators.recentred``).
+        """
         arrays = [self.center, self.scale, self.limit, self.delta, self.lower, self.upper]
         if not all(a.shape == (self.ndim,) and np.isfinite(a).all() for a in arrays) or self.ndim == 0:
             return "the domain's numbers are not finite or not one per axis"
@@ -125,11 +131,12 @@ class Domain:
             return "the domain's map does not take it to about [-1, 1]"
         extent = np.maximum(low, high) * GROWTH
         needed = input_rounding(self.center, self.scale, extent, self.lower, self.upper, self.joints)
-        if not (needed * POSITIONS_ROUNDING <= self.delta).all():
+        blurred = blur * self.scale.astype(np.float64) * GROWTH
+        if not (needed * POSITIONS_ROUNDING + blurred <= self.delta).all():
             return "the domain's delta does not cover the rounding of its own map"
         covered = self.limit >= np.maximum(low, high) * (1 + 1e-12) + self.delta
         if self.time:
-            covered[0] = 0 < self.limit[0] <= np.minimum(low, high)[0] - needed[0]
+            covered[0] = 0 < self.limit[0] <= (np.minimum(low, high) - needed - blurred)[0]
         return None if covered.all() else "the domain's limit does not fit its corners"
 
     @property

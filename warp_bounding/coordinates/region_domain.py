@@ -109,21 +109,22 @@ class RegionDomain:
             raise BounderError(f"{grid.name}: {fault}")
         return domain
 
-    def fault(self) -> str | None:
-        """What is wrong with these numbers, in a few words; ``None`` if every claim of this class holds for them."""
+    def fault(self, blur: np.ndarray | float = 0.0) -> str | None:
+        """As of ``Domain``."""
         kind = QUERIES.get(self.query)
         if kind is None or not kind.is_region:
             return f"{self.query} is not a kind of region"
         if (self.length is None) == kind.has_length or not np.isfinite(self.length or 1.0) or (self.length or 1) <= 0:
             return f"a ray's length must be positive, got {self.length}"
-        fault = self.base.fault()
+        fault = self.base.fault(blur)
         if fault or self.base.time or self.base.unbounded or self.base.joints is not None:
             return fault or "a region's base domain has no time and no joints of its own, and ends"
         least, most = STRETCHES
         if not ((self.stretch >= least) & (self.stretch <= most)).all():
             return f"a ray of length {self.length} does not fit a domain of this size"
         needed = region_rounding(self.base, self.query, self.length)
-        if not (needed * POSITIONS_ROUNDING <= self.base.delta).all():
+        blurred = blur * self.base.scale.astype(np.float64) * GROWTH
+        if not (needed * POSITIONS_ROUNDING + blurred <= self.base.delta).all():
             return "the domain's delta does not cover the rounding of its own map"
         return None
 

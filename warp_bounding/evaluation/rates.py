@@ -9,14 +9,14 @@ from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.bounders.load import bounder_of
 from warp_bounding.bounders.slabs.aabb import Aabb
-from warp_bounding.certificates.claim import as_fitted, of_side
+from warp_bounding.certificates.claim import as_fitted, in_local, of_side
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import QueryError
 from warp_bounding.evaluation.counting import counted
 from warp_bounding.evaluation.distances import evaluate_distance
 from warp_bounding.evaluation.report import QUICK, QUICK_SEED, Rates, truth_told
 from warp_bounding.evaluation.truth import PROTOCOLS, judge_of, truth_by
-from warp_bounding.indicators import IndicatorGrid, load_indicator
+from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries import oracle, sample
 
@@ -71,9 +71,9 @@ def evaluate(
         raise QueryError(f"samples must be a whole number of at least 1, got {samples!r}")
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise QueryError(f"seed must be a whole number of at least 0, got {seed!r}")
-    bounder = bounder_of(bounder)
+    bounder, shape = in_local(bounder_of(bounder), shape)
     if isinstance(bounder, DistanceBounder):
-        shape, told = load_indicator(shape), {"radius": radius, "query": query, "length": length, "steps": steps}
+        told = {"radius": radius, "query": query, "length": length, "steps": steps}
         if shape.ndim != bounder.ndim:
             raise QueryError(f"the shape is {shape.ndim}D, the bounder {bounder.ndim}D")
         return evaluate_distance(bounder, shape, int(samples), protocol, int(seed), progress, **told)

@@ -18,7 +18,7 @@ import numpy as np
 
 from warp_bounding.indicators.distinct_rows import distinct_rows
 
-__all__ = ["Surface", "surface_of"]
+__all__ = ["Surface", "surface_of", "turns_of"]
 
 
 @dataclass(frozen=True)
@@ -70,6 +70,36 @@ def surface_of(vertices: np.ndarray, faces: np.ndarray) -> Surface:
     closed[whole] = _without_free_edges(kept[whole])
     closed = closed[face_of]
     return Surface(closed=closed, loose=~closed & _has_area(vertices, faces))
+
+
+def turns_of(vertices: np.ndarray, faces: np.ndarray) -> tuple[int, bool]:
+    """How the faces of closed parts are turned.
+
+    Args:
+        vertices: ``(V, 3)``; those at equal places are one.
+        faces: ``(F, 3)``, all of closed parts.
+
+    Returns:
+        Edges that faces do not run through as often one way as the other: 0 where faces are turned alike. And whether the faces are one
+        piece that meets two by two at its edges, so that there is one inside, but where it passes through itself.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    _, _, merged = distinct_rows(vertices)
+    corners = merged[faces].astype(np.int64)
+    ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+    _, edge, count = np.unique(
+        ends.min(axis=1) * len(vertices) + ends.max(axis=1), return_inverse=True, return_counts=True
+    )
+    ways = np.bincount(edge, weights=np.sign(ends[:, 1] - ends[:, 0]), minlength=len(count))
+    face, by_edge = np.tile(np.arange(len(faces)), 3), np.argsort(edge, kind="stable")
+    pairs = face[by_edge[:-1]], face[by_edge[1:]]
+    joined = edge[by_edge[:-1]] == edge[by_edge[1:]]
+    graph = coo_array(
+        (np.ones(int(joined.sum()), np.int8), (pairs[0][joined], pairs[1][joined])), shape=(len(faces),) * 2
+    )
+    return int(np.count_nonzero(ways)), bool((count == 2).all() and connected_components(graph, directed=False)[0] == 1)
 
 
 def _without_free_edges(faces: np.ndarray) -> np.ndarray:

@@ -42,6 +42,7 @@ class IndicatorGrid(Shape):
         margin: How far the object was dilated before it was divided into cells, object units.
         resolution: The ``resolution`` that a mesh was voxelised with; ``None`` where the grid was given as one.
         note: A restriction that a user should know, such as that an open mesh is bounded by its surface only.
+        remark: What else a user may want to know.
         shape_digest: Of the geometry whose cells these are; ``None`` where the grid was given as one, and is not
             dilated.
         joints: Those of that shape.
@@ -68,9 +69,16 @@ class IndicatorGrid(Shape):
     note: str = field(default="", compare=False)
     shape_digest: str | None = field(default=None, compare=False)
     joints: Joints | None = field(default=None, compare=False)
+    remark: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
-        occupancy = np.array(self.occupancy, dtype=bool, order="C")  # our own copy: a proof must not change under us
+        given = np.asarray(self.occupancy)
+        if given.dtype != bool and given.size and not ((given == 0) | (given == 1)).all():
+            raise IndicatorError(
+                f"{self.name}: expected truth values, or 0 and 1, got {given.dtype} from {given.min()} to {given.max()}; write which are "
+                "occupied, such as (a >= 65) | (a < 0) of an OccupancyGrid, where what is unknown counts as occupied"
+            )
+        occupancy = np.array(given, dtype=bool, order="C")  # our own copy: a proof must not change under us
         if occupancy.ndim < 1 or occupancy.size == 0:
             raise IndicatorError(f"{self.name}: expected an array with at least one cell, got shape {occupancy.shape}")
         if occupancy.size > MAX_CELLS:
@@ -103,7 +111,7 @@ class IndicatorGrid(Shape):
         words += ["time first"] if self.time else []
         words += [f"margin {self.margin:g}"] if self.margin else []
         words += [f"resolution {self.resolution}"] if self.resolution else []
-        return f"<IndicatorGrid {self.name}: {', '.join(words + [self.note] * bool(self.note))}>"
+        return f"<IndicatorGrid {self.name}: {', '.join([*words, *filter(None, [self.note, self.remark])])}>"
 
     # --- where it is -------------------------------------------------------------------------------------------------
 

@@ -1,7 +1,7 @@
 """The indicator of a triangle mesh: its surface, and its inside where the surface is closed (``closed_parts``).
 
 The object is every point within the margin of a face, and what a flood from outside does not reach through the faces
-of closed parts. Points and boxes are asked of the triangles themselves (``triangles/``), in float64 with error bounds;
+of closed parts; air that it encloses counts as inside, or with ``hollow="empty"`` what faces go around 0 times counts as outside. Points and boxes are asked of the triangles themselves (``triangles/``), in float64 with error bounds;
 ``to_grid`` makes cells that hold the object, conservatively too (``voxelization.py``). The mesh that counts is the one
 with these float32 vertices: what a file held in float64 is rounded once, when it is read.
 """
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
-from warp_bounding.indicators.closed_parts import Surface, surface_of
+from warp_bounding.indicators.closed_parts import Surface, surface_of, turns_of
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.limits import (
     cells_around,
@@ -25,7 +25,8 @@ from warp_bounding.indicators.limits import (
     checked_margin,
     checked_resolution,
 )
-from warp_bounding.indicators.shape import Shape
+from warp_bounding.indicators.recentred import Recentred, expect_near, recentred
+from warp_bounding.indicators.shape import HOLLOW, OUT, Shape
 
 if TYPE_CHECKING:
     from warp_bounding.indicators.triangles.solid import DilatedSolid, Solid
@@ -35,6 +36,7 @@ __all__ = [
     "cells_around",
     "cells_per_unit",
     "check_faces",
+    "mesh_of",
 ]
 
 CELL_BYTES = 8  # bytes a cell, while cells are made: a number of its region (4) and a few truth values
@@ -51,10 +53,11 @@ class IndicatorMesh(Shape):
         name: What it was read from, for messages.
         note: A restriction that a user should know, such as parts of a file that were not read.
         margin: By how much the mesh is dilated, object units.
+        hollow: ``"filled"``: air that closed parts enclose is inside; ``"empty"``: it is outside.
 
     Raises:
-        IndicatorError: For what is no mesh, vertices that are not finite, faces without area only, or an impossible
-            margin.
+        IndicatorError: For what is no mesh, vertices that are not finite, faces without area only, an impossible
+            margin, or faces that are not turned alike where hollows are empty.
 
     Example:
         >>> mesh = wb.IndicatorMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
@@ -67,12 +70,14 @@ class IndicatorMesh(Shape):
     name: str = "mesh"
     note: str = ""
     margin: float = 0.0
+    hollow: str = "filled"
 
     def __post_init__(self) -> None:
         vertices, faces = np.asarray(self.vertices), np.asarray(self.faces)
         if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "iuf":
             got = f"{vertices.dtype} of shape {vertices.shape}"
             raise IndicatorError(f"{self.name}: expected vertices as numbers of shape (V, 3), got {got}")
+        expect_near(vertices, self.name)
         with np.errstate(over="ignore"):
             vertices = np.array(vertices, dtype=np.float32, order="C") + np.float32(0)  # + 0: no negative zeros
         bad = int((~np.isfinite(vertices)).any(axis=1).sum())
@@ -89,12 +94,19 @@ class IndicatorMesh(Shape):
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
         object.__setattr__(self, "margin", checked_margin(self.margin))
+        if self.hollow not in HOLLOW:
+            raise IndicatorError(f"{self.name}: hollow must be {' or '.join(map(repr, HOLLOW))}, got {self.hollow!r}")
+        if self._empty and (edges := self._turns[0]):
+            raise IndicatorError(
+                f"{self.name}: hollow='empty' needs faces that are turned alike, with all normals outwards; at {edges:,} edges they are not "
+                "(trimesh's fix_normals turns them)"
+            )
 
     def __repr__(self) -> str:
         sides = " x ".join(f"{side:.4g}" for side in self.bounds[1] - self.bounds[0])
         counts = f"{len(self.vertices):,} vertices, {len(self.faces):,} faces"
         margin = f"margin {self.margin:g}" if self.margin else ""
-        notes = filter(None, [margin, self.restriction, "closed" * self.watertight])
+        notes = filter(None, [margin, self.restriction, "closed" * self.watertight, self.remark])
         return f"<IndicatorMesh {self.name}: 3D, {counts}, extent {sides}, {', '.join(notes)}>"
 
     @property
@@ -128,6 +140,25 @@ class IndicatorMesh(Shape):
         return "; ".join(filter(None, [self.note, self.surface.note]))
 
     @property
+    def _empty(self) -> bool:
+        return self.hollow == HOLLOW[1]
+
+    @cached_property
+    def _turns(self) -> tuple[int, bool]:
+        """See ``turns_of``."""
+        return turns_of(self.vertices, self.faces[self.surface.closed])
+
+    @cached_property
+    def remark(self) -> str:
+        """How many hollows there are, and what they count as. A closed surface in one piece is not searched for any."""
+        if not self.surface.closed.any() or self._turns[1]:
+            return ""
+        if self._turns[0]:
+            return "what closed parts enclose is filled, faces that are turned alike would tell closed hollows from it"
+        count = self._solid.hollows
+        return f"{count:,} closed hollow{'s' * (count != 1)} {self.hollow}" if count else ""
+
+    @property
     def watertight(self) -> bool:
         """Whether the surface is closed: equal vertices are one, equal faces are one, and no face has an edge of its own.
 
@@ -143,13 +174,15 @@ class IndicatorMesh(Shape):
         sha = hashlib.sha256(b"warp-bounding mesh 1")
         sha.update(np.array([len(self.vertices), len(self.faces)], dtype="<i8").tobytes())
         sha.update(self.vertices.astype("<f4").tobytes() + self.faces.astype("<i4").tobytes())
+        sha.update(b"hollows empty" * self._empty)
         return sha.hexdigest()
 
     @cached_property
     def _solid(self) -> "Solid":
         from warp_bounding.indicators.triangles.solid import Solid
 
-        return Solid(self.vertices, self.faces, self.surface.closed)
+        alike = bool(self.surface.closed.any()) and (self._empty or not (self._turns[0] or self._turns[1]))
+        return Solid(self.vertices, self.faces, self.surface.closed, alike, self._empty)
 
     @cached_property
     def _dilated_solid(self) -> "DilatedSolid":
@@ -294,7 +327,15 @@ class IndicatorMesh(Shape):
         shape = tuple((last - first + 1).tolist())
         what = f"{self.name}: dividing it into {' x '.join(map(str, shape))} cells"
         check_memory(math.prod(shape) * CELL_BYTES, what, "give a coarser resolution")
-        occupancy = solid_cells(in_cells, faces.reshape(-1, 3), self.surface.closed, shape, margin * scale)
+        outside = self._solid.dilated(*self.bounds, 0.0)
+
+        def air(cells: np.ndarray) -> np.ndarray:
+            return outside.decide((cells + first) / scale) == OUT
+
+        faces = faces.reshape(-1, 3)
+        occupancy = solid_cells(
+            in_cells, faces, self.surface.closed, shape, margin * scale, air if self._empty else None
+        )
         return IndicatorGrid(
             occupancy,
             cells_per_unit=np.full(3, scale),
@@ -303,8 +344,20 @@ class IndicatorMesh(Shape):
             margin=margin,
             resolution=resolution,
             note=self.restriction,
+            remark=self.remark,
             shape_digest=self.geometry,
         )
+
+
+def mesh_of(vertices: np.ndarray, faces: np.ndarray, **about: str) -> "IndicatorMesh | Recentred":
+    """The mesh of vertices as they were read, float64 where they were: ``Recentred`` where they lie too far from 0 for float32.
+
+    Raises:
+        IndicatorError: As ``IndicatorMesh`` does.
+    """
+    local, frame = recentred(np.asarray(vertices))
+    mesh = IndicatorMesh(local, faces, **about)
+    return mesh if frame is None else Recentred(mesh, frame)
 
 
 def check_faces(faces: np.ndarray, vertices: int, name: str) -> None:

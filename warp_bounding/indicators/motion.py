@@ -35,6 +35,7 @@ from warp_bounding.indicators.limits import cells_around, cells_per_unit, checke
 from warp_bounding.indicators.mesh import LANDMARK, check_faces
 from warp_bounding.indicators.moving.places import corner_places, random_places
 from warp_bounding.indicators.moving.time_axis import time_axis
+from warp_bounding.indicators.recentred import expect_near
 from warp_bounding.indicators.shape import OUT, Shape
 
 if TYPE_CHECKING:
@@ -89,6 +90,7 @@ class IndicatorMotion(Shape):
         if frames.ndim != 3 or frames.shape[2] != 3 or len(frames) < 2 or frames.dtype.kind not in "iuf":
             got = f"{frames.dtype} of shape {frames.shape}"
             raise IndicatorError(f"{self.name}: expected keyframes as numbers of shape (K, V, 3), K >= 2, got {got}")
+        expect_near(frames.reshape(-1, 3), self.name)
         with np.errstate(over="ignore"):
             frames = np.array(frames, dtype=np.float32, order="C") + np.float32(0)
         bad = int((~np.isfinite(frames)).any(axis=2).sum())

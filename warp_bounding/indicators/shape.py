@@ -24,6 +24,7 @@ from warp_bounding.runtime.pickling import Picklable
 
 __all__ = ["DETAILS", "IN", "OUT", "UNDECIDED", "Shape", "dilated_digest"]
 
+HOLLOW = ("filled", "empty")  # what air may count as that an object encloses: inside, outside
 OUT, IN, UNDECIDED = 0, 1, 2  # answers of ``decide``
 BALL = 1 + 2.0**-40  # outweighs what float64 rounds in a length and a difference
 PADDING = 0.1  # of the longest side: by how much random queries reach beyond the box that holds the object
@@ -41,6 +42,7 @@ class Shape(Picklable, ABC):
     Attributes:
         name: For people and messages; of a file its name, never the folder that it lies in.
         note: A restriction that a user should know; may be empty. ``restriction`` has it, and what the shape itself knows.
+        remark: What a user may want to know and what restricts nothing, such as what counts as unknown in a map; may be empty.
         time: Coordinate 0 is time; a query outside its range has no certain answer.
         margin: How far the object was dilated (Euclidean, in space); what is asked is the dilated object.
         resolution: Of cells that were laid over a shape; ``None`` where the shape itself is asked.
@@ -51,6 +53,7 @@ class Shape(Picklable, ABC):
 
     name: str = "shape"
     note: str = ""
+    remark: str = ""
     time: bool = False
     margin: float = 0.0
     resolution: int | None = None

@@ -7,6 +7,8 @@ Cells are visited in blocks, so that a triangle across the whole grid does not v
 union over triangles and does not depend on their order.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import warp as wp
 
@@ -117,6 +119,7 @@ def solid_cells(
     closed: np.ndarray,
     shape: tuple[int, int, int],
     margin: float | np.ndarray,
+    air: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> np.ndarray:
     """Occupy every closed cell that comes within the margin of a triangle, or that may meet the inside of the closed parts.
 
@@ -126,6 +129,7 @@ def solid_cells(
         closed: ``(F,)`` bool, the faces of closed parts (``closed_parts.surface_of``).
         shape: See ``surface_cells``; there must be room for one empty cell on every side.
         margin: See ``surface_cells``.
+        air: See ``fill_inside``.
 
     Returns:
         Bool array of the given shape.
@@ -133,13 +137,13 @@ def solid_cells(
     margin = np.broadcast_to(margin, len(faces))
     occupancy = np.zeros(shape, dtype=bool)
     if closed.any():
-        occupancy |= fill_inside(surface_cells(vertices, faces[closed], shape, margin[closed]))
+        occupancy |= fill_inside(surface_cells(vertices, faces[closed], shape, margin[closed]), air)
     if not closed.all():
         occupancy |= surface_cells(vertices, faces[~closed], shape, margin[~closed])
     return occupancy
 
 
-def fill_inside(surface: np.ndarray) -> np.ndarray:
+def fill_inside(surface: np.ndarray, air: Callable[[np.ndarray], np.ndarray] | None = None) -> np.ndarray:
     """Occupy what a flood from outside, from face to face through empty cells, does not reach.
 
     The empty closed cells that it reaches are connected and do not meet the surface, so none of them meets the inside
@@ -147,11 +151,21 @@ def fill_inside(surface: np.ndarray) -> np.ndarray:
 
     Args:
         surface: ``(X, Y, Z)`` bool; the cells at its border are empty.
+        air: Told cells ``(N, 3)`` that do not meet the surface, says of which it is certain that they are outside all the same; and with
+            them all that are connected to them.
 
     Returns:
         ``(X, Y, Z)`` bool.
     """
     from scipy import ndimage
 
-    regions, _ = ndimage.label(~surface)
-    return regions != regions[0, 0, 0]
+    regions, count = ndimage.label(~surface)
+    empty = np.zeros(count + 1, dtype=bool)
+    if air is not None and count > 1:
+        some, order = np.zeros(count + 1, dtype=np.int64), np.random.default_rng(0).permutation(regions.size)
+        some[regions.ravel()[order]] = (
+            order  # any cell of each: in symmetric objects the last ones lie where rays meet edges
+        )
+        empty[1:] = air(np.stack(np.unravel_index(some[1:], surface.shape), axis=1))
+    empty[regions[0, 0, 0]] = True
+    return ~empty[regions]

@@ -88,6 +88,7 @@ def check_bounder(
     if not (of_distances or of_points) or bounder.ndim != 3 or bounder.domain.time or bounder.domain.unbounded:
         got = f"{bounder.ndim}D {bounder.query_kind}s"
         raise BounderError(f"shape {shape}: expected a bounder of 3D points or distances, got one of {got}")
+    bounder.expect_local("a cull")
     if str(bounder.device) != str(model.device):
         raise BounderError(f"shape {shape}: expected a bounder on {model.device}, got one on {bounder.device}")
     if unproven:

@@ -14,10 +14,11 @@ import numpy as np
 
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.bounders.framed import frame_fault
 from warp_bounding.bounders.load import bounder_of
 from warp_bounding.bounders.local.local import Local
 from warp_bounding.certificates.certificate import Certificate
-from warp_bounding.certificates.claim import OUTSIDE, as_fitted, mismatch, other_claim
+from warp_bounding.certificates.claim import OUTSIDE, as_fitted, in_local, mismatch, other_claim
 from warp_bounding.certificates.document import document, together
 from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -85,6 +86,18 @@ def certify(
     if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not seconds >= 0:
         raise BounderError(f"seconds must be a number of at least 0, got {seconds!r}")
     started, bounder = working_seconds(), bounder_of(bounder)
+    frame = bounder.frame
+    try:
+        bounder, shape = in_local(bounder, shape)
+    except BoundingError as error:
+        return _inapplicable(bounder, shape, str(error))
+    if frame is not None:
+        own = {"margin": margin, "length": length, "resolution": resolution, "query": query}
+        fault = frame_fault(bounder, frame)
+        if fault:
+            return _inapplicable(bounder, shape, fault)
+        run = {"seconds": seconds, "progress": progress, "checkpoint": checkpoint}
+        return frame.noted(certify(bounder, shape, **own, **run))
     numbers = {"margin": margin, "length": length, "resolution": resolution}
     expected = {"query": query} | {name: _exactly(name, value) for name, value in numbers.items()}
     if isinstance(bounder, DistanceBounder):

@@ -25,6 +25,7 @@ from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.bounders.distances.mlp import MlpDistance
 from warp_bounding.bounders.distances.registry import DISTANCES
 from warp_bounding.bounders.distances.volume import VolumeDistance
+from warp_bounding.bounders.framed import Framed
 from warp_bounding.bounders.local.local import Local
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.union import Union
@@ -75,6 +76,8 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
         >>> wb.clear_segments(network, np.array([[9.0, 9.0, 9.0], [0.0, 0.0, 0.0]]), np.array([[9.0, 9.0, 0.0], [1.0, 1.0, 1.0]]))
         array([ True, False])
     """
+    if isinstance(bounder, Framed):
+        bounder.expect_local("clear_segments")
     joints = getattr(getattr(bounder, "domain", None), "joints", None)
     if joints is not None:
         starts, ends = _checked(bounder.ndim, starts, ends, depth)

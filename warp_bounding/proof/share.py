@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
-from warp_bounding.certificates.claim import as_fitted, mismatch
+from warp_bounding.certificates.claim import as_fitted, in_local, mismatch
 from warp_bounding.errors import BounderError
 from warp_bounding.proof.search.best_first import halve
 from warp_bounding.proof.search.vacancy import ShapePositives
@@ -64,6 +64,7 @@ def proven_share(
         >>> wb.proven_share(box, solid).volume
         1.0
     """
+    bounder, shape = in_local(bounder, shape)
     shape = as_fitted(bounder, shape)
     if (
         bounder.domain is not bounder.domain.base

@@ -16,7 +16,7 @@ ROUNDED = (
 MOST_NUMBERS = 2**31 - 2**16  # kernels count in 32 bits, in blocks
 
 
-def flat_queries(x, columns: int, device: wp.Device) -> tuple[wp.array, int, bool]:
+def flat_queries(x, columns: int, device: wp.Device, shift: np.ndarray | None = None) -> tuple[wp.array, int, bool]:
     """Check queries and view them as flat float32; what is on the device already is not copied.
 
     Args:
@@ -24,6 +24,7 @@ def flat_queries(x, columns: int, device: wp.Device) -> tuple[wp.array, int, boo
             ``vec_columns`` ``(N,)``. float32, float64, or whole numbers that float32 holds exactly.
         columns: Numbers per query.
         device: Where the queries are to be.
+        shift: ``(columns,)`` float64: what is taken off them, in float64 and on the host, before they are rounded.
 
     Returns:
         The flat array (length ``N * columns``, at least 1), ``N``, and whether float64 was rounded.
@@ -32,6 +33,10 @@ def flat_queries(x, columns: int, device: wp.Device) -> tuple[wp.array, int, boo
         QueryError: For another shape, dtype or device, or whole numbers that float32 would round.
     """
     torch = sys.modules.get("torch")
+    if shift is not None:
+        flat_queries(x, columns, device)  # whether they are queries at all
+        host = x.numpy() if isinstance(x, wp.array) else x.detach().cpu() if hasattr(x, "detach") else x
+        return flat_queries(np.asarray(host, dtype=np.float64).reshape(-1, columns) - shift, columns, device)
     if isinstance(x, wp.array):
         return _from_warp(x, columns, device)
     if torch is not None and isinstance(x, torch.Tensor):

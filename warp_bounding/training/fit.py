@@ -7,6 +7,7 @@ from typing import Any
 
 from warp_bounding.bounders import METHODS, Bounder, DistanceBounder, cascade, method_class
 from warp_bounding.bounders.cascade import Cascade
+from warp_bounding.bounders.framed import in_frame
 from warp_bounding.bounders.neural.mlp import THRESHOLDS
 from warp_bounding.bounders.options import settled
 from warp_bounding.coordinates.region_domain import domain_of
@@ -15,6 +16,7 @@ from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import IndicatorGrid, load_indicator
 from warp_bounding.indicators.limits import check_memory
 from warp_bounding.indicators.parts.complement import SIDES, Complement
+from warp_bounding.indicators.recentred import parted
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof import prove_or_attest
 from warp_bounding.queries import QUERIES, check_query
@@ -142,7 +144,7 @@ def fit(
     if query == DISTANCE.name:
         check_distance(method, length, side, last, queries)
         device_of(device)
-        shape = load_indicator(shape)
+        shape, frame = parted(load_indicator(shape))
         check_extent(shape, margin, force)
         warn_of_restriction(shape)
         run = {"budget": budget, "seed": int(seed), "device": device, "progress": progress}
@@ -155,11 +157,11 @@ def fit(
         }
         found, spent = fit_distance(shape, method, options, **run, **own), spent.seconds()
         found.info["training"] |= spent
-        return found
+        return in_frame(found, frame)
     check_regions(query, method, length, side)
     length = length or 1.0
     device_of(device)
-    shape = load_indicator(shape)
+    shape, frame = parted(load_indicator(shape))
     check_extent(shape, margin, force)
     warn_of_restriction(shape)
     if side == SIDES[1]:
@@ -168,21 +170,21 @@ def fit(
     classes = [method_class(name, query, grid.ndim) for name in method.split("+")]
     if len(classes) > 1:
         Cascade.check(classes)
-    if last is not None and (len(classes) < 2 or type(last) is not classes[-1]):
+    if last is not None and (len(classes) < 2 or type(last) is not classes[-1] or last.frame != frame):
         raise BounderError(f"last must be the last of several methods, {method!r}, got {last!r}")
     told = settled(classes, query, options, [fit])
     domain, repeatable = domain_of(grid, query, length), any(each.get("steps") for each in told)
-    callers = None if queries is None else CallersQueries(queries, grid, domain, int(seed))
+    callers = None if queries is None else CallersQueries(queries, grid, domain, int(seed), frame)
     problem = Problem(grid, domain, query, int(seed), device, callers=callers, repeatable=repeatable)
     with reported(progress, f"fit {method}") as update:
         parts = _fit_parts(problem, classes if last is None else classes[:-1], classes, told, budget, spent, update)
     if last is not None:
-        parts.append(last.to(str(parts[0].device)))
+        parts.append(last.local.to(str(parts[0].device)))
     bounder = parts[0] if len(classes) == 1 else cascade(*parts)
     bounder.info["rates"] = quick_rates(bounder, grid, shape)
     before = {} if last is None else last.info.get("training") or {}
     bounder.info["training"] |= {key: round(value + before.get(key, 0.0), 3) for key, value in spent.seconds().items()}
-    return bounder
+    return in_frame(bounder, frame)
 
 
 class Stopwatch:

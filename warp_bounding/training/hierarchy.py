@@ -27,6 +27,7 @@ from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.parts.clipped import part_of
+from warp_bounding.indicators.recentred import own_coordinates
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof import prove
 from warp_bounding.queries.boundary import border_points
@@ -113,7 +114,7 @@ def hierarchy(
         raise BounderError(f"leaves must be a whole number from 2 to {MOST_LEAVES}, got {leaves!r}")
     check_numbers(budget, seed, margin)
     device_of(device)
-    spent, shape = Stopwatch(), load_indicator(shape)
+    spent, shape = Stopwatch(), own_coordinates(load_indicator(shape), "hierarchy")
     shape = shape.dilated(margin) if isinstance(shape, Shape) else shape.to_grid(margin=margin)
     warn_of_restriction(shape)
     cls = method_class(method, query, shape.ndim)

@@ -11,7 +11,7 @@ import numpy as np
 
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.distances.base import DistanceBounder
-from warp_bounding.certificates.claim import as_fitted, of_side
+from warp_bounding.certificates.claim import as_fitted, in_local, of_side
 from warp_bounding.errors import QueryError
 from warp_bounding.evaluation.distances import judge_of_points
 from warp_bounding.evaluation.truth import PROTOCOLS, judge_of
@@ -79,4 +79,4 @@ def asked_of(bounder: Bounder | DistanceBounder, shape: Shape, radius: float) ->
             f"show is for bounders of {', '.join(ASKED)} queries, got one of {bounder.query_kind} queries: "
             "what it answers depends on more than a place"
         )
-    return ASKED[bounder.query_kind](bounder, shape, radius)
+    return ASKED[bounder.query_kind](*in_local(bounder, shape), radius)

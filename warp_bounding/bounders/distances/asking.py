@@ -11,6 +11,7 @@ import warp as wp
 
 from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.bounders.distances.double_queries import lengths_of, longer, moved, outwards, turned
+from warp_bounding.bounders.framed import Framed
 from warp_bounding.bounders.pickling import PicklableBounder
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import QueryError
@@ -31,14 +32,14 @@ from warp_bounding.kernels.distances.lanes import lanes_kernel
 from warp_bounding.kernels.distances.source import DistanceSource, share_of
 from warp_bounding.kernels.functions import Data
 from warp_bounding.kernels.source import LABEL
-from warp_bounding.runtime.arrays import flat_queries, new_output
+from warp_bounding.runtime.arrays import new_output
 from warp_bounding.runtime.compaction import compact
 from warp_bounding.runtime.launch import BlockLaunch
 
 __all__ = ["AskingDistance"]
 
 
-class AskingDistance(PicklableBounder, ABC):
+class AskingDistance(Framed, PicklableBounder, ABC):
     """What a ``DistanceBounder`` needs to answer; see there."""
 
     domain: DistanceDomain
@@ -147,21 +148,25 @@ class AskingDistance(PicklableBounder, ABC):
             >>> bool((d.numpy() == far.distance(points).numpy()).all())
             True
         """
+        self.expect_local("distance_func")
         return distance_func(self.source)
 
     @cached_property
     def segment_func(self) -> wp.Function:
         """``maybe, t = segment(data, start: vec_n, end: vec_n, radius, steps=32)``, for kernels of your own; see ``segments``."""
+        self.expect_local("segment_func")
         return segment_func(self.source)
 
     @cached_property
     def ray_func(self) -> wp.Function:
         """``maybe, t = ray(data, origin: vec_n, direction: vec_n, length, radius, steps=32)``, for kernels of your own; see ``rays``."""
+        self.expect_local("ray_func")
         return ray_func(self.source)
 
     @cached_property
     def box_func(self) -> wp.Function:
         """``maybe = box(data, lower: vec_n, upper: vec_n, steps=64)``, for kernels of your own; see ``boxes``."""
+        self.expect_local("box_func")
         return box_func(self.source)
 
     # --- in batches --------------------------------------------------------------------------------------------------
@@ -185,7 +190,7 @@ class AskingDistance(PicklableBounder, ABC):
             >>> float(far.distance(np.array([[9.0, 0.5, 0.5]], np.float32)).numpy()[0]) > 8
             True
         """
-        queries, count, double = flat_queries(x, self.ndim, self.device)
+        queries, count, double = self._flat(x, self.ndim, (False,))
         out = new_output(out, count, wp.float32, self.device)
         self._points(queries, count, np.zeros(1, np.float32), out, values=True)
         if double:
@@ -216,7 +221,7 @@ class AskingDistance(PicklableBounder, ABC):
             raise QueryError(
                 "a distance is asked in object space: move the points by the inverse of xform and scale first"
             )
-        queries, count, double = flat_queries(x, self.ndim, self.device)
+        queries, count, double = self._flat(x, self.ndim, (False,))
         radii = lengths_of("radius", radius, count)
         if double:
             radii = longer(radii, moved(self, queries, count))
@@ -255,8 +260,8 @@ class AskingDistance(PicklableBounder, ABC):
             >>> int(maybe.numpy()[0]), bool(t.numpy()[0] > 0.9)
             (1, True)
         """
-        a, count, one = flat_queries(start, self.ndim, self.device)
-        b, others, other = flat_queries(end, self.ndim, self.device)
+        a, count, one = self._flat(start, self.ndim, (False,))
+        b, others, other = self._flat(end, self.ndim, (False,))
         if count != others:
             raise QueryError(f"start and end must be as many, got {count} and {others}")
         radii = lengths_of("radius", radius, count)
@@ -286,7 +291,7 @@ class AskingDistance(PicklableBounder, ABC):
         """
         if self.domain.time:
             raise QueryError("rays are of shapes at rest; of one that moves ask segments of time and space")
-        queries, count, double = flat_queries(x, 2 * self.ndim, self.device)
+        queries, count, double = self._flat(x, 2 * self.ndim, (False, True))
         lengths, radii = lengths_of("length", length, count), lengths_of("radius", radius, count)
         if double:
             radii = longer(radii, moved(self, queries, count, 2 * self.ndim) + turned(queries, count, lengths))
@@ -315,10 +320,14 @@ class AskingDistance(PicklableBounder, ABC):
             >>> far.boxes(np.array([[2.0, 0, 0]], np.float32), np.array([[3.0, 1, 1]], np.float32)).numpy()
             array([0], dtype=uint8)
         """
-        a, count, one = flat_queries(lower, self.ndim, self.device)
-        b, others, other = flat_queries(upper, self.ndim, self.device)
+        a, count, one = self._flat(lower, self.ndim, (False,))
+        b, others, other = self._flat(upper, self.ndim, (False,))
         if count != others:
             raise QueryError(f"lower and upper must be as many, got {count} and {others}")
+        if self.frame is not None and any(self.frame.blur):
+            raise QueryError(
+                "boxes of a grid whose cells stand a little beside the ones asked for are not asked: fit box queries"
+            )
         a, b = (
             outwards(each, side) if double else each for each, double, side in ((a, one, -np.inf), (b, other, np.inf))
         )

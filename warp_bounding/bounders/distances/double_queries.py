@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import warp as wp
 
-from warp_bounding.arithmetic import TINY, UNIT32, round_up
+from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, round_up
 from warp_bounding.errors import QueryError
 
 if TYPE_CHECKING:
@@ -33,6 +33,8 @@ def moved(bounder: "AskingDistance", queries: wp.array, count: int, columns: int
     """
     x = np.abs(_rows(queries, count, columns or bounder.ndim)[:, : bounder.ndim])
     by, first = (UNIT32 * x + TINY) * GROWTH, int(bounder.domain.time)
+    if bounder.frame is not None:  # taking off its origin rounds as well, and its blur counts with it
+        by += 2 * UNIT64 * x + bounder.frame.blur
     return (np.linalg.norm(by[:, first:], axis=1) + bounder.pace * by[:, :first].sum(axis=1)) * GROWTH
 
 

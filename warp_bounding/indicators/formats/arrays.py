@@ -12,17 +12,24 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.limits import MAX_OFFSET
+from warp_bounding.indicators.recentred import Frame, Recentred
 
-__all__ = ["Placement", "Threshold", "grid_of"]
+__all__ = ["UNKNOWN", "Cells", "Placement", "Threshold", "Wanted", "grid_of"]
 
 TIME_NDIM = 4  # arrays of this many dimensions are animations unless the caller says otherwise
-ON_HALF = 1e-6  # cells: how far an origin may be from a multiple of half a cell, as decimal fractions are not exact
+# Of the largest coordinate: how far cells may be from where they were asked for, as decimal fractions are not exact. It is within what
+# ``coordinates.domain.POSITIONS_ROUNDING`` leaves for the rounding of positions.
+ON_LATTICE = Fraction(1, 2**48)
+UNKNOWN = ("occupied", "free")
 _COMPARISONS = MappingProxyType({"<=": np.less_equal, "<": np.less, ">=": np.greater_equal, ">": np.greater})
 _THRESHOLD = re.compile(r"\s*(<=|<|>=|>)?\s*(\S+)\s*")
 
@@ -59,8 +66,27 @@ class Threshold:
 
     def __call__(self, array: np.ndarray) -> np.ndarray:
         """``array`` compared, bool."""
-        with np.errstate(over="ignore"):  # a value beyond the array's type compares as infinity
-            return _COMPARISONS[self.comparison](array, self.value)
+        compare, value = _COMPARISONS[self.comparison], self.value
+        if array.dtype.kind in "iu":  # whole numbers, however large, with a whole number: float64 would round them
+            value = math.ceil(value) if self.comparison in ("<", ">=") else math.floor(value)
+            return compare(array, value)
+        return compare(array.astype(np.promote_types(array.dtype, np.float64)), value)  # float32 would round the value
+
+
+class Wanted(NamedTuple):
+    """What a caller says of the values of an array, image or map.
+
+    Attributes:
+        threshold: Which are occupied.
+        unknown: What cells of a map are that nobody has seen: ``"occupied"``, ``"free"``, or ``None``, not told.
+    """
+
+    threshold: Threshold | None = None
+    unknown: str | None = None
+
+    def count(self, unknown: int) -> list[str]:
+        """What is said of so many unknown cells."""
+        return [f"{unknown:,} unknown cells count as {self.unknown or UNKNOWN[0]}"] if unknown else []
 
 
 @dataclass(frozen=True)
@@ -70,52 +96,89 @@ class Placement:
     Attributes:
         spacing: Size of a cell, one number or one for each axis; ``None``: the cells' centres span 0 to 1.
         origin: Where the centre of the first cell is, one number for each axis; ``None``: at 0.
+        corner: The origin is the first cell's lower corner instead.
     """
 
     spacing: float | Sequence[float] | None = None
     origin: Sequence[float] | None = None
+    corner: bool = False
 
-    def map_of(self, shape: tuple[int, ...], time: bool, name: str) -> dict[str, np.ndarray]:
-        """``cells_per_unit`` and ``offset`` of a grid; empty for the unit cube.
+    def map_of(self, shape: tuple[int, ...], time: bool, name: str) -> tuple[dict[str, np.ndarray], Frame | None]:
+        """``cells_per_unit`` and ``offset`` of a grid, empty for the unit cube; and the origin of its coordinates, if they have one.
 
-        The scale is rounded to float32, so a cell is as large as asked for to seven digits.
+        The scale is rounded to float32, so without an origin a cell is as large as asked for to seven digits. With one, cells lie where
+        they were asked for, but for what float64 rounds: on the lattice of multiples of half a cell, or else relative to the origin, with
+        what the scale's rounding moves them by as ``Frame.blur``.
 
         Raises:
-            IndicatorError: For numbers that are none, or an origin that is no multiple of half a cell.
+            IndicatorError: For numbers that are none.
         """
         if self.spacing is None and self.origin is None:
-            return {}
+            return {}, None
         if self.spacing is None:
             scale = np.maximum(np.array(shape, dtype=np.float64) - 1, 1)
+            sizes = [1 / Fraction(s) for s in scale]
         else:
             spacing = _numbers("spacing", self.spacing, len(shape), one_for_all=not time)
             if not (spacing > 0).all():
                 raise IndicatorError(f"{name}: spacing must be positive, got {spacing.tolist()}")
-            with np.errstate(over="ignore"):  # the grid refuses what is infinite
+            with np.errstate(over="ignore", divide="ignore"):  # the grid refuses what is infinite
                 scale = (1 / spacing).astype(np.float32).astype(np.float64)
-        origin = np.zeros(len(shape)) if self.origin is None else _numbers("origin", self.origin, len(shape))
-        cells = origin * scale if self.spacing is None else origin / spacing
-        offset = np.rint(2 * cells) / 2
-        if not (np.abs(offset - cells) <= ON_HALF).all():
-            nearest = [float(f"{v:.6g}") for v in offset / scale]
-            raise IndicatorError(
-                f"{name}: origin must be whole or half cells away from 0, such as {nearest}, got {origin.tolist()}; "
-                "queries can be moved by xform="
-            )
-        return {"cells_per_unit": scale, "offset": offset}
+            sizes = [Fraction(s) for s in spacing]
+        if self.origin is None or not (np.isfinite(scale) & (scale > 0)).all():
+            return {"cells_per_unit": scale, "offset": np.zeros(len(shape))}, None
+        origin, half = _numbers("origin", self.origin, len(shape)), Fraction(1, 2)
+        begin = half if self.corner else Fraction(0)  # of the first cell's centre, in cells from the origin
+        first = [Fraction(o) / size + begin for o, size in zip(origin, sizes, strict=True)]
+        offset = [Fraction(round(2 * f), 2) for f in first]
+        strays, ends = [], []
+        for size, s, f, o, cells in zip(sizes, scale, first, offset, shape, strict=True):
+            own = [((o + k) / Fraction(s), (f + k) * size) for k in (-half, cells - half)]
+            strays.append(max(abs(here - there) for here, there in own))
+            ends.append(max(abs(there) for _, there in own))
+        if all(
+            stray <= end * ON_LATTICE and abs(o) < MAX_OFFSET
+            for stray, end, o in zip(strays, ends, offset, strict=True)
+        ):
+            return {"cells_per_unit": scale, "offset": np.array(offset, dtype=np.float64)}, None
+        blur = [
+            (cells - half + begin) * abs(1 / Fraction(s) - size)
+            for size, s, cells in zip(sizes, scale, shape, strict=True)
+        ]
+        frame = Frame(tuple(origin.tolist()), tuple(float(np.nextafter(float(b), np.inf)) if b else 0.0 for b in blur))
+        return {"cells_per_unit": scale, "offset": np.full(len(shape), float(begin))}, frame
+
+
+class Cells(NamedTuple):
+    """What a reader found: values that a threshold and a placement make a grid of.
+
+    Attributes:
+        values: n-D.
+        name: For messages.
+        remark: See ``Shape``.
+        placement: Of the cells, where the file tells it; nothing else places them then.
+        spacing: Of the cells, where nobody tells another.
+    """
+
+    values: np.ndarray
+    name: str
+    remark: str = ""
+    placement: Placement | None = None
+    spacing: float | None = None
 
 
 def grid_of(
-    array: np.ndarray, name: str, time: bool | None, threshold: Threshold | None, placement: Placement
-) -> IndicatorGrid:
+    array: np.ndarray, name: str, time: bool | None, wanted: Wanted, placement: Placement, remark: str = ""
+) -> IndicatorGrid | Recentred:
     """The indicator of an array of truth values or numbers.
 
     Args:
         array: n-D.
         name: For messages.
         time: Whether coordinate 0 is time; ``None``: it is in 4-D.
-        threshold: Which values are occupied; ``None``: they are truth values, or 0 and 1.
+        wanted: Which values are occupied; without a threshold they are truth values, or 0 and 1.
         placement: Of the cells.
+        remark: See ``Shape``.
 
     Raises:
         IndicatorError: For an array that cannot be bounded, or of which it is not clear what is occupied.
@@ -127,19 +190,38 @@ def grid_of(
     if array.dtype.kind == "f" and np.isnan(array).any():
         count = int(np.isnan(array).sum())
         raise IndicatorError(f"{name}: expected numbers, got NaN in {count} of {array.size} cells")
+    threshold = wanted.threshold
     if threshold is not None and array.dtype.kind == "b":
         raise IndicatorError(f"{name}: a threshold needs numbers, got truth values")
     if threshold is None and array.size and not _is_clear(array):
         raise IndicatorError(f"{name}: {_what_to_say(array)}")
     occupancy = array.astype(bool) if threshold is None else threshold(array)
+    seen = threshold is not None and threshold.comparison[0] == ">" and _is_map(array) and array.max() > 1
+    unknown = array == -1 if seen else None
+    if unknown is not None and unknown.any():
+        occupancy = occupancy & ~unknown if wanted.unknown == UNKNOWN[1] else occupancy | unknown
+        remark = "; ".join(filter(None, [remark, *wanted.count(int(unknown.sum()))]))
+    elif wanted.unknown is not None:
+        raise IndicatorError(
+            f"{name}: unknown is for maps, whose cells have -1, or 0 to 100, and a threshold such as '>=65'"
+        )
     time = array.ndim == TIME_NDIM if time is None else bool(time)
-    return IndicatorGrid(occupancy, name=name, time=time, **placement.map_of(array.shape, time, name))
+    where, frame = placement.map_of(array.shape, time, name)
+    grid = IndicatorGrid(occupancy, name=name, time=time, remark=remark, **where)
+    return grid if frame is None else Recentred(grid, frame)
 
 
 def _is_clear(array: np.ndarray) -> bool:
     if array.dtype.kind == "b":
         return True
     return bool(((array == 0) | (array == 1)).all()) and not _may_be_vertices(array)
+
+
+def _is_map(array: np.ndarray) -> bool:
+    """Whether these may be the cells of a ROS OccupancyGrid: -1, unknown, or whole per cent."""
+    if array.dtype.kind not in "if" or not array.size or not -1 <= array.min() <= 0 or not array.max() <= 100:
+        return False
+    return bool((array == np.rint(array)).all())
 
 
 def _may_be_vertices(array: np.ndarray) -> bool:
@@ -154,6 +236,11 @@ def _what_to_say(array: np.ndarray) -> str:
         return (
             f"expected truth values, {got} of shape {array.shape}; write load_indicator((vertices, faces)) if these are a "
             "mesh's vertices, load_indicator(a >= 0.5) if they are cells, occupied from 0.5 on"
+        )
+    if _is_map(array) and not _may_be_vertices(array) and (array.dtype.kind == "i" or high > 1):
+        return (
+            f"expected truth values, or 0 and 1, {got}; of an OccupancyGrid (-1, 0 to 100) give threshold='>=65', and unknown='free' if cells "
+            "of -1 are free, else they count as occupied"
         )
     if low < 0:
         return (

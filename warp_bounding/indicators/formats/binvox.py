@@ -1,8 +1,8 @@
 """Reader of ``.binvox`` voxel files (P. Min, https://www.patrickmin.com/binvox/binvox.html).
 
 A text header (``#binvox 1``, ``dim``, ``translate``, ``scale``, ``data``), then pairs of bytes: a value and how often
-it repeats. The voxels come in the order x, z, y (y fastest); they are returned in x, y, z. The header's ``translate``
-and ``scale`` are checked and left aside: as in the paper, a voxel file spans the unit cube, from centre to centre.
+it repeats. The voxels come in the order x, z, y (y fastest); they are returned in x, y, z. As in the paper, a voxel file spans the unit
+cube, from centre to centre; what the header's ``translate`` and ``scale`` say instead is told, with what places the voxels so.
 """
 
 import math
@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.formats.arrays import Cells
 from warp_bounding.indicators.limits import MAX_CELLS
 
 __all__ = ["read_binvox"]
@@ -18,20 +19,20 @@ __all__ = ["read_binvox"]
 LONGEST_HEADER = 4096  # bytes
 
 
-def read_binvox(path: Path) -> np.ndarray:
+def read_binvox(path: Path) -> Cells:
     """Read the occupancy of a ``.binvox`` file.
 
     Args:
         path: An existing file.
 
     Returns:
-        ``(X, Y, Z)`` bool.
+        ``(X, Y, Z)`` bool, and what is to be said of the header's ``translate`` and ``scale``; nothing where they are 0 and 1.
 
     Raises:
         IndicatorError: For anything that is not a complete, exact binvox file.
     """
     content = path.read_bytes()
-    shape, start = _read_header(path, content)
+    shape, start, header = _read_header(path, content)
     if (len(content) - start) % 2:
         raise IndicatorError(f"{path}: expected pairs of bytes after the header, got {len(content) - start} bytes")
     values, counts = np.frombuffer(content, np.uint8, offset=start).reshape(-1, 2).T
@@ -43,14 +44,20 @@ def read_binvox(path: Path) -> np.ndarray:
     if total != expected:
         raise IndicatorError(f"{path}: expected {expected} voxels ({' x '.join(map(str, shape))}), got {total}")
     x_z_y = np.repeat(values.astype(bool), counts).reshape(shape)
-    return x_z_y.transpose(0, 2, 1)
+    translate, (scale,) = header.get("translate", [0.0] * 3), header.get("scale", [1.0])
+    if not any(translate) and scale == 1:
+        return Cells(x_z_y.transpose(0, 2, 1), path.name)
+    cell = scale / max(shape)
+    origin = ",".join(f"{t + cell / 2:.17g}" for t in translate)
+    told = f"the header's translate ({', '.join(f'{t:g}' for t in translate)}) and scale {scale:g} are not used, the voxels span the unit cube"
+    return Cells(x_z_y.transpose(0, 2, 1), path.name, f"{told}; spacing={cell:.17g}, origin=({origin}) place them so")
 
 
-def _read_header(path: Path, content: bytes) -> tuple[tuple[int, int, int], int]:
-    """Voxels along x, z, y, and where the data begin."""
+def _read_header(path: Path, content: bytes) -> tuple[tuple[int, int, int], int, dict[str, list[float]]]:
+    """Voxels along x, z, y, where the data begin, and the header's numbers."""
     if not content.startswith(b"#binvox"):
         raise IndicatorError(f"{path}: expected a file that begins with '#binvox', got {content[:8]!r}")
-    shape, position = None, 0
+    shape, position, found = None, 0, {}
     while True:
         end = content.find(b"\n", position, LONGEST_HEADER)
         if end < 0:
@@ -63,10 +70,15 @@ def _read_header(path: Path, content: bytes) -> tuple[tuple[int, int, int], int]
             case [b"dim", *sizes]:
                 if len(sizes) != 3 or not all(size.isdigit() and int(size) > 0 for size in sizes):
                     raise IndicatorError(f"{path}: expected 'dim' and 3 positive integers, got {_text(words)!r}")
+                if shape is not None:
+                    raise IndicatorError(f"{path}: expected one line 'dim' in the binvox header, got two")
                 shape = tuple(int(size) for size in sizes)
             case [(b"translate" | b"scale") as key, *numbers]:
                 if len(numbers) != (3 if key == b"translate" else 1) or not all(_is_number(n) for n in numbers):
                     raise IndicatorError(f"{path}: expected numbers after {key.decode()!r}, got {_text(words)!r}")
+                found[key.decode()] = [float(number) for number in numbers]
+                if key == b"scale" and not found["scale"][0] > 0:
+                    raise IndicatorError(f"{path}: expected a scale above 0, got {_text(words)!r}")
             case [b"data"]:
                 break
             case _:
@@ -75,7 +87,7 @@ def _read_header(path: Path, content: bytes) -> tuple[tuple[int, int, int], int]
         raise IndicatorError(f"{path}: expected a line 'dim' in the binvox header, got none")
     if math.prod(shape) > MAX_CELLS:
         raise IndicatorError(f"{path}: expected at most {MAX_CELLS} voxels, got {math.prod(shape)}")
-    return shape, position
+    return shape, position, found
 
 
 def _is_number(word: bytes) -> bool:

@@ -1,5 +1,7 @@
 """Pixels of a PNG: by default where it is opaque, or its grey values for a threshold."""
 
+import contextlib
+import sys
 import warnings
 from pathlib import Path
 
@@ -8,12 +10,41 @@ import numpy as np
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.formats.reading import import_optional, reading
 
-__all__ = ["read_png"]
+__all__ = ["WHICH", "image_from", "opened", "read_png"]
 
 OPAQUE = 0.5  # alpha from here on is occupied
 ALPHA_MODES = ("RGBA", "LA", "PA")
 PALETTE_MODES = ("P", "RGB", "L", "1")  # may name a transparent colour instead of carrying an alpha channel
 GREY_MODES = ("L", "I", "I;16", "I;16B", "F")  # one number a pixel, taken as it stands
+WHICH = "say which grey values are occupied: threshold='<128' for dark ones, threshold='>=128' for bright ones"
+
+
+@contextlib.contextmanager
+def opened(path: Path, formats: tuple[str, ...] | None):
+    """A picture that PIL reads, of one frame; raises ``IndicatorError`` for anything else."""
+    image_module = import_optional("PIL.Image", "pillow", path)
+    what = f"a {formats[0]} image" if formats else "a picture"
+    with reading(path, what), warnings.catch_warnings():
+        warnings.simplefilter("error", image_module.DecompressionBombWarning)
+        with image_module.open(path, formats=formats) as image:
+            _check_frames(image, path)
+            image.load()
+            yield image
+
+
+def image_from(source: object, *, grey: bool) -> np.ndarray | None:
+    """The pixels of a picture that is given as PIL's object, as ``read_png`` has them; ``None`` for anything else."""
+    module = sys.modules.get("PIL.Image")
+    if module is None or not isinstance(source, module.Image):
+        return None
+    with reading("image", "a picture"):
+        _check_frames(source, "image")
+        return _pixels(source, "image", grey=grey)
+
+
+def _check_frames(image, name) -> None:
+    if getattr(image, "n_frames", 1) != 1:
+        raise IndicatorError(f"{name}: expected one picture, got an animation of {image.n_frames}")
 
 
 def read_png(path: Path, *, grey: bool) -> np.ndarray:
@@ -31,24 +62,20 @@ def read_png(path: Path, *, grey: bool) -> np.ndarray:
         IndicatorError: For a damaged file, an animation, a picture without alpha channel that no threshold is given
             for, or grey values of one with transparent pixels.
     """
-    image_module = import_optional("PIL.Image", "pillow", path)
-    with reading(path, "a PNG image"), warnings.catch_warnings():
-        warnings.simplefilter("error", image_module.DecompressionBombWarning)
-        with image_module.open(path, formats=("PNG",)) as image:
-            if getattr(image, "n_frames", 1) != 1:
-                raise IndicatorError(f"{path}: expected one picture, got an animation of {image.n_frames}")
-            has_alpha = image.mode in ALPHA_MODES or (image.mode in PALETTE_MODES and "transparency" in image.info)
-            if not has_alpha and not grey:
-                raise IndicatorError(
-                    f"{path}: expected an image with an alpha channel, got mode {image.mode} without; say which grey values are "
-                    "occupied: threshold='<128' for dark ones, threshold='>=128' for bright ones"
-                )
-            alpha = np.asarray(image.convert("RGBA"))[..., 3] if has_alpha else None
-            if grey and alpha is not None and alpha.min() < 255:
-                raise IndicatorError(
-                    f"{path}: expected opaque pixels for a threshold of their grey, got {int((alpha < 255).sum())} that are not; "
-                    "without threshold what is opaque is occupied"
-                )
-            if grey:
-                return np.asarray(image if image.mode in GREY_MODES else image.convert("L"))
+    with opened(path, ("PNG",)) as image:
+        return _pixels(image, path, grey=grey)
+
+
+def _pixels(image, name, *, grey: bool) -> np.ndarray:
+    has_alpha = image.mode in ALPHA_MODES or (image.mode in PALETTE_MODES and "transparency" in image.info)
+    if not has_alpha and not grey:
+        raise IndicatorError(f"{name}: expected an image with an alpha channel, got mode {image.mode} without; {WHICH}")
+    alpha = np.asarray(image.convert("RGBA"))[..., 3] if has_alpha else None
+    if grey and alpha is not None and alpha.min() < 255:
+        raise IndicatorError(
+            f"{name}: expected opaque pixels for a threshold of their grey, got {int((alpha < 255).sum())} that are not; "
+            "without threshold what is opaque is occupied"
+        )
+    if grey:
+        return np.asarray(image if image.mode in GREY_MODES else image.convert("L"))
     return alpha / 255.0 >= OPAQUE

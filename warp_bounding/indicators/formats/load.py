@@ -2,30 +2,34 @@
 
 Which reader a file gets depends on its extension alone (``READERS``); what it holds must then be what the extension
 says. Meshes come from ``mesh_files.py`` and usd-core (``usd.py``), voxels from ``binvox.py``, pixels from
-``images.py``. What an array's values mean and where its cells lie is told in ``arrays.py``, meshes and arrays of other
+``images.py``, maps from ``maps.py``. What an array's values mean and where its cells lie is told in ``arrays.py``, meshes and arrays of other
 libraries in ``objects.py``. Shapes of other kinds are objects with a ``to_grid`` (``Indicator``), as ours are, or
 files whose reader makes one.
 """
 
 import os
+import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
-from warp_bounding.indicators.formats.arrays import Placement, Threshold, grid_of
+from warp_bounding.indicators.formats.arrays import UNKNOWN, Cells, Placement, Threshold, Wanted, grid_of
 from warp_bounding.indicators.formats.binvox import read_binvox
-from warp_bounding.indicators.formats.images import read_png
+from warp_bounding.indicators.formats.images import WHICH, image_from, read_png
+from warp_bounding.indicators.formats.maps import read_movingai, read_pgm, read_ros_map
 from warp_bounding.indicators.formats.mesh_files import MESH_READERS, read_mesh
 from warp_bounding.indicators.formats.objects import ACCEPTED, array_from, function_from, mesh_from
 from warp_bounding.indicators.formats.reading import reading
 from warp_bounding.indicators.formats.usd import USD_SUFFIXES, read_usd
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.hollows import with_hollow
 from warp_bounding.indicators.mesh import IndicatorMesh
 from warp_bounding.indicators.motion import IndicatorMotion
+from warp_bounding.indicators.shape import HOLLOW
 from warp_bounding.runtime.whole_file import BOUNDER_FILE
 
 __all__ = ["READERS", "Indicator", "load_indicator"]
@@ -54,6 +58,8 @@ def load_indicator(
     threshold: float | str | None = None,
     spacing: float | Sequence[float] | None = None,
     origin: Sequence[float] | None = None,
+    unknown: str | None = None,
+    hollow: str | None = None,
 ) -> Indicator:
     """Make an indicator of a file, an array or a mesh.
 
@@ -61,9 +67,10 @@ def load_indicator(
 
     Args:
         source: A path to ``.png`` (alpha of at least 0.5 is occupied), ``.binvox`` (coordinates x, y, z), ``.npy``,
-            ``.npz`` (one array, or one named ``occupancy``), a mesh (``.obj``, ``.ply``, ``.stl``, ``.glb``,
-            ``.gltf``, ``.off``, ``.dae``) or USD (``.usd``, ``.usda``, ``.usdc``, ``.usdz``); an n-D array of NumPy,
-            torch or Warp that holds truth values, or 0 and 1; a pair ``(vertices, faces)``, a ``trimesh.Trimesh`` or
+            ``.npz`` (one array, or one named ``occupancy``), ``.pgm``; a map, ROS's ``.yaml`` with its image or Moving AI's
+            ``.map``, of which coordinate 0 is x, to the right, and 1 is y, up; a mesh (``.obj``, ``.ply``, ``.stl``, ``.glb``,
+            ``.gltf``, ``.off``, ``.dae``) or USD (``.usd``, ``.usda``, ``.usdc``, ``.usdz``); an n-D array of NumPy, torch or
+            Warp that holds truth values, or 0 and 1; a ``PIL.Image``; a pair ``(vertices, faces)``, a ``trimesh.Trimesh`` or
             ``trimesh.Scene``, a ``newton.Mesh`` or a ``wp.Mesh``; an ``IndicatorGrid``, ``IndicatorMesh`` or
             ``IndicatorMotion``, or whatever else has their ``name``, ``extent`` and ``to_grid``, which is returned as
             it is; or an object with ``ndim``, ``lower``, ``upper``, ``contains`` and ``empty``, which becomes an
@@ -75,11 +82,16 @@ def load_indicator(
             By default the centres of the first and the last cell lie on 0 and 1, as in the paper, on every axis,
             however many cells it has.
         origin: Of an array, voxel file or image: where the centre of the first cell is, object units; 0 on every axis
-            by default. Whole or half cells away from 0.
+            by default. Where cells do not lie at multiples of half a cell the result is ``Recentred``.
+        unknown: Of a map, what cells are that nobody has seen: ``"occupied"``, the default, or ``"free"``.
+        hollow: What air is that an object encloses, as in a tank: ``"filled"``, inside, or ``"empty"``. By default that of a mesh is filled,
+            and cells are as they are given. Of a mesh air is where surfaces go around a point as often one way as the other (winding
+            number 0), so faces must be turned alike.
 
     Returns:
         An ``IndicatorGrid`` for images, voxels and arrays, an ``IndicatorMesh`` for meshes, an ``IndicatorMotion`` for
-        one.
+        one. Or one that is ``Recentred``: a grid between multiples of half a cell, or a mesh that lies so far from 0 that float32 would
+        move its vertices; it has an ``origin``, and what is asked of it, and of its bounders, is in world coordinates all the same.
 
     Raises:
         IndicatorError: In one line, for everything that cannot be read or bounded, or that may mean two things.
@@ -92,17 +104,30 @@ def load_indicator(
     """
     if time is not None and not isinstance(time, bool | np.bool_):
         raise IndicatorError(f"time must be True, False or None, got {time!r}")
-    limit = None if threshold is None else Threshold.of(threshold)
-    found = _load(source, limit)
-    if isinstance(found, _Array):
-        found = grid_of(found.values, found.name, time, limit, Placement(spacing, origin))
+    for name, value, known in (("unknown", unknown, UNKNOWN), ("hollow", hollow, HOLLOW)):
+        if value is not None and value not in known:
+            raise IndicatorError(f"{name} must be {' or '.join(map(repr, known))}, got {value!r}")
+    wanted = Wanted(None if threshold is None else Threshold.of(threshold), unknown)
+    found = _load(source, wanted)
+    if isinstance(found, Cells):
+        if found.placement is not None and (spacing is not None or origin is not None):
+            raise IndicatorError(
+                f"{found.name}: its own resolution and origin place it, got spacing={spacing}, origin={origin}"
+            )
+        place = found.placement or Placement(found.spacing if spacing is None else spacing, origin)
+        own = (
+            wanted if found.placement is None else Wanted()
+        )  # where it has a place of its own, its reader asked what is occupied
+        remark = "" if place.spacing is not None and found.spacing is None and found.placement is None else found.remark
+        found = grid_of(found.values, found.name, time, own, place, remark)
     else:
-        given = {"threshold": threshold, "spacing": spacing, "origin": origin}
+        given = {"threshold": threshold, "spacing": spacing, "origin": origin, "unknown": unknown}
         for option in (key for key, value in given.items() if value is not None):
             kind = type(found).__name__
             raise IndicatorError(
                 f"{found.name}: {option} is for arrays and images, got {option}={given[option]!r} for {kind}"
             )
+    found = found if hollow is None else with_hollow(found, hollow)
     if not isinstance(found, IndicatorGrid):
         moves = isinstance(found, IndicatorMotion) or getattr(found, "time", False) is True
         if moves and time is False:
@@ -117,23 +142,17 @@ def load_indicator(
     return found
 
 
-class _Array(NamedTuple):
-    """Values that a threshold and a placement make a grid of."""
-
-    values: np.ndarray
-    name: str
-
-
-def _load(source: object, threshold: Threshold | None) -> _Array | Indicator:
+def _load(source: object, wanted: Wanted) -> Cells | Indicator:
     if isinstance(source, Indicator):
         return source
     if (function := function_from(source)) is not None:
         return function
     if isinstance(source, str | os.PathLike):
-        return _load_file(Path(os.fsdecode(source)), threshold)
-    array = array_from(source)
+        return _load_file(Path(os.fsdecode(source)), wanted)
+    array = image_from(source, grey=wanted.threshold is not None)
+    array = array_from(source) if array is None else array
     if array is not None:
-        return _Array(array, "array")
+        return Cells(array, "array")
     mesh = mesh_from(source)
     if mesh is None:
         raise IndicatorError(f"expected {ACCEPTED}, got {type(source).__name__}")
@@ -145,7 +164,7 @@ def _article(found: Indicator) -> str:
     return known.get(type(found), f"this {type(found).__name__}")
 
 
-def _load_file(path: Path, threshold: Threshold | None) -> _Array | Indicator:
+def _load_file(path: Path, wanted: Wanted) -> Cells | Indicator:
     suffix = path.suffix.lower()
     try:
         if not path.exists():
@@ -159,8 +178,7 @@ def _load_file(path: Path, threshold: Threshold | None) -> _Array | Indicator:
         with path.open("rb") as file:
             if not file.read(1):
                 raise IndicatorError(f"{path}: expected a {suffix} file, but it is empty")
-        found = READERS[suffix](path, threshold is not None)
-        return _Array(found, path.name) if isinstance(found, np.ndarray) else found
+        return READERS[suffix](path, wanted)
     except (OSError, ValueError) as error:  # no permission, a name with a null byte, ...
         if isinstance(error, IndicatorError):
             raise
@@ -168,32 +186,47 @@ def _load_file(path: Path, threshold: Threshold | None) -> _Array | Indicator:
         raise IndicatorError(f"{path}: cannot be read: {reason}") from error
 
 
-def _read_npy(path: Path) -> np.ndarray:
+def _read_npy(path: Path) -> Cells:
     with reading(path, "a NumPy .npy array"), path.open("rb") as file:
-        array = np.lib.format.read_array(file, allow_pickle=False)
-        if file.read(1):
-            raise IndicatorError(f"{path}: expected the end of the file after {array.size} numbers, got more data")
+        return Cells(_whole_array(path, file), path.name)
+
+
+def _whole_array(path: Path, file) -> np.ndarray:
+    array = np.lib.format.read_array(file, allow_pickle=False)
+    if file.read(1):
+        raise IndicatorError(f"{path}: expected the end of the file after {array.size} numbers, got more data")
     return array
 
 
-def _read_npz(path: Path) -> np.ndarray:
+def _read_npz(path: Path) -> Cells:
     with reading(path, "a NumPy .npz archive"), path.open("rb") as file:
         if file.read(2) != b"PK":
             raise IndicatorError(f"{path}: expected a NumPy .npz archive, got a file that is not a zip archive")
-        file.seek(0)
-        with np.load(file, allow_pickle=False) as archive:
-            names = archive.files
-            if len(names) != 1 and "occupancy" not in names:
+        with zipfile.ZipFile(file) as archive:
+            names = [name.removesuffix(".npy") for name in archive.namelist()]
+            wanted = names[0] if len(names) == 1 else "occupancy"
+            if names.count(wanted) != 1:
                 raise IndicatorError(f"{path}: expected one array or one named 'occupancy', got {names}")
-            array = archive["occupancy" if "occupancy" in names else names[0]]
-            if not isinstance(array, np.ndarray):  # other files in the archive come as bytes
-                raise IndicatorError(f"{path}: expected an archive of NumPy arrays, got the file {names[0]!r}")
-            return array
+            if f"{wanted}.npy" not in archive.namelist():
+                raise IndicatorError(f"{path}: expected an archive of NumPy arrays, got the file {wanted!r}")
+            with archive.open(f"{wanted}.npy") as member:
+                array = _whole_array(path, member)
+    others = ", ".join(name for name in names if name != wanted)
+    return Cells(array, path.name, f"not read: {others}" if others else "")
 
 
-# By extension: each is given a path and whether a threshold waits for numbers, and makes an array or an ``Indicator``.
-READERS: dict[str, Callable[[Path, bool], Any]] = {
-    ".png": lambda path, numbers: read_png(path, grey=numbers),
+def _read_pgm(path: Path, wanted: Wanted) -> Cells:
+    if wanted.threshold is None:
+        raise IndicatorError(f"{path}: expected a threshold for its grey values; {WHICH}")
+    return Cells(read_pgm(path)[0], path.name)
+
+
+# By extension: each is given a path and what the caller says of values, and makes ``Cells`` or an ``Indicator``.
+READERS: dict[str, Callable[[Path, Wanted], Cells | Indicator]] = {
+    ".png": lambda path, wanted: Cells(read_png(path, grey=wanted.threshold is not None), path.name),
+    ".pgm": _read_pgm,
+    ".yaml": read_ros_map,
+    ".map": lambda path, _: read_movingai(path),
     ".binvox": lambda path, _: read_binvox(path),
     ".npy": lambda path, _: _read_npy(path),
     ".npz": lambda path, _: _read_npz(path),

@@ -14,7 +14,8 @@ from warp_bounding.indicators.formats.off import read_off
 from warp_bounding.indicators.formats.ply import read_ply
 from warp_bounding.indicators.formats.reading import reading
 from warp_bounding.indicators.formats.stl import read_stl
-from warp_bounding.indicators.mesh import IndicatorMesh
+from warp_bounding.indicators.mesh import IndicatorMesh, mesh_of
+from warp_bounding.indicators.recentred import Recentred
 
 __all__ = ["MESH_READERS", "read_mesh", "read_mesh_data"]
 
@@ -47,7 +48,7 @@ def read_mesh_data(path: Path) -> MeshData:
         return MESH_READERS[suffix](path)
 
 
-def read_mesh(path: Path) -> IndicatorMesh:
-    """Read a mesh file, as ``read_mesh_data`` does; raises ``IndicatorError`` as well for what ``IndicatorMesh`` refuses."""
+def read_mesh(path: Path) -> IndicatorMesh | Recentred:
+    """Read a mesh file, as ``read_mesh_data`` does (``mesh_of``); raises ``IndicatorError`` as well for what ``IndicatorMesh`` refuses."""
     vertices, faces, notes = read_mesh_data(path)
-    return IndicatorMesh(vertices, faces, name=path.name, note="; ".join(notes))
+    return mesh_of(vertices, faces, name=path.name, note="; ".join(notes))

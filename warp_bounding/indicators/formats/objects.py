@@ -12,7 +12,8 @@ import numpy as np
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.formats.reading import reading
 from warp_bounding.indicators.functions.function import IndicatorFunction
-from warp_bounding.indicators.mesh import IndicatorMesh, check_faces
+from warp_bounding.indicators.mesh import IndicatorMesh, check_faces, mesh_of
+from warp_bounding.indicators.recentred import Recentred
 
 __all__ = ["ACCEPTED", "array_from", "function_from", "mesh_from"]
 
@@ -25,7 +26,7 @@ class _Kind(NamedTuple):
     convert: Callable[[Any], Any]
 
 
-def _from_trimesh(source: Any) -> IndicatorMesh:
+def _from_trimesh(source: Any) -> IndicatorMesh | Recentred:
     """One mesh of all the meshes of a scene, their transforms applied; raises ``IndicatorError`` for a scene without a mesh."""
     trimesh, name = sys.modules["trimesh"], "trimesh"
     with reading(name, "a scene of meshes"):
@@ -37,7 +38,7 @@ def _from_trimesh(source: Any) -> IndicatorMesh:
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
     for mesh in meshes:  # before the parts are joined: an index out of range would then point into another part
         check_faces(np.asarray(mesh.faces), len(mesh.vertices), name)
-    return IndicatorMesh(
+    return mesh_of(
         vertices=np.concatenate([mesh.vertices for mesh in meshes]),
         faces=np.concatenate([np.asarray(mesh.faces) + start for mesh, start in zip(meshes, starts, strict=False)]),
         name=name,
@@ -84,7 +85,7 @@ _QUESTIONS = ("ndim", "lower", "upper", "contains", "empty")  # what is asked of
 ACCEPTED = "a path, an array (NumPy, torch, Warp), (vertices, faces), a trimesh.Trimesh, newton.Mesh or wp.Mesh, or an indicator"
 
 
-def mesh_from(source: object) -> IndicatorMesh | None:
+def mesh_from(source: object) -> IndicatorMesh | Recentred | None:
     """The indicator of another library's mesh, or of a pair ``(vertices, faces)`` of arrays; ``None`` for anything else.
 
     Raises:
@@ -120,7 +121,7 @@ def function_from(source: object) -> IndicatorFunction | None:
     return found
 
 
-def _from_pair(source: tuple) -> IndicatorMesh:
+def _from_pair(source: tuple) -> IndicatorMesh | Recentred:
     if len(source) != 2:
         raise IndicatorError(f"expected a pair (vertices, faces), got a tuple of {len(source)}")
     arrays = []
@@ -132,7 +133,7 @@ def _from_pair(source: tuple) -> IndicatorMesh:
             raise IndicatorError(
                 f"mesh: expected {name} as an array of 3 columns, got {type(part).__name__}"
             ) from error
-    return IndicatorMesh(*arrays)
+    return mesh_of(*arrays)
 
 
 def _converted(source: object, kinds: tuple[_Kind, ...]) -> Any:

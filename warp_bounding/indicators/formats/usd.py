@@ -14,7 +14,8 @@ import numpy as np
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.formats.mesh_data import joined, triangulated
 from warp_bounding.indicators.formats.reading import LONGEST_REASON, import_optional, reading
-from warp_bounding.indicators.mesh import IndicatorMesh
+from warp_bounding.indicators.mesh import IndicatorMesh, mesh_of
+from warp_bounding.indicators.recentred import Recentred
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -27,7 +28,7 @@ SIDES = np.array([0, 1, 3, 2, 4, 6, 7, 5, 0, 4, 5, 1, 2, 3, 7, 6, 0, 2, 6, 4, 1,
 MOST_NAMES = 3  # of prims, in a note
 
 
-def read_usd(path: Path) -> IndicatorMesh:
+def read_usd(path: Path) -> IndicatorMesh | Recentred:
     """Read all shapes of a USD stage.
 
     Args:
@@ -54,7 +55,7 @@ def read_usd(path: Path) -> IndicatorMesh:
             first = " ".join(str(problems[0]).split())[:LONGEST_REASON]
             raise IndicatorError(f"{path}: expected a complete USD stage, got {first}")
         vertices, faces, notes = _Stage(stage, path).read()
-    return IndicatorMesh(vertices, faces, name=path.name, note="; ".join(notes))
+    return mesh_of(vertices, faces, name=path.name, note="; ".join(notes))
 
 
 class _Stage:

@@ -1,5 +1,8 @@
 """Is a point enclosed by triangles for certain? Rays along the axes count what they cross (``cycles.py``).
 
+Where faces are turned alike, so that each edge is run through as often one way as the other, the crossings with their signs add up to the
+winding number of the surface around the point, the same along every ray.
+
 Every sign is that of the exact number, or it is unknown, and then so is the answer of the ray.
 """
 
@@ -15,7 +18,9 @@ from warp_bounding.indicators.triangles.hierarchy import (
     squared_reach,
 )
 
-__all__ = ["crossing", "is_enclosed"]
+__all__ = ["UNWOUND", "crossing", "is_enclosed", "winding"]
+
+UNWOUND = 2**30  # instead of a winding number that is not certain
 
 # With u = 2^-53. A difference of two products of coordinates, each rounded once, errs by less than 4 u (|left| +
 # |right|). A determinant n a, where n is the product of two edges as computed from coordinates up to M, errs by less than
@@ -31,6 +36,7 @@ _HEIGHT = wp.constant(wp.float64(HEIGHT))
 _UNDERFLOW = wp.constant(wp.float64(UNDERFLOW))
 _MORE, _LOOSE = wp.constant(wp.float64(8.0)), wp.constant(wp.float64(64.0))
 _INFINITY = wp.constant(float("inf"))
+_UNWOUND = wp.constant(UNWOUND)
 
 
 @wp.func
@@ -119,3 +125,32 @@ def is_enclosed(t: Triangles, x: wp.vec3d) -> bool:
         if _crossed_cycles(t, x, axis) != wp.uint64(0):
             return True
     return False
+
+
+@wp.func
+def _winding_along(t: Triangles, x: wp.vec3d, axis: int) -> int:
+    lower, upper, reach = floats_below(x), floats_above(x), squared_reach(wp.float64(0.0))
+    upper[axis] = _INFINITY
+    i, j, found = (axis + 1) % 3, (axis + 2) % 3, wp.int32(0)
+    leaf = next_leaf(t, 0, lower, upper, reach)
+    while leaf < t.count:
+        link = t.links[leaf]
+        for face in range(link[0], link[1]):
+            a, b, c = corner(t, face, 0, x), corner(t, face, 1, x), corner(t, face, 2, x)
+            crosses = crossing(a, b, c, axis, wp.float64(0.0))
+            if crosses < 0:
+                return _UNWOUND
+            if crosses > 0:
+                found += _turn(a[i], a[j], b[i], b[j], wp.float64(0.0))
+        leaf = next_leaf(t, leaf + 1, lower, upper, reach)
+    return found
+
+
+@wp.func
+def winding(t: Triangles, x: wp.vec3d) -> int:
+    """How often triangles that are turned alike go around x, for certain; else UNWOUND."""
+    for axis in range(3):
+        found = _winding_along(t, x, axis)
+        if found != _UNWOUND:
+            return found
+    return _UNWOUND

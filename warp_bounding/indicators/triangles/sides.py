@@ -8,15 +8,17 @@ several parts, or behind a neck that is much narrower than a cell.
 
 A point is on the side of its own cell, if that is free, or of a centre or a free cell near it to which a short segment
 is proven to cross no face. Nothing is ever assumed: where all segments fail the side is unknown.
+
+Where hollows are empty, the winding number decides instead of the flood: what faces go around 0 times, for certain, is outside.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import warp as wp
 
 from warp_bounding.indicators.triangles.hierarchy import Triangles
-from warp_bounding.indicators.triangles.rays import is_enclosed
+from warp_bounding.indicators.triangles.rays import UNWOUND, is_enclosed, winding
 from warp_bounding.indicators.triangles.walks import segment_is_free
 from warp_bounding.runtime.launch import launch_on_cores
 
@@ -29,7 +31,7 @@ BORDER = 1.3718281  # cells before the surface: no round number, so that centres
 INNER = 0.49  # of a free cell, the part that segments end in: rounding is far less than the rest
 
 _UNKNOWN, _OUTSIDE, _ENCLOSED = wp.constant(UNKNOWN), wp.constant(OUTSIDE), wp.constant(ENCLOSED)
-_FREE = wp.constant(FREE)
+_FREE, _UNWOUND = wp.constant(FREE), wp.constant(UNWOUND)
 _INNER = wp.constant(wp.float64(INNER))
 _HALF = wp.constant(wp.float64(0.5))
 
@@ -43,6 +45,17 @@ class Sides:
     origin: wp.vec3d  # centre of cell 0
     scale: wp.float64  # cells per unit
     cells: wp.array3d(dtype=wp.uint8)
+    wound: int  # 1: faces are turned alike, and what they go around 0 times is outside
+
+
+@wp.func
+def _wound(faces: Triangles, x: wp.vec3d) -> int:
+    found = winding(faces, x)
+    if found == _UNWOUND:
+        return _UNKNOWN
+    if found == 0:
+        return _OUTSIDE
+    return _ENCLOSED
 
 
 @wp.func
@@ -96,6 +109,8 @@ def side_of(faces: Triangles, s: Sides, x: wp.vec3d) -> int:
                     return side
                 if failed == _UNKNOWN:
                     failed = side
+    if s.wound != 0:
+        return _wound(faces, x)
     if is_enclosed(faces, x):
         return _ENCLOSED
     return _UNKNOWN
@@ -134,32 +149,53 @@ def _enclose(
     enclosed[i] = wp.uint8(is_enclosed(faces, _centre(s, cells[i][0], cells[i][1], cells[i][2])))
 
 
+@wp.kernel(enable_backward=False)
+def _wind(
+    first: int,
+    # inputs
+    faces: Triangles,
+    s: Sides,
+    cells: wp.array(dtype=wp.vec3i),
+    # outputs
+    sides: wp.array(dtype=wp.uint8),
+):
+    """The side of a centre by its winding number."""
+    i = first + wp.tid()
+    sides[i] = wp.uint8(_wound(faces, _centre(s, cells[i][0], cells[i][1], cells[i][2])))
+
+
 @dataclass(frozen=True, eq=False)
 class SidesGrid:
-    """A grid that was built; ``cells`` is ``(X, Y, Z)`` uint8, a side and ``FREE`` or not."""
+    """A grid that was built; ``cells`` is ``(X, Y, Z)`` uint8, a side and ``FREE`` or not; of ``hollows`` there are so many, if that is known."""
 
     lower: np.ndarray
     upper: np.ndarray
     origin: np.ndarray
     scale: float
     cells: np.ndarray
+    wound: bool = False
+    hollows: int = 0
 
     def on(self, device: str | wp.Device) -> Sides:
         """The struct that kernels take, on a Warp device."""
         made = Sides()
         made.lower, made.upper, made.origin = (wp.vec3d(*v) for v in (self.lower, self.upper, self.origin))
-        made.scale = wp.float64(self.scale)
+        made.scale, made.wound = wp.float64(self.scale), int(self.wound)
         made.cells = wp.array(self.cells, dtype=wp.uint8, device=device)
         return made
 
 
-def build_sides(vertices: np.ndarray, faces: np.ndarray, triangles: Triangles) -> SidesGrid:
+def build_sides(
+    vertices: np.ndarray, faces: np.ndarray, triangles: Triangles, alike: bool = False, empty: bool = False
+) -> SidesGrid:
     """Find the sides of a grid's cells.
 
     Args:
         vertices: ``(V, 3)`` float32.
         faces: ``(F, 3)`` integers, all of them of closed parts.
         triangles: The hierarchy of these faces, on the CPU.
+        alike: Whether faces are turned alike, and hollows may be told by winding numbers; else they are not counted.
+        empty: Whether hollows are outside; only where faces are turned alike.
     """
     from warp_bounding.indicators.voxelization import surface_cells
 
@@ -174,13 +210,13 @@ def build_sides(vertices: np.ndarray, faces: np.ndarray, triangles: Triangles) -
     corners = (corners - origin) * scale
     shape = tuple((np.floor(corners.max(axis=0) + 0.5).astype(int) + 3).tolist())  # the last is empty, rounded or not
     surface = surface_cells(corners, faces.reshape(-1, 3), shape, 0.0)
-    grid = SidesGrid(lower, upper, origin, scale, np.zeros(shape, dtype=np.uint8))
-    grid.cells[:] = _sides(surface, triangles, grid.on("cpu"))
-    return grid
+    grid = SidesGrid(lower, upper, origin, scale, np.zeros(shape, dtype=np.uint8), empty)
+    grid.cells[:], hollows = _sides(surface, triangles, grid.on("cpu"), alike, empty)
+    return replace(grid, hollows=hollows)
 
 
-def _sides(surface: np.ndarray, triangles: Triangles, sides: Sides) -> np.ndarray:
-    """The side of each cell, and ``FREE`` where no face is."""
+def _sides(surface: np.ndarray, triangles: Triangles, sides: Sides, alike: bool, empty: bool) -> tuple[np.ndarray, int]:
+    """The side of each cell, and ``FREE`` where no face is; and how many hollows have a free cell."""
     from scipy import ndimage
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -198,10 +234,19 @@ def _sides(surface: np.ndarray, triangles: Triangles, sides: Sides) -> np.ndarra
     part = part[region]  # of each cell
     some = np.zeros(parts, dtype=np.int64)  # a cell of each part
     some[part.ravel()] = np.arange(part.size)
-    some = np.stack(np.unravel_index(some, surface.shape), axis=1)
-    side = ENCLOSED * _launch(_enclose, parts, [triangles, sides, _cells(some)]).astype(np.uint8)
+    cells = _cells(np.stack(np.unravel_index(some, surface.shape), axis=1))
+    enclosed = np.unique(part[~surface])
+    enclosed = enclosed[enclosed != outside]
+    told = np.arange(parts) if empty else enclosed if alike else np.zeros(0, np.int64)
+    wound = np.full(parts, UNKNOWN, dtype=np.uint8)
+    if len(told):  # at any cell of a part: first and last ones lie where rays meet edges, in symmetric objects
+        order = np.random.default_rng(0).permutation(part.size)
+        some[part.ravel()[order]] = order
+        anywhere = _cells(np.stack(np.unravel_index(some[told], surface.shape), axis=1))
+        wound[told] = _launch(_wind, len(told), [triangles, sides, anywhere]).view(np.uint8)
+    side = wound if empty else ENCLOSED * _launch(_enclose, parts, [triangles, sides, cells]).astype(np.uint8)
     side[outside] = OUTSIDE
-    return side[part] + np.uint8(FREE) * ~surface
+    return side[part] + np.uint8(FREE) * ~surface, int((wound[enclosed] == OUTSIDE).sum())
 
 
 def _neighbours(surface: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

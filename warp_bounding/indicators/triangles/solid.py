@@ -19,7 +19,7 @@ from warp_bounding.indicators.triangles.hierarchy import Triangles, build
 from warp_bounding.indicators.triangles.plane import decide_planes
 from warp_bounding.indicators.triangles.points import find_distances
 from warp_bounding.indicators.triangles.segment import decide_segments
-from warp_bounding.indicators.triangles.sides import Sides, build_sides
+from warp_bounding.indicators.triangles.sides import Sides, SidesGrid, build_sides
 from warp_bounding.runtime.launch import launch_on_cores
 
 __all__ = ["DilatedSolid", "Solid"]
@@ -32,10 +32,14 @@ class Solid:
         vertices: ``(V, 3)`` float32.
         faces: ``(F, 3)`` integers.
         closed: ``(F,)`` bool, the faces of closed parts.
+        alike: Whether these are turned alike (``closed_parts.turns_of``).
+        empty: Whether hollows are outside.
     """
 
-    def __init__(self, vertices: np.ndarray, faces: np.ndarray, closed: np.ndarray):
-        self.vertices, self.faces, self.closed = vertices, faces, closed
+    def __init__(
+        self, vertices: np.ndarray, faces: np.ndarray, closed: np.ndarray, alike: bool = False, empty: bool = False
+    ):
+        self.vertices, self.faces, self.closed, self.alike, self.empty = vertices, faces, closed, alike, empty
 
     @cached_property
     def _all(self) -> Triangles:
@@ -49,8 +53,17 @@ class Solid:
         return build(self.vertices[self.faces[self.closed]], cycles[self.closed]).on("cpu")
 
     @cached_property
+    def _sides_grid(self) -> SidesGrid:
+        return build_sides(self.vertices, self.faces[self.closed], self._closed, self.alike, self.empty)
+
+    @cached_property
     def _sides(self) -> Sides:
-        return build_sides(self.vertices, self.faces[self.closed], self._closed).on("cpu")
+        return self._sides_grid.on("cpu")
+
+    @property
+    def hollows(self) -> int:
+        """Parts of space, wider than a cell of ``triangles/sides.py``, that nothing leads out of and no surface goes around."""
+        return self._sides_grid.hollows
 
     def depth(self, x: np.ndarray, lower: np.ndarray, upper: np.ndarray, margin: float) -> np.ndarray:
         """About how deep points lie in the object dilated by a margin; ``lower`` and ``upper`` as for ``dilated``, without the margin."""

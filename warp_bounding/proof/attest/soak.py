@@ -23,7 +23,7 @@ from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.distances.base import DistanceBounder
 from warp_bounding.bounders.file_format import digest_of
 from warp_bounding.bounders.load import bounder_of
-from warp_bounding.certificates.claim import OUTSIDE, as_fitted, mismatch
+from warp_bounding.certificates.claim import OUTSIDE, as_fitted, in_local, mismatch
 from warp_bounding.errors import BounderError, FileFormatError, QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
@@ -160,7 +160,7 @@ def soak(
     _check_whole("count", count, 1, 2**62)
     if seed is not None:
         _check_whole("seed", seed, 0, MOST_SEED)
-    bounder = bounder_of(bounder)
+    bounder, shape = in_local(bounder_of(bounder), shape)
     grid = soak_grid(bounder, shape)
     fresh = Soak(bounder.method, bounder.query_kind, -1, int(count), _digest(bounder), grid.digest)
     if isinstance(bounder, DistanceBounder):

@@ -4,8 +4,10 @@ import numpy as np
 import torch
 
 from warp_bounding.coordinates.domain import Domain
+from warp_bounding.coordinates.maps import COORDINATES
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import QueryError
+from warp_bounding.indicators.recentred import Frame
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries import QUERIES, oracle
 from warp_bounding.training.samples.cell_points import columns
@@ -25,6 +27,7 @@ class CallersQueries:
         shape: What is bounded.
         domain: Of the queries.
         seed: Of the choice where there are too many.
+        frame: Whose origin is taken off them.
 
     Attributes:
         x: ``(Q, m)`` float32.
@@ -34,8 +37,9 @@ class CallersQueries:
         QueryError: For another shape, none at all, or numbers that mean nothing.
     """
 
-    def __init__(self, x, shape: Shape, domain: Domain | RegionDomain, seed: int = 0):
-        self.x = _checked(x, domain)
+    def __init__(self, x, shape: Shape, domain: Domain | RegionDomain, seed: int = 0, frame: Frame | None = None):
+        shift = 0.0 if frame is None else frame.shift(COORDINATES[domain.query].directed)
+        self.x = _checked(x, domain, shift)
         if domain.joints is not None:  # where nothing is known every bounder says maybe
             self.x = domain.joints.turned_back(self.x[domain.joints.within(self.x)]).astype(np.float32)
             if not len(self.x):
@@ -61,9 +65,10 @@ class CallersQueries:
         return self.x[rng.integers(len(self.x), size=count)]
 
 
-def _checked(x, domain: Domain | RegionDomain) -> np.ndarray:
+def _checked(x, domain: Domain | RegionDomain, shift: np.ndarray | float) -> np.ndarray:
     try:
-        x = np.asarray(x.numpy() if hasattr(x, "numpy") else x, dtype=np.float32)
+        x = np.asarray(x.numpy() if hasattr(x, "numpy") else x)
+        x = (x.astype(np.float64) - shift if np.any(shift) and x.ndim == 2 else x).astype(np.float32)
     except (TypeError, ValueError) as error:
         raise QueryError(f"queries must be numbers ({error})") from None
     columns_ = domain.columns
