@@ -162,6 +162,6 @@ def check_prices(query: str, narrow_ns, overhead_ns, memory, length, statistical
     whole = isinstance(memory, (int, np.integer)) and not isinstance(memory, bool)
     if memory is not None and not (whole and memory > 0):
         raise BounderError(f"memory must be a whole number of bytes of at least 1, got {memory!r}")
-    check_regions(query, NONE, length, None, SIDES[0])
+    check_regions(query, NONE, length, SIDES[0])
     if not isinstance(statistical, bool):
         raise BounderError(f"statistical must be True or False, got {statistical!r}")
