@@ -133,12 +133,12 @@ def random_mlp(grid, hidden=HIDDEN, activation="sin", octaves=0, seed=0, device=
 CONSERVATIVE = tuple(name for name, kind in METHODS.items() if kind.conservative)
 
 
-def crossed(methods, names, kinds=None) -> list:
+def crossed(methods, names, kinds=None, few=("aabb", "mlp")) -> list:
     """Each method with each shape, but with ``--slow`` only, since they have kernels of their own: in one dimension and in five all
-    but a box and a network; methods of cells, whose kernels depend on how many there are, but for a few shapes; in two dimensions
+    but a few; methods of cells, whose kernels depend on how many there are, but for a few shapes; in two dimensions
     and in four all but these ``kinds``, if they are told.
     """
-    rare = [(m, n) for n in ("line", "five") for m in methods if m not in ("aabb", "mlp")]
+    rare = [(m, n) for n in ("line", "five") for m in methods if m not in few]
     rare += [(m, n) for m in ("voxels", "relu-field") for n in ("star", "half", "single", "anisotropic")]
     rare += [(m, n) for n in ("c", "animated") for m in methods if kinds and m not in kinds]
     pairs = [(method, name) for name in names for method in methods]
