@@ -276,8 +276,8 @@ class IndicatorMesh(Shape):
         lengths = np.linalg.norm(sums[used], axis=1, keepdims=True)
         away = self.margin * sums[used] / np.where(lengths > 0, lengths, 1.0)
         points = np.concatenate([points + away, points - away])
-        free = self._solid.dilated(*self.bounds, 0.0).clearance(points, points)
-        return points[free > LANDMARK * self.margin]
+        nearer = self._solid.dilated(self.lower, self.upper, LANDMARK * self.margin)
+        return points[nearer.decide(points) == OUT]
 
     def dilated(self, margin: float) -> "IndicatorMesh":
         """The mesh and all points within ``margin`` of it; what was built to ask the triangles is shared."""

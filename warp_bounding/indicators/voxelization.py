@@ -14,6 +14,7 @@ import warp as wp
 
 from warp_bounding.indicators.triangles.arithmetic import free
 from warp_bounding.runtime.launch import ready
+from warp_bounding.runtime.native import module_options
 
 __all__ = ["SLACK", "fill_inside", "solid_cells", "surface_cells"]
 
@@ -33,6 +34,7 @@ _HALF_CELL = wp.constant(wp.float64(0.5))
 _CELL = wp.constant(wp.vec3d(0.5, 0.5, 0.5))  # half of a cell's sides, and of a block's
 _BLOCK_OF_CELLS = wp.constant(wp.vec3d(BLOCK / 2, BLOCK / 2, BLOCK / 2))
 _TO_BLOCK_CENTRE = wp.constant(wp.vec3d((BLOCK - 1) / 2, (BLOCK - 1) / 2, (BLOCK - 1) / 2))
+wp.set_module_options(module_options())
 
 
 @wp.func

@@ -11,11 +11,13 @@ A kernel is compiled, or loaded from Warp's cache, before its first launch; ``wo
 """
 
 import os
+import re
+import sys
 import time
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from queue import SimpleQueue
-from threading import Lock, Thread
+from threading import Lock, Thread, Timer
 from time import perf_counter
 
 import warp as wp
@@ -35,6 +37,9 @@ __all__ = [
 BLOCK = 512  # queries of a block of a batch kernel; on CUDA one
 SMALLEST_SHARE = 16  # blocks: with fewer of them per thread, waking a thread costs more than it saves
 WORTH_WAKING = 30e-6  # seconds: with less work per thread no thread is woken, because that takes 10 to 30 us
+
+TOLD_AFTER = 1.0  # seconds of compiling after which it is told
+_told: list[str] = []  # the module that was told of
 
 _pace: dict[wp.Kernel, float] = {}  # seconds that a block of a kernel took the last time, on one thread
 
@@ -172,12 +177,28 @@ _ready: set[tuple[wp.Kernel, str]] = set()  # kernels that are loaded, by device
 
 
 def ready(kernel: wp.Kernel, device: wp.Device) -> None:
-    """Compile and load a kernel's module, if that is not done yet."""
+    """Compile and load a kernel's module, if that is not done yet; what takes more than a second is told on standard error."""
     if (kernel, device.alias) not in _ready:
+        slow = Timer(TOLD_AFTER, _tell, [kernel.module.name])
+        slow.daemon = True
+        slow.start()
         started = time.perf_counter()
-        wp.load_module(kernel.module, device)
+        try:
+            wp.load_module(kernel.module, device)
+        finally:
+            slow.cancel()
         compiled_for(time.perf_counter() - started)
         _ready.add((kernel, device.alias))
+
+
+def _tell(module: str) -> None:
+    """Say what is being compiled, once; not where something has taken the place of standard error, as in a notebook."""
+    err = sys.stderr
+    if err is None or _told or not (err is sys.__stderr__ or err.isatty()):
+        return
+    _told.append(module)
+    name = re.sub(r"^warp_bounding\.|^wb_|_[0-9a-f]{8,}", "", module)
+    print(f"warp-bounding: compiling kernels, once on this machine; the first is {name}", file=err)
 
 
 class BlockLaunch:

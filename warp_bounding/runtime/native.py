@@ -1,4 +1,8 @@
-"""Warp's decorators for functions and kernels that a factory makes around native source, one for each size."""
+"""Warp's decorators for functions and kernels that a factory makes around native source, one for each size.
+
+Large kernels ask for two dimensions, ``i, _ = wp.tid()``, of which the second is 1: of those that ask for one Warp compiles a second copy,
+for arrays without gaps, which takes as long again.
+"""
 
 import hashlib
 import linecache
@@ -8,15 +12,25 @@ from typing import Any
 
 import warp as wp
 
-__all__ = ["STRICT", "identity", "named", "unique_name"]
+__all__ = ["STRICT", "identity", "module_options", "named", "unique_name"]
 
 
-def _options() -> dict[str, str]:
-    """Let the compiler use 512-bit registers where there are any; on some processors it prefers 256 bits."""
+# LLVM's own thresholds; Warp's are far higher. What these compile is no slower, in a third to a half of the time; arms, motions and
+# blend shapes are slower, and keep Warp's.
+INLINING = "-mllvm=-inline-threshold=225 -mllvm=-inline-cold-callsite-threshold=45"
+
+
+def module_options(inlining: str = INLINING) -> dict[str, str]:
+    """Options of a module: 512-bit registers where there are any (on some processors the compiler prefers 256 bits), and what is inlined.
+
+    Modules that are used together have the same: for other flags Warp parses its own header anew, which takes seconds.
+    """
     flags = getattr(wp.config, "cpu_compiler_flags", None)
-    if flags is None or platform.machine() not in ("x86_64", "AMD64"):
+    if flags is None:
         return {}
-    return {"cpu_compiler_flags": f"{flags} -mprefer-vector-width=512"}
+    wide = ["-mprefer-vector-width=512"] if platform.machine() in ("x86_64", "AMD64") else []
+    less = [inlining] if inlining and "-inline-threshold" in flags else []
+    return {"cpu_compiler_flags": " ".join([flags, *wide, *less])}
 
 
 STRICT = """
@@ -46,10 +60,11 @@ class named:  # noqa: N801 (used like a function: `@named(name).kernel`)
         """``wp.func`` under this name."""
         return wp.func(self._rename(function, self.name))
 
-    def kernel(self, function):
+    def kernel(self, function, inlining: str = ""):
         """``wp.kernel`` under this name, in a module of its own."""
+        options = module_options(inlining)
         named_function = self._rename(function, self.name)
-        return wp.kernel(named_function, enable_backward=False, module="unique", module_options=_options())
+        return wp.kernel(named_function, enable_backward=False, module="unique", module_options=options)
 
     def block_kernel(self, snippet: str):
         """A kernel of which each thread runs ``snippet`` on one block; a stub that is decorated names the arguments.
@@ -60,13 +75,14 @@ class named:  # noqa: N801 (used like a function: `@named(name).kernel`)
 
         def kernel_of(stub):
             arguments = stub.__annotations__
-            passed = ", ".join("block + wp.tid()" if name == "block" else name for name in arguments)
-            text, file = f"def kernel({', '.join(arguments)}):\n    native({passed})\n", f"<{self.name}>"
+            passed = ", ".join("block + i" if name == "block" else name for name in arguments)
+            text = f"def kernel({', '.join(arguments)}):\n    i, j = wp.tid()\n    native({passed})\n"
+            file = f"<{self.name}>"
             linecache.cache[file] = len(text), None, text.splitlines(True), file  # Warp reads the text of a kernel
             scope = {"native": self.func_native(snippet)(stub), "wp": wp}
             exec(compile(text, file, "exec"), scope)
             scope["kernel"].__annotations__ = arguments
-            return self.kernel(scope["kernel"])
+            return self.kernel(scope["kernel"], INLINING)
 
         return kernel_of
 

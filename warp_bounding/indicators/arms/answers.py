@@ -64,7 +64,8 @@ def kernels_of(n: int) -> Kernels:
         distances: wp.array(dtype=wp.float64),
     ):
         """Truth of configurations, and a lower bound of the distance to the next colliding one; none above ``near`` is told."""
-        t = first + wp.tid()
+        t, _ = wp.tid()
+        t += first
         p = x[t]
         q, within, finite = middle(c, p, p), wp.bool(True), wp.bool(True)
         for i in range(n):
@@ -120,7 +121,8 @@ def kernels_of(n: int) -> Kernels:
         losses: wp.array(dtype=wp.float64),
     ):
         """What is certain about closed boxes of configurations, within the limits: that asked for, ``FREE``, ``FULL`` or ``HALVES``."""
-        t = first + wp.tid()
+        t, _ = wp.tid()
+        t += first
         answers[t] = wp.uint8(_OPEN)
         if asked == _HALVES:
             levels[t] = _ONE  # a half-space that holds everything

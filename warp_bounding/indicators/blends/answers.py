@@ -230,7 +230,8 @@ def kernels_of(n: int) -> Kernels:
         answers: wp.array(dtype=wp.uint8),
     ):
         """Truth of points; the limits of poses are the caller's affair."""
-        t = first + wp.tid()
+        t, _ = wp.tid()
+        t += first
         answers[t] = wp.uint8(_OUT)
         at, least, most = x[t], wp.float64(wp.inf), wp.float64(wp.inf)
         for i in range(n):
@@ -262,7 +263,8 @@ def kernels_of(n: int) -> Kernels:
         answers: wp.array(dtype=wp.uint8),
     ):
         """Whether closed boxes are ``FREE``, or ``FULL``, whichever is asked."""
-        t = first + wp.tid()
+        t, _ = wp.tid()
+        t += first
         answers[t] = wp.uint8(_OPEN)
         low, high = lower[t], upper[t]
         center, half = values(), values()

@@ -83,7 +83,8 @@ def half_spaces_kernel(n: int) -> wp.Kernel:
         loss: wp.array(dtype=wp.float64),
     ):
         """Is a closed box certain to be empty? Else a half-space of the object's points in it, around its centre; what is there stays where none is found."""
-        t = first + wp.tid()
+        t, _ = wp.tid()
+        t += first
         low, high = lower[t], upper[t]
         center, half = values(), values()
         for i in range(n):

@@ -86,7 +86,8 @@ def decide_moments(
     answers: wp.array(dtype=wp.uint8),
 ):
     """Is a point in the object at its time?"""
-    i = first + wp.tid()
+    i, _ = wp.tid()
+    i += first
     answers[i] = wp.uint8(_point(m, x[i]))
 
 
@@ -127,7 +128,8 @@ def find_empty_spans(
     answers: wp.array(dtype=wp.uint8),
 ):
     """Is it certain that a closed box of time and space holds no point of the object?"""
-    i = first + wp.tid()
+    i, _ = wp.tid()
+    i += first
     answers[i] = wp.uint8(is_empty(m, lower[i], upper[i]))
 
 
@@ -165,5 +167,6 @@ def find_inside_spans(
     answers: wp.array(dtype=wp.uint8),
 ):
     """Is it certain that a closed box of time and space lies in the object whole?"""
-    i = first + wp.tid()
+    i, _ = wp.tid()
+    i += first
     answers[i] = wp.uint8(_inside(m, lower[i], upper[i]))

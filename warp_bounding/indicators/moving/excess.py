@@ -167,7 +167,8 @@ def find_excesses_then(
     excesses: wp.array(dtype=wp.float64),
 ):
     """Upper bound of a function's excess over the distance, in a box that lies between two keyframes but for what ``beyond`` allows for."""
-    i = first + wp.tid()
+    i, _ = wp.tid()
+    i += first
     low, high = (
         wp.vec3d(lower[i][1], lower[i][2], lower[i][3]),
         wp.vec3d(upper[i][1], upper[i][2], upper[i][3]),

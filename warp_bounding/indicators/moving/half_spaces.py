@@ -196,7 +196,8 @@ def find_half_spaces_then(
     loss: wp.array(dtype=wp.float64),
 ):
     """Is a closed box of time and space certain to be empty? Else a half-space of the object's points in it, around its middle; what is there stays where none is found."""
-    i = first + wp.tid()
+    i, _ = wp.tid()
+    i += first
     if is_empty(m, lower[i], upper[i]):
         empty[i] = wp.uint8(1)
         return

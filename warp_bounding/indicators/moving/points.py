@@ -87,7 +87,8 @@ def find_distances_then(
     bounds: wp.array(dtype=wp.vec2d),
 ):
     """Lower and upper bound of a point's distance to the object at its time; 0 and infinity where nothing is known."""
-    i = first + wp.tid()
+    i, _ = wp.tid()
+    i += first
     p, time, zero = wp.vec3d(x[i][1], x[i][2], x[i][3]), x[i][0], wp.float64(0.0)
     low, high = zero, _INFINITY
     if keys[i] >= 0 and is_box(p, p):  # numbers that can be computed with

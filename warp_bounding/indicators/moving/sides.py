@@ -189,7 +189,8 @@ def _enclose(
     enclosed: wp.array(dtype=wp.uint8),
 ):
     """Is a centre proven to be enclosed?"""
-    i = first + wp.tid()
+    i, _ = wp.tid()
+    i += first
     enclosed[i] = wp.uint8(moving_encloses(ways, span_of(key, share, share), centres[i]))
 
 

@@ -12,7 +12,7 @@ from warp_bounding.indicators.triangles.hierarchy import (
     next_leaf,
     squared_reach,
 )
-from warp_bounding.indicators.triangles.sides import ENCLOSED, OUTSIDE, Sides, side_of
+from warp_bounding.indicators.triangles.sides import ENCLOSED, MODULE, OUTSIDE, Sides, side_of
 from warp_bounding.indicators.triangles.walks import FAR, NEAR, box_is_free, nearness
 
 __all__ = ["LIMIT", "Mesh", "decide_points", "find_empty", "find_inside", "half_of", "is_box"]
@@ -57,7 +57,7 @@ def _point(m: Mesh, x: wp.vec3d) -> int:
     return _UNDECIDED
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module=MODULE)
 def decide_points(
     first: int,
     # inputs
@@ -102,7 +102,7 @@ def _empty(m: Mesh, lower: wp.vec3d, upper: wp.vec3d) -> bool:
     return side_of(m.closed, m.sides, centre) == _OUTSIDE
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module=MODULE)
 def find_empty(
     first: int,
     # inputs
@@ -147,7 +147,7 @@ def _inside(m: Mesh, lower: wp.vec3d, upper: wp.vec3d) -> bool:
     return _held_by_a_face(m.faces, centre, wp.length(half) * _OUTWARD, m.margin)
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module=MODULE)
 def find_inside(
     first: int,
     # inputs

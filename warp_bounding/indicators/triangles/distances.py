@@ -18,6 +18,7 @@ from warp_bounding.indicators.triangles.hierarchy import (
     squared_reach,
 )
 from warp_bounding.indicators.triangles.sides import OUTSIDE, side_of
+from warp_bounding.runtime.native import module_options
 
 __all__ = ["find_clearances"]
 
@@ -31,6 +32,7 @@ _SHORTER = wp.constant(wp.float64(SHORTER))
 _INFINITY = wp.constant(wp.float64(float("inf")))
 _HALF = wp.constant(wp.float64(0.5))
 _OUTSIDE = wp.constant(OUTSIDE)
+wp.set_module_options(module_options())
 
 
 @wp.func

@@ -12,6 +12,7 @@ from warp_bounding.indicators.triangles.arithmetic import distance_along, roundi
 from warp_bounding.indicators.triangles.distances import SHORTER
 from warp_bounding.indicators.triangles.hierarchy import Triangles, corner, floats_above, floats_below, squared_reach
 from warp_bounding.indicators.triangles.sides import ENCLOSED, OUTSIDE, side_of
+from warp_bounding.runtime.native import module_options
 
 __all__ = ["DEEPEST", "LONGER", "Stack", "closest", "find_distances", "gap_of_box", "proven_distance"]
 
@@ -24,6 +25,7 @@ _GOOD = wp.constant(wp.float64(GOOD))
 _INFINITY = wp.constant(wp.float64(float("inf")))
 _OUTSIDE, _ENCLOSED = wp.constant(OUTSIDE), wp.constant(ENCLOSED)
 Stack = wp.types.vector(length=DEEPEST, dtype=wp.int32)
+wp.set_module_options(module_options())
 
 
 @wp.func

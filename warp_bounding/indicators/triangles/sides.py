@@ -21,19 +21,22 @@ from warp_bounding.indicators.triangles.hierarchy import Triangles
 from warp_bounding.indicators.triangles.rays import UNWOUND, is_enclosed, winding
 from warp_bounding.indicators.triangles.walks import segment_is_free
 from warp_bounding.runtime.launch import launch_on_cores
+from warp_bounding.runtime.native import module_options
 
-__all__ = ["ENCLOSED", "OUTSIDE", "UNKNOWN", "Sides", "SidesGrid", "build_sides", "side_of"]
+__all__ = ["ENCLOSED", "MODULE", "OUTSIDE", "UNKNOWN", "Sides", "SidesGrid", "build_sides", "side_of"]
 
 UNKNOWN, OUTSIDE, ENCLOSED = 0, 1, 2
 FREE = 4  # added for a cell that meets no face
 RESOLUTIONS = ((20_000, 128), (200_000, 192), (2**31, 256))  # cells along the longest side for up to so many faces
 BORDER = 1.3718281  # cells before the surface: no round number, so that centres seldom lie in planes of faces
+MODULE = "warp_bounding.indicators.triangles"  # of the kernels here and in ``answers``: whoever needs these needs those
 INNER = 0.49  # of a free cell, the part that segments end in: rounding is far less than the rest
 
 _UNKNOWN, _OUTSIDE, _ENCLOSED = wp.constant(UNKNOWN), wp.constant(OUTSIDE), wp.constant(ENCLOSED)
 _FREE, _UNWOUND = wp.constant(FREE), wp.constant(UNWOUND)
 _INNER = wp.constant(wp.float64(INNER))
 _HALF = wp.constant(wp.float64(0.5))
+wp.set_module_options(module_options(), wp.get_module(MODULE))
 
 
 @wp.struct
@@ -116,7 +119,7 @@ def side_of(faces: Triangles, s: Sides, x: wp.vec3d) -> int:
     return _UNKNOWN
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module=MODULE)
 def _join(
     first: int,
     # inputs
@@ -134,7 +137,7 @@ def _join(
     joined[i] = wp.uint8(segment_is_free(faces, start, end, wp.float64(0.0)))
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module=MODULE)
 def _enclose(
     first: int,
     # inputs
