@@ -1,6 +1,7 @@
 """Coordinates far from 0, or between a lattice's places: nothing is denied where it is, in the world's float64 or in float32."""
 
 import json
+import pickle
 
 import numpy as np
 import pytest
@@ -143,7 +144,8 @@ def test_files_keep_the_origin_and_certify_checks_it(bounder, tmp_path):
     path = tmp_path / "a.safetensors"
     bounder.save(path)
     again = wb.load(path, device="cpu")
-    assert again.frame == bounder.frame
+    assert again.frame == bounder.frame == pickle.loads(pickle.dumps(bounder)).frame
+    assert pickle.loads(pickle.dumps(far_ball())).digest == far_ball().digest
     assert "origin" in again.certificate.message
     for other in (
         far_ball().local,

@@ -226,6 +226,7 @@ READERS: dict[str, Callable[[Path, Wanted], Cells | Indicator]] = {
     ".png": lambda path, wanted: Cells(read_png(path, grey=wanted.threshold is not None), path.name),
     ".pgm": _read_pgm,
     ".yaml": read_ros_map,
+    ".yml": read_ros_map,
     ".map": lambda path, _: read_movingai(path),
     ".binvox": lambda path, _: read_binvox(path),
     ".npy": lambda path, _: _read_npy(path),
