@@ -17,12 +17,14 @@ from warp_bounding.bounders import Bounder, Data, DistanceBounder
 from warp_bounding.coordinates.base import vector_type
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
 from warp_bounding.kernels.functions import point_func
 from warp_bounding.proof.attest.falsify import Walk
 from warp_bounding.proof.attest.soak import random_world
 from warp_bounding.proof.distances.soak import DistancePositives
 from warp_bounding.queries import oracle
 from warp_bounding.queries.hard import FORMS, HardPositives
+from warp_bounding.queries.hard_shape import HardShapePositives
 
 __all__ = ["Denied", "attack"]
 
@@ -63,6 +65,8 @@ def attack(
     """
     if isinstance(bounder, DistanceBounder):
         return _attack_distance(bounder, grid, rng, count)
+    if not isinstance(grid, IndicatorGrid):
+        return _attack_shape(bounder, grid, rng, count, quick)
     length = bounder.domain.oracle_length
     hard, seed, asked = _positives(bounder.query_kind, grid, length), int(rng.integers(2**62)), 0
     for form, x, options in _drawn(bounder, grid, hard, rng, seed, count, ("float32",) if quick else FORMS):
@@ -96,12 +100,72 @@ def _attack_distance(
     return asked, None
 
 
-def _drawn(bounder, grid, hard: HardPositives, rng, seed: int, count: int, forms: tuple[str, ...]):
+def _attack_shape(
+    bounder: Bounder, shape: Shape, rng: np.random.Generator, count: int, quick: bool
+) -> tuple[int, Denied | None]:
+    """The same of a shape without cells: points that it calls its own, and regions that hold one of them."""
+    length = bounder.domain.oracle_length
+    hard, first, asked = _shape_positives(bounder.query_kind, shape, length), int(rng.integers(2**62)), 0
+    forms = ("float32",) if quick else tuple(form for form in FORMS if form != "placed" or hard.placeable)
+    for form, x, options in _drawn(bounder, shape, hard, rng, 0, count, forms, first):
+        missed = np.flatnonzero(bounder.query(x, **options).numpy() == 0)
+        asked += len(x)
+        if len(missed):
+            return asked, Denied(form, x[missed[0]].tolist(), {k: np.asarray(v).tolist() for k, v in options.items()})
+    held = _held(shape, rng, count)
+    if shape.time:  # what is not known is *maybe*
+        late = shape.upper[0] + np.exp2(rng.uniform(-20, 20, len(held)))
+        held[::3, 0] = np.nextafter(late.astype(np.float32), np.float32(np.inf))[::3]
+    near = _regions_through(bounder.query_kind, held, rng, float(shape.extent.max()))
+    for form, ask in (("float32", lambda x: bounder.query(x).numpy()), ("function", lambda x: _ask(bounder, x)))[
+        : 2 - quick
+    ]:
+        missed, asked = np.flatnonzero(ask(near) == 0), asked + len(near)
+        if len(missed):
+            return asked, Denied(form, near[missed[0]].tolist())
+    return asked, None
+
+
+def _held(shape: Shape, rng: np.random.Generator, count: int) -> np.ndarray:
+    """``(N, n)`` float32 points that the shape contains: inside, on the faces of its box, and, where it has no end, far away."""
+    x = shape.lower + (shape.upper - shape.lower) * rng.uniform(-0.1, 1.1, (4 * count, shape.ndim))
+    on = rng.random(x.shape) < 0.1
+    x = np.where(on, np.where(rng.random(x.shape) < 0.5, shape.lower, shape.upper), x)
+    if shape.unbounded:
+        x *= np.exp2(rng.uniform(0, 60, (len(x), 1)) * (rng.random((len(x), 1)) < 0.5))
+    x = x.astype(np.float32)
+    return x[shape.contains(x.astype(np.float64))][:count]
+
+
+def _regions_through(query: str, p: np.ndarray, rng: np.random.Generator, size: float) -> np.ndarray:
+    """Queries that hold these float32 points exactly: rays that begin there, planes through them, boxes around them."""
+    if query == "point":
+        return p
+    if query == "box":
+        around = (np.exp2(rng.uniform(-30, 1, p.shape)) * size * (rng.random(p.shape) < 0.7)).astype(np.float32)
+        lower = np.where(rng.random(p.shape) < 0.5, p - around, p)
+        return np.concatenate([lower, np.maximum(p, p + around)], axis=1).astype(np.float32)
+    way = rng.normal(size=p.shape).astype(np.float32)
+    return np.concatenate([p, way] if query == "ray" else [way, p], axis=1)
+
+
+_SHAPES: dict[tuple, HardShapePositives] = {}
+
+
+def _shape_positives(query: str, shape: Shape, length: float) -> HardShapePositives:
+    """One stream for all shapes that are the same; its pool of border points takes a while."""
+    key = query, shape.digest, shape.margin, shape.unbounded, length
+    if key not in _SHAPES:
+        _SHAPES[key] = HardShapePositives(query, shape, length, "cpu")
+    return _SHAPES[key]
+
+
+def _drawn(bounder, grid, hard, rng, seed: int, count: int, forms: tuple[str, ...], first: int = 0):
     """``(form, queries, options)`` of the soak test's stream."""
     for form in forms:
         if form == "placed":
             break
-        x, certain = hard.draw(seed, 0, count, form)
+        x, certain = hard.draw(seed, first, count, form)
         yield form, x.numpy()[certain.numpy() != 0], {}
     else:
         return
@@ -112,7 +176,7 @@ def _drawn(bounder, grid, hard: HardPositives, rng, seed: int, count: int, forms
             bounder.query(nothing, **options)
         except QueryError:
             continue
-        x, certain = hard.draw(seed, count, count, "placed", world)
+        x, certain = hard.draw(seed, first + count, count, "placed", world)
         yield "placed", x.numpy()[certain.numpy() != 0], options
         return
 

@@ -134,6 +134,20 @@ def kind_of_query(file: File, rng: np.random.Generator) -> str | None:
     return f"kind: {[domain.get(k) for k in ('query', 'space', 'length', 'moving', 'time')]}"
 
 
+def claim(file: File, rng: np.random.Generator) -> str | None:
+    """Another margin or resolution than the one that was proven, or the other side of the object."""
+    document, domain, choice = file.document, file.document["domain"], int(rng.integers(3))
+    if choice == 0:
+        margin = document["margin"] or 0.0
+        others = [0.0, margin / 2, 2 * margin, float(np.nextafter(margin, 1.0)), 0.01, 0.05]
+        document["margin"] = float(others[rng.integers(len(others))])
+    elif choice == 1:
+        document["resolution"] = [None, 4, 8, 9, 16][rng.integers(5)]
+    elif isinstance(domain, dict):
+        domain["unbounded"] = not domain.get("unbounded", False)
+    return f"claim: margin {document['margin']}, resolution {document['resolution']}, domain {domain!r:.40}"
+
+
 def threshold(file: File, rng: np.random.Generator) -> str | None:
     value = np.array(
         [file.document["threshold"]] if isinstance(file.document["threshold"], float) else [0.0], np.float32

@@ -27,8 +27,7 @@ from mutations import File, mutate, tighten
 from subjects import Subject, subjects
 
 import warp_bounding as wb
-from warp_bounding.bounders import DistanceBounder
-from warp_bounding.certificates.claim import as_fitted, mismatch, outside
+from warp_bounding.certificates.claim import mismatch, reaches_outside
 from warp_bounding.errors import BoundingError, FileFormatError
 from warp_bounding.proof.attest.soak import soak_grid
 
@@ -172,15 +171,17 @@ def fuzz(
 
 def _write(file: File, path: Path, subject: Subject, rng: np.random.Generator, record: dict) -> None:
     """With everything made right again; many at thresholds that make the most of the proof."""
-    cells = len(subject.grid.occupied)
+    cells = len(getattr(subject.grid, "occupied", ()))
     file.agree(rng, cells)
     file.write(path)
     if rng.random() >= TIGHTENED:
         return
     try:
         bounder = wb.load(path, device="cpu")
-        grid = as_fitted(bounder, subject.grid) if isinstance(bounder, DistanceBounder) else subject.grid
-        if mismatch(bounder, grid) or len(outside(bounder, grid)):
+        if not (bounder.info.get("margin") or 0.0) <= MOST_MARGIN:
+            return
+        grid = soak_grid(bounder, subject.grid)
+        if mismatch(bounder, grid) or reaches_outside(bounder, grid):
             return
         tighten(file, bounder, grid, rng)
     except BoundingError:  # there is no proof to make the most of

@@ -32,6 +32,7 @@ MUTATIONS = {
     tensors.tensor_bits: 2,
     tensors.rows_dropped_or_doubled: 0.7,
     description.kind_of_query: 1,
+    description.claim: 1.5,
     tensors.layers_balanced: 1,
     description.sizes_edited: 0.5,
     tensors.tensor_structure: 0.5,

@@ -1,11 +1,15 @@
-"""Honest bounders to be spoilt: every method and kind of query that it has, on small shapes in 2D, 3D and 4D (animated)."""
+"""Honest bounders to be spoilt: every method and kind of query on small grids in 2D, 3D and 4D (animated), and what ``load`` accepts
+besides: bounders of meshes, motions, blend shapes, functions, solids and arms, of either side, dilated, in parts, and of several parts.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from bounding_shapes import EARLY, HIDDEN, shape
+import trimesh
+from bounding_shapes import EARLY, HIDDEN
+from bounding_shapes import shape as grid_named
 from random_networks import random_monotone
 
 import warp_bounding as wb
@@ -34,6 +38,110 @@ DISTANT = {  # what distances are told, so that a fit takes no time to speak of
 LENGTH = 0.75
 BOXES = 20_000  # of a search for a network's least value: what it has by then is proven
 
+MARGIN = 0.02
+LEARNED = {"hidden": HIDDEN, "steps": 5}  # of a fit
+FITTED = {  # of a mesh: query, method, and options of ``fit``
+    "box": ("point", "aabb", {}),
+    "half-spaces, dilated": ("point", "kdop", {"margin": MARGIN}),
+    "ball": ("point", "sphere", {}),
+    "oriented box, dilated": ("point", "obb", {"margin": MARGIN}),
+    "network": ("point", "mlp", LEARNED),
+    "network, dilated": ("point", "mlp", {"margin": MARGIN, **LEARNED}),
+    "exits": ("point", "mlp-early", {"hidden": EARLY, "steps": 5}),
+    "parts": ("point", "mlp", {"thresholds": 8, **LEARNED}),
+    "cells": ("point", "voxels", {"resolution": 8}),
+    "hierarchy": ("point", "bvh", {"leaves": 6, "resolution": 8}),
+    "cascade": ("point", "kdop+mlp", {"margin": MARGIN, **LEARNED}),
+    "rays of a box": ("ray", "aabb", {"length": LENGTH}),
+    "planes of half-spaces": ("plane", "kdop", {"margin": MARGIN}),
+    "boxes of a network": ("box", "mlp", {"resolution": 8, **LEARNED}),
+    "inside, network": ("point", "mlp", {"side": "inside", **LEARNED}),
+    "inside, dilated": ("point", "mlp", {"side": "inside", "margin": MARGIN, **LEARNED}),
+    "distance of a box": ("distance", "aabb", {"margin": MARGIN}),
+    "distance of a network": ("distance", "mlp", {"hidden": HIDDEN, "steps": 60, "budget": 4.0}),
+    "distance of a network, dilated": (
+        "distance",
+        "mlp",
+        {"margin": MARGIN, "hidden": HIDDEN, "steps": 60, "budget": 4.0},
+    ),
+    "distance by nodes": ("distance", "distance-grid", {"nodes": 4, "budget": 4.0}),
+}
+ALSO = (  # of every other shape without cells: each kind of claim once
+    "half-spaces, dilated",
+    "network",
+    "network, dilated",
+    "parts",
+    "cells",
+    "rays of a box",
+    "inside, dilated",
+    "distance of a network, dilated",
+)
+UNFIT = {  # an arm's configurations have no dilation in metres, and no rays; a distance would be one between joint values
+    "arm": (
+        "half-spaces, dilated",
+        "network, dilated",
+        "rays of a box",
+        "inside, dilated",
+        "distance of a network, dilated",
+    ),
+}
+
+
+def _two_boxes() -> trimesh.Trimesh:
+    corners = ([[0, 0, 0], [1, 0.4, 0.5]], [[0.6, 0.7, 0.1], [1, 1, 1]])
+    return trimesh.util.concatenate([trimesh.creation.box(bounds=box) for box in corners])
+
+
+def _mesh():
+    made = _two_boxes()
+    return wb.IndicatorMesh(made.vertices, made.faces)
+
+
+def _motion():
+    made = trimesh.creation.box(bounds=[[0, 0, 0], [0.5, 0.4, 0.6]])
+    keys = [made.vertices + np.array(way) for way in ([0, 0, 0], [0.5, 0, 0.2], [0.5, 0.6, 0])]
+    return wb.IndicatorMotion(keys, made.faces, times=[0.0, 0.4, 1.0])
+
+
+def _blend_shapes():
+    made = trimesh.creation.box(bounds=[[0, 0, 0], [0.5, 0.4, 0.6]])
+    return wb.IndicatorBlendShapes(
+        made.vertices, [made.vertices * [1.0, 0.0, 0.3]], made.faces, lower=[-0.4], upper=[0.8]
+    )
+
+
+def _star(x: np.ndarray) -> np.ndarray:
+    """A distance that changes no faster than 1: of two balls."""
+    return np.minimum(np.linalg.norm(x - 0.4, axis=1) - 0.5, np.linalg.norm(x + 0.5, axis=1) - 0.4)
+
+
+def _arm():
+    elbow = np.eye(4)
+    elbow[0, 3] = 0.6
+    joints = [wb.arms.Joint(lower=-2.0, upper=2.5), wb.arms.Joint(elbow, lower=-2.2, upper=2.2)]
+    links = [wb.arms.Body.capsule([0, 0, 0], [0.6, 0, 0], 0.06, link=k) for k in range(2)]
+    obstacles = [
+        wb.arms.Body.box([0.5, 0.3, -0.5], [0.9, 0.7, 0.5]),
+        wb.arms.Body.box([-0.9, -0.8, -0.5], [-0.5, 0.1, 0.5]),
+    ]
+    return wb.arms.ArmConfigurations(wb.arms.Arm(joints, links), obstacles)
+
+
+OTHERS: dict[str, Callable] = {
+    "mesh": _mesh,
+    "motion": _motion,
+    "blend": _blend_shapes,
+    "function": lambda: wb.IndicatorFunction(None, [-1.0, -1.0], [1.0, 1.0], distance=_star),
+    "solid": lambda: wb.solids.Sphere([0.0, 0.0, 0.0], 0.5) | wb.solids.Box([0.2, 0.2, 0.2], [0.8, 0.9, 1.0]),
+    "arm": _arm,
+}
+
+
+@cache
+def shape(name: str):
+    """A grid of ``bounding_shapes``, or one of ``OTHERS``."""
+    return OTHERS[name]() if name in OTHERS else grid_named(name)
+
 
 @dataclass(frozen=True)
 class Subject:
@@ -54,7 +162,10 @@ class Subject:
 
 @cache
 def _made(subject: Subject) -> Bounder | DistanceBounder:
-    bounder, digest = subject.make(), subject.grid.digest
+    bounder = subject.make()
+    if subject.shape in OTHERS:  # ``fit`` has told what it bounds
+        return bounder
+    digest = subject.grid.digest
     if isinstance(bounder, DistanceBounder):  # it may bound the cells in another metric
         digest = bounder.info["indicator"]
     bounder.info = {"indicator": digest, "margin": 0.0, "grid_shape": list(subject.grid.shape), "seed": 0}
@@ -106,9 +217,23 @@ def _distance(method: str, name: str, **options) -> Callable[[], DistanceBounder
     return lambda: wb.fit(shape(name), "distance", method, **told, **DISTANT.get(method, {}), **options)
 
 
+def _fit(name: str, query: str, method: str, **told) -> Callable[[], Bounder | DistanceBounder]:
+    return lambda: wb.fit(shape(name), query, method, device="cpu", progress=False, **told)
+
+
+def _without_cells() -> list[Subject]:
+    """Bounders of shapes that are no grids."""
+    found = []
+    for name in OTHERS:
+        for what in (what for what in (FITTED if name == "mesh" else ALSO) if what not in UNFIT.get(name, ())):
+            query, method, told = FITTED[what]
+            found.append(Subject(f"{method} {query} {name}: {what}", name, _fit(name, query, method, **told)))
+    return found
+
+
 def subjects() -> list[Subject]:
     """All of them."""
-    found = []
+    found = _without_cells()
     for name in SHAPES:
         for method, kind in METHODS.items():
             for query in QUERY_KINDS:
