@@ -27,7 +27,7 @@ from mutations import File, mutate, tighten
 from subjects import Subject, subjects
 
 import warp_bounding as wb
-from warp_bounding.certificates.claim import mismatch, reaches_outside
+from warp_bounding.certificates.claim import mismatch
 from warp_bounding.errors import BoundingError, FileFormatError
 from warp_bounding.proof.attest.soak import soak_grid
 
@@ -181,7 +181,7 @@ def _write(file: File, path: Path, subject: Subject, rng: np.random.Generator, r
         if not (bounder.info.get("margin") or 0.0) <= MOST_MARGIN:
             return
         grid = soak_grid(bounder, subject.grid)
-        if mismatch(bounder, grid) or reaches_outside(bounder, grid):
+        if mismatch(bounder, grid):
             return
         tighten(file, bounder, grid, rng)
     except BoundingError:  # there is no proof to make the most of

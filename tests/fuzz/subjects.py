@@ -221,6 +221,10 @@ def _fit(name: str, query: str, method: str, **told) -> Callable[[], Bounder | D
     return lambda: wb.fit(shape(name), query, method, device="cpu", progress=False, **told)
 
 
+def _hierarchy(name: str) -> Callable[[], Bounder]:
+    return lambda: wb.hierarchy(shape(name), method="aabb", leaves=3, margin=MARGIN, device="cpu", progress=False)
+
+
 def _without_cells() -> list[Subject]:
     """Bounders of shapes that are no grids."""
     found = []
@@ -228,6 +232,7 @@ def _without_cells() -> list[Subject]:
         for what in (what for what in (FITTED if name == "mesh" else ALSO) if what not in UNFIT.get(name, ())):
             query, method, told = FITTED[what]
             found.append(Subject(f"{method} {query} {name}: {what}", name, _fit(name, query, method, **told)))
+    found += [Subject(f"union point {name}: hierarchy of boxes", name, _hierarchy(name)) for name in ("solid", "function")]
     return found
 
 
