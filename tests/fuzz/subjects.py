@@ -232,7 +232,9 @@ def _without_cells() -> list[Subject]:
         for what in (what for what in (FITTED if name == "mesh" else ALSO) if what not in UNFIT.get(name, ())):
             query, method, told = FITTED[what]
             found.append(Subject(f"{method} {query} {name}: {what}", name, _fit(name, query, method, **told)))
-    found += [Subject(f"union point {name}: hierarchy of boxes", name, _hierarchy(name)) for name in ("solid", "function")]
+    found += [
+        Subject(f"union point {name}: hierarchy of boxes", name, _hierarchy(name)) for name in ("solid", "function")
+    ]
     return found
 
 

@@ -9,27 +9,16 @@ from subjects import subjects
 
 SUBJECTS = {subject.name: subject for subject in subjects()}
 FILES, POSITIVES = 4, 256
-<<<<<<< HEAD
 OTHER = ("obb", "kdop", "learned-kdop", "sphere", "ellipsoid", "oriented-ellipsoid")  # distances with six kernels each
 FLAT = [  # in 2D
     name
     for name in SUBJECTS
-    if not name.endswith(("blob", "animated")) and not (" distance " in name and name.startswith(OTHER))
+    if ":" not in name
+    and not name.endswith(("blob", "animated"))
+    and not (" distance " in name and name.startswith(OTHER))
 ]
 DEEP = [name for name in SUBJECTS if name not in FLAT]  # kernels of their own; ``make fuzz`` has them, too
-FEW = ("bvh point blob", "aabb box blob", "mlp point animated")
-=======
-FLAT = [name for name in SUBJECTS if not (":" in name or name.endswith(("blob", "animated")))]  # in 2D
-DEEP = [name for name in SUBJECTS if name not in FLAT]  # kernels of their own; ``make fuzz`` has them, too
-FEW = (
-    "bvh point blob",
-    "aabb box blob",
-    "mlp point animated",
-    "sphere distance blob",
-    "kdop point mesh: half-spaces, dilated",
-    "mlp point mesh: inside, dilated",
-)
->>>>>>> 0acff75 (The fuzzer spoils bounders of meshes, motions, blend shapes, functions, solids and arms, and what a file claims to bound)
+FEW = ("bvh point blob", "aabb box blob", "mlp point animated", "kdop point mesh: half-spaces, dilated")
 
 
 @pytest.mark.parametrize(
