@@ -1,7 +1,6 @@
 """Segments: what is cleared meets the object nowhere, and most of what is free is cleared."""
 
-import operator
-from functools import cache, reduce
+from functools import cache
 
 import numpy as np
 import pytest
@@ -22,9 +21,9 @@ CASES += [("mlp&local", "blob"), ("mlp|local", "blob"), ("mlp-early|mlp&local", 
 
 @cache
 def fitted(method: str, name: str) -> wb.Bounder:
-    for sign, joined in (("|", operator.or_), ("&", operator.and_)):
+    for sign, joined in (("|", wb.union), ("&", wb.cascade)):
         if sign in method:
-            return reduce(joined, [fitted(part, name) for part in method.split(sign)])
+            return joined(*[fitted(part, name) for part in method.split(sign)])
     hidden = EARLY if method == "mlp-early" else HIDDEN
     if method == "local":
         return wb.fit(shape(name), hidden=hidden, steps=300, thresholds=20, device="cpu")

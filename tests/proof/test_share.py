@@ -70,7 +70,7 @@ def test_random_places_estimate_it():
 def test_what_has_no_share():
     bounder = attested()
     with pytest.raises(BounderError, match="single bounders of points"):
-        wb.proven_share(bounder & wb.fit(shape(), method="aabb", device="cpu", progress=False), shape())
+        wb.proven_share(wb.cascade(wb.fit(shape(), method="aabb", device="cpu", progress=False), bounder), shape())
     with pytest.raises(BounderError, match="the shape is 2D"):
         wb.proven_share(bounder, shape().piece([0, 1]))
     for options in ({"places": 0}, {"places": 5, "side": 0.0}, {"places": 5, "side": 2.0}):
