@@ -42,6 +42,7 @@ SHORTER = {  # in turns
     "uniform(-1.0, 1.0, (1_000_000, 3)": "uniform(-1.0, 1.0, (20_000, 3)",
     "evaluate(bounder, shape)": "evaluate(bounder, shape, samples=20_000)",
     'method="kdop", levels=2': 'method="kdop", levels=1',
+    'fit(each, method="kdop")': 'fit(each, method="aabb")',
 }
 SMALL = {"choose": "--methods aabb"}  # takes no longer than it needs, whatever the budget
 PROGRAMS = ("warp-bounding", "python", "make", "pip")
