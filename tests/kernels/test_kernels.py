@@ -13,6 +13,7 @@ from bounding_shapes import (
     object_points,
     random_bounder,
     random_mlp,
+    rounding_of_answers,
     shape,
 )
 
@@ -52,7 +53,7 @@ def check_values(bounder, x: np.ndarray) -> None:
 
 def check_func(bounder, x: np.ndarray) -> None:
     """The function agrees with the batch kernel wherever rounding cannot matter, and both with the exact ``f``."""
-    v, error = device_coordinates(bounder, x), bounder.rounding_bound()
+    v, error = device_coordinates(bounder, x), rounding_of_answers(bounder)
     exact = bounder.reference(v)
     inside = (np.abs(v) <= bounder.domain.limit).all(axis=1)
     in_time = np.abs(v[:, 0]) <= bounder.domain.limit[0] if bounder.domain.time else np.ones(len(v), bool)

@@ -14,6 +14,7 @@ from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.networks import tensor_cores
 
 HIDDEN = (8,)  # of every fitted network: each new size costs a compilation
 EARLY = (6, 5)  # of one with exits
@@ -165,6 +166,13 @@ def random_bounder(method: str, name: str, device: str = "cpu"):
         tensors["exits.0.bias"] = rng.normal(size=1).astype(np.float32)
         tensors["exits.thresholds"] = np.array([-1.0], np.float32)
     return kind(network.domain, tensors, network.sizes, device)
+
+
+def rounding_of_answers(bounder) -> float:
+    """How far f may be from the threshold where rounding decides what ``query`` answers: farther on tensor cores."""
+    if getattr(bounder, "tensor_numbers", None) is None:
+        return bounder.rounding_bound()
+    return 2 * tensor_cores.rounding(bounder.network)
 
 
 def device_coordinates(bounder, x: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ All CPU text may fuse products and sums (``contract``), which what is proven lea
 from warp_bounding.coordinates.maps import locate
 from warp_bounding.kernels.source import DENIED, GRANTED, LABEL, Early, Lanes, Source, fill, literal
 
-__all__ = ["TOOLS", "batch_snippet", "point_snippet", "read_rows"]
+__all__ = ["TOOLS", "batch_snippet", "point_snippet", "read_rows", "warp_snippet"]
 
 # Square roots and quotients as IEEE 754 has them, of floats and of vectors. What ``sqrtf`` and ``/`` are on CUDA is up to the module:
 # they are approximations under its option ``fast_math``, which leaves nothing else in a source to approximate.
@@ -67,6 +67,33 @@ if (!inside) { out.data[i] = $no; return; }
 V f;
 $scalar_body
 out.data[i] = $decision;
+#endif
+"""
+
+# 32 queries and again 32 by the lanes of a warp together: lane 4 g + t has query 8 t + g. CUDA only, whole blocks of threads.
+_WARP = """
+#if defined(__CUDA_ARCH__)
+typedef float V;
+constexpr int N = $columns, M = $coordinates;
+const float zero = 0.0f;
+$parts
+$place
+$tools
+for (int from = block / 32 * 32; from < count; from += gridDim.x * blockDim.x) {
+    const int i = from + 8 * (block & 3) + (block & 31) / 4;
+    const bool own = i < count;
+    V q[N], v[M];
+#pragma unroll
+    for (int k = 0; k < N; ++k) q[k] = x.data[(long long)(own ? i : count - 1) * N + k];
+    $locate
+    const bool asked = own & testable & inside;
+    const float* tensor = numbers.data;
+    V f = zero;
+    if (__any_sync(0xffffffffu, asked)) {
+        $body
+    }
+    if (own) out.data[i] = !testable ? $yes : !inside ? $no : $decision;
+}
 #endif
 """
 
@@ -152,6 +179,8 @@ _UNASKED = {  # answers to queries that are not testable or not inside; the othe
     }
 """,
 }
+
+_ANSWERS = {True: ("INFINITY", "-INFINITY", "f"), False: ("1", "0", "!(f < threshold)")}  # maybe without f, no, by f
 
 _EARLY = """
 {
@@ -317,9 +346,17 @@ def batch_snippet(source: Source, placed: bool, values: bool) -> str:
         loop = fill(_GATHERED, **texts, unasked=_UNASKED[values], ask=_together(source, values))
     else:
         loop = fill(_ALL, **texts, body=source.body(Lanes(vector=True)), store=_STORE[values])
-    yes, no, decision = ("INFINITY", "-INFINITY", "f") if values else ("1", "0", "!(f < threshold)")
+    yes, no, decision = _ANSWERS[values]
     place = "const float* place = placement.data;" if placed else ""
     return fill(_BATCH, **source.width, **texts, place=place, loop=loop, yes=yes, no=no, decision=decision)
+
+
+def warp_snippet(source: Source, placed: bool, values: bool, body: str) -> str:
+    """The body of a ``warp_kernel``, around C statements from ``V v[]`` to ``V f`` that all lanes of a warp run together."""
+    place = "const float* place = placement.data;" if placed else ""
+    yes, no, decision = _ANSWERS[values]
+    decision = decision.replace("threshold", "tensor[0]")
+    return fill(_WARP, **_shared(source, placed) | {"body": body}, place=place, yes=yes, no=no, decision=decision)
 
 
 def _together(source: Source, values: bool) -> str:

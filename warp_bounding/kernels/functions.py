@@ -5,11 +5,11 @@ from functools import cache
 import warp as wp
 
 from warp_bounding.coordinates.base import Numbers, vector_type
-from warp_bounding.kernels.assemble import batch_snippet, point_snippet
+from warp_bounding.kernels.assemble import batch_snippet, point_snippet, warp_snippet
 from warp_bounding.kernels.source import Source
 from warp_bounding.runtime.native import named, unique_name
 
-__all__ = ["Data", "Words", "batch_kernel", "point_func"]
+__all__ = ["Data", "Words", "batch_kernel", "point_func", "warp_kernel"]
 
 Words = wp.array(dtype=wp.uint32)
 
@@ -90,6 +90,30 @@ def batch_kernel(source: Source, placed: bool, values: bool) -> wp.Kernel:
         parameters: Numbers,
         words: Words,
         placement: Numbers,
+        out: wp.array(dtype=out_type),
+    ): ...
+
+    return batch
+
+
+@cache
+def warp_kernel(source: Source, placed: bool, values: bool, body: str) -> wp.Kernel:
+    """A ``batch_kernel`` for CUDA whose ``body`` the 32 threads of a warp run together.
+
+    Besides it takes ``numbers``, those that the body reads, the threshold first. It is launched with whole blocks of threads.
+    """
+    name, snippet = f"warp{'_placed' * placed}{'_values' * values}", warp_snippet(source, placed, values, body)
+    out_type = wp.float32 if values else wp.uint8
+
+    @named(unique_name(source, name)).block_kernel(snippet)
+    def batch(
+        x: Numbers,
+        count: int,
+        block: int,
+        parameters: Numbers,
+        words: Words,
+        placement: Numbers,
+        numbers: Numbers,
         out: wp.array(dtype=out_type),
     ): ...
 

@@ -16,8 +16,9 @@ particle is so far from the origin that its place relative to the shape is less 
 radius, the pair stays. A bounder of distances needs no margin: it is asked whether the mesh is farther than that, so one fit serves every
 gap, radius and scale. Shapes may move, turn and be scaled.
 
-In a captured graph nothing can be read back, so the pass goes through as many pairs as there are: those that are left, and behind them,
-again and again, one that was denied, at which the pass ends at once, or at least without a contact.
+In a captured graph nothing can be read back, so the pass goes through as many pairs as there are: those that are left, and again and
+again one that was denied, at which the pass ends at once, or at least without a contact. It stands behind them, or on a GPU, where there are
+few pairs, in the places of those that were denied: threads that stand together wait for each other.
 
 What this does not do: rigid contacts, self-contacts of cloth, and the passes over whole edges and faces
 (``enable_rigid_soft_full_surface_contact``) are left as they are. A mesh whose points are moved in place has no true box: it must be ``untested``.
@@ -44,6 +45,9 @@ from warp_bounding.runtime.launch import BlockLaunch, ready
 
 __all__ = ["ParticleCull"]
 
+SPREAD = (
+    2**19
+)  # pairs that fill a GPU only a few times: a graph leaves those that remain in their places, so that a warp has few of them
 MOST_RECORDED = 8  # sets of arrays whose launches are kept
 
 
@@ -187,7 +191,7 @@ class ParticleCull:
 
         Returns:
             ``(K,)`` ``vec2i``, particle and shape, in the pipeline's order; valid until the next call. Where nothing is read back, K is the
-            number of all pairs, and those behind the first ``survivor_count`` are one denied pair.
+            number of all pairs, and one denied pair stands behind the first ``survivor_count``, or in the places of all that are denied.
         """
         self._candidates_gap = gap = contact_gap(self.pipeline) if gap is None else float(gap)
         if not self.pairs or not state.particle_q:
@@ -235,10 +239,15 @@ class ParticleCull:
     def _padded(self, state: newton.State) -> wp.array:
         """As many pairs as there are: those that are left, and a denied one."""
         device = self._device
-        indices, total = self._survivors.launch_recorded() if device.is_capturing else self._survivors.launch()
         self._far.fill_(-1)
         inputs = [self._all, self._keep, state.particle_q, self._hulls]
         wp.launch(kernels.find_far, dim=self.pairs, inputs=inputs, outputs=[self._far], device=device)
+        if device.is_cuda and self.pairs <= SPREAD:
+            self.survivor_count.zero_()
+            inputs, outputs = [self._all, self._keep, self._far], [self._kept, self.survivor_count]
+            wp.launch(kernels.replace_denied, dim=self.pairs, inputs=inputs, outputs=outputs, device=device)
+            return self._kept
+        indices, total = self._survivors.launch_recorded() if device.is_capturing else self._survivors.launch()
         inputs = [self._all, indices, total, self._far]
         wp.launch(kernels.gather_or_repeat, dim=self.pairs, inputs=inputs, outputs=[self._kept], device=device)
         return self._kept
@@ -250,7 +259,14 @@ class ParticleCull:
         return (ask_distances_in_lanes if self._device.is_cpu else kernels.ask_distances)(bounder.source)
 
     def _kernels(self) -> list[wp.Kernel]:
-        own = [place_shapes, kernels.split_particles, kernels.gather_pairs, kernels.find_far, kernels.gather_or_repeat]
+        own = [
+            place_shapes,
+            kernels.split_particles,
+            kernels.gather_pairs,
+            kernels.find_far,
+            kernels.gather_or_repeat,
+            kernels.replace_denied,
+        ]
         return [*own, ask_hulls, *map(self._asking, self._shapes.bounders)]
 
     def _ask(self, number: int, bounder: Bounder | DistanceBounder, state: newton.State) -> BlockLaunch:

@@ -24,6 +24,7 @@ __all__ = [
     "find_far",
     "gather_or_repeat",
     "gather_pairs",
+    "replace_denied",
     "split_particles",
 ]
 
@@ -123,6 +124,26 @@ def gather_or_repeat(
                 else:
                     most = middle
         kept[i] = pairs[denied]
+
+
+@wp.kernel(enable_backward=False)
+def replace_denied(
+    # inputs
+    pairs: wp.array(dtype=wp.vec2i),
+    keep: wp.array(dtype=wp.uint8),
+    far: wp.array(dtype=wp.int32),
+    # outputs
+    kept: wp.array(dtype=wp.vec2i),
+    count: wp.array(dtype=wp.int32),
+):
+    """The pairs that are left, where they are, and in the places of the others the one that ``far`` names, if there is one."""
+    i = wp.tid()
+    which = wp.int32(i)
+    if keep[i] != wp.uint8(0):
+        wp.atomic_add(count, 0, 1)
+    elif far[0] >= 0:
+        which = far[0]
+    kept[i] = pairs[which]
 
 
 @cache

@@ -205,7 +205,15 @@ class BlockLaunch:
     """A launch over the blocks of some items, recorded once with its memory, to be run many times."""
 
     def __init__(
-        self, kernel: wp.Kernel, count: int, inputs: list, outputs: list, device, first_index: int, block: int = BLOCK
+        self,
+        kernel: wp.Kernel,
+        count: int,
+        inputs: list,
+        outputs: list,
+        device,
+        first_index: int,
+        block: int = BLOCK,
+        block_dim: int = 256,
     ):
         """Define a launch; nothing runs yet.
 
@@ -217,7 +225,9 @@ class BlockLaunch:
             device: A ``wp.Device``.
             first_index: The input that is the number of the first block.
             block: Items per block on a CPU.
+            block_dim: Threads of a block on CUDA.
         """
+        self._block_dim = block_dim
         self._kernel, self._inputs, self._outputs, self._device = kernel, inputs, outputs, device
         self._first_index = first_index
         self._blocks = -(-count // block) if device.is_cpu else count
@@ -262,7 +272,9 @@ class BlockLaunch:
     def _ask_warp(self, begin: int, end: int, **options) -> "wp.Launch | None":
         ready(self._kernel, self._device)
         inputs = [*self._inputs[: self._first_index], begin, *self._inputs[self._first_index + 1 :]]
-        return wp.launch(self._kernel, end - begin, inputs, self._outputs, device=self._device, **options)
+        return wp.launch(
+            self._kernel, end - begin, inputs, self._outputs, device=self._device, block_dim=self._block_dim, **options
+        )
 
     def _record(self, threads: int) -> list[Callable[[], None]]:
         edges = [self._blocks * t // threads for t in range(threads + 1)]

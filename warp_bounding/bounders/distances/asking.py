@@ -340,9 +340,7 @@ class AskingDistance(Framed, PicklableBounder, ABC):
     def _points(self, queries: wp.array, count: int, radii: np.ndarray, out: wp.array, *, values: bool) -> None:
         data, radius = self.data, wp.array(radii, dtype=wp.float32, device=self.device)
         many = int(len(radii) > 1)
-        inputs = [queries, count, 0, data.parameters, data.words, radius, many]
-        kernel, block = distance_kernel(self.source, values), self.source.block
-        self._run(kernel, count, inputs, [out], first_index=2, block=block)
+        self._ask_points([queries, count, 0, data.parameters, data.words, radius, many], out, values)
 
     def _march(self, a, b, count: int, lengths: np.ndarray, radii: np.ndarray, steps: int, *, ray: bool):
         numbers = [wp.array(values, dtype=wp.float32, device=self.device) for values in (lengths, radii)]
@@ -352,9 +350,17 @@ class AskingDistance(Framed, PicklableBounder, ABC):
         if count:
             lines = wp.empty(count * (2 * self.ndim + 4), dtype=wp.float32, device=self.device)
             self._run(lines_kernel(self.source, ray), count, [0, data, *given, self._clock], [lines], first_index=0)
-            inputs = [lines, count, 0, data.parameters, data.words, steps]
-            self._run(lanes_kernel(self.source), count, inputs, [maybe, t], first_index=2, block=self.source.block)
+            self._march_lines([lines, count, 0, data.parameters, data.words, steps], [maybe, t])
         return maybe, t
+
+    def _ask_points(self, inputs: list, out: wp.array, values: bool) -> None:
+        """Run ``distance_kernel``."""
+        kernel = distance_kernel(self.source, values)
+        self._run(kernel, inputs[1], inputs, [out], first_index=2, block=self.source.block)
+
+    def _march_lines(self, inputs: list, outputs: list) -> None:
+        """Run ``lanes_kernel``."""
+        self._run(lanes_kernel(self.source), inputs[1], inputs, outputs, first_index=2, block=self.source.block)
 
     @property
     def _clock(self) -> wp.vec3:
@@ -364,8 +370,10 @@ class AskingDistance(Framed, PicklableBounder, ABC):
             return wp.vec3()
         return wp.vec3(float(domain.center[0]), float(domain.limit[0] / domain.scale[0]), domain.speed)
 
-    def _run(self, kernel, count: int, inputs: list, outputs: list, *, first_index: int, block: int = 1) -> None:
-        BlockLaunch(kernel, count, inputs, outputs, self.device, first_index=first_index, block=block).launch_once()
+    def _run(self, kernel, count: int, inputs: list, outputs: list, *, first_index: int, **sizes: int) -> None:
+        BlockLaunch(
+            kernel, count, inputs, outputs, self.device, first_index=first_index, **{"block": 1} | sizes
+        ).launch_once()
 
 
 def _steps(steps: int) -> int:

@@ -17,9 +17,12 @@ from warp_bounding.bounders.local.lattice import Lattice, packed, unpacked
 from warp_bounding.bounders.neural.mlp import ACTIVATION, HIDDEN, MOST_THRESHOLDS, THRESHOLDS, Mlp, check_hidden
 from warp_bounding.bounders.options import STEPS
 from warp_bounding.errors import BounderError
+from warp_bounding.kernels.distances.batch import warp_kernel
+from warp_bounding.kernels.distances.lanes import warp_lanes_kernel
 from warp_bounding.kernels.distances.source import FLUSHED, DistanceSource
 from warp_bounding.kernels.lattice import PER_WORD, level_text
 from warp_bounding.kernels.source import Lanes
+from warp_bounding.networks import tensor_cores
 from warp_bounding.networks.inference import MlpSource, head_numbers, layer_numbers
 from warp_bounding.networks.network import Network
 
@@ -61,7 +64,10 @@ class MlpDistanceSource(DistanceSource, MlpSource):
 
     def body(self, lanes: Lanes) -> str:
         """See ``Source``."""
-        network = super().body(lanes)
+        return self.relieved(super().body(lanes), lanes)
+
+    def relieved(self, network: str, lanes: Lanes) -> str:
+        """C statements that compute ``f``, where ``network`` are those without the relief."""
         return f"{{ {network} }}\n{{ {self._relief(lanes.vector)} }}" if self.shape else network
 
     def function_body(self) -> str:
@@ -75,7 +81,7 @@ class MlpDistanceSource(DistanceSource, MlpSource):
 PARTS = replace(THRESHOLDS, default=None, help="parts of the domain, each with a slack of its own")
 
 
-class MlpDistance(DistanceBounder):
+class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
     """A network's distance; see module.
 
     Tensors: ``layers.i.weight`` ``(H, K)`` and ``layers.i.bias`` ``(H,)``, the last layer with H = 1; where the domain is cut ``edges``, the inner
@@ -237,6 +243,38 @@ class MlpDistance(DistanceBounder):
             return error
         # The sum rounds once; a relief is a whole number of up to 8 bits times a power of two.
         return error + 2 * UNIT32 * (self.network.largest + error + float(self.relief.max()))
+
+    def _ask_points(self, inputs: list, out: wp.array, values: bool) -> None:
+        if (numbers := self.tensor_numbers) is None:
+            super()._ask_points(inputs, out, values)
+            return
+        kernel = warp_kernel(self.source, values, self._tensor_text)
+        self._run(
+            kernel,
+            tensor_cores.threads(inputs[1]),
+            [*inputs, numbers],
+            [out],
+            first_index=2,
+            block_dim=tensor_cores.BLOCK,
+        )
+
+    def _march_lines(self, inputs: list, outputs: list) -> None:
+        if (numbers := self.tensor_numbers) is None:
+            super()._march_lines(inputs, outputs)
+            return
+        kernel = warp_lanes_kernel(self.source, self._tensor_text)
+        self._run(
+            kernel,
+            tensor_cores.threads(inputs[1]),
+            [*inputs, numbers],
+            outputs,
+            first_index=2,
+            block_dim=tensor_cores.BLOCK,
+        )
+
+    @property
+    def _tensor_text(self) -> str:
+        return self.source.relieved(tensor_cores.text(self.source), Lanes(vector=False))
 
     def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """See ``DistanceBounder``: the network's own multilinear bound (``Network.corners``), and the relief."""

@@ -9,16 +9,20 @@ from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
+import warp as wp
 
 from warp_bounding.activations import ACTIVATIONS, DEFAULT, activation_of
 from warp_bounding.bounders.base import Bounder, BoxBounds
 from warp_bounding.bounders.options import STEPS, Option, one_of, whole
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.errors import BounderError
+from warp_bounding.kernels.functions import warp_kernel
+from warp_bounding.networks import tensor_cores
 from warp_bounding.networks.heads import head_of
 from warp_bounding.networks.inference import MlpSource, head_numbers, layer_numbers
 from warp_bounding.networks.network import Network
 from warp_bounding.queries import QUERIES
+from warp_bounding.runtime.launch import BlockLaunch
 
 __all__ = ["ACTIVATION", "HIDDEN", "MOST_THRESHOLDS", "OCTAVES", "RECIPE", "RECIPES", "Mlp", "encoding_tensors"]
 
@@ -93,7 +97,7 @@ CERTIFICATE = Option(
 )
 
 
-class Mlp(Bounder):
+class Mlp(tensor_cores.TensorCores, Bounder):
     """A network; *maybe* where its output reaches the threshold.
 
     Tensors: ``layers.i.weight`` ``(H, K)``, ``layers.i.bias`` ``(H,)``, the last layer with H = 1, or 2 for planes;
@@ -192,6 +196,19 @@ class Mlp(Bounder):
         if self.head.outputs > 1:
             raise BounderError(f"{self.method}: boxes of {self.query_kind} coordinates are not bounded one by one")
         return self.network.bound(lower, upper)
+
+    def batch_launch(
+        self, queries: wp.array, count: int, place: wp.array | None, out: wp.array, *, values: bool = False
+    ) -> BlockLaunch:
+        numbers = None if values else self.tensor_numbers
+        if numbers is None:
+            return super().batch_launch(queries, count, place, out, values=values)
+        data, source = self.data, self.source
+        inputs = [queries, count, 0, data.parameters, data.words, data.parameters if place is None else place, numbers]
+        kernel = warp_kernel(source, place is not None, values, tensor_cores.text(source))
+        return BlockLaunch(
+            kernel, tensor_cores.threads(count), inputs, [out], self.device, first_index=2, block_dim=tensor_cores.BLOCK
+        )
 
     def rounding_bound(self) -> float:
         return self.head.rounding(self.networks, self.domain.limit)

@@ -8,7 +8,17 @@ from warp_bounding.kernels.assemble import TOOLS, read_rows
 from warp_bounding.kernels.distances.source import TINIEST, DistanceSource
 from warp_bounding.kernels.source import LABEL, Lanes, fill
 
-__all__ = ["AFTER", "BEFORE", "LANES", "PARTS", "TOOLS_TOO", "batch_snippet", "function_snippet", "texts_of"]
+__all__ = [
+    "AFTER",
+    "BEFORE",
+    "LANES",
+    "PARTS",
+    "TOOLS_TOO",
+    "batch_snippet",
+    "function_snippet",
+    "texts_of",
+    "warp_snippet",
+]
 
 TOOLS_TOO = (
     TOOLS
@@ -124,6 +134,31 @@ $store_one
 #endif
 """
 
+# 32 queries and again 32 by the lanes of a warp together: lane 4 g + t has query 8 t + g. CUDA only, whole blocks of threads.
+_WARP = """
+#if defined(__CUDA_ARCH__)
+typedef float V;
+constexpr int N = $n, M = N;
+const float zero = 0.0f;
+$parts
+$tools
+const float* tensor = numbers.data;
+for (int from = block / 32 * 32; from < count; from += gridDim.x * blockDim.x) {
+    const int i = from + 8 * (block & 3) + (block & 31) / 4;
+    const bool own = i < count;
+    V q[N], v[N];
+#pragma unroll
+    for (int k = 0; k < N; ++k) q[k] = x.data[(long long)(own ? i : count - 1) * N + k];
+    $before
+    V f;
+    $body
+    const float threshold = tensor[0];
+    $after
+    if (own) $store_one
+}
+#endif
+"""
+
 _STORE = {
     True: "if (m == L) *(V*)(out.data + i) = g; else for (int l = 0; l < m; ++l) out.data[i + l] = g[l];",
     False: """
@@ -200,6 +235,11 @@ def batch_snippet(source: DistanceSource, values: bool) -> str:
         "store_one": _STORE_ONE[values],
     }
     return fill(_BATCH, **texts)
+
+
+def warp_snippet(source: DistanceSource, values: bool, body: str) -> str:
+    """The body of a ``warp_kernel``, around C statements from ``V v[]`` to ``V f`` that all lanes of a warp run together."""
+    return fill(_WARP, **texts_of(source), store_one=_STORE_ONE[values], body=body)
 
 
 def function_snippet(source: DistanceSource) -> str:

@@ -5,7 +5,7 @@ from functools import cache
 import warp as wp
 
 from warp_bounding.coordinates.base import Numbers, vector_type
-from warp_bounding.kernels.distances.assemble import batch_snippet
+from warp_bounding.kernels.distances.assemble import batch_snippet, warp_snippet
 from warp_bounding.kernels.distances.clipping import clip_func
 from warp_bounding.kernels.distances.functions import (
     box_func,
@@ -17,7 +17,7 @@ from warp_bounding.kernels.distances.source import DistanceSource
 from warp_bounding.kernels.functions import Data, Words
 from warp_bounding.runtime.native import named, unique_name
 
-__all__ = ["box_kernel", "distance_kernel", "lines_kernel"]
+__all__ = ["box_kernel", "distance_kernel", "lines_kernel", "warp_kernel"]
 
 
 def _name(source: DistanceSource, role: str) -> named:
@@ -38,6 +38,30 @@ def distance_kernel(source: DistanceSource, values: bool) -> wp.Kernel:
         words: Words,
         radius: Numbers,
         many: int,
+        out: wp.array(dtype=out_type),
+    ): ...
+
+    return batch
+
+
+@cache
+def warp_kernel(source: DistanceSource, values: bool, body: str) -> wp.Kernel:
+    """A ``distance_kernel`` for CUDA whose ``body`` the 32 threads of a warp run together.
+
+    Besides it takes ``numbers``, those that the body reads, the threshold first. It is launched with whole blocks of threads.
+    """
+    out_type = wp.float32 if values else wp.uint8
+
+    @_name(source, f"warp_distances{'_values' * values}").block_kernel(warp_snippet(source, values, body))
+    def batch(
+        x: Numbers,
+        count: int,
+        block: int,
+        parameters: Numbers,
+        words: Words,
+        radius: Numbers,
+        many: int,
+        numbers: Numbers,
         out: wp.array(dtype=out_type),
     ): ...
 

@@ -18,7 +18,7 @@ from warp_bounding.kernels.functions import Words
 from warp_bounding.kernels.source import Lanes, fill
 from warp_bounding.runtime.native import named, unique_name
 
-__all__ = ["lanes_kernel"]
+__all__ = ["lanes_kernel", "warp_lanes_kernel"]
 
 _STEP = """
 V q[N], v[N];
@@ -106,6 +106,58 @@ times.data[i] = clear ? 1.0f : t;
 """
 
 
+# The same by the lanes of a warp together, each with a march of its own, and the next one when that has ended. CUDA only.
+_TOGETHER = """
+#if defined(__CUDA_ARCH__)
+typedef float V;
+constexpr int N = $n, ROW = 2 * N + 4;
+const float zero = 0.0f;
+$parts
+$tools
+const float* tensor = numbers.data;
+const unsigned int all = 0xffffffffu, before = (1u << (block & 31)) - 1u;
+const int warps = gridDim.x * blockDim.x / 32, each = (count + warps - 1) / warps;
+int next = block / 32 * each, who = -1, left = 0;
+const int end = next + each < count ? next + each : count;
+V a[N], w_[N], length = 1.0f, room = INFINITY, t = zero, last = 1.0f;
+#pragma unroll
+for (int k = 0; k < N; ++k) { a[k] = zero; w_[k] = zero; }
+while (true) {
+    for (unsigned int empty = __ballot_sync(all, who < 0); empty && next < end; empty = __ballot_sync(all, who < 0)) {
+        const int own = next + __popc(empty & before);
+        if (who < 0 && own < end) {
+            const float* row = lines.data + (long long)own * ROW;
+            t = row[ROW - 2];
+            last = row[ROW - 1];
+            if (t > last) {  // it passes the object's box
+                maybe.data[own] = 0;
+                times.data[own] = 1.0f;
+            } else {
+#pragma unroll
+                for (int k = 0; k < N; ++k) { a[k] = row[k]; w_[k] = row[N + k]; }
+                length = row[2 * N];
+                room = row[2 * N + 1];
+                left = steps;
+                who = own;
+            }
+        }
+        next += __popc(empty);
+    }
+    if (!__any_sync(all, who >= 0)) break;
+    $step
+    const bool on = (free_ > zero) & (later > most(t, zero + $least));
+    const bool clear = on & (later >= last);
+    t = on ? later : t;
+    if (who >= 0 && (!on || clear || --left <= 0)) {
+        maybe.data[who] = clear ? 0 : 1;
+        times.data[who] = clear ? 1.0f : t;
+        who = -1;
+    }
+}
+#endif
+"""
+
+
 def _snippet(source: DistanceSource) -> str:
     texts = texts_of(source)
     constants = {"shorter": literal(SHORTER), "least": literal(LEAST)}
@@ -113,6 +165,35 @@ def _snippet(source: DistanceSource) -> str:
     scalar = fill(_STEP, **texts, **constants, body=texts["scalar_body"])
     lanes = fill(LANES, **source.width)
     return fill(_MARCH, **texts, **constants, lanes=lanes, block=source.block, step=step, scalar_step=scalar)
+
+
+@cache
+def warp_lanes_kernel(source: DistanceSource, body: str) -> wp.Kernel:
+    """A ``lanes_kernel`` for CUDA whose ``body`` the 32 threads of a warp run together.
+
+    Besides it takes ``numbers``, those that the body reads, the threshold first. It is launched with whole blocks of threads.
+    """
+    constants = {"shorter": literal(SHORTER), "least": literal(LEAST)}
+    texts = texts_of(source)
+    step = fill(
+        _STEP, **texts | {"after": f"const float threshold = tensor[0]; {texts['after']}"}, **constants, body=body
+    )
+    snippet = fill(_TOGETHER, **texts, **constants, step=step)
+
+    @named(unique_name(source, "warp_lines")).block_kernel(snippet)
+    def march(
+        lines: Numbers,
+        count: int,
+        block: int,
+        parameters: Numbers,
+        words: Words,
+        steps: int,
+        numbers: Numbers,
+        maybe: wp.array(dtype=wp.uint8),
+        times: wp.array(dtype=wp.float32),
+    ): ...
+
+    return march
 
 
 @cache

@@ -1,0 +1,463 @@
+"""Who is asked, and for how long: networks on tensor cores and in float32, boxes, half-spaces, Warp's exact queries."""
+
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+
+import warp_bounding as wb
+from warp_bounding.kernels.distances.batch import distance_kernel
+from warp_bounding.kernels.distances.batch import warp_kernel as distance_warp_kernel
+from warp_bounding.kernels.functions import batch_kernel, warp_kernel
+from warp_bounding.networks import tensor_cores
+
+MARGIN = 0.012
+NETWORKS = ((24, 24), (32, 32), (50, 50))
+
+
+def ns(call, count: int, repeats: int = 9, calls: int = 10) -> list[float]:
+    """Nanoseconds a query: the median and the least of some means of calls in a row, by the device's clock."""
+    for _ in range(3):
+        call()
+    found = []
+    for _ in range(repeats):
+        begin, end = wp.Event(enable_timing=True), wp.Event(enable_timing=True)
+        wp.record_event(begin)
+        for _ in range(calls):
+            call()
+        wp.record_event(end)
+        found.append(wp.get_event_elapsed_time(begin, end) * 1e6 / calls / count)
+    return [float(np.median(found)), float(min(found))]
+
+
+def prepare(folder: Path) -> None:
+    """Bounders and a mesh, so that the machine with the card needs no reader of meshes and fits nothing."""
+    sys_path()
+    from inference import network
+
+    from sims.assets import asset_mesh
+    from sims.cloth.scene import SHAPES, shape
+    from warp_bounding.coordinates.domain import Domain
+
+    folder.mkdir(parents=True, exist_ok=True)
+    bunny = asset_mesh("bunny")
+    np.savez(
+        folder / "bunny.npz",
+        vertices=np.asarray(bunny.vertices, np.float32),
+        faces=np.asarray(bunny.faces, np.int32),
+        low=bunny.sample_lower,
+        high=bunny.sample_upper,
+    )
+    mesh = bunny.dilated(MARGIN)
+    low, high = mesh.sample_lower, mesh.sample_upper
+    np.savez(folder / "frame.npz", low=low, high=high)
+    for widths in NETWORKS:
+        bounder, _ = network(Domain.of(wb.solids.Box(low, high)), "sin", widths)
+        bounder.save(folder / f"points-{widths[0]}.safetensors")
+    for method, options in (("bvh", {"leaves": 64}), ("kdop", {})):
+        wb.fit(bunny, method=method, margin=MARGIN, **options).save(folder / f"points-{method}.safetensors")
+    for name in SHAPES:
+        np.savez(folder / f"newton-{name}.npz", vertices=shape(name).vertices, faces=shape(name).faces)
+    wb.fit(bunny, "ray", "mlp", length=3.0, resolution=32, hidden=(50, 50), steps=20, progress=False).save(
+        folder / "rays-50.safetensors"
+    )
+    for hidden in ((24, 24), (50, 50)):
+        options = {"hidden": hidden, "progress": False}
+        wb.fit(bunny, "distance", "mlp", budget=60, **options).save(folder / f"bunny-distance-{hidden[0]}.safetensors")
+        wb.fit(bunny, "point", "mlp", margin=MARGIN, budget=90, **options).save(
+            folder / f"bunny-{hidden[0]}.safetensors"
+        )
+    wb.fit(bunny, "ray", "bvh", length=3.0, resolution=32, leaves=64).save(folder / "rays-bvh.safetensors")
+
+
+def sys_path() -> None:
+    """The benchmarks beside this folder."""
+    import sys
+
+    sys.path.insert(0, str(Path(__file__).parent.parent))
+
+
+def loaded(arguments, name: str):
+    """A prepared bounder on the card."""
+    return wb.load(arguments.data / f"{name}.safetensors", device=arguments.device)
+
+
+def launch_of(bounder, queries: wp.array, count: int, out: wp.array, cores: bool, values: bool = False):
+    """A launch on tensor cores, or in float32."""
+    source, data = bounder.source, bounder.data
+    if not cores:
+        inputs = [queries, count, 0, data.parameters, data.words, data.parameters]
+        kernel, threads = batch_kernel(source, False, values), count
+    else:
+        inputs = [queries, count, 0, data.parameters, data.words, data.parameters, bounder.tensor_numbers]
+        kernel, threads = warp_kernel(source, False, values, tensor_cores.text(source)), tensor_cores.threads(count)
+    block = tensor_cores.BLOCK if cores else 256
+    return wp.launch(kernel, threads, inputs, [out], device=bounder.device, block_dim=block, record_cmd=True).launch
+
+
+def uniform(low, high, count: int, device: str, seed: int = 0) -> wp.array:
+    """Flat float32 points on the card."""
+    x = np.random.default_rng(seed).uniform(low, high, (count, len(low))).astype(np.float32)
+    return wp.array(x.reshape(-1), dtype=wp.float32, device=device)
+
+
+def rays_of(arguments, count: int) -> np.ndarray:
+    """Rays through the bunny's box."""
+    frame, rng = np.load(arguments.data / "bunny.npz"), np.random.default_rng(1)
+    way = rng.normal(size=(count, 3))
+    way /= np.linalg.norm(way, axis=1)[:, None]
+    return np.concatenate([rng.uniform(frame["low"], frame["high"], (count, 3)), way], axis=1).astype(np.float32)
+
+
+def answers(arguments) -> dict:
+    """Values on the card against the network in float64: the largest error, and its bound."""
+    found, count = {}, 200_003
+    frame = np.load(arguments.data / "frame.npz")
+    for name in [*(f"points-{w[0]}" for w in NETWORKS), "rays-50"]:
+        bounder = loaded(arguments, name)
+        if name.startswith("rays"):
+            x = wp.array(rays_of(arguments, count).reshape(-1), dtype=wp.float32, device=arguments.device)
+        else:
+            x = uniform(frame["low"], frame["high"], count, arguments.device, 3)
+        values = {}
+        for cores in (False, True):
+            out = wp.full(count, 7e7, dtype=wp.float32, device=arguments.device)
+            launch_of(bounder, x, count, out, cores, values=True)()
+            values[cores] = out.numpy().astype(np.float64)
+        inside = np.isfinite(values[False])
+        row = {
+            "asked": int(inside.sum()),
+            "same": bool((np.isfinite(values[True]) == inside).all()),
+            "float32": bounder.network.rounding,
+            "bound": tensor_cores.rounding(bounder.network),
+            "difference": float(np.abs(values[True][inside] - values[False][inside]).max()),
+        }
+        if not name.startswith("rays"):
+            v = (x.numpy().reshape(-1, 3) - bounder.domain.center) * bounder.domain.scale
+            exact = bounder.network(v[inside])
+            row |= {
+                "error": float(np.abs(values[True][inside] - exact).max()),
+                "error32": float(np.abs(values[False][inside] - exact).max()),
+            }
+        out = wp.zeros(count, dtype=wp.uint8, device=arguments.device)
+        launch_of(bounder, x, count, out, True)()
+        numbers = bounder.tensor_numbers.numpy()
+        row["answers"] = bool((out.numpy() == ~(values[True] < numbers[0])).all())
+        found[name] = row
+    return found
+
+
+def points(arguments) -> dict:
+    """Ns a point."""
+    frame, count = np.load(arguments.data / "frame.npz"), arguments.count
+    x, out, found = (
+        uniform(frame["low"], frame["high"], count, arguments.device),
+        wp.zeros(count, dtype=wp.uint8, device=arguments.device),
+        {},
+    )
+    for widths in NETWORKS:
+        bounder = loaded(arguments, f"points-{widths[0]}")
+        for name, cores in (("float32", False), ("tensor", True)):
+            found[f"{widths[0]} {name}"] = ns(launch_of(bounder, x, count, out, cores), count)
+    for method in ("bvh", "kdop"):
+        bounder = loaded(arguments, f"points-{method}")
+        found[method] = ns(launch_of(bounder, x, count, out, False), count)
+    copied = wp.zeros_like(x)
+    found["copy of the points"] = ns(lambda: wp.copy(copied, x), count)
+    return found
+
+
+@wp.kernel(enable_backward=False)
+def _within(mesh: wp.uint64, margin: float, x: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.uint8)):
+    i = wp.tid()
+    query = wp.mesh_query_point_sign_normal(mesh, x[i], margin)
+    out[i] = wp.uint8(query.result)
+
+
+@wp.kernel(enable_backward=False)
+def _distance(mesh: wp.uint64, most: float, x: wp.array(dtype=wp.vec3), out: wp.array(dtype=float)):
+    i = wp.tid()
+    query = wp.mesh_query_point_no_sign(mesh, x[i], most)
+    out[i] = most
+    if query.result:
+        out[i] = wp.length(x[i] - wp.mesh_eval_position(mesh, query.face, query.u, query.v))
+
+
+@wp.kernel(enable_backward=False)
+def _ray(mesh: wp.uint64, length: float, rays: wp.array(dtype=float), out: wp.array(dtype=wp.uint8)):
+    i = 6 * wp.tid()
+    origin, way = wp.vec3(rays[i], rays[i + 1], rays[i + 2]), wp.vec3(rays[i + 3], rays[i + 4], rays[i + 5])
+    out[wp.tid()] = wp.uint8(wp.mesh_query_ray_anyhit(mesh, origin, way, length))
+
+
+def _mesh(arguments) -> wp.Mesh:
+    frame = np.load(arguments.data / "bunny.npz")
+    vertices = wp.array(frame["vertices"], dtype=wp.vec3, device=arguments.device)
+    return wp.Mesh(
+        points=vertices, indices=wp.array(frame["faces"].reshape(-1), dtype=wp.int32, device=arguments.device)
+    )
+
+
+def distances(arguments) -> dict:
+    """Ns a point: exact closest points without a limit and within one, against a network's lower bound."""
+    frame, count = np.load(arguments.data / "frame.npz"), arguments.count
+    mesh, device = _mesh(arguments), arguments.device
+    flat = uniform(frame["low"], frame["high"], count, device)
+    x = wp.array(ptr=flat.ptr, dtype=wp.vec3, shape=(count,), device=device)
+    mask, d = wp.zeros(count, dtype=wp.uint8, device=device), wp.zeros(count, dtype=float, device=device)
+    found, held = {}, {}
+    for name, kernel, most, out in (
+        ("within margin", _within, MARGIN, mask),
+        ("distance, no limit", _distance, 1e6, d),
+        ("distance within 0.1", _distance, 0.1, d),
+    ):
+        call = wp.launch(kernel, count, [mesh.id, most, x], [out], device=device, record_cmd=True).launch
+        found[f"wp.mesh_query_point, {name}"] = ns(call, count, 3, 2)
+    radius = wp.zeros(1, dtype=float, device=device)
+    for widths in (24, 50):
+        bounder = loaded(arguments, f"bunny-distance-{widths}")
+        data, source = bounder.data, bounder.source
+        inputs = [flat, count, 0, data.parameters, data.words, radius, 0]
+        for name, kernel, threads, more in (
+            ("float32", distance_kernel(source, True), count, []),
+            (
+                "tensor",
+                distance_warp_kernel(source, True, bounder._tensor_text),
+                tensor_cores.threads(count),
+                [bounder.tensor_numbers],
+            ),
+        ):
+            call = wp.launch(
+                kernel, threads, [*inputs, *more], [d], device=device, block_dim=128, record_cmd=True
+            ).launch
+            found[f"{widths} {name}"] = ns(call, count, 5)
+            held[name] = d.numpy()
+        found[f"{widths}, largest difference of both"] = float(np.abs(held["float32"] - held["tensor"]).max())
+        rays = wp.array(rays_of(arguments, count), dtype=wp.float32, device=device)
+        for name, numbers in (("float32", None), ("tensor", bounder.tensor_numbers)):
+            chosen = bounder.to(device)
+            if numbers is None:
+                chosen._held = chosen.data, None
+            maybe = []
+            found[f"{widths} {name}, rays of length 3, 32 steps"] = ns(
+                lambda b=chosen, found=maybe, rays=rays: found.append(b.rays(rays, length=3.0)[0]), count, 3, 2
+            )
+            found[f"{widths} {name}, rays, maybe"] = float(maybe[-1].numpy().mean())
+            del maybe[:]
+    mesh_rays = wp.launch(_ray, count, [mesh.id, 3.0, rays.flatten()], [mask], device=device, record_cmd=True).launch
+    found["wp.mesh_query_ray_anyhit"] = ns(mesh_rays, count, 3, 2)
+    return found
+
+
+def rays(arguments) -> dict:
+    """Ns a ray."""
+    count, found = arguments.count, {}
+    x = wp.array(rays_of(arguments, count).reshape(-1), dtype=wp.float32, device=arguments.device)
+    out = wp.zeros(count, dtype=wp.uint8, device=arguments.device)
+    bounder = loaded(arguments, "rays-50")
+    for name, cores in (("float32", False), ("tensor", True)):
+        found[f"50 {name}"] = ns(launch_of(bounder, x, count, out, cores), count, 5, 5)
+    found["bvh"] = ns(launch_of(loaded(arguments, "rays-bvh"), x, count, out, False), count, 5, 5)
+    return found
+
+
+@wp.kernel(enable_backward=False)
+def _near_surface(seed: int, mesh: wp.uint64, faces: int, reach: float, x: wp.array(dtype=wp.vec3)):
+    """A point no farther than ``reach`` from a random point of the surface, mostly nearly as far."""
+    i = wp.tid()
+    state = wp.rand_init(seed, i)
+    a, b = wp.randf(state), wp.randf(state)
+    if a + b > 1.0:
+        a, b = 1.0 - a, 1.0 - b
+    p = wp.mesh_eval_position(mesh, wp.randi(state, 0, faces), a, b)
+    way = wp.normalize(wp.vec3(wp.randn(state), wp.randn(state), wp.randn(state)))
+    far = wp.randf(state)
+    x[i] = p + way * (reach * (1.0 - far * far * far * far))
+
+
+@wp.kernel(enable_backward=False)
+def _around(seed: int, low: wp.vec3, high: wp.vec3, x: wp.array(dtype=wp.vec3)):
+    i = wp.tid()
+    state = wp.rand_init(seed, i)
+    x[i] = low + wp.cw_mul(high - low, wp.vec3(wp.randf(state), wp.randf(state), wp.randf(state)))
+
+
+@wp.kernel(enable_backward=False)
+def _missed(answers: wp.array(dtype=wp.uint8), count: wp.array(dtype=wp.int32)):
+    i = wp.tid()
+    if answers[i] == wp.uint8(0):
+        wp.atomic_add(count, 0, 1)
+
+
+@wp.kernel(enable_backward=False)
+def _over(
+    mesh: wp.uint64,
+    x: wp.array(dtype=wp.vec3),
+    told: wp.array(dtype=float),
+    count: wp.array(dtype=wp.int32),
+    least: wp.array(dtype=float),
+):
+    """Counts distances told above the exact one, which float32 computes to some units of the coordinates."""
+    i = wp.tid()
+    query = wp.mesh_query_point_sign_parity(mesh, x[i], 1.0e6)
+    d = wp.float32(0.0)
+    if query.result and query.sign > 0.0:
+        d = wp.length(x[i] - wp.mesh_eval_position(mesh, query.face, query.u, query.v))
+    if told[i] > 0.0:
+        wp.atomic_min(least, 0, d - told[i])
+    if told[i] > d + 1.0e-6:
+        wp.atomic_add(count, 0, 1)
+
+
+def _vectors(flat: wp.array, count: int) -> wp.array:
+    return wp.array(ptr=flat.ptr, dtype=wp.vec3, shape=(count,), device=flat.device)
+
+
+def hard(arguments) -> dict:
+    """False negatives of points that are on the object for certain, overestimates of distances: 1e9 of each."""
+    found, count, device = {}, 20_000_000, arguments.device
+    mesh, frame = _mesh(arguments), np.load(arguments.data / "bunny.npz")
+    rounds = 2 if arguments.quick else 50
+    x, missed = wp.zeros(count, dtype=wp.vec3, device=device), wp.zeros(1, dtype=wp.int32, device=device)
+    answers = wp.zeros(count, dtype=wp.uint8, device=device)
+    for name in ("bunny-24", "bunny-50"):
+        bounder = loaded(arguments, name)
+        missed.zero_()
+        prepared = bounder.prepare(x, out=answers)
+        for seed in range(rounds):
+            wp.launch(_near_surface, count, [seed, mesh.id, len(frame["faces"]), MARGIN - 2e-6], [x], device=device)
+            prepared.launch()
+            wp.launch(_missed, count, [answers], [missed], device=device)
+        found[f"{name}, false negatives"] = [int(missed.numpy()[0]), count * rounds]
+        flat = uniform(frame["low"], frame["high"], count, device)
+        shares = [float(launch_and_mean(bounder, flat, count, cores)) for cores in (False, True)]
+        numbers = bounder.tensor_numbers.numpy()
+        found[f"{name}, maybe in float32, on tensor cores"] = shares
+        found[f"{name}, threshold, lowered"] = [float(bounder.threshold), float(numbers[0])]
+    told, least = wp.zeros(count, dtype=float, device=device), wp.full(1, 1e9, dtype=float, device=device)
+    for name in ("bunny-distance-24", "bunny-distance-50"):
+        bounder = loaded(arguments, name)
+        missed.zero_(), least.fill_(1e9)
+        for seed in range(rounds):
+            if seed % 2:
+                wp.launch(_near_surface, count, [seed, mesh.id, len(frame["faces"]), 0.3], [x], device=device)
+            else:
+                corners = [wp.vec3(*map(float, frame[name] * 1.5)) for name in ("low", "high")]
+                wp.launch(_around, count, [seed, *corners], [x], device=device)
+            bounder.distance(x, out=told)
+            wp.launch(_over, count, [mesh.id, x, told], [missed, least], device=device)
+        found[f"{name}, overestimates"] = [int(missed.numpy()[0]), count * rounds, float(least.numpy()[0])]
+    return found
+
+
+def launch_and_mean(bounder, flat: wp.array, count: int, cores: bool) -> float:
+    """The share of *maybe*."""
+    out = wp.zeros(count, dtype=wp.uint8, device=flat.device)
+    launch_of(bounder, flat, count, out, cores)()
+    return out.numpy().mean()
+
+
+def torch_too(arguments) -> dict:
+    """Ns a point of the same networks in torch, float32 without TF32, and our function in a kernel."""
+    sys_path()
+    import torch
+
+    found, count, device = {}, arguments.count, arguments.device
+    frame = np.load(arguments.data / "frame.npz")
+    flat = uniform(frame["low"], frame["high"], count, device)
+    x, out = _vectors(flat, count), wp.zeros(count, dtype=wp.uint8, device=device)
+    for widths in NETWORKS:
+        bounder = loaded(arguments, f"points-{widths[0]}")
+        test = bounder.func
+
+        @wp.kernel(module="unique", enable_backward=False)
+        def ask(data: wb.Data, x: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.uint8)):
+            i = wp.tid()
+            out[i] = wp.uint8(wp.static(test)(data, x[i]))  # noqa: B023  built at once
+
+        found[f"{widths[0]} function"] = ns(
+            wp.launch(ask, count, [bounder.data, x], [out], device=device, record_cmd=True).launch, count, 5
+        )
+        tensor_x = torch.from_numpy(flat.numpy().reshape(-1, 3)).to(device)
+        layers = []
+        for i in range(len(widths) + 1):
+            weight, bias = bounder.tensors[f"layers.{i}.weight"], bounder.tensors[f"layers.{i}.bias"]
+            linear = torch.nn.Linear(weight.shape[1], weight.shape[0]).to(device)
+            with torch.no_grad():
+                linear.weight.copy_(torch.from_numpy(weight.copy())), linear.bias.copy_(torch.from_numpy(bias.copy()))
+            layers.append(linear)
+
+        def forward(tensor_x=tensor_x, layers=layers):
+            with torch.no_grad():
+                h = tensor_x
+                for layer in layers[:-1]:
+                    h = torch.sin(layer(h))
+                return layers[-1](h) < 0.0
+
+        for _ in range(3):
+            forward()
+        begin, end = torch.cuda.Event(enable_timing=True), torch.cuda.Event(enable_timing=True)
+        begin.record()
+        for _ in range(5):
+            forward()
+        end.record()
+        torch.cuda.synchronize()
+        found[f"{widths[0]} torch"] = begin.elapsed_time(end) * 1e6 / 5 / count
+    return found
+
+
+def counts(arguments) -> dict:
+    """Ns a point by how many are asked at once, of ``prepare``'s launches as a user calls them, and replayed in a graph."""
+    found, frame, device = {}, np.load(arguments.data / "frame.npz"), arguments.device
+    for count in (1_000, 10_000, 100_000, 1_000_000, 10_000_000, 100_000_000):
+        x = _vectors(flat := uniform(frame["low"], frame["high"], count, device), count)
+        for widths in ((24, 24), (50, 50)):
+            bounder = loaded(arguments, f"points-{widths[0]}")
+            prepared = bounder.prepare(x)
+            found[f"{widths[0]}, {count}"] = ns(prepared.launch, count, 5)
+            with wp.ScopedCapture(device=device) as capture:
+                prepared.launch()
+            found[f"{widths[0]}, {count}, graph"] = ns(lambda c=capture: wp.capture_launch(c.graph), count, 5)
+        del flat
+    return found
+
+
+def cull(arguments) -> dict:
+    """Ms of Newton's particle-shape pass in a captured graph, without and with a cull."""
+    sys_path()
+    import newton
+    import newton_map.__main__ as newton_map
+
+    from warp_bounding.newton import cull as newton_cull
+
+    def mesh_of(name: str) -> newton.Mesh:  # without a reader of meshes
+        kept = np.load(arguments.data / f"newton-{name}.npz")
+        return newton.Mesh(kept["vertices"], kept["faces"].reshape(-1))
+
+    newton_map.newton_mesh, Cell, records = mesh_of, newton_map.Cell, newton_map.records
+    found = {}
+    for particles, meshes in ((10_000, 1), (100_000, 1), (1_000_000, 1), (10_000, 16)):
+        cell = Cell(particles, meshes, 0.05, arguments.device)
+        row = {"contacts": cell.compare(), "pairs": cell.cull.pairs}
+        graphs, seen = {}, {}
+        ways = [(way, spread) for way in cell._ways for spread in ((0,) if way == "none" else (0, 2**40))]
+        for way, spread in ways:
+            name, newton_cull.SPREAD = f"{way}, spread" if spread else way, spread
+            with wp.ScopedCapture(device=arguments.device) as capture:
+                cell._ways[way](cell._state, cell._contacts)
+            graphs[name] = capture.graph
+            wp.capture_launch(capture.graph)
+            seen[name] = records(cell._contacts)
+            row[f"{name}, same contacts"] = all(
+                np.array_equal(a, b) for a, b in zip(seen["none"], seen[name], strict=True)
+            )
+        for name, newton_cull.SPREAD in (("the cull alone", 0), ("the cull alone, spread", 2**40)):
+            with wp.ScopedCapture(device=arguments.device) as capture:
+                cell.cull.candidates(cell._state)
+            graphs[name] = capture.graph
+        for turn in range(2):
+            for name, graph in graphs.items():
+                row[f"{name}, ms, turn {turn}"] = ns(lambda g=graph: wp.capture_launch(g), 1_000_000, 9, 20)
+        found[f"{particles} particles, {meshes} meshes"] = row
+        print(particles, meshes, row, flush=True)
+    return found

@@ -1,0 +1,194 @@
+"""Networks on tensor cores: their text run on a CPU, 32 lanes in lockstep, and compiled for a GPU; what it may err by."""
+
+import sys
+
+import numpy as np
+import pytest
+import warp as wp
+from bounding_shapes import domain_points, shape
+from distances import far, points_around, thing
+from random_networks import random_network
+
+from warp_bounding.activations import SINE
+from warp_bounding.kernels.functions import warp_kernel
+from warp_bounding.networks import tensor_cores
+from warp_bounding.networks.inference import MlpSource
+from warp_bounding.networks.network import Network
+from warp_bounding.runtime.native import named
+
+# What ``tensor_cores.TOOLS`` says on CUDA, said of 32 lanes at a time: fragments as the PTX manual lays them out, sums that are cut as the
+# module's second claim allows, at the worst.
+LOCKSTEP = """
+typedef int I __attribute__((vector_size(128)));
+struct U { V a, b; };
+I lane; for (int l = 0; l < 32; ++l) lane[l] = l;
+auto across = [](V x, int mask) __attribute__((noinline)) { V y; for (int l = 0; l < 32; ++l) y[l] = x[l ^ mask]; return y; };
+auto half = [](V x) __attribute__((noinline)) {
+    V y;
+    for (int l = 0; l < 32; ++l) {
+        double a = x[l], unit = 0x1p-24;
+        while (unit * 2048 <= (a < 0 ? -a : a)) unit *= 2;
+        y[l] = (float)(__builtin_rint(a / unit) * unit);
+    }
+    return y;
+};
+auto pair = [&](V a, V b) { U u; u.a = half(a); u.b = half(b); return u; };
+auto first_of = [](U u) { return u.a; };
+auto second_of = [](U u) { return u.b; };
+auto sine = [](V z) __attribute__((noinline)) { V h; for (int l = 0; l < 32; ++l) h[l] = (float)__builtin_sin((double)z[l]); return h; };
+auto size_of = [](double x) { return x < 0 ? -x : x; };
+auto mma = [&](V* d, const U* a, const U* b, int ks, const V* c) __attribute__((noinline)) {
+    V result[4];
+    for (int l = 0; l < 32; ++l)
+        for (int e = 0; e < 4; ++e) {
+            const int row = l / 4 + 8 * (e / 2), col = 2 * (l % 4) + e % 2;
+            double sum = c[e][l], largest = size_of(sum);
+            for (int k = 0; k < 8 * ks; ++k) {
+                const int from = 4 * (row % 8) + k % 8 / 2, to = 4 * col + k % 8 / 2;
+                const U x = a[2 * (k / 8) + row / 8], w = b[k / 8];
+                const double term = (double)(k % 2 ? x.b[from] : x.a[from]) * (k % 2 ? w.b[to] : w.a[to]);
+                sum += term;
+                if (size_of(term) > largest) largest = size_of(term);
+            }
+            result[e][l] = (float)(sum - CUTS * 0x0.fp-23 * ((8 * ks + 1) * 0.5 * largest + size_of(sum)));
+        }
+    for (int e = 0; e < 4; ++e) d[e] = result[e];
+};
+auto mma16 = [&](V* d, U a0, U a1, U a2, U a3, U b0, U b1, const V* c) {
+    const U a[4] = {a0, a1, a2, a3}, b[2] = {b0, b1}; mma(d, a, b, 2, c);
+};
+auto mma8 = [&](V* d, U a0, U a1, U b0, const V* c) { const U a[2] = {a0, a1}, b[1] = {b0}; mma(d, a, b, 1, c); };
+struct Word {
+    unsigned int bits[32];
+    operator U() const {
+        U u;
+        for (int l = 0; l < 32; ++l)
+            for (int k = 0; k < 2; ++k) {
+                const unsigned int h = bits[l] >> 16 * k & 0xffffu, e = h >> 10 & 31;
+                const float size = e ? (1024 + (h & 1023)) * __builtin_ldexpf(1.0f, (int)e - 25) : (h & 1023) * 0x1p-24f;
+                (k ? u.b : u.a)[l] = h >> 15 ? -size : size;
+            }
+        return u;
+    }
+};
+auto words_of = [](const float* at, int index, Word* to) __attribute__((noinline)) {
+    for (int l = 0; l < 32; ++l)
+        for (int k = 0; k < 4; ++k) __builtin_memcpy(&to[k].bits[l], at + (index * 32 + l) * 4 + k, 4);
+};
+auto number = [](const Word& word) { V x; __builtin_memcpy(&x, word.bits, 128); return x; };
+"""
+
+
+def lockstep(source: MlpSource, numbers: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """f of coordinates ``(32, M)``: lane 4 g + t has query 8 t + g, as a kernel gives them out."""
+    m = source.coordinates
+    text = (
+        tensor_cores.text(source)
+        .replace(tensor_cores.TOOLS, LOCKSTEP)
+        .replace("U b[", "Word b[")
+        .replace("const U* w_", "const Word* w_")
+    )
+    text = text.replace("#pragma unroll\n", "#pragma clang loop unroll(disable)\n")
+    snippet = f"""
+#if !defined(__CUDA_ARCH__)
+#pragma clang fp contract(off)
+typedef float V __attribute__((vector_size(128), aligned(4)));
+const V zero = {{}};
+const float* tensor = numbers.data;
+const double CUTS = tensor[7];
+V v[{m}], f;
+for (int l = 0; l < 32; ++l) for (int k = 0; k < {m}; ++k) v[k][l] = x.data[(8 * (l % 4) + l / 4) * {m} + k];
+{text}
+for (int l = 0; l < 32; ++l) out.data[8 * (l % 4) + l / 4] = f[l];
+#endif
+"""
+    sizes = "_".join(map(str, (m, *source.hidden)))
+
+    @named(f"lockstep_{sizes}").block_kernel(snippet)
+    def kernel(
+        x: wp.array(dtype=wp.float32), block: int, numbers: wp.array(dtype=wp.float32), out: wp.array(dtype=wp.float32)
+    ): ...
+
+    out = wp.zeros(32, dtype=wp.float32, device="cpu")
+    given = [
+        wp.array(np.ascontiguousarray(x, np.float32).reshape(-1), dtype=wp.float32, device="cpu") for x in (v, numbers)
+    ]
+    wp.launch(kernel, 1, [given[0], 0, given[1]], [out], device="cpu")
+    return out.numpy()
+
+
+def random_layers(inputs: int, hidden: tuple[int, ...], rng) -> list[tuple[np.ndarray, np.ndarray]]:
+    sizes = (inputs, *hidden, 1)
+    shapes = zip(sizes[1:], sizes[:-1], strict=True)
+    return [
+        (rng.normal(0, 2 / np.sqrt(k), (h, k)).astype(np.float32), rng.normal(size=h).astype(np.float32))
+        for h, k in shapes
+    ]
+
+
+@pytest.mark.parametrize(("query", "hidden"), [("point", (24, 24)), ("ray", (13,)), ("ray", (9, 18, 5))])
+def test_emulated_lanes_stay_within_the_rounding_bound(query, hidden):
+    source, rng = MlpSource(3, False, hidden, "sin", query=query), np.random.default_rng(1)
+    layers = random_layers(source.raw, hidden, rng)
+    network = Network(layers, SINE.name, None, np.ones(source.raw))
+    v = rng.uniform(-1, 1, (32, source.raw)).astype(np.float32)
+    numbers = tensor_cores.numbers(source, layers, np.float32(0.5))
+    exact, bound = network(v), tensor_cores.rounding(network)
+    for cuts in (0, 1):
+        numbers[7] = cuts
+        assert np.abs(lockstep(source, numbers, v) - exact).max() <= bound
+    assert bound < 1e-2
+
+
+@pytest.mark.skipif(not hasattr(wp, "compile_aot_module"), reason="this Warp cannot compile ahead of time")
+@pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA compiler on macOS")
+@pytest.mark.parametrize("hidden", [(24, 24), (50, 50)])
+def test_cuda_text_keeps_to_registers(hidden, tmp_path):
+    """Sums on tensor cores, as many as the sizes ask for, and no memory of a thread's own, in which activations would be slow."""
+    source = MlpSource(3, False, hidden, SINE.name)
+    kernel = warp_kernel(source, False, False, tensor_cores.text(source))
+    wp.compile_aot_module(kernel.module, arch=[90], module_dir=tmp_path, use_ptx=True)
+    (file,) = tmp_path.glob("*.ptx")
+    text, tiles = file.read_text(), -(-hidden[0] // 8)
+    assert text.count("mma.sync.aligned.m16n8k16") == 2 * tiles * (1 + 3 * (tiles // 2))
+    assert text.count("mma.sync.aligned.m16n8k8") == 2 * tiles * 3 * (tiles % 2)
+    assert text.count("sin.approx") == 2 * 8 * tiles
+    assert ".local" not in text
+
+
+@pytest.fixture
+def card():
+    """A card that was verified."""
+    if not wp.get_cuda_device_count() or wp.get_device("cuda:0").arch not in tensor_cores.VERIFIED:
+        pytest.skip("there is no card on which tensor cores were verified")
+    return "cuda:0"
+
+
+@pytest.mark.parametrize("query", ["point", "ray", "box"])
+@pytest.mark.parametrize("count", [1, 33, 100_003])
+def test_cuda_answers_are_those_of_values(card, query, count, rng):
+    grid = shape("blob")
+    bounder = random_network(query, grid, hidden=(24, 24)).to(card)
+    x = domain_points(grid, 2 * count, rng).reshape(count, -1)[:, : bounder.domain.columns]
+    values = bounder.values(x).numpy().astype(np.float64)
+    bounder.freeze(float(np.median(bounder.reference(np.zeros((1, bounder.domain.ndim))))), None)
+    assert bounder.tensor_numbers is not None
+    answers, own = bounder.query(x).numpy() == 1, tensor_cores.rounding(bounder.network)
+    assert answers[values >= bounder.threshold + 2 * bounder.rounding_bound()].all()
+    assert not answers[values < bounder.threshold - 2 * own].any()
+    assert count < 100 or 0 < answers.mean() < 1
+
+
+@pytest.mark.parametrize("name", ["blob", "five"])
+def test_cuda_distances_are_those_in_float32(card, name, rng):
+    bounder, x = far("mlp", name), points_around(thing(name), 20_001, rng)
+    there = bounder.to(card)
+    assert there.tensor_numbers is not None
+    own = 4 * tensor_cores.rounding(bounder.network) / float(bounder.domain.scale.min())
+    assert np.abs(there.distance(x).numpy() - bounder.distance(x).numpy()).max() <= own
+    start, end = x[:10_000], x[10_000:20_000]
+    (maybe, t), (expected, when) = (
+        [part.numpy() for part in b.segments(start, end, radius=0.01)] for b in (there, bounder)
+    )
+    assert (maybe == expected).mean() > 0.99
+    assert (np.abs(t - when) < 1e-3).mean() > 0.99
