@@ -193,22 +193,22 @@ class TensorCores:
     @property
     def tensor_numbers(self) -> wp.array | None:
         """What ``text`` reads, with a threshold that is as much lower as its f may be off more than others; else ``None``."""
-        source, device, data = self.source, self.device, self.data
-        if not (self.native and device.is_cuda and device.arch in VERIFIED and fits(source)):
+        source, device, data, held = self.source, self.device, self.data, self._held
+        if not (device.is_cuda and device.arch in VERIFIED and fits(source)):
             return None
-        if self._held is None or self._held[0] is not data:
+        if held is None or held[0] is not data:
             proven = min(self.rounding_bound(), getattr(self.certificate, "rounding_bound", np.inf))
             own = self.rounding_bound() + (rounding(self.network) - self.network.rounding) * (1 + 1e-6)
-            held = None
+            held = data, None
             if np.isfinite(own):
                 layers = [
                     (self.tensors[f"layers.{i}.weight"], self.tensors[f"layers.{i}.bias"])
                     for i in range(len(self.hidden) + 1)
                 ]
                 values = numbers(source, layers, lowered(self.threshold, proven, own))
-                held = wp.array(values, dtype=wp.float32, device=device)
-            self._held = data, held
-        return self._held[1]
+                held = data, wp.array(values, dtype=wp.float32, device=device)
+            self._held = held
+        return held[1]
 
 
 def threads(count: int) -> int:

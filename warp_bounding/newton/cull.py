@@ -45,9 +45,7 @@ from warp_bounding.runtime.launch import BlockLaunch, ready
 
 __all__ = ["ParticleCull"]
 
-SPREAD = (
-    2**19
-)  # pairs that fill a GPU only a few times: a graph leaves those that remain in their places, so that a warp has few of them
+SPREAD = 2**16  # pairs that do not fill a GPU: a graph leaves those that remain where they are, few in a warp
 MOST_RECORDED = 8  # sets of arrays whose launches are kept
 
 

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 import warp as wp
-from bounding_shapes import shape
+from bounding_shapes import rounding_of_answers, shape
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
@@ -288,7 +288,9 @@ def test_occupancy_never_holds_a_certificate(device, tmp_path):
     assert "not conservative" in repr(bounder)
     assert bounder.threshold == 0
     x = early("points", device)[1]
-    assert (bounder.query(x).numpy() == answers_of(part.freeze(0.0, None), x)).all()
+    part.freeze(0.0, None)
+    sure = np.abs(part.values(x).numpy()) >= (0.0 if device == "cpu" else rounding_of_answers(part))
+    assert (bounder.query(x).numpy() == answers_of(part, x))[sure].all()
     certificate = object.__new__(Certificate)
     with pytest.raises(BounderError, match="not conservative"):
         bounder.freeze(0.0, certificate)
