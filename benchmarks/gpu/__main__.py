@@ -1,7 +1,11 @@
-"""What a GPU says: `python benchmarks/gpu --data FOLDER --out results/gpu`, on a machine with a card; `--prepare` makes the folder, on any machine; `--dry` compiles for sm_90 without a card.
+"""What a GPU says: `python benchmarks/gpu --data FOLDER --out results/gpu/NAME`, on a machine with a card.
 
-Most important first: what proofs take from the hardware, answers against float64, then times. Each part writes `PART.json` when it is
-done, and is left out where that is there, so a run that was stopped goes on.
+`--prepare` makes FOLDER before, on any machine: bounders and meshes, so that the machine with the card fits nothing and
+reads no mesh files. `--dry` compiles the kernels of tensor cores for sm_90 and counts their instructions; it needs neither.
+
+Most important first: what proofs take from the hardware, answers against float64, times, and points and distances that
+are asked for mistakes. Each part writes `PART.json` when it is done, and is left out where that is there, so a run that
+was stopped goes on. All parts take about two minutes, as much again where nothing is compiled yet.
 """
 
 import argparse
@@ -9,10 +13,15 @@ import json
 import platform
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
 import warp as wp
+
+from warp_bounding.kernels.functions import warp_kernel
+from warp_bounding.networks import tensor_cores
+from warp_bounding.networks.inference import MlpSource
 
 sys.path.insert(0, str(Path(__file__).parent))
 import contest
@@ -46,10 +55,26 @@ def about(device: str) -> dict:
     }
 
 
+def dry() -> None:
+    """Compile the kernels of tensor cores for sm_90, and count what a group of 32 queries asks for; needs no card."""
+    for query, widths in (("point", (24, 24)), ("point", (50, 50)), ("ray", (50, 50))):
+        source = MlpSource(3, False, widths, "sin", query=query)
+        kernel = warp_kernel(source, False, False, tensor_cores.text(source))
+        with tempfile.TemporaryDirectory() as folder:
+            wp.compile_aot_module(kernel.module, arch=[90], module_dir=folder, use_ptx=True)
+            text = next(Path(folder).glob("*.ptx")).read_text()
+        counts = {
+            name: text.count(name)
+            for name in ("m16n8k16", "m16n8k8", "sin.approx", "fma.rn.f32", "ld.global", ".local")
+        }
+        print(query, "-".join(map(str, widths)), ", ".join(f"{name} {count}" for name, count in counts.items()))
+
+
 def main() -> None:
     """Run the parts."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--dry", action="store_true")
+    parser.add_argument("--data", type=Path)
     parser.add_argument("--out", type=Path)
     parser.add_argument("--device", default="cuda:0")
     parser.add_argument("--parts", default=",".join(PARTS))
@@ -59,6 +84,11 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--prepare", action="store_true")
     arguments = parser.parse_args()
+    if arguments.dry:
+        dry()
+        return
+    if arguments.data is None or not (arguments.prepare or arguments.out):
+        parser.error("expected --dry, or --data with --prepare or with --out")
     if arguments.prepare:
         contest.prepare(arguments.data)
         return

@@ -1,4 +1,4 @@
-"""What a proof on tensor cores takes from the hardware, tested on it: the sine, number by number, and sums of products that are hard to add up."""
+"""What a proof on tensor cores takes from the hardware, tested on it: the sine of every number, and sums that are hard."""
 
 import warp as wp
 
@@ -26,8 +26,9 @@ atomicMax((unsigned long long*)worst.data + 2 * exponent + 1, (unsigned long lon
 #endif
 """
 
-# A warp makes factors and what they are added to, in one of several ways, adds up, and compares with sums in float64, whose own errors
-# are 2^-48 of a bound. Worst errors in units of 2^-23 of the largest term, of the sum of absolute terms; and of the same less a cut result.
+# A warp makes factors and what they are added to, in one of six ways, adds up, and compares with sums in float64, whose
+# own errors are 2^-28 of a bound. Worst errors, in units of 2^-23: of the largest term, of the sum of absolute terms, and
+# of the largest term after 2^-23 of the sum is taken off.
 _SUMS = """
 #if defined(__CUDA_ARCH__)
 __shared__ float a_[4][16][16], b_[4][16][8], c_[4][16][8];
@@ -35,31 +36,43 @@ const int warp = threadIdx.x / 32, lane = threadIdx.x & 31, g = lane / 4, t = la
 typedef float V;
 V (*a)[16] = a_[warp]; V (*b)[8] = b_[warp]; V (*c)[8] = c_[warp];
 unsigned long long state = ((unsigned long long)block + 1) * 0x9E3779B97F4A7C15ull + seed;
-auto random = [&]() { state ^= state << 13; state ^= state >> 7; state ^= state << 17; return (unsigned int)(state >> 32); };
+auto random = [&]() {
+    state ^= state << 13; state ^= state >> 7; state ^= state << 17; return (unsigned int)(state >> 32);
+};
 auto unit = [&]() { return (random() >> 8) * 0x1p-24f; };
 auto half_of = [](float x) {
-    unsigned short h; float y; asm("cvt.rn.f16.f32 %0, %1;" : "=h"(h) : "f"(x)); asm("cvt.f32.f16 %0, %1;" : "=f"(y) : "h"(h)); return y;
+    unsigned short h; float y;
+    asm("cvt.rn.f16.f32 %0, %1;" : "=h"(h) : "f"(x)); asm("cvt.f32.f16 %0, %1;" : "=f"(y) : "h"(h));
+    return y;
 };
-auto pair = [](float x, float y) { unsigned int u; asm("cvt.rn.f16x2.f32 %0, %1, %2;" : "=r"(u) : "f"(y), "f"(x)); return u; };
+auto pair = [](float x, float y) {
+    unsigned int u; asm("cvt.rn.f16x2.f32 %0, %1, %2;" : "=r"(u) : "f"(y), "f"(x)); return u;
+};
 for (int turn = 0; turn < 64; ++turn) {
     const unsigned int whole = __shfl_sync(0xffffffffu, random(), 0);
     const int way = whole % 6, big = whole >> 4 & 15, gap = 18 + (whole >> 8) % 12, signs = whole >> 16 & 3;
+    auto wide = [&](int range, int least) {
+        const V x = ldexpf(1.0f + unit(), (int)(random() % range) - least); return random() & 1 ? -x : x;
+    };
+    auto small = [&](int by) {
+        return ldexpf(way == 3 ? 2.0f - 0x1p-10f : 1.0f + unit(), -(way == 5 ? (int)(random() % 15) : by));
+    };
     __syncwarp();
     for (int e = lane; e < 256; e += 32) {
         const int row = e / 16, k = e % 16;
         float x = 0.0f;
         if (way == 0) x = unit() * 2.0f - 1.0f;
-        if (way == 1) x = ldexpf(1.0f + unit(), (int)(random() % 28) - 14) * (random() & 1 ? -1.0f : 1.0f);
-        if (way >= 2) x = k == big ? 1.0f + unit() : ldexpf(way == 3 ? 2.0f - 0x1p-10f : 1.0f + unit(), -(way == 5 ? (int)(random() % 15) : gap / 2));
-        if (way >= 2 && k != big) x *= signs == 0 ? 1.0f : signs == 1 ? -1.0f : random() & 1 ? -1.0f : 1.0f;
+        if (way == 1) x = wide(28, 14);
+        if (way >= 2) x = k == big ? 1.0f + unit() : small(gap / 2);
+        if (way >= 2 && k != big && (signs == 1 || (signs > 1 && random() & 1))) x = -x;
         a[row][k] = half_of(x);
     }
     for (int e = lane; e < 128; e += 32) {
         const int k = e / 8, col = e % 8;
         float x = 0.0f;
         if (way == 0) x = unit() * 2.0f - 1.0f;
-        if (way == 1) x = ldexpf(1.0f + unit(), (int)(random() % 28) - 14) * (random() & 1 ? -1.0f : 1.0f);
-        if (way >= 2) x = k == big ? 1.0f : ldexpf(way == 3 ? 2.0f - 0x1p-10f : 1.0f + unit(), -(way == 5 ? (int)(random() % 15) : gap - gap / 2));
+        if (way == 1) x = wide(28, 14);
+        if (way >= 2) x = k == big ? 1.0f : small(gap - gap / 2);
         b[k][col] = half_of(x);
     }
     __syncwarp();
@@ -70,21 +83,28 @@ for (int turn = 0; turn < 64; ++turn) {
         if (way >= 2) {
             const float most = a[row][big] * b[big][col];
             const int kind = random() % 4;  // nothing, a cancelling one, as large as the small ones, far larger
-            x = kind == 0 ? 0.0f : kind == 1 ? -most * (1.0f + ldexpf(unit(), -(int)(random() % 24))) : kind == 2 ? ldexpf(1.0f + unit(), -gap) : ldexpf(1.0f + unit(), (int)(random() % 24));
+            x = 0.0f;
+            if (kind == 1) x = -most * (1.0f + ldexpf(unit(), -(int)(random() % 24)));
+            if (kind == 2) x = ldexpf(1.0f + unit(), -gap);
+            if (kind == 3) x = ldexpf(1.0f + unit(), (int)(random() % 24));
         }
         c[row][col] = x;
     }
     __syncwarp();
     float d[2][4];
-    const unsigned int a0 = pair(a[g][2 * t], a[g][2 * t + 1]), a1 = pair(a[g + 8][2 * t], a[g + 8][2 * t + 1]);
-    const unsigned int a2 = pair(a[g][2 * t + 8], a[g][2 * t + 9]), a3 = pair(a[g + 8][2 * t + 8], a[g + 8][2 * t + 9]);
+    const unsigned int a0 = pair(a[g][2 * t], a[g][2 * t + 1]), a2 = pair(a[g][2 * t + 8], a[g][2 * t + 9]);
+    const unsigned int a1 = pair(a[g + 8][2 * t], a[g + 8][2 * t + 1]);
+    const unsigned int a3 = pair(a[g + 8][2 * t + 8], a[g + 8][2 * t + 9]);
     const unsigned int b0 = pair(b[2 * t][g], b[2 * t + 1][g]), b1 = pair(b[2 * t + 8][g], b[2 * t + 9][g]);
     const float c0 = c[g][2 * t], c1 = c[g][2 * t + 1], c2 = c[g + 8][2 * t], c3 = c[g + 8][2 * t + 1];
-    asm volatile("mma.sync.aligned.m16n8k16.row.col.f32.f16.f16.f32 {%0, %1, %2, %3}, {%4, %5, %6, %7}, {%8, %9}, {%10, %11, %12, %13};"
+    asm volatile("mma.sync.aligned.m16n8k16.row.col.f32.f16.f16.f32 "
+        "{%0, %1, %2, %3}, {%4, %5, %6, %7}, {%8, %9}, {%10, %11, %12, %13};"
         : "=f"(d[1][0]), "=f"(d[1][1]), "=f"(d[1][2]), "=f"(d[1][3])
         : "r"(a0), "r"(a1), "r"(a2), "r"(a3), "r"(b0), "r"(b1), "f"(c0), "f"(c1), "f"(c2), "f"(c3));
-    asm volatile("mma.sync.aligned.m16n8k8.row.col.f32.f16.f16.f32 {%0, %1, %2, %3}, {%4, %5}, {%6}, {%7, %8, %9, %10};"
-        : "=f"(d[0][0]), "=f"(d[0][1]), "=f"(d[0][2]), "=f"(d[0][3]) : "r"(a0), "r"(a1), "r"(b0), "f"(c0), "f"(c1), "f"(c2), "f"(c3));
+    asm volatile("mma.sync.aligned.m16n8k8.row.col.f32.f16.f16.f32 "
+        "{%0, %1, %2, %3}, {%4, %5}, {%6}, {%7, %8, %9, %10};"
+        : "=f"(d[0][0]), "=f"(d[0][1]), "=f"(d[0][2]), "=f"(d[0][3])
+        : "r"(a0), "r"(a1), "r"(b0), "f"(c0), "f"(c1), "f"(c2), "f"(c3));
     for (int wide = 0; wide < 2; ++wide)
         for (int e = 0; e < 4; ++e) {
             const int row = g + 8 * (e / 2), col = 2 * t + e % 2;
@@ -94,10 +114,12 @@ for (int turn = 0; turn < 64; ++turn) {
                 sum += term; size += fabs(term); most = fmax(most, fabs(term));
             }
             const double error = fabs((double)d[wide][e] - sum) * 0x1p23;
-            double of[3] = {most > 0 ? error / most : error, size > 0 ? error / size : error, most > 0 ? fmax(error - fabs(sum), 0.0) / most : error};
+            double of[3] = {error, error, error};
+            if (most > 0) { of[0] /= most; of[1] /= size; of[2] = fmax(error - fabs(sum), 0.0) / most; }
             for (int k = 0; k < 3; ++k) {
                 if (!(of[k] >= 0)) of[k] = 1e9;
-                atomicMax((unsigned long long*)worst.data + (wide * 6 + way) * 3 + k, (unsigned long long)__double_as_longlong(of[k]));
+                const int place = (wide * 6 + way) * 3 + k;
+                atomicMax((unsigned long long*)worst.data + place, (unsigned long long)__double_as_longlong(of[k]));
             }
         }
 }
@@ -116,7 +138,7 @@ SINE, MMA = _kernel("hardware_sine", fill(_SINE, slope=tensor_cores.SINE_SLOPE.h
 
 
 def sine_errors(device: str) -> dict:
-    """Largest errors of ``sin.approx`` of all float32 numbers up to 2^13 of either sign, by exponent field, and what they exceed the slope by."""
+    """Largest errors of ``sin.approx`` of all float32 numbers up to 2^13, by exponent field, and what they exceed the slope by."""
     worst = wp.zeros(2 * EXPONENTS, dtype=wp.float64, device=device)
     wp.launch(SINE, EXPONENTS << 16, [0, 0], [worst], device=device)
     found = worst.numpy().reshape(-1, 2)

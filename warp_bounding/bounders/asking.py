@@ -267,6 +267,8 @@ class Asking(Framed, PicklableBounder, ABC):
     def values(self, x, *, xform=None, scale=None) -> wp.array:
         """The number ``f`` that is compared with the threshold, as the device computes it; arguments as in ``query``.
 
+        Where ``query`` runs on tensor cores it says *maybe* of some values just below the threshold, too (``networks.tensor_cores``).
+
         Returns:
             ``(N,)`` float32 ``wp.array``; +inf where the answer is *maybe* without asking, -inf outside the domain.
 

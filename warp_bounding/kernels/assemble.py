@@ -70,7 +70,7 @@ out.data[i] = $decision;
 #endif
 """
 
-# 32 queries and again 32 by the lanes of a warp together: lane 4 g + t has query 8 t + g. CUDA only, whole blocks of threads.
+# 32 queries and again 32, by the lanes of a warp together: lane 4 g + t has query 8 t + g. CUDA, whole blocks of threads.
 _WARP = """
 #if defined(__CUDA_ARCH__)
 typedef float V;
@@ -352,7 +352,7 @@ def batch_snippet(source: Source, placed: bool, values: bool) -> str:
 
 
 def warp_snippet(source: Source, placed: bool, values: bool, body: str) -> str:
-    """The body of a ``warp_kernel``, around C statements from ``V v[]`` to ``V f`` that all lanes of a warp run together."""
+    """The body of a ``warp_kernel``, around C statements from ``V v[]`` to ``V f`` that a warp runs together."""
     place = "const float* place = placement.data;" if placed else ""
     yes, no, decision = _ANSWERS[values]
     decision = decision.replace("threshold", "tensor[0]")

@@ -100,7 +100,7 @@ def batch_kernel(source: Source, placed: bool, values: bool) -> wp.Kernel:
 def warp_kernel(source: Source, placed: bool, values: bool, body: str) -> wp.Kernel:
     """A ``batch_kernel`` for CUDA whose ``body`` the 32 threads of a warp run together.
 
-    Besides it takes ``numbers``, those that the body reads, the threshold first. It is launched with whole blocks of threads.
+    Besides it takes ``numbers``, which the body reads, the threshold first. It is launched with whole blocks of threads.
     """
     name, snippet = f"warp{'_placed' * placed}{'_values' * values}", warp_snippet(source, placed, values, body)
     out_type = wp.float32 if values else wp.uint8

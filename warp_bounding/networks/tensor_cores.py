@@ -1,19 +1,21 @@
-"""Networks on tensor cores: the batch path of cards on which what the proof needs of the hardware was verified (``VERIFIED``).
+"""Networks on tensor cores: the batch path of cards on which what the proof needs of the hardware was verified.
 
-A warp takes 32 queries through all layers in registers, as two tiles of 16 (``mma.sync``, float16 factors, float32 sums). Each factor is
-split into two float16 numbers, high and low, which together hold 22 bits; of the four products that of both low parts is left out,
-but in the first layer, where it costs nothing. The accumulators of one layer, after the sine, are the factors of the next one, in the
-lanes where they are: lane ``4 g + t`` holds neurons ``8 j + 2 t`` and ``8 j + 2 t + 1`` of queries g and g + 8 of a tile. The sine is
-the hardware's.
+A warp takes 32 queries through all layers in registers, as two tiles of 16 (``mma.sync``, float16 factors, float32
+sums). Each factor is split into two float16 numbers, high and low, which together hold 22 bits; of the four products
+that of both low parts is left out, but in the first layer, where it costs nothing. The accumulators of one layer,
+after the sine, are the factors of the next one, in the lanes where they are: lane ``4 g + t`` holds neurons ``8 j + 2
+t`` and ``8 j + 2 t + 1`` of queries g and g + 8 of a tile. The sine is the hardware's.
 
-``rounding`` bounds what all this may err by. Where it exceeds the network's ``rounding``, a threshold is lowered by the difference
-(``lowered``): a certificate says ``threshold + E <= L`` with the E of its proof, so ``threshold + E - rounding <= L - rounding``.
+``rounding`` bounds what all this may err by. Where it exceeds the network's ``rounding``, a threshold is lowered by
+the difference (``lowered``): a certificate says ``threshold + E <= L`` with the E of its proof, so ``threshold + E -
+rounding <= L - rounding``.
 
-*What is taken from the hardware*, and tested on it (``benchmarks/gpu``): (1) ``sin.approx`` is within ``sine_error(z)`` of the sine,
-for all float32 numbers up to ``LIMIT``, one by one; (2) an ``mma`` of n products errs by at most ``2^-23`` times the sum that it finds, and
-``(n + 1) 2^-24`` times the largest of the products and what they are added to. That is enough for hardware which cuts each term 24
-bits behind the first bit of the largest one, and then their sum to a float32 number (Fasi, Higham, Mikaitis, Pranesh, *Numerical
-behavior of NVIDIA tensor cores*, 2021); a card of capability 9.0 keeps one bit more. Products of float16 numbers are exact.
+*What is taken from the hardware*, and tested on it (``benchmarks/gpu``): (1) ``sin.approx`` is within
+``sine_error(z)`` of the sine, for all float32 numbers up to ``LIMIT``, one by one; (2) an ``mma`` of n products errs
+by at most ``2^-23`` times the sum that it finds, and ``(n + 1) 2^-24`` times the largest of the products and what
+they are added to. That is enough for hardware which cuts each term 24 bits behind the first bit of the largest one,
+and then their sum to a float32 number (Fasi, Higham, Mikaitis, Pranesh, *Numerical behavior of NVIDIA tensor cores*,
+2021); a card of capability 9.0 keeps one bit more. Products of float16 numbers are exact.
 """
 
 from typing import TYPE_CHECKING
@@ -60,7 +62,8 @@ auto second_of = [](U both) {
 };
 auto sine = [](V z) { V h; asm("sin.approx.f32 %0, %1;" : "=f"(h) : "f"(z)); return h; };
 auto mma16 = [](V* d, U a0, U a1, U a2, U a3, U b0, U b1, const V* c) {
-    asm("mma.sync.aligned.m16n8k16.row.col.f32.f16.f16.f32 {%0, %1, %2, %3}, {%4, %5, %6, %7}, {%8, %9}, {%10, %11, %12, %13};"
+    asm("mma.sync.aligned.m16n8k16.row.col.f32.f16.f16.f32 "
+        "{%0, %1, %2, %3}, {%4, %5, %6, %7}, {%8, %9}, {%10, %11, %12, %13};"
         : "=f"(d[0]), "=f"(d[1]), "=f"(d[2]), "=f"(d[3])
         : "r"(a0), "r"(a1), "r"(a2), "r"(a3), "r"(b0), "r"(b1), "f"(c[0]), "f"(c[1]), "f"(c[2]), "f"(c[3]));
 };
@@ -76,8 +79,8 @@ auto words_of = [&](const float* at, int index, U* to) {  // four words of each 
 auto number = [](U word) { return __uint_as_float(word); };
 """
 
-# From the coordinates v of a lane's own query, ``8 t + g`` of 32, to f of that query. ``y[c]`` are four coordinates, the last of all
-# being 1, which the first layer's biases are weights of.
+# From the coordinates v of a lane's own query, ``8 t + g`` of 32, to f of that query. ``y[c]`` are four coordinates, the
+# last of all being 1, which the first layer's biases are weights of.
 _BEGIN = """
 V y[$groups][4]; U p[$groups][4];
 #pragma unroll
@@ -117,7 +120,10 @@ const V none[4] = {zero, zero, zero, zero};
 for (int c = 0; c < $groups; ++c)
 #pragma unroll
     for (int m = 0; m < 2; ++m)
-        mma16(d[m], p[c][2 * m], p[c][2 * m + 1], p[c][2 * m], p[c][2 * m + 1], b[2 * c], b[2 * c + 1], c ? d[m] : none);
+    {
+        const U one = p[c][2 * m], two = p[c][2 * m + 1];
+        mma16(d[m], one, two, one, two, b[2 * c], b[2 * c + 1], c ? d[m] : none);
+    }
 """
 
 # x, its low parts x_: of the layer before. The small products first.
@@ -186,13 +192,13 @@ def fits(source: "MlpSource") -> bool:
 
 
 class TensorCores:
-    """What a bounder with a network adds where batches run on tensor cores; they do where ``tensor_numbers`` is not ``None``."""
+    """What a bounder with a network adds; batches run on tensor cores where ``tensor_numbers`` is not ``None``."""
 
     _held: tuple[object, wp.array | None] | None = None
 
     @property
     def tensor_numbers(self) -> wp.array | None:
-        """What ``text`` reads, with a threshold that is as much lower as its f may be off more than others; else ``None``."""
+        """What ``text`` reads, its threshold lowered by what f may be off by more there; ``None`` for the float32 path."""
         source, device, data, held = self.source, self.device, self.data, self._held
         if not (device.is_cuda and device.arch in VERIFIED and fits(source)):
             return None
@@ -226,7 +232,10 @@ def _groups(source: "MlpSource") -> int:
 
 
 def _words(source: "MlpSource") -> list[int]:
-    """Words of a lane for a tile of each hidden layer, a multiple of four: biases (behind the first layer), factors, weights of the output."""
+    """Words of a lane for a tile of each hidden layer, a multiple of four.
+
+    They are biases (behind the first layer), factors, and behind the last layer weights of the output.
+    """
     sizes = [2 * _groups(source), *(4 + 2 * _tiles(k) for k in source.hidden[:-1])]
     sizes[-1] += 2
     return [-(-size // 4) * 4 for size in sizes]
@@ -336,7 +345,10 @@ def _chain(products: list[np.ndarray], start: np.ndarray) -> tuple[np.ndarray, n
 
 
 def rounding(network: "Network") -> float:
-    """Bound of the error of f as the text computes it; infinite where a number is out of range. Compare ``networks.rounding.measure``."""
+    """Bound of the error of f as the text computes it, as ``networks.rounding.measure`` has it of float32.
+
+    It is infinite where a number is out of range.
+    """
     size, error = network.limit.copy(), np.zeros_like(network.limit)
     for index, layer in enumerate(network.hidden):
         weight = np.abs(layer.weight)

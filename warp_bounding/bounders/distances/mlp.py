@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from math import prod
 
 import numpy as np
+import warp as wp
 
 from warp_bounding.activations import activation_of
 from warp_bounding.arithmetic import UNIT32, UNIT64
