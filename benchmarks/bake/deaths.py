@@ -12,7 +12,7 @@ import numpy as np
 import psutil
 
 import warp_bounding as wb
-from warp_bounding.baking.record import Record
+from warp_bounding.baking.bake import Record
 
 __all__ = ["WORKERS", "killed"]
 

@@ -12,9 +12,7 @@ from pathlib import Path
 import numpy as np
 from deaths import WORKERS
 
-from warp_bounding.baking.record import Record
-from warp_bounding.baking.settings import FitSettings
-from warp_bounding.baking.task import Job
+from warp_bounding.baking.bake import Job, Record, Settings
 
 __all__ = ["CLUSTER_CORES", "CLUSTER_SHAPES", "empty", "pace", "scaled", "simulated", "undisturbed"]
 
@@ -44,7 +42,7 @@ def pace(work: Path, fit: dict) -> dict:
     record = Record(
         "shape0000", "shape0000.ply", "0" * 12, "0" * 12, "shape0000-000000000000.safetensors", "mlp", "point"
     )
-    job = Job(str(work / "shapes" / "shape0000.ply"), str(work / "calm"), record, FitSettings(fit))
+    job = Job(str(work / "shapes" / "shape0000.ply"), str(work / "calm"), record, Settings(fit))
     with (
         distributed.LocalCluster(
             n_workers=WORKERS, threads_per_worker=1, dashboard_address=None, memory_limit=0

@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 from bounding_shapes import shape
 
-from warp_bounding.baking.bake import _jobs
-from warp_bounding.baking.folder import BakeFolder
-from warp_bounding.baking.settings import FitSettings
-from warp_bounding.baking.shapes import find_shapes
-from warp_bounding.baking.task import bake_shape
+from warp_bounding.baking.bake import BakeFolder, Settings, bake_shape, find_shapes, jobs_of
 
 pytest.importorskip("distributed", reason="Dask is not installed")
 pytest.importorskip("torch", reason="torch is not installed")
@@ -31,10 +27,10 @@ def jobs(tmp_path):
     """Called with a folder: its jobs."""
 
     def of(folder, out="out", **options):
-        settings = FitSettings({"method": "kdop", "device": "cpu"} | options, samples=1000)
+        settings = Settings({"method": "kdop", "device": "cpu"} | options, samples=1000)
         kept = BakeFolder(tmp_path / out)
         found = find_shapes(folder, 1.0, kept.path)
-        return list(_jobs(folder, found, settings, kept))
+        return list(jobs_of(folder, found, settings, kept))
 
     return of
 

@@ -5,11 +5,11 @@ import signal
 from dataclasses import dataclass
 from pathlib import Path
 
-from warp_bounding.baking.settings import FitSettings
+from warp_bounding.baking.bake import Settings
 
 
 @dataclass(frozen=True)
-class DyingSettings(FitSettings):
+class DyingSettings(Settings):
     """The worker dies under the first shape that it fits, and under every shape that is called ``deadly``."""
 
     mark: str = ""

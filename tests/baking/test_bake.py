@@ -6,9 +6,8 @@ from bounding_shapes import shape
 from dying import DyingSettings
 
 import warp_bounding as wb
-from warp_bounding.baking import cluster
-from warp_bounding.baking.bake import bake_with
-from warp_bounding.baking.folder import BakeFolder
+from warp_bounding.baking import bake as module
+from warp_bounding.baking.bake import BakeFolder, bake_with
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError
 
 
@@ -36,7 +35,7 @@ def test_a_worker_that_is_killed_loses_nothing(folder, tmp_path):
 
 @pytest.mark.slow
 def test_a_shape_that_kills_every_worker_is_given_up(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster, "DEATHS", 1)
+    monkeypatch.setattr(module, "DEATHS", 1)
     np.save(folder / "deadly.npy", shape("half").occupancy)
     lines = []
     done = bake_dying(folder, tmp_path, lines, [])
@@ -74,7 +73,7 @@ def test_what_killed_workers_left_is_removed(folder, jobs, tmp_path):
 
 
 def test_a_scheduler_that_does_not_answer(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster, "CONNECT_SECONDS", 0.2)
+    monkeypatch.setattr(module, "CONNECT_SECONDS", 0.2)
     with pytest.raises(BoundingError, match=r"tcp://127\.0\.0\.1:1: no scheduler answers"):
         wb.bake(folder, tmp_path / "out", scheduler="tcp://127.0.0.1:1", method="kdop", progress=False)
 

@@ -5,24 +5,20 @@ import errno
 import json
 import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from bounding_shapes import shape
 
 import warp_bounding as wb
-from warp_bounding.baking.contact_sheet import SHEET
-from warp_bounding.baking.manifest import COLUMNS, read_manifest
-from warp_bounding.baking.pictures import picture
-from warp_bounding.baking.record import Record
-from warp_bounding.baking.settings import ChooseSettings, FitSettings
-from warp_bounding.baking.shapes import find_shapes, shape_digest
-from warp_bounding.baking.task import bake_shape
+from warp_bounding.baking.bake import SHEET, Record, Settings, bake_shape, find_shapes, picture, shape_digest
+from warp_bounding.baking.library import COLUMNS
 from warp_bounding.errors import BoundingError, FileFormatError, IndicatorError
 
 
 def test_every_shape_is_a_row_and_a_card(baked):
-    rows = {row["name"]: row for row in read_manifest(baked)}
+    rows = {row["name"]: row for row in wb.BounderLibrary(baked).manifest}
     assert set(rows) == {"blob", "star", "broken"}
     for name in ("blob", "star"):
         bounder = wb.load(baked / rows[name]["file"], device="cpu")
@@ -44,10 +40,10 @@ def test_what_is_there_is_not_done_again(folder, jobs, baked):
     assert done["broken"] is None
     assert {name for name, record in done.items() if record} == {"blob", "star"}
     first = next(job for job in jobs(folder) if job.record.name == "blob")
-    written = first.record_path.stat().st_mtime_ns, first.bounder_path.stat().st_mtime_ns
+    written = first.record.path_in(baked).stat().st_mtime_ns, first.bounder_path.stat().st_mtime_ns
     told = bake_shape(first)  # as Dask asks once more when a worker dies
-    assert (first.record_path.stat().st_mtime_ns, first.bounder_path.stat().st_mtime_ns) == written
-    assert Record(**told) == replace(Record.read(first.record_path), picture="")
+    assert (first.record.path_in(baked).stat().st_mtime_ns, first.bounder_path.stat().st_mtime_ns) == written
+    assert Record(**told) == replace(Record.read(first.record.path_in(baked)), picture="")
     content = first.bounder_path.read_bytes()
     first.bounder_path.write_bytes(content[:-1])
     assert first.done() is None  # damaged
@@ -55,7 +51,7 @@ def test_what_is_there_is_not_done_again(folder, jobs, baked):
     assert first.done() is None
     bake_shape(first)
     assert first.done() is not None
-    first.record_path.write_text("{")
+    first.record.path_in(baked).write_text("{")
     assert first.done() is None
 
 
@@ -65,7 +61,7 @@ def test_names_tell_shapes_settings_and_version_apart(folder, jobs, monkeypatch)
     assert not {job.record.hash for job in jobs(folder, k=26)} & names
     np.save(folder / "blob.npy", ~shape("blob").occupancy)
     assert len({job.record.hash for job in jobs(folder)} - names) == 1
-    monkeypatch.setattr("warp_bounding.baking.settings.__version__", "99")
+    monkeypatch.setattr("warp_bounding.baking.bake.__version__", "99")
     assert not {job.record.hash for job in jobs(folder)} & names
 
 
@@ -93,10 +89,10 @@ def test_whatever_a_shape_does_is_told_in_one_line(folder, jobs, monkeypatch):
     def fails(self, shape):
         raise MemoryError("no room\nat all")
 
-    monkeypatch.setattr(FitSettings, "bounder", fails)
+    monkeypatch.setattr(Settings, "bounder", fails)
     job = jobs(folder)[0]
     assert bake_shape(job)["error"] == "MemoryError: no room at all"
-    assert Record.read(job.record_path).error == "MemoryError: no room at all"
+    assert Record.read(job.record.path_in(Path(job.out))).error == "MemoryError: no room at all"
 
 
 def test_warnings_are_notes(tmp_path, jobs):
@@ -109,7 +105,7 @@ def test_warnings_are_notes(tmp_path, jobs):
 
 
 def test_a_choice_may_be_that_none_pays(folder, jobs):
-    settings = ChooseSettings(
+    settings = Settings(
         {"narrow_ns": 0.0, "methods": ["aabb"], "networks": [], "budget": 1.0, "device": "cpu"}, samples=1000
     )
     settings.check()
@@ -122,15 +118,15 @@ def test_a_choice_may_be_that_none_pays(folder, jobs):
 @pytest.mark.parametrize(
     ("settings", "told"),
     [
-        (FitSettings({"method": "nothing"}), "method must be one of"),
-        (FitSettings({"methd": "kdop"}), "there is no option 'methd'; did you mean 'method'"),
-        (FitSettings({"query": "ball"}), "query must be one of"),
-        (FitSettings({"budget": 0}), "budget must be a positive number"),
-        (FitSettings({"method": "aabb", "k": 14}), "aabb takes no option 'k'"),
-        (FitSettings({"query": "distance", "method": "nothing"}), "method of a distance must be one of"),
-        (FitSettings({"query": "distance", "method": "kdop", "leaves": 5}), "kdop takes no option 'leaves'"),
-        (ChooseSettings({"narrow_ns": -1.0}), "narrow_ns must be"),
-        (ChooseSettings({"narrow_ns": 1.0, "k": 14}), "choose takes no option 'k'"),
+        (Settings({"method": "nothing"}), "method must be one of"),
+        (Settings({"methd": "kdop"}), "there is no option 'methd'; did you mean 'method'"),
+        (Settings({"query": "ball"}), "query must be one of"),
+        (Settings({"budget": 0}), "budget must be a positive number"),
+        (Settings({"method": "aabb", "k": 14}), "aabb takes no option 'k'"),
+        (Settings({"query": "distance", "method": "nothing"}), "method of a distance must be one of"),
+        (Settings({"query": "distance", "method": "kdop", "leaves": 5}), "kdop takes no option 'leaves'"),
+        (Settings({"narrow_ns": -1.0}), "narrow_ns must be"),
+        (Settings({"narrow_ns": 1.0, "k": 14}), "choose takes no option 'k'"),
     ],
 )
 def test_what_is_wrong_for_every_shape_is_told_before(settings, told):
@@ -172,5 +168,5 @@ def test_a_line_has_no_picture():
 
 def test_records_hold_what_rows_show(baked):
     record = Record.read(next((baked / "records").glob("blob-*.json")))
-    assert {name: getattr(record, name) for name in COLUMNS} in read_manifest(baked)
+    assert {name: getattr(record, name) for name in COLUMNS} in wb.BounderLibrary(baked).manifest
     assert base64.b64decode(record.picture).startswith(b"\x89PNG")

@@ -1,35 +1,549 @@
 """``bake``: a bounder for each shape of a folder, on many processes, resumable whatever is killed.
 
-A task is a shape. What a task has done is on disk before anybody hears of it, under a name that is a hash of shape, settings and version, so a bake that
-is started again does what is missing and nothing else. The client hands out at most ``WINDOW`` tasks at a time, tells of what has ended, and keeps the manifest current.
+A task is a shape. The worker itself writes the bounder, then a record of what is known of it, each whole or not at all, under a name that is a
+hash of shape, settings and version: whatever is killed, nothing that is done is lost, and nothing is done again. Whatever is wrong with a
+shape becomes a record with an error. Manifest and contact sheet are made of the records. Workers are processes of this machine, with one
+thread each, or those of any Dask scheduler.
 """
 
+import base64
+import contextlib
+import csv
+import hashlib
+import html
+import io
+import json
+import logging
+import os
+import signal
 import time
+import warnings
 from collections import deque
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from importlib.util import find_spec
+from inspect import Parameter, signature
+from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from warp_bounding.baking.cluster import SchedulerError, check_workers, connected, dashboard, gone
-from warp_bounding.baking.folder import BakeFolder
-from warp_bounding.baking.manifest import write_manifest
-from warp_bounding.baking.names import short_digest
-from warp_bounding.baking.record import Record
-from warp_bounding.baking.settings import SAMPLES, ChooseSettings, FitSettings, Settings
-from warp_bounding.baking.shapes import Found, find_shapes, shape_digest
-from warp_bounding.baking.task import Job, bake_shape
-from warp_bounding.errors import BounderError, BoundingError
+import numpy as np
+
+from warp_bounding.baking.library import COLUMNS, HASH_DIGITS, MANIFEST
+from warp_bounding.bounders import METHODS, distance_class, method_class
+from warp_bounding.bounders.options import arguments_of, meant, settled
+from warp_bounding.errors import BounderError, BoundingError, BoundingWarning, FileFormatError, IndicatorError
+from warp_bounding.indicators import load_indicator
+from warp_bounding.indicators.formats.gltf import referred_buffers
+from warp_bounding.indicators.formats.load import READERS
+from warp_bounding.indicators.formats.usd import USD_SUFFIXES
+from warp_bounding.queries import check_query
+from warp_bounding.queries.distance import DISTANCE
+from warp_bounding.runtime.devices import device_of
+from warp_bounding.runtime.launch import cpu_threads
 from warp_bounding.runtime.progress import Progress, reported
+from warp_bounding.runtime.quiet import quiet_warp
+from warp_bounding.runtime.whole_file import BOUNDER_FILE, PAGE_FILE, FileKind, write_whole
+from warp_bounding.version import __version__
 
-__all__ = ["LARGEST", "Baked", "bake", "bake_with"]
+__all__ = ["LARGEST", "SAMPLES", "SHEET", "Baked", "SchedulerError", "Settings", "bake", "bake_with"]
 
 LARGEST = 500.0  # megabytes of a shape's file: reading one takes some ten times as much memory
+SAMPLES = 100_000  # random queries of a shape that false positives are counted on
 WINDOW = 10_000  # tasks that the scheduler knows at a time
-MANIFEST_SECONDS, MANIFEST_SHARE = (
-    5.0,
-    0.02,
-)  # how often the manifest is written: not oftener, and not for a larger share of the time
+# How often the manifest is written: not oftener, and not for a larger share of the time.
+MANIFEST_SECONDS, MANIFEST_SHARE = 5.0, 0.02
+DEATHS = 10  # of workers under the same task, after which it is given up: a shape that ends every process would go on for ever
+CONNECT_SECONDS = 15
+# Each task has one core: the library's own threads, and those of the libraries below it.
+THREADS = ("WARP_BOUNDING_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+ONE_THREAD = dict.fromkeys(THREADS, "1")
+MARK, LOCK, RECORDS, SHEET = "bake.json", ".bake.lock", "records", "contact-sheet.html"  # in the folder of a bake
+FORMAT = 1
+RECORD_FILE, MANIFEST_FILE = FileKind(".json", 0, b"{"), FileKind(".csv", 0, b"name")
+
+
+class SchedulerError(BoundingError):
+    """The scheduler of a bake has gone away, or its workers cannot do the work; what was baked stays."""
+
+
+# --- settings, shapes and records ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How each shape is baked: a method is fitted to all of them, or a bounder is chosen for each.
+
+    Attributes:
+        arguments: Keyword arguments of ``fit``, or with ``narrow_ns`` of ``choose``, JSON-ready; neither shape nor queries or progress.
+        reading: Keyword arguments of ``load_indicator``, JSON-ready.
+        queries: A ``.npy`` file of the caller's own queries, absolute, which every worker can read; ``None`` for none.
+        samples: Random queries that false positives are counted on.
+    """
+
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    reading: Mapping[str, Any] = field(default_factory=dict)
+    queries: str | None = None
+    samples: int = SAMPLES
+
+    @property
+    def engine(self) -> str:
+        """The name of the function that makes the bounders."""
+        return "choose" if "narrow_ns" in self.arguments else "fit"
+
+    def bounder(self, shape):
+        """Make the bounder of a shape; ``None`` where none is the best choice. Raises as ``fit`` and ``choose`` do."""
+        from warp_bounding.choice import choose
+        from warp_bounding.training import fit
+
+        told = {
+            "queries": None if self.queries is None else np.load(self.queries, allow_pickle=False),
+            "progress": False,
+        }
+        if self.engine == "fit":
+            return fit(shape, **told, **self.arguments)
+        return choose(shape, **told, **self.arguments).bounder
+
+    def check(self, *callers: Callable) -> None:
+        """Refuse what would be wrong for every shape, before any of them is read; raises as ``fit`` and ``choose`` do.
+
+        Args:
+            *callers: Functions that hand on the arguments, whose own ones may have been meant by an unknown one.
+        """
+        from warp_bounding.choice import choose
+        from warp_bounding.choice.candidates import check_methods, check_networks
+        from warp_bounding.choice.choose import check_prices
+        from warp_bounding.training import fit
+        from warp_bounding.training.checks import check_distance, check_numbers, check_regions
+        from warp_bounding.training.distance import check_distance_options
+
+        function = fit if self.engine == "fit" else choose
+        told = {p.name: p.default for p in signature(function).parameters.values() if p.kind != Parameter.VAR_KEYWORD}
+        own = {name: value for name, value in self.arguments.items() if name not in told}
+        told |= {name: value for name, value in self.arguments.items() if name in told}
+        query = told["query"]
+        if function is choose:
+            if own:
+                near = meant(next(iter(own)), [name for each in (choose, *callers) for name in arguments_of(each)])
+                hint = f"there is no option {next(iter(own))!r}; did you mean {near!r}?"
+                raise BounderError(hint if near else f"choose takes no option {next(iter(own))!r}")
+            prices = ("narrow_ns", "overhead_ns", "memory", "length", "statistical")
+            check_query(query)
+            check_prices(query, *(told[name] for name in prices))
+            check_methods(told["methods"])
+            check_networks(told["networks"])
+        check_query(query, DISTANCE.name)
+        check_numbers(told["budget"], told["seed"], told["margin"])
+        device_of(told["device"])
+        if function is choose:
+            return
+        method = told["method"]
+        if query == DISTANCE.name:
+            check_distance(method, told["length"], told["side"], None, self.queries)
+            check_distance_options(distance_class(method), own, [fit, *callers])
+            return
+        check_regions(query, method, told["length"], told["side"])
+        names = method.split("+")
+        for name in names:
+            if name not in METHODS:
+                method_class(name)  # says which there are
+        settled([METHODS[name] for name in names], query, own, [fit, *callers])
+
+    def to_dict(self) -> dict[str, Any]:
+        """All that makes a difference to what is baked, JSON-ready; of a file of queries its content."""
+        asked = None if self.queries is None else file_digest(Path(self.queries))
+        about = {"version": __version__, "engine": self.engine, "arguments": dict(self.arguments)}
+        about |= {"reading": dict(self.reading), "queries": asked, "samples": self.samples}
+        try:
+            return json.loads(json.dumps(about))
+        except (TypeError, ValueError) as error:
+            raise BounderError(f"options of a bake must be numbers, texts and lists of them: {error}") from error
+
+    @property
+    def digest(self) -> str:
+        """A hash of the settings and the library's version."""
+        return short_digest(self.to_dict())
+
+
+def short_digest(value: Any) -> str:
+    """``HASH_DIGITS`` hexadecimal digits of what is JSON-ready."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:HASH_DIGITS]
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file's bytes; raises ``OSError`` where it cannot be read."""
+    with path.open("rb") as file:
+        sha = hashlib.sha256()
+        while block := file.read(1 << 20):
+            sha.update(block)
+    return sha.hexdigest()
+
+
+class Found(NamedTuple):
+    """What a folder holds: paths, in the order of their names."""
+
+    shapes: list[Path]
+    too_large: list[Path]
+    foreign: int  # files of other kinds
+
+
+def find_shapes(folder: Path, largest: float, without: Path) -> Found:
+    """Files whose extension ``load_indicator`` reads, in folders inside, too, but hidden ones.
+
+    Args:
+        folder: Where.
+        largest: Megabytes; files above it are not taken.
+        without: A folder that is left out, wherever it is: that of the results.
+
+    Raises:
+        IndicatorError: If there is no such folder, or no shape in it.
+    """
+    if not folder.is_dir():
+        raise IndicatorError(f"{folder}: {'a file, expected a folder' if folder.exists() else 'no such folder'}")
+    shapes, too_large, foreign = [], [], 0
+    for where, folders, files in os.walk(folder):
+        inside = Path(where)
+        folders[:] = sorted(f for f in folders if not f.startswith(".") and (inside / f).resolve() != without.resolve())
+        for path in (inside / f for f in sorted(files) if not f.startswith(".") and (inside / f).is_file()):
+            if path.suffix.lower() not in READERS:
+                foreign += 1
+            else:
+                (too_large if path.stat().st_size > largest * 1e6 else shapes).append(path)
+    if not shapes:
+        others = f", {len(too_large)} above {largest:g} MB" if too_large else ""
+        raise IndicatorError(
+            f"{folder}: no shapes, expected files of {' '.join(READERS)}; got {foreign} of other kinds{others}"
+        )
+    return Found(shapes, too_large, foreign)
+
+
+def shape_digest(path: Path) -> str:
+    """SHA-256 of all bytes that a shape is read from: the file's, its extension, and those of files that a glTF or USD file refers to.
+
+    Raises:
+        OSError: If the file itself cannot be read.
+    """
+    others, suffix = set(), path.suffix.lower()
+    if suffix == ".gltf":
+        with contextlib.suppress(ValueError, AttributeError, TypeError):  # too damaged to tell
+            others = referred_buffers(path)
+    if suffix in USD_SUFFIXES:
+        with contextlib.suppress(ImportError):  # the task says what is not installed
+            from pxr import Tf, UsdUtils
+
+            with contextlib.suppress(Tf.ErrorException):
+                layers = UsdUtils.ComputeAllDependencies(str(path))[0]
+                others = {Path(layer.realPath) for layer in layers if layer.realPath} - {path.resolve()}
+    parts = [suffix, file_digest(path), *(file_digest(p) if p.is_file() else "" for p in sorted(others))]
+    return hashlib.sha256("|".join(parts).encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Record:
+    """What is known of one shape under one set of settings, kept as a file of its own.
+
+    Attributes:
+        name: The shape's file without its extension.
+        source: Its path, relative to the folder that was baked.
+        hash: Of shape, settings and version.
+        settings: Hash of the settings alone; ``settings/HASH.json`` has them.
+        file: The bounder's file in the folder of the bake; empty where there is none.
+        method: Of the bounder; ``"none"`` where a choice said that none pays; empty after an error.
+        query: The kind of query that it answers.
+        bytes: That one query can read (``Bounder.nbytes``).
+        certificate: The certificate's kind; empty where there is none.
+        fp_rate: False positives, per cent of the samples; ``None`` where they were not counted.
+        seconds: That the task took, all in all.
+        error: Why there is no bounder, in one line; empty where there is one.
+        note: What the library warned of, in one line.
+        sha256: Of the bounder's file.
+        picture: A PNG in base64; empty where there is none.
+    """
+
+    name: str
+    source: str
+    hash: str
+    settings: str
+    file: str = ""
+    method: str = ""
+    query: str = ""
+    bytes: int = 0
+    certificate: str = ""
+    fp_rate: float | None = None
+    seconds: float = 0.0
+    error: str = ""
+    note: str = ""
+    sha256: str = ""
+    picture: str = ""
+
+    @property
+    def key(self) -> str:
+        """The name of everything that belongs to it, without an extension."""
+        return f"{self.name}-{self.hash}"
+
+    def path_in(self, folder: Path) -> Path:
+        """Where the record is, in the folder of a bake."""
+        return folder / RECORDS / f"{self.key}.json"
+
+    def write(self, folder: Path) -> None:
+        """Write it, whole or not at all; raises ``FileFormatError`` if it cannot be written."""
+        write_whole(self.path_in(folder), json.dumps({"format": FORMAT} | asdict(self), indent=1).encode(), RECORD_FILE)
+
+    @classmethod
+    def read(cls, path: Path) -> "Record | None":
+        """The record of a file; ``None`` where there is none, or another one than this version writes: the shape is then baked anew."""
+        try:
+            values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+            right = values.pop("format") == FORMAT and set(values) == {f.name for f in fields(cls)}
+            return cls(**values) if right else None
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            return None
+
+
+# --- what a worker does ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Job:
+    """One shape to bake.
+
+    Attributes:
+        path: The shape's file, absolute.
+        out: The folder of the bake, absolute.
+        record: What is known of it before.
+        settings: How.
+    """
+
+    path: str
+    out: str
+    record: Record
+    settings: Settings
+
+    @property
+    def bounder_path(self) -> Path:
+        """Where the bounder goes."""
+        return Path(self.out) / f"{self.record.key}{BOUNDER_FILE.suffix}"
+
+    def done(self) -> Record | None:
+        """Its record, if it was baked without an error and its bounder's file is still what was written; else ``None``."""
+        record = Record.read(self.record.path_in(Path(self.out)))
+        if record is None or record.error:
+            return None
+        try:
+            return record if not record.file or file_digest(self.bounder_path) == record.sha256 else None
+        except OSError:
+            return None
+
+
+def bake_shape(job: Job) -> dict[str, Any]:
+    """Bake one shape, unless that has been done: Dask asks again for what a worker had finished and told nobody when it died.
+
+    Returns:
+        The record, without the picture, which only the file has.
+
+    Raises:
+        FileFormatError: If the folder cannot be written to.
+    """
+    if (before := job.done()) is not None:
+        return vars(replace(before, picture=""))
+    started = time.perf_counter()
+    os.environ.update(ONE_THREAD)
+    quiet_warp()
+    bounder, record = _made(job)
+    if bounder is not None:
+        bounder.save(job.bounder_path)
+        record = replace(record, file=job.bounder_path.name, sha256=file_digest(job.bounder_path))
+    record = replace(record, seconds=round(time.perf_counter() - started, 3))
+    record.write(Path(job.out))
+    return vars(replace(record, picture=""))
+
+
+def _made(job: Job) -> tuple[Any, Record]:
+    """The bounder, or ``None``, and what is known of it before it is written."""
+    from warp_bounding.evaluation import evaluate
+
+    settings, record = job.settings, job.record
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", BoundingWarning)
+        try:
+            shape = load_indicator(job.path, **settings.reading)
+            bounder = settings.bounder(shape)
+            if bounder is None:
+                return None, replace(record, method="none", note="no bounder pays")
+            rates = evaluate(bounder, shape, samples=settings.samples)
+            drawn = base64.b64encode(picture(bounder, shape)).decode()
+        except (
+            Exception
+        ) as error:  # whatever a file makes a reader, a fit or a proof do: it is told, and the others go on
+            text = " ".join(str(error).split()).removeprefix(f"{job.path}: ").removeprefix(f"{Path(job.path).name}: ")
+            known = isinstance(error, BoundingError) and text
+            return None, replace(record, error=text if known else f"{type(error).__name__}: {text}".rstrip(": "))
+    notes = dict.fromkeys(" ".join(str(w.message).split()) for w in caught if issubclass(w.category, BoundingWarning))
+    found = {"method": bounder.method, "query": bounder.query_kind, "bytes": bounder.nbytes, "note": "; ".join(notes)}
+    kind = bounder.certificate.kind if bounder.certificate else ""
+    return bounder, replace(record, **found, certificate=kind, fp_rate=round(rates.fp_rate, 4), picture=drawn)
+
+
+def looked_at(folders: list[str]) -> dict[str, Any]:
+    """What a worker says before the first task: its version of the library, and which of the folders it cannot see."""
+    return {"version": __version__, "missing": [folder for folder in folders if not Path(folder).exists()]}
+
+
+def dask_setup(worker: object) -> None:
+    """Called by Dask in a worker process that starts: Ctrl-C is left to the client, and standard output to its ``--json``."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.dup2(2, 1)
+
+
+SIDE, WALL, ROOM = 72, 3, 0.08  # pixels of a slice, and between two; around the object, of its longest side
+COLOURS = {"no": (0, 0, 0, 0), "maybe": (224, 122, 31, 255), "object": (45, 84, 122, 255)}  # RGBA; no is transparent
+
+
+def picture(bounder, source) -> bytes:
+    """A PNG with the colours ``COLOURS``: slices through the middle of a shape and its bound, one for each pair of up to three axes.
+
+    A pixel asks a point; of boxes one of the pixel's size, of rays the one that starts there, along the slice's normal, of planes the one
+    through it, across the way from the middle. Empty for objects of one dimension.
+    """
+    from PIL import Image
+
+    from warp_bounding.certificates.claim import as_fitted, of_side
+    from warp_bounding.evaluation.truth import PROTOCOLS, judge_of, truth_by
+    from warp_bounding.indicators.shape import OUT
+
+    given, fitted = of_side(bounder, source), as_fitted(bounder, source)
+    if bounder.query_kind == DISTANCE.name:
+        shape, truth = fitted, fitted.contains
+    else:
+        shape = judge_of(given, fitted, bounder.query_kind, PROTOCOLS[0])
+        decide = truth_by(PROTOCOLS[0], bounder.query_kind, shape, bounder.device, bounder.domain.oracle_length, 0)
+        truth = lambda q: np.asarray(decide(q)) != OUT  # noqa: E731
+    axes, middle = list(range(int(shape.time), shape.ndim))[:3], (shape.lower + shape.upper) / 2
+    if len(axes) < 2:
+        return b""
+    steps, slices = (np.arange(SIDE) + 0.5) / SIDE * 2 - 1, []
+    for pair in combinations(axes, 2):
+        half = (0.5 + ROOM) * max(float((shape.upper - shape.lower)[list(pair)].max()), 1e-30)
+        x = np.tile(middle, (SIDE * SIDE, 1))
+        x[:, pair[0]] += half * np.tile(steps, SIDE)
+        x[:, pair[1]] += half * np.repeat(-steps, SIDE)  # the first row of a picture is the top one
+        in_plane, along = np.isin(np.arange(shape.ndim), pair), np.zeros_like(x)
+        along[:, next((axis for axis in axes if axis not in pair), pair[1])] = 1.0
+        reach = in_plane * half / SIDE
+        numbers = {"ray": [x, along], "box": [x - reach, x + reach], "plane": [x - middle + 1e-30 * along, x]}
+        q = np.hstack(numbers.get(bounder.query_kind, [x])).astype(np.float32)
+        slices += [np.where(truth(q.astype(np.float64)), 2, bounder.query(q).numpy() != 0).reshape(SIDE, SIDE)]
+        slices += [np.zeros((SIDE, WALL))]
+    image = Image.fromarray(np.hstack(slices[:-1]).astype(np.uint8), mode="P")
+    image.putpalette([value for colour in COLOURS.values() for value in colour[:3]])
+    file = io.BytesIO()
+    image.save(file, "PNG", transparency=bytes(colour[3] for colour in COLOURS.values()), optimize=True)
+    return file.getvalue()
+
+
+# --- the folder of a bake --------------------------------------------------------------------------------------------
+
+
+class BakeFolder:
+    """Where a bake writes; made if it is not there.
+
+    Args:
+        path: Absolute.
+
+    Raises:
+        FileFormatError: If it cannot be written to, or holds something else: it is then left as it is.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            marked = (path / MARK).exists()
+            foreign = not marked and any(not file.name.startswith(".") for file in path.iterdir())
+        except OSError as error:
+            raise FileFormatError(f"{path}: cannot be used for a bake ({error.strerror or error})") from error
+        if foreign:
+            raise FileFormatError(f"{path}: holds other files, expected a new folder or one of a bake")
+        if not marked:
+            write_whole(path / MARK, json.dumps({"format": FORMAT, "contact_sheet": SHEET}).encode(), RECORD_FILE)
+
+    @contextlib.contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other bakes out, with ``FileFormatError``; the system gives the lock back if this process is killed."""
+        try:
+            from filelock import FileLock, Timeout
+        except ImportError as error:
+            raise BoundingError("baking needs filelock: pip install 'warp-bounding[bake]'") from error
+        lock = FileLock(self.path / LOCK, timeout=0)
+        try:
+            lock.acquire()
+        except Timeout:
+            expected = "wait until it has ended, or give another folder"
+            raise FileFormatError(f"{self.path}: another bake writes to it; {expected}") from None
+        try:
+            yield
+        finally:
+            lock.release()
+
+    def clean(self) -> None:
+        """Remove what workers that were killed while they wrote have left: files under names that nobody reads."""
+        for folder in (self.path, self.path / RECORDS):
+            for left in folder.glob(".*.*.*"):
+                if {BOUNDER_FILE.suffix, RECORD_FILE.suffix} & set(left.suffixes):
+                    left.unlink(missing_ok=True)
+
+    def records(self) -> list[Record]:
+        """All records, of this bake and of those before, with other settings too."""
+        found = (Record.read(path) for path in sorted((self.path / RECORDS).glob("*.json")))
+        return [record for record in found if record is not None]
+
+    def write_manifest(self, records: list[Record]) -> None:
+        """Write a row for each record, by source and settings."""
+        text = io.StringIO(newline="")
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for record in sorted(records, key=lambda r: (r.source, r.settings, r.hash)):
+            writer.writerow(["" if (value := getattr(record, name)) is None else value for name in COLUMNS])
+        write_whole(self.path / MANIFEST, text.getvalue().encode(), MANIFEST_FILE)
+
+    def conclude(self, records: list[Record]) -> None:
+        """Write the manifest and the contact sheet of all records."""
+        self.write_manifest(records)
+        baked = [record for record in records if record.file]
+        failed, proven = sum(bool(r.error) for r in records), sum(r.certificate == "proven" for r in baked)
+        head = f"{len(records)} shapes, {len(baked)} with a bounder, {proven} of them proven; {failed} failed"
+        order = sorted(records, key=lambda r: (not r.error, r.source, r.settings))
+        cards = "\n".join(_card(Record.read(record.path_in(self.path)) or record) for record in order)
+        colours = {name: f"rgb{COLOURS[name][:3]}" for name in ("object", "maybe")}
+        write_whole(self.path / SHEET, PAGE.format(head=head, cards=cards, **colours).encode(), PAGE_FILE)
+
+
+PAGE = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{head}</title><style>
+body {{ font: 14px/1.4 system-ui, sans-serif; margin: 1.5rem; color-scheme: light dark }} h1 {{ font-size: 1.2rem }}
+main {{ display: grid; gap: .8rem; grid-template-columns: repeat(auto-fill, minmax(250px, 1fr)) }}
+article {{ border: 1px solid #8888; padding: .7rem; overflow-wrap: anywhere; content-visibility: auto; contain-intrinsic-size: 250px 190px }}
+img {{ image-rendering: pixelated; max-width: 100% }} h2 {{ font-size: 1rem; margin: 0 }} .error {{ color: #c33 }}
+</style></head><body><h1>{head}</h1><p>Slices through each object: <b style="color:{object}">object</b>,
+<b style="color:{maybe}">maybe</b>, though no object is there, and certainly no.</p>
+<main>
+{cards}
+</main></body></html>
+"""
+
+
+def _card(record: Record) -> str:
+    """A shape's part of the contact sheet."""
+    drawn = f'<img src="data:image/png;base64,{record.picture}" alt="slices" loading="lazy">' if record.picture else ""
+    rate = "" if record.fp_rate is None else f"{record.fp_rate:.2f} % false positives"
+    told = (record.method, record.query, f"{record.bytes:,} bytes" if record.file else "", rate, record.certificate)
+    lines = [", ".join(filter(None, told)), f"{record.seconds:.1f} s, settings {record.settings}", record.note]
+    text = "".join(f"<div>{html.escape(line)}</div>" for line in filter(None, lines))
+    error = f'<div class="error">{html.escape(record.error)}</div>' if record.error else ""
+    return f"<article>{drawn}<h2>{html.escape(record.source)}</h2>{error}{text}</article>"
+
+
+# --- the client ------------------------------------------------------------------------------------------------------
 
 
 @dataclass
@@ -114,9 +628,7 @@ def bake(
         >>> done.baked, done.failed, wb.BounderLibrary("bounders", device="cpu").names
         (1, 0, ['ball'])
     """
-    kind = ChooseSettings if "narrow_ns" in options else FitSettings
-    asked = None if queries is None else str(Path(queries).resolve())
-    settings = kind(options, reading or {}, asked, samples)
+    settings = Settings(options, reading or {}, None if queries is None else str(Path(queries).resolve()), samples)
     return bake_with(settings, folder, out, jobs=jobs, scheduler=scheduler, largest=largest, progress=progress)
 
 
@@ -132,7 +644,7 @@ def bake_with(
     tell: Callable[[str], None] = lambda text: None,
 ) -> Baked:
     """``bake`` with settings; ``tell`` is called with lines for people: the dashboard's link, and each error as it happens."""
-    folder, out = Path(folder), Path(out)
+    folder, out, started = Path(folder), Path(out), time.perf_counter()
     if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1):
         raise BounderError(f"jobs must be a whole number of at least 1, got {jobs!r}")
     if not largest > 0:
@@ -140,67 +652,41 @@ def bake_with(
     if folder.resolve() == out.resolve():
         raise BounderError(f"{out}: expected another folder than that of the shapes")
     settings.check(bake)
-    started = time.perf_counter()
     found = find_shapes(folder, largest, out)
     kept = BakeFolder(out.resolve())
+    done = Baked(kept.path, foreign=found.foreign, too_large=[str(p.relative_to(folder)) for p in found.too_large])
     with kept.locked(), reported(progress, "bake") as update:
         kept.clean()
-        kept.keep_settings(settings)
+        text = json.dumps(settings.to_dict(), indent=1)
+        write_whole(kept.path / "settings" / f"{settings.digest}.json", text.encode(), RECORD_FILE)
         update = update or (lambda *told: None)
         update(0, 1, "what is there is read")
-        state = _State(kept, folder, found, settings)
+        every = {job.record.key: job for job in jobs_of(folder, found, settings, kept)}
+        records = {key: job.done() for key, job in every.items()}
+        open_ = deque(job for key, job in every.items() if records[key] is None)
+        done.kept = len(every) - len(open_)
+        others = [record for record in kept.records() if record.key not in every]
+
+        def ready() -> list[Record]:
+            return others + [record for record in records.values() if record is not None]
+
+        written, pause = time.perf_counter(), MANIFEST_SECONDS
         try:
-            if state.open:
-                _run(state, jobs, scheduler, update, tell)
+            for record in _ended(open_, kept, done, jobs, scheduler, update, tell) if open_ else ():
+                records[record.key], now = record, time.perf_counter()
+                if now - written > pause:
+                    kept.write_manifest(ready())
+                    written = time.perf_counter()
+                    pause = max(MANIFEST_SECONDS, (written - now) / MANIFEST_SHARE)
         finally:  # Ctrl-C, and whatever else ends it: what is there is listed
-            state.done.seconds = time.perf_counter() - started
-            state.done.records = list(state.records.values())
-            kept.conclude(state.ready)
-    return state.done
+            done.seconds = time.perf_counter() - started
+            done.records = [records[key] or job.record for key, job in every.items()]
+            kept.conclude(ready())
+    return done
 
 
-class _State:
-    """What is done, what is open, and what the folder held before."""
-
-    def __init__(self, kept: BakeFolder, folder: Path, found: Found, settings: Settings):
-        self.kept = kept
-        self.done = Baked(
-            kept.path, foreign=found.foreign, too_large=[str(p.relative_to(folder)) for p in found.too_large]
-        )
-        self.records: dict[str, Record] = {}
-        self.open: deque[Job] = deque()
-        for job in _jobs(folder, found, settings, kept):
-            if job.record.key in self.records:  # the same file twice, under the same name: one bounder is enough
-                continue
-            before = job.done()
-            self.records[job.record.key] = before or job.record
-            if before is None:
-                self.open.append(job)
-            else:
-                self.done.kept += 1
-        self.others = {r.key: r for r in kept.records() if r.key not in self.records}
-        self.total = len(self.open)
-        self._written, self._pause = time.perf_counter(), MANIFEST_SECONDS
-
-    @property
-    def ready(self) -> list[Record]:
-        """Everything that the folder has, without shapes that are still open."""
-        return [*self.others.values(), *(r for r in self.records.values() if r.method or r.error)]
-
-    def ended(self, record: Record) -> None:
-        """Count a shape, and write the manifest if it is time to."""
-        self.records[record.key] = record
-        self.done.task_seconds += record.seconds
-        self.done.failed += bool(record.error)
-        self.done.baked += not record.error
-        now = time.perf_counter()
-        if now - self._written > self._pause:
-            write_manifest(self.kept.path, self.ready)
-            self._written = time.perf_counter()
-            self._pause = max(MANIFEST_SECONDS, (self._written - now) / MANIFEST_SHARE)
-
-
-def _jobs(folder: Path, found: Found, settings: Settings, kept: BakeFolder) -> Iterator[Job]:
+def jobs_of(folder: Path, found: Found, settings: Settings, kept: BakeFolder) -> Iterator[Job]:
+    """A job for each shape; the same file under the same name twice has the same."""
     about = settings.digest
     for path in found.shapes:
         try:
@@ -211,39 +697,40 @@ def _jobs(folder: Path, found: Found, settings: Settings, kept: BakeFolder) -> I
         yield Job(str(path.resolve()), str(kept.path), record, settings)
 
 
-def _run(state: _State, jobs: int | None, scheduler: str | None, update: Progress, tell: Callable[[str], None]) -> None:
-    """Hand out the open jobs until there are none."""
-    update(0, state.total, "workers start")
-    with connected(jobs, scheduler) as client:
+def _ended(
+    open_: deque[Job], kept: BakeFolder, done: Baked, jobs: int | None, scheduler: str | None, update: Progress, tell
+) -> Iterator[Record]:
+    """Hand out jobs until there are none, ``WINDOW`` at a time at most; the records, as they end."""
+    total = len(open_)
+    update(0, total, "workers start")
+    with _connected(jobs, scheduler) as client:
         import distributed
 
-        if link := dashboard(client):
-            tell(f"dashboard: {link}")
-        check_workers(client, [state.kept.path, Path(state.open[0].path).parent])
-        clock, state.done.workers = _Clock(state.total), sum(client.nthreads().values())
-        futures: dict[Any, Job] = {}
-        running = distributed.as_completed()
-
-        def hand_out() -> None:
-            batch = [state.open.popleft() for _ in range(min(WINDOW - len(futures), len(state.open)))]
-            keys = [f"bake-{job.record.key}" for job in batch]
-            for future, job in zip(client.map(bake_shape, batch, key=keys, pure=False), batch, strict=True):
-                futures[future.key] = job
-                running.add(future)
-
-        hand_out()
-        while futures:
+        if client.scheduler_info().get("services", {}).get("dashboard"):
+            tell(f"dashboard: {client.dashboard_link}")
+        _check_workers(client, [kept.path, Path(open_[0].path).parent])
+        started, done.workers = time.perf_counter(), sum(client.nthreads().values())
+        futures, running = {}, distributed.as_completed()
+        while open_ or futures:
+            if open_ and len(futures) < WINDOW // 2:
+                batch = [open_.popleft() for _ in range(min(WINDOW - len(futures), len(open_)))]
+                keys = [f"bake-{job.record.key}" for job in batch]
+                for future, job in zip(client.map(bake_shape, batch, key=keys, pure=False), batch, strict=True):
+                    futures[future.key] = job
+                    running.add(future)
             future = next(running)
-            job = futures.pop(future.key)
-            record = _outcome(future, job, client, state.kept)
+            record = _outcome(future, futures.pop(future.key), client, kept)
             del future  # else Dask would do it again if the worker that has its result died
-            state.ended(record)
+            done.task_seconds += record.seconds
+            done.failed, done.baked = done.failed + bool(record.error), done.baked + (not record.error)
             if record.error:
                 tell(f"{record.source}: {record.error}")
-            state.done.running_seconds = clock.seconds
-            update(state.total - len(state.open) - len(futures), state.total, clock.note(state.done))
-            if len(state.open) and len(futures) < WINDOW // 2:
-                hand_out()
+            ended, done.running_seconds = done.baked + done.failed, time.perf_counter() - started
+            left = done.running_seconds / ended * (total - ended)
+            failed = f", {done.failed} failed" if done.failed else ""
+            told = f"{left:.0f} s" if left < 90 else f"{round(left / 60)} min"
+            update(ended, total, f"{ended:,} of {total:,} shapes{failed}, {told} left")
+            yield record
 
 
 def _outcome(future, job: Job, client, kept: BakeFolder) -> Record:
@@ -255,37 +742,76 @@ def _outcome(future, job: Job, client, kept: BakeFolder) -> Record:
     error = future.exception() if future.status == "error" else None
     if isinstance(error, distributed.KilledWorker):
         record = replace(job.record, error="every worker that fitted it died (killed, out of memory, or a crash)")
-        record.write(kept.record_path(record))
+        record.write(kept.path)
         return record
     if isinstance(error, BoundingError):
         raise error  # the folder cannot be written to
     if error is not None:
         raise SchedulerError(f"a task failed: {type(error).__name__}: {' '.join(str(error).split())}")
-    raise gone(client)
+    raise _gone(client)
 
 
-class _Clock:
-    """How long the rest may take, by what has ended so far."""
+@contextlib.contextmanager
+def _connected(jobs: int | None, scheduler: str | None) -> Iterator[Any]:
+    """A Dask client of local workers, started again when they die, or of a scheduler; ``BoundingError`` where there is none."""
+    try:
+        import dask
+        import distributed
+    except ImportError as error:
+        raise BoundingError("baking needs Dask: pip install 'warp-bounding[bake]'") from error
+    own = {
+        "distributed.scheduler.allowed-failures": DEATHS,
+        "distributed.scheduler.worker-saturation": 1.0,  # else a death also counts against the task that waits behind
+        "logging.distributed": "critical",
+    }
+    loggers = [logging.getLogger(n) for n in list(logging.root.manager.loggerDict) if n.startswith("distributed")]
+    with contextlib.ExitStack() as stack:
+        for logger in loggers:  # of workers that die and connections that are lost what matters is told
+            stack.callback(logger.setLevel, logger.level)
+            logger.setLevel(logging.CRITICAL)
+        stack.enter_context(dask.config.set(own))
+        try:
+            if scheduler is None:
+                local = {
+                    "n_workers": jobs or cpu_threads(),
+                    "threads_per_worker": 1,
+                    "processes": True,
+                    "memory_limit": 0,
+                }
+                local |= {"silence_logs": logging.CRITICAL, "env": ONE_THREAD, "preload": __name__}
+                local |= {"dashboard_address": "127.0.0.1:0" if find_spec("bokeh") else None}
+                cluster = distributed.LocalCluster(**local)
+                client = distributed.Client(stack.enter_context(cluster))
+            else:
+                client = distributed.Client(scheduler, timeout=CONNECT_SECONDS)
+        except (OSError, TimeoutError, ValueError) as error:
+            reason = " ".join(str(error).split())[:200] or type(error).__name__
+            raise BoundingError(f"{scheduler or 'local workers'}: no scheduler answers ({reason})") from error
+        stack.callback(client.close, timeout=2)
+        yield client
 
-    def __init__(self, total: int):
-        self._started, self._total = time.perf_counter(), total
 
-    @property
-    def seconds(self) -> float:
-        """Since the first task was handed out."""
-        return time.perf_counter() - self._started
-
-    def note(self, done: Baked) -> str:
-        """Counts and the time that is left."""
-        ended = done.baked + done.failed
-        left = self.seconds / ended * (self._total - ended)
-        failed = f", {done.failed} failed" if done.failed else ""
-        return f"{ended:,} of {self._total:,} shapes{failed}, {_told(left)} left"
+def _gone(client: Any) -> SchedulerError:
+    """What to say when the connection to the scheduler is lost."""
+    where = client.scheduler.address if client.scheduler else "the scheduler"
+    return SchedulerError(f"{where} has gone away; what is baked stays, and the same command goes on")
 
 
-def _told(seconds: float) -> str:
-    """A time in words that a person reads at a glance."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    minutes = round(seconds / 60)
-    return f"{minutes} min" if minutes < 120 else f"{minutes // 60} h {minutes % 60:02d} min"
+def _check_workers(client: Any, folders: list[Path]) -> None:
+    """Find out before the first task whether the workers that are there can do the work; raises ``SchedulerError``."""
+    try:
+        answers = client.run(looked_at, [str(folder) for folder in folders], on_error="return")
+    except OSError as error:
+        raise _gone(client) from error
+    for address, answer in answers.items():
+        if isinstance(answer, OSError):
+            continue  # a worker that dies meanwhile says nothing, and another one will do its tasks
+        if isinstance(answer, Exception):
+            reason = " ".join(str(answer).split())[:200] or type(answer).__name__
+            raise SchedulerError(f"worker {address} cannot run warp-bounding: {reason}")
+        if answer["version"] != __version__:
+            raise SchedulerError(f"worker {address} has warp-bounding {answer['version']}, expected {__version__}")
+        if answer["missing"]:
+            raise SchedulerError(
+                f"worker {address} sees no {answer['missing'][0]}; expected folders that all workers share"
+            )

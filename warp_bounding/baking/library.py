@@ -1,20 +1,40 @@
 """``BounderLibrary``: a folder of bounders as a mapping by name, loaded when they are asked for; it needs no more than loading one does."""
 
+import csv
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from warp_bounding.baking.manifest import MANIFEST, read_manifest
-from warp_bounding.baking.names import key_parts
 from warp_bounding.baking.stack import BounderStack
 from warp_bounding.bounders import Bounder, DistanceBounder, load
 from warp_bounding.errors import FileFormatError, QueryError
 from warp_bounding.runtime.pickling import Picklable
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, file_path
 
-__all__ = ["BounderLibrary"]
+__all__ = ["COLUMNS", "HASH_DIGITS", "MANIFEST", "BounderLibrary"]
+
+MANIFEST = "manifest.csv"
+# What a row of the manifest has, and how it is read back.
+COLUMNS = {
+    "name": str,
+    "source": str,
+    "hash": str,
+    "settings": str,
+    "file": str,
+    "method": str,
+    "query": str,
+    "bytes": int,
+    "certificate": str,
+    "fp_rate": lambda text: float(text) if text else None,
+    "seconds": float,
+    "error": str,
+    "note": str,
+}
+HASH_DIGITS = 12  # hexadecimal: two of 10^5 shapes share them with a probability of 2e-5
+KEY = re.compile(rf"(.+)-([0-9a-f]{{{HASH_DIGITS}}})")  # name-hash, of a baked file
 
 
 class BounderLibrary(Picklable, Mapping):
@@ -49,8 +69,9 @@ class BounderLibrary(Picklable, Mapping):
         keys = sorted(
             file.stem for file in self.folder.glob(f"*{BOUNDER_FILE.suffix}") if not file.name.startswith(".")
         )
-        count = Counter(key_parts(key)[0] for key in keys)
-        self._keys = {key if count[name := key_parts(key)[0]] > 1 else name: key for key in keys}
+        names = {key: found[1] if (found := KEY.fullmatch(key)) else key for key in keys}
+        count = Counter(names.values())
+        self._keys = {key if count[name] > 1 else name: key for key, name in names.items()}
         self._loaded: dict[str, Bounder | DistanceBounder] = {}
 
     @property
@@ -100,10 +121,18 @@ class BounderLibrary(Picklable, Mapping):
             >>> wb.BounderLibrary("bounders").manifest  # of a folder that no bake wrote
             []
         """
+        path = self.folder / MANIFEST
+        if not path.exists():
+            return []
         try:
-            return read_manifest(self.folder)
+            with path.open(encoding="utf-8", newline="") as file:
+                rows = csv.DictReader(file)
+                if rows.fieldnames != list(COLUMNS):
+                    got = ", ".join(rows.fieldnames or ["none"])
+                    raise ValueError(f"expected the columns {', '.join(COLUMNS)}, got {got}")
+                return [{name: read(row[name]) for name, read in COLUMNS.items()} for row in rows]
         except (OSError, ValueError) as error:
-            raise FileFormatError(f"{self.folder / MANIFEST}: no manifest of a bake ({error})") from error
+            raise FileFormatError(f"{path}: no manifest of a bake ({error})") from error
 
     def stack(self, names: Iterable[str] | None = None) -> BounderStack:
         """Bounders that are asked together, by number; all of the library if ``None``.

@@ -8,11 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
-from warp_bounding.baking.bake import LARGEST, Baked, bake_with
-from warp_bounding.baking.cluster import SchedulerError
-from warp_bounding.baking.contact_sheet import SHEET
-from warp_bounding.baking.manifest import MANIFEST
-from warp_bounding.baking.settings import SAMPLES, ChooseSettings, FitSettings, Settings
+from warp_bounding.baking.bake import LARGEST, SAMPLES, SHEET, Baked, SchedulerError, Settings, bake_with
+from warp_bounding.baking.library import MANIFEST
 from warp_bounding.cli import choose, fit
 from warp_bounding.cli.options import Json, read_queries, shape_arguments, whole_number
 from warp_bounding.cli.output import bar, console, print_json, quiet_warp, warn
@@ -114,10 +111,10 @@ def _settings(told: dict[str, Any]) -> Settings:
             raise BoundingError(
                 f"{_option(name)} is for a choice, which --narrow-ns asks for; got {told[name]!r} without it"
             )
-        return FitSettings(fit.fit_arguments(told), reading, queries, samples)
+        return Settings(fit.fit_arguments(told), reading, queries, samples)
     for name in sorted((of_fit - of_choose - {"samples"}) & given):
         raise BoundingError(f"{_option(name)} is for a fit, and --narrow-ns asks for a choice; got {told[name]!r} too")
-    return ChooseSettings(choose.choose_arguments(told), reading, queries, samples)
+    return Settings(choose.choose_arguments(told), reading, queries, samples)
 
 
 def _option(name: str) -> str:
