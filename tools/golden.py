@@ -5,7 +5,8 @@
 
 FOLDER keeps a small bounder of every method, kind of query and dimension. What is missing there is fitted in few steps; what is there is
 loaded, so that a later run asks the very same bounders, and shows that their files are still read. Numbers depend on the processor's vector
-width: compare runs of one machine. ``--slow`` certifies everything, which takes minutes of an arm of four joints; ``--only`` takes parts.
+width: compare runs of one machine. ``--slow`` certifies everything, which takes minutes of an arm of four joints; ``--only`` takes parts, and
+``--kept`` asks what FOLDER keeps and fits nothing. What was hashed before a run is ended is written.
 """
 
 import argparse
@@ -13,6 +14,7 @@ import hashlib
 import json
 import math
 import re
+import signal
 import sys
 import tempfile
 from importlib import import_module
@@ -47,6 +49,7 @@ DISTANCES = (
 )
 CASCADES = (("point", "aabb+kdop+mlp"), ("point", "learned-kdop+mlp-early"), ("ray", "aabb+mlp"))
 
+kept_only = False
 found: dict[str, str] = {}
 native: dict[str, str] = {}
 
@@ -115,6 +118,8 @@ def numbers(query: str, ndim: int, lower: np.ndarray, upper: np.ndarray, count: 
 def made(folder: Path, name: str, shape, **options):
     """The bounder of this name in the folder, fitted if it is not there."""
     path = folder / f"{name}.safetensors"
+    if not path.is_file() and kept_only:
+        return None
     if not path.is_file():
         wb.fit(shape, device="cpu", progress=False, budget=600.0, **options).save(path)
     return wb.load(path, device="cpu")
@@ -122,6 +127,8 @@ def made(folder: Path, name: str, shape, **options):
 
 def ask(name: str, bounder, query: str, shape, placed: bool = False) -> None:
     """Hash what a bounder of points or regions answers, and the numbers that a kernel reads."""
+    if bounder is None:
+        return
     x = numbers(query, bounder.ndim, np.asarray(shape.lower), np.asarray(shape.upper))
     if bounder.domain.columns != x.shape[1]:
         raise SystemExit(f"{name}: {bounder.domain.columns} numbers expected")
@@ -138,6 +145,8 @@ def ask(name: str, bounder, query: str, shape, placed: bool = False) -> None:
 
 def ask_distance(name: str, bounder, shape) -> None:
     """Hash distances, radii, segments and boxes."""
+    if bounder is None:
+        return
     lower, upper = np.asarray(shape.lower), np.asarray(shape.upper)
     x = numbers("point", bounder.ndim, lower, upper)
     found[f"distance {name}"] = sha(bounder.distance(x))
@@ -190,7 +199,8 @@ def answers(folder: Path) -> None:
     ask("inside point 3d", inner, "point", three)
     outer = made(folder, "mlp-point-3d", three, **FEW)
     x = numbers("point", 3, np.asarray(three.lower), np.asarray(three.upper))
-    found["classify 3d"] = sha(wb.two_sided(outer, inner).classify(x))
+    if outer is not None and inner is not None:
+        found["classify 3d"] = sha(wb.two_sided(outer, inner).classify(x))
 
 
 def bundled() -> None:
@@ -261,21 +271,26 @@ def main() -> int:
     parser.add_argument("--only", nargs="*", choices=PARTS, default=list(PARTS))
     parser.add_argument("--demos", nargs="*", choices=list(DEMOS), default=list(DEMOS))
     parser.add_argument("--slow", action="store_true")
+    parser.add_argument("--kept", action="store_true")
     told = parser.parse_args()
+    globals()["kept_only"] = told.kept
     wp.config.quiet = True
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     record_native()
-    if "answers" in told.only:
-        answers(told.folder)
-    if "bundled" in told.only:
-        bundled()
-    if "certify" in told.only:
-        certified(told.slow)
-    if "demos" in told.only:
-        demos(told.demos)
-    found.update({f"native {key}": name for key, name in native.items()})
-    if told.out:
-        lines = ",\n".join(f"{json.dumps(key)}: {json.dumps(found[key])}" for key in sorted(found))
-        told.out.write_text(f"{{\n{lines}\n}}\n")
+    try:
+        if "answers" in told.only:
+            answers(told.folder)
+        if "bundled" in told.only:
+            bundled()
+        if "certify" in told.only:
+            certified(told.slow)
+        if "demos" in told.only:
+            demos(told.demos)
+    finally:
+        found.update({f"native {key}": name for key, name in native.items()})
+        if told.out:
+            lines = ",\n".join(f"{json.dumps(key)}: {json.dumps(found[key])}" for key in sorted(found))
+            told.out.write_text(f"{{\n{lines}\n}}\n")
     if not told.compare:
         return 0
     before = json.loads(told.compare.read_text())
