@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from warp_bounding import bounders
 from warp_bounding.bounders.distances.mlp import MlpDistance
-from warp_bounding.bounders.local.local import Local
+from warp_bounding.bounders.local import Local
 from warp_bounding.bounders.options import STEPS
 from warp_bounding.bounders.union import Union
 from warp_bounding.bounders.volume import VolumeBounder

@@ -9,7 +9,7 @@ import pytest
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
-from warp_bounding.bounders.ellipsoids.base import QuadricBounder
+from warp_bounding.bounders.ellipsoids import QuadricBounder
 from warp_bounding.geometry.enclosing_ellipsoid import GAP
 from warp_bounding.indicators.formats.load import READERS
 

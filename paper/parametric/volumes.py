@@ -13,8 +13,8 @@ import numpy as np
 
 from paper.parametric.supports import ParametricSupport, directed, limit_of, to_local, v_per_unit
 from warp_bounding.bounders import METHODS
-from warp_bounding.bounders.ellipsoids.base import QuadricBounder
-from warp_bounding.bounders.polytopes.learned_kdop import LearnedKdop
+from warp_bounding.bounders.ellipsoids import QuadricBounder
+from warp_bounding.bounders.learned_kdop import LearnedKdop
 from warp_bounding.coordinates.region_domain import RegionDomain, domain_of
 from warp_bounding.evaluation.counting import counted
 from warp_bounding.evaluation.report import Rates

@@ -10,7 +10,7 @@ from paper.speed.figures import QUERIES, TABLE_2, BreakEven, break_even
 from paper.speed.rows import SpeedRow
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.neural.mlp_early import MlpEarly
-from warp_bounding.bounders.slabs.aabb import Aabb
+from warp_bounding.bounders.slabs import Aabb
 
 __all__ = ["EARLY", "MOST_LOSS", "Cell", "EarlyOut", "OnDevice", "by_device"]
 

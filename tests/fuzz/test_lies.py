@@ -15,7 +15,7 @@ from mutations import File
 from subjects import made, network, settled
 
 import warp_bounding as wb
-from warp_bounding.bounders.polytopes import half_spaces
+from warp_bounding.bounders.learned_kdop import half_spaces
 from warp_bounding.bounders.voxels import Voxels
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain, domain_of

@@ -9,8 +9,7 @@ import pytest
 from bounding_shapes import object_points, shape
 
 import warp_bounding as wb
-from warp_bounding.bounders.bvh.build import build
-from warp_bounding.bounders.bvh.bvh import Bvh
+from warp_bounding.bounders.bvh import Bvh, build
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.proof import prove
 

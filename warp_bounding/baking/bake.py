@@ -407,10 +407,11 @@ def picture(bounder, source) -> bytes:
     """
     from PIL import Image
 
-    from warp_bounding.certificates.claim import as_fitted, of_side
+    from warp_bounding.certificates.claim import as_fitted, in_local, of_side
     from warp_bounding.evaluation.truth import PROTOCOLS, judge_of, truth_by
     from warp_bounding.indicators.shape import OUT
 
+    bounder, source = in_local(bounder, source)
     given, fitted = of_side(bounder, source), as_fitted(bounder, source)
     if bounder.query_kind == DISTANCE.name:
         shape, truth = fitted, fitted.contains

@@ -14,7 +14,7 @@ from itertools import accumulate
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder, BoxBounds
-from warp_bounding.bounders.local.local import Local
+from warp_bounding.bounders.local import Local
 from warp_bounding.bounders.members import (
     BIT_FIELDS,
     check_kinds,

@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.local.local import Local
-from warp_bounding.bounders.local.source import CERTAIN
+from warp_bounding.bounders.local import CERTAIN, Local
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.covers import COVERS

@@ -5,9 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from warp_bounding.bounders.local.lattice import Lattice
-from warp_bounding.bounders.local.local import Local
-from warp_bounding.bounders.local.source import EVERYWHERE
+from warp_bounding.bounders.local import EVERYWHERE, Lattice, Local
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape

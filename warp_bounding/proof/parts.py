@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from warp_bounding.bounders.local.lattice import Lattice
+from warp_bounding.bounders.local import Lattice
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.networks.charts.part import FARTHEST, PartChart
 from warp_bounding.proof.search.best_first import Search

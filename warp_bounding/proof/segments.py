@@ -26,7 +26,7 @@ from warp_bounding.bounders.distances.mlp import MlpDistance
 from warp_bounding.bounders.distances.registry import DISTANCES
 from warp_bounding.bounders.distances.volume import VolumeDistance
 from warp_bounding.bounders.framed import Framed
-from warp_bounding.bounders.local.local import Local
+from warp_bounding.bounders.local import Local
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.union import Union
 from warp_bounding.coordinates.distance_domain import DistanceDomain

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.bounders.local.local import Local
+from warp_bounding.bounders.local import Local
 from warp_bounding.bounders.neural.mlp import RECIPES, Mlp
 from warp_bounding.bounders.neural.mlp_early import MlpEarly, part_of
 from warp_bounding.bounders.neural.monotone_mlp import MonotoneMlp

@@ -17,7 +17,7 @@ from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.cover import Region, check_cover
 from warp_bounding.bounders.neural.mlp import Mlp
 from warp_bounding.bounders.options import settled
-from warp_bounding.bounders.slabs.aabb import Aabb
+from warp_bounding.bounders.slabs import Aabb
 from warp_bounding.bounders.volume import VolumeBounder
 from warp_bounding.certificates.document import conjunction
 from warp_bounding.coordinates.domain import Domain

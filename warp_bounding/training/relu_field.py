@@ -11,8 +11,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from warp_bounding.bounders.relu_field.cover import positive_boxes
-from warp_bounding.bounders.relu_field.relu_field import FieldMap, ReluField, break_points, corners_of, field_breaks
+from warp_bounding.bounders.relu_field import (
+    FieldMap,
+    ReluField,
+    break_points,
+    corners_of,
+    field_breaks,
+    positive_boxes,
+)
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import oracle
 from warp_bounding.runtime.progress import Progress

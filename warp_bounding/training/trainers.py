@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from warp_bounding.bounders import Bounder
+from warp_bounding.bounders.learned_kdop import LearnedKdop
 from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.bounders.polytopes.learned_kdop import LearnedKdop
-from warp_bounding.bounders.relu_field.relu_field import ReluField
+from warp_bounding.bounders.relu_field import ReluField
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.training.fit_network import fit_network
 from warp_bounding.training.learned_kdop.train import train_learned_kdop

@@ -6,8 +6,7 @@ import warp as wp
 from bounding_shapes import SHAPES, domain_points, object_points, shape
 from region_cases import cases, fitted_region
 
-from warp_bounding.bounders.bvh.build import build, inner_nodes
-from warp_bounding.bounders.bvh.bvh import Bvh, leaves_for_bytes
+from warp_bounding.bounders.bvh import Bvh, build, inner_nodes, leaves_for_bytes
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 

@@ -8,8 +8,7 @@ from bounding_shapes import object_points, shape
 
 import warp_bounding as wb
 from warp_bounding.arithmetic import round_down
-from warp_bounding.bounders.relu_field.cover import positive_boxes
-from warp_bounding.bounders.relu_field.relu_field import FieldMap, ReluField
+from warp_bounding.bounders.relu_field import FieldMap, ReluField, positive_boxes
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import oracle, sample

@@ -18,7 +18,7 @@ import numpy as np
 
 from warp_bounding.arithmetic import UNIT32, round_down, round_up
 from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.bvh.bvh import Bvh
+from warp_bounding.bounders.bvh import Bvh
 from warp_bounding.bounders.distances.volume import NOISE, Form, VolumeDistance
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError

@@ -22,9 +22,7 @@ from warp_bounding.arithmetic import UNIT32, round_up
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.distances.faces import SHORTENED, frame_norm
 from warp_bounding.bounders.distances.volume import NOISE, Form, VolumeDistance
-from warp_bounding.bounders.ellipsoids.ellipsoid import Ellipsoid
-from warp_bounding.bounders.ellipsoids.oriented_ellipsoid import OrientedEllipsoid
-from warp_bounding.bounders.ellipsoids.sphere import Sphere
+from warp_bounding.bounders.ellipsoids import Ellipsoid, OrientedEllipsoid, Sphere
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.distances.source import DistanceSource

@@ -23,10 +23,8 @@ import numpy as np
 from warp_bounding.arithmetic import UNIT32, round_down, round_up
 from warp_bounding.bounders.base import Bounder
 from warp_bounding.bounders.distances.volume import NOISE, Form, VolumeDistance
-from warp_bounding.bounders.polytopes.learned_kdop import LearnedKdop
-from warp_bounding.bounders.slabs.aabb import Aabb
-from warp_bounding.bounders.slabs.kdop import Kdop
-from warp_bounding.bounders.slabs.obb import Obb
+from warp_bounding.bounders.learned_kdop import LearnedKdop
+from warp_bounding.bounders.slabs import Aabb, Kdop, Obb
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.distances.source import DistanceSource

@@ -14,7 +14,7 @@ import warp as wp
 from warp_bounding.activations import activation_of
 from warp_bounding.arithmetic import UNIT32, UNIT64
 from warp_bounding.bounders.distances.base import DistanceBounder
-from warp_bounding.bounders.local.lattice import Lattice, packed, unpacked
+from warp_bounding.bounders.local import Lattice, packed, unpacked
 from warp_bounding.bounders.neural.mlp import ACTIVATION, HIDDEN, MOST_THRESHOLDS, THRESHOLDS, Mlp, check_hidden
 from warp_bounding.bounders.options import STEPS
 from warp_bounding.errors import BounderError

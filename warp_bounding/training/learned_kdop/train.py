@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from warp_bounding.bounders.polytopes.learned_kdop import LearnedKdop, classic_normals
+from warp_bounding.bounders.learned_kdop import LearnedKdop, classic_normals
 from warp_bounding.coordinates.object_support import ObjectSupport
 from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError

@@ -1,28 +1,223 @@
-"""Points, rays, planes and boxes against an ellipsoid, where ``f(y) = -|A y + b|^2`` for points: f of a region is the largest on it.
+"""Ellipsoids ``|A v + b|^2 <= r^2``. What ``sphere``, ``ellipsoid`` and ``oriented-ellipsoid`` have in common.
 
-* Point: f is concave, so its minimum over a box is attained at a corner.
-* Ray: the segment's nearest point in the space of ``z = A y + b``, where the ellipsoid is a ball. Exact.
-* Plane: ``m . y = c`` is ``(B^T m) . z = c - m . centre`` with ``B = A^-1``; its distance from 0 squared. Exact.
-* Box: exact where A is diagonal. Otherwise a few steps of coordinate descent from the point nearest the centre; the plane through
-  what they find, at right angles to it in the space of z, then bounds the box's distance from below (Cauchy-Schwarz). That holds
-  whatever the steps found, so their rounding does not matter. Conservative by what they leave: little.
-
-The results are upper bounds of the points' f on the region, less ``error``; so a point's threshold serves for all of them.
+The three methods minimise a size over a family (``geometry.enclosing_ellipsoid``); their rounding is paid for in the threshold,
+which the proof sets. Rays, planes and boxes are tested against the same ellipsoid (``ellipsoids.regions``), with the same threshold
+but for rounding.
 """
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from warp_bounding.arithmetic import TINY, UNIT64, gamma
-from warp_bounding.bounders.ellipsoids.native import SMALLEST, SWEEPS
-from warp_bounding.bounders.volume import VolumeTest
+from warp_bounding.bounders.volume import VolumeBounder, VolumeSource, VolumeTest
+from warp_bounding.coordinates.object_support import ObjectSupport
 from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry.checked_inverse import checked_inverse
+from warp_bounding.geometry.enclosing_ellipsoid import enclosing_of_hull, enclosing_of_points, extreme_corners
+from warp_bounding.geometry.hull import whole_hull
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.kernels.source import Source
 from warp_bounding.networks.box_bounds import BoxBounds
+from warp_bounding.queries.boundary import outline
 
-__all__ = ["TESTS", "Quadric", "QuadricBox", "QuadricPlane", "QuadricPoint", "QuadricRay"]
+__all__ = [
+    "SMALLEST",
+    "SWEEPS",
+    "TESTS",
+    "TEXTS",
+    "Ellipsoid",
+    "OrientedEllipsoid",
+    "Quadric",
+    "QuadricBounder",
+    "QuadricBox",
+    "QuadricPlane",
+    "QuadricPoint",
+    "QuadricRay",
+    "QuadricSource",
+    "Sphere",
+]
+
+# --- native ----------------------------------------------------------------------------------------------------------
+#
+# The C text of ``f`` of ellipsoids, for points and for each kind of region.
+
+SMALLEST = 2.0**-80  # of |A w|^2: a segment as short as that counts as its origin
+SWEEPS = 2  # of coordinate descent over a box
+
+_CONSTANTS = """
+    constexpr int N = $n;
+    constexpr bool DIAGONAL = $diagonal;
+    const V none = {};
+"""
+
+
+def _row(y: str, at: str) -> str:
+    """C text of ``y``, the product of row i of A (numbers at ``a``) with the vector at ``v[at]``."""
+    return f"""
+        V {y} = DIAGONAL ? v[{at} + i] * w[N + i] : v[{at}] * a[0];
+#pragma unroll
+        for (int j = 1; j < N && !DIAGONAL; ++j) {y} = {y} + v[{at} + j] * a[j];
+"""
+
+
+_POINT = f"""
+{{
+    {_CONSTANTS}
+    f = v[0] * 0.0f;
+#pragma unroll
+    for (int i = 0; i < N; ++i) {{
+        const float* a = w + N + i * N;
+        {_row("y", "0")}
+        y = y + w[i];
+        f = f - y * y;
+    }}
+}}
+"""
+
+_RAY = f"""
+{{
+    {_CONSTANTS}
+    V origin[N], speed[N];
+#pragma unroll
+    for (int i = 0; i < N; ++i) {{
+        const float* a = w + N + i * N;
+        {_row("y", "0")}
+        {_row("s", "N")}
+        origin[i] = y + w[i];
+        speed[i] = s;
+    }}
+    V towards = origin[0] * speed[0], length = speed[0] * speed[0];
+#pragma unroll
+    for (int i = 1; i < N; ++i) towards = towards + origin[i] * speed[i];
+#pragma unroll
+    for (int i = 1; i < N; ++i) length = length + speed[i] * speed[i];
+    const V along = -towards;
+    V t = over(along, length > {SMALLEST.hex()}f ? length : none + 1.0f);
+    t = t < none ? none : t;
+    t = t > 1.0f ? none + 1.0f : t;
+    t = length > {SMALLEST.hex()}f ? t : none;
+    f = none;
+#pragma unroll
+    for (int i = 0; i < N; ++i) {{
+        const V z = origin[i] + t * speed[i];
+        f = f - z * z;
+    }}
+}}
+"""
+
+_PLANE = f"""
+{{
+    {_CONSTANTS}
+    V foot = v[0] * w[0];
+#pragma unroll
+    for (int j = 1; j < N; ++j) foot = foot + v[j] * w[j];
+    const V off = v[N] - foot;
+    V length = none;
+#pragma unroll
+    for (int i = 0; i < N; ++i) {{
+        const float* a = w + N + i * N;
+        {_row("g", "0")}
+        length = length + g * g;
+    }}
+    f = over(-(off * off), length);
+}}
+"""
+
+_INTERVALS = """
+{
+    constexpr int N = $n;
+    const V none = {};
+    f = none;
+#pragma unroll
+    for (int i = 0; i < N; ++i) {
+        const V a = v[i] * w[N + i] + w[i], b = v[N + i] * w[N + i] + w[i];
+        const V low = a < b ? a : b, high = a < b ? -b : -a;
+        V z = low > high ? low : high;
+        z = z < none ? none : z;
+        f = f - z * z;
+    }
+}
+"""
+
+_DESCENT = f"""
+{{
+    constexpr int N = $n;
+    const V none = {{}};
+    const float* a = w + N;
+    const float *step = a + N * N, *start = step + N;
+    V y[N], z[N];
+#pragma unroll
+    for (int j = 0; j < N; ++j) {{
+        y[j] = v[j] > start[j] ? v[j] : none + start[j];
+        y[j] = y[j] > v[N + j] ? v[N + j] : y[j];
+    }}
+#pragma unroll
+    for (int i = 0; i < N; ++i) {{
+        z[i] = y[0] * a[i * N];
+#pragma unroll
+        for (int j = 1; j < N; ++j) z[i] = z[i] + y[j] * a[i * N + j];
+        z[i] = z[i] + w[i];
+    }}
+#pragma unroll
+    for (int sweep = 0; sweep < {SWEEPS}; ++sweep) {{
+#pragma unroll
+        for (int j = 0; j < N; ++j) {{
+            V slope = z[0] * a[j];
+#pragma unroll
+            for (int i = 1; i < N; ++i) slope = slope + z[i] * a[i * N + j];
+            V to = y[j] - slope * step[j];
+            to = to < v[j] ? v[j] : to;
+            to = to > v[N + j] ? v[N + j] : to;
+            const V by = to - y[j];
+            y[j] = to;
+#pragma unroll
+            for (int i = 0; i < N; ++i) z[i] = z[i] + by * a[i * N + j];
+        }}
+    }}
+    V length = z[0] * z[0], least = z[0] * w[0];
+#pragma unroll
+    for (int i = 1; i < N; ++i) length = length + z[i] * z[i];
+#pragma unroll
+    for (int i = 1; i < N; ++i) least = least + z[i] * w[i];
+#pragma unroll
+    for (int j = 0; j < N; ++j) {{
+        V m = z[0] * a[j];
+#pragma unroll
+        for (int i = 1; i < N; ++i) m = m + z[i] * a[i * N + j];
+        const V low = m * v[j], high = m * v[N + j];
+        least = least + (low < high ? low : high);
+    }}
+    least = least < none ? none : least;
+    least = length > {SMALLEST.hex()}f ? least : none;
+    f = over(-(least * least), length > {SMALLEST.hex()}f ? length : none + 1.0f);
+}}
+"""
+
+
+def _box(source: Source) -> str:
+    """Row by row where A is diagonal, else by coordinate descent."""
+    return _INTERVALS if source.diagonal else _DESCENT
+
+
+TEXTS = {"point": _POINT, "ray": _RAY, "plane": _PLANE, "box": _box}
+
+
+# --- regions ---------------------------------------------------------------------------------------------------------
+#
+# Points, rays, planes and boxes against an ellipsoid, where ``f(y) = -|A y + b|^2`` for points: f of a region is the largest on it.
+#
+# * Point: f is concave, so its minimum over a box is attained at a corner.
+# * Ray: the segment's nearest point in the space of ``z = A y + b``, where the ellipsoid is a ball. Exact.
+# * Plane: ``m . y = c`` is ``(B^T m) . z = c - m . centre`` with ``B = A^-1``; its distance from 0 squared. Exact.
+# * Box: exact where A is diagonal. Otherwise a few steps of coordinate descent from the point nearest the centre; the plane through
+#   what they find, at right angles to it in the space of z, then bounds the box's distance from below (Cauchy-Schwarz). That holds
+#   whatever the steps found, so their rounding does not matter. Conservative by what they leave: little.
+#
+# The results are upper bounds of the points' f on the region, less ``error``; so a point's threshold serves for all of them.
 
 MOST_CORNER_DIMENSIONS = 8  # up to here a box's corners are enumerated; beyond, rows are bounded one by one
 SHORTEST = 2.0**-40  # of a vector in the space of z; the root of SMALLEST
@@ -200,3 +395,97 @@ class QuadricBox(VolumeTest):
 
 # By the name of the kind of query.
 TESTS = {"point": QuadricPoint, "ray": QuadricRay, "plane": QuadricPlane, "box": QuadricBox}
+
+
+@dataclass(frozen=True)
+class QuadricSource(VolumeSource):
+    """Native code of the ellipsoid test; a diagonal A costs n products instead of n^2.
+
+    Numbers: ``b[n]``, then A's diagonal, or A in row order; of regions, see ``ellipsoids.regions``.
+    """
+
+    diagonal: bool
+
+    texts = TEXTS
+
+
+class QuadricBounder(VolumeBounder):
+    """Base of the ellipsoid methods: they differ in the family that they minimise over.
+
+    Tensors: ``matrix`` ``(n, n)``, or ``(n,)`` where diagonal, and ``offset`` ``(n,)``, in the coordinates of points.
+    """
+
+    tests = TESTS
+    family: ClassVar[str]  # see ``enclosing_ellipsoid``
+    diagonal: ClassVar[bool] = True
+
+    @classmethod
+    def fit(cls, grid: Shape, domain: AnyDomain, *, device: str | None = None) -> "QuadricBounder":
+        """The smallest member of the family around a grid's cells, a shape's hull or its outline, found in object space."""
+        hull = whole_hull(grid)
+        if hull is not None:
+            radii = hull.radius * (np.arange(grid.ndim) >= int(grid.time))
+            matrix, center = enclosing_of_hull(hull.points, radii, cls.family)
+        else:
+            points = extreme_corners(grid) if isinstance(grid, IndicatorGrid) else outline(grid)
+            matrix, center = enclosing_of_points(points, cls.family)
+        return cls._around(domain, matrix / domain.scale.astype(np.float64), -matrix @ (center - domain.center), device)
+
+    @classmethod
+    def _around(cls, domain: AnyDomain, matrix: np.ndarray, offset: np.ndarray, device) -> "QuadricBounder":
+        tensors = {"matrix": np.diag(matrix) if cls.diagonal else matrix, "offset": offset}
+        return cls(domain, {name: value.astype(np.float32) for name, value in tensors.items()}, {}, device)
+
+    def check_tensors(self) -> None:
+        n = self.volume_domain.ndim
+        self.expect_shapes({"matrix": (n,) if self.diagonal else (n, n), "offset": (n,)})
+        self.check_range()
+
+    @property
+    def shape(self) -> Quadric:
+        matrix, offset = (self.tensors[name].astype(np.float64) for name in ("matrix", "offset"))
+        return Quadric(np.diag(matrix) if self.diagonal else matrix, offset, self.diagonal)
+
+    @property
+    def source(self) -> QuadricSource:
+        return self.source_of(QuadricSource, self.diagonal)
+
+    def hull_least(self, support: ObjectSupport) -> tuple[float, int]:
+        return -support.square(*self.shape[:2]), 1
+
+
+# --- sphere ----------------------------------------------------------------------------------------------------------
+#
+# ``sphere``: the smallest enclosing ball, in object space (the paper's Sphere), its radius within 0.005 % of the least.
+
+
+class Sphere(QuadricBounder):
+    """Minimal ball."""
+
+    method = "sphere"
+    family = "trace"
+
+
+# --- ellipsoid -------------------------------------------------------------------------------------------------------
+#
+# ``ellipsoid``: the axis-aligned ellipsoid of least volume (the paper's AAElli).
+
+
+class Ellipsoid(QuadricBounder):
+    """Axis-aligned ellipsoid of least volume."""
+
+    method = "ellipsoid"
+    family = "diagonal"
+
+
+# --- oriented ellipsoid ----------------------------------------------------------------------------------------------
+#
+# ``oriented-ellipsoid``: the ellipsoid of least volume (the paper's OElli), by Khachiyan's problem.
+
+
+class OrientedEllipsoid(QuadricBounder):
+    """Ellipsoid of least volume."""
+
+    method = "oriented-ellipsoid"
+    family = "determinant"
+    diagonal = False

@@ -1,1 +1,0 @@
-"""Bounding volume hierarchies: a tree of boxes around the object's cells."""

@@ -1,1 +1,0 @@
-"""Balls and ellipsoids of least size, and the tests of rays, planes and boxes against one."""

@@ -1,1 +1,0 @@
-"""Networks with a threshold for each part of the domain."""

@@ -1,1 +1,0 @@
-"""Convex polytopes whose half-spaces are learned."""

@@ -1,1 +1,0 @@
-"""A coarse grid of learned numbers, interpolated and cut off at 0."""

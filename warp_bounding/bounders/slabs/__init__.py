@@ -1,1 +1,0 @@
-"""Volumes between pairs of parallel planes: boxes, oriented boxes and k-DOPs."""
