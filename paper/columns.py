@@ -14,7 +14,7 @@ from warp_bounding.bounders.options import STEPS
 from warp_bounding.bounders.union import Union
 from warp_bounding.bounders.volume import VolumeBounder
 from warp_bounding.errors import BounderError, QueryError
-from warp_bounding.evaluation.distances import ASKED
+from warp_bounding.evaluation import ASKED
 from warp_bounding.queries import QUERIES, Query
 from warp_bounding.queries.point import POINT
 

@@ -16,9 +16,7 @@ from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.ellipsoids import QuadricBounder
 from warp_bounding.bounders.learned_kdop import LearnedKdop
 from warp_bounding.coordinates.region_domain import RegionDomain, domain_of
-from warp_bounding.evaluation.counting import counted
-from warp_bounding.evaluation.report import Rates
-from warp_bounding.evaluation.truth import truth_by
+from warp_bounding.evaluation import Rates, counted, truth_by
 from warp_bounding.geometry.enclosing_ellipsoid import enclosing_of_points
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import oracle, sample

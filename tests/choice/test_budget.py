@@ -9,10 +9,19 @@ import numpy as np
 import pytest
 
 import warp_bounding as wb
-from warp_bounding.choice import work
-from warp_bounding.choice.candidates import Candidate
-from warp_bounding.choice.pace import LEAST_SECONDS, ROUND_STEPS, ROUNDS, Pace, Spending, TooSlowError, Watch, needed
-from warp_bounding.choice.work import told_budget
+from warp_bounding.choice import (
+    LEAST_SECONDS,
+    ROUND_STEPS,
+    ROUNDS,
+    Candidate,
+    Pace,
+    Spending,
+    TooSlowError,
+    Watch,
+    needed,
+    told_budget,
+    work,
+)
 from warp_bounding.runtime.working_time import working_seconds
 from warp_bounding.solids import Box
 
@@ -125,7 +134,7 @@ def test_a_repeat_fits_nothing_and_a_larger_budget_goes_on(fits, tmp_path):
 
 
 def test_a_starved_network_says_so(fits, monkeypatch):
-    monkeypatch.setattr("warp_bounding.choice.pace.PATIENCE", np.inf)  # nobody looks after the first rounds
+    monkeypatch.setattr("warp_bounding.choice.PATIENCE", np.inf)  # nobody looks after the first rounds
     choice = wb.choose(BLOCK, budget=12.0, methods=("mlp",), networks=((8, 8),), **GIVEN)
     row = rows_of(choice)["mlp 8-8"]
     assert row.note.startswith("hardly trained: ")

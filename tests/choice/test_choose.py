@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import warp_bounding as wb
-from warp_bounding.choice.plot import cost_plot
-from warp_bounding.choice.work import Work
+from warp_bounding.choice import Work, cost_plot
 from warp_bounding.errors import BounderError, FileFormatError, QueryError
 from warp_bounding.solids import Sphere
 

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from warp_bounding.choice.prices import Line, cheapest, duration
+from warp_bounding.choice import Line, cheapest, duration
 
 
 def test_it_is_the_least_at_every_price(rng):

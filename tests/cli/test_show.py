@@ -111,11 +111,11 @@ def test_another_shape_is_told_and_not_refused(bounders, capsys):
 
 def test_a_file_that_is_no_page_is_kept(bounders, capsys, monkeypatch):
     """What fails leaves the earlier file; what succeeds replaces it whole."""
-    import warp_bounding.views.page
+    import warp_bounding.views.draw
 
     path = bounders["dir"] / "page.html"
     path.write_text("earlier")
-    monkeypatch.setattr(warp_bounding.views.page, "page", _broken)
+    monkeypatch.setattr(warp_bounding.views.draw, "page", _broken)
     check_bad(*run(capsys, "show", bounders["out"], bounders["c"], "--html", path, *QUICK))
     assert path.read_text() == "earlier"
     monkeypatch.undo()

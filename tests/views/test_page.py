@@ -13,8 +13,8 @@ from bounding_shapes import shape
 
 import warp_bounding as wb
 from warp_bounding.views import view_of
-from warp_bounding.views.facts import facts_of, title_of
-from warp_bounding.views.page import page
+from warp_bounding.views.draw import page
+from warp_bounding.views.view import facts_of, title_of
 
 pytest.importorskip("pyvista")
 pytest.importorskip("plotly")

@@ -14,10 +14,8 @@ from bounding_shapes import shape
 import warp_bounding as wb
 from warp_bounding.errors import BoundingError
 from warp_bounding.views import Drawn, draw_with, view_of
-from warp_bounding.views.facts import facts_of
-from warp_bounding.views.off_screen import WINDOWS
-from warp_bounding.views.picture import picture
-from warp_bounding.views.stage import BOUND, STONE, placing
+from warp_bounding.views.draw import BOUND, STONE, WINDOWS, picture, placing
+from warp_bounding.views.view import facts_of
 
 pytest.importorskip("pyvista")
 Image = pytest.importorskip("PIL.Image")
@@ -79,7 +77,7 @@ def test_places_are_turned_and_not_mirrored(up):
 
 def test_without_opengl_there_is_one_line(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "executable", "/bin/false")
-    found = draw_with("warp_bounding.views.picture", tmp_path, {})
+    found = draw_with("warp_bounding.views.draw", tmp_path, {})
     assert found.paths == []
     assert re.fullmatch(r"drawing failed \(status 1\)", found.problem)
     assert list(tmp_path.iterdir()) == []
@@ -94,7 +92,7 @@ import numpy as np
 from bounding_shapes import shape
 import warp_bounding as wb
 from warp_bounding.views import view_of
-from warp_bounding.views.window import Window
+from warp_bounding.views.draw import Window
 
 far = wb.fit(shape("star"), "distance", "aabb", device="cpu")
 view = view_of(far, shape("star"), radii=[0.0, 0.1], resolution=12, samples=500)

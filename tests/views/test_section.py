@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from warp_bounding.errors import QueryError
-from warp_bounding.views.section import Section
+from warp_bounding.views.view import Section
 
 
 def test_points_are_lifted_into_the_whole_space():

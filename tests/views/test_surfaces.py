@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from bounding_shapes import shape
 
-from warp_bounding.views.objects import object_surface
-from warp_bounding.views.section import Section
-from warp_bounding.views.surfaces import HALVINGS, Surface, cell_surface, level_surface
+from warp_bounding.views.view import HALVINGS, Section, Surface, cell_surface, level_surface, object_surface
 
 pytest.importorskip("pyvista")
 

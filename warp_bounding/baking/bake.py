@@ -110,9 +110,7 @@ class Settings:
         Args:
             *callers: Functions that hand on the arguments, whose own ones may have been meant by an unknown one.
         """
-        from warp_bounding.choice import choose
-        from warp_bounding.choice.candidates import check_methods, check_networks
-        from warp_bounding.choice.choose import check_prices
+        from warp_bounding.choice import check_methods, check_networks, check_prices, choose
         from warp_bounding.training import fit
         from warp_bounding.training.checks import check_distance, check_numbers, check_regions
         from warp_bounding.training.distance import check_distance_options
@@ -408,7 +406,7 @@ def picture(bounder, source) -> bytes:
     from PIL import Image
 
     from warp_bounding.certificates.claim import as_fitted, in_local, of_side
-    from warp_bounding.evaluation.truth import PROTOCOLS, judge_of, truth_by
+    from warp_bounding.evaluation import PROTOCOLS, judge_of, truth_by
     from warp_bounding.indicators.shape import OUT
 
     bounder, source = in_local(bounder, source)

@@ -73,8 +73,7 @@ def command(
     exact test. The answer may be that none pays; then nothing is written. A plot of cost against the narrow phase's price
     lies beside the output (.png). What the budget has no room for is listed with the one that it would need. Ctrl-C ends fitting, and what is there is compared; the same command goes on where a killed one stopped.
     """
-    from warp_bounding.choice import choose
-    from warp_bounding.choice.plot import cost_plot
+    from warp_bounding.choice import choose, cost_plot
 
     quiet_warp(device)
     of_queries = {"query": query, "narrow_ns": narrow_ns, "length": length, "overhead_ns": overhead_ns}
@@ -124,7 +123,7 @@ def _print(choice, output: str, picture: str, kept: str, whose: str) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from warp_bounding.choice.prices import duration
+    from warp_bounding.choice import duration
 
     out = console(False)
     where = f"{choice.threads} threads of a CPU" if choice.threads else choice.device

@@ -91,7 +91,7 @@ def command(
     saved. Exit status 1: a distance whose slack is larger than the object; it is saved all the same.
     """
     from warp_bounding.bounders import save
-    from warp_bounding.choice.starved import hardly_trained
+    from warp_bounding.choice import hardly_trained
     from warp_bounding.evaluation import evaluate
     from warp_bounding.training import fit
 

@@ -71,12 +71,8 @@ def command(
     times; more than three coordinates need --slice.
     """
     from warp_bounding.bounders import load
-    from warp_bounding.views.facts import facts_of, title_of
-    from warp_bounding.views.needed import needed
-    from warp_bounding.views.page import page
-    from warp_bounding.views.picture import picture
-    from warp_bounding.views.view import view_of
-    from warp_bounding.views.window import Window, check_display
+    from warp_bounding.views.draw import Window, check_display, page, picture
+    from warp_bounding.views.view import facts_of, needed, title_of, view_of
 
     radii, times, held = _numbers("radius", radius), _numbers("time", time), _held(slice_)
     _check_options(up, cut, screenshot, resolution, seed)
@@ -132,7 +128,7 @@ def command(
 
 def _check_options(up: str, cut: str | None, screenshot: str | None, resolution: int | None, seed: int) -> None:
     """Refuse what no file is needed to see."""
-    from warp_bounding.views.stage import UPS
+    from warp_bounding.views.draw import UPS
 
     for name, value in (("up", up), ("cut", cut)):
         if value is not None and value not in UPS:

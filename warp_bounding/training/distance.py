@@ -20,7 +20,7 @@ from warp_bounding.bounders.options import unknown_option
 from warp_bounding.certificates.claim import as_fitted
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError
-from warp_bounding.evaluation.distances import quick_distance_rates
+from warp_bounding.evaluation import quick_distance_rates
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.distances.excesses import excesses
 from warp_bounding.proof.distances.prove import prove_distance

@@ -1,0 +1,437 @@
+"""How tight a bounder is: false positives and false negatives among random queries, as fractions of all of them."""
+
+import os
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.bounders.load import bounder_of
+from warp_bounding.bounders.slabs import Aabb
+from warp_bounding.certificates.claim import as_fitted, in_local, of_side
+from warp_bounding.coordinates.region_domain import domain_of
+from warp_bounding.errors import QueryError
+from warp_bounding.indicators import IndicatorGrid, load_indicator
+from warp_bounding.indicators.shape import IN, OUT, UNDECIDED, Shape
+from warp_bounding.queries import QUERIES, SampledOracle, decision, oracle, sample
+from warp_bounding.queries.box import BOX
+from warp_bounding.queries.distance import METRICS, in_metric
+from warp_bounding.queries.point import POINT
+from warp_bounding.queries.ray import RAY
+
+__all__ = [
+    "ASKED",
+    "CHUNK",
+    "PROTOCOLS",
+    "QUICK",
+    "QUICK_SEED",
+    "Rates",
+    "counted",
+    "evaluate",
+    "evaluate_distance",
+    "judge_of",
+    "judge_of_points",
+    "parts_of",
+    "quick_distance_rates",
+    "quick_rates",
+    "truth_by",
+    "truth_told",
+    "within",
+]
+
+# --- report ----------------------------------------------------------------------------------------------------------
+#
+# What an evaluation tells.
+
+QUICK, QUICK_SEED = 16_384, 2  # the queries that ``quick_rates`` measures on: how many, and their seed
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Rates over all samples, in per cent, as in the paper.
+
+    Attributes:
+        fp_rate: False positives, per cent of all samples.
+        fn: False negatives, a count; a conservative bounder has none.
+        positives: Samples whose truth is *yes*, per cent.
+        samples: Number of samples.
+        protocol: ``"exact"`` or ``"sampled"`` (the truth from random points of a region, as in the paper; for points
+            both are the same).
+        seed: Seed of the samples.
+        truth: Whose truth it is, in words: of the shape itself, or of cells, where a grid was given or where the shape
+            cannot tell for this kind of query.
+        indicator: SHA-256 of the shape or the cells that the fit bounded; equal to ``bounder.info["indicator"]``.
+        undecided: Samples whose truth could not be decided, per cent; they count as positives, but not as ``fn``.
+        fp_rate_cells: Where the fit bounded cells of a shape: the same against these cells, per cent; else ``None``.
+        radius: Of a distance that is asked points: those within it are positive, object units; else ``None``.
+        query: Of a distance: the kind of query that it was asked; else ``None``.
+
+    Example:
+        >>> rates = wb.evaluate(bounder, grid, samples=10_000)
+        >>> rates.fn, rates.samples
+        (0, 10000)
+    """
+
+    fp_rate: float
+    fn: int
+    positives: float
+    samples: int
+    protocol: str
+    seed: int
+    truth: str = "of its cells"
+    indicator: str | None = None
+    undecided: float = 0.0
+    fp_rate_cells: float | None = None
+    radius: float | None = None
+    query: str | None = None
+
+    @property
+    def truth_told(self) -> str:
+        """Whose truth it is, and what stands beside the rate: that against cells, and what could not be decided."""
+        told = [self.truth]
+        if self.fp_rate_cells is not None:
+            told.append(f"{self.fp_rate_cells:.2f} % against the cells that are bounded")
+        if self.radius:
+            told.append(f"within radius {self.radius:g}")
+        if self.undecided:
+            told.append(f"{self.undecided:.2g} % undecided, counted as positives")
+        return "; ".join(told)
+
+    def to_dict(self) -> dict:
+        """JSON-ready.
+
+        Example:
+            >>> wb.evaluate(bounder, grid, samples=1000).to_dict()["protocol"]
+            'exact'
+        """
+        return asdict(self)
+
+
+def truth_told(judge: Shape, fitted: Shape) -> str:
+    """Whose truth counts, in words: that of a judge, where the fit bounded a shape or its cells."""
+    if not isinstance(judge, IndicatorGrid):
+        return "of the shape itself"
+    return "of its cells" + (f" at resolution {fitted.resolution}" if fitted.resolution else "")
+
+
+# --- truth -----------------------------------------------------------------------------------------------------------
+#
+# Whose truth an evaluation compares with, and how it is found.
+
+PROTOCOLS = ("exact", "sampled")
+
+
+def judge_of(shape, fitted: Shape, query: str, protocol: str) -> Shape:
+    """Whose truth counts: that of the shape itself where it can tell, and else of the cells that the fit bounded."""
+    known = isinstance(shape, Shape) and not isinstance(shape, IndicatorGrid) and protocol == PROTOCOLS[0]
+    return shape.dilated(fitted.margin) if known and QUERIES[query].decides(shape) else fitted
+
+
+def truth_by(
+    protocol: str, query: str, judge: Shape, device, length: float, seed: int
+) -> Callable[[np.ndarray], np.ndarray]:
+    """The truth of queries by a protocol; ``length`` is that of rays, ``seed`` of the random points of sampled truth."""
+    if protocol == PROTOCOLS[0]:
+        return decision(query, judge, device, length)
+    return SampledOracle(query, judge, device=device, seed=seed, length=length)
+
+
+# --- counting --------------------------------------------------------------------------------------------------------
+#
+# Asking random queries, and counting what is wrong about the answers.
+
+CHUNK = 1_000_000  # queries that are asked at a time
+
+
+def counted(
+    draw: Callable[[int], np.ndarray],
+    truth_of: Callable[[np.ndarray], np.ndarray],
+    ask: Callable[[np.ndarray], np.ndarray],
+    samples: int,
+    progress: Callable[[int, int], None] | None = None,
+    of_cells: Callable[[np.ndarray], np.ndarray] | None = None,
+    **told: Any,
+) -> Rates:
+    """Ask a bounder.
+
+    Args:
+        draw: Returns so many queries ``(N, m)`` float32, new ones each time.
+        truth_of: Answers as ``Shape.decide``, or with bool.
+        ask: ``(N,)`` bool, the bounder's *maybe*.
+        samples: How many queries in all.
+        progress: Called with samples done and samples in all.
+        of_cells: The truth of the cells that the fit bounded, where it bounded cells of a shape.
+        told: The other fields of ``Rates``.
+    """
+    false_positive = false_negative = positive = undecided = beyond_cells = 0
+    for start in range(0, samples, CHUNK):
+        x = draw(min(CHUNK, samples - start))
+        truth, maybe = np.asarray(truth_of(x), dtype=np.uint8), ask(x)
+        false_positive += int((maybe & (truth == OUT)).sum())
+        false_negative += int(((truth == IN) & ~maybe).sum())
+        positive += int((truth != OUT).sum())
+        undecided += int((truth == UNDECIDED).sum())
+        if of_cells is not None:
+            beyond_cells += int((maybe & ~of_cells(x)).sum())
+        if progress:
+            progress(start + len(x), samples)
+    return Rates(
+        fp_rate=100 * false_positive / samples,
+        fn=false_negative,
+        positives=100 * positive / samples,
+        samples=int(samples),
+        undecided=100 * undecided / samples,
+        fp_rate_cells=None if of_cells is None else 100 * beyond_cells / samples,
+        **told,
+    )
+
+
+# --- distances -------------------------------------------------------------------------------------------------------
+#
+# How tight a distance is: which points does it let through that are farther away than a radius, which rays and boxes that do not meet the object?
+
+# By kind of query: called with a bounder, the length of rays and what else it is told, it returns how that is asked about ``parts_of`` queries.
+ASKED: dict[str, Callable[[DistanceBounder, float, dict], Callable[..., wp.array]]] = {
+    POINT.name: lambda bounder, length, told: bounder.query,
+    RAY.name: lambda bounder, length, told: lambda x: bounder.rays(x, length=length, **told)[0],
+    BOX.name: lambda bounder, length, told: lambda lower, upper: bounder.boxes(lower, upper, **told),
+}
+
+
+def parts_of(query: str, x: np.ndarray) -> list[np.ndarray]:
+    """``(N, m)`` queries as a distance takes them: boxes by their corners."""
+    return [np.ascontiguousarray(part) for part in np.split(x, 2, axis=1)] if query == BOX.name else [x]
+
+
+def within(shape: Shape, radius: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Which points lie within a radius of the object: called with ``(N, n)`` it answers as ``Shape.decide``.
+
+    Raises:
+        IndicatorError: For a radius above 0, if the shape cannot tell distances.
+    """
+    if radius == 0:
+        return shape.decide
+    if isinstance(shape, IndicatorGrid):
+
+        def decide(x: np.ndarray) -> np.ndarray:
+            low, high = shape.distances(x).T
+            return np.where(low > radius, OUT, np.where(high <= radius, IN, UNDECIDED)).astype(np.uint8)
+
+        return decide
+    return shape.dilated(radius).decide
+
+
+def evaluate_distance(
+    bounder: DistanceBounder,
+    shape: Shape,
+    samples: int,
+    protocol: str,
+    seed: int,
+    progress: Callable[[int, int], None] | None,
+    *,
+    radius: float | None = None,
+    query: str | None = None,
+    length: float | None = None,
+    steps: int | None = None,
+) -> Rates:
+    """``evaluate`` of a distance.
+
+    Args:
+        bounder: Of distances.
+        shape: The shape that it bounds, without its margin.
+        samples: Number of queries, drawn as for other bounders.
+        protocol: Checked there, as are ``samples`` and ``seed``.
+        seed: Of the samples.
+        progress: Called with samples done and samples in all.
+        radius: Of points, object units.
+        query: A name in ``ASKED``.
+        length: Of rays.
+        steps: Evaluations.
+
+    Raises:
+        QueryError: For another query, or a value that makes no sense for it.
+    """
+    query = POINT.name if query is None else query
+    if query not in ASKED:
+        raise QueryError(f"query of a distance must be one of {', '.join(ASKED)}, got {query!r}")
+    kind = QUERIES[query]
+    for name, value, taken in (
+        ("radius", radius, not kind.is_region),
+        ("length", length, kind.has_length),
+        ("steps", steps, kind.is_region),
+    ):
+        if value is not None and not taken:
+            raise QueryError(f"{name} is not for {query} queries, got {name}={value}")
+    for name, value in (("radius", radius), ("length", length)):
+        if value is not None and (
+            isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not 0 <= value < np.inf
+        ):
+            raise QueryError(f"{name} must be a length of at least 0, got {value!r}")
+    fitted, rng = as_fitted(bounder, shape), np.random.default_rng(seed)
+    told = {"protocol": protocol, "seed": seed, "indicator": fitted.digest, "query": query}
+    if kind.is_region:
+        length = 1.0 if length is None else float(length)
+        judge = judge_of(in_metric(shape, _metric(bounder)), fitted, query, protocol)
+        truth_of, given = (
+            truth_by(protocol, query, judge, bounder.device, length, seed),
+            {} if steps is None else {"steps": steps},
+        )
+        around, asked = judge, ASKED[query](bounder, length, given)
+
+        def ask(x: np.ndarray) -> wp.array:
+            return asked(*parts_of(query, x))
+    else:
+        radius = told["radius"] = 0.0 if radius is None else float(radius)
+        judge, around, truth_of = judge_of_points(bounder, shape, fitted, radius)
+
+        def ask(x: np.ndarray) -> wp.array:
+            return bounder.query(x, radius)
+
+    return counted(
+        lambda count: sample(query, around, count, rng),
+        truth_of,
+        lambda x: ask(x).numpy().astype(bool),
+        samples,
+        progress,
+        truth=truth_told(judge, fitted),
+        **told,
+    )
+
+
+def _metric(bounder: DistanceBounder) -> str:
+    return bounder.sizes.get("metric", METRICS[0])
+
+
+def judge_of_points(bounder: DistanceBounder, shape: Shape, fitted: Shape, radius: float):
+    """Whose truth counts for points within a radius, the shape around which they are drawn, and that truth."""
+    margin = bounder.info.get("margin") or 0.0
+    judge = fitted if isinstance(shape, IndicatorGrid) else in_metric(shape, _metric(bounder))
+    around = judge if judge.margin else judge.dilated(margin)
+    if isinstance(judge, IndicatorGrid):
+        return judge, around, within(judge, radius)
+    return judge, around, within(judge, margin + radius) if not judge.margin else within(around, radius)
+
+
+def quick_distance_rates(bounder: DistanceBounder, shape: Shape) -> dict:
+    """About how tight a distance is at radius 0, and the box around the object; as ``quick_rates`` of other bounders."""
+    x = POINT.sample(shape, QUICK, np.random.default_rng(QUICK_SEED))
+    outside = shape.decide(x) == OUT
+    boxed = ((x >= bounder.domain.lower) & (x <= bounder.domain.upper)).all(axis=1)
+    maybe = bounder.exact(x) <= 0
+    return {
+        "fp_rate": 100 * int((maybe & outside).sum()) / QUICK,
+        "fp_rate_aabb": 100 * int((boxed & outside).sum()) / QUICK,
+        "samples": QUICK,
+    }
+
+
+def evaluate(
+    bounder: Bounder | DistanceBounder | str | os.PathLike,
+    shape,
+    samples: int = 1_000_000,
+    protocol: str = "exact",
+    *,
+    seed: int = 1,
+    radius: float | None = None,
+    query: str | None = None,
+    length: float | None = None,
+    steps: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Rates:
+    """Ask a bounder random queries of its kind and compare with the exact truth, that of the shape itself.
+
+    Args:
+        bounder: Any bounder, or the path of its file.
+        shape: The ``IndicatorGrid`` or ``IndicatorMesh`` that it bounds, or anything that ``load_indicator`` takes. A
+            mesh or a function is the truth itself, also where the fit bounded its cells.
+        samples: Number of queries, drawn as in the paper (about a grid: between the centres of the first and
+            the last cells; other shapes: a tenth of the longest side around the box that holds the object).
+        protocol: ``"exact"``, or ``"sampled"``, the paper's way to find the truth: ``any()`` over random points of the
+            region. That misses thin hits, so there are fewer positives. For points both are the same.
+        seed: Seed of the samples.
+        radius: Of a distance that is asked points: those within it count as positive; 0 if ``None``. Other bounders have none.
+        query: Of a distance: what it is asked, ``"point"``, ``"ray"`` or ``"box"``; points if ``None``. Other bounders have one kind.
+        length: Of the rays that a distance is asked, object units; 1 if ``None``.
+        steps: Evaluations that a distance may spend on a ray or a box; its own default if ``None``.
+        progress: Called with samples done and samples in all.
+
+    Returns:
+        The rates.
+
+    Raises:
+        QueryError: For an unknown protocol, fewer than one sample, a shape of another dimension, an impossible radius, or what only a
+            distance is told.
+
+    Example:
+        >>> rates = wb.evaluate(bounder, grid, samples=10_000)
+        >>> rates.fn, 0 < rates.fp_rate < 100
+        (0, True)
+    """
+    if protocol not in PROTOCOLS:
+        raise QueryError(f"protocol must be one of {', '.join(PROTOCOLS)}, got {protocol!r}")
+    if isinstance(samples, bool) or not isinstance(samples, (int, np.integer)) or samples < 1:
+        raise QueryError(f"samples must be a whole number of at least 1, got {samples!r}")
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise QueryError(f"seed must be a whole number of at least 0, got {seed!r}")
+    bounder, shape = in_local(bounder_of(bounder), shape)
+    if isinstance(bounder, DistanceBounder):
+        told = {"radius": radius, "query": query, "length": length, "steps": steps}
+        if shape.ndim != bounder.ndim:
+            raise QueryError(f"the shape is {shape.ndim}D, the bounder {bounder.ndim}D")
+        return evaluate_distance(bounder, shape, int(samples), protocol, int(seed), progress, **told)
+    for name, value in {"radius": radius, "query": query, "length": length, "steps": steps}.items():
+        if value is not None:
+            raise QueryError(f"{name} is for distances, got {name}={value} for {bounder.query_kind} queries")
+    shape = of_side(bounder, shape)
+    fitted = as_fitted(bounder, shape)
+    if fitted.ndim != bounder.ndim:
+        raise QueryError(f"the shape is {fitted.ndim}D, the bounder {bounder.ndim}D")
+    judge = judge_of(shape, fitted, bounder.query_kind, protocol)
+    rng, length = np.random.default_rng(seed), bounder.domain.oracle_length
+    truth_of = truth_by(protocol, bounder.query_kind, judge, bounder.device, length, seed)
+    laid = isinstance(fitted, IndicatorGrid) and judge is not fitted
+    of_cells = oracle(bounder.query_kind, fitted, bounder.device, length) if laid else None
+    return counted(
+        lambda count: sample(bounder.query_kind, judge, count, rng),
+        truth_of,
+        lambda x: bounder.query(x).numpy().astype(bool),
+        int(samples),
+        progress,
+        of_cells,
+        protocol=protocol,
+        seed=int(seed),
+        truth=truth_told(judge, fitted),
+        indicator=fitted.digest,
+    )
+
+
+def quick_rates(bounder: Bounder, grid: Shape, shape: Shape | None = None) -> dict:
+    """About how tight a bounder is, and an axis-aligned box around the same object, by their f in float64.
+
+    Args:
+        bounder: Any bounder.
+        grid: What the fit bounded.
+        shape: What it was given, without a margin: the truth where it can tell (``evaluate`` asks the same), also where
+            the fit bounded its cells. What the fit bounded if ``None``.
+
+    Returns:
+        ``fp_rate`` and ``fp_rate_aabb``, per cent of ``samples``; and ``itself``, whether the truth is that of the shape
+        itself, not of cells. JSON-ready.
+    """
+    query, length = bounder.query_kind, bounder.domain.oracle_length
+    judge = judge_of(grid if shape is None else shape, grid, query, PROTOCOLS[0])
+    x = sample(query, judge, QUICK, np.random.default_rng(QUICK_SEED))
+    x = x[~oracle(query, judge, device="cpu", length=length)(x)]
+    box = Aabb.fit(judge, domain_of(grid, query, length))
+
+    def rate(b: Bounder) -> float:
+        v = b.domain.to_local(x)
+        asked = (np.abs(v) <= b.domain.limit).all(axis=1) | (not b.domain.tested_as_point)
+        return 100 * int((asked & (b.reference(v) >= float(b.threshold))).sum()) / QUICK if len(x) else 0.0
+
+    itself = not isinstance(judge, IndicatorGrid)
+    return {"fp_rate": rate(bounder), "fp_rate_aabb": rate(box), "samples": QUICK, "itself": itself}
