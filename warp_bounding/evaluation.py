@@ -15,7 +15,7 @@ from warp_bounding.bounders.slabs import Aabb
 from warp_bounding.certificates.claim import as_fitted, in_local, of_side
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import QueryError
-from warp_bounding.indicators import IndicatorGrid, load_indicator
+from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.indicators.shape import IN, OUT, UNDECIDED, Shape
 from warp_bounding.queries import QUERIES, SampledOracle, decision, oracle, sample
 from warp_bounding.queries.box import BOX

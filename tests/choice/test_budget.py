@@ -20,7 +20,6 @@ from warp_bounding.choice import (
     Watch,
     needed,
     told_budget,
-    work,
 )
 from warp_bounding.runtime.working_time import working_seconds
 from warp_bounding.solids import Box
@@ -69,7 +68,7 @@ def fits(monkeypatch, clock):
         bounder.info["training"] |= {"steps": steps} if hidden else {}
         return bounder
 
-    monkeypatch.setattr(work, "fit", fit)
+    monkeypatch.setattr("warp_bounding.choice.fit", fit)
     return begun
 
 

@@ -37,10 +37,10 @@ def test_samples_are_repeatable_and_protocols_agree_for_points():
 
 
 def test_progress_and_chunks(monkeypatch):
-    from warp_bounding.evaluation import counting
+    from warp_bounding import evaluation
 
     bounder, grid, seen = fitted("aabb", "c"), shape("c"), []
-    monkeypatch.setattr(counting, "CHUNK", 1000)
+    monkeypatch.setattr(evaluation, "CHUNK", 1000)
     wb.evaluate(bounder, grid, samples=2500, progress=lambda *a: seen.append(a))
     assert seen == [(1000, 2500), (2000, 2500), (2500, 2500)]
 
@@ -80,7 +80,7 @@ def test_a_path_is_taken_for_a_bounder_and_what_is_none_is_told(tmp_path):
 @pytest.mark.parametrize("method", CONSERVATIVE)
 @pytest.mark.parametrize("name", ["c", "blob"])
 def test_quick_rates_are_those_of_the_kernels(method, name):
-    from warp_bounding.evaluation import rates as module
+    from warp_bounding import evaluation as module
 
     bounder, grid = fitted(method, name), shape(name)
     quick = module.quick_rates(bounder, grid)

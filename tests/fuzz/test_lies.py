@@ -15,7 +15,7 @@ from mutations import File
 from subjects import made, network, settled
 
 import warp_bounding as wb
-from warp_bounding.bounders.learned_kdop import half_spaces
+from warp_bounding.bounders import learned_kdop
 from warp_bounding.bounders.voxels import Voxels
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain, domain_of
@@ -74,7 +74,7 @@ def test_long_normals_cut_nothing_off(name, rng, monkeypatch):
     long = settled(type(honest)(honest.domain, tensors, {}, "cpu"), name)
     assert proven(long, grid)
     assert not denied(long, grid, rng)
-    monkeypatch.setattr(half_spaces, "second_faces", lambda normals, _: np.full(len(normals), -(2.0**20)))
+    monkeypatch.setattr(learned_kdop, "second_faces", lambda normals, _: np.full(len(normals), -(2.0**20)))
     liar = settled(type(honest)(honest.domain, tensors, {}, "cpu"), name)
     assert proven(liar, grid)
     assert denied(liar, grid, rng)
