@@ -49,11 +49,15 @@ STL = {
     "stl/binary": Case(file("a.stl", binary_stl(normal=(9, np.nan, 1), attribute=7)), check=cubes()),
     "stl/solid-in-binary-header": Case(file("a.stl", binary_stl(b"solid facet normal")), check=cubes()),
     "stl/several-solids": Case(file("a.stl", solid() + "solid\nendsolid\n" + solid("b c", 5)), check=cubes((0, 0, 0), (5, 0, 0))),
+    "stl/byte-order-mark": Case(file("a.stl", "\ufeff\n" + solid() + "\0\0"), check=cubes()),
+    "stl/other-texts": Case(file("a.stl", solid().encode("utf-16")), "begins with 'solid'"),
     "stl/no-end": Case(file("a.stl", solid() + solid("b", 5, "")), "'endsolid' at the end"),
     "stl/cut": Case(file("a.stl", solid()[:-400]), "cut off"),
     "stl/other-facets": Case(file("a.stl", solid(lines=("vertex 0 0 0",))), "facet of another kind"),
     "stl/binary-cut": Case(file("a.stl", binary_stl()[:-50]), "684 bytes for 12 facets, got 634"),
     "stl/more-facets": Case(file("a.stl", binary_stl(count=11)), "may be more facets"),
+    "stl/two-files": Case(file("a.stl", binary_stl() + binary_stl()), "may be more facets"),
+    "stl/trailing-data": Case(file("a.stl", binary_stl(count=11)[:-10]), "may be more facets"),
     "stl/trailing-bytes": Case(file("a.stl", binary_stl() + b"made by hand"), "12 bytes behind the last facet", cubes()),
     "stl/bytes-behind-each-facet": Case(file("a.stl", binary_stl(attribute=2) + b"\7" * 24), "how many bytes follow"),
     "stl/not-finite": Case(file("a.stl", solid().replace("vertex 1", "vertex nan", 1)), "finite"),
@@ -141,6 +145,13 @@ OBJ = {
     "obj/negative-indices": Case(file("a.obj", obj(first=-8)), check=cubes()),
     "obj/texture-and-normals": Case(file("a.obj", obj(face="{0}/1/1", head="vt 0 0\nvn 0 0 1\n")), check=cubes()),
     "obj/line-continuation": Case(file("a.obj", obj().replace(" 1 ", " \\\n1 ")), check=cubes()),
+    "obj/backslash": Case(
+        file("a.obj", obj(QUADS[:5], tail="# C:\\models\\\nf 2 6 8 4\n")), "expected a backslash only"
+    ),
+    "obj/backslash-before-statement": Case(
+        file("a.obj", obj(QUADS[:5], tail="p 1 \\\nf 2 6 8 4\n")), "expected numbers behind"
+    ),
+    "obj/byte-order-mark": Case(file("a.obj", "\ufeff" + obj()), check=cubes()),
     "obj/colours": Case(file("a.obj", obj(point="v {:g} {:g} {:g} 0.5 0.5 1")), check=cubes()),
     "obj/materials": Case(file("a.obj", obj(head="mtllib none.mtl\nusemtl red\n")), check=cubes()),
     "obj/lines-and-points": Case(file("a.obj", obj(tail="l 1 2\np 1\n")), "lines, points", cubes()),

@@ -4,6 +4,8 @@ Points and lines are noted; free-form curves and surfaces, and what calls other 
 An OBJ file does not say how much it holds: of one that was cut off between two lines nobody can tell.
 """
 
+import codecs
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ __all__ = ["read_obj"]
 IGNORED = frozenset(
     b"vt vn g o s mg usemtl mtllib usemap maplib bevel c_interp d_interp lod shadow_obj trace_obj".split()
 )
+CONTINUED = frozenset(b"v vt vn f l p".split())  # numbers, which may go on in another line
 THIN = {b"p": "points", b"l": "lines"}
 FREE_FORM = frozenset(
     b"vp cstype deg bmat step curv curv2 surf parm trim hole scrv sp end con ctech stech bzp bsp cdc cdp res".split()
@@ -29,7 +32,7 @@ def read_obj(path: Path) -> MeshData:
     before: list[int] = []  # vertices so far, of each face
     corners: list[bytes] = []  # words of faces
     thin: set[str] = set()
-    for line in path.read_bytes().replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines():
+    for line in _lines(path.read_bytes().removeprefix(codecs.BOM_UTF8)):
         words = line.split(b"#")[0].split()
         if not words:
             continue
@@ -43,7 +46,7 @@ def read_obj(path: Path) -> MeshData:
         elif keyword == b"v":
             if len(words) not in (4, 5, 7):
                 raise ValueError(f"expected vertices x y z, and a weight or a colour, got {_shown(line)}")
-            if len(words) == 5 and float(words[4]) != 1:
+            if len(words) == 5 and as_numbers(words[4:]) != 1:
                 raise ValueError(f"expected vertices of weight 1, got the rational vertex {_shown(line)}")
             points += words[1:4]
         elif keyword in THIN:
@@ -56,6 +59,24 @@ def read_obj(path: Path) -> MeshData:
     indices = _indices(corners, np.repeat(np.array(before, np.int64), counts))
     notes = [f"not read, as they have no surface: {', '.join(sorted(thin))}"] if thin else []
     return joined([(vertices, triangulated(vertices, counts, indices))], notes)
+
+
+def _lines(content: bytes) -> Iterator[bytes]:
+    """Lines, those that go on behind a backslash as one; raises ``ValueError`` where programs disagree whether one does."""
+    begun: list[bytes] = []
+    for line in content.splitlines():
+        if begun and line.lstrip()[:1].isalpha():
+            raise ValueError(f"expected numbers behind a line that ends with a backslash, got {_shown(line)}")
+        begun.append(line)
+        if line.endswith(b"\\") or (b"\\" in line and line.rstrip().endswith(b"\\")):
+            if b"#" in line or begun[0].split()[0] not in CONTINUED:
+                raise ValueError(f"expected a backslash only at the end of a line of numbers, got {_shown(line)}")
+            begun[-1] = line.rstrip()[:-1]
+            continue
+        yield b" ".join(begun)
+        begun = []
+    if begun:
+        raise ValueError("expected another line behind a backslash; the file may have been cut off")
 
 
 def _indices(words: list[bytes], before: np.ndarray) -> np.ndarray:

@@ -1,10 +1,12 @@
 """STL, text or binary: all facets of all solids. Normals and attributes do not count; the corners do.
 
 A text must consist of whole solids, each with its end. A binary file must be as long as its count of facets says; bytes behind the last facet are
-noted, unless they may be facets that the count leaves out.
+noted if they are zeros, a text or too few for a facet's corners; all others may be facets that the count leaves out.
 """
 
+import codecs
 import re
+import string
 from pathlib import Path
 
 import numpy as np
@@ -17,14 +19,16 @@ HEADER = 80  # bytes before the count of a binary file
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 VERTEX = b"vertex . . . "
 TEXT = (b"facet normal . . . outer loop " + 3 * VERTEX + b"endloop endfacet").split()
+CORNERS = 36  # bytes
 SOLID = re.compile(rb"^[ \t]*(solid|endsolid)\b(.*)$", re.MULTILINE)
 
 
 def read_stl(path: Path) -> MeshData:
     """Read an STL file; raises ``ValueError`` for one that is not whole."""
     content = path.read_bytes()
-    text = content.lstrip()[:5].lower() == b"solid" and b"\0" not in content
-    corners, notes = (_text(content), ()) if text else _binary(content)
+    text = content.removeprefix(codecs.BOM_UTF8).strip(b"\0" + string.whitespace.encode())
+    is_text = text[:5].lower() == b"solid" and b"\0" not in text
+    corners, notes = (_text(text), ()) if is_text else _binary(content)
     return joined([(corners, np.arange(len(corners)).reshape(-1, 3))], notes)
 
 
@@ -63,13 +67,17 @@ def _binary(content: bytes) -> tuple[np.ndarray, tuple[str, ...]]:
         raise ValueError(f"expected a header of {start} bytes, got {len(content)} bytes")
     count = int.from_bytes(content[HEADER:start], "little")
     end = start + count * FACET.itemsize
+    if len(content) < end and b"facet" in _letters(content):
+        raise ValueError(
+            f"expected a text in ASCII that begins with 'solid', or a whole binary file, got {content[:20]!r}..."
+        )
     if len(content) < end:
         raise ValueError(f"expected {end} bytes for {count} facets, got {len(content)}")
     rest = content[end:]
     if rest.strip(b"\0"):
-        normal = np.frombuffer(rest[:12].ljust(12, b"\0"), "<f4").astype(np.float64)
-        unit = not normal.any() or abs(normal @ normal - 1) < 0.01
-        if len(rest) % FACET.itemsize == 0 or (len(rest) > FACET.itemsize and unit):
+        text = not rest.rstrip(b"\0").translate(None, string.printable.encode())
+        solids = re.search(b"solid|facet", _letters(rest))
+        if len(rest) % FACET.itemsize == 0 or solids or (len(rest) >= CORNERS and not text):
             raise ValueError(f"the header counts {count} facets, and {len(rest)} bytes behind them may be more facets")
     facets = np.frombuffer(content, FACET, count, start)
     if rest and facets["attribute"].any():
@@ -77,3 +85,8 @@ def _binary(content: bytes) -> tuple[np.ndarray, tuple[str, ...]]:
             f"{len(rest)} bytes behind the facets, and attributes that may tell how many bytes follow each facet"
         )
     return facets["corners"].reshape(-1, 3), (f"{len(rest)} bytes behind the last facet were not read",) if rest else ()
+
+
+def _letters(content: bytes) -> bytes:
+    """Small letters of a text, also of one in UTF-16."""
+    return content.replace(b"\0", b"").lower()
