@@ -18,7 +18,6 @@ import warp_bounding as wb
 from sims.assets import asset_mesh, surface
 from sims.threads import threads_of
 from warp_bounding.indicators.shape import IN, OUT
-from warp_bounding.kernels.distances.batch import march_kernel
 
 POINTS, SEGMENTS, ROUNDS, STEPS = 200_000, 100_000, 7, 32
 RADII = (0.0, 0.02, 0.05, 0.1, 0.2)
@@ -114,18 +113,9 @@ class Asked:
         assert not ((maybe == 0) & (self.truth == IN)).any()
         assert (g <= self.away).all()
         half = self.size / 2
-        kernel = march_kernel(bounder.source, True, False)
-        flat = [wp.array(part.ravel(), dtype=float, device="cpu") for part in (self.a, self.b)]
-        out = [wp.empty(SEGMENTS, dtype=kind, device="cpu") for kind in (wp.uint8, wp.float32)]
-        zero = wp.zeros(1, dtype=float, device="cpu")
-
-        def alone() -> None:
-            wb.launch_on_cores(kernel, SEGMENTS, [bounder.data, *flat, zero, 0, zero, 0, STEPS], out, "cpu")
-
         ways = {
             "ns_point": (lambda: bounder.distance(self.x), POINTS),
             "ns_segment": (lambda: bounder.segments(self.a, self.b), SEGMENTS),
-            "ns_segment_alone": (alone, SEGMENTS),
         }
         times = race({name: way for name, (way, _) in ways.items()}, ROUNDS)
         row = {"label": label, "bytes": bounder.nbytes, "certificate": bounder.certificate.kind}
@@ -149,24 +139,24 @@ def page(kept: KeptRows, command: str) -> str:
     lines = ["# Distances to a mesh that are never too large", "", f"`{command}`", "", f"{kept.about}.", ""]
     lines += [
         "The bunny. *FP % at r*: of random points in and around its box, those that may be within r, a share of half its longest side, and are not. *Segments*: of random ones of that half length, those that",
-        f"are marched along in at most {STEPS} steps, not cleared, and meet nothing; *evaluations*: of the distance, a segment. Nanoseconds on all cores, *one by one* without lanes; *kernel*: a point in a kernel of one's own, one core.",
+        f"are marched along in at most {STEPS} steps, not cleared, and meet nothing; *evaluations*: of the distance, a segment. Nanoseconds on all cores; *kernel*: a point in a kernel of one's own, one core.",
         "The last rows are Warp's own exact queries of the mesh, bytes without their tree. No bound was above the distance, and no segment that meets the mesh was cleared.",
         "",
         "| | bytes | "
         + " | ".join(f"FP % at {r:g}" for r in RADII)
-        + " | segments % | evaluations | ns a point | ns a segment | one by one | kernel, ns | certificate |",
-        "|---" * (len(RADII) + 9) + "|",
+        + " | segments % | evaluations | ns a point | ns a segment | kernel, ns | certificate |",
+        "|---" * (len(RADII) + 8) + "|",
     ]
     for row in kept.rows:
         if "rates" not in row:
             lines.append(
                 f"| {row['label']} | {row['bytes']:,} "
-                + "| " * (len(RADII) + 5)
+                + "| " * (len(RADII) + 4)
                 + f"| {row['ns_kernel']:.0f} | {row['certificate']} |"
             )
             continue
         cells = [*(f"{rate:.2f}" for rate in row["rates"]), f"{row['segments']:.2f}", f"{row['evaluations']:.1f}"]
-        cells += [f"{row[name]:.1f}" for name in ("ns_point", "ns_segment", "ns_segment_alone", "ns_kernel")]
+        cells += [f"{row[name]:.1f}" for name in ("ns_point", "ns_segment", "ns_kernel")]
         lines.append(f"| {row['label']} | {row['bytes']:,} | {' | '.join(cells)} | {row['certificate']} |")
     return "\n".join(lines) + "\n"
 
