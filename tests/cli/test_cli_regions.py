@@ -106,7 +106,7 @@ def test_info(fitted, capsys):
     proven = KINDS[query] == "proven"
     status, out, err = run(capsys, "info", path)
     assert (status, err) == (0 if proven else 1, "")
-    words = ["mlp, 2D", query, KINDS[query], "geometric", "not proven", "what is proven" if proven else "what is known"]
+    words = ["mlp, 2D", query, KINDS[query], "not proven", "what is proven" if proven else "what is known"]
     words += ["0.75 (object units)"] if query == "ray" else []
     claim = f"No {query} that meets the object is ever answered with no."
     words += [claim, "input error", "CPU or CUDA"]
