@@ -491,15 +491,15 @@ DAE = {
 
 
 def arm(geometry: str = '<mesh filename="a.stl"/>', more="", more_collision="", files: tuple[tuple[str, str | bytes], ...] = (("a.stl", binary_stl()),), start="<robot name='r'>",
-        more_link="", end="</robot>") -> Callable[[Path], Path]:  # fmt: skip
+        more_link="", end="</robot>", more_joint="", origin="xyz='1 0 0'") -> Callable[[Path], Path]:  # fmt: skip
     """An arm of one joint whose link is a cube of a file."""
-    moved = f"<link name='bar'>{more_link}<collision><origin xyz='1 0 0'/><geometry>{geometry}</geometry>{more_collision}</collision></link>"
-    joint = "<joint name='j' type='revolute'><parent link='base'/><child link='bar'/><axis xyz='0 0 1'/><limit lower='-1' upper='1' effort='1' velocity='1'/></joint>"  # fmt: skip
+    moved = f"<link name='bar'>{more_link}<collision><origin {origin}/><geometry>{geometry}</geometry>{more_collision}</collision></link>"
+    joint = "<joint name='j' type='revolute'><parent link='base'/><child link='bar'/><axis xyz='0 0 1'/><limit lower='-1' upper='1' effort='1' velocity='1'/>" + more_joint + "</joint>"  # fmt: skip
     whole = f"{start}<link name='base'/>{moved}{joint}{more}{end}"
 
     def write(folder: Path) -> Path:
         for name, content in files:
-            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
             file(name, content)(folder)
         return file("a.urdf", whole)(folder)
 
@@ -528,8 +528,10 @@ CENTIMETRES = dae(mesh(points=100 * V), asset='<unit meter="0.01"/><up_axis>Z_UP
 URDF = {
     "urdf/meshes": urdf(),
     "urdf/scale": urdf(geometry="<mesh filename='a.stl' scale='1 -2 3'/>", half=(1, 2, 3)),
-    "urdf/scale-of-two": urdf("scale of 3 numbers", geometry="<mesh filename='a.stl' scale='1 2'/>"),
-    "urdf/packages": urdf(geometry="<mesh filename='package://robot/meshes/a.stl'/>", files=(("meshes/a.stl", binary_stl()),)),
+    "urdf/scale-of-two": urdf("scale of 1 or 3 finite numbers", geometry="<mesh filename='a.stl' scale='1 2'/>"),
+    "urdf/packages": urdf(geometry="<mesh filename='package://robot/meshes/a.stl'/>", files=(("robot/meshes/a.stl", binary_stl()),)),
+    "urdf/package-xml": urdf(geometry="<mesh filename='package://robot/meshes/a.stl'/>", files=(("package.xml", "<package><name>robot</name></package>"), ("meshes/a.stl", binary_stl()))),
+    "urdf/other-packages": urdf("is missing", geometry="<mesh filename='package://robot/meshes/a.stl'/>", files=(("meshes/a.stl", binary_stl()),)),
     "urdf/collada": urdf(geometry="<mesh filename='a.dae'/>", files=(("a.dae", CENTIMETRES),)),
     "urdf/missing-mesh": urdf("is missing", geometry="<mesh filename='gone.stl'/>"),
     "urdf/other-meshes": urdf("expected a mesh file", geometry="<mesh filename='a.3ds'/>", files=(("a.3ds", b"3ds"),)),
@@ -539,9 +541,15 @@ URDF = {
     "urdf/visual-only": urdf("so not bounded: extra", more=VISUAL),
     "urdf/two-shapes": urdf("one geometry of one shape", geometry="<sphere radius='1'/><box size='1 1 1'/>"),
     "urdf/two-geometries": urdf("one geometry of one shape", more_collision="<geometry><sphere radius='1'/></geometry>"),
+    "urdf/doubled": urdf("joint j: expected one origin, got 2", more_joint="<origin/><origin xyz='5 0 0'/>"),
+    "urdf/lacking": urdf("cylinder: expected length", geometry="<cylinder radius='1'/>"),
+    "urdf/other-attributes": urdf("got quat_xyzw", origin="xyz='1 0 0' quat_xyzw='0 0 1 0'"),
+    "urdf/counts": urdf("xyz of 3 finite numbers", origin="xyz='1 0 0 7'"),
+    "urdf/not-numbers": urdf("radius of 1 finite number, got '1_0'", geometry="<sphere radius='1_0'/>"),
+    "urdf/comments": urdf(geometry="<!-- a cube --><mesh filename='a.stl'/>"),
     "urdf/other-shapes": urdf("cone", geometry="<cone radius='1' length='1'/>"),
     "urdf/double-names": urdf("two of base", more="<link name='base'/>"),
-    "urdf/other-elements": urdf("elements drake", more="<drake/>"),
+    "urdf/other-elements": urdf("elements drake, foo, verbose", more="<drake/>", more_joint="<foo/>", more_collision="<verbose/>"),
     "urdf/macros": urdf("macro include", start="<robot name='r' xmlns:xacro='http://wiki.ros.org/xacro'><xacro:include filename='b'/>"),
     "urdf/cut": urdf("no URDF that can be read", end=""),
 }  # fmt: skip

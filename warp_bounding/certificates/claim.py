@@ -98,8 +98,12 @@ def mismatch(bounder: Subject, shape: Shape) -> str | None:
             if part.info.get("resolution") is None and not part.takes_shapes(part.query_kind):
                 what = f"{part.query_kind} queries of {part.method} are bounded over cells"
                 return f"{what}, and the shape has none; give a resolution"
-    if shape.joints != bounder.domain.base.joints:
-        return "the bounder does not know the limits and turns of the shape's joints, such as one from an older file; fit it anew"
+    if shape.joints != (known := bounder.domain.base.joints):
+        if known is None:
+            return "the bounder does not know the limits and turns of the shape's joints, such as one from an older file; fit it anew"
+        if shape.joints is None:
+            return "the bounder is for values of joints, the shape for coordinates"
+        return "the shape's joints have other limits, turns or weights than those that the bounder was made for"
     if shape.time and (other := _other_times(bounder, shape)):
         return other
     return domain.fault() or (OUTSIDE if _reaches_outside(bounder, shape) else None)

@@ -258,7 +258,14 @@ def test_files_tell_of_joints(shape, bounders, tmp_path):
     for limit, continuous in ((LIMIT + 0.1, True), (LIMIT, False)):  # of other limits, or that turns no more
         joints = [Joint(continuous=continuous), Joint(ELBOW, lower=-limit, upper=limit)]
         other = ArmConfigurations(Arm(joints, LINKS), [WALL], weights=WEIGHTS)
-        assert wb.certify(again, other).kind == "inapplicable"
+        found = wb.certify(again, other)
+        assert (found.kind, "older file" in found.message) == ("inapplicable", False)
+
+
+@pytest.mark.parametrize("what", ["slides", "continuous"])
+def test_what_a_joint_is_takes_true_or_false(what):
+    with pytest.raises(BoundingError, match=f"expected {what} to be True or False, got 'no'"):
+        Joint(**{what: "no"})
 
 
 @pytest.mark.parametrize(

@@ -77,10 +77,29 @@ def test_bodies_hold_their_geometry(tmp_path, rng):
 
 def test_meshes_and_their_scale(tmp_path, rng):
     trimesh.creation.icosphere(subdivisions=2, radius=0.2).export(tmp_path / "ball.stl")
+    (tmp_path / "package.xml").write_text("<package><name>two</name></package>")
     mesh = '<collision><geometry><mesh filename="package://two/ball.stl" scale="1 2 1"/></geometry></collision>'
     file = written(tmp_path, BASE, link("upper", mesh), joint("shoulder", "base", "upper"))
     body = wb.arms.load_urdf(file).bodies[1]
     assert np.allclose(np.ptp(body.points, axis=0), [0.4, 0.8, 0.4], atol=0.01)
+
+
+def test_meshes_are_those_of_the_file(tmp_path, monkeypatch):
+    """Not those of the folder that the process is in, nor of another package; the nearest folder is first."""
+    for folder, size in (("here", 3), ("ws/my", 1), ("ws/other", 5), ("my", 7)):
+        (tmp_path / folder / "meshes").mkdir(parents=True)
+        trimesh.creation.box(extents=[size] * 3).export(tmp_path / folder / "meshes" / "a.stl")
+    (tmp_path / "ws/my/urdf").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    for name, size in (("meshes/a.stl", 1), ("package://other/meshes/a.stl", 5), ("package://my/meshes/a.stl", 1), ("file://meshes/a.stl", 1),
+                       ((tmp_path / "here/meshes/a.stl").as_uri(), 3), ("package://third/meshes/a.stl", None), ("http://my/meshes/a.stl", None)):  # fmt: skip
+        shape = f'<collision><geometry><mesh filename="{name}"/></geometry></collision>'
+        file = written(tmp_path / "ws/my/urdf", BASE, link("a", shape), joint("one", "base", "a"))
+        if size is None:
+            with pytest.raises(IndicatorError, match="is missing"):
+                wb.arms.load_urdf(file)
+        else:
+            assert np.ptp(wb.arms.load_urdf(file).bodies[1].points, axis=0) == pytest.approx(size)
 
 
 def test_a_hull_of_too_many_points_is_held_by_fewer():
@@ -107,7 +126,11 @@ def test_a_hull_of_too_many_points_is_held_by_fewer():
         ((BASE, link("a"), joint("one", "base", "a", limit='<limit lower="1" upper="0" effort="1" velocity="1"/>')), "one: expected limits"),
         ((BASE, link("a", '<collision><geometry><capsule radius="1" length="1"/></geometry></collision>'), joint("one", "base", "a")), "capsule"),
         ((BASE, link("a")), "expected one base, got a, base"),
-        ((BASE,), "expected 1 to 16 joints"),
+        ((BASE,), "no joint moves"),
+        ((BASE, link("a"), '<joint name="one" type="fixed"><parent link="base"/></joint>'), "joint one: expected one child, got none"),
+        ((BASE, link("a"), joint("one", "base", "a", more=LIMIT)), "joint one: expected one limit, got 2"),
+        ((BASE, link("a"), joint("one", "base", "a", limit='<limit lower="0" upper="1_0"/>')), "joint one: limit: expected upper of 1 finite number"),
+        ((BASE, link("a"), joint("one", "base", "a", more='<mimic joint="b" factor="2"/>')), "joint one: mimic: .* got factor"),
     ],
 )  # fmt: skip
 def test_mistakes(tmp_path, parts, message):
@@ -137,6 +160,10 @@ def test_joints_that_stand(tmp_path):
         ({"float": 0.1, "finger": 0}, "float: expected a type"),
         ({"float": 0, "finger": 0.2}, "finger is held at 0.2"),
         ({"float": 0, "finger": np.nan}, "finger is held at nan"),
+        ({"finger": "x"}, "finger: expected a number to hold it at, got 'x'"),
+        ({"finger": True}, "finger: expected a number"),
+        ({"finger": None}, "finger: expected a number"),
+        (["finger"], "expected held to give a value for each name"),
     ):
         with pytest.raises(IndicatorError, match=message):
             wb.arms.load_urdf(file, held=held)

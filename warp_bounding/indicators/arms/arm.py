@@ -57,6 +57,9 @@ class Joint(Picklable):
         length = np.linalg.norm(axis) if axis.shape == (3,) else np.nan
         if not 1e-6 < length < 1e6:
             raise IndicatorError(f"{self.name}: expected an axis of 3 numbers that are not all 0, got {self.axis}")
+        for what, told in (("slides", self.slides), ("continuous", self.continuous)):
+            if not isinstance(told, bool | np.bool_):
+                raise IndicatorError(f"{self.name}: expected {what} to be True or False, got {told!r}")
         lower, upper = float(self.lower), float(self.upper)
         farthest = 1e6 if self.slides else FARTHEST
         if not -farthest <= lower < upper <= farthest:

@@ -4,6 +4,10 @@ A body holds all of its geometry: boxes and balls as they are, a prism around a 
 what it would pass over without a word is looked for before (``_looked_through``).
 """
 
+import io
+import math
+import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,6 +27,23 @@ TURNING, SLIDING, FIXED = ("revolute", "continuous"), ("prismatic",), ("fixed",)
 OUTWARD = 1 + 1e-12  # outweighs what float64 rounds
 IN_ROBOT = {"link", "joint", "material", "transmission", "gazebo", "ros2_control", "sensor"}
 IN_LINK = {"inertial", "visual", "collision", "sensor", "contact", "self_collision_checking"}
+ONCE = {"joint": ("parent", "child", "origin", "axis", "limit", "mimic"), "collision": ("geometry", "origin")}
+IN_JOINT = {*ONCE["joint"], "dynamics", "calibration", "safety_controller"}
+# Of elements that tell geometry the attributes that are known, and of how many numbers each is; of none where it is text or not read. What begins with + has to be there.
+ATTRIBUTES: dict[str, dict[str, tuple[int, ...]]] = {
+    "parent": {"+link": ()},
+    "child": {"+link": ()},
+    "origin": {"xyz": (3,), "rpy": (3,)},
+    "axis": {"+xyz": (3,)},
+    "limit": {"lower": (1,), "upper": (1,)} | dict.fromkeys(("effort", "velocity", "acceleration", "deceleration", "jerk"), ()),
+    "mimic": {"+joint": (), "multiplier": (1,), "offset": (1,)},
+    "geometry": {},
+    "box": {"+size": (3,)},
+    "cylinder": {"+radius": (1,), "+length": (1,)},
+    "sphere": {"+radius": (1,)},
+    "mesh": {"+filename": (), "scale": (1, 3)},
+}  # fmt: skip
+NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
 class _Step(NamedTuple):
@@ -36,7 +57,7 @@ def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), nam
     """The arm of a URDF file.
 
     Args:
-        path: The file; meshes are looked for as it names them, beside it and in the folders above it.
+        path: The file; meshes are looked for beside it and in the folders above it, and those of ``package://NAME/`` in folders NAME there, or of such a ``package.xml``.
         held: Values at which joints stand that are not to move, such as a gripper's, by name; radians or metres. A joint between equal limits stands, and so
             does one that mimics a joint that stands; floating and planar joints can be held at 0 only.
         touching: Pairs of links that are not checked against each other, as ``Arm`` takes them: numbers of joints that move, in order.
@@ -44,15 +65,18 @@ def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), nam
 
     Raises:
         IndicatorError: For what is no URDF, a mesh that is missing, a joint of an unknown type or without limits, one that mimics a joint that moves, a value beyond its joint's limits,
-            joints in no chain, or if yourdfpy is not installed.
+            joints in no chain, no joint that moves, or if yourdfpy is not installed.
 
     Example:
         >>> arm = wb.arms.load_urdf("arm.urdf", held={"finger": 0.02})
         >>> [joint.name for joint in arm.joints]
         ['shoulder', 'elbow']
     """
-    (robot, notes), held = _read(Path(path)), dict(held or {})
-    if unknown := sorted(set(held) - {joint.name for joint in robot.joints}):
+    (robot, notes), held = _read(Path(path)), {} if held is None else held
+    if not isinstance(held, Mapping):
+        raise IndicatorError(f"{path}: expected held to give a value for each name of a joint, got {held!r}")
+    held = {joint: _value(value, joint, path) for joint, value in held.items()}
+    if unknown := sorted(map(str, set(held) - {joint.name for joint in robot.joints})):
         raise IndicatorError(f"{path}: held names no joint of it: {', '.join(unknown)}")
     children: dict[str, list[Any]] = {}
     for joint in robot.joints:
@@ -86,6 +110,8 @@ def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), nam
             visit(step.joint.child, number + 1, np.eye(4))
 
     visit(roots.pop(), WORLD, np.eye(4))
+    if not steps:
+        raise IndicatorError(f"{path}: no joint moves; all are fixed, held, or between equal limits")
     name, note = name or robot.name or Path(path).stem, "; ".join(dict.fromkeys(notes))
     return Arm([_joint(*step, path) for step in steps], bodies, touching=touching, name=name, note=note)
 
@@ -99,8 +125,10 @@ def _read(path: Path) -> tuple[Any, list[str]]:
     if not path.is_file():
         raise IndicatorError(f"{path}: no such file")
     try:
-        notes = _looked_through(ElementTree.fromstring(path.read_bytes()))
-        return yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False).robot, notes
+        robot = ElementTree.fromstring(path.read_bytes())
+        notes = _looked_through(robot)
+        same = io.BytesIO(ElementTree.tostring(robot))  # without comments, which yourdfpy takes for shapes
+        return yourdfpy.URDF.load(same, build_scene_graph=False, load_meshes=False).robot, notes
     except Exception as error:  # whatever its reader raises, of XML and of what is in it
         reason = " ".join(str(error).split()) or type(error).__name__
         raise IndicatorError(f"{path}: no URDF that can be read ({reason})") from error
@@ -116,19 +144,54 @@ def _looked_through(robot: ElementTree.Element) -> list[str]:
         names = [element.get("name") for element in robot.findall(kind)]
         if twice := {name for name in names if names.count(name) > 1}:
             raise ValueError(f"expected each {kind} once, got two of {', '.join(map(str, sorted(twice, key=str)))}")
-    notes, bare = [], []
+    notes, bare, others = [], [], {element.tag for element in robot} - IN_ROBOT
+    for joint in robot.findall("joint"):
+        others |= _checked(joint, f"joint {joint.get('name')}", ("parent", "child"))
     for link in robot.findall("link"):
         for part in link.findall("collision"):
             shapes = [len(geometry) for geometry in part.findall("geometry")]
-            if shapes != [1] or len(part.findall("origin")) > 1:
+            if shapes != [1]:
                 raise ValueError(
                     f"link {link.get('name')}: expected one geometry of one shape in a collision, got {shapes}"
                 )
+            others |= _checked(part, f"link {link.get('name')}")
         if link.find("visual") is not None and link.find("collision") is None:
             bare.append(str(link.get("name")))
     notes += [f"without collision geometry, so not bounded: {', '.join(bare)}"] * bool(bare)
-    others = {e.tag for e in robot} - IN_ROBOT | {e.tag for link in robot.findall("link") for e in link} - IN_LINK
+    others |= {element.tag for link in robot.findall("link") for element in link} - IN_LINK
     return notes + [f"not read: elements {', '.join(sorted(others))}"] * bool(others)
+
+
+def _checked(whole: ElementTree.Element, where: str, needed: tuple[str, ...] = ()) -> set[str]:
+    """Other elements of a joint or a collision; raises ``ValueError`` for one that is doubled or lacks, and for attributes that ``ATTRIBUTES`` does not let through."""
+    for tag in ONCE[whole.tag]:
+        if (count := len(whole.findall(tag))) > 1 or (tag in needed and not count):
+            raise ValueError(f"{where}: expected one {tag}, got {count or 'none'}")
+    for element in whole.iter():
+        if (known := ATTRIBUTES.get(element.tag)) is None:
+            continue
+        names = {name.lstrip("+"): counts for name, counts in known.items()}
+        if unknown := sorted(set(element.attrib) - set(names)):
+            raise ValueError(f"{where}: {element.tag}: expected {', '.join(names) or 'no attributes'}, got {', '.join(unknown)}")  # fmt: skip
+        if missing := [name[1:] for name in known if name[0] == "+" and name[1:] not in element.attrib]:
+            raise ValueError(f"{where}: {element.tag}: expected {', '.join(missing)}, got none")
+        for name, counts in names.items():
+            words = element.get(name, "").split()
+            good = len(words) in counts and all(NUMBER.fullmatch(word) and math.isfinite(float(word)) for word in words)
+            if counts and name in element.attrib and not good:
+                many = "1 finite number" if counts == (1,) else f"{' or '.join(map(str, counts))} finite numbers"
+                raise ValueError(f"{where}: {element.tag}: expected {name} of {many}, got {element.get(name)!r}")
+    return {element.tag for element in whole.iter()} - {whole.tag, *(IN_JOINT if whole.tag == "joint" else ATTRIBUTES)}
+
+
+def _value(value, joint, path) -> float:
+    """A value at which a joint is held; the limits are checked where it stands."""
+    if isinstance(value, bool | np.bool_ | str | bytes) or np.ndim(value):
+        raise IndicatorError(f"{path}: joint {joint}: expected a number to hold it at, got {value!r}")
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise IndicatorError(f"{path}: joint {joint}: expected a number to hold it at, got {value!r}") from error
 
 
 def _standing(joint, named: dict[str, Any], held: Mapping[str, float], path, followed: int = 0) -> float | None:
@@ -202,20 +265,42 @@ def _bodies(link, number: int, at: np.ndarray, path: Path, notes: list[str]) -> 
 
 def _points(mesh, path: Path, notes: list[str]) -> np.ndarray:
     """``(N, 3)``, the corners of a mesh's faces, scaled; metres."""
-    import yourdfpy.urdf
-
     scale = np.asarray(1.0 if mesh.scale is None else mesh.scale, dtype=np.float64)
-    if scale.shape not in ((), (3,)) or not np.isfinite(scale).all():
-        raise IndicatorError(f"{path}: mesh {mesh.filename}: expected a scale of 3 numbers, got {scale}")
-    found = yourdfpy.urdf.filename_handler_magic(mesh.filename or "", str(path.parent))
-    if not Path(found).is_file():
-        raise IndicatorError(f"{path}: mesh {mesh.filename} is missing")
-    vertices, faces, told = read_mesh_data(Path(found))
+    found = _mesh_file(mesh.filename, path)
+    if found is None:
+        raise IndicatorError(f"{path}: mesh {mesh.filename} is missing: not beside the file nor in the folders above it, or in no package of that name there")  # fmt: skip
+    vertices, faces, told = read_mesh_data(found)
     told += ("glTF, whose y is up by its standard, is taken as it stands",) * (
-        Path(found).suffix.lower() in (".glb", ".gltf")
+        found.suffix.lower() in (".glb", ".gltf")
     )
-    notes.extend(f"{Path(found).name}: {note}" for note in told)
+    notes.extend(f"{found.name}: {note}" for note in told)
     return vertices[np.unique(faces)] * scale
+
+
+def _mesh_file(name: str, path: Path) -> Path | None:
+    """The nearest file that a URDF file names so, from its folder upwards; ``None`` if there is none."""
+    start = path.parent.resolve() if ".." in path.parts else path.parent.absolute()
+    scheme, apart, inside = name.rpartition("://")
+    package, _, within = inside.partition("/")
+    for folder in (start, *start.parents):
+        places = [folder / inside]
+        if scheme in ("package", "model"):
+            places += [folder / within] * (package in (folder.name, _package(folder)))
+        elif apart and scheme != "file":
+            return None
+        if found := next(
+            (place for place in places if os.path.isfile(place)), None
+        ):  # false of names that no system takes
+            return found
+    return None
+
+
+def _package(folder: Path) -> str | None:
+    """The name that a folder's ``package.xml`` gives it."""
+    try:
+        return (ElementTree.parse(folder / "package.xml").findtext("name") or "").strip()
+    except (OSError, ElementTree.ParseError):
+        return None
 
 
 def hull_of(points: np.ndarray, *, link: int = WORLD, name: str = "hull") -> Body:
