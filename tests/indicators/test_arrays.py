@@ -102,7 +102,7 @@ def test_a_threshold_that_is_none(threshold):
 
 @pytest.mark.filterwarnings("error")
 def test_a_threshold_beyond_the_type_of_the_array():
-    half = np.array([[-1.0, 2.0], [np.inf, 1.0]], np.float16)
+    half = np.array([[-2.0, 2.0], [np.inf, 1.0]], np.float16)
     assert load_indicator(half, threshold=1e6).occupancy.tolist() == [[False, False], [True, False]]
 
 

@@ -64,10 +64,31 @@ def png_cut(folder: Path) -> Path:
     return path
 
 
+def clear_png(bits: int, kind: int, clear: list[int], row) -> bytes:
+    """A picture of two pixels in a row, with a transparent colour, which PIL does not write in these bits."""
+
+    def chunk(key: bytes, data: bytes) -> bytes:
+        return len(data).to_bytes(4, "big") + key + data + zlib.crc32(key + data).to_bytes(4, "big")
+
+    row = row if isinstance(row, bytes) else np.array(row, ">u2").tobytes()
+    head = np.array([2, 1], ">u4").tobytes() + bytes([bits, kind, 0, 0, 0])
+    parts = [
+        (b"IHDR", head),
+        (b"tRNS", np.array(clear, ">u2").tobytes()),
+        (b"IDAT", zlib.compress(b"\0" + row)),
+        (b"IEND", b""),
+    ]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunk(*part) for part in parts)
+
+
 RGBA = np.stack([GREY, GREY, GREY, np.where(BITS, 128, 127).astype(np.uint8)], axis=2)
 PNG = {
     "png/alpha": case(png(RGBA), check=cells(BITS)),
     "png/transparent-colour": case(png(palette(), transparency=5), check=cells(BITS)),
+    "png/transparent-grey": case(file("a.png", clear_png(16, 0, [60001], [[60001, 60000]])), check=cells([[False, True]])),
+    "png/transparent-grey-of-2-bits": case(file("a.png", clear_png(2, 0, [3], b"\xe0")), check=cells([[False, True]])),
+    "png/transparent-colour-of-16-bits": case(file("a.png", clear_png(16, 2, [9, 9, 60001], [[9, 9, 60001] * 2])), "16 bits"),
+    "png/transparent-16-bits-with-threshold": case(file("a.png", clear_png(16, 0, [0], [[0, 1000]])), "1 that are not", threshold="<500"),
     "png/grey": case(png(GREY), check=cells(BITS), threshold="<128"),
     "png/colours": case(png(RGBA[..., :3]), check=cells(BITS), threshold="<128"),
     "png/palette": case(png(palette()), check=cells(BITS), threshold="<13"),
@@ -113,6 +134,8 @@ def ros(
     def write(folder: Path) -> Path:
         if name.endswith(".pgm"):
             (folder / name).write_bytes(pgm(GREY if picture is None else picture))
+        elif isinstance(picture, bytes):
+            (folder / name).write_bytes(picture)
         elif picture is not None:
             picture.save(folder / name)
         (folder / "m.yaml").write_text(
@@ -135,6 +158,8 @@ SEEN[:, 0] = False
 HALVES = np.where(BITS, 0, 200).astype(np.uint8)
 HALVES[:, 0] = 254
 PERCENT = np.where(BITS, 65, 64).astype(np.uint8)
+BEYOND = np.where(BITS, 65, 64).astype(np.uint8)
+BEYOND[0, :2] = 101, 255
 CLEAR = Image.fromarray(np.stack([GREY, GREY, GREY, np.where(BITS, 128, 255).astype(np.uint8)], axis=2))
 BACK = 'image: "m.pgm" # here\nresolution: 5e-2\norigin:\n  - -2.03\n  - -3.11\n  - 0\nnegate: false\noccupied_thresh: .65\nfree_thresh: 0.196\n'
 
@@ -154,13 +179,18 @@ ROS = {
     "ros/negate": case(ros(254 - GREY, negate="1"), **told("metres")),
     "ros/pictures": case(ros(Image.fromarray(GREY), "m.png"), **told("metres")),
     "ros/alpha": case(ros(CLEAR, "m.png"), **told("metres")),
+    "ros/transparent-grey": case(ros(clear_png(16, 0, [65535], [[65535, 65534]]), "m.png"), **told("1 unknown cells count as occupied", [[1, 0]])),
+    "ros/colours-of-16-bits": case(ros(clear_png(16, 2, [1, 2, 3], [[9] * 6]), "m.png"), "16 bits"),
     "ros/unknown": case(ros(UNSEEN), **told("unknown cells count as occupied", SEEN)),
     "ros/unknown-free": case(ros(UNSEEN), **told("unknown cells count as free"), unknown="free"),
     "ros/scale": case(ros(HALVES, more="mode: scale"), **told("scale", SEEN), unknown="free"),
     "ros/raw": case(ros(PERCENT, more="mode: raw"), **told("raw"), threshold=">=65"),
+    "ros/raw-unknown": case(ros(BEYOND, more="mode: raw"), **told("2 unknown cells count as occupied", BEYOND > 64), threshold=">=65"),
+    "ros/raw-unknown-free": case(ros(BEYOND, more="mode: raw"), **told("2 unknown cells count as free"), threshold=">=65", unknown="free"),
     "ros/raw-without-threshold": case(ros(PERCENT, more="mode: raw"), "threshold='>=65'"),
     "ros/raw-negated": case(ros(PERCENT, negate="1", more="mode: raw"), "negate in mode raw", threshold=">=65"),
     "ros/other-keys": case(ros(more="author: me"), **told("not read: author")),
+    "ros/number-with-underscore": case(ros(origin="[1_0, 0, 0]"), "expected a number for origin, got '1_0'"),
     "ros/turned": case(ros(origin="[0, 0, 0.3]"), "turned (yaw 0.3)"),
     "ros/no-picture": case(ros(name="gone.png"), "no such file"),
     "ros/missing-keys": case(ros(drop="origin"), "got none of origin"),
@@ -190,12 +220,15 @@ VOXELS = np.zeros((3, 3, 3), bool)
 VOXELS[1, 2, 0] = True
 BINVOX = {
     "binvox/runs": case(file("a.binvox", binvox(VOXELS)), check=cells(VOXELS, at([-0.25] * 3, [1.25] * 3))),
-    "binvox/translate-and-scale": case(file("a.binvox", binvox(VOXELS, "translate 1 2 3\nscale 6\n")), "spacing=2, origin=(2,3,4) place them", cells(VOXELS)),
+    "binvox/translate-and-scale": case(file("a.binvox", binvox(VOXELS, "translate 1 2 3\nscale 6\n")), "spacing=2, origin=(2,3,4) place", cells(VOXELS)),
+    "binvox/spacing-alone": case(file("a.binvox", binvox(VOXELS, "translate 1 2 3\nscale 6\n")), "origin=(2,3,4) place", cells(VOXELS), spacing=2),
     "binvox/placed": case(file("a.binvox", binvox(VOXELS, "translate 1 2 3\nscale 6\n")), check=cells(VOXELS, at([1, 2, 3], [7, 8, 9])), spacing=2, origin=(2, 3, 4)),
     "binvox/counts": case(file("a.binvox", binvox(VOXELS)[:-2]), "27 voxels"),
     "binvox/trailing-bytes": case(file("a.binvox", binvox(VOXELS) + b"x"), "pairs of bytes"),
     "binvox/other-values": case(file("a.binvox", binvox(2 * VOXELS.astype(int))), "voxel values 0 and 1"),
     "binvox/two-sizes": case(file("a.binvox", binvox(VOXELS, "dim 3 3 3\n")), "one line 'dim'"),
+    "binvox/two-places": case(file("a.binvox", binvox(VOXELS, "translate 1 2 3\ntranslate 1 2 3\n")), "one line 'translate'"),
+    "binvox/number-with-underscore": case(file("a.binvox", binvox(VOXELS, "scale 1_0\n")), "numbers after 'scale'"),
     "binvox/version": case(file("a.binvox", binvox(VOXELS, version=2)), "binvox version 1"),
 }  # fmt: skip
 
@@ -227,6 +260,9 @@ ARRAYS = {
     "npy/other-numbers": case(file("a.npy", npy(SIGNED)), "threshold='<=0'"),
     "npy/occupancy-grid": case(file("a.npy", npy(SEEN_BY_ROBOT)), "threshold='>=65'"),
     "npy/occupancy-grid-unknown": case(file("a.npy", npy(SEEN_BY_ROBOT)), "1 unknown cells count as occupied", cells(WITH_UNKNOWN), threshold=">=65"),
+    "npy/unknown-and-other-numbers": case(file("a.npy", npy(np.where(WITH_UNKNOWN & ~BITS, -1, BITS * 0.7))), "1 unknown cells count as occupied", cells(WITH_UNKNOWN), threshold=">=0.65"),
+    "npy/unknown-and-0-and-1": case(file("a.npy", npy(np.where(WITH_UNKNOWN & ~BITS, -1, BITS))), "1 unknown cells count as free", cells(BITS), threshold=">0", unknown="free"),
+    "npy/unknown-of-other-numbers": case(file("a.npy", npy(SIGNED)), "unknown is for maps", threshold=">0", unknown="occupied"),
     "npy/nan": case(file("a.npy", npy(np.where(BITS, np.nan, 1.0))), "NaN in 4 of 24", threshold=">0"),
     "npy/vertices": case(file("a.npy", npy(V)), "(vertices, faces)"),
     "npy/objects": case(file("a.npy", npy(np.array([{}], object), allow_pickle=True)), "cannot be read"),

@@ -57,7 +57,7 @@ class Threshold:
             str(float(given)) if _is_number(given) else given if isinstance(given, str) else ""
         )
         try:
-            value = float(found[2]) if found else math.nan
+            value = float(found[2]) if found and "_" not in found[2] else math.nan
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
@@ -158,6 +158,7 @@ class Cells(NamedTuple):
         remark: See ``Shape``.
         placement: Of the cells, where the file tells it; nothing else places them then.
         spacing: Of the cells, where nobody tells another.
+        elsewhere: A remark on where the file places the cells, for callers that do not place them themselves.
     """
 
     values: np.ndarray
@@ -165,6 +166,7 @@ class Cells(NamedTuple):
     remark: str = ""
     placement: Placement | None = None
     spacing: float | None = None
+    elsewhere: str = ""
 
 
 def grid_of(
@@ -196,14 +198,15 @@ def grid_of(
     if threshold is None and array.size and not _is_clear(array):
         raise IndicatorError(f"{name}: {_what_to_say(array)}")
     occupancy = array.astype(bool) if threshold is None else threshold(array)
-    seen = threshold is not None and threshold.comparison[0] == ">" and _is_map(array) and array.max() > 1
-    unknown = array == -1 if seen else None
-    if unknown is not None and unknown.any():
+    above = threshold is not None and threshold.comparison[0] == ">" and array.dtype.kind in "if"
+    unknown = array == -1 if above else np.zeros(array.shape, dtype=bool)
+    seen = above and bool((unknown | (array >= 0)).all())
+    if seen and unknown.any():
         occupancy = occupancy & ~unknown if wanted.unknown == UNKNOWN[1] else occupancy | unknown
         remark = "; ".join(filter(None, [remark, *wanted.count(int(unknown.sum()))]))
-    elif wanted.unknown is not None:
+    elif wanted.unknown is not None and not seen:
         raise IndicatorError(
-            f"{name}: unknown is for maps, whose cells have -1, or 0 to 100, and a threshold such as '>=65'"
+            f"{name}: unknown is for maps, whose cells have -1, unknown, or 0 and more, and a threshold such as '>=65'"
         )
     time = array.ndim == TIME_NDIM if time is None else bool(time)
     where, frame = placement.map_of(array.shape, time, name)

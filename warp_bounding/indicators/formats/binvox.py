@@ -49,8 +49,12 @@ def read_binvox(path: Path) -> Cells:
         return Cells(x_z_y.transpose(0, 2, 1), path.name)
     cell = scale / max(shape)
     origin = ",".join(f"{t + cell / 2:.17g}" for t in translate)
-    told = f"the header's translate ({', '.join(f'{t:g}' for t in translate)}) and scale {scale:g} are not used, the voxels span the unit cube"
-    return Cells(x_z_y.transpose(0, 2, 1), path.name, f"{told}; spacing={cell:.17g}, origin=({origin}) place them so")
+    told = f"the header's translate ({', '.join(f'{t:g}' for t in translate)}) and scale {scale:g} are not used"
+    return Cells(
+        x_z_y.transpose(0, 2, 1),
+        path.name,
+        elsewhere=f"{told}; spacing={cell:.17g}, origin=({origin}) place the voxels so",
+    )
 
 
 def _read_header(path: Path, content: bytes) -> tuple[tuple[int, int, int], int, dict[str, list[float]]]:
@@ -76,6 +80,8 @@ def _read_header(path: Path, content: bytes) -> tuple[tuple[int, int, int], int,
             case [(b"translate" | b"scale") as key, *numbers]:
                 if len(numbers) != (3 if key == b"translate" else 1) or not all(_is_number(n) for n in numbers):
                     raise IndicatorError(f"{path}: expected numbers after {key.decode()!r}, got {_text(words)!r}")
+                if key.decode() in found:
+                    raise IndicatorError(f"{path}: expected one line {key.decode()!r} in the binvox header, got two")
                 found[key.decode()] = [float(number) for number in numbers]
                 if key == b"scale" and not found["scale"][0] > 0:
                     raise IndicatorError(f"{path}: expected a scale above 0, got {_text(words)!r}")
@@ -92,7 +98,7 @@ def _read_header(path: Path, content: bytes) -> tuple[tuple[int, int, int], int,
 
 def _is_number(word: bytes) -> bool:
     try:
-        return math.isfinite(float(word))
+        return b"_" not in word and math.isfinite(float(word))
     except ValueError:
         return False
 

@@ -10,11 +10,10 @@ import numpy as np
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.formats.reading import import_optional, reading
 
-__all__ = ["WHICH", "image_from", "opened", "read_png"]
+__all__ = ["WHICH", "alpha_of", "image_from", "opened", "read_png"]
 
 OPAQUE = 0.5  # alpha from here on is occupied
 ALPHA_MODES = ("RGBA", "LA", "PA")
-PALETTE_MODES = ("P", "RGB", "L", "1")  # may name a transparent colour instead of carrying an alpha channel
 GREY_MODES = ("L", "I", "I;16", "I;16B", "F")  # one number a pixel, taken as it stands
 WHICH = "say which grey values are occupied: threshold='<128' for dark ones, threshold='>=128' for bright ones"
 
@@ -28,7 +27,6 @@ def opened(path: Path, formats: tuple[str, ...] | None):
         warnings.simplefilter("error", image_module.DecompressionBombWarning)
         with image_module.open(path, formats=formats) as image:
             _check_frames(image, path)
-            image.load()
             yield image
 
 
@@ -66,11 +64,38 @@ def read_png(path: Path, *, grey: bool) -> np.ndarray:
         return _pixels(image, path, grey=grey)
 
 
+def alpha_of(image, name) -> np.ndarray | None:
+    """From 0 to 255 where a pixel is opaque, ``(height, width)`` uint8; ``None`` for a picture without transparent pixels.
+
+    A PNG file may name one colour that is transparent, in its own bits. PIL keeps that number as it stands, and gives grey of 2 and 4
+    bits and colours of 16 as 8 bits.
+
+    Args:
+        image: Of PIL, before its pixels are loaded: then it still knows how many bits the file has.
+        name: For messages.
+
+    Raises:
+        IndicatorError: For a transparent colour of 16 bits, of which 8 bits do not tell the pixels.
+    """
+    bits = str(image.tile[0][3]) if getattr(image, "tile", None) else ""
+    image.load()
+    clear = image.info.get("transparency")
+    if image.mode in ALPHA_MODES or (image.mode == "P" and (clear is not None or image.palette.mode == "RGBA")):
+        return np.asarray(image.convert("RGBA"))[..., 3]
+    if clear is None:
+        return None
+    if image.mode == "RGB" and ";16" not in bits and max(clear) < 256:
+        return np.asarray(image.convert("RGBA"))[..., 3]
+    if image.mode not in GREY_MODES and image.mode != "1":
+        raise IndicatorError(f"{name}: a transparent colour of 16 bits is not read; give the picture an alpha channel")
+    grey = np.asarray(image.convert("L") if image.mode == "1" else image)
+    return np.where(grey == clear * {"L;2": 85, "L;4": 17}.get(bits, 1), 0, 255).astype(np.uint8)
+
+
 def _pixels(image, name, *, grey: bool) -> np.ndarray:
-    has_alpha = image.mode in ALPHA_MODES or (image.mode in PALETTE_MODES and "transparency" in image.info)
-    if not has_alpha and not grey:
+    alpha = alpha_of(image, name)
+    if alpha is None and not grey:
         raise IndicatorError(f"{name}: expected an image with an alpha channel, got mode {image.mode} without; {WHICH}")
-    alpha = np.asarray(image.convert("RGBA"))[..., 3] if has_alpha else None
     if grey and alpha is not None and alpha.min() < 255:
         raise IndicatorError(
             f"{name}: expected opaque pixels for a threshold of their grey, got {int((alpha < 255).sum())} that are not; "

@@ -118,7 +118,8 @@ def load_indicator(
         own = (
             wanted if found.placement is None else Wanted()
         )  # where it has a place of its own, its reader asked what is occupied
-        remark = "" if place.spacing is not None and found.spacing is None and found.placement is None else found.remark
+        placed = spacing is not None and origin is not None
+        remark = "; ".join(filter(None, [found.remark, "" if placed else found.elsewhere]))
         found = grid_of(found.values, found.name, time, own, place, remark)
     else:
         given = {"threshold": threshold, "spacing": spacing, "origin": origin, "unknown": unknown}

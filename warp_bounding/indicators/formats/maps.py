@@ -15,7 +15,7 @@ import numpy as np
 
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.formats.arrays import Cells, Placement, Wanted
-from warp_bounding.indicators.formats.images import opened
+from warp_bounding.indicators.formats.images import alpha_of, opened
 from warp_bounding.indicators.formats.reading import reading
 from warp_bounding.indicators.limits import MAX_CELLS
 
@@ -120,7 +120,8 @@ def read_ros_map(path: Path, wanted: Wanted) -> Cells:
     shade, opaque = _shades(path.parent / str(fields["image"]), trinary=mode == MODES[0])
     if mode == MODES[2]:
         value = np.rint(255 * shade)
-        known, full = (value <= PERCENT) & opaque, wanted.threshold(value)
+        full = (value <= PERCENT) & wanted.threshold(value)
+        known = full | ((value <= PERCENT) & opaque)
     else:
         occ = (255 * shade if negate else 255 - 255 * shade) / 255.0
         full = occ >= occupied
@@ -142,17 +143,17 @@ def _shades(path: Path, *, trinary: bool) -> tuple[np.ndarray, np.ndarray]:
         values, white = read_pgm(path)
         return values / white, np.ones(values.shape, dtype=bool)
     with opened(path, None) as image:
-        if image.mode in ("I;16", "I;16B", "I;16L", "I;16N"):
-            values = np.asarray(image).astype(np.float64)
-            return values / 65535, np.ones(values.shape, dtype=bool)
-        alpha = image.mode in ("LA", "PA", "RGBA") or "transparency" in image.info
-        if image.mode not in ("1", "L", "P", "LA", "PA", "RGB", "RGBA"):
+        deep = image.mode.startswith("I;16")
+        if not deep and image.tile and ";16" in str(image.tile[0][3]):
+            raise IndicatorError(f"{path}: colours of 16 bits are not read in a map; save them with 8 bits, or as grey")
+        if not deep and image.mode not in ("1", "L", "P", "LA", "PA", "RGB", "RGBA"):
             raise IndicatorError(f"{path}: expected a picture in grey or colours, got mode {image.mode}")
-        grey = image.mode in ("1", "L") and not alpha
-        values = np.asarray(image.convert("L" if grey else "RGBA" if alpha else "RGB")).astype(np.float64)
-    values = values.reshape(*values.shape[:2], -1)
-    opaque = values[..., 3] == 255 if alpha else np.ones(values.shape[:2], dtype=bool)
-    return (values if trinary or not alpha else values[..., :3]).mean(axis=2) / 255, opaque
+        alpha, white = alpha_of(image, path), 65535 if deep else 255
+        values = np.asarray(image)[..., None] if deep else np.asarray(image.convert("RGBA"))[..., :3]
+        values = values.astype(np.float64).mean(axis=2)
+    if alpha is None:
+        return values / white, np.ones(values.shape, dtype=bool)
+    return ((3 * values + white // 255 * alpha.astype(np.float64)) / 4 if trinary else values) / white, alpha == 255
 
 
 def read_movingai(path: Path) -> Cells:
@@ -187,7 +188,7 @@ def read_movingai(path: Path) -> Cells:
 
 def _number(path: Path, key: str, word) -> float:
     try:
-        value = float(word)
+        value = math.nan if "_" in word else float(word)
     except (TypeError, ValueError):
         value = math.nan
     if not math.isfinite(value):
