@@ -115,6 +115,7 @@ PLY = {
     "ply/other-lists": Case(file("a.ply", ply(more=GROUP, before=b"1 0\n")), "element group"),
     "ply/thin-faces": Case(file("a.ply", ply(LITTLE, (*QUADS, (0, 1)))), "1 faces of fewer than 3", cubes()),
     "ply/no-faces": Case(file("a.ply", ply(faces=())), "faces"),
+    "ply/no-vertices": Case(file("a.ply", ply(points=V[:0])), "vertices of the faces, got none"),
     "ply/index-out-of-range": Case(file("a.ply", ply(LITTLE, (*QUADS, (0, 1, 8)))), "got vertex 8"),
     "ply/negative-index": Case(file("a.ply", ply(LITTLE, (*QUADS, (0, 1, -1)))), "got vertex -1"),
     "ply/wrong-count": Case(file("a.ply", ply().replace(b"4 0 2 6 4", b"2 0 2 6 4")), "one for each vertex"),
@@ -354,18 +355,20 @@ def fans(made: Gltf) -> None:
     ]
 
 
-def compressed(made: Gltf) -> dict:
+def compressed(made: Gltf) -> None:
     made.views[0]["extensions"] = {
         "EXT_meshopt_compression": {"buffer": 0, "byteLength": 8, "byteStride": 12, "count": 8, "mode": "ATTRIBUTES"}
     }
-    return {"extensionsUsed": ["EXT_meshopt_compression"], "extensionsRequired": ["EXT_meshopt_compression"]}
 
 
-def draco(made: Gltf) -> dict:
-    del made.accessors[0]["bufferView"], made.accessors[1]["bufferView"]
-    return extended(
-        made, "KHR_draco_mesh_compression", made.primitive, {"bufferView": 0, "attributes": {"POSITION": 0}}, False
-    )
+def draco(made: Gltf) -> None:
+    made.primitive["extensions"] = {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {"POSITION": 0}}}
+
+
+def copied(made: Gltf) -> None:
+    """Instances of a node without a mesh, which are not listed."""
+    made.document["nodes"].append({"extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}}})
+    made.document["scenes"][0]["nodes"].append(1)
 
 
 def thin(made: Gltf) -> None:
@@ -409,7 +412,12 @@ GLTF = {
     "gltf/shared-nodes": Case(glb(shared), "below two others"),
     "gltf/required-extension": Case(glb(lambda made: extended(made, "VENDOR_new_shapes", made.primitive, {})), "VENDOR_new_shapes"),
     "gltf/used-extension": Case(glb(lambda made: extended(made, "VENDOR_new_shapes", made.primitive, {}, False)), "VENDOR_new_shapes", cubes()),
-    "gltf/draco": Case(glb(draco), "no data (of an extension"),
+    "gltf/draco": Case(glb(draco), "KHR_draco_mesh_compression"),
+    "gltf/unlisted-extension": Case(glb(node={"extensions": {"KHR_node_visibility": {"visible": False}}}), "KHR_node_visibility", cubes()),
+    "gltf/instances-without-mesh": Case(glb(copied), "without a mesh", cubes()),
+    "gltf/other-positions": Case(glb(points=(V + 1).astype(np.uint32)), "float32, or integers"),
+    "gltf/no-object": Case(file("a.gltf", "[]"), "an object in JSON"),
+    "gltf/later-version": Case(glb(lambda made: {"asset": {"version": "2.0", "minVersion": "2.1"}}), "minVersion 2.1"),
     "gltf/meshopt": Case(glb(compressed), "EXT_meshopt_compression"),
     "gltf/version-1": Case(glb(lambda made: {"asset": {"version": "1.0"}}), "version 1.0"),
     "gltf/not-finite": Case(glb(points=np.where(V == 1, np.float32(np.inf), V)), "finite"),
@@ -463,6 +471,10 @@ SECOND = '<visual_scene id="t"><node><instance_geometry url="#g"/></node></visua
 DAE = {
     "dae/unit": Case(file("a.dae", dae(mesh(points=100 * V), asset='<unit meter="0.01" name="centimeter"/><up_axis>Z_UP</up_axis>')), check=cubes()),
     "dae/several-units": Case(file("a.dae", dae(mesh().replace('<mesh>', '<asset><unit meter="2"/></asset><mesh>'))), "one unit"),
+    "dae/two-units": Case(file("a.dae", dae(asset='<unit meter="1"/><unit meter="0.01"/>')), "one unit, got 2"),
+    "dae/two-scenes-shown": Case(file("a.dae", dae(scenes=SECOND, scene='<scene><instance_visual_scene url="#s"/><instance_visual_scene url="#t"/></scene>')), "got 2"),
+    "dae/elements-in-numbers": Case(file("a.dae", dae(node="<translate>5 0 0<foo/> 9</translate>" + SHOWN)), "the element foo"),
+    "dae/number-with-underscore": Case(file("a.dae", dae(asset='<unit meter="1_0"/>')), "got '1_0'"),
     "dae/other-up-axis": Case(file("a.dae", dae(asset="<up_axis>Y_UP</up_axis>")), "Y_UP"),
     "dae/no-up-axis": Case(file("a.dae", dae(asset="")), "taken as z up", cubes()),
     "dae/transforms": Case(file("a.dae", dae(node=PLACED)), check=cubes((5, 2, 0))),
@@ -682,6 +694,7 @@ USD = {
     "usd/purposes": usd("of purpose guide: /m", text=usd_mesh(PLAIN + 'uniform token purpose = "guide"')),
     "usd/inactive": usd("inactive: /x", text=usd_mesh() + 'def "x" (\nactive = false\n) {}'),
     "usd/overs": usd("nothing defines it: /x", text=usd_mesh() + 'over "x" {}'),
+    "usd/no-points": usd("vertices of the faces, got none", text=usd_mesh(points=())),
     "usd/counts": usd("indices for 7 polygons", text=usd_mesh().replace("faceVertexCounts = [", "faceVertexCounts = [3, ")),
     "usd/index-out-of-range": usd("got vertex 8", text=usd_mesh(quads=(*QUADS, (0, 1, 8)))),
     "usd/cut": usd("USD stage", text=usd_mesh()[:-20]),

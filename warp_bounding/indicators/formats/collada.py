@@ -53,19 +53,22 @@ class _File:
         for element in units + axes:
             if own is None or element not in list(own):
                 raise ValueError(f"expected one {element.tag} for the whole file, got another inside an element")
+        for tag, found in (("unit", units), ("up_axis", axes)):
+            if len(found) > 1:
+                raise ValueError(f"expected one {tag}, got {len(found)}")
         axis = axes[0].text.strip() if axes and axes[0].text else ""
         if axis not in ("Z_UP", ""):
             raise ValueError(
                 f"expected up_axis Z_UP, got {axis[:20]}: programs disagree whether it is to be turned, so write it with z up"
             )
         self.notes += ["no up_axis: taken as z up"] * (not axis)
-        meter = float(units[0].get("meter", 1.0)) if units else 1.0
+        meter = as_numbers([units[0].get("meter", "1").encode()])[0] if units else 1.0
         if not 0 < meter < np.inf:
             raise ValueError(f"expected a positive unit, got {meter} metres")
-        scene = self.root.find("scene/instance_visual_scene")
-        if scene is None:
-            raise ValueError("expected a scene, got none")
-        shown = self.target(scene.get("url"), "visual_scene")
+        scenes = self.root.findall("scene/instance_visual_scene")
+        if len(scenes) != 1:
+            raise ValueError(f"expected a scene to show, got {len(scenes) or 'none'}")
+        shown = self.target(scenes[0].get("url"), "visual_scene")
         others = len(list(self.root.iter("visual_scene"))) - 1
         self.notes += [f"not read: {others} scenes that the file does not show"] * bool(others)
         animated = self.root.find("library_animations/animation") is not None
@@ -143,14 +146,14 @@ class _File:
         if len(corners) != 1:
             raise ValueError(f"expected one input of semantic VERTEX, got {len(corners)}")
         vertices = self._positions(self.target(corners[0].get("source"), "vertices"))
-        stride = 1 + max(int(one.get("offset", 0)) for one in inputs)
+        stride = 1 + max(_attribute(one, "offset", 0) for one in inputs)
         runs = []
         for p in part.findall("p"):
             numbers = _integers(p)
             if len(numbers) % stride:
                 raise ValueError(f"expected {stride} indices a corner, got {len(numbers)} in all")
-            runs.append(numbers.reshape(-1, stride)[:, int(corners[0].get("offset", 0))])
-        count = int(part.get("count", -1))
+            runs.append(numbers.reshape(-1, stride)[:, _attribute(corners[0], "offset", 0)])
+        count = _attribute(part, "count", -1)
         if part.tag in ("triangles", "polylist"):
             if part.tag == "triangles":
                 sizes = np.full(sum(map(len, runs)) // 3, 3)
@@ -177,37 +180,50 @@ class _File:
         inputs = [one for one in vertices.findall("input") if one.get("semantic") == "POSITION"]
         if len(inputs) != 1:
             raise ValueError(f"expected one input of semantic POSITION, got {len(inputs)}")
-        accessor = self.target(inputs[0].get("source"), "source").find("technique_common/accessor")
-        if accessor is None:
-            raise ValueError("expected an accessor of a source, got none")
+        accessors = self.target(inputs[0].get("source"), "source").findall("technique_common/accessor")
+        if len(accessors) != 1:
+            raise ValueError(f"expected one accessor of a source, got {len(accessors)}")
+        accessor = accessors[0]
         array = self.target(accessor.get("source"), "float_array")
-        numbers = as_numbers((array.text or "").encode().split())
-        if len(array) or len(numbers) != int(array.get("count", -1)):
+        numbers = _numbers(array)
+        if len(numbers) != _attribute(array, "count", -1):
             raise ValueError(f"expected {array.get('count')} numbers in float_array, got {len(numbers)}")
         count, stride, offset = (
-            int(accessor.get("count", 0)),
-            int(accessor.get("stride", 1)),
-            int(accessor.get("offset", 0)),
+            _attribute(accessor, key, default) for key, default in (("count", 0), ("stride", 1), ("offset", 0))
         )
         names = [one.get("name") for one in accessor.findall("param")]
         named = [k for k, name in enumerate(names) if name]  # a nameless one is passed over
-        if min(count, offset) < 0 or [names[k].upper() for k in named] != list("XYZ") or named[-1] >= stride:
+        if [names[k].upper() for k in named] != list("XYZ") or named[-1] >= stride:
             raise ValueError(f"expected an accessor of X, Y, Z, got {names} and a stride of {stride}")
         if count and offset + stride * (count - 1) + named[-1] >= len(numbers):
             raise ValueError(f"expected {count} points in float_array, got {len(numbers)} numbers")
         return numbers[(offset + stride * np.arange(count))[:, None] + np.array(named)]
 
 
+def _numbers(element: Element) -> np.ndarray:
+    if len(element):
+        raise ValueError(f"expected numbers in {element.tag}, got the element {element[0].tag}")
+    return as_numbers((element.text or "").encode().split())
+
+
 def _integers(element: Element) -> np.ndarray:
-    numbers = as_numbers((element.text or "").encode().split())
-    if len(element) or not (np.floor(numbers) == numbers).all():
+    numbers = _numbers(element)
+    if not (np.floor(numbers) == numbers).all():
         raise ValueError(f"expected integers in {element.tag}, got something else")
     return numbers.astype(np.int64)
 
 
+def _attribute(element: Element, name: str, default: int) -> int:
+    """An attribute that counts, 0 or more."""
+    word = element.get(name, "").strip()
+    if name in element.attrib and not (word.isascii() and word.isdigit()):
+        raise ValueError(f"expected a number of 0 or more as {name} of {element.tag}, got {word[:40]!r}")
+    return int(word or default)
+
+
 def _transform(element: Element) -> np.ndarray:
     """``(4, 4)`` of a matrix, a translation, a rotation in degrees or a scale."""
-    numbers = as_numbers((element.text or "").encode().split())
+    numbers = _numbers(element)
     if len(numbers) != {"matrix": 16, "rotate": 4}.get(element.tag, 3):
         raise ValueError(f"expected another count of numbers in {element.tag}, got {len(numbers)}")
     matrix = np.eye(4)

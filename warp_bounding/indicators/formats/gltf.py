@@ -1,8 +1,8 @@
 """glTF 2.0, as ``.glb`` or as ``.gltf`` with its buffers: the triangles of the scene that the file shows, in metres, y up as they stand.
 
 A mesh is bounded as the file leaves it: morph targets with the weights that are stored, skins in the pose of their joints' nodes; the notes say so.
-Extensions that the file requires and that are not in ``READ`` or ``HARMLESS`` are refused. What it merely uses may be left out, says the standard:
-its other data are read, and a note names the extension.
+Extensions that the file requires and that are not in ``READ`` or ``HARMLESS`` are refused, as is compressed geometry. What it merely uses, listed or
+not, may be left out, says the standard: its other data are read, and a note names the extension.
 """
 
 import base64
@@ -27,6 +27,7 @@ HARMLESS = re.compile(
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 POINTS_AND_LINES, TRIANGLES, STRIP, FAN = (0, 1, 2, 3), 4, 5, 6  # modes of a primitive
+COMPRESSED = re.compile(r".*(draco|meshopt).*")  # of a primitive, or of a buffer view
 MOST_ZEROS = 2**26  # elements of an accessor without data of its own
 UNIT = 1e-2  # by how much the length of a rotation's quaternion may miss 1
 INSTANCING = "EXT_mesh_gpu_instancing"
@@ -66,9 +67,11 @@ def _document(content: bytes) -> tuple[dict[str, Any], bytes | None]:
             raise ValueError(f"expected a chunk of JSON and one of binary data, got {kinds}")
         content, chunk = chunks[0][1], chunks[1][1] if len(chunks) > 1 else None
     document = json.loads(content.rstrip(b"\0").decode("utf-8-sig"), object_pairs_hook=_without_doubles)
-    version = str(document["asset"]["version"])
-    if not version.startswith("2."):
-        raise ValueError(f"expected glTF 2, got version {version[:20]}")
+    if not isinstance(document, dict):
+        raise ValueError(f"expected an object in JSON, got {str(document)[:40]!r}")
+    version, least = (str(document["asset"].get(key)) for key in ("version", "minVersion"))
+    if not version.startswith("2.") or least not in ("None", "2.0"):
+        raise ValueError(f"expected glTF 2.0, got version {version[:20]}, minVersion {least[:20]}")
     return document, chunk
 
 
@@ -83,6 +86,19 @@ def _whole(value: object, what: str) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or value < 0:
         raise ValueError(f"expected a number of 0 or more for {what}, got {value!r}")
     return value
+
+
+def _reals(values: object, what: str) -> np.ndarray:
+    """Finite numbers of JSON."""
+    found = np.asarray(values)
+    if found.dtype.kind not in "iuf" or not np.isfinite(found).all():
+        raise ValueError(f"expected numbers as {what}, got {str(values)[:60]}")
+    return found.astype(np.float64)
+
+
+def _check_compression(item: dict[str, Any]) -> None:
+    if names := [name for name in item.get("extensions", ()) if COMPRESSED.fullmatch(name)]:
+        raise ValueError(f"it is compressed by an extension that is not read: {', '.join(names)}")
 
 
 class _Asset:
@@ -102,7 +118,7 @@ class _Asset:
 
     def read(self) -> MeshData:
         """All that the scene shows."""
-        used = {*self.document.get("extensionsUsed", ()), *self.document.get("extensionsRequired", ())}
+        used = {*self._extensions(), *self.document.get("extensionsRequired", ())}
         unknown = sorted(name for name in used - READ if not HARMLESS.fullmatch(name))
         required = [name for name in unknown if name in self.document.get("extensionsRequired", ())]
         if required:
@@ -123,6 +139,16 @@ class _Asset:
         left_out = sum("mesh" in node for number, node in enumerate(nodes) if number not in shown)
         self.notes += [f"not read: {left_out} meshes outside the scene that the file shows"] * bool(left_out)
         return joined((part for number in sorted(shown) for part in self._parts(number)), self.notes)
+
+    def _extensions(self) -> set[str]:
+        """Names of all that are listed as used, or are there where geometry is."""
+        kinds = ("scenes", "nodes", "meshes", "skins", "accessors", "bufferViews", "buffers")
+        items = [self.document, *(item for kind in kinds for item in self.document.get(kind, ()))]
+        items += [primitive for mesh in self.document.get("meshes", ()) for primitive in mesh["primitives"]]
+        return {
+            *self.document.get("extensionsUsed", ()),
+            *(name for item in items for name in item.get("extensions", ())),
+        }
 
     def _place(self, root: int) -> None:
         """World matrices of a node and of all below it."""
@@ -154,11 +180,12 @@ class _Asset:
     def _parts(self, number: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Vertices in the world and faces of a node's mesh."""
         node = self.item("nodes", number)
+        instances = node.get("extensions", {}).get(INSTANCING)
         if "mesh" not in node:
+            self.notes += ["instances of a node without a mesh were not read"] * (instances is not None)
             return
         mesh = self.item("meshes", node["mesh"])
         places = self.matrices[number][None]
-        instances = node.get("extensions", {}).get(INSTANCING)
         if instances is not None:
             places = places @ self._instances(instances["attributes"])
         for primitive in mesh["primitives"]:
@@ -181,7 +208,8 @@ class _Asset:
 
     def _faces(self, primitive: dict[str, Any]) -> np.ndarray | None:
         """Triangles ``(F, 3)`` of a primitive; ``None`` for points and lines."""
-        mode = primitive.get("mode", TRIANGLES)
+        _check_compression(primitive)
+        mode = _whole(primitive.get("mode", TRIANGLES), "mode")
         if mode in POINTS_AND_LINES:
             return None
         if mode not in (TRIANGLES, STRIP, FAN):
@@ -211,15 +239,15 @@ class _Asset:
         targets = primitive.get("targets", [])
         if targets:
             self.notes.append("morph targets: bounded with the weights that the file stores")
-            weights = [0.0] * len(targets) if weights is None else weights
+            weights = _reals([0.0] * len(targets) if weights is None else weights, "weights")
             if len(weights) != len(targets):
                 raise ValueError(f"expected a weight for each of {len(targets)} morph targets, got {len(weights)}")
-        for target, weight in zip(targets, weights or (), strict=False):
+        for target, weight in zip(targets, weights if targets else (), strict=True):
             if "POSITION" in target:
                 moves = self.accessor(target["POSITION"], ("VEC3",))
                 if moves.shape != vertices.shape:
                     raise ValueError(f"expected a morph target of {len(vertices)} vertices, got {len(moves)}")
-                vertices = vertices + float(weight) * moves
+                vertices = vertices + weight * moves
         return vertices
 
     def _pose(self, skin: int, attributes: dict[str, int], count: int) -> np.ndarray:
@@ -293,6 +321,7 @@ class _Asset:
     def _view(self, index: object, offset: object, count: int, kind: np.dtype, width: int, strided: bool) -> np.ndarray:
         """``(count, width)`` numbers of a buffer view."""
         view = self.item("bufferViews", index)
+        _check_compression(view)
         data = self.buffer(view["buffer"])
         start, length = _whole(view.get("byteOffset", 0), "byteOffset"), _whole(view["byteLength"], "byteLength")
         offset, size = _whole(offset, "byteOffset"), kind.itemsize * width
@@ -319,8 +348,9 @@ class _Asset:
             WIDTHS[found["type"]],
             _whole(found["count"], "count"),
         )
-        if kind.kind not in kinds:
-            raise ValueError(f"expected unsigned integers in accessor {index}, got {kind}")
+        if kind.kind not in kinds or (kinds != "u" and found["componentType"] == 5125):
+            wanted = "unsigned integers" if kinds == "u" else "float32, or integers of 8 or 16 bits"
+            raise ValueError(f"expected {wanted} in accessor {index}, got {kind}")
         if "bufferView" in found:
             values = self._view(found["bufferView"], found.get("byteOffset", 0), count, kind, width, True)
         elif "sparse" in found and count <= MOST_ZEROS:
@@ -357,8 +387,8 @@ def _matrix(node: dict[str, Any]) -> np.ndarray:
         raise ValueError("expected a node's matrix, or its translation, rotation and scale; got both")
     found = {}
     for key, (size, default) in parts.items():
-        found[key] = np.asarray(node.get(key, default), dtype=np.float64)
-        if found[key].shape != (size,) or not np.isfinite(found[key]).all():
+        found[key] = _reals(node.get(key, default), f"{key} of a node")
+        if found[key].shape != (size,):
             raise ValueError(f"expected {size} numbers as {key} of a node, got {node[key]!r}")
     if "matrix" in node:
         matrix = found["matrix"].reshape(4, 4).T

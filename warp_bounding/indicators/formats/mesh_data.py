@@ -38,6 +38,8 @@ def as_faces(indices: np.ndarray, vertices: int) -> np.ndarray:
     """Indices as int64; raises ``ValueError`` unless each is that of a vertex, 0 to ``vertices - 1``."""
     indices = np.asarray(indices)
     if indices.size and not (indices.min() >= 0 and indices.max() < vertices):
+        if not vertices:
+            raise ValueError("expected vertices of the faces, got none")
         wrong = indices.min() if indices.min() < 0 else indices.max()
         raise ValueError(f"expected faces of vertices 0 to {vertices - 1}, got vertex {wrong:.15g}")
     return indices.astype(np.int64)
