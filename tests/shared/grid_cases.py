@@ -279,9 +279,11 @@ ARRAYS = {
 }  # fmt: skip
 
 
-def obj(shift: float, scale: float, hollow: bool = False) -> Callable[[Path], Path]:
+def obj(shift: float, scale: float, hollow: bool = False, apart: float = 0) -> Callable[[Path], Path]:
     """A cube, perhaps with a hollow, as text."""
-    parts = [(scale * V.astype(float) + shift, T)] + [(scale / 2 * V.astype(float) + shift, T[:, ::-1])] * hollow
+    parts = [(scale * V.astype(float) + shift, T)] + [
+        (scale / 2 * V.astype(float) + shift + apart, T[:, ::-1])
+    ] * hollow
     lines = [f"v {x!r} {y!r} {z!r}" for vertices, _ in parts for x, y, z in vertices.tolist()]
     lines += [
         "f {} {} {}".format(*(face + 8 * k + 1)) for k, (_, faces) in enumerate(parts) for face in faces.astype(int)
@@ -302,6 +304,7 @@ PLACES = {
     "place/mesh-far": case(obj(4649776.37, 0.3), check=at([4649776.07] * 3, [4649776.67] * 3)),
     "place/hollow": case(obj(0, 1, hollow=True), "1 closed hollow filled", hollowness(True)),
     "place/hollow-empty": case(obj(0, 1, hollow=True), "1 closed hollow empty", hollowness(False), hollow="empty"),
+    "place/inside-out": case(obj(0, 1, hollow=True, apart=0.75), "inside out", hollow="empty"),
     "place/hollow-of-cells": case(file("a.npy", npy(~BITS)), "1 closed hollow filled", cells(np.pad(np.ones_like(BITS), 1)), hollow="filled"),
 }  # fmt: skip
 

@@ -101,6 +101,10 @@ class IndicatorMesh(Shape):
                 f"{self.name}: hollow='empty' needs faces that are turned alike, with all normals outwards; at {edges:,} edges they are not "
                 "(trimesh's fix_normals turns them)"
             )
+        if self._empty and self._solid.both:
+            raise IndicatorError(
+                f"{self.name}: hollow='empty' needs all normals outwards; of one part they are, and another, which is not within it, is inside out"
+            )
 
     def __repr__(self) -> str:
         sides = " x ".join(f"{side:.4g}" for side in self.bounds[1] - self.bounds[0])

@@ -26,6 +26,7 @@ from warp_bounding.runtime.native import module_options
 __all__ = ["ENCLOSED", "MODULE", "OUTSIDE", "UNKNOWN", "Sides", "SidesGrid", "build_sides", "side_of"]
 
 UNKNOWN, OUTSIDE, ENCLOSED = 0, 1, 2
+TURNED = 3  # of ``_wind`` alone: enclosed by faces that go around the other way
 FREE = 4  # added for a cell that meets no face
 RESOLUTIONS = ((20_000, 128), (200_000, 192), (2**31, 256))  # cells along the longest side for up to so many faces
 BORDER = 1.3718281  # cells before the surface: no round number, so that centres seldom lie in planes of faces
@@ -33,7 +34,7 @@ MODULE = "warp_bounding.indicators.triangles"  # of the kernels here and in ``an
 INNER = 0.49  # of a free cell, the part that segments end in: rounding is far less than the rest
 
 _UNKNOWN, _OUTSIDE, _ENCLOSED = wp.constant(UNKNOWN), wp.constant(OUTSIDE), wp.constant(ENCLOSED)
-_FREE, _UNWOUND = wp.constant(FREE), wp.constant(UNWOUND)
+_FREE, _UNWOUND, _TURNED = wp.constant(FREE), wp.constant(UNWOUND), wp.constant(TURNED)
 _INNER = wp.constant(wp.float64(INNER))
 _HALF = wp.constant(wp.float64(0.5))
 wp.set_module_options(module_options(), wp.get_module(MODULE))
@@ -162,14 +163,22 @@ def _wind(
     # outputs
     sides: wp.array(dtype=wp.uint8),
 ):
-    """The side of a centre by its winding number."""
+    """The side of a centre by its winding number, TURNED where that is below 0."""
     i = first + wp.tid()
-    sides[i] = wp.uint8(_wound(faces, _centre(s, cells[i][0], cells[i][1], cells[i][2])))
+    x = _centre(s, cells[i][0], cells[i][1], cells[i][2])
+    found = winding(faces, x)
+    if found != _UNWOUND and found < 0:
+        sides[i] = wp.uint8(_TURNED)
+    else:
+        sides[i] = wp.uint8(_wound(faces, x))
 
 
 @dataclass(frozen=True, eq=False)
 class SidesGrid:
-    """A grid that was built; ``cells`` is ``(X, Y, Z)`` uint8, a side and ``FREE`` or not; of ``hollows`` there are so many, if that is known."""
+    """A grid that was built; ``cells`` is ``(X, Y, Z)`` uint8, a side and ``FREE`` or not; of ``hollows`` there are so many, if that is known.
+
+    ``both``: faces go around some cells one way, and around others the other.
+    """
 
     lower: np.ndarray
     upper: np.ndarray
@@ -178,6 +187,7 @@ class SidesGrid:
     cells: np.ndarray
     wound: bool = False
     hollows: int = 0
+    both: bool = False
 
     def on(self, device: str | wp.Device) -> Sides:
         """The struct that kernels take, on a Warp device."""
@@ -214,12 +224,14 @@ def build_sides(
     shape = tuple((np.floor(corners.max(axis=0) + 0.5).astype(int) + 3).tolist())  # the last is empty, rounded or not
     surface = surface_cells(corners, faces.reshape(-1, 3), shape, 0.0)
     grid = SidesGrid(lower, upper, origin, scale, np.zeros(shape, dtype=np.uint8), empty)
-    grid.cells[:], hollows = _sides(surface, triangles, grid.on("cpu"), alike, empty)
-    return replace(grid, hollows=hollows)
+    grid.cells[:], hollows, both = _sides(surface, triangles, grid.on("cpu"), alike, empty)
+    return replace(grid, hollows=hollows, both=both)
 
 
-def _sides(surface: np.ndarray, triangles: Triangles, sides: Sides, alike: bool, empty: bool) -> tuple[np.ndarray, int]:
-    """The side of each cell, and ``FREE`` where no face is; and how many hollows have a free cell."""
+def _sides(
+    surface: np.ndarray, triangles: Triangles, sides: Sides, alike: bool, empty: bool
+) -> tuple[np.ndarray, int, bool]:
+    """The side of each cell, and ``FREE`` where no face is; how many hollows have a free cell; whether faces go around both ways."""
     from scipy import ndimage
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -247,9 +259,11 @@ def _sides(surface: np.ndarray, triangles: Triangles, sides: Sides, alike: bool,
         some[part.ravel()[order]] = order
         anywhere = _cells(np.stack(np.unravel_index(some[told], surface.shape), axis=1))
         wound[told] = _launch(_wind, len(told), [triangles, sides, anywhere]).view(np.uint8)
+    both = bool((wound == TURNED).any() and (wound == ENCLOSED).any())
+    wound[wound == TURNED] = ENCLOSED
     side = wound if empty else ENCLOSED * _launch(_enclose, parts, [triangles, sides, cells]).astype(np.uint8)
     side[outside] = OUTSIDE
-    return side[part] + np.uint8(FREE) * ~surface, int((wound[enclosed] == OUTSIDE).sum())
+    return side[part] + np.uint8(FREE) * ~surface, int((wound[enclosed] == OUTSIDE).sum()), both
 
 
 def _neighbours(surface: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

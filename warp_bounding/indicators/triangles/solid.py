@@ -65,6 +65,11 @@ class Solid:
         """Parts of space, wider than a cell of ``triangles/sides.py``, that nothing leads out of and no surface goes around."""
         return self._sides_grid.hollows
 
+    @property
+    def both(self) -> bool:
+        """Whether faces go around some points, wider than such a cell, one way, and around others the other."""
+        return self._sides_grid.both
+
     def depth(self, x: np.ndarray, lower: np.ndarray, upper: np.ndarray, margin: float) -> np.ndarray:
         """About how deep points lie in the object dilated by a margin; ``lower`` and ``upper`` as for ``dilated``, without the margin."""
         faces = Solid(self.vertices, self.faces, np.zeros(len(self.faces), dtype=bool))
