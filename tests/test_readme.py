@@ -60,7 +60,7 @@ def after(namespace: dict) -> dict:
             (values.values.numpy() >= values.bounder.threshold) == (values.mask.numpy() == 1)
         ).all(),
         "of_motion.query(": lambda: values.of_motion.certificate.proven and 0 < values.mask.numpy().mean() < 1,
-        "wb.clear_segments(": lambda: values.free.any() and not values.free.all(),
+        "free = wb.clear_segments(": lambda: values.free.any() and not values.free.all(),
         "asked.launch(": lambda: values.count.numpy()[0] == _asked_at_last(values) > 0,
         "shadow.query(": lambda: len(values.maybe_hit) == len(values.rays) and values.box.certificate.proven,
         "cull.collide(": lambda: _contacts_without(values) == values.contacts.soft_contact_count.numpy()[0] > 0,

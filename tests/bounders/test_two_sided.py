@@ -188,14 +188,14 @@ def test_the_inside_of_a_motion_up_to_the_ends_of_its_times():
 
 def test_a_cascade_of_inner_bounders_is_one():
     other = wb.fit(shape("grid"), side="inside", hidden=(8,), steps=30, device="cpu", progress=False)
-    joined, x = inner("grid") & other, around("grid")
+    joined, x = wb.cascade(inner("grid"), other), around("grid")
     assert joined.certificate.proven
     assert joined.domain.unbounded
     assert wb.certify(joined, shape("grid")).proven
     denied = joined.query(x).numpy() == 0
     assert (shape("grid").decide(x[denied]) != OUT).all()
     with pytest.raises(BounderError):
-        inner("grid") & wb.fit(shape("grid"), method="aabb", device="cpu", progress=False)
+        wb.cascade(inner("grid"), wb.fit(shape("grid"), method="aabb", device="cpu", progress=False))
 
 
 def test_bad_input_has_one_clear_error():

@@ -87,7 +87,7 @@ def wide_boxes():
     center = np.full(2, 0.5, np.float32)
     scale, limit = (1 / half).astype(np.float32), np.full(2, 1.25, np.float32)
     base = Domain(center, scale, limit, np.full(2, 0.01), False, center - half, center + half)
-    domain = RegionDomain("box", "geometric", base, False, None)
+    domain = RegionDomain("box", base, False, None)
     assert domain.fault() is None
     return type(honest)(domain, honest.tensors, honest.sizes, "cpu").freeze(1e4, None), grid
 

@@ -49,7 +49,7 @@ def cascade(*bounders: Bounder) -> Cascade:
     whole.info["training"] = {"parts": [bounder.info.get("training") for bounder in bounders]}
     certificates = [bounder.certificate for bounder in bounders]
     if all(certificates):
-        _check_objects(certificates)
+        _check_objects(certificates, (*CLAIMED, "indicator"))
         whole.freeze(float(whole.threshold), conjunction(certificates))
     return whole
 

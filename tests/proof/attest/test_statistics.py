@@ -185,6 +185,6 @@ def test_a_positive_that_counts_as_outside_is_an_error_and_no_threshold():
     bounder = fitted("box")
     narrow = replace(bounder.domain.base, limit=bounder.domain.base.limit / 4)
     wrong = Mlp(replace(bounder.domain, base=narrow), bounder.tensors, bounder.sizes, "cpu")
-    with pytest.raises(BounderError, match="counts as outside"):
+    with pytest.raises(BounderError, match="limit does not fit its corners"):
         attest(wrong, shape("c"), least=-1e3, room=0.0, count=1000)
     assert certify(wrong, shape("c")).kind != "proven"

@@ -124,5 +124,5 @@ def test_a_network_with_thresholds_by_region_has_bounds_of_its_own():
         local.info = dict(network.info)
         local.freeze(-1e-3, None)
         assert (local.query(x).numpy() == 1).all() == (kind == "proven")
-        for bounder in (local, wb.fit(shape, method="aabb", device="cpu") & local):
+        for bounder in (local, wb.cascade(wb.fit(shape, method="aabb", device="cpu"), local)):
             assert wb.certify(bounder, shape).kind == kind

@@ -171,7 +171,7 @@ def test_impossible_options_are_refused(tmp_path, options):
 
 
 def test_without_newton_one_line_says_what_to_install():
-    code = "import sys; sys.modules['newton'] = None; from warp_bounding.cli import main; main(['demo', 'cloth'])"
+    code = "import sys; sys.modules['newton'] = None; from sims.__main__ import main; main()"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stderr.strip().splitlines() == [

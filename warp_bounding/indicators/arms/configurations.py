@@ -240,7 +240,7 @@ class ArmConfigurations(Formula):
         # beyond the limits bodies sweep farther than what bounds their speeds
         within = np.clip(x, *self.known)
         beyond = np.nan_to_num(np.linalg.norm(x - within, axis=1), posinf=0.0)
-        return np.hypot(self._ask_points(within)[1], beyond) * (1 / OUTWARD)
+        return np.where(np.isfinite(x).all(axis=1), np.hypot(self._ask_points(within)[1], beyond) * (1 / OUTWARD), 0.0)
 
     def _ask_points(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         given = np.asarray(x, dtype=np.float64)
