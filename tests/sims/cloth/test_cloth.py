@@ -171,12 +171,10 @@ def test_impossible_options_are_refused(tmp_path, options):
 
 
 def test_without_newton_one_line_says_what_to_install():
-    code = "import sys; sys.modules['newton'] = None; from sims.__main__ import main; main()"
+    code = "import sys; sys.modules['newton'] = None; from sims.__main__ import run; run(['cloth'])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert done.stderr.strip().splitlines() == [
-        "warp-bounding: the demo needs newton: pip install 'warp-bounding[sims]'"
-    ]
+    assert done.stderr.strip().splitlines() == ["sims: the demo needs newton: pip install 'warp-bounding[sims]'"]
 
 
 @pytest.fixture(scope="module")
