@@ -172,7 +172,6 @@ def place(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.slow  # minutes: all snippets and commands of README and guide
 def test_everything_shown_runs(place):
     missing = {"cull.collide("} if find_spec("newton") is None else set()
     asked = run(SHOWN, place)
