@@ -71,7 +71,7 @@ def prepare(folder: Path) -> None:
 
 
 def sys_path() -> None:
-    """The benchmarks beside this folder."""
+    """The folder of all benchmarks."""
     import sys
 
     sys.path.insert(0, str(Path(__file__).parent.parent))
