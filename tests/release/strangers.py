@@ -108,6 +108,7 @@ def every_help(stay: Stay) -> str:
 def core_alone(stay: Stay) -> str:
     """Load and ask without any extra: ``without_extras.py``."""
     shutil.copy(HERE / "without_extras.py", stay.folder)
+    shutil.copytree(ROOT / "sims/bounders", stay.folder / "bounders", dirs_exist_ok=True)
     return stay.run(["python", "without_extras.py"]).stdout.splitlines()[-1]
 
 

@@ -1,10 +1,10 @@
-"""What the core alone must do: load each bounder that comes with the wheel and ask it, in a batch and in a kernel of one's own.
+"""What the core alone must do: load each bounder of the demos and ask it, in a batch and in a kernel of one's own.
 
-It is run by a Python that has the wheel and what the wheel requires, without any extra.
+It is run by a Python that has the wheel and what the wheel requires, without any extra, in a folder with the files in ``bounders``.
 """
 
-from importlib import resources
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import warp as wp
@@ -27,8 +27,7 @@ EXTRAS = (
 )
 assert [name for name in EXTRAS if find_spec(name)] == []  # else this would show nothing
 
-folder = resources.files("sims") / "bounders"
-bounders = {entry.name: wb.load(str(entry), device="cpu") for entry in folder.iterdir()}
+bounders = {path.name: wb.load(path, device="cpu") for path in Path("bounders").glob("*.safetensors")}
 rng = np.random.default_rng(0)
 for bounder in {bounder.method: bounder for bounder in bounders.values() if bounder.query_kind == "point"}.values():
     nowhere = np.full((8, bounder.ndim), np.nan, np.float32)
