@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from warp_bounding import bounders
-from warp_bounding.bounders.distances.mlp import MlpDistance
-from warp_bounding.bounders.local import Local
-from warp_bounding.bounders.options import STEPS
+from warp_bounding.bounders.bounder import STEPS
+from warp_bounding.bounders.mlp import Local
+from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.bounders.union import Union
-from warp_bounding.bounders.volume import VolumeBounder
+from warp_bounding.bounders.volumes import VolumeBounder
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.evaluation import ASKED
 from warp_bounding.queries import QUERIES, Query

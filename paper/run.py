@@ -25,7 +25,7 @@ from paper.plan import KDOP_SECONDS, Job, Selection, TimeLeft, plan
 from paper.rows import Line
 from paper.shapes import Shape
 from warp_bounding.bounders import METHODS, DistanceBounder
-from warp_bounding.bounders.options import taken
+from warp_bounding.bounders.bounder import taken
 from warp_bounding.certificates.claim import as_fitted
 from warp_bounding.errors import BoundingError, FileFormatError, IndicatorError
 from warp_bounding.queries.distance import DISTANCE, METRICS

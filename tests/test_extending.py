@@ -13,12 +13,12 @@ from bounding_shapes import object_points
 import warp_bounding as wb
 from warp_bounding.arithmetic import TINY, UNIT64, gamma, round_up
 from warp_bounding.bounders import register, unregister
-from warp_bounding.bounders.base import Bounder, BoxBounds
-from warp_bounding.bounders.options import Option
+from warp_bounding.bounders.bounder import Bounder, Option
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.errors import BounderError, FileFormatError, IndicatorError
 from warp_bounding.indicators import READERS
 from warp_bounding.kernels.source import Source
+from warp_bounding.networks.box_bounds import BoxBounds
 from warp_bounding.proof import soak
 
 

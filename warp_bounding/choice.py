@@ -19,9 +19,9 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.bounders import DISTANCES, METHODS, Bounder, DistanceBounder, load
-from warp_bounding.bounders.distances.grid import DistanceGrid
-from warp_bounding.bounders.distances.mlp import MlpDistance
-from warp_bounding.bounders.neural.mlp import RECIPES, Mlp, check_hidden
+from warp_bounding.bounders.distance_grid import DistanceGrid
+from warp_bounding.bounders.mlp import RECIPES, Mlp, check_hidden
+from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError, BoundingError, BoundingWarning, FileFormatError
 from warp_bounding.evaluation import ASKED, parts_of

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.bounders.bounder import Bounder
+from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.load import bounder_of
-from warp_bounding.bounders.slabs import Aabb
+from warp_bounding.bounders.volumes import Aabb
 from warp_bounding.certificates.claim import as_fitted, in_local, of_side
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import QueryError

@@ -41,7 +41,7 @@ def command(
     from paper.recipes.rows import FOLDER, WAYS, RecipeRow
     from paper.recipes.run import POINTS, RecipeRun
     from paper.shapes import load_shapes
-    from warp_bounding.bounders.neural.mlp import Mlp
+    from warp_bounding.bounders.mlp import Mlp
 
     read_settings(Path(table))
     chosen = words_of(ways) or list(WAYS)
@@ -77,7 +77,7 @@ def command(
 
 
 def _takes_recipes(column) -> bool:
-    from warp_bounding.bounders.neural.mlp import RECIPE
+    from warp_bounding.bounders.mlp import RECIPE
 
     return RECIPE.queries is None or column.query in RECIPE.queries
 

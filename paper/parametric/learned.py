@@ -7,7 +7,7 @@ import torch
 
 from paper.parametric.direction_patches import DirectionPatches
 from paper.parametric.supports import ParametricSupport, to_local, v_per_unit
-from warp_bounding.bounders.slabs import kdop_directions
+from warp_bounding.bounders.volumes import kdop_directions
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import oracle, sample

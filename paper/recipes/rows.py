@@ -7,7 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 from paper.columns import Column, Variant
 from paper.rows import Key, Line
 from paper.settings import Settings, Stored
-from warp_bounding.bounders.neural.mlp import RECIPES
+from warp_bounding.bounders.mlp import RECIPES
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError
 from warp_bounding.version import __version__
 

@@ -7,7 +7,7 @@ from paper.plan import Job
 from paper.proofs import Thresholds
 from paper.recipes.rows import WAYS
 from paper.run import Run
-from warp_bounding.bounders.neural.mlp import RECIPES, Mlp
+from warp_bounding.bounders.mlp import RECIPES, Mlp
 from warp_bounding.errors import BounderError
 
 __all__ = ["POINTS", "RecipeRun", "steps_asked"]

@@ -13,7 +13,7 @@ from paper.columns import COLUMNS, FITTED, ROWS, VARIANTS, Variant
 from paper.plan import Job
 from paper.run import Run
 from paper.speed.race import device_name, race
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.queries import sample
 
 __all__ = ["METHODS", "REFERENCE", "SpeedRun"]

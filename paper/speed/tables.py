@@ -8,9 +8,9 @@ import numpy as np
 from paper.columns import COLUMNS, VARIANTS, Column, Variant
 from paper.speed.figures import QUERIES, TABLE_2, BreakEven, break_even
 from paper.speed.rows import SpeedRow
-from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.bounders.neural.mlp_early import MlpEarly
-from warp_bounding.bounders.slabs import Aabb
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.mlp_early import MlpEarly
+from warp_bounding.bounders.volumes import Aabb
 
 __all__ = ["EARLY", "MOST_LOSS", "Cell", "EarlyOut", "OnDevice", "by_device"]
 

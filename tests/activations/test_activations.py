@@ -11,8 +11,8 @@ pytest.importorskip("torch", reason="torch is not installed")
 import warp_bounding as wb
 from warp_bounding.activations import ACTIVATIONS
 from warp_bounding.bounders import METHODS
-from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.bounders.neural.mlp_early import MlpEarly
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import QUERY_KINDS, oracle, sample
 from warp_bounding.training import fit_network as networks

@@ -10,7 +10,7 @@ from bounding_shapes import domain_points, fitted, object_points, shape, told_of
 
 import warp_bounding as wb
 from warp_bounding.bounders import Cascade
-from warp_bounding.bounders.neural.mlp_early import MlpEarly
+from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.functions import batch_kernel
 from warp_bounding.kernels.source import DENIED, GRANTED

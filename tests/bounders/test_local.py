@@ -10,7 +10,7 @@ from asking import ask, check_compiles
 from bounding_shapes import domain_points, fitted, object_points, random_mlp, shape
 
 import warp_bounding as wb
-from warp_bounding.bounders.local import CERTAIN, EVERYWHERE, NOWHERE, Lattice, Local
+from warp_bounding.bounders.mlp import CERTAIN, EVERYWHERE, NOWHERE, Lattice, Local
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.functions import batch_kernel
 from warp_bounding.kernels.source import DENIED

@@ -7,7 +7,7 @@ import pytest
 from bounding_shapes import random_mlp, shape
 
 import warp_bounding as wb
-from warp_bounding.bounders.local import EVERYWHERE, NOWHERE, Lattice, Local
+from warp_bounding.bounders.mlp import EVERYWHERE, NOWHERE, Lattice, Local
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.proof import charted

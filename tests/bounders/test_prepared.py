@@ -209,7 +209,7 @@ def test_a_threshold_that_is_lowered_while_data_are_made_is_seen(device, rng, mo
         return wb.bounders.Data()
 
     with monkeypatch.context() as patch:
-        patch.setattr("warp_bounding.bounders.asking.Data", lowered)
+        patch.setattr("warp_bounding.bounders.batch.Data", lowered)
         prepared = bounder.prepare(x)
     outside = bounder.values(x).numpy() == -np.inf
     assert (prepared.launch().numpy() == ~outside).all()

@@ -10,7 +10,7 @@ from region_cases import REGIONS, hard_regions
 from rewriting import check_refused, rewrite
 
 import warp_bounding as wb
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.proof import attest, prove

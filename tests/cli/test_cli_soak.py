@@ -59,7 +59,7 @@ def test_it_is_resumed(files, capsys):
 
 
 def test_an_interruption_says_what_was_done(files, capsys, monkeypatch):
-    import warp_bounding.bounders.base as base
+    import warp_bounding.bounders.bounder as base
 
     asked, real = [], base.Bounder.query
 

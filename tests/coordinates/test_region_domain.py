@@ -9,7 +9,7 @@ from bounding_shapes import shape
 from located import EXACT, corners, located, plane_points, ray_distance, ray_points, to_local
 from region_cases import REGIONS, fitted_region, hard_regions, ray_length
 
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.coordinates.base import FAR, vector_type
 from warp_bounding.coordinates.maps import COORDINATES
 from warp_bounding.coordinates.region_domain import RegionDomain, domain_of, region_rounding

@@ -10,7 +10,7 @@ from bounding_shapes import shape
 from placements import homogeneous, rotation
 from region_cases import REGIONS, fitted_region, hard_regions, ray_length
 
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.coordinates.base import FAR
 from warp_bounding.coordinates.placement import Placement, placement_error
 from warp_bounding.coordinates.region_domain import domain_of

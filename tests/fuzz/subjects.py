@@ -15,8 +15,8 @@ from random_networks import random_monotone
 import warp_bounding as wb
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders import DISTANCES, METHODS, Bounder, Cascade, DistanceBounder
-from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.bounders.neural.mlp_early import MlpEarly
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.proof import least_value
 from warp_bounding.queries import QUERY_KINDS

@@ -8,7 +8,7 @@ import safetensors.numpy
 from distances import far, thing
 
 import warp_bounding as wb
-from warp_bounding.bounders.distances.grid import DistanceGrid
+from warp_bounding.bounders.distance_grid import DistanceGrid
 from warp_bounding.errors import BounderError, FileFormatError
 from warp_bounding.proof.distances import excesses as search
 

@@ -17,7 +17,7 @@ from random_networks import random_monotone, random_network, random_supports
 
 from warp_bounding.activations import activation_of
 from warp_bounding.arithmetic import round_down, round_up
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.coordinates.base import vector_type
 from warp_bounding.kernels.functions import Data
 from warp_bounding.proof import least_value, settle

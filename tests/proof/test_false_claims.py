@@ -11,7 +11,7 @@ import trimesh
 
 import warp_bounding as wb
 from warp_bounding.bounders import file_format
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.union import Union
 from warp_bounding.certificates.claim import as_fitted, mismatch
 from warp_bounding.coordinates.domain import Domain

@@ -8,7 +8,7 @@ from bounding_shapes import EARLY, HIDDEN, shape
 from bounding_shapes import fitted as hardly_fitted
 
 import warp_bounding as wb
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.indicators import IndicatorGrid

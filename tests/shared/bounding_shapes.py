@@ -7,9 +7,9 @@ import pytest
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
-from warp_bounding.bounders.neural.mlp import Mlp, encoding_tensors
-from warp_bounding.bounders.neural.mlp_early import MlpEarly
-from warp_bounding.bounders.options import taken
+from warp_bounding.bounders.bounder import taken
+from warp_bounding.bounders.mlp import Mlp, encoding_tensors
+from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.evaluation import quick_rates

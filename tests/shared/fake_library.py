@@ -12,7 +12,7 @@ import numpy as np
 from paper.columns import COLUMNS, VARIANTS
 from paper.rows import Row
 from warp_bounding.bounders import METHODS
-from warp_bounding.bounders.options import taken
+from warp_bounding.bounders.bounder import taken
 from warp_bounding.errors import BounderError, FileFormatError
 
 RATES = {v.label: 40.0 - i for i, v in enumerate(VARIANTS)}

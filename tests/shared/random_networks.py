@@ -4,8 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.bounders.neural.monotone_mlp import MonotoneMlp
+from warp_bounding.bounders.mlp import Mlp, MonotoneMlp
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.indicators import IndicatorGrid
 

@@ -155,7 +155,7 @@ def test_networks_of_a_choice_are_several_widths(networks, tmp_path):
 
 def test_every_method_states_its_options_and_a_cascade_hands_each_part_its_own():
     from warp_bounding.bounders import METHODS
-    from warp_bounding.bounders.options import settled
+    from warp_bounding.bounders.bounder import settled
 
     for kind in METHODS.values():
         names = [option.name for option in kind.options]

@@ -7,7 +7,7 @@ from bounding_shapes import shape
 torch = pytest.importorskip("torch", reason="torch is not installed")
 
 from warp_bounding.activations import ACTIVATIONS  # noqa: E402
-from warp_bounding.bounders.neural.mlp import Mlp  # noqa: E402
+from warp_bounding.bounders.mlp import Mlp  # noqa: E402
 from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
 from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
 from warp_bounding.training.engine.trainable_network import Evaluator  # noqa: E402

@@ -31,7 +31,7 @@ import numpy as np
 
 from warp_bounding.baking.library import COLUMNS, HASH_DIGITS, MANIFEST
 from warp_bounding.bounders import METHODS, distance_class, method_class
-from warp_bounding.bounders.options import arguments_of, meant, settled
+from warp_bounding.bounders.bounder import arguments_of, meant, settled
 from warp_bounding.errors import BounderError, BoundingError, BoundingWarning, FileFormatError, IndicatorError
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.formats.gltf import referred_buffers

@@ -1,17 +1,35 @@
-"""Bounding volumes: one file a method, in families; ``methods`` lists them, ``register`` adds one from outside."""
+"""Bounding volumes: one file a method; ``register`` adds one from outside."""
 
-from warp_bounding.bounders import methods  # noqa: F401 (registers them)
-from warp_bounding.bounders.asking import Prepared
-from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.cascade import Cascade
-from warp_bounding.bounders.distances import methods as distance_methods  # noqa: F401 (registers them)
-from warp_bounding.bounders.distances.base import DistanceBounder
-from warp_bounding.bounders.distances.registry import DISTANCES, distance_class, register_distance, unregister_distance
+from warp_bounding.bounders.batch import Prepared
+from warp_bounding.bounders.bounder import METHODS, Bounder, method_class, register, supports, unregister
+from warp_bounding.bounders.bvh import Bvh, BvhDistance
+from warp_bounding.bounders.cascade import Cascade, cascade
+from warp_bounding.bounders.distance import (
+    DISTANCES,
+    DistanceBounder,
+    distance_class,
+    register_distance,
+    unregister_distance,
+)
+from warp_bounding.bounders.distance_grid import DistanceGrid
+from warp_bounding.bounders.ellipsoids import (
+    Ellipsoid,
+    EllipsoidDistance,
+    OrientedEllipsoid,
+    OrientedEllipsoidDistance,
+    Sphere,
+    SphereDistance,
+)
 from warp_bounding.bounders.file_format import save
-from warp_bounding.bounders.joining import cascade, union, united
+from warp_bounding.bounders.learned_kdop import LearnedKdop, LearnedKdopDistance
 from warp_bounding.bounders.load import bounder_of, load
-from warp_bounding.bounders.registry import METHODS, method_class, register, supports, unregister
-from warp_bounding.bounders.union import Union
+from warp_bounding.bounders.mlp import Mlp, MonotoneMlp, Occupancy
+from warp_bounding.bounders.mlp_distance import MlpDistance
+from warp_bounding.bounders.mlp_early import MlpEarly
+from warp_bounding.bounders.relu_field import ReluField
+from warp_bounding.bounders.union import Union, union, united
+from warp_bounding.bounders.volumes import Aabb, AabbDistance, Kdop, KdopDistance, Obb, ObbDistance
+from warp_bounding.bounders.voxels import Voxels
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.kernels.functions import Data
 from warp_bounding.runtime.compaction import compact
@@ -41,3 +59,15 @@ __all__ = [
     "unregister",
     "unregister_distance",
 ]
+
+# In the order in which they are listed everywhere.
+for _method in (
+    *(Aabb, Obb, Sphere, Ellipsoid, OrientedEllipsoid, Kdop, Bvh, LearnedKdop, Voxels),
+    *(ReluField, Mlp, MlpEarly, MonotoneMlp, Occupancy),
+):
+    register(_method)
+for _distance in (
+    *(AabbDistance, ObbDistance, SphereDistance, EllipsoidDistance, OrientedEllipsoidDistance),
+    *(KdopDistance, BvhDistance, LearnedKdopDistance, DistanceGrid, MlpDistance),
+):
+    register_distance(_distance)

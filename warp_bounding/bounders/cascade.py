@@ -13,24 +13,26 @@ from itertools import accumulate
 
 import numpy as np
 
-from warp_bounding.bounders.base import Bounder, BoxBounds
-from warp_bounding.bounders.local import Local
-from warp_bounding.bounders.members import (
+from warp_bounding.bounders.bounder import (
     BIT_FIELDS,
+    Bounder,
     check_kinds,
     check_members,
+    composed,
     holding,
     members_of,
     word_places,
     words_of,
 )
-from warp_bounding.bounders.neural.mlp_early import MlpEarly, bounds_of_all, denied_early
-from warp_bounding.bounders.registry import composed
+from warp_bounding.bounders.mlp import Local
+from warp_bounding.bounders.mlp_early import MlpEarly, bounds_of_all, denied_early
+from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates.claim import differing
+from warp_bounding.certificates.document import conjunction
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.kernels.source import DENIED, Early, Lanes, Source, aligned, literal, words_at
-
-__all__ = ["Cascade", "CascadeSource"]
+from warp_bounding.networks.box_bounds import BoxBounds
 
 MOST_PARTS = 8
 
@@ -206,3 +208,53 @@ class Cascade(Bounder):
 
     def rounding_bound(self) -> float:
         return self.members[-1].rounding_bound()  # that of the others is in ``bound``
+
+
+# Entries of ``info`` that the whole has of one of its parts.
+ABOUT = ("indicator", "margin", "resolution", "shape", "name", "grid_shape", "seed", "note", "pieces")
+
+CLAIMED = ("margin", "length", "resolution")  # fields of certificates, beside the object (``differing``)
+
+
+def cascade(*bounders: Bounder) -> Cascade:
+    """A bounder that says *maybe* iff all of these do, asked in this order.
+
+    Args:
+        bounders: Bounders of the same queries of the same object, such as an ``aabb`` and an ``mlp``. A query costs no
+            more than the bounders up to the first one that denies it.
+
+    Returns:
+        The cascade. It is proven if all parts are, statistical if one of them is, and without a certificate if one has
+        none.
+
+    Raises:
+        BounderError: If they were made for different objects, margins, queries or domains, or cannot be put together
+            (``Cascade.of``).
+
+    Example:
+        >>> both = wb.cascade(wb.fit(ball, method="sphere", device="cpu"), bounder)
+        >>> both.method, both.certificate.proven
+        ('cascade', True)
+    """
+    last = bounders[-1]
+    whole = Cascade.of([bounder.local for bounder in bounders])
+    whole.frame = last.frame
+    for bounder in bounders:
+        if other := differing(bounder, last):
+            raise BounderError(f"cascade: expected bounders of the same object, got {other}")
+    whole.info = {key: last.info.get(key) for key in ABOUT}
+    whole.info["training"] = {"parts": [bounder.info.get("training") for bounder in bounders]}
+    certificates = [bounder.certificate for bounder in bounders]
+    if all(certificates):
+        check_objects(certificates, (*CLAIMED, "indicator"))
+        whole.freeze(float(whole.threshold), conjunction(certificates))
+    return whole
+
+
+def check_objects(certificates: list[Certificate], names: tuple[str, ...] = CLAIMED) -> None:
+    """Refuse certificates of different objects, margins, lengths of rays, or cells."""
+    for certificate in certificates:
+        for name in names:
+            one, other = getattr(certificates[0], name), getattr(certificate, name)
+            if None not in (one, other) and one != other:  # (older certificates do not name all of these)
+                raise BounderError(f"expected certificates of the same object, got {name} {one} and {other}")

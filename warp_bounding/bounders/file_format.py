@@ -24,8 +24,6 @@ from warp_bounding.indicators.formats.usd import USD_SUFFIXES
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, write_whole
 from warp_bounding.version import __version__
 
-__all__ = ["FORMAT", "INFO_FIELDS", "digest_of", "read", "save"]
-
 FORMAT, FRAMED = 2, 2  # the newest, and the first one that knows an origin; without one a file is of format 1
 KEY = "warp_bounding"
 INFO_FIELDS = (

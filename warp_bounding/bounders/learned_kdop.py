@@ -3,7 +3,7 @@
 As many half-spaces as ``kdop`` has, but each with a normal of its own instead of pairs on given axes. Learned are the normals
 only (``training.learned_kdop``): every face is set to a certified upper bound of the support of what is bounded, so any
 normals make a conservative volume, and any step of training can be the last. f is ``min_k (offset_k - normal_k . v)``.
-Rays, planes and boxes are tested against the polytope (``half_spaces``).
+Rays, planes and boxes are tested against the polytope.
 """
 
 from dataclasses import dataclass
@@ -11,28 +11,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from warp_bounding.arithmetic import TINY, gamma, round_up
-from warp_bounding.bounders.options import STEPS, Option
-from warp_bounding.bounders.slabs import (
+from warp_bounding.bounders.bounder import STEPS, Option
+from warp_bounding.bounders.volumes import (
     BY_VERTICES,
     CORNERS,
     ROOM,
     FaceBounder,
+    FacesDistance,
     SlabBox,
     SlabPlane,
     SlabPoint,
     SlabRay,
     Slabs,
+    VolumeSource,
     kdop_directions,
 )
-from warp_bounding.bounders.volume import VolumeSource
 from warp_bounding.coordinates.base import GUARD, PARALLEL
 from warp_bounding.coordinates.object_support import ObjectSupport
 from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry.checked_inverse import MOST_VERTEX_DIMENSIONS
 from warp_bounding.indicators.grid import IndicatorGrid
-
-__all__ = ["TESTS", "TEXTS", "HalfSpacesSource", "LearnedKdop", "classic_normals"]
 
 # --- native ----------------------------------------------------------------------------------------------------------
 #
@@ -249,3 +248,10 @@ class LearnedKdop(FaceBounder):
     @property
     def source(self) -> HalfSpacesSource:
         return self.source_of(HalfSpacesSource, len(self.tensors["offsets"]))
+
+
+class LearnedKdopDistance(FacesDistance):
+    """A lower bound of the distance to the polytope: that to its farthest face."""
+
+    method, bounds = LearnedKdop.method, LearnedKdop
+    two_sided = False

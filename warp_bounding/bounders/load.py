@@ -5,12 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.distances.base import DistanceBounder
-from warp_bounding.bounders.distances.registry import DISTANCES
+from warp_bounding.bounders.batch import frame_fault
+from warp_bounding.bounders.bounder import METHODS, Bounder, class_named
+from warp_bounding.bounders.distance import DISTANCES, DistanceBounder
 from warp_bounding.bounders.file_format import INFO_FIELDS, read
-from warp_bounding.bounders.framed import frame_fault
-from warp_bounding.bounders.registry import METHODS, class_named
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.claims import check_claims
 from warp_bounding.coordinates.distance_domain import DistanceDomain
@@ -23,8 +21,6 @@ from warp_bounding.indicators.shape import dilated_digest
 from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.runtime.devices import device_of
 from warp_bounding.runtime.whole_file import file_path
-
-__all__ = ["bounder_of", "load"]
 
 
 def load(path: str | os.PathLike, device: str | None = None) -> Bounder | DistanceBounder:

@@ -15,8 +15,7 @@ from math import prod
 import numpy as np
 
 from warp_bounding.arithmetic import TINY, UNIT64, gamma
-from warp_bounding.bounders.base import Bounder, BoxBounds
-from warp_bounding.bounders.options import STEPS, Option, whole
+from warp_bounding.bounders.bounder import STEPS, Bounder, Option, whole
 from warp_bounding.coordinates.base import direction_rounding
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
@@ -24,8 +23,7 @@ from warp_bounding.errors import BounderError
 from warp_bounding.geometry.hull import components
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.kernels.source import Lanes, Source, fill
-
-__all__ = ["ALONE", "TEXT", "TOGETHER", "FieldMap", "ReluField", "ReluFieldSource", "positive_boxes", "positive_cells"]
+from warp_bounding.networks.box_bounds import BoxBounds
 
 # --- native ----------------------------------------------------------------------------------------------------------
 #

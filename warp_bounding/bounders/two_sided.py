@@ -5,7 +5,7 @@ from functools import cached_property
 import numpy as np
 import warp as wp
 
-from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.certificates.claim import differing
 from warp_bounding.coordinates.base import vector_type
 from warp_bounding.errors import BounderError
@@ -14,8 +14,6 @@ from warp_bounding.kernels.functions import Data
 from warp_bounding.runtime.launch import launch_on_cores
 from warp_bounding.runtime.native import named
 from warp_bounding.runtime.pickling import Picklable
-
-__all__ = ["MAYBE", "NO", "YES", "TwoSided", "two_sided"]
 
 NO, MAYBE, YES = 0, 1, 2  # answers of ``classify``
 

@@ -16,26 +16,94 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from warp_bounding.bounders.base import Bounder, BoxBounds
-from warp_bounding.bounders.cover import Region, check_cover
-from warp_bounding.bounders.members import (
+from warp_bounding.bounders.bounder import (
     BIT_FIELDS,
+    Bounder,
     check_members,
+    composed,
     holding,
     members_of,
     word_places,
     words_of,
 )
-from warp_bounding.bounders.registry import composed
+from warp_bounding.bounders.cascade import ABOUT, check_objects
 from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates.claim import differing
+from warp_bounding.certificates.document import together
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.parts.clipped import part_of
+from warp_bounding.indicators.parts.pieces import Pieces
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.kernels.source import ALIGN, DENIED, GRANTED, Early, Lanes, Source, aligned, fill, literal, words_at
+from warp_bounding.networks.box_bounds import BoxBounds
 
-__all__ = ["Union", "UnionSource"]
+# --- covers ----------------------------------------------------------------------------------------------------------
+#
+# Whether boxes hold all of an object: what lies between them is cut into boxes, which the shape must certify empty.
+#
+# A box is closed and its corners are float32 numbers, or infinite. So are queries: a float32 point outside a box lies at
+# least at the next float64 number behind its side, and the boxes between begin there.
+
+Region = tuple[np.ndarray, np.ndarray]  # corners of a box, object space
+SMALLEST = 2.0**-12  # of the longest side: pieces between the boxes that are not halved any more
+MOST = 1_000_000  # pieces between the boxes that are asked about
+
+
+def check_cover(shape: Shape, boxes: list[Region]) -> None:
+    """Refuse boxes that do not hold every point of an object.
+
+    Raises:
+        BounderError: Naming a point of the object, or one where the shape may be, that no box holds.
+    """
+    if shape.unbounded:  # what lies beyond its box is object, too
+        raise BounderError(f"{shape.name}: parts in boxes do not hold a shape without an end")
+    low, high = shape.lower[None].copy(), shape.upper[None].copy()
+    for first, last in boxes:
+        low, high = _outside(low, high, first, last)
+        if len(low) > MOST:
+            raise BounderError(f"{shape.name}: {len(boxes)} boxes leave too many pieces between them to be looked at")
+    smallest, asked = SMALLEST * float(shape.extent.max()), 0
+    while len(low):
+        left = ~shape.empty(low, high)
+        low, high, asked = low[left], high[left], asked + len(left)
+        middle = low + (high - low) / 2
+        held = np.flatnonzero(shape.contains(middle))
+        small = np.flatnonzero(((high - low) <= smallest).all(axis=1))
+        if len(held) or len(small) or asked > MOST:
+            place = middle[[*held, *small, 0][0]]
+            point = ", ".join(f"{x:.6g}" for x in place)
+            found = "is" if len(held) else "may be"
+            raise BounderError(f"{shape.name}: the parts do not cover the object, which {found} at ({point})")
+        if not len(low):
+            return
+        axis, row = (high - low).argmax(axis=1), np.arange(len(low))
+        less, more = high.copy(), low.copy()
+        less[row, axis] = more[row, axis] = middle[row, axis]
+        low, high = np.concatenate([low, more]), np.concatenate([less, high])
+
+
+def _outside(low: np.ndarray, high: np.ndarray, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes that hold every float64 point of some boxes that is not in the closed box from ``first`` to ``last``."""
+    apart = ((low > last) | (high < first)).any(axis=1)
+    kept = [(low[apart], high[apart])]
+    low, high = low[~apart].copy(), high[~apart].copy()
+    for axis in range(low.shape[1]):
+        for side in (0, 1):
+            beyond = low[:, axis] < first[axis] if side == 0 else high[:, axis] > last[axis]
+            piece_low, piece_high = low[beyond].copy(), high[beyond].copy()
+            if side == 0:
+                piece_high[:, axis] = np.nextafter(first[axis], -np.inf)
+                low[:, axis] = np.maximum(low[:, axis], first[axis])
+            else:
+                piece_low[:, axis] = np.nextafter(last[axis], np.inf)
+                high[:, axis] = np.minimum(high[:, axis], last[axis])
+            kept.append((piece_low, piece_high))
+    return tuple(np.concatenate(side) for side in zip(*kept, strict=True))
+
+
+# --- unions ----------------------------------------------------------------------------------------------------------
 
 MOST_PARTS = 1024
 ROW = 4  # numbers of a part's row: code, where its numbers begin, where its words begin, threshold
@@ -370,3 +438,88 @@ def _unfit(whole: AnyDomain, part: AnyDomain) -> str | None:
     if (whole.delta[:k] > part.delta).any() or (whole.limit[:k] > part.limit).any():
         return "the proof of a part does not cover the coordinates of the whole"
     return None
+
+
+def union(*bounders: Bounder) -> Union:
+    """A bounder that says *maybe* iff one of these does, asked in this order.
+
+    Args:
+        bounders: Bounders of the same queries of the same object, or of pieces of one shape (``Shape.piece``), which may have fewer
+            coordinates, the first ones: the whole is one of their union, of the shape itself where no piece is missing.
+
+    Returns:
+        The union. It is proven if all parts are, statistical if one of them is, and without a certificate if one has none.
+
+    Raises:
+        BounderError: If they were made for different objects, margins, queries or domains.
+
+    Example:
+        >>> loose = wb.union(wb.fit(ball, method="obb", device="cpu"), bounder)
+        >>> loose.certificate.proven
+        True
+    """
+    if len(bounders) < 2:
+        raise BounderError(f"union: expected at least 2 bounders, got {len(bounders)}")
+    for bounder in bounders:
+        if not isinstance(bounder, Bounder):
+            raise BounderError(f"union: expected bounders, got {type(bounder).__name__}")
+    parts, held = [], []
+    for bounder in bounders:
+        parts += bounder.parts if isinstance(bounder, Union) else [bounder.local]
+        held += bounder.held if isinstance(bounder, Union) else [_pieces(bounder) and list(_pieces(bounder).held)]
+    whole = Union.of(parts, held).freeze(0.0, None)
+    widest = max(bounders, key=lambda bounder: bounder.ndim)
+    whole.frame = widest.frame
+    pieces, indicator = [_pieces(bounder) for bounder in bounders], widest.info.get("indicator")
+    for bounder in bounders:
+        if other := None if all(pieces) else differing(bounders[0], bounder):
+            raise BounderError(f"union: expected bounders of the same object, got {other}")
+    if all(pieces):
+        if any(bounder.frame for bounder in bounders):
+            raise BounderError("union: expected pieces of a shape without an origin")
+        joined = pieces[0]
+        for other, bounder in zip(pieces, bounders, strict=True):
+            same = all(bounder.info.get(name) == widest.info.get(name) for name in ("margin", "resolution"))
+            if not same or (other.whole, other.count) != (joined.whole, joined.count):
+                raise BounderError("union: expected bounders of pieces of the same shape, of one margin")
+            joined = joined.joined(other)
+        indicator = joined.digest
+    whole.info = {key: widest.info.get(key) for key in ABOUT} | {"indicator": indicator}
+    whole.info["shape"] = None if all(pieces) else whole.info["shape"]
+    whole.info["pieces"] = joined.to_dict() if all(pieces) and not joined.all else None
+    whole.info["training"] = {"parts": [bounder.info.get("training") for bounder in bounders]}
+    certificates = [bounder.certificate for bounder in (*(b for b in bounders if b is not widest), widest)]
+    if all(certificates):
+        check_objects(certificates)
+        whole.freeze(0.0, together(whole, certificates, indicator))
+    return whole
+
+
+def united(parts: list[Bounder], regions: list[Region], shape: Shape) -> Union:
+    """Bounders put together, each proven for what its region holds of a shape.
+
+    Args:
+        parts: With certificates, each of the part of the shape in its region (``part_of``).
+        regions: Boxes, object space, float32 numbers.
+        shape: The object.
+
+    Raises:
+        BounderError: If the regions do not cover the object, or a part has no certificate.
+    """
+    whole = Union.of(parts, regions)
+    check_cover(shape, regions)
+    certificates = []
+    for number, (part, region) in enumerate(zip(parts, regions, strict=True)):
+        own, known = whole.owed(shape, region), part.certificate
+        if own is None:  # nothing of the object is there
+            continue
+        if known is None or (known.indicator, known.margin) != (own.digest, own.margin):
+            raise BounderError(f"{whole.method}: part {number} has no certificate for its region")
+        certificates.append(known)
+    return whole.freeze(0.0, together(whole, certificates, shape.digest))
+
+
+def _pieces(bounder: Bounder) -> Pieces | None:
+    """The pieces that a bounder holds; ``None`` where it is not known to hold any, or holds the shape."""
+    told = bounder.info.get("pieces")
+    return None if told is None else Pieces.from_dict(told)

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from warp_bounding.bounders import DISTANCES, METHODS, Bounder, DistanceBounder
-from warp_bounding.bounders.distances.mlp import MlpDistance
-from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.bounders.options import STEPS, Option
+from warp_bounding.bounders.bounder import STEPS, Option
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.certificates.statement import NOT_CONSERVATIVE
 from warp_bounding.cli.options import (
     Device,

@@ -194,7 +194,7 @@ def _held(text: str | None) -> dict[int, float]:
 
 def _radii(bounder, times: Sequence[float]) -> list[float]:
     """Radii to show a distance at, if none are named: from 0 to a share of the object's longest side."""
-    from warp_bounding.bounders.distances.base import DistanceBounder
+    from warp_bounding.bounders.distance import DistanceBounder
 
     if not isinstance(bounder, DistanceBounder) or bounder.domain.time or len(times) > 1:
         return [0.0]

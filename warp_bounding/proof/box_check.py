@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.local import CERTAIN, Local
+from warp_bounding.bounders.bounder import Bounder
+from warp_bounding.bounders.mlp import CERTAIN, Local
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.covers import COVERS

@@ -12,11 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.distances.base import DistanceBounder
-from warp_bounding.bounders.framed import frame_fault
+from warp_bounding.bounders.batch import frame_fault
+from warp_bounding.bounders.bounder import Bounder
+from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.load import bounder_of
-from warp_bounding.bounders.local import Local
+from warp_bounding.bounders.mlp import Local
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.claim import OUTSIDE, as_fitted, in_local, mismatch, other_claim
 from warp_bounding.certificates.document import document, together

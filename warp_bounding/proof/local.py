@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from warp_bounding.bounders.local import EVERYWHERE, Lattice, Local
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.mlp import EVERYWHERE, Lattice, Local, Mlp
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.covers import COVERS

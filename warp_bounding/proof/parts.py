@@ -9,8 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from warp_bounding.bounders.local import Lattice
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.mlp import Lattice, Mlp
 from warp_bounding.networks.charts.part import FARTHEST, PartChart
 from warp_bounding.proof.search.best_first import Search
 from warp_bounding.proof.search.depth_first import ChartedPositives, charted_minimum, divided

@@ -9,8 +9,8 @@ from collections.abc import Callable
 import numpy as np
 
 from warp_bounding.arithmetic import round_down
-from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.bounder import Bounder
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.claim import mismatch
 from warp_bounding.certificates.document import document, shown

@@ -19,15 +19,12 @@ off by, ``PIECE`` of the largest coordinate, counts as above: far less than delt
 import numpy as np
 
 from warp_bounding.arithmetic import round_down
-from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.batch import Framed
+from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.cascade import Cascade
-from warp_bounding.bounders.distances.base import DistanceBounder
-from warp_bounding.bounders.distances.mlp import MlpDistance
-from warp_bounding.bounders.distances.registry import DISTANCES
-from warp_bounding.bounders.distances.volume import VolumeDistance
-from warp_bounding.bounders.framed import Framed
-from warp_bounding.bounders.local import Local
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.distance import DISTANCES, DistanceBounder, VolumeDistance
+from warp_bounding.bounders.mlp import Local, Mlp
+from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.bounders.union import Union
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError, QueryError

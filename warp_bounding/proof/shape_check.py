@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.bounder import Bounder
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.certificates.claim import outside
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape

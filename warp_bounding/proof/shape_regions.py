@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import OUT, Shape
 from warp_bounding.networks.box_bounds import BoxBounds

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.certificates.claim import as_fitted, in_local, mismatch
 from warp_bounding.errors import BounderError
 from warp_bounding.proof.search.best_first import halve

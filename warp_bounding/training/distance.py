@@ -11,12 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.distances.base import DistanceBounder
-from warp_bounding.bounders.distances.mlp import MlpDistance
-from warp_bounding.bounders.distances.registry import DISTANCES, distance_class
-from warp_bounding.bounders.distances.volume import VolumeDistance
-from warp_bounding.bounders.options import unknown_option
+from warp_bounding.bounders.bounder import Bounder, unknown_option
+from warp_bounding.bounders.distance import DISTANCES, DistanceBounder, VolumeDistance, distance_class
+from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.certificates.claim import as_fitted
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError

@@ -6,10 +6,10 @@ from functools import partial
 from typing import Any
 
 from warp_bounding.bounders import METHODS, Bounder, DistanceBounder, cascade, method_class
+from warp_bounding.bounders.batch import in_frame
+from warp_bounding.bounders.bounder import settled
 from warp_bounding.bounders.cascade import Cascade
-from warp_bounding.bounders.framed import in_frame
-from warp_bounding.bounders.neural.mlp import THRESHOLDS
-from warp_bounding.bounders.options import settled
+from warp_bounding.bounders.mlp import THRESHOLDS
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.evaluation import quick_rates

@@ -14,10 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.bounders.local import Local
-from warp_bounding.bounders.neural.mlp import RECIPES, Mlp
-from warp_bounding.bounders.neural.mlp_early import MlpEarly, part_of
-from warp_bounding.bounders.neural.monotone_mlp import MonotoneMlp
+from warp_bounding.bounders.mlp import RECIPES, Local, Mlp, MonotoneMlp
+from warp_bounding.bounders.mlp_early import MlpEarly, part_of
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.networks.heads import head_of
 from warp_bounding.proof import conjunction, least_value, prove_or_attest

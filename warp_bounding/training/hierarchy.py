@@ -1,7 +1,7 @@
 """A hierarchy of two levels, the paper's: a root, and children of which any may say *maybe*.
 
 The root is the box of the domain. The object is cut again and again, and a child bounds what the object has in its region, and nothing
-else: a box around it, then a small bounder of the child's own. The regions together hold the object (``bounders.cover``).
+else: a box around it, then a small bounder of the child's own. The regions together hold the object (``bounders.union``).
 """
 
 from collections.abc import Callable
@@ -13,12 +13,11 @@ import numpy as np
 
 from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.bounders import Bounder, Union, method_class, united
+from warp_bounding.bounders.bounder import settled
 from warp_bounding.bounders.cascade import Cascade
-from warp_bounding.bounders.cover import Region, check_cover
-from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.bounders.options import settled
-from warp_bounding.bounders.slabs import Aabb
-from warp_bounding.bounders.volume import VolumeBounder
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.union import Region, check_cover
+from warp_bounding.bounders.volumes import Aabb, VolumeBounder
 from warp_bounding.certificates.document import conjunction
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import domain_of

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from warp_bounding.bounders.neural.mlp import CERTIFICATES, RECIPES
+from warp_bounding.bounders.mlp import CERTIFICATES, RECIPES
 from warp_bounding.errors import BounderError
 
 __all__ = ["NetworkOptions"]

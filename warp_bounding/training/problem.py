@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators.shape import Shape

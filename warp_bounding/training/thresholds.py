@@ -9,8 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from warp_bounding.bounders.local import Lattice, Local
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.mlp import Lattice, Local, Mlp
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof import attest, charted, least_value, settle
 from warp_bounding.proof.covers.monotone_box import of_points

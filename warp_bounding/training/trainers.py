@@ -11,7 +11,7 @@ from typing import Any
 
 from warp_bounding.bounders import Bounder
 from warp_bounding.bounders.learned_kdop import LearnedKdop
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.relu_field import ReluField
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.training.fit_network import fit_network

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.bounders.bounder import Bounder
+from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.certificates.claim import as_fitted, in_local, of_side
 from warp_bounding.certificates.statement import NOT_CONSERVATIVE
 from warp_bounding.errors import BoundingError, QueryError

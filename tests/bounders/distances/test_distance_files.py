@@ -7,7 +7,7 @@ from distances import TOLD, far, points_around, thing
 
 import warp_bounding as wb
 from warp_bounding.bounders import DISTANCES, register_distance, unregister_distance
-from warp_bounding.bounders.distances.faces import AabbDistance
+from warp_bounding.bounders.volumes import AabbDistance
 from warp_bounding.errors import BounderError, FileFormatError, IndicatorError, QueryError
 from warp_bounding.proof import soak
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from distances import far, points_around, thing
 
-from warp_bounding.bounders.distances.ellipsoids import NEWTON_STEPS
-from warp_bounding.bounders.distances.faces import frame_norm
+from warp_bounding.bounders.ellipsoids import NEWTON_STEPS
+from warp_bounding.bounders.volumes import frame_norm
 
 
 def brute(bounder, x: np.ndarray, count: int = 400_000) -> np.ndarray:
@@ -60,7 +60,7 @@ def test_a_flat_ellipsoid_by_few_steps(rng):
     """Newton's steps of the kernel come within a thousandth of the distance, also of axes of 1 : 10."""
     from scipy.optimize import minimize_scalar
 
-    from warp_bounding.bounders.distances.ellipsoids import _dual
+    from warp_bounding.bounders.ellipsoids import _dual
 
     s2 = np.array([1.0, 0.01, 0.25])
     z = rng.normal(size=(300, 3)) * np.exp2(rng.uniform(-2, 5, (300, 1)))

@@ -8,8 +8,8 @@ import pytest
 import trimesh
 
 import warp_bounding as wb
-from warp_bounding.bounders.distances.mlp import MlpDistance
-from warp_bounding.bounders.local import Lattice, packed, unpacked
+from warp_bounding.bounders.mlp import Lattice, packed, unpacked
+from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError, IndicatorError, QueryError
 from warp_bounding.indicators.shape import IN

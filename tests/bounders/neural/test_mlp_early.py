@@ -12,9 +12,8 @@ from bounding_shapes import rounding_of_answers, shape
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
-from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.bounders.neural.mlp_early import MlpEarly, grant_of
-from warp_bounding.bounders.neural.occupancy import Occupancy
+from warp_bounding.bounders.mlp import Mlp, Occupancy
+from warp_bounding.bounders.mlp_early import MlpEarly, grant_of
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.coordinates.base import vector_type
 from warp_bounding.coordinates.region_domain import domain_of

@@ -9,7 +9,7 @@ from region_cases import cases
 from rewriting import check_refused, rewrite
 
 import warp_bounding as wb
-from warp_bounding.bounders.neural.monotone_mlp import MonotoneMlp
+from warp_bounding.bounders.mlp import MonotoneMlp
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError

@@ -8,7 +8,7 @@ from bounding_shapes import object_points, shape
 
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.learned_kdop import LearnedKdop, classic_normals
-from warp_bounding.bounders.slabs import kdop_directions
+from warp_bounding.bounders.volumes import kdop_directions
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import sample

@@ -10,7 +10,7 @@ from bounding_shapes import shape, without_proof
 from scipy.stats import beta
 
 import warp_bounding as wb
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import attempt_confidence, attest, certify, fn_rate_bound, fresh_seed, prove, try_positives

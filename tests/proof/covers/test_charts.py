@@ -6,7 +6,7 @@ from bounding_shapes import shape
 from random_networks import random_network
 
 import warp_bounding as wb
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import certify, charted, least_value, prove
 from warp_bounding.proof.covers.ray import single_cells

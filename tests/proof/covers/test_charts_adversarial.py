@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from bounding_shapes import shape
 
-from warp_bounding.bounders.base import BoxBounds
-from warp_bounding.bounders.neural.mlp import Mlp, encoding_tensors
+from warp_bounding.bounders.mlp import Mlp, encoding_tensors
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.networks.box_bounds import BoxBounds
 from warp_bounding.proof import certify, charted, prove
 from warp_bounding.proof.covers.plane import SupportGap
 from warp_bounding.proof.covers.ray import single_cells

@@ -6,7 +6,7 @@ from bounding_shapes import shape
 from random_networks import random_supports
 
 import warp_bounding as wb
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry.hull import hull_corners

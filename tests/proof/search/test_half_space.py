@@ -5,7 +5,7 @@ import pytest
 from bounding_shapes import random_mlp
 
 import warp_bounding as wb
-from warp_bounding.bounders.local import Lattice, Local
+from warp_bounding.bounders.mlp import Lattice, Local
 from warp_bounding.proof.prove import least_value
 from warp_bounding.proof.search.vacancy import ShapePositives
 

@@ -6,7 +6,7 @@ from bounding_shapes import shape
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
 
-from warp_bounding.bounders.neural.mlp import Mlp  # noqa: E402
+from warp_bounding.bounders.mlp import Mlp  # noqa: E402
 from warp_bounding.coordinates.domain import Domain  # noqa: E402
 from warp_bounding.training.engine.clock import Clock  # noqa: E402
 from warp_bounding.training.engine.team import Team, single_threaded_torch  # noqa: E402

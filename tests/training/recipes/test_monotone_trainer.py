@@ -7,7 +7,7 @@ from bounding_shapes import shape
 torch = pytest.importorskip("torch", reason="torch is not installed")
 
 import warp_bounding as wb  # noqa: E402
-from warp_bounding.bounders.neural.monotone_mlp import MonotoneMlp  # noqa: E402
+from warp_bounding.bounders.mlp import MonotoneMlp  # noqa: E402
 from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
 from warp_bounding.errors import BounderError  # noqa: E402
 from warp_bounding.training.engine.clock import Clock  # noqa: E402

@@ -6,7 +6,7 @@ from bounding_shapes import shape
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
 
-from warp_bounding.bounders.neural.occupancy import Occupancy  # noqa: E402
+from warp_bounding.bounders.mlp import Occupancy  # noqa: E402
 from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
 from warp_bounding.queries import oracle, sample  # noqa: E402
 from warp_bounding.training.engine.clock import Clock  # noqa: E402

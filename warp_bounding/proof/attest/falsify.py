@@ -9,7 +9,7 @@ computes: if f is below a threshold, the bounder has a false negative at that th
 
 import numpy as np
 
-from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.covers import COVERS
 from warp_bounding.queries import QUERIES, oracle

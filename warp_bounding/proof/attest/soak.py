@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.bounders.bounder import Bounder
+from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.file_format import digest_of
 from warp_bounding.bounders.load import bounder_of
 from warp_bounding.certificates.claim import OUTSIDE, as_fitted, in_local, mismatch

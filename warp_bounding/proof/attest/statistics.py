@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from warp_bounding.arithmetic import round_down
-from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.certificates.certificate import Certificate, fn_rate_bound
 from warp_bounding.certificates.claim import mismatch
 from warp_bounding.certificates.document import document

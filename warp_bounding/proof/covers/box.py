@@ -8,8 +8,8 @@ corners run over all that is within the limit, in cells of this grid.
 import numpy as np
 
 from warp_bounding.arithmetic import UNIT64, gamma
-from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.bounder import Bounder
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.summed_area import summed_area

@@ -1,6 +1,6 @@
 """Boxes against a monotone network: the least f of all that meet the object, as a minimum over the object's points.
 
-See ``bounders.neural.monotone_mlp`` for why. The object's cells are not widened here: what the pipeline rounds is in
+See ``bounders.mlp`` for why. The object's cells are not widened here: what the pipeline rounds is in
 the function.
 """
 
@@ -8,8 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from warp_bounding.bounders.base import Bounder, BoxBounds
-from warp_bounding.bounders.neural.monotone_mlp import MonotoneMlp
+from warp_bounding.bounders.bounder import Bounder
+from warp_bounding.bounders.mlp import MonotoneMlp
+from warp_bounding.networks.box_bounds import BoxBounds
 
 __all__ = ["LeastBox", "of_points"]
 

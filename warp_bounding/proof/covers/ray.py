@@ -20,8 +20,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from warp_bounding.arithmetic import UNIT64, gamma
-from warp_bounding.bounders.base import Bounder
-from warp_bounding.bounders.neural.mlp import Mlp
+from warp_bounding.bounders.bounder import Bounder
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators.blocks import blocks_of
 from warp_bounding.indicators.grid import IndicatorGrid

@@ -6,7 +6,7 @@ and the distance themselves are asked in the middles of its boxes, and the part'
 
 import numpy as np
 
-from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.indicators.shape import Shape
 
 __all__ = ["Bars", "excesses_at"]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.claim import OUTSIDE, as_fitted, mismatch, other_claim
 from warp_bounding.certificates.document import document

@@ -15,7 +15,7 @@ import numpy as np
 import safetensors
 import safetensors.numpy
 
-from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.file_format import digest_of
 from warp_bounding.errors import FileFormatError
 from warp_bounding.indicators.shape import Shape

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.distances.bars import Bars, excesses_at

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_bounding.arithmetic import round_down
-from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.claim import mismatch
 from warp_bounding.certificates.document import document

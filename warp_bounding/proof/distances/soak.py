@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.bounders.distances.base import DistanceBounder
+from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.shape import IN, Shape
 from warp_bounding.queries.boundary import border_points

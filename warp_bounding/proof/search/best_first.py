@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from warp_bounding.bounders.base import Bounder
+from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.proof.search.vacancy import Positives
 from warp_bounding.runtime.working_time import working_seconds
 

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_bounding.arithmetic import UNIT64
-from warp_bounding.bounders.base import BoxBounds
 from warp_bounding.coordinates.domain import GROWTH, Domain
 from warp_bounding.indicators.half_spaces import HalfSpaces
+from warp_bounding.networks.box_bounds import BoxBounds
 
 __all__ = ["HeldBounds", "bound_in_half_spaces"]
 

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from warp_bounding.activations import activation_of
-from warp_bounding.bounders.neural.mlp import encoding_tensors
+from warp_bounding.bounders.mlp import encoding_tensors
 from warp_bounding.training.engine.row_network import initial_layers, tensors_of
 
 __all__ = ["Evaluator", "TrainableNetwork"]

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from warp_bounding.bounders.distances.mlp import AXES_OF_MANY, MANY, MlpDistance
+from warp_bounding.bounders.mlp_distance import AXES_OF_MANY, MANY, MlpDistance
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.distances.excesses import worst_points

@@ -1,6 +1,6 @@
 """Training a network with exits, ``mlp-early``: together with the network first, then each exit by itself.
 
-Of an *exit* this is the linear output that may deny (``bounders.neural.mlp_early``); the one that may grant is fitted to
+Of an *exit* this is the linear output that may deny (``bounders.mlp_early``); the one that may grant is fitted to
 the finished network (``recipes.grants``). ``EarlyTrainer`` is the default recipe (``recipes.default``) with every exit's loss
 added at the weight ``JOINT`` in the layers that it shares, because layers that were trained for the final output alone
 are a poor basis for an exit. Measured for 3D points of the bunny: an exit lets 9 % of all points pass wrongly instead

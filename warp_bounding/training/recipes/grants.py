@@ -1,4 +1,4 @@
-"""Training grants: where an exit of ``mlp-early`` may say *maybe* at once (``bounders.neural.mlp_early``).
+"""Training grants: where an exit of ``mlp-early`` may say *maybe* at once (``bounders.mlp_early``).
 
 *Maybe* is never wrong, so a grant needs no proof. It is fitted to the answers of the finished bounder, whatever the
 truth is: a query that is answered with *maybe* in the end may as well be told so early. What it costs are false
@@ -18,8 +18,8 @@ import torch
 from scipy.optimize import minimize
 from torch.nn.functional import softplus
 
-from warp_bounding.bounders.neural.mlp import Mlp
-from warp_bounding.bounders.neural.mlp_early import MlpEarly, grant_of
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.mlp_early import MlpEarly, grant_of
 from warp_bounding.kernels.source import GRANTED
 from warp_bounding.queries import oracle
 from warp_bounding.training.problem import Problem

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import torch
 
-from warp_bounding.bounders.local import Lattice
+from warp_bounding.bounders.mlp import Lattice
 from warp_bounding.training.recipes.default import NetworkTrainer
 from warp_bounding.training.samples.base import Samples
 

@@ -1,6 +1,6 @@
 """Samples of boxes for a network that is monotone in them: the positives that count are the points of the object.
 
-A point stands for the box ``low = high = p``, the least of all boxes that hold it (``bounders.neural.monotone_mlp``).
+A point stands for the box ``low = high = p``, the least of all boxes that hold it (``bounders.mlp``).
 """
 
 import numpy as np

@@ -11,21 +11,185 @@ axes (a cell beside the right one has the same values at the face between them);
 computed is F at a point as near as that, so the distance there counts, which differs by less than ``4 u R / inverse``, summed over the axes; ``refine`` is a power of two, so a place in a block is exact.
 """
 
+from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
 from warp_bounding.arithmetic import UNIT32, round_down
-from warp_bounding.bounders.distances.base import DistanceBounder
-from warp_bounding.bounders.distances.grid_source import DistanceGridSource
-from warp_bounding.bounders.distances.grid_values import STORAGES, Values
-from warp_bounding.bounders.options import Option, one_of, whole
+from warp_bounding.bounders.bounder import Option, one_of, whole
+from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.kernels.distances.source import FLUSHED
+from warp_bounding.kernels.distances.source import FLUSHED, DistanceSource
+from warp_bounding.kernels.source import Lanes, fill
 
-__all__ = ["STORAGES", "DistanceGrid"]
+# --- stored values ---------------------------------------------------------------------------------------------------
+#
+# How a ``distance-grid`` stores its values: rounded down, in 32, 16 or 8 bits; and how they are read, natively and in Warp's own Python.
+
+SMALLEST_HALF = 2.0**-14  # the least normal number of 16 bits; smaller ones are rounded down to 0, or to minus this
+LEVELS = 255  # of 8 bits, above the lowest
+
+_DECODE = {
+    "float32": "[&](int i, float, float) { union { unsigned int u; float f; } x; x.u = words.data[i]; return x.f; }",
+    "float16": """[&](int i, float, float) {
+        const unsigned int h = words.data[i >> 1] >> (16 * (i & 1)) & 0xffffu;
+        union { unsigned int u; float f; } x;
+        x.u = (h & 0x8000u) << 16 | (h & 0x7fffu ? ((h & 0x7fffu) << 13) + 0x38000000u : 0u);
+        return x.f;
+    }""",
+    "uint8": "[&](int i, float low, float step) { return low + step * (float)(words.data[i >> 2] >> (8 * (i & 3)) & 0xffu); }",
+}
+STORAGES = tuple(_DECODE)
+
+
+class Values(NamedTuple):
+    """Numbers as they are stored.
+
+    Attributes:
+        stored: ``(...)`` float32, float16 or uint8.
+        meaning: ``(2,)`` float32, of 8 bits the value of 0 and the step; zeros of others.
+    """
+
+    stored: np.ndarray
+    meaning: np.ndarray
+
+    @classmethod
+    def of(cls, values: np.ndarray, storage: str) -> "Values":
+        """Values ``(...)`` float64, rounded down to how they are stored."""
+        none = np.zeros(2, np.float32)
+        if storage == STORAGES[0] or not values.size:
+            return cls(round_down(values).astype(storage), none)
+        if storage == STORAGES[1]:
+            half = values.astype(np.float16)
+            half = np.where(half.astype(np.float64) > values, np.nextafter(half, np.float16(-np.inf)), half)
+            small = (half != 0) & (np.abs(half) < SMALLEST_HALF)
+            return cls(np.where(small, np.where(half > 0, 0.0, -SMALLEST_HALF), half).astype(np.float16), none)
+        low = np.float32(np.nextafter(round_down(values.min()), np.float32(-np.inf)))
+        step = np.nextafter(np.float32((values.max() - low) / LEVELS), np.float32(np.inf))
+        numbers = np.floor((values - low) / float(step) * (1 - 1e-12)).clip(0, LEVELS)
+        return cls(numbers.astype(np.uint8), np.array([low, step], np.float32))
+
+    @property
+    def exact(self) -> np.ndarray:
+        """``(...)`` float64, what they stand for."""
+        low, step = self.meaning.astype(np.float64)
+        return (
+            low + step * self.stored.astype(np.float64) if self.stored.dtype == np.uint8 else self.stored.astype(float)
+        )
+
+    @property
+    def subnormal(self) -> bool:
+        """Whether one of 16 bits is, which is not read as it stands."""
+        half = self.stored.dtype == np.float16
+        return half and bool(((self.stored != 0) & (np.abs(self.exact) < SMALLEST_HALF)).any())
+
+
+def decode_text(storage: str) -> str:
+    """Native text of a function of a value's number among those stored, and of what 8 bits mean."""
+    return _DECODE[storage]
+
+
+# --- native text -----------------------------------------------------------------------------------------------------
+#
+# Native code of ``distance-grid``: the cell of a query, the values at its corners, and what is multilinear between them.
+#
+# Of a refined grid each cell has a bit that says whether it has a block of finer nodes of its own; the number of bits before it is the block's number.
+
+_INTERPOLATION = """
+{
+    const float* inverse = w;
+    const float* stride = w + N;
+    const float* last = w + 2 * N;  // the last cell's number
+    const auto value = $decode;
+    V share[N], at = zero;
+    $begin
+#pragma unroll
+    for (int k = 0; k < N; ++k) {
+        const V t = (v[k] + limit[k]) * inverse[k];
+        const V cell = $floor(least(most(t, zero), zero + last[k]));
+        share[k] = t - cell;
+        at = at + cell * stride[k];
+        $place
+    }
+    V node[1 << N];
+    $lanes {
+        int first = (int)at$l, step[N];
+        float low = w[3 * N], unit = w[3 * N + 1];
+#pragma unroll
+        for (int k = 0; k < N; ++k) step[k] = (int)stride[k];
+        $enter
+#pragma unroll
+        for (int c = 0; c < 1 << N; ++c) {
+            int i = first;
+            for (int k = 0; k < N; ++k) i += (c >> k & 1) * step[k];
+            node[c]$l = value(i, low, unit);
+        }
+    }
+#pragma unroll
+    for (int k = 0; k < N; ++k)
+#pragma unroll
+        for (int j = 0; j < 1 << (N - 1 - k); ++j) node[j] = node[2 * j] + share[k] * (node[2 * j + 1] - node[2 * j]);
+    f = node[0];
+}
+"""
+_BEGIN = """
+    const float* fine = w + 3 * N + 2;  // strides of cells; what 8 bits mean; where blocks and bits begin
+    V inner[N], sub[N], which = zero;
+"""
+_PLACE = """
+        which = which + cell * fine[k];
+        const V s = share[k] * $refine.0f;
+        sub[k] = $floor(least(most(s, zero), zero + $last.0f));
+        inner[k] = s - sub[k];
+"""
+_ENTER = """
+        const int cell = (int)which$l, bit = cell & 31, word = (int)fine[N + 3] + 2 * (cell >> 5);
+        const unsigned int bits = words.data[word];
+        if (bits >> bit & 1u) {
+            unsigned int x = bits & ((1u << bit) - 1u);
+            x -= x >> 1 & 0x55555555u;
+            x = (x & 0x33333333u) + (x >> 2 & 0x33333333u);
+            x = ((x + (x >> 4)) & 0x0f0f0f0fu) * 0x01010101u >> 24;
+            first = (int)fine[N + 2] + (int)(words.data[word + 1] + x) * $size;
+            for (int k = N - 1, wide = 1; k >= 0; --k, wide *= $nodes) {
+                step[k] = wide;
+                first += (int)sub[k]$l * wide;
+                share[k]$l = inner[k]$l;
+            }
+            low = fine[N], unit = fine[N + 1];
+        }
+"""
+
+
+@dataclass(frozen=True)
+class DistanceGridSource(DistanceSource):
+    """Native code of the interpolation.
+
+    Numbers: per axis nodes per local unit, stride and last cell; then what 8 bits mean; where cells are refined per axis the stride of a cell's number, what 8 bits of
+    blocks mean, and where blocks (in values) and bits (in words) begin. Words: values, blocks, then for 32 cells each their bits, and how many bits there are before.
+    """
+
+    storage: str
+    refine: int
+
+    whole = False
+
+    def body(self, lanes: Lanes) -> str:
+        floor = "__builtin_elementwise_floor" if lanes.vector else "floorf"
+        lane, loop = ("[l]", "for (int l = 0; l < L; ++l)") if lanes.vector else ("", "")
+        own = {"begin": "", "place": "", "enter": ""}
+        if self.refine > 1:
+            nodes = self.refine + 1
+            place = fill(_PLACE, refine=self.refine, last=self.refine - 1, floor=floor)
+            own = {"begin": _BEGIN, "place": place, "enter": fill(_ENTER, size=nodes**self.ndim, nodes=nodes, l=lane)}
+        return fill(_INTERPOLATION, decode=decode_text(self.storage), floor=floor, lanes=loop, l=lane, **own)
+
+
+# --- the grid --------------------------------------------------------------------------------------------------------
 
 NODES = 32  # along the longest side, where none are asked for
 MOST_NODES = 2**24  # in all: their indices are float32 numbers, exactly

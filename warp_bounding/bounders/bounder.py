@@ -13,19 +13,24 @@ A bounder maps a query to coordinates ``v`` (``Domain``), computes one float32 n
   ``training.trainers.TRAINERS``.
 
 It is proven when ``threshold <= (least bound over the widened object) - E``; ``proof`` establishes that, for every
-method by the same code. A new method is one file with a subclass, and a line in ``methods.py`` (``register``).
+method by the same code. A new method is one file with a subclass, and its name in ``bounders/__init__.py`` (``register``).
 """
 
 from abc import abstractmethod
-from typing import Any, ClassVar
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from inspect import Parameter, signature
+from types import MappingProxyType
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from warp_bounding.arithmetic import UNIT32
-from warp_bounding.bounders.asking import Asking
+from warp_bounding.bounders.batch import Asking
 from warp_bounding.bounders.file_format import save
-from warp_bounding.bounders.options import Option
 from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
@@ -34,7 +39,126 @@ from warp_bounding.networks.box_bounds import BoxBounds
 from warp_bounding.queries import QUERIES
 from warp_bounding.runtime.devices import device_of
 
-__all__ = ["Bounder", "BoxBounds"]
+# --- options ---------------------------------------------------------------------------------------------------------
+#
+# What a method can be told besides its shape and query: each class of bounders lists its ``options``.
+#
+# ``fit`` and the command line read them there. An option that no part of a method takes is refused, never ignored.
+
+ALIKE = 0.7  # least similarity, as ``difflib`` has it, of a name and the one that is suggested in its place
+
+
+@dataclass(frozen=True)
+class Option:
+    """One thing that a method can be told.
+
+    Attributes:
+        name: As ``fit`` takes it, and the command line after two dashes.
+        default: The value of an option that is not given. Where it is ``None`` the method decides.
+        help: A few words for the command line.
+        check: Turns a given value into the one that the method uses; raises ``BounderError`` if it makes no sense.
+        parse: Turns the command line's text into a value; raises ``BounderError`` if the text is none.
+        queries: Kinds of query that the option is for.
+    """
+
+    name: str
+    default: Any
+    help: str
+    check: Callable[[Any], Any] = lambda value: value
+    parse: Callable[[str], Any] = str
+    queries: tuple[str, ...] = tuple(QUERIES)
+
+
+def whole(name: str, least: int, most: int | None = None) -> Callable[[Any], int]:
+    """A check for whole numbers of at least ``least``, and where there is one, at most ``most``."""
+    limits = f"of at least {least}" if most is None else f"from {least} to {most}"
+
+    def check(value: Any) -> int:
+        whole_number = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+        if not whole_number or value < least or (most is not None and value > most):
+            raise BounderError(f"{name} must be a whole number {limits}, got {value!r}")
+        return int(value)
+
+    return check
+
+
+def one_of(name: str, names: Iterable[str]) -> Callable[[Any], str]:
+    """A check for names."""
+
+    def check(value: Any) -> str:
+        if value not in tuple(names):
+            raise BounderError(f"{name} must be one of {', '.join(names)}, got {value!r}")
+        return value
+
+    return check
+
+
+_STEPS = "training steps, instead of seconds: repeatable to the bit on a machine"
+STEPS = Option("steps", None, _STEPS, whole("steps", 1), int)
+
+
+def taken(classes: Iterable[type], query: str) -> dict[str, Option]:
+    """The options that one of these classes of bounders takes for a kind of query, by name."""
+    return {option.name: option for cls in classes for option in cls.options if query in option.queries}
+
+
+def arguments_of(function: Callable) -> list[str]:
+    """The names of a function's own arguments."""
+    return [p.name for p in signature(function).parameters.values() if p.kind != Parameter.VAR_KEYWORD]
+
+
+def meant(name: str, known: Iterable[str]) -> str | None:
+    """The name among those known that was probably meant; ``None`` where none is alike."""
+    return next(iter(get_close_matches(name, list(known), 1, ALIKE)), None)
+
+
+def unknown_option(name: str, method: str, known: Iterable[str], asked: str, callers: Iterable[Callable] = ()) -> str:
+    """What to say of an option that a method does not take: which one was probably meant, and which ones there are.
+
+    Args:
+        name: As it was given.
+        method: Who does not take it.
+        known: Names of the options that the method takes.
+        asked: What it bounds then, such as ``"point queries"``.
+        callers: Functions that hand options on to the method: their own arguments may have been meant.
+    """
+    callers, known = list(callers), list(known)
+    near = meant(name, [*known, *(own for caller in callers for own in arguments_of(caller))])
+    beside = f"beside the arguments of {' and '.join(caller.__name__ for caller in callers)}, " if callers else ""
+    takes = f"{beside}{method} takes {', '.join(known) or 'no options of its own'} for {asked}"
+    if near is None:
+        return f"{method} takes no option {name!r}; {takes}"
+    return f"there is no option {name!r}; did you mean {near!r}? {takes[0].upper() + takes[1:] if beside else takes}"
+
+
+def settled(
+    classes: list[type], query: str, given: dict[str, Any], callers: Iterable[Callable] = ()
+) -> list[dict[str, Any]]:
+    """The value of every option of each class of bounders: as given, else the class's default.
+
+    Args:
+        classes: Of bounders.
+        query: Kind of query.
+        given: Options by name.
+        callers: Functions that hand on the options, for the message of an unknown one.
+
+    Raises:
+        BounderError: For a wrong value, or an option that none of the classes takes for this kind of query; the message
+            names those that are taken.
+    """
+    known = taken(classes, query)
+    if unknown := [name for name in given if name not in known]:
+        method = "+".join(cls.method for cls in classes)
+        raise BounderError(unknown_option(unknown[0], method, known, f"{query} queries", callers))
+    return [{name: _value(option, given) for name, option in taken([cls], query).items()} for cls in classes]
+
+
+def _value(option: Option, given: dict[str, Any]) -> Any:
+    value = given.get(option.name, option.default)
+    return None if value is None and option.default is None else option.check(value)
+
+
+# --- the base --------------------------------------------------------------------------------------------------------
 
 CELLS_AT_A_TIME = 16384  # cells whose boxes are bounded in one call, so that memory stays small
 
@@ -318,3 +442,193 @@ class Bounder(Asking):
         proof = self.certificate.kind if self.certificate else "no certificate"
         text = f"{self.method} bounder, {self.ndim}D {self.query_kind} queries, {self.nbytes} bytes, {proof}"
         return f"<{text}, {self.tightness}>" if self.tightness else f"<{text}>"
+
+
+# --- bounders made of others -----------------------------------------------------------------------------------------
+#
+# Bounders that a bounder is made of: what they must share, how its tensors and sizes hold them, how they are read back.
+#
+# Tensor ``r`` of member i is the tensor ``i.r`` of the whole; ``sizes["parts"]`` has an entry for each member, its
+# ``method`` and its ``sizes``; and its ``domain``, where that is not the whole's.
+
+BIT_FIELDS = ("bits", "levels")  # tensors of members that are uint32
+Shapes = dict[str, tuple[int, ...]]
+
+
+def check_kinds(name: str, kinds: Sequence[type[Bounder]]) -> None:
+    """Refuse classes that say *no* to positives, with ``BounderError``.
+
+    Args:
+        name: Of the whole, for the message.
+        kinds: Classes of members.
+    """
+    if wrong := [kind.method for kind in kinds if not kind.conservative]:
+        raise BounderError(f"{name}: {wrong[0]} is not conservative")
+
+
+def check_members(name: str, members: Sequence[Bounder], *, domains: bool = True) -> None:
+    """Refuse what is no conservative bounder of the first one's queries and domain, with ``BounderError``.
+
+    Args:
+        name: Of the whole, for the message.
+        members: Before they are put together.
+        domains: Whether the domain must be the same.
+    """
+    for member in members:
+        if not isinstance(member, Bounder):
+            raise BounderError(f"{name}: expected bounders, got {type(member).__name__}")
+    check_kinds(name, [type(member) for member in members])
+    for member in members if domains else ():
+        if member.domain.to_dict() != members[0].domain.to_dict():
+            got = f"got {members[0]!r} and {member!r}"
+            raise BounderError(f"{name}: expected bounders of the same queries and domain, {got}")
+
+
+def holding(members: Sequence[Bounder]) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Tensors and sizes of a whole that hold its members."""
+    tensors = {f"{i}.{role}": value for i, member in enumerate(members) for role, value in member.tensors.items()}
+    return tensors, {"parts": [{"method": member.method, "sizes": member.sizes} for member in members]}
+
+
+def members_of(
+    whole: Bounder,
+    least: int,
+    most: int,
+    fits: Callable[[type[Bounder]], bool] = lambda kind: True,
+    *,
+    own_domains: bool = False,
+) -> tuple[list[Bounder], Shapes]:
+    """The members that the tensors and sizes of a whole hold, not yet at their thresholds.
+
+    Args:
+        whole: Made of them.
+        least: How many there are at least.
+        most: How many there are at most.
+        fits: Whether a class can be a member.
+        own_domains: Whether entries may have a ``domain``; else it is not read.
+
+    Returns:
+        The members; and the shapes of the tensors that are theirs, by their names in the whole.
+
+    Raises:
+        BounderError: If there are more or fewer, or one cannot be a member or is not conservative.
+    """
+    entries = whole.sizes.get("parts")
+    if not isinstance(entries, list) or not least <= len(entries) <= most:
+        expected = f"{least} to {most} parts" if least < most else f"a list of parts, {least} of them"
+        got = len(entries) if isinstance(entries, list) else repr(entries)
+        raise BounderError(f"{whole.method}: expected {expected}, got {got}")
+    own: list[dict[str, np.ndarray]] = [{} for _ in entries]
+    for name, value in whole.tensors.items():
+        number, _, role = name.partition(".")
+        if role and number.isdecimal() and str(int(number)) == number and int(number) < len(own):
+            own[int(number)][role] = value
+    members = []
+    for i, (entry, tensors) in enumerate(zip(entries, own, strict=True)):
+        kind = class_named(entry.get("method")) if isinstance(entry, dict) else None
+        if kind is None or not fits(kind):
+            raise BounderError(f"{whole.method}: part {i} is no bounder that can be a part: {entry!r}")
+        domain = whole.domain
+        if own_domains and "domain" in entry:
+            try:
+                domain = Domain.from_dict(entry["domain"])
+            except (KeyError, TypeError, ValueError) as error:
+                raise BounderError(f"{whole.method}: the domain of part {i} is none ({error})") from error
+        members.append(kind(domain, tensors, entry["sizes"], whole._device))
+    check_kinds(whole.method, [type(member) for member in members])
+    return members, {f"{i}.{role}": t.shape for i, tensors in enumerate(own) for role, t in tensors.items()}
+
+
+def words_of(members: Sequence[Bounder]) -> np.ndarray | None:
+    """The words of all members that have a bit field, one behind the other; ``None`` where no member has one."""
+    fields = [member.words() for member in members if has_bits(member)]
+    return np.concatenate(fields) if fields else None
+
+
+def word_places(members: Sequence[Bounder]) -> list[int]:
+    """For each member, where its own words begin in ``words_of``; 0 where it has none."""
+    places, place = [], 0
+    for member in members:
+        own = len(member.words()) if has_bits(member) else 0
+        places.append(place if own else 0)
+        place += own
+    return places
+
+
+def has_bits(member: Bounder) -> bool:
+    """Whether a member has a bit field, or holds members that do."""
+    return any(tensor.dtype == np.uint32 for tensor in member.tensors.values())
+
+
+# --- registry --------------------------------------------------------------------------------------------------------
+#
+# The methods by name. ``register`` adds one, from inside the package (``bounders/__init__.py``) or from outside it.
+
+_registered: dict[str, type[Bounder]] = {}
+METHODS: Mapping[str, type[Bounder]] = MappingProxyType(_registered)  # in the order in which they were registered
+Kind = TypeVar("Kind", bound=Bounder)
+_composed: dict[str, type[Bounder]] = {}  # classes of bounders that are made of others
+
+
+def register(kind: type[Kind]) -> type[Kind]:
+    """Make a method known by its name to ``fit``, ``load``, cascades and the command line. Also a decorator of a class.
+
+    Args:
+        kind: A class of bounders with a ``method`` of its own; see ``Bounder`` for what it supplies.
+
+    Returns:
+        The class.
+
+    Raises:
+        BounderError: If it is no class of bounders, or another one has its name.
+    """
+    if not (isinstance(kind, type) and issubclass(kind, Bounder)):
+        raise BounderError(f"expected a class of bounders, got {kind!r}")
+    name = getattr(kind, "method", None)
+    if not isinstance(name, str) or not name or "+" in name or name in _composed:
+        others = ", ".join(sorted(_composed))
+        raise BounderError(f"{kind.__name__}.method must be a name without +, none of {others}, got {name!r}")
+    if _registered.setdefault(name, kind) is not kind:
+        raise BounderError(f"method {name} is {_registered[name].__name__} already, got {kind.__name__}")
+    return kind
+
+
+def composed(kind: type[Kind]) -> type[Kind]:
+    """Make a class known whose bounders are made of others: files name it, ``fit`` does not take it. A decorator of a class."""
+    _composed[kind.method] = kind
+    return kind
+
+
+def class_named(name: str) -> type[Bounder] | None:
+    """The class that a file calls by a name, a method's or one of bounders made of others; ``None`` for unknown names."""
+    return _registered.get(name) or _composed.get(name)
+
+
+def unregister(kind: type[Bounder]) -> None:
+    """Undo ``register``."""
+    if _registered.get(kind.method) is kind:
+        del _registered[kind.method]
+
+
+def method_class(method: str, query: str = "point", ndim: int = 3) -> type[Bounder]:
+    """The class of a method that can hold a kind of query.
+
+    Raises:
+        BounderError: For an unknown method, or one that cannot hold the query.
+    """
+    if method not in METHODS:
+        near = get_close_matches(str(method), METHODS, n=1)
+        meant = f"; did you mean {near[0]!r}?" if near else ""
+        known = f"{', '.join(METHODS)}, or a cascade such as 'aabb+mlp'"
+        raise BounderError(f"method must be one of {known}, got {method!r}{meant}")
+    if not METHODS[method].supports(query, ndim):
+        raise BounderError(f"method {method} does not bound {query} queries of {ndim}D objects")
+    return METHODS[method]
+
+
+def supports(method: str, query: str, ndim: int) -> bool:
+    """Whether a method can bound a kind of query of an n-dimensional object; ``False`` for unknown methods.
+
+    A cascade such as ``"kdop+mlp"`` can if each of its parts can.
+    """
+    return all(name in METHODS and METHODS[name].supports(query, ndim) for name in method.split("+"))

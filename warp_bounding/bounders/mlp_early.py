@@ -25,15 +25,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from warp_bounding.bounders.base import Bounder, BoxBounds
-from warp_bounding.bounders.neural.mlp import ACTIVATION, HIDDEN, OCTAVES, RECIPE, Mlp
-from warp_bounding.bounders.options import STEPS
+from warp_bounding.bounders.bounder import STEPS, Bounder
+from warp_bounding.bounders.mlp import ACTIVATION, HIDDEN, OCTAVES, RECIPE, Mlp
 from warp_bounding.coordinates.domain import GROWTH
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import DENIED, GRANTED, Early, Lanes, literal
+from warp_bounding.networks.box_bounds import BoxBounds
 from warp_bounding.networks.inference import MlpSource, head_numbers
-
-__all__ = ["MlpEarly", "MlpEarlySource", "bounds_of_all", "denied_early", "grant_of"]
 
 
 @dataclass(frozen=True)

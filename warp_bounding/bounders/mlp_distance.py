@@ -13,10 +13,19 @@ import warp as wp
 
 from warp_bounding.activations import activation_of
 from warp_bounding.arithmetic import UNIT32, UNIT64
-from warp_bounding.bounders.distances.base import DistanceBounder
-from warp_bounding.bounders.local import Lattice, packed, unpacked
-from warp_bounding.bounders.neural.mlp import ACTIVATION, HIDDEN, MOST_THRESHOLDS, THRESHOLDS, Mlp, check_hidden
-from warp_bounding.bounders.options import STEPS
+from warp_bounding.bounders.bounder import STEPS
+from warp_bounding.bounders.distance import DistanceBounder
+from warp_bounding.bounders.mlp import (
+    ACTIVATION,
+    HIDDEN,
+    MOST_THRESHOLDS,
+    THRESHOLDS,
+    Lattice,
+    Mlp,
+    check_hidden,
+    packed,
+    unpacked,
+)
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.distances.batch import warp_kernel
 from warp_bounding.kernels.distances.lanes import warp_lanes_kernel
@@ -26,8 +35,6 @@ from warp_bounding.kernels.source import Lanes
 from warp_bounding.networks import tensor_cores
 from warp_bounding.networks.inference import MlpSource, head_numbers, layer_numbers
 from warp_bounding.networks.network import Network
-
-__all__ = ["AXES_OF_MANY", "MANY", "MlpDistance", "MlpDistanceSource"]
 
 MOST_AXES = 8  # 2^n corners of each box are asked for
 RELIEF_ROUNDING = 4.0  # units: more than a sum rounds in float64

@@ -1,0 +1,908 @@
+"""The contract of a distance bounder: a function g with ``g(x) <= distance(x, object)`` for every float32 x anywhere, proven.
+
+A method supplies a function F of local coordinates (``DistanceDomain``), and everything else is the same for all of them:
+
+* ``source``: a ``DistanceSource`` with the native text of F (``body``), and ``whole``, whether F is
+  a bound everywhere or in the domain only; and ``weights()``, the float32 numbers that both read;
+* ``reference(v)``: the same F in plain NumPy float64, which tests and proofs evaluate;
+* ``rounding_bound()``: ``E >= computed F - exact F`` wherever F is asked, ``FLUSHED`` included; where ``whole``, also ``growth()``;
+* ``volume``, a proven bounder of points, where F is the distance to a volume that holds the object; else ``corners``, certified upper bounds
+  of F over boxes, ``pieces``, the boxes that a proof begins with, and ``steepness``;
+* ``options``, what users can tell it, and ``supports``.
+
+It is proven when ``threshold <= L - E``, where ``d - F >= L`` on all of the domain, d the local distance (0 in the object): so the claim has the form of every
+other certificate's, of ``f = d - F``. ``-threshold`` is the *slack*, what is taken off F. A new method is one file with a subclass, and a line
+in ``bounders/__init__.py`` (``register_distance``).
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any, ClassVar, NamedTuple, TypeVar
+
+import numpy as np
+import warp as wp
+
+from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, round_down, round_up
+from warp_bounding.bounders.batch import Framed, PicklableBounder
+from warp_bounding.bounders.bounder import Bounder, Option, taken
+from warp_bounding.bounders.file_format import save
+from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.coordinates.distance_domain import DistanceDomain
+from warp_bounding.coordinates.domain import Domain, json_number
+from warp_bounding.errors import BounderError, QueryError
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.kernels.distances.batch import box_kernel, distance_kernel, lines_kernel
+from warp_bounding.kernels.distances.functions import (
+    BOX_STEPS,
+    SEGMENT_STEPS,
+    box_func,
+    distance_func,
+    ray_func,
+    segment_func,
+)
+from warp_bounding.kernels.distances.lanes import lanes_kernel
+from warp_bounding.kernels.distances.source import FLUSHED, MOST_DIMENSIONS, DistanceSource, share_of
+from warp_bounding.kernels.functions import Data
+from warp_bounding.kernels.source import LABEL
+from warp_bounding.queries.distance import DISTANCE
+from warp_bounding.queries.point import POINT
+from warp_bounding.runtime.arrays import new_output
+from warp_bounding.runtime.compaction import compact
+from warp_bounding.runtime.devices import device_of
+from warp_bounding.runtime.launch import BlockLaunch
+
+# --- float64 queries -------------------------------------------------------------------------------------------------
+#
+# What float64 queries of a distance lose when they are rounded to float32, and lengths that are never too short.
+#
+# g knows the float32 point alone. The float64 one is farther from it by what is told here, which is added to its radius or taken off its bound.
+
+GROWTH = 1.0 + 1e-12  # covers the float64 evaluation of a few sums and products
+
+
+def moved(bounder: "AskingDistance", queries: wp.array, count: int, columns: int | None = None) -> np.ndarray:
+    """How far from a float64 point its float32 one is at most, what g may fall by meanwhile included.
+
+    Args:
+        bounder: Of the distance.
+        queries: float32, flat.
+        count: N, how many there are.
+        columns: Numbers of each, of which the point is the first ones; those of a point if ``None``.
+
+    Returns:
+        ``(N,)`` float64, object units.
+    """
+    x = np.abs(_rows(queries, count, columns or bounder.ndim)[:, : bounder.ndim])
+    by, first = (UNIT32 * x + TINY) * GROWTH, int(bounder.domain.time)
+    if bounder.frame is not None:  # taking off its origin rounds as well, and its blur counts with it
+        by += 2 * UNIT64 * x + bounder.frame.blur
+    return (np.linalg.norm(by[:, first:], axis=1) + bounder.pace * by[:, :first].sum(axis=1)) * GROWTH
+
+
+def turned(rays: wp.array, count: int, lengths: np.ndarray) -> np.ndarray:
+    """How far the end of a ray is at most from where its float64 direction leads.
+
+    Args:
+        rays: ``N`` origins and directions, float32, flat.
+        count: N.
+        lengths: One, or ``(N,)``.
+
+    Returns:
+        ``(N,)`` float64, object units.
+    """
+    ndim = len(rays) // (2 * count) if count else 1
+    largest = np.abs(_rows(rays, count, 2 * ndim)[:, ndim:]).max(axis=1)
+    with np.errstate(divide="ignore"):
+        turn = UNIT32 + np.sqrt(ndim) * TINY / largest  # twice as much between directions of length 1
+    return 2 * turn * lengths.astype(np.float64) * GROWTH
+
+
+def outwards(flat: wp.array, side: float) -> wp.array:
+    """Corners that were float64, each at the next float32 number towards ``side``."""
+    return wp.array(np.nextafter(flat.numpy(), np.float32(side)), dtype=wp.float32, device=flat.device)
+
+
+def longer(lengths: np.ndarray, by: np.ndarray) -> np.ndarray:
+    """Lengths, one or ``(N,)``, longer by ``(N,)``, as float32, rounded up; what is not finite is infinite."""
+    with np.errstate(invalid="ignore"):
+        found = (lengths.astype(np.float64) + by) * GROWTH
+    found = np.where(np.isnan(found), np.inf, found)
+    return round_up(found).astype(np.float32) if len(found) else lengths
+
+
+def lengths_of(name: str, given, count: int) -> np.ndarray:
+    """A length, or one per query, as float32, rounded up; raises ``QueryError`` for others."""
+    if isinstance(given, wp.array):
+        given = given.numpy()
+    given = given.detach().cpu() if hasattr(given, "detach") else given
+    try:
+        values = np.asarray(given)
+        values = values.astype(np.float64) if values.dtype.kind in "iuf" else None
+    except (TypeError, ValueError):
+        values = None
+    if values is None or values.shape not in ((), (count,)):
+        got = repr(given) if values is None else f"shape {values.shape}"
+        raise QueryError(f"{name} must be a number of at least 0, or {count} of them, one per query; got {got}")
+    values = values.reshape(-1)
+    bad = ~(np.isfinite(values) & (values >= 0))
+    if bad.any():
+        raise QueryError(f"{name} must be finite and at least 0, got {values[bad][0]:g}")
+    rounded = round_up(values).astype(np.float32)
+    return rounded if len(rounded) else np.zeros(1, np.float32)
+
+
+def _rows(flat: wp.array, count: int, columns: int) -> np.ndarray:
+    """Queries ``(N, columns)`` float64 on the host."""
+    return flat.numpy()[: count * columns].reshape(count, columns).astype(np.float64)
+
+
+# --- queries ---------------------------------------------------------------------------------------------------------
+#
+# What a distance bounder is asked, in batches and in kernels: points, radii, segments, rays and boxes, of one function g.
+#
+# Every answer follows from ``g(x) <= distance(x, object)`` (``kernels.distances``), so a method that has g has all of them.
+
+
+class AskingDistance(Framed, PicklableBounder, ABC):
+    """What a ``DistanceBounder`` needs to answer; see there."""
+
+    domain: DistanceDomain
+    threshold: np.float32
+    _device: str | None
+    _data: tuple[np.float32, Data] | None = None
+
+    Data = Data
+
+    @property
+    @abstractmethod
+    def source(self) -> DistanceSource:
+        """The native code of ``f``; equal for bounders of equal sizes."""
+
+    @abstractmethod
+    def weights(self) -> np.ndarray:
+        """``(K,)`` float32, the method's numbers in the order in which ``source`` reads them."""
+
+    def words(self) -> np.ndarray:
+        """``(W,)`` uint32, the method's bit field."""
+        return np.zeros(1, dtype=np.uint32)
+
+    def growth(self) -> float:
+        """How much the computed f may exceed F besides ``rounding_bound``, in units ``UNIT32 (|v|_1 + |f|)``; 0 in the domain."""
+        return 0.0
+
+    @property
+    @abstractmethod
+    def rate(self) -> float:
+        """See ``DistanceBounder``."""
+
+    @cached_property
+    def pace(self) -> float:
+        """How fast g falls with time at most, and the object moves; object units a unit of time, float32, 0 at rest.
+
+        The distance itself may jump to 0 where a hole closes around a point; g is below it before and after, and falls
+        no faster than this.
+        """
+        if not self.domain.time:
+            return 0.0
+        own = self.rate * float(self.domain.scale[0]) * self.domain.unit
+        return float(round_up(max(own, self.domain.speed)))
+
+    @property
+    def haste(self) -> float:
+        """``pace`` in local units."""
+        return self.pace / (float(self.domain.scale[0]) * self.domain.unit)
+
+    @property
+    def extra(self) -> np.ndarray:
+        """float32 numbers behind threshold and share: where there is time, its scale, the speed and the pace."""
+        return np.append(self.domain.extra, np.float32(self.pace)) if self.domain.time else self.domain.extra
+
+    @property
+    def ndim(self) -> int:
+        """Dimension n of the object."""
+        return self.domain.ndim
+
+    @property
+    def device(self) -> wp.Device:
+        """The Warp device that queries run on."""
+        return wp.get_device(self._device)
+
+    @property
+    def data(self) -> Data:
+        """What the functions read besides the query, on this bounder's device: your kernel's argument of type ``wb.Data``.
+
+        Example:
+            >>> far.data.parameters.device
+            'cpu'
+        """
+        threshold, held = self.threshold, self._data
+        if held is None or held[0] is not threshold:
+            source, words, weights = self.source, self.words(), np.asarray(self.weights(), dtype=np.float32)
+            parameters = np.zeros(source.start + len(weights), dtype=np.float32)
+            share = round_up(share_of(self.ndim, self.growth() + self.haste))
+            head = np.concatenate([self.domain.header, [threshold, share], self.extra])
+            parameters[:LABEL] = source.label(len(parameters), len(words))
+            parameters[LABEL : LABEL + len(head)] = head
+            parameters[source.start :] = weights
+            data = Data()
+            data.parameters = wp.array(parameters, dtype=wp.float32, device=self.device)
+            data.words = wp.array(words, dtype=wp.uint32, device=self.device)
+            held = self._data = threshold, data
+        return held[1]
+
+    def __ctype__(self):
+        """Asked by ``wp.launch`` where a kernel takes a structure: refuses the bounder itself, and says what to give."""
+        raise TypeError(f"pass bounder.data to a kernel, not the bounder itself, got {self!r}")
+
+    # --- in kernels --------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def distance_func(self) -> wp.Function:
+        """``distance(data, x: vec_n) -> float``, for kernels of your own: ``wp.static(b.distance_func)(b.data, x)``; object units.
+
+        Never above the distance from x to the object, for any float32 x; 0 for NaN and infinity, and for the data of another bounder.
+
+        Example:
+            >>> @wp.kernel
+            ... def step(data: wb.Data, x: wp.array(dtype=wp.vec3), d: wp.array(dtype=float)):
+            ...     i = wp.tid()
+            ...     d[i] = wp.static(far.distance_func)(data, x[i])
+            >>> x, d = wp.array(points, dtype=wp.vec3, device="cpu"), wp.zeros(len(points), dtype=float, device="cpu")
+            >>> wp.launch(step, len(points), [far.data, x, d], device="cpu")
+            >>> bool((d.numpy() == far.distance(points).numpy()).all())
+            True
+        """
+        self.expect_local("distance_func")
+        return distance_func(self.source)
+
+    @cached_property
+    def segment_func(self) -> wp.Function:
+        """``maybe, t = segment(data, start: vec_n, end: vec_n, radius, steps=32)``, for kernels of your own; see ``segments``."""
+        self.expect_local("segment_func")
+        return segment_func(self.source)
+
+    @cached_property
+    def ray_func(self) -> wp.Function:
+        """``maybe, t = ray(data, origin: vec_n, direction: vec_n, length, radius, steps=32)``, for kernels of your own; see ``rays``."""
+        self.expect_local("ray_func")
+        return ray_func(self.source)
+
+    @cached_property
+    def box_func(self) -> wp.Function:
+        """``maybe = box(data, lower: vec_n, upper: vec_n, steps=64)``, for kernels of your own; see ``boxes``."""
+        self.expect_local("box_func")
+        return box_func(self.source)
+
+    # --- in batches --------------------------------------------------------------------------------------------------
+
+    def distance(self, x, *, out: wp.array | None = None) -> wp.array:
+        """Lower bounds of the distance from points to the object.
+
+        Args:
+            x: ``(N, n)`` NumPy array, torch tensor, ``wp.array`` or sequence of numbers, or ``wp.array`` of ``vec_n`` ``(N,)``; object space. float64
+                is rounded to float32, and what that may move a point by is taken off its bound, on the host. Whole numbers must be ones that
+                float32 holds exactly.
+            out: ``(N,)`` float32 to write to, instead of a new array.
+
+        Returns:
+            ``(N,)`` float32 ``wp.array``, object units, at least 0. 0 for NaN and infinity.
+
+        Raises:
+            QueryError: For a wrong shape, dtype or device.
+
+        Example:
+            >>> float(far.distance(np.array([[9.0, 0.5, 0.5]], np.float32)).numpy()[0]) > 8
+            True
+        """
+        queries, count, double = self._flat(x, self.ndim, (False,))
+        out = new_output(out, count, wp.float32, self.device)
+        self._points(queries, count, np.zeros(1, np.float32), out, values=True)
+        if double:
+            out.assign(np.fmax(round_down(out.numpy() - moved(self, queries, count)), np.float32(0)))
+        return out
+
+    def query(self, x, radius=0.0, *, xform=None, scale=None, out: wp.array | None = None) -> wp.array:
+        """Which points may be within a radius of the object.
+
+        Args:
+            x: As for ``distance``.
+            radius: Number of at least 0, or one per query; object units. float64 is rounded up to float32.
+            xform: Not taken: a distance is asked in object space.
+            scale: Not taken.
+            out: ``(N,)`` uint8 to write to, instead of a new array.
+
+        Returns:
+            ``(N,)`` uint8 ``wp.array``: 1 = maybe, 0 = certainly farther than the radius: ``g(x) > radius``.
+
+        Raises:
+            QueryError: For a wrong shape, dtype or device, or a radius that is negative, NaN or not one per query.
+
+        Example:
+            >>> far.query(np.array([[0.5, 0.5, 0.5], [9.0, 9.0, 9.0]], np.float32), radius=0.1).numpy()
+            array([1, 0], dtype=uint8)
+        """
+        if xform is not None or scale is not None:
+            raise QueryError(
+                "a distance is asked in object space: move the points by the inverse of xform and scale first"
+            )
+        queries, count, double = self._flat(x, self.ndim, (False,))
+        radii = lengths_of("radius", radius, count)
+        if double:
+            radii = longer(radii, moved(self, queries, count))
+        out = new_output(out, count, wp.uint8, self.device)
+        self._points(queries, count, radii, out, values=False)
+        return out
+
+    def candidates(self, x, radius=0.0) -> tuple[wp.array, wp.array]:
+        """Which points may be within a radius, compacted on the device; arguments as of ``query``, result as of ``Bounder.candidates``."""
+        return compact(self.query(x, radius))
+
+    def segments(self, start, end, radius=0.0, steps: int = SEGMENT_STEPS) -> tuple[wp.array, wp.array]:
+        """Which segments may come within a radius of the object, and when first; with a radius they are swept balls.
+
+        Of a shape that moves, segments are of time and space: points (or balls) that move, too. This is conservative
+        advancement: *no* means
+        that a point which is outside at the start touches no face on its way. It does not mean that the object never
+        encloses it on the way
+        without touching it, as a lid does that closes over a point; ``boxes`` and ``clear_segments`` mean that, too.
+
+        Args:
+            start: ``(N, n)``, as for ``distance``.
+            end: ``(N, n)``.
+            radius: As for ``query``.
+            steps: Evaluations of each at most, at least 1; more of them clear more segments that pass close to the object.
+
+        Returns:
+            ``(N,)`` uint8 ``wp.array``, 1 = maybe; and ``(N,)`` float32, a lower bound of the time of first contact, from 0 at the start to 1
+            at the end; 1 where there is none. NaN and infinity: maybe, at 0.
+
+        Raises:
+            QueryError: As of ``query``, and for ``steps`` that is no whole number of at least 1.
+
+        Example:
+            >>> maybe, t = far.segments(np.array([[-9.0, 0.5, 0.5]], np.float32), np.array([[0.5, 0.5, 0.5]], np.float32))
+            >>> int(maybe.numpy()[0]), bool(t.numpy()[0] > 0.9)
+            (1, True)
+        """
+        a, count, one = self._flat(start, self.ndim, (False,))
+        b, others, other = self._flat(end, self.ndim, (False,))
+        if count != others:
+            raise QueryError(f"start and end must be as many, got {count} and {others}")
+        radii = lengths_of("radius", radius, count)
+        if one or other:
+            radii = longer(radii, np.maximum(moved(self, a, count), moved(self, b, count)))
+        return self._march(a, b, count, np.zeros(1, np.float32), radii, steps, ray=False)
+
+    def rays(self, x, *, length, radius=0.0, steps: int = SEGMENT_STEPS) -> tuple[wp.array, wp.array]:
+        """Which rays may come within a radius of the object, and where first.
+
+        Args:
+            x: ``(N, 2 n)``, origins and directions of any length.
+            length: Of the rays, a number of at least 0, or one per ray; object units.
+            radius: As for ``query``.
+            steps: As for ``segments``.
+
+        Returns:
+            As of ``segments``; times are shares of the length. A direction without a length: maybe, at 0.
+
+        Raises:
+            QueryError: As of ``segments``, and for a shape that moves.
+
+        Example:
+            >>> maybe, t = far.rays(np.array([[9.0, 0.5, 0.5, 1.0, 0.0, 0.0]], np.float32), length=100.0)
+            >>> int(maybe.numpy()[0])
+            0
+        """
+        if self.domain.time:
+            raise QueryError("rays are of shapes at rest; of one that moves ask segments of time and space")
+        queries, count, double = self._flat(x, 2 * self.ndim, (False, True))
+        lengths, radii = lengths_of("length", length, count), lengths_of("radius", radius, count)
+        if double:
+            radii = longer(radii, moved(self, queries, count, 2 * self.ndim) + turned(queries, count, lengths))
+        return self._march(queries, queries, count, lengths, radii, steps, ray=True)
+
+    def boxes(self, lower, upper, steps: int = BOX_STEPS, *, out: wp.array | None = None) -> wp.array:
+        """Which closed boxes may meet the object, by halving them until each part is proven to be clear.
+
+        Of a shape that moves, boxes are of time and space; *no* means that no point of one is in the object at its
+        time, enclosed ones included. Long
+        ones in time need many steps.
+
+        Args:
+            lower: ``(N, n)``, lower corners, as for ``distance``.
+            upper: ``(N, n)``, upper corners.
+            steps: Evaluations of each at most, at least 1.
+            out: ``(N,)`` uint8 to write to, instead of a new array.
+
+        Returns:
+            ``(N,)`` uint8 ``wp.array``, 1 = maybe. NaN, infinity and a box upside down: maybe.
+
+        Raises:
+            QueryError: As of ``segments``.
+
+        Example:
+            >>> far.boxes(np.array([[2.0, 0, 0]], np.float32), np.array([[3.0, 1, 1]], np.float32)).numpy()
+            array([0], dtype=uint8)
+        """
+        a, count, one = self._flat(lower, self.ndim, (False,))
+        b, others, other = self._flat(upper, self.ndim, (False,))
+        if count != others:
+            raise QueryError(f"lower and upper must be as many, got {count} and {others}")
+        if self.frame is not None and any(self.frame.blur):
+            raise QueryError(
+                "boxes of a grid whose cells stand a little beside the ones asked for are not asked: fit box queries"
+            )
+        a, b = (
+            outwards(each, side) if double else each for each, double, side in ((a, one, -np.inf), (b, other, np.inf))
+        )
+        out = new_output(out, count, wp.uint8, self.device)
+        data = self.data
+        inputs = [0, data, a, b, _steps(steps)]
+        self._run(box_kernel(self.source), count, inputs, [out], first_index=0)
+        return out
+
+    def _points(self, queries: wp.array, count: int, radii: np.ndarray, out: wp.array, *, values: bool) -> None:
+        data, radius = self.data, wp.array(radii, dtype=wp.float32, device=self.device)
+        many = int(len(radii) > 1)
+        self._ask_points([queries, count, 0, data.parameters, data.words, radius, many], out, values)
+
+    def _march(self, a, b, count: int, lengths: np.ndarray, radii: np.ndarray, steps: int, *, ray: bool):
+        numbers = [wp.array(values, dtype=wp.float32, device=self.device) for values in (lengths, radii)]
+        maybe, t = (wp.empty(count, dtype=kind, device=self.device) for kind in (wp.uint8, wp.float32))
+        many = [int(len(values) > 1) for values in (lengths, radii)]
+        data, steps, given = self.data, _steps(steps), [a, b, numbers[0], many[0], numbers[1], many[1]]
+        if count:
+            lines = wp.empty(count * (2 * self.ndim + 4), dtype=wp.float32, device=self.device)
+            self._run(lines_kernel(self.source, ray), count, [0, data, *given, self._clock], [lines], first_index=0)
+            self._march_lines([lines, count, 0, data.parameters, data.words, steps], [maybe, t])
+        return maybe, t
+
+    def _ask_points(self, inputs: list, out: wp.array, values: bool) -> None:
+        """Run ``distance_kernel``."""
+        kernel = distance_kernel(self.source, values)
+        self._run(kernel, inputs[1], inputs, [out], first_index=2, block=self.source.block)
+
+    def _march_lines(self, inputs: list, outputs: list) -> None:
+        """Run ``lanes_kernel``."""
+        self._run(lanes_kernel(self.source), inputs[1], inputs, outputs, first_index=2, block=self.source.block)
+
+    @property
+    def _clock(self) -> wp.vec3:
+        """What ``clock_func`` tells."""
+        domain = self.domain
+        if not domain.time:
+            return wp.vec3()
+        return wp.vec3(float(domain.center[0]), float(domain.limit[0] / domain.scale[0]), domain.speed)
+
+    def _run(self, kernel, count: int, inputs: list, outputs: list, *, first_index: int, **sizes: int) -> None:
+        BlockLaunch(
+            kernel, count, inputs, outputs, self.device, first_index=first_index, **{"block": 1} | sizes
+        ).launch_once()
+
+
+def _steps(steps: int) -> int:
+    """The number of evaluations, checked."""
+    if isinstance(steps, bool) or not isinstance(steps, (int, np.integer)) or not 1 <= steps < 2**31:
+        raise QueryError(f"steps must be a whole number of at least 1, got {steps!r}")
+    return int(steps)
+
+
+# --- the base --------------------------------------------------------------------------------------------------------
+
+
+class DistanceBounder(AskingDistance):
+    """A lower bound of the distance to an object, 0 in it and wherever nothing better is proven.
+
+    Attributes:
+        method: The name that ``method=`` takes.
+        domain: The box that holds the object, and the map into it.
+        threshold: float32, at most 0: what is added to F, the slack with its sign turned.
+        certificate: What is proven of it, or ``None``.
+        info: How it was made, by the names in ``file_format.INFO_FIELDS``.
+        device: The Warp device that queries run on.
+
+    Example:
+        >>> far = wb.fit(ball, "distance", "sphere", device="cpu")
+        >>> far.certificate.proven
+        True
+        >>> bool((far.distance(points).numpy() <= ball_distances).all())
+        True
+    """
+
+    method: ClassVar[str]
+    options: ClassVar[tuple[Option, ...]] = ()
+    conservative: ClassVar[bool] = True
+    composed: ClassVar[bool] = False
+    provable: ClassVar[bool] = True
+    query_kind: ClassVar[str] = DISTANCE.name
+
+    def __init__(
+        self,
+        domain: DistanceDomain,
+        tensors: dict[str, np.ndarray],
+        sizes: dict[str, Any],
+        device: str | None = None,
+    ):
+        """Copy and check what a bounder is made of.
+
+        Args:
+            domain: See class.
+            tensors: Arrays by role, float32 or the method's ``tensor_types``; copied, so that nothing can change them later.
+            sizes: JSON-ready structure that the tensors do not tell.
+            device: Warp device; the default device if ``None``.
+
+        Raises:
+            BounderError: If a tensor is not finite or of the wrong type.
+            DeviceError: If there is no such device.
+        """
+        device_of(device)
+        if not isinstance(domain, DistanceDomain):
+            raise BounderError(f"{self.method}: expected the domain of a distance, got {type(domain).__name__}")
+        if domain.time and not self.moving:
+            raise BounderError(f"{self.method}: there is no distance of shapes that move")
+        if domain.ndim > MOST_DIMENSIONS:
+            raise BounderError(f"{self.method}: distances have at most {MOST_DIMENSIONS} dimensions, got {domain.ndim}")
+        if not isinstance(sizes, dict):
+            raise BounderError(f"sizes must be a table of names, got {sizes!r}")
+        self.domain, self.sizes = domain, dict(sizes)
+        self.tensors = {name: np.array(value, order="C") for name, value in tensors.items()}
+        for name, value in self.tensors.items():
+            if value.dtype not in self.tensor_types(name):
+                raise BounderError(f"tensor {name} must not be {value.dtype}")
+            if value.dtype.kind == "f" and not np.isfinite(value).all():
+                raise BounderError(f"tensor {name} holds a value that is not finite")
+            value.setflags(write=False)
+        self.threshold = np.float32(0.0)
+        self.certificate: Certificate | None = None
+        self.info: dict[str, Any] = {}
+        self._device = device
+        self.check_tensors()
+
+    @staticmethod
+    def tensor_types(name: str) -> tuple[type, ...]:
+        """NumPy types that a tensor may have."""
+        return (np.float32,)
+
+    def expect_shapes(self, expected: dict[str, tuple[int, ...]]) -> None:
+        """Refuse tensors of other names or shapes, with ``BounderError``."""
+        found = {name: tensor.shape for name, tensor in self.tensors.items()}
+        if found != expected:
+            raise BounderError(f"{self.method}: expected tensors {expected}, got {found}")
+
+    # --- what a method supplies --------------------------------------------------------------------------------------
+
+    def check_tensors(self) -> None:
+        """Refuse tensors and sizes that do not fit together, and keep what follows from them; part of the constructor.
+
+        Raises:
+            BounderError: If they do not.
+        """
+
+    @abstractmethod
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        """Exact F (up to float64 rounding) of ``(N, n)`` float64 local coordinates; ``(N,)`` float64."""
+
+    @abstractmethod
+    def rounding_bound(self) -> float:
+        """E; see module."""
+
+    @property
+    def volume(self) -> Bounder | None:
+        """A bounder of points whose *maybe* holds the object, where F is a lower bound of the distance to it; else ``None``."""
+        return None
+
+    moving: ClassVar[bool] = False  # whether it has distances of shapes that move
+    room: ClassVar[float] = 0.0  # of the longest side: by how much the domain reaches beyond the object
+
+    def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Numbers at the corners of boxes: F is at most what is multilinear between them, certified.
+
+        Args:
+            lower: ``(N, n)`` float64, local coordinates, in one of ``pieces`` each.
+            upper: ``(N, n)`` float64.
+
+        Returns:
+            ``(N, 2^n)`` float64; the corner at place i is the upper one on axis k where bit k of i is set.
+        """
+        raise TypeError(f"{type(self).__name__} does not define corners")
+
+    def pieces(self) -> tuple[np.ndarray, np.ndarray]:
+        """``(P, n)`` and ``(P, n)`` float64, boxes that cover the domain, which a proof begins with; the domain itself by default."""
+        limit = self.domain.limit.astype(np.float64)
+        return -limit[None], limit[None]
+
+    part_count: int = 1  # parts of the domain that have a slack of their own each; no piece lies in two of them
+
+    def part_of(self, v: np.ndarray) -> np.ndarray:
+        """``(N,)`` int, the parts in which local coordinates ``(N, n)`` lie."""
+        return np.zeros(len(v), dtype=np.int64)
+
+    def relieve(self, excess: np.ndarray) -> None:
+        """Let each part have a slack of its own, in place: F grows by that, and no threshold is known any more.
+
+        Args:
+            excess: ``(parts,)`` float64: F exceeds the distance in each part by no more, local units. The largest stays as it is.
+        """
+
+    @property
+    def rate(self) -> float:
+        """Where coordinate 0 is time: more than F changes in a local unit of time; local units."""
+        raise TypeError(f"{type(self).__name__} does not define rate")
+
+    @property
+    def steepness(self) -> float:
+        """At least 1, and more than the numbers at corners change on the way of one local unit along any axis, all axes together."""
+        return 1.0
+
+    @classmethod
+    def supports(cls, ndim: int) -> bool:
+        """Whether the method has distances of n-dimensional objects."""
+        return 1 <= ndim <= MOST_DIMENSIONS
+
+    @classmethod
+    def options_taken(cls) -> tuple[Option, ...]:
+        """What ``fit`` and the command line can tell the method."""
+        return cls.options
+
+    # --- what follows ------------------------------------------------------------------------------------------------
+
+    @property
+    def parts(self) -> "list[DistanceBounder]":
+        """This one: there are no conjunctions of distances."""
+        return [self]
+
+    @property
+    def slack(self) -> float:
+        """What is taken off F so that it is a lower bound, rounding included; object units."""
+        return -float(self.threshold) * self.domain.unit
+
+    @property
+    def size(self) -> float:
+        """The longest side in space of the box that holds the object, with the domain's room; object units."""
+        return float((self.domain.upper - self.domain.lower)[int(self.domain.time) :].max())
+
+    def exact(self, x: np.ndarray) -> np.ndarray:
+        """G of points ``(N, n)`` as float64 has it, without what float32 rounds: what ``distance`` comes close to from below."""
+        v, n = self.domain.to_local(x), self.ndim
+        whole = self.source.whole
+        p = v if whole else self.domain.clipped(v)
+        value = self.reference(p.reshape(-1, n)) + float(self.threshold)
+        if not whole:
+            value = np.hypot(np.linalg.norm(v - p, axis=1), np.maximum(value, 0.0))
+        if self.domain.time:
+            value = np.where(np.abs(v[:, 0]) > self.domain.limit[0], 0.0, value)
+        return np.maximum(value, 0.0) * self.domain.unit
+
+    def to(self, device: str | None = None) -> "DistanceBounder":
+        """This bounder on another device; arguments as of ``Bounder.to``.
+
+        Raises:
+            DeviceError: If there is no such device.
+
+        Example:
+            >>> far.to("cpu").certificate == far.certificate
+            True
+        """
+        device = self._device if device is None else device
+        device_of(device)
+        copy = object.__new__(type(self))
+        copy.__dict__.update(self.__dict__)
+        copy._device, copy._data = device, None
+        return copy
+
+    def freeze(self, threshold: float, certificate: Certificate | None) -> "DistanceBounder":
+        """Set threshold and certificate, in place; nothing else changes them.
+
+        Args:
+            threshold: Rounded to float32; at most 0.
+            certificate: What is known of this threshold; ``None`` for nothing.
+
+        Raises:
+            BounderError: For a threshold above 0, with which rounding is not accounted for.
+        """
+        if not np.float32(threshold) <= 0:
+            raise BounderError(f"{self.method}: the threshold of a distance is at most 0, got {threshold:g}")
+        self.info = {key: value for key, value in self.info.items() if key != "rates"}
+        self.threshold = np.float32(threshold)
+        self.certificate = certificate
+        self._data = None
+        return self
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of data that one query can read; the tag and the lengths in front of them are not counted."""
+        head = len(self.domain.header) + 2 + len(self.extra)
+        return 4 * (head + len(self.weights())) + (self.words().nbytes if len(self.words()) > 1 else 0)
+
+    @property
+    def tightness(self) -> str:
+        """False positives of points at radius 0 in words, as ``fit`` measured them; empty where it did not."""
+        rates = self.info.get("rates")
+        if not rates:
+            return ""
+        text = f"{rates['fp_rate']:.2f} % false positives at radius 0 ({rates['samples']:,} samples)"
+        return f"{text}, slack {self.slack:.3g}"
+
+    def save(self, path) -> None:
+        """Write one ``.safetensors`` file, whole or not at all; as ``Bounder.save``.
+
+        Raises:
+            FileFormatError: If it cannot be written, or if another kind of file is there, which is kept.
+
+        Example:
+            >>> far.save("far.safetensors")
+            >>> wb.load("far.safetensors", device="cpu").certificate == far.certificate
+            True
+        """
+        save(self, path)
+
+    def __repr__(self) -> str:
+        proof = self.certificate.kind if self.certificate else "no certificate"
+        text = f"{self.method} distance bounder, {self.ndim}D, {self.nbytes} bytes, {proof}"
+        return f"<{text}, {self.tightness}>" if self.tightness else f"<{text}>"
+
+    @classmethod
+    def fit(cls, shape: Shape, domain: DistanceDomain, *, device: str | None = None, **options) -> "DistanceBounder":
+        """The method's F of a shape, in closed form, where there is one and no volume.
+
+        Raises:
+            BounderError: If there is none.
+        """
+        raise BounderError(f"{cls.method}: there is no closed form of its distance")
+
+
+# --- registry --------------------------------------------------------------------------------------------------------
+#
+# The methods that have a distance, by name; the names are those of ``METHODS`` where the volume is the same.
+
+_distances: dict[str, type[DistanceBounder]] = {}
+DISTANCES: Mapping[str, type[DistanceBounder]] = MappingProxyType(
+    _distances
+)  # in the order in which they were registered
+DistanceKind = TypeVar("DistanceKind", bound=DistanceBounder)
+
+
+def register_distance(kind: type[DistanceKind]) -> type[DistanceKind]:
+    """Make a method's distance known to ``fit``, ``load`` and the command line. Also a decorator of a class.
+
+    Raises:
+        BounderError: If it is no class of distance bounders, or another one has its name.
+    """
+    if not (isinstance(kind, type) and issubclass(kind, DistanceBounder)) or not isinstance(
+        getattr(kind, "method", None), str
+    ):
+        raise BounderError(f"expected a class of distance bounders with a method, got {kind!r}")
+    if _distances.setdefault(kind.method, kind) is not kind:
+        raise BounderError(f"distance {kind.method} is {_distances[kind.method].__name__} already, got {kind.__name__}")
+    return kind
+
+
+def unregister_distance(kind: type[DistanceBounder]) -> None:
+    """Undo ``register_distance``."""
+    if _distances.get(kind.method) is kind:
+        del _distances[kind.method]
+
+
+def distance_class(method: str, ndim: int | None = None) -> type[DistanceBounder]:
+    """The class of a method's distance.
+
+    Args:
+        method: Its name.
+        ndim: Dimensions of the object, where they are known.
+
+    Raises:
+        BounderError: For a method that has none, or not in n dimensions.
+    """
+    if method not in DISTANCES:
+        raise BounderError(f"method of a distance must be one of {', '.join(DISTANCES)}, got {method!r}")
+    if ndim is not None and not DISTANCES[method].supports(ndim):
+        raise BounderError(f"method {method} has no distance of {ndim}D objects")
+    return DISTANCES[method]
+
+
+# --- distances to volumes --------------------------------------------------------------------------------------------
+#
+# Distances to volumes: what the closed forms have in common.
+#
+# A proven bounder of points denies only points outside a volume ``{x: f(x) >= threshold}`` that holds the object: that is its certificate. The distance to
+# the volume, or less, is therefore a lower bound of the distance to the object, and needs no proof of its own. The file holds the
+# bounder of points (its tensors; in ``sizes`` its domain, sizes and threshold), and everything that the kernel reads follows from these numbers, rounded
+# outwards; ``certify`` proves the bounder of points again.
+#
+# What follows is computed in the coordinates of the ``DistanceDomain``, y, in float64, and charged ``NOISE`` relative to all that enters, which
+# is some hundred times what its few sums and products round.
+
+NOISE = 1e-13  # relative to the sizes of all terms: more than float64 rounds in sums and products of them
+
+
+class Form(NamedTuple):
+    """What a kernel computes a distance to a volume from.
+
+    Attributes:
+        source: Made from ``(ndim, time)`` and these sizes.
+        numbers: float32, the source's.
+        error: E, without ``FLUSHED``.
+        growth: See ``DistanceBounder``.
+        reference: F of ``(N, n)`` float64 local coordinates.
+    """
+
+    source: DistanceSource
+    numbers: np.ndarray
+    error: float
+    growth: float
+    reference: Callable[[np.ndarray], np.ndarray]
+
+
+class VolumeDistance(DistanceBounder):
+    """The distance to the volume of a bounder of points. A subclass names its class and tells how far the volume is (``form_of``).
+
+    Tensors: those of the bounder of points. Sizes: ``volume``, a table of its ``domain``, ``sizes`` and ``threshold``.
+    """
+
+    bounds: ClassVar[type[Bounder]]  # the class of bounders of points
+
+    @classmethod
+    def form_of(cls, volume: Bounder, domain: DistanceDomain) -> Form:
+        """How far the volume is."""
+        raise TypeError(f"{cls.__name__} does not define form_of")
+
+    @classmethod
+    def options_taken(cls) -> tuple[Option, ...]:
+        return tuple(taken([cls.bounds], POINT.name).values())
+
+    @classmethod
+    def supports(cls, ndim: int) -> bool:
+        return super().supports(ndim) and cls.bounds.supports(POINT.name, ndim)
+
+    @classmethod
+    def around(cls, volume: Bounder, domain: DistanceDomain, sizes: dict[str, Any], device: str | None = None):
+        """The distance to the volume of a bounder of points, with a threshold that covers rounding and nothing else.
+
+        Args:
+            volume: A bounder of points at its threshold.
+            domain: Of the same object.
+            sizes: What else there is to tell.
+            device: Warp device.
+        """
+        told = {
+            "domain": volume.domain.to_dict(),
+            "sizes": volume.sizes,
+            "threshold": float(volume.threshold),
+        }
+        return cls(domain, volume.tensors, {**sizes, "volume": told}, device)
+
+    def check_tensors(self) -> None:
+        told = self.sizes.get("volume")
+        if not isinstance(told, dict) or set(told) != {"domain", "sizes", "threshold"}:
+            raise BounderError(f"{self.method}: expected the volume's domain, sizes and threshold")
+        domain, threshold = Domain.from_dict(told["domain"]), json_number(told["threshold"], "the volume's threshold")
+        if domain.ndim != self.ndim or domain.time or domain.unbounded:
+            raise BounderError(f"{self.method}: the volume is of another kind of object")
+        if not np.isfinite(threshold) or float(np.float32(threshold)) != threshold:
+            raise BounderError(f"{self.method}: the volume's threshold {threshold} is not a finite float32 number")
+        self._volume = self.bounds(domain, self.tensors, told["sizes"], self._device).freeze(threshold, None)
+        self._form = self.form_of(self._volume, self.domain)
+        if not (np.isfinite(self._form.numbers).all() and np.isfinite(self._form.error)):
+            raise BounderError(f"{self.method}: numbers are so large that float32 cannot hold them")
+
+    @property
+    def volume(self) -> Bounder:
+        return self._volume
+
+    @property
+    def source(self) -> DistanceSource:
+        return self._form.source
+
+    def weights(self) -> np.ndarray:
+        return self._form.numbers
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        return self._form.reference(np.asarray(v, dtype=np.float64))
+
+    def rounding_bound(self) -> float:
+        return self._form.error + FLUSHED
+
+    def growth(self) -> float:
+        return self._form.growth

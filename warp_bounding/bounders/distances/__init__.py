@@ -1,1 +1,0 @@
-"""Lower bounds of distances: one file a family; ``methods`` lists them, ``register_distance`` adds one from outside."""

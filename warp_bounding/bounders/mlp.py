@@ -1,0 +1,654 @@
+"""``mlp``: a multi-layer perceptron (the paper's OurNN), any widths and activation, with an optional encoding.
+
+The network's output before the paper's sigmoid is ``f`` (of planes, two outputs make it: ``networks.heads``); the
+threshold on it is set by a proof or a search, not at a probability of one half.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from math import prod
+from typing import ClassVar
+
+import numpy as np
+import warp as wp
+
+from warp_bounding.activations import ACTIVATIONS, DEFAULT, activation_of
+from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, gamma
+from warp_bounding.bounders.bounder import STEPS, Bounder, Option, composed, holding, members_of, one_of, whole
+from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.coordinates.domain import GROWTH, Domain
+from warp_bounding.errors import BounderError
+from warp_bounding.kernels.functions import warp_kernel
+from warp_bounding.kernels.lattice import PER_WORD, level_text
+from warp_bounding.kernels.source import DENIED, Early, Lanes, Source, literal
+from warp_bounding.networks import tensor_cores
+from warp_bounding.networks.box_bounds import BoxBounds
+from warp_bounding.networks.heads import head_of
+from warp_bounding.networks.inference import MlpSource, head_numbers, layer_numbers
+from warp_bounding.networks.network import Network
+from warp_bounding.queries import QUERIES
+from warp_bounding.queries.box import BOX
+from warp_bounding.runtime.launch import BlockLaunch
+
+# --- networks --------------------------------------------------------------------------------------------------------
+
+LARGEST_WIDTH = 1024  # neurons of a hidden layer
+MOST_LAYERS = 8  # hidden layers
+# Neurons of all hidden layers: proofs hold some 64 (2 n + 7) bytes for each on a thread's stack, 2 MB in 4D.
+MOST_NEURONS = 2048
+MOST_OCTAVES = 10  # octaves of the positional encoding
+RECIPES = ("default", "paper")  # names of the recipes of training
+
+
+def encoding_tensors(ndim: int, octaves: int) -> dict[str, np.ndarray]:
+    """The positional encoding of the supplement: sine and cosine of ``2^i pi v`` for each coordinate and octave.
+
+    The features are ``sin(weight v + bias)``, ``encoding.weight`` ``(2 n octaves, n)``; 4 octaves give the supplement's 18
+    inputs in 2D.
+    """
+    frequency = np.float32(np.pi) * 2.0 ** np.arange(octaves)
+    weight = np.kron(np.kron(frequency[:, None], np.eye(ndim)), np.ones((2, 1)))
+    bias = np.tile([0.0, np.pi / 2], ndim * octaves)
+    return {"encoding.weight": weight.astype(np.float32), "encoding.bias": bias.astype(np.float32)}
+
+
+def check_hidden(hidden) -> tuple[int, ...]:
+    """Hidden widths as a tuple; raises ``BounderError`` for none, too many, or one that is no whole number in its range."""
+    if not isinstance(hidden, Iterable) or isinstance(hidden, str | bytes):
+        raise BounderError(f"hidden must be the widths of the layers, such as (24, 24), got {hidden!r}")
+    widths = tuple(hidden)
+    known = all(isinstance(h, (int, np.integer)) and not isinstance(h, bool) for h in widths)
+    known = known and all(1 <= h <= LARGEST_WIDTH for h in widths)
+    if not 1 <= len(widths) <= MOST_LAYERS or not known or sum(widths) > MOST_NEURONS:
+        limits = f"1 to {MOST_LAYERS} widths from 1 to {LARGEST_WIDTH}, {MOST_NEURONS} in all"
+        got = repr(hidden) if len(widths) <= MOST_LAYERS else f"{len(widths)} of them"
+        raise BounderError(f"hidden must be {limits}, such as (50, 50), got {got}")
+    return tuple(int(h) for h in widths)
+
+
+def _widths(text: str) -> tuple[int, ...]:
+    """Hidden widths as the command line writes them, such as 50,50."""
+    try:
+        return tuple(int(width) for width in text.split(","))
+    except ValueError:
+        raise BounderError(f"hidden must be widths such as 50,50, got {text!r}") from None
+
+
+check_octaves = whole("octaves", 0, MOST_OCTAVES)
+_HELP = f"of the hidden layers: {', '.join(ACTIVATIONS)}"
+_NOT_PLANES = ("point", "ray", "box")  # networks of planes have neither an encoding nor the paper's recipe
+MOST_THRESHOLDS = 65_536  # parts of a domain that have one each (``bounders.mlp``)
+
+HIDDEN = Option("hidden", (50, 50), "widths of the hidden layers", check_hidden, _widths)
+ACTIVATION = Option("activation", DEFAULT.name, _HELP, one_of("activation", ACTIVATIONS))
+OCTAVES = Option("octaves", 0, "of positional encoding, 0 for none", check_octaves, int, _NOT_PLANES)
+RECIPE = Option(
+    "recipe", RECIPES[0], "default, or paper for the paper's schedule", one_of("recipe", RECIPES), queries=_NOT_PLANES
+)
+THRESHOLDS = Option(
+    "thresholds",
+    1,
+    "parts of the domain, each with a threshold of its own",
+    whole("thresholds", 1, MOST_THRESHOLDS),
+    int,
+    _NOT_PLANES,
+)
+CERTIFICATES = ("proven", "statistical")
+CERTIFICATE = Option(
+    "certificate",
+    CERTIFICATES[0],
+    "proven; or statistical, for a threshold that samples attest where a proof in many dimensions leaves nothing",
+    one_of("certificate", CERTIFICATES),
+    queries=("point",),
+)
+
+
+class Mlp(tensor_cores.TensorCores, Bounder):
+    """A network; *maybe* where its output reaches the threshold.
+
+    Tensors: ``layers.i.weight`` ``(H, K)``, ``layers.i.bias`` ``(H,)``, the last layer with H = 1, or 2 for planes;
+    ``encoding.weight`` and ``encoding.bias`` where there is an encoding. Sizes: ``hidden``, ``activation``,
+    ``octaves``; older files also hold ``moments``, always false.
+    """
+
+    method = "mlp"
+    exact_on_cells = False
+    options = (HIDDEN, ACTIVATION, OCTAVES, RECIPE, THRESHOLDS, CERTIFICATE, STEPS)
+    source_kind: ClassVar[type[MlpSource]] = MlpSource
+
+    @classmethod
+    def supports(cls, query: str, ndim: int) -> bool:
+        return not QUERIES[query].is_region or ndim >= 2
+
+    @classmethod
+    def takes_shapes(cls, query: str) -> bool:
+        return True
+
+    def check_tensors(self) -> None:
+        self.hidden = check_hidden(self.sizes.get("hidden", ()))
+        self.activation = activation_of(self.sizes.get("activation")).name
+        octaves = check_octaves(self.sizes.get("octaves", 0))
+        if (moments := self.sizes.get("moments", False)) is not False:
+            raise BounderError(f"networks that are given a ray's moments are no longer read, got moments={moments!r}")
+        self.head = head_of(self.query_kind)
+        raw = self.domain.ndim - self.head.offsets
+        self.features = 2 * raw * octaves
+        expected = self._shapes()
+        if octaves:
+            expected |= {"encoding.weight": (self.features, raw), "encoding.bias": (self.features,)}
+        self.expect_shapes(expected)
+        encoding = (self.tensors["encoding.weight"], self.tensors["encoding.bias"]) if octaves else None
+        limit = self.domain.limit[:raw].astype(np.float64)
+        self.networks = [Network(self._layers(o), self.activation, encoding, limit) for o in range(self.head.outputs)]
+
+    def _shapes(self) -> dict[str, tuple[int, ...]]:
+        """Shapes of the tensors, but for the encoding."""
+        shapes, sizes = {}, (self.source.inputs, *self.hidden, self.head.outputs)
+        for i, (k, h) in enumerate(pairwise(sizes)):
+            shapes |= {f"layers.{i}.weight": (h, k), f"layers.{i}.bias": (h,)}
+        return shapes
+
+    def _layers(self, output: int = 0) -> list[tuple[np.ndarray, np.ndarray]]:
+        names = [f"layers.{i}" for i in range(len(self.hidden) + 1)]
+        *layers, (weight, bias) = [(self.tensors[f"{name}.weight"], self.tensors[f"{name}.bias"]) for name in names]
+        return [*layers, (weight[output : output + 1], bias[output : output + 1])]
+
+    def rebased(self, domain: Domain) -> "Mlp":
+        """The same network of points for another domain: the first layer takes the map between the two, rounded to float32.
+
+        It is not proven: its threshold is this one's, and it has no certificate.
+
+        Args:
+            domain: The domain that the new network is asked in.
+
+        Raises:
+            BounderError: For networks of regions, and those with an encoding of this domain's coordinates.
+        """
+        if not self.domain.tested_as_point or self.features:
+            raise BounderError(
+                f"{self.method}: only a network of points without an encoding can be asked in another domain"
+            )
+        own, scale = self.domain, self.domain.scale.astype(np.float64)
+        weight, bias = (self.tensors[f"layers.0.{name}"].astype(np.float64) for name in ("weight", "bias"))
+        shift = (domain.center.astype(np.float64) - own.center) * scale
+        first = {
+            "layers.0.weight": weight * (scale / domain.scale.astype(np.float64)),
+            "layers.0.bias": bias + weight @ shift,
+        }
+        tensors = self.tensors | {name: value.astype(np.float32) for name, value in first.items()}
+        return type(self)(domain, tensors, self.sizes, self._device).freeze(float(self.threshold), None)
+
+    @property
+    def network(self) -> Network:
+        """The network of the first output."""
+        return self.networks[0]
+
+    @property
+    def source(self) -> MlpSource:
+        return self.source_of(self.source_kind, self.hidden, self.activation, self.features)
+
+    def weights(self) -> np.ndarray:
+        parts = []
+        if self.features:
+            parts += [self.tensors["encoding.bias"], self.tensors["encoding.weight"].reshape(-1)]
+        parts += [layer_numbers(weight, bias) for weight, bias in self._layers()[:-1]]
+        last = f"layers.{len(self.hidden)}"
+        return np.concatenate([*parts, head_numbers(self.tensors[f"{last}.weight"], self.tensors[f"{last}.bias"])])
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        return self.head.value(self.networks, np.asarray(v, dtype=np.float64))
+
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        if self.head.outputs > 1:
+            raise BounderError(f"{self.method}: boxes of {self.query_kind} coordinates are not bounded one by one")
+        return self.network.bound(lower, upper)
+
+    def batch_launch(
+        self, queries: wp.array, count: int, place: wp.array | None, out: wp.array, *, values: bool = False
+    ) -> BlockLaunch:
+        numbers = None if values else self.tensor_numbers
+        if numbers is None:
+            return super().batch_launch(queries, count, place, out, values=values)
+        data, source = self.data, self.source
+        inputs = [queries, count, 0, data.parameters, data.words, data.parameters if place is None else place, numbers]
+        kernel = warp_kernel(source, place is not None, values, tensor_cores.text(source))
+        return BlockLaunch(
+            kernel, tensor_cores.threads(count), inputs, [out], self.device, first_index=2, block_dim=tensor_cores.BLOCK
+        )
+
+    def rounding_bound(self) -> float:
+        return self.head.rounding(self.networks, self.domain.limit)
+
+
+# --- thresholds by parts ---------------------------------------------------------------------------------------------
+#
+# ``local``: a network with a threshold of its own in each part of the domain, so that its worst place sets one price.
+#
+# The coordinates v are cut along each axis at *edges*, into a lattice of parts. Each part has a *level*, one byte: the
+# threshold that f must reach there; or that no positive lies in the part at all, or hardly anything else, and the network
+# is not even asked. f less the threshold of v's part is the f of this class; it jumps at the edges, and so proofs cut their boxes there (``cut``);
+# those of rays and boxes, whose boxes are not of v, search each part by itself (``proof.parts``).
+
+# --- lattice ---------------------------------------------------------------------------------------------------------
+#
+# The domain of a bounder, cut at edges into a lattice of parts.
+
+# Edges keep this far from 0, so that a device that takes tiny v for 0 finds the same part.
+NEAREST_TO_ZERO = 2.0**-64
+
+
+class Lattice:
+    """The domain cut at edges.
+
+    Args:
+        edges: For each axis of v, its inner edges in ascending order, float32.
+    """
+
+    def __init__(self, edges: list[np.ndarray]):
+        self.edges = [np.array(axis, dtype=np.float32) for axis in edges]
+        for axis in self.edges:
+            axis[np.abs(axis) < NEAREST_TO_ZERO] = NEAREST_TO_ZERO
+        self.shape = tuple(len(axis) + 1 for axis in self.edges)
+
+    @classmethod
+    def of(cls, lower: np.ndarray, upper: np.ndarray, shape: tuple[int, ...]) -> "Lattice":
+        """Parts of equal size between two corners ``(n,)``; the outer ones go on to the end of the domain."""
+        ends = zip(lower, upper, shape, strict=True)
+        return cls([np.linspace(low, high, count + 1)[1:-1].astype(np.float32) for low, high, count in ends])
+
+    def moved(self, to: Callable[[np.ndarray], np.ndarray]) -> "Lattice":
+        """The same parts in other coordinates, which each axis has of its own: ``to`` takes ``(N, n)`` and gives ``(N, n)``."""
+        moved = []
+        for k, axis in enumerate(self.edges):
+            at = np.zeros((len(axis), len(self.edges)))
+            at[:, k] = axis
+            moved.append(to(at)[:, k].astype(np.float32))
+        return Lattice(moved)
+
+    @property
+    def count(self) -> int:
+        """Number of parts."""
+        return prod(self.shape)
+
+    def place(self, v: np.ndarray) -> np.ndarray:
+        """``(N,)`` int64: index of the part that holds each v ``(N, n)``."""
+        along = [np.searchsorted(axis, v[:, k], side="right") for k, axis in enumerate(self.edges)]
+        return np.ravel_multi_index(along, self.shape) if along else np.zeros(len(v), np.int64)
+
+    def cut(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Boxes ``(N, n)`` cut at the edges, so that each piece lies in the closure of one part, with its lower corner in it.
+
+        A box that ends on an edge has a piece without width beyond it.
+
+        Returns:
+            Corners of the pieces, ``(K, n)`` float64 each, and which box each one is a piece of.
+        """
+        owner = np.arange(len(lower))
+        for k, axis in enumerate(self.edges):
+            first = np.searchsorted(axis, lower[:, k], side="right")
+            last = np.searchsorted(axis, upper[:, k], side="right")
+            times = last - first + 1
+            row = np.repeat(np.arange(len(lower)), times)
+            step = np.arange(len(row)) - np.repeat(np.cumsum(times) - times, times)
+            ends = np.concatenate([[-np.inf], axis.astype(np.float64), [np.inf]])
+            lower, upper, owner = lower[row], upper[row], owner[row]
+            lower[:, k] = np.maximum(lower[:, k], ends[first[row] + step])
+            upper[:, k] = np.minimum(upper[:, k], ends[first[row] + step + 1])
+        return lower, upper, owner
+
+    def ranges(self, lower: np.ndarray, upper: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """For each axis the first and the last part that the box's inside meets, of pieces the one that they lie in."""
+        pairs = []
+        for k, axis in enumerate(self.edges):
+            first = np.searchsorted(axis, lower[:, k], side="right")
+            pairs.append((first, np.maximum(first, np.searchsorted(axis, upper[:, k], side="left"))))
+        return pairs
+
+    def extremes(
+        self, values: np.ndarray, lower: np.ndarray, upper: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Least and largest ``values`` ``(parts,)`` of parts that boxes ``(N, n)`` meet, and which boxes meet one only."""
+        ranges, every = self.ranges(lower, upper), values.reshape(self.shape)
+        single = np.all([first == last for first, last in ranges], axis=0)
+        least = every[tuple(first for first, _ in ranges)]
+        most = least.copy()
+        for row in np.flatnonzero(~single):
+            inside = every[tuple(slice(first[row], last[row] + 1) for first, last in ranges)]
+            least[row], most[row] = inside.min(), inside.max()
+        return least, most, single
+
+    @classmethod
+    def stored(cls, edges: np.ndarray, shape: tuple[int, ...], method: str) -> "Lattice":
+        """The lattice of a file: the edges of each axis in turn.
+
+        Raises:
+            BounderError: If they do not ascend, or one of them is too near to 0.
+        """
+        lattice = cls(np.split(edges, np.cumsum([count - 1 for count in shape])[:-1]))
+        if not (all((np.diff(axis) > 0).all() for axis in lattice.edges) and (np.abs(edges) >= NEAREST_TO_ZERO).all()):
+            raise BounderError(f"{method}: edges must ascend, none of them 0")
+        return lattice
+
+
+def packed(levels: np.ndarray) -> np.ndarray:
+    """``(ceil(parts / 4),)`` uint32, words of levels ``(parts,)`` uint8."""
+    return np.pad(levels, (0, -len(levels) % PER_WORD)).view("<u4").astype(np.uint32)
+
+
+def unpacked(words: np.ndarray, count: int) -> np.ndarray:
+    """``(count,)`` uint8, the levels in words."""
+    return words.astype("<u4").view(np.uint8)[:count]
+
+
+# --- source ----------------------------------------------------------------------------------------------------------
+#
+# Native code of local thresholds: where v lies among the edges, the level that stands there, and what is left of f.
+#
+# The lattice is that of ``kernels.lattice``. A threshold is ``step * (first + level)``, a power of two times a whole number under 2^24: float32
+# holds it, however it is computed.
+
+NOWHERE = 255  # the level of a part without positives: there every query is denied
+EVERYWHERE = 254  # the level of a part where the network denies next to nothing: there no query is
+CERTAIN = -DENIED  # f where no query is denied
+
+
+@dataclass(frozen=True)
+class LocalSource(Source):
+    """Native code of a bounder with local thresholds.
+
+    Numbers: the member's, so that its text reads ``w`` as if it were alone; the inner edges of each axis in turn; the
+    first level's number, and the step.
+    """
+
+    member: Source
+    count: int  # how many numbers the member has
+    shape: tuple[int, ...]  # parts along each axis of v
+
+    packed = True
+
+    @property
+    def width(self) -> dict[str, int]:
+        """See ``Source``: the member's."""
+        return self.member.width
+
+    @property
+    def scale_at(self) -> int:
+        """Index in ``w`` of the number of the first level; the step follows."""
+        return self.count + sum(self.shape) - len(self.shape)
+
+    def _level(self, vector: bool) -> str:
+        """C statements that compute ``level_`` from ``v``."""
+        return level_text(self.shape, self.count, vector)
+
+    def _rest(self) -> str:
+        """C text of the threshold."""
+        return f"(level_ + w[{self.scale_at}]) * w[{self.scale_at + 1}]"
+
+    def early(self) -> list[Early]:
+        empty = f"f = {NOWHERE - 0.5}f - level_;"
+        return [Early(self._level(vector=True) + empty, "0.0f"), *self.member.early()]
+
+    def body(self, lanes: Lanes) -> str:
+        if lanes.vector:  # ``early`` has denied the queries of parts without positives
+            rest = f"f = level_ == {EVERYWHERE}.0f ? V{{}} + {literal(CERTAIN)} : f - {self._rest()};"
+            return f"{{ {self.member.body(lanes)} }}\n{{ {self._level(vector=True)} {rest} }}"
+        return f"{{ {self._level(vector=False)} {self._given('f')} else {{ {self.member.body(lanes)} f -= {self._rest()}; }} }}"
+
+    def _given(self, name: str) -> str:
+        """C text of the answers that a level alone gives."""
+        levels = (NOWHERE, DENIED), (EVERYWHERE, CERTAIN)
+        return " else ".join(f"if (level_ == {level}.0f) {{ {name} = {literal(value)}; }}" for level, value in levels)
+
+    def function_body(self) -> str:
+        own = f"else {{ {self.member.function_body()} local_f_ = f - {self._rest()}; }} }}"
+        lines = ["float local_f_;", f"{{ {self._level(vector=False)}", self._given("local_f_"), own]
+        return "\n".join([*lines, "const float f = local_f_;"])
+
+    @property
+    def parts(self) -> int:
+        """Number of parts."""
+        return prod(self.shape)
+
+
+LEVELS = EVERYWHERE  # how many levels are thresholds
+STEP_RANGE = (2.0**-60, 2.0**30)  # between two levels
+MOST_NUMBER = 2.0**22  # of the first level: sums with a level stay whole numbers that float32 holds
+
+
+@composed
+class Local(Bounder):
+    """A network at thresholds of the parts of its domain.
+
+    Tensors: the network's, each under ``0.`` and its role there; ``edges``, the inner edges of each axis in turn;
+    ``levels`` ``(ceil(parts / 4),)`` uint32, a byte for each part, which can be ``NOWHERE`` or ``EVERYWHERE``; ``scale``
+    ``(2,)``, the whole number of the first level, and the step, a power of two. Sizes: ``parts``, the network's ``method`` and
+    ``sizes``; ``shape``.
+    """
+
+    method = "local"
+    exact_on_cells = False
+    bit_fields = ("levels",)
+
+    @classmethod
+    def supports(cls, query: str, ndim: int) -> bool:
+        return Mlp.supports(query, ndim) and head_of(query).outputs == 1
+
+    @classmethod
+    def of(cls, member: Mlp, lattice: Lattice, thresholds: np.ndarray, step: float) -> "Local":
+        """A network at thresholds ``(parts,)``, each rounded down to a level, as far at least as the lowest one.
+
+        So the lowest one loses nothing, once what all are too low by is made the bounder's own threshold.
+
+        Args:
+            member: The network; its own threshold is not used.
+            lattice: The parts.
+            thresholds: In array order of the parts; infinity where no positive lies, minus infinity where no query is
+                to be denied.
+            step: Between two levels, a power of two. The highest level stands for all thresholds above it.
+
+        Raises:
+            BounderError: If the thresholds cannot be told apart by float32 in such steps.
+        """
+        some = np.isfinite(thresholds)
+        least = float(thresholds[some].min()) if some.any() else 0.0
+        first = np.floor(least / step)
+        levels = np.where(thresholds > 0, NOWHERE, EVERYWHERE).astype(np.uint8)
+        levels[some] = np.clip(np.floor((thresholds[some] - least) / step), 0, LEVELS - 1)
+        tensors, sizes = holding([member])
+        scale = np.array([first, step], np.float32)
+        tensors |= {"edges": np.concatenate(lattice.edges), "levels": packed(levels), "scale": scale}
+        return cls(member.domain, tensors, sizes | {"shape": list(lattice.shape)}, member._device)
+
+    def check_tensors(self) -> None:
+        shape = self.sizes.get("shape")
+        whole = isinstance(shape, list) and all(type(count) is int and count >= 1 for count in shape)
+        if not whole or len(shape) != self.domain.ndim or prod(shape) > MOST_THRESHOLDS:
+            raise BounderError(
+                f"{self.method}: expected {self.domain.ndim} counts, at most {MOST_THRESHOLDS} parts, got {shape!r}"
+            )
+        self.members, shapes = members_of(self, 1, 1, lambda kind: kind is Mlp)
+        (self.member,) = self.members
+        expected = {"edges": (sum(shape) - len(shape),), "levels": (-(-prod(shape) // PER_WORD),), "scale": (2,)}
+        self.expect_shapes(shapes | expected)
+        self.lattice = Lattice.stored(self.tensors["edges"], shape, self.method)
+        first, step = (float(x) for x in self.tensors["scale"])
+        if not (
+            STEP_RANGE[0] <= step <= STEP_RANGE[1]
+            and np.frexp(step)[0] == 0.5
+            and first == np.floor(first)
+            and abs(first) <= MOST_NUMBER
+        ):
+            raise BounderError(f"{self.method}: expected a whole number and a power of two, got {first} and {step}")
+        self.check_range()
+
+    @cached_property
+    def thresholds(self) -> np.ndarray:
+        """``(parts,)`` float64, exact; infinity where every query is denied, minus infinity where none is."""
+        levels = unpacked(self.tensors["levels"], self.lattice.count).astype(np.float64)
+        first, step = self.tensors["scale"].astype(np.float64)
+        named = {NOWHERE: np.inf, EVERYWHERE: -np.inf}
+        return np.select([levels == level for level in named], list(named.values()), (levels + first) * step)
+
+    @property
+    def source(self) -> LocalSource:
+        return self.source_of(LocalSource, self.member.source, len(self.member.weights()), self.lattice.shape)
+
+    def weights(self) -> np.ndarray:
+        return np.concatenate([self.member.weights(), self.tensors["edges"], self.tensors["scale"]])
+
+    def words(self) -> np.ndarray:
+        return self.tensors["levels"]
+
+    def cut(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return self.lattice.cut(lower, upper)
+
+    def reference(self, v: np.ndarray) -> np.ndarray:
+        v = np.asarray(v, dtype=np.float64)
+        return np.clip(self.member.reference(v) - self.thresholds[self.lattice.place(v)], DENIED, CERTAIN)
+
+    def thresholds_in(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The least and the largest threshold of the parts that boxes ``(N, n)`` meet, and which boxes meet one only."""
+        return self.lattice.extremes(self.thresholds, lower, upper)
+
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """See ``Bounder``. A box inside one part has the part's threshold everywhere, on its upper sides too."""
+        bounds = self.member.bound(lower, upper)
+        _, most, single = self.thresholds_in(lower, upper)
+        # Not cut at DENIED: a part that is denied by its level is, whatever the threshold.
+        least = np.minimum(np.nextafter(bounds.lower - most, -np.inf), CERTAIN)
+        value = np.where(single, np.clip(bounds.value - most, DENIED, CERTAIN), self.reference(bounds.point))
+        # The network's slopes are not those of this f, which is less by the threshold of the part.
+        return BoxBounds(least, bounds.axis, bounds.point, value, bounds.next_axis)
+
+    def rounding_bound(self) -> float:
+        network, some = self.member.network, self.thresholds[np.isfinite(self.thresholds)]
+        error = self.member.rounding_bound()
+        size = network.largest + error + np.abs(some).max(initial=0.0)  # of f less a threshold, which rounds once
+        return (error + gamma(2) * size + 2 * TINY) * (1 + 4 * UNIT32)
+
+
+# --- monotone networks of boxes --------------------------------------------------------------------------------------
+#
+# ``monotone-mlp``: a network for boxes whose f never falls as a box grows, so that points suffice to prove it.
+#
+# Positives are an up-set: a box that holds one that meets the object meets it too. The network knows that: with ``v =
+# (low, high)``, f is nonincreasing in low and nondecreasing in high, by the signs of its weights alone. Every positive
+# holds a point p of the object, ``low <= p <= high``, so ``f(low, high) >= f(p, p)``, and the least f over all
+# positives is the least over the points of the object: a proof in n dimensions instead of 2 n (``point_network``,
+# ``proof.covers.monotone_box``).
+#
+# Signs: a neuron rises or falls as the box grows, and a weight leads a rising neuron into another by a number that is
+# not negative, a falling one by one that is not positive; low falls, high rises, f rises. Any monotone activation will
+# do. For tanh, which is odd, falling neurons add nothing; a ReLU that falls, counted negatively, is concave (Runje and
+# Shankaranarayana, *Constrained Monotonic Neural Networks*, 2023). Networks of other signs do not load.
+#
+# Exact arithmetic is monotone and float32 need not be; but the computed f is within ``rounding_bound`` of the exact
+# one, for every box, and a threshold must leave room for that alone.
+
+
+def _monotone(activation) -> str:
+    """The name of the activation that a monotone network has in the place of this one, which may fall."""
+    return activation_of(activation).monotone.name
+
+
+def _help() -> str:
+    """The words of the option: activations that never fall, and what stands in for the others."""
+    never, falling = ([a for a in ACTIVATIONS.values() if (a.monotone is a) == own] for own in (True, False))
+    others = "".join(f"; {a.monotone.name} stands in for {a.name}" for a in falling)
+    return f"{' or '.join(a.name for a in reversed(never))}{others}"
+
+
+class MonotoneMlp(Mlp):
+    """A network of box queries whose f never falls as a box grows; see the module and ``Mlp``.
+
+    Tensors and sizes: those of ``Mlp``, no encoding.
+
+    Attributes:
+        signs: For each hidden layer ``(H,)``: 1 where a neuron rises with the box, -1 where it falls, 0 where it has no
+            say.
+    """
+
+    method = "monotone-mlp"
+    options = (HIDDEN, Option("activation", DEFAULT.monotone.name, _help(), _monotone), STEPS)
+
+    @classmethod
+    def supports(cls, query: str, ndim: int) -> bool:
+        return query == BOX.name and super().supports(query, ndim)
+
+    @classmethod
+    def takes_shapes(cls, query: str) -> bool:
+        return True  # it is proven over the object's points
+
+    def check_tensors(self) -> None:
+        """See ``Mlp``; refuses also tensors of which f would not be monotone."""
+        super().check_tensors()
+        if self.features or _monotone(self.activation) != self.activation:
+            raise BounderError(
+                f"{self.method} takes no octaves, and activations that never fall ({_help()}), got "
+                f"octaves={self.sizes.get('octaves', 0)} and {self.activation}"
+            )
+        self.signs = self._signs()
+
+    def _signs(self) -> list[np.ndarray]:
+        """Which way each neuron goes, found from the output down; raises ``BounderError`` where one goes both ways."""
+        sign, signs = np.ones(1), []
+        for index in range(len(self.hidden), -1, -1):
+            ways = sign[:, None] * np.sign(self.tensors[f"layers.{index}.weight"].astype(np.float64))
+            rises, falls = (ways > 0).any(axis=0), (ways < 0).any(axis=0)
+            if index == 0:  # the inputs' own ways are known
+                rises[self.ndim :], falls[: self.ndim] = False, False
+            if (rises & falls).any() or (index == 0 and (rises | falls).any()):
+                wrong = f"a weight in layers.{index}.weight has the wrong sign"
+                raise BounderError(f"{self.method}: {wrong}, f would not be monotone")
+            sign = rises.astype(np.float64) - falls
+            signs.insert(0, sign)
+        return signs[1:]
+
+    @cached_property
+    def point_network(self) -> Network:
+        """A network g of points, local space: ``g(p) <= f(low, high)`` for all that is computed of a box that holds p.
+
+        The input error moves a box's corners by delta at most, to ``low <= p + delta`` and ``high >= p - delta``, and
+        clipping to the domain, in which p lies, leaves it at that. So ``g(p) = f(p + delta, p - delta)``: a first
+        layer with the sum of both halves' weights, and a bias that is moved. The float64 rounding of these numbers,
+        and of p (as in ``Domain.widened``), moves it a little further.
+        """
+        base, n = self.domain.base, self.ndim
+        layers = [(w.astype(np.float64), b.astype(np.float64)) for w, b in self._layers()]
+        weight, bias = layers[0]
+        size = np.abs(weight[:, :n]) + np.abs(weight[:, n:])
+        delta = base.delta * GROWTH + 1e-15 * (1 + np.abs(base.to_local(base.lower)))
+        limit = base.limit.astype(np.float64)
+        rounding = gamma(8 * n + 16, UNIT64) * (np.abs(bias) + size @ (limit + delta))
+        moved = bias - self.signs[0] * (size @ delta + rounding)
+        layers[0] = (weight[:, :n] + weight[:, n:], moved)
+        return Network(layers, self.activation, None, limit)
+
+
+# --- occupancy networks ----------------------------------------------------------------------------------------------
+#
+# ``occupancy``, not conservative: the network of ``mlp``, trained with a symmetric loss (the paper's OccNet).
+#
+# It answers *maybe* where the probability that the query meets the object is at least one half (``f >= 0``), as
+# occupancy networks do (Mescheder et al. 2019). It errs both ways alike: some queries that do meet the object are
+# denied. It shows what the asymmetric loss and the proof are for, and is of no use as a broad phase; it can never hold a
+# certificate.
+
+
+class Occupancy(Mlp):
+    """A network with false negatives: *maybe* where *yes* seems at least as likely as *no*. Tensors: ``Mlp``'s."""
+
+    method = "occupancy"
+    conservative = False
+    options = (HIDDEN, ACTIVATION, OCTAVES, STEPS)
+
+    def freeze(self, threshold: float, certificate: Certificate | None) -> "Occupancy":
+        """Set the threshold; raises ``BounderError`` for a certificate, which this bounder cannot hold."""
+        if certificate is not None:
+            raise BounderError("occupancy: is not conservative and cannot hold a certificate")
+        return super().freeze(threshold, None)
+
+    def __repr__(self) -> str:
+        return f"{super().__repr__()[:-1]}, not conservative>"
